@@ -8,7 +8,7 @@ use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 use drivetwin_host::options::{Assignment, Control, RunOptions};
 use drivetwin_sim::config::listen::Listen;
 use drivetwin_sim::config::preset::Number;
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 
 /// Emulated motion drives: on a pty, a TCP port or a serial port, as their manuals say, without the drives.
@@ -90,7 +90,7 @@ pub(crate) struct Run {
     pub(crate) allow_host: Vec<String>,
     /// How time runs: real, xN (N times faster) or manual (it stands) [default: real]
     #[arg(long, value_name = "real|xN|manual")]
-    pub(crate) time: Option<Pace>,
+    pub(crate) time: Option<TimeMode>,
     /// Whether characters take their time on the line [default: timed]
     #[arg(long, value_enum)]
     pub(crate) line: Option<Line>,
@@ -217,8 +217,8 @@ mod tests {
 
     #[test]
     fn paces() {
-        assert_eq!(run(&["--time", "x10"]).unwrap().time, Some(Pace::Times(10)));
-        assert_eq!(run(&["--time", "manual"]).unwrap().time, Some(Pace::Manual));
+        assert_eq!(run(&["--time", "x10"]).unwrap().time, Some(TimeMode::Times(10)));
+        assert_eq!(run(&["--time", "manual"]).unwrap().time, Some(TimeMode::Manual));
         for wrong in ["x0", "x", "x-1", "x1.5", "fast", "x100000"] {
             assert!(run(&["--time", wrong]).is_err(), "{wrong}");
         }

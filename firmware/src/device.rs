@@ -3,10 +3,10 @@
 //! A drive is a pure function from stamped inputs to stamped outputs: it owns no clock, no port and
 //! no pin. Whoever runs it (the simulator's bench, the [shell](crate::shell) of a board, a test)
 //! tells it what happens and when, wakes it at its [deadline](Device::deadline), and does what it
-//! puts into the [`Sink`]. [`advance`] is the one place where inputs and deadlines are merged.
+//! puts into the [`Context`]. [`advance`] is the one place where inputs and deadlines are merged.
 
 pub use drivetwin_protocol::line::Line;
-pub use drivetwin_protocol::modbus::Why;
+pub use drivetwin_protocol::modbus::DropReason;
 use drivetwin_protocol::modbus::server::Outcome;
 use drivetwin_protocol::registers::{Named, Row, Table};
 pub use drivetwin_protocol::time::{Duration, Instant};
@@ -62,7 +62,7 @@ pub enum Level {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Input<'a> {
     /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others
-    /// follow back to back. More than one only where silence ends a frame ([`Ends::Silence`]), and
+    /// follow back to back. More than one only where silence ends a frame ([`Framing::Silence`]), and
     /// nothing behind a line feed where 7 data bits tell that Modbus ASCII is spoken there; splitting
     /// them anywhere changes nothing.
     Bytes {
@@ -72,7 +72,7 @@ pub enum Input<'a> {
         bytes: &'a [u8],
     },
     /// A character that nobody could read: parity, framing, overrun, collision, another baud rate.
-    Spoiled {
+    RxError {
         /// Port.
         port: Port,
     },
@@ -82,7 +82,7 @@ pub enum Input<'a> {
         port: Port,
     },
     /// The host opened or left the port (DTR; a pty opened or closed).
-    Attached {
+    HostPresence {
         /// Port.
         port: Port,
         /// True once a program is there.
@@ -150,8 +150,8 @@ pub enum Input<'a> {
         /// True while the cause is present.
         on: bool,
     },
-    /// Current limit, to a motor: as [`Output::Current`].
-    Current {
+    /// Current limit, to a motor: as [`Output::CurrentLimit`].
+    CurrentLimit {
         /// Which axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
@@ -165,7 +165,7 @@ pub enum Input<'a> {
         duty: i32,
     },
     /// The motor on an axis draws another current.
-    Draws {
+    MotorCurrent {
         /// Which axis.
         axis: Axis,
         /// In mA, signed as the duty is: what brakes it has the other sign.
@@ -202,7 +202,7 @@ pub enum Input<'a> {
     },
     /// A board took a plan late, so that many more steps were made than the plan says; never in the
     /// simulator.
-    Slipped {
+    StepsCorrection {
         /// Which axis.
         axis: Axis,
         /// Steps more, signed.
@@ -276,7 +276,7 @@ pub enum Output<'a> {
         steps: i32,
     },
     /// Current limit of the motor.
-    Current {
+    CurrentLimit {
         /// Which axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
@@ -290,7 +290,7 @@ pub enum Output<'a> {
         duty: i32,
     },
     /// Current that a motor draws from now on, from a motor.
-    Draws {
+    MotorCurrent {
         /// Which axis.
         axis: Axis,
         /// In mA, signed as the duty is.
@@ -318,13 +318,13 @@ pub enum Output<'a> {
         bytes: &'a [u8],
     },
     /// For logs and statistics; nothing depends on it.
-    Note(Note),
+    Log(LogEvent),
 }
 
 /// A note for a log.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Note {
+pub enum LogEvent {
     /// A request was carried out.
     Request {
         /// Port.
@@ -348,11 +348,11 @@ pub enum Note {
         /// Port.
         port: Port,
         /// Reason.
-        why: Why,
+        why: DropReason,
     },
 }
 
-impl Note {
+impl LogEvent {
     /// The note for a Modbus message on a serial port.
     #[must_use]
     pub fn of(port: Port, outcome: Outcome) -> Self {
@@ -367,7 +367,7 @@ impl Note {
 }
 
 /// Destination of a drive's outputs, and its non-volatile memory.
-pub trait Sink {
+pub trait Context {
     /// `output` holds from `at` on. Stamps are those of the call they are put in, except where
     /// [`Output`] says that they may lie ahead.
     fn put(&mut self, at: Instant, output: Output<'_>);
@@ -379,9 +379,9 @@ pub trait Sink {
 
 /// A sink that drops all outputs and has no memory.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Nowhere;
+pub struct NullContext;
 
-impl Sink for Nowhere {
+impl Context for NullContext {
     fn put(&mut self, _at: Instant, _output: Output<'_>) {}
 
     fn memory(&self) -> &[u8] {
@@ -402,7 +402,7 @@ pub struct Boot {
 
 /// Reason why a register cannot be preset.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Refused {
+pub enum PresetError {
     /// There is no such row.
     NoSuchRegister,
     /// The register cannot be preset.
@@ -417,7 +417,7 @@ pub enum Refused {
 
 /// End of a message on a port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Ends {
+pub enum Framing {
     /// By 3.5 characters of silence (Modbus RTU), or, on a line of 7 data bits, by a line feed (Modbus
     /// ASCII).
     Silence,
@@ -435,7 +435,7 @@ pub struct PortSpec {
     /// Name, as users type it.
     pub name: &'static str,
     /// End of its messages.
-    pub ends: Ends,
+    pub ends: Framing,
     /// The factory line of a serial port; `None` for TCP.
     pub line: Option<Line>,
 }
@@ -461,7 +461,7 @@ pub enum Role {
     Analogue,
     /// The drive reads it as a level or as a voltage: it is told edges of what is driven low, high or
     /// not at all, and the voltage of what is driven to one.
-    Mixed,
+    AnalogueOrDigital,
     /// A light.
     Led,
 }
@@ -492,8 +492,8 @@ impl PinSpec {
 
     /// Returns whether the drive distinguishes a contact that is not wired, by [`Input::Open`].
     #[must_use]
-    pub fn tells_open(&self) -> bool {
-        self.rest == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::Mixed)
+    pub fn reports_open(&self) -> bool {
+        self.rest == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::AnalogueOrDigital)
     }
 }
 
@@ -520,7 +520,7 @@ pub struct EncoderSpec {
 
 /// A code that one of its registers takes for a command.
 #[derive(Clone, Copy, Debug)]
-pub struct Command {
+pub struct CommandSpec {
     /// The code.
     pub code: u16,
     /// The manual's name.
@@ -565,7 +565,7 @@ pub struct Spec {
     /// Prefix of register names in the manual, which users may type.
     pub prefix: &'static str,
     /// Commands, where a row alone does not list them.
-    pub commands: &'static [Command],
+    pub commands: &'static [CommandSpec],
     /// The row that holds its bus address.
     pub address: Option<usize>,
     /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
@@ -579,7 +579,7 @@ pub struct Spec {
 
 impl Spec {
     /// A device of which there is nothing to tell.
-    pub const BARE: Self = Self {
+    pub const EMPTY: Self = Self {
         kind: "",
         product: "",
         manual: "",
@@ -654,10 +654,10 @@ pub trait Device {
     fn spec(&self) -> &'static Spec;
 
     /// Power comes: everything volatile is forgotten. Also how a drive restarts itself.
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink);
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context);
 
     /// Handles an input.
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink);
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context);
 
     /// Returns whether a TCP port accepts connections; only an input or a timeout changes it.
     fn accepts(&self, _port: Port) -> bool {
@@ -674,7 +674,7 @@ pub trait Device {
     fn deadline(&self) -> Instant;
 
     /// Wakes the drive. At an instant that is not its deadline nothing happens.
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink);
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context);
 
     /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there. Of more than four
     /// words the first four count.
@@ -691,7 +691,8 @@ pub trait Device {
     ///
     /// # Errors
     /// The row refuses it; nothing has changed then.
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused>;
+    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Context)
+    -> Result<(), PresetError>;
 
     /// State of the motor on an axis; `None` where a plan has it, or it is unknown.
     fn shaft(&self, _at: Instant, _axis: Axis) -> Option<Shaft> {
@@ -699,14 +700,14 @@ pub trait Device {
     }
 
     /// The motor of its own, one of duty, as its registers describe it now; `None` if it brings none.
-    fn own_motor(&self) -> Option<crate::motor::Parameters> {
+    fn internal_motor(&self) -> Option<crate::motor::Parameters> {
         None
     }
 
-    /// Parts from [its own motor](Self::own_motor), before its first power-on: from then on it says what it does to
+    /// Parts from [its own motor](Self::internal_motor), before its first power-on: from then on it says what it does to
     /// its motor and is told what that does. Returns its pins for the Hall sensors, A first; `None` if it brings no
     /// motor.
-    fn part(&mut self) -> Option<&'static [Pin]> {
+    fn detach_motor(&mut self) -> Option<&'static [Pin]> {
         None
     }
 
@@ -722,11 +723,11 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).spec()
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         (**self).power_on(at, boot, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         (**self).input(at, input, out);
     }
 
@@ -742,7 +743,7 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).deadline()
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         (**self).timeout(at, out);
     }
 
@@ -754,7 +755,13 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).peek_word(at, row, word)
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         (**self).poke(at, row, value, out)
     }
 
@@ -762,12 +769,12 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).shaft(at, axis)
     }
 
-    fn own_motor(&self) -> Option<crate::motor::Parameters> {
-        (**self).own_motor()
+    fn internal_motor(&self) -> Option<crate::motor::Parameters> {
+        (**self).internal_motor()
     }
 
-    fn part(&mut self) -> Option<&'static [Pin]> {
-        (**self).part()
+    fn detach_motor(&mut self) -> Option<&'static [Pin]> {
+        (**self).detach_motor()
     }
 
     fn microsteps(&self, axis: Axis) -> u16 {
@@ -783,7 +790,7 @@ pub fn advance<'a, D: Device + ?Sized>(
     device: &mut D,
     now: Instant,
     inputs: impl Iterator<Item = (Instant, Input<'a>)>,
-    out: &mut dyn Sink,
+    out: &mut dyn Context,
 ) -> Instant {
     let mut due = device.deadline();
     for (at, input) in inputs {
@@ -799,7 +806,7 @@ pub fn feed<D: Device + ?Sized>(
     due: Instant,
     at: Instant,
     input: Input<'_>,
-    out: &mut dyn Sink,
+    out: &mut dyn Context,
 ) -> Instant {
     wake(device, due, at, false, out);
     device.input(at, input, out);
@@ -813,7 +820,7 @@ pub(crate) fn wake<D: Device + ?Sized>(
     mut due: Instant,
     now: Instant,
     inclusive: bool,
-    out: &mut dyn Sink,
+    out: &mut dyn Context,
 ) -> Instant {
     while due < now || (due == now && inclusive && due != Instant::NEVER) {
         device.timeout(due, out);

@@ -9,7 +9,7 @@
 use drivetwin_protocol::modbus::rtu::crc;
 use drivetwin_protocol::registers::Entries;
 
-use crate::device::{Duration, Instant, Output, Sink};
+use crate::device::{Context, Duration, Instant, Output};
 
 /// Bytes of the memory for `words` saved words.
 #[must_use]
@@ -89,7 +89,7 @@ pub fn latest(memory: &[u8], words: usize) -> Option<&[u8]> {
 
 /// Saves the words of a bank over the older of two copies of `COPY` bytes ([`copy`]). Power that is lost meanwhile
 /// leaves the other: as long as the store has not come to its end, the two counts of its copy differ.
-pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Sink) {
+pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Context) {
     let last = latest_copy(out.memory(), COPY);
     // The first save leaves the beginning alone, where a memory of one image has it.
     let (is_first, count) = last.map_or((true, 0), |copy| (copy.is_first, copy.count.wrapping_add(1)));
@@ -143,7 +143,7 @@ impl Save {
         bank: &[u16],
         at: Instant,
         time: Duration,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Self {
         let mut memory = [0; BYTES];
         for ((place, mask), word) in saved_words(entries, &[]).zip(memory.as_chunks_mut().0) {
@@ -159,7 +159,7 @@ impl Save {
     }
 
     /// Begins to save an image of another kind from `offset` on, too large for a copy; that takes some `time`.
-    pub fn of_bytes(image: &[u8], offset: u16, at: Instant, time: Duration, out: &mut dyn Sink) -> Self {
+    pub fn of_bytes(image: &[u8], offset: u16, at: Instant, time: Duration, out: &mut dyn Context) -> Self {
         let (crc, place) = (crc(image).to_be_bytes(), offset + image.len() as u16);
         // First, so that there is never a right one behind half an image.
         out.put(at, Output::Store { offset: place, bytes: &wrong(crc) });
@@ -174,7 +174,7 @@ impl Save {
     }
 
     /// Stores the right CRC: now the image passes.
-    pub fn finish(self, at: Instant, out: &mut dyn Sink) {
+    pub fn finish(self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Store { offset: self.place, bytes: &self.crc });
     }
 }

@@ -19,8 +19,8 @@ use embedded_storage::Storage;
 use heapless::{Deque, Vec};
 
 use crate::device::{
-    Axis, Boot, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Link, Note, Output, Pin, Plan,
-    Port, Sink, feed,
+    Axis, Boot, Context, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Link, LogEvent,
+    Output, Pin, Plan, Port, feed,
 };
 
 /// Pins that may wave at a time.
@@ -38,15 +38,15 @@ pub const ANSWERS: usize = 1_024;
 /// An event that an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Caught {
+pub enum BoardEvent {
     /// A character; its stamp is the end of its stop bit, or when the UART hands it over within that.
     Byte(Port, u8),
     /// A character that could not be read.
-    Spoiled(Port),
+    RxError(Port),
     /// The UART says that the line fell silent.
     Idle(Port),
     /// The host opened or left a port: its DTR.
-    Attached(Port, bool),
+    HostPresence(Port, bool),
     /// An input pin changed, to high or low. No interrupt can tell [`Input::Open`]: a pin whose
     /// [rest](crate::device::PinSpec::rest) is [`Level::Float`] counts as not wired, whatever is wired there, until it
     /// is low for the first time since power-on; from then on high is an open contact.
@@ -58,7 +58,7 @@ pub enum Caught {
     /// The cause of a fault came or went.
     Fault(Fault, bool),
     /// A plan was taken late: so many steps more were made.
-    Slipped(Axis, i32),
+    StepsCorrection(Axis, i32),
 }
 
 /// Inputs of a board, and its clock.
@@ -67,13 +67,13 @@ pub trait Inputs {
     fn now(&self) -> Instant;
 
     /// The oldest input that is not after `until`. Stamps ascend.
-    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)>;
+    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)>;
 }
 
 /// An event of a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Came {
+pub enum LinkEvent {
     /// A client connected.
     Opened,
     /// A message: of Modbus a whole ADU, of MCode what came, never past the end of a line nor more than an
@@ -87,7 +87,7 @@ pub enum Came {
 /// port has.
 pub trait Links {
     /// Does what is due on the network at `now` and returns what came on one of the connections, and when, with the
-    /// bytes of a [`Came::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where
+    /// bytes of a [`LinkEvent::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where
     /// `device` does not [accept](Device::accepts) connections they wait, and where it does not [take](Device::takes)
     /// more nothing but openings is returned.
     ///
@@ -98,7 +98,7 @@ pub trait Links {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant>;
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant>;
 
     /// Sends all of `bytes`, or loses all of them and returns `false`: where there is no room for them the
     /// connection is closed, since behind a gap nobody knows what he reads. What was just closed by the other side
@@ -116,7 +116,7 @@ impl<L: Links> Links for &mut L {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant> {
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant> {
         (**self).next(now, device, message)
     }
 
@@ -131,15 +131,15 @@ impl<L: Links> Links for &mut L {
 
 /// The network of a board that has none.
 #[derive(Clone, Copy, Debug)]
-pub enum NoLinks {}
+pub enum NoNetwork {}
 
-impl Links for NoLinks {
+impl Links for NoNetwork {
     fn next(
         &mut self,
         _now: Instant,
         _device: &dyn Device,
         _message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant> {
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant> {
         match *self {}
     }
 
@@ -160,7 +160,7 @@ pub trait Outputs {
     type Pin: OutputPin;
     /// Non-volatile memory, a byte at a time.
     type Memory: Storage;
-    /// The network; [`NoLinks`] where there is none.
+    /// The network; [`NoNetwork`] where there is none.
     type Links: Links;
 
     /// The UART of a port.
@@ -219,12 +219,12 @@ pub struct Shell<D, I, O, const CHARACTERS: usize = ONE_ANSWER> {
     /// The last thing that it was told, in its time.
     past: Instant,
     inputs: I,
-    hands: Hands<O, CHARACTERS>,
+    hands: OutputState<O, CHARACTERS>,
 }
 
 /// Everything that a drive's outputs need.
 #[derive(Debug)]
-struct Hands<O, const CHARACTERS: usize> {
+struct OutputState<O, const CHARACTERS: usize> {
     outputs: O,
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
@@ -279,7 +279,7 @@ struct Message {
 impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, CHARACTERS> {
     /// `device` on a board, without power.
     pub const fn new(device: D, inputs: I, outputs: O) -> Self {
-        let hands = Hands {
+        let hands = OutputState {
             outputs,
             waves: Vec::new(),
             messages: Deque::new(),
@@ -312,18 +312,18 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
             idle = false;
             let character;
             let input = match caught {
-                Caught::Byte(port, byte) => {
+                BoardEvent::Byte(port, byte) => {
                     character = [byte];
                     Input::Bytes { port, bytes: &character }
                 }
-                Caught::Spoiled(port) => Input::Spoiled { port },
-                Caught::Idle(port) => Input::Idle { port },
-                Caught::Attached(port, here) => Input::Attached { port, here },
-                Caught::Edge(pin, high) => Input::Edge { pin, high },
-                Caught::Millivolts(pin, mv) => Input::Millivolts { pin, mv },
-                Caught::Count(encoder, steps, a, b) => Input::Count { encoder, steps, a, b },
-                Caught::Fault(fault, on) => Input::Fault { fault, on },
-                Caught::Slipped(axis, steps) => Input::Slipped { axis, steps },
+                BoardEvent::RxError(port) => Input::RxError { port },
+                BoardEvent::Idle(port) => Input::Idle { port },
+                BoardEvent::HostPresence(port, here) => Input::HostPresence { port, here },
+                BoardEvent::Edge(pin, high) => Input::Edge { pin, high },
+                BoardEvent::Millivolts(pin, mv) => Input::Millivolts { pin, mv },
+                BoardEvent::Count(encoder, steps, a, b) => Input::Count { encoder, steps, a, b },
+                BoardEvent::Fault(fault, on) => Input::Fault { fault, on },
+                BoardEvent::StepsCorrection(axis, steps) => Input::StepsCorrection { axis, steps },
             };
             self.tell(at, input);
         }
@@ -353,9 +353,9 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
             }
         };
         let input = match came {
-            Came::Opened => Input::Opened { port, link },
-            Came::Message => Input::Message { port, link, bytes: &message },
-            Came::Closed => Input::Closed { port, link },
+            LinkEvent::Opened => Input::Opened { port, link },
+            LinkEvent::Message => Input::Message { port, link, bytes: &message },
+            LinkEvent::Closed => Input::Closed { port, link },
         };
         self.tell(at.min(self.due()), input);
         true
@@ -391,7 +391,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     }
 }
 
-impl<O: Outputs, const CHARACTERS: usize> Hands<O, CHARACTERS> {
+impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
     fn deadline(&self) -> Instant {
         let waves = self.waves.iter().map(|wave| wave.due);
         let first = waves.fold(self.network, Instant::min);
@@ -539,7 +539,7 @@ impl<const N: usize> Characters<N> {
     }
 }
 
-impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
+impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let at = at + self.behind;
         match output {
@@ -574,11 +574,11 @@ impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
                 self.behind = self.behind + late;
             }
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
-            Output::Current { axis, ma } => self.outputs.current(axis, ma),
+            Output::CurrentLimit { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
             // Only a motor that is there would tell.
-            Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
-            Output::Note(note) => log(note),
+            Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
+            Output::Log(note) => log(note),
             Output::Message { port, link, bytes } => {
                 let sent = self.outputs.links().is_some_and(|links| links.send(port, link, bytes));
                 self.failures = self.failures.saturating_add(u32::from(!sent));
@@ -597,9 +597,9 @@ impl<O: Outputs, const CHARACTERS: usize> Sink for Hands<O, CHARACTERS> {
 }
 
 #[cfg(feature = "defmt")]
-fn log(note: Note) {
+fn log(note: LogEvent) {
     defmt::debug!("{}", note);
 }
 
 #[cfg(not(feature = "defmt"))]
-fn log(_note: Note) {}
+fn log(_note: LogEvent) {}

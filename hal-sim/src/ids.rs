@@ -2,7 +2,7 @@
 
 /// A device on the bench.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct Seat(pub(crate) u32);
+pub struct DriveId(pub(crate) u32);
 
 /// A serial line and the ports on it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

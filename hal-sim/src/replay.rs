@@ -4,10 +4,10 @@ use std::fmt;
 
 use drivetwin_firmware::device::{Device, Instant};
 
-use crate::bench::{Bench, Seat, Settings, Setup};
+use crate::bench::{Bench, DriveId, Settings, Setup};
 use crate::line::LineMode;
 use crate::record::trace::{
-    Did, Drive, Entry, Event, Fed, Make, ParseError, Trace, TraceKeep, without_comment,
+    Entry, Event, InputRecord, Make, OutputRecord, ParseError, Retention, Trace, TraceDrive, without_comment,
 };
 
 /// First difference of a replay from its trace.
@@ -41,7 +41,7 @@ pub enum Unplayable {
     /// The beginning is missing: so many events were dropped when it was recorded.
     Lost(u64),
     /// A drive in it cannot be seated; in one sentence.
-    Seat(String),
+    DriveId(String),
 }
 
 impl fmt::Display for Unplayable {
@@ -54,7 +54,7 @@ impl fmt::Display for Unplayable {
                     "the first {events} events of this trace were dropped while it was recorded, so it cannot be replayed"
                 )
             }
-            Self::Seat(sentence) => f.write_str(sentence),
+            Self::DriveId(sentence) => f.write_str(sentence),
         }
     }
 }
@@ -82,9 +82,9 @@ fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
     }
-    let mut fed: Vec<Vec<(Instant, &Fed)>> = vec![Vec::new(); trace.drives.len()];
+    let mut fed: Vec<Vec<(Instant, &InputRecord)>> = vec![Vec::new(); trace.drives.len()];
     for entry in trace.events() {
-        if let Event::Fed(event) = &entry.event {
+        if let Event::Input(event) = &entry.event {
             fed[entry.drive].push((entry.at, event));
         }
     }
@@ -94,12 +94,12 @@ fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
 /// Feeds one drive.
 fn play_drive(
     trace: &Trace,
-    drive: &Drive,
-    fed: &[(Instant, &Fed)],
+    drive: &TraceDrive,
+    fed: &[(Instant, &InputRecord)],
     make: &Make<'_>,
 ) -> Result<Bench, Unplayable> {
     let line = if drive.fast_line { LineMode::Fast } else { LineMode::Timed };
-    let settings = Settings { seed: trace.seed, line, trace: TraceKeep::All, ..Settings::default() };
+    let settings = Settings { seed: trace.seed, line, trace: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
     if drive.from <= trace.end {
         bench.run_until(drive.from);
@@ -112,13 +112,13 @@ fn play_drive(
     Ok(bench)
 }
 
-fn seat(bench: &mut Bench, drive: &Drive, make: &Make<'_>) -> Result<Seat, Unplayable> {
+fn seat(bench: &mut Bench, drive: &TraceDrive, make: &Make<'_>) -> Result<DriveId, Unplayable> {
     let kind = drive.spec.kind;
     let device: Box<dyn Device> =
-        make(kind).ok_or_else(|| Unplayable::Seat(format!("there is no kind \"{kind}\"")))?;
+        make(kind).ok_or_else(|| Unplayable::DriveId(format!("there is no kind \"{kind}\"")))?;
     let memory = Some(drive.memory.clone());
     let setup = Setup { boot_fast: drive.boot_fast, apart: drive.apart, memory, ..Setup::default() };
-    bench.seat(&drive.name, device, setup).map_err(|error| Unplayable::Seat(error.to_string()))
+    bench.add_with(&drive.name, device, setup).map_err(|error| Unplayable::DriveId(error.to_string()))
 }
 
 /// The first difference between what a trace expects and what its drives did, each on its bench.
@@ -159,12 +159,17 @@ fn told_until(trace: &Trace) -> Instant {
 }
 
 /// Events of a drive with a stamp up to `until` and `rules` compare, by stamp.
-fn outputs<'a>(trace: &'a Trace, drive: usize, rules: &Trace, until: Instant) -> Vec<(&'a Entry, &'a Did)> {
+fn outputs<'a>(
+    trace: &'a Trace,
+    drive: usize,
+    rules: &Trace,
+    until: Instant,
+) -> Vec<(&'a Entry, &'a OutputRecord)> {
     let mut outputs: Vec<_> = trace
         .events()
         .filter(|entry| entry.drive == drive && entry.at <= until)
         .filter_map(|entry| match &entry.event {
-            Event::Did(did) if rules.compare.contains(&did.group()) => Some((entry, did)),
+            Event::Output(did) if rules.compare.contains(&did.group()) => Some((entry, did)),
             _ => None,
         })
         .collect();
@@ -215,7 +220,7 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
             put(&output);
         }
         comments.drain(..).for_each(&mut put);
-        if !entry.is_some_and(|entry| matches!(entry.event, Event::Did(_))) {
+        if !entry.is_some_and(|entry| matches!(entry.event, Event::Output(_))) {
             put(line);
         }
     }

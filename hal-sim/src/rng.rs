@@ -5,11 +5,11 @@ const STRIDE: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A stream of random numbers (SplitMix64).
 #[derive(Clone, Debug)]
-pub(crate) struct Dice {
+pub(crate) struct Rng {
     state: u64,
 }
 
-impl Dice {
+impl Rng {
     /// The stream of `name` on a bench of that seed.
     pub(crate) fn new(seed: u64, name: &str) -> Self {
         // FNV-1a, so that a name means the same stream on every host.
@@ -31,7 +31,7 @@ impl Dice {
     }
 
     /// Draws whether something happens that happens to that share of all; to 0 or less never, to 1 or more always.
-    pub(crate) fn happens(&mut self, share: f64) -> bool {
+    pub(crate) fn gen_bool(&mut self, share: f64) -> bool {
         // 53 bits are all that a float from 0 to 1 holds.
         let throw = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         throw < share
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn a_stream_depends_on_seed_and_name_alone() {
-        let first = |seed, name| Dice::new(seed, name).next();
+        let first = |seed, name| Rng::new(seed, name).next();
         assert_eq!(first(1, "x"), first(1, "x"));
         assert_ne!(first(1, "x"), first(2, "x"));
         assert_ne!(first(1, "x"), first(1, "y"));
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn numbers_left_out_are_those_that_would_have_come() {
-        let (mut thrown, mut skipped) = (Dice::new(1, "x"), Dice::new(1, "x"));
+        let (mut thrown, mut skipped) = (Rng::new(1, "x"), Rng::new(1, "x"));
         for _ in 0..1_000 {
             thrown.next();
         }
@@ -72,8 +72,8 @@ mod tests {
 
     #[test]
     fn a_share_is_one_of_many() {
-        let mut dice = Dice::new(1, "x");
-        let mut count = |share| (0..10_000).filter(|_| dice.happens(share)).count();
+        let mut dice = Rng::new(1, "x");
+        let mut count = |share| (0..10_000).filter(|_| dice.gen_bool(share)).count();
         assert_eq!((count(0.0), count(1.0), count(f64::NAN)), (0, 10_000, 0));
         // 4 σ = 4·√(10,000·0.3·0.7).
         assert!(count(0.3).abs_diff(3_000) < 184);

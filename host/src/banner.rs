@@ -6,11 +6,11 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use drivetwin_firmware::device::{Ends, Line, Port, Spec};
+use drivetwin_firmware::device::{Framing, Line, Port, Spec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::registers::Space;
-use drivetwin_sim::bench::{Bench, Outlet, Seat};
+use drivetwin_sim::bench::{Bench, DriveId, Outlet};
 use drivetwin_sim::config::listen::Uri;
 use serde::{Serialize, Serializer};
 
@@ -68,7 +68,11 @@ pub(crate) struct Banner {
 
 impl Banner {
     /// A bench whose lines and TCP ports are reached at `addresses`; its drives in the order of `seats`.
-    pub(crate) fn new(bench: &Bench, seats: &[Seat], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
+    pub(crate) fn new(
+        bench: &Bench,
+        seats: &[DriveId],
+        mut addresses: BTreeMap<Outlet, Vec<Address>>,
+    ) -> Self {
         let drives = seats.iter().map(|&seat| {
             let spec = bench.spec(seat);
             let ports = (0..).map(Port).take(spec.ports.len());
@@ -222,12 +226,12 @@ impl Drive {
             Address::Uri(_) => None,
         })?;
         let Line { baud, parity, stop, .. } = line;
-        if ends == Ends::Character {
+        if ends == Framing::Character {
             return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
         }
         let (first, count) = self.readable()?;
         // mbpoll has no ASCII.
-        (ends == Ends::Silence && !ascii::is_on(line)).then(|| {
+        (ends == Framing::Silence && !ascii::is_on(line)).then(|| {
             let parity = match parity {
                 Parity::None => "none",
                 Parity::Even => "even",
@@ -243,13 +247,13 @@ impl Drive {
         })
     }
 
-    fn command_by_tcp(&self, ends: Ends, reached: &Reached) -> Option<String> {
+    fn command_by_tcp(&self, ends: Framing, reached: &Reached) -> Option<String> {
         let uris = reached.uris();
         let address: SocketAddr = uris.iter().find_map(|uri| uri.strip_prefix("tcp:")?.parse().ok())?;
-        if ends == Ends::Return {
+        if ends == Framing::Return {
             return Some(format!("python3 -m serial.tools.miniterm socket://{address}"));
         }
-        let (first, count) = self.readable().filter(|_| ends == Ends::Mbap)?;
+        let (first, count) = self.readable().filter(|_| ends == Framing::Mbap)?;
         // mbpoll counts registers from 1.
         let first = u32::from(first) + 1;
         Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} {}", address.port(), address.ip()))

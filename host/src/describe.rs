@@ -4,7 +4,7 @@
 
 use std::fmt::Write as _;
 
-use drivetwin_firmware::device::{self, Ends, Level, Pin, PinSpec, Role, Spec};
+use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
 use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
@@ -170,8 +170,8 @@ struct Command {
 }
 
 impl Command {
-    fn of(command: &device::Command) -> Self {
-        let &device::Command { code, name, section, doc, missing } = command;
+    fn of(command: &device::CommandSpec) -> Self {
+        let &device::CommandSpec { code, name, section, doc, missing } = command;
         Self { code, name, section, doc, not_modelled: (!missing.is_empty()).then_some(missing) }
     }
 }
@@ -420,12 +420,12 @@ fn pin_name(spec: &Spec, pin: Pin) -> &'static str {
     spec.pins.get(usize::from(pin.0)).map_or("-", |pin| pin.name)
 }
 
-fn ends(ends: Ends) -> &'static str {
+fn ends(ends: Framing) -> &'static str {
     match ends {
-        Ends::Silence => "with 3.5 characters of silence",
-        Ends::Character => "with a character that the drive knows",
-        Ends::Mbap => "with the length in its header",
-        Ends::Return => "with a carriage return",
+        Framing::Silence => "with 3.5 characters of silence",
+        Framing::Character => "with a character that the drive knows",
+        Framing::Mbap => "with the length in its header",
+        Framing::Return => "with a carriage return",
     }
 }
 
@@ -436,7 +436,7 @@ fn role(pin: &PinSpec) -> &'static str {
         Role::Both => "input or output",
         Role::Analogue if pin.shunt_ohm > 0 => "analogue input, V or mA",
         Role::Analogue => "analogue input",
-        Role::Mixed => "digital or analogue input",
+        Role::AnalogueOrDigital => "digital or analogue input",
         Role::Led => "LED",
     }
 }

@@ -13,7 +13,7 @@ use std::time::{Duration as WallSpan, Instant as WallInstant};
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{Bench, Settling};
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
 use tracing::warn;
@@ -193,7 +193,13 @@ pub(crate) struct EventLoop {
 
 impl EventLoop {
     /// `bench` with `ports`, paced by `pace` from now on, and followed by `files`.
-    pub(crate) fn new(bench: Bench, ports: Ports, pace: Pace, files: Vec<LiveFile>, inbox: Inbox) -> Self {
+    pub(crate) fn new(
+        bench: Bench,
+        ports: Ports,
+        pace: TimeMode,
+        files: Vec<LiveFile>,
+        inbox: Inbox,
+    ) -> Self {
         let mut event_loop = Self {
             bench,
             ports,
@@ -211,16 +217,16 @@ impl EventLoop {
     }
 
     /// The time mode.
-    pub(crate) fn pace(&self) -> Pace {
-        self.clock.as_ref().map_or(Pace::Manual, |clock| Pace::Times(clock.factor))
+    pub(crate) fn pace(&self) -> TimeMode {
+        self.clock.as_ref().map_or(TimeMode::Manual, |clock| TimeMode::Times(clock.factor))
     }
 
     /// Sets the time mode. In manual time, what was under way has its whole effect first.
-    pub(crate) fn set_pace(&mut self, pace: Pace) {
+    pub(crate) fn set_pace(&mut self, pace: TimeMode) {
         self.bench.set_patience(pace.patience());
         self.clock = match pace {
-            Pace::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
-            Pace::Manual => None,
+            TimeMode::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
+            TimeMode::Manual => None,
         };
         self.settle();
     }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use drivetwin_sim::config::listen::{Listen, is_host_and_port};
 use drivetwin_sim::config::preset::Number;
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 
 /// Options of a run: those of `drivetwin run`, by the same names. `None` leaves it to the bench file or the default.
@@ -21,7 +21,7 @@ pub struct RunOptions {
     /// Host names by which the control API may be asked, beside localhost and its own address.
     pub allow_host: Vec<String>,
     /// Time mode.
-    pub time: Option<Pace>,
+    pub time: Option<TimeMode>,
     /// Time that characters take on the line.
     pub line: Option<LineMode>,
     /// The bus address of a single drive, as if saved before power-on.

@@ -9,20 +9,20 @@ const LF: u8 = b'\n';
 
 /// Error of a line, whatever its text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Flaw {
+pub enum LineError {
     /// More characters than there is room for; the first ones are kept.
     TooLong,
     /// A character with a parity or framing error; none are kept.
-    Spoiled,
+    RxError,
 }
 
 /// A line that has ended, without its end.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Line<const N: usize> {
+pub struct TextLine<const N: usize> {
     /// Characters of the line.
     pub text: Vec<u8, N>,
     /// Error of the line.
-    pub flaw: Option<Flaw>,
+    pub flaw: Option<LineError>,
 }
 
 /// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, all of it. `None`
@@ -41,7 +41,7 @@ pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
 #[derive(Clone, Debug, Default)]
 pub struct Lines<const N: usize> {
     text: Vec<u8, N>,
-    flaw: Option<Flaw>,
+    flaw: Option<LineError>,
 }
 
 impl<const N: usize> Lines<N> {
@@ -52,13 +52,13 @@ impl<const N: usize> Lines<N> {
     }
 
     /// A character has come; returns the line that it ends.
-    pub fn push(&mut self, character: u8) -> Option<Line<N>> {
+    pub fn push(&mut self, character: u8) -> Option<TextLine<N>> {
         if matches!(character, CR | LF) {
-            let line = Line { text: mem::take(&mut self.text), flaw: self.flaw.take() };
+            let line = TextLine { text: mem::take(&mut self.text), flaw: self.flaw.take() };
             return (!line.text.is_empty() || line.flaw.is_some()).then_some(line);
         }
         if self.flaw.is_none() && self.text.push(character).is_err() {
-            self.flaw = Some(Flaw::TooLong);
+            self.flaw = Some(LineError::TooLong);
         }
         None
     }
@@ -66,7 +66,7 @@ impl<const N: usize> Lines<N> {
     /// A character has come that nobody could read.
     pub fn spoil(&mut self) {
         self.text.clear();
-        self.flaw = Some(Flaw::Spoiled);
+        self.flaw = Some(LineError::RxError);
     }
 
     /// Forgets what has come of a line, and what was wrong with it.
@@ -81,7 +81,7 @@ mod tests {
     use std::vec::Vec;
 
     /// The lines that come out of `characters`, with what is wrong with them.
-    fn lines(characters: &[u8]) -> Vec<(Vec<u8>, Option<Flaw>)> {
+    fn lines(characters: &[u8]) -> Vec<(Vec<u8>, Option<LineError>)> {
         let mut lines = Lines::<4>::new();
         characters
             .iter()
@@ -114,7 +114,10 @@ mod tests {
     #[test]
     fn a_line_may_fill_its_room_and_no_more() {
         assert_eq!(lines(b"1234\r"), [(b"1234".to_vec(), None)]);
-        assert_eq!(lines(b"12345\r67\r"), [(b"1234".to_vec(), Some(Flaw::TooLong)), (b"67".to_vec(), None)]);
+        assert_eq!(
+            lines(b"12345\r67\r"),
+            [(b"1234".to_vec(), Some(LineError::TooLong)), (b"67".to_vec(), None)]
+        );
     }
 
     #[test]
@@ -124,7 +127,7 @@ mod tests {
         lines.spoil();
         assert_eq!(lines.push(b'E'), None);
         let spoiled = lines.push(b'\r').unwrap();
-        assert_eq!((&spoiled.text[..], spoiled.flaw), (&b""[..], Some(Flaw::Spoiled)));
+        assert_eq!((&spoiled.text[..], spoiled.flaw), (&b""[..], Some(LineError::RxError)));
         assert_eq!(lines.push(b'R'), None);
         assert_eq!(lines.push(b'\r').unwrap().flaw, None);
     }

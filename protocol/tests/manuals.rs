@@ -4,7 +4,7 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::modbus::pdu::Exception;
-use drivetwin_protocol::modbus::server::{Map, Rules, serve_rtu};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules, serve_rtu};
 use drivetwin_protocol::modbus::{Frame, rtu};
 use drivetwin_protocol::registers::{Bank, Register, Shape, Space};
 
@@ -143,11 +143,11 @@ impl<R: Register, const WORDS: usize> Keeper<R, WORDS> {
     fn ask(&mut self, rules: &Rules, pdu: &[u8]) -> Vec<u8> {
         let mut reply = Frame::new();
         serve_rtu(&rtu::frame(1, pdu), 1, rules, self, &mut reply);
-        rtu::checked(&reply).map(|body| body[1..].to_vec()).unwrap_or_default()
+        rtu::verify_crc(&reply).map(|body| body[1..].to_vec()).unwrap_or_default()
     }
 }
 
-impl<R: Register, const WORDS: usize> Map for Keeper<R, WORDS> {
+impl<R: Register, const WORDS: usize> RequestHandler for Keeper<R, WORDS> {
     type Register = R;
 
     fn words(&self) -> &[u16] {

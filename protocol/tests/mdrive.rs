@@ -5,9 +5,9 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::modbus::pdu::Exception;
-use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, Values, refuse_tcp, serve_tcp};
+use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, Values, refuse_tcp, serve_tcp};
 use drivetwin_protocol::modbus::tcp::{self, Adu, Header};
-use drivetwin_protocol::modbus::{Reply, Why, identification};
+use drivetwin_protocol::modbus::{DropReason, Reply, identification};
 use drivetwin_protocol::registers::{Bank, Legal, Register, Space};
 use proptest::prelude::*;
 
@@ -125,7 +125,7 @@ impl Mdrive {
     }
 }
 
-impl Map for Mdrive {
+impl RequestHandler for Mdrive {
     type Register = Reg;
 
     fn words(&self) -> &[u16] {
@@ -176,7 +176,7 @@ impl Map for Mdrive {
         }
     }
 
-    fn serve_other(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         match pdu[0] {
             43 => identification::answer(pdu, 0x82, OBJECTS, reply),
             65 => reply.extend_from_slice(&[65, 0]).map_err(|_| Exception::ServerDeviceFailure),
@@ -230,7 +230,7 @@ fn an_adu_keeps_its_transaction_and_any_unit() {
     assert_eq!(outcome, Outcome::Served { unit: 9, function: 7, refused });
     assert_eq!(reply[..], [0, 1, 0, 0, 0, 3, 9, 0x87, 1]);
     for adu in [&[][..], &[0, 1, 0, 0, 0, 1, 9], &[0, 1, 0, 1, 0, 2, 9, 7], &[0, 1, 0, 0, 0, 3, 9, 7]] {
-        assert_eq!(serve_tcp(adu, &RULES, &mut mdrive, &mut reply), Outcome::Dropped(Why::Length));
+        assert_eq!(serve_tcp(adu, &RULES, &mut mdrive, &mut reply), Outcome::Dropped(DropReason::Length));
         assert!(reply.is_empty());
     }
 }
@@ -244,7 +244,7 @@ fn who_does_not_hear_yet_refuses_whatever_is_asked() {
         assert_eq!(outcome, Outcome::Served { unit: 9, function, refused: Some(busy) });
         assert_eq!(reply[..], [0, 1, 0, 0, 0, 3, 9, function | 0x80, 4]);
     }
-    assert_eq!(refuse_tcp(&[0, 1, 0, 0, 0, 3, 9, 7], busy, &mut reply), Outcome::Dropped(Why::Length));
+    assert_eq!(refuse_tcp(&[0, 1, 0, 0, 0, 3, 9, 7], busy, &mut reply), Outcome::Dropped(DropReason::Length));
     assert!(reply.is_empty());
 }
 

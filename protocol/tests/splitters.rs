@@ -8,7 +8,7 @@
 use drivetwin_protocol::line::{Line, Parity};
 use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
-use drivetwin_protocol::modbus::{Burst, Voices, Why, ascii, ended, front};
+use drivetwin_protocol::modbus::{DropReason, Expect, Scan, ascii, ended, scan};
 use drivetwin_protocol::text::{Lines, next_line};
 use drivetwin_protocol::time::{Duration, Instant};
 use proptest::prelude::*;
@@ -149,23 +149,27 @@ fn noise(seed: u64) -> impl FnMut() -> u8 {
 }
 
 /// Bytes that go together off the front of a burst that no more follows.
-fn silent(burst: &[u8], voices: Voices) -> usize {
-    match front(RTU, burst, voices) {
-        Burst::Frame(length) | Burst::Broken(length) => length,
-        Burst::Partial | Burst::Unsure => ended(RTU, burst, voices),
+fn silent(burst: &[u8], expect: Expect) -> usize {
+    match scan(RTU, burst, expect) {
+        Scan::Complete(length) | Scan::Invalid(length) => length,
+        Scan::Incomplete | Scan::Ambiguous => ended(RTU, burst, expect),
     }
 }
 
 /// Asserts that no split of a frame into reads cuts it, though its first `chance` bytes hold a CRC: at no length before
 /// its end is anything taken off the front. Of a long one every 61st length is tried, and those where it could be cut.
-fn assert_never_cut(frame: &[u8], chance: usize, voices: Voices) {
+fn assert_never_cut(frame: &[u8], chance: usize, expect: Expect) {
     let step = if frame.len() > 40 { 61 } else { 1 };
     let here = chance..frame.len().min(chance + 2);
     for length in (0..frame.len()).step_by(step).chain(here).chain([frame.len() - 1]) {
-        let begin = front(RTU, &frame[..length], voices);
-        assert!(matches!(begin, Burst::Partial | Burst::Unsure), "{begin:?} of {:02x?}", &frame[..length]);
+        let begin = scan(RTU, &frame[..length], expect);
+        assert!(
+            matches!(begin, Scan::Incomplete | Scan::Ambiguous),
+            "{begin:?} of {:02x?}",
+            &frame[..length]
+        );
     }
-    assert_eq!(silent(frame, voices), frame.len(), "{frame:02x?}");
+    assert_eq!(silent(frame, expect), frame.len(), "{frame:02x?}");
 }
 
 /// Every request whose function tells its length: of every byte count, where a drive knows it, else of every 17th.
@@ -186,11 +190,11 @@ fn a_request_that_tells_its_length_is_never_cut_wherever_a_crc_can_hold() {
             let Some(frame) = shape.by_chance(length, &mut fill) else { continue };
             assert_eq!(frame.len(), whole);
             forced[usize::from(frame[1])] += 1;
-            assert_never_cut(&frame, length, Voices::Master);
+            assert_never_cut(&frame, length, Expect::Requests);
             // It goes as soon as it is whole, whatever follows.
-            assert_eq!(front(RTU, &frame, Voices::Master), Burst::Frame(whole), "{frame:02x?}");
+            assert_eq!(scan(RTU, &frame, Expect::Requests), Scan::Complete(whole), "{frame:02x?}");
             let burst = [&frame[..], &behind].concat();
-            assert_eq!(front(RTU, &burst, Voices::Master), Burst::Frame(whole), "{burst:02x?}");
+            assert_eq!(scan(RTU, &burst, Expect::Requests), Scan::Complete(whole), "{burst:02x?}");
         }
     }
     // Lengths from 4 to 7 of 8 bytes; of 15 and 16 those of 248 byte counts, from 5 to 252 lengths each.
@@ -206,7 +210,7 @@ fn where_slaves_are_heard_no_request_to_a_drive_is_cut_wherever_a_crc_can_hold()
     for shape in single.chain(counted).filter_map(|(function, count)| Shape::of(function, count)) {
         for length in 4..shape.pdu.len() + 3 {
             let Some(frame) = shape.by_chance(length, &mut fill) else { continue };
-            assert_never_cut(&frame, length, Voices::All);
+            assert_never_cut(&frame, length, Expect::Both);
         }
     }
 }
@@ -223,9 +227,9 @@ fn a_request_of_any_other_function_is_never_cut_wherever_a_crc_can_hold() {
     for (shape, step) in short.chain([(diagnostics, 27), (own, 1), (interface, 7)]) {
         for length in (4..shape.pdu.len() + 3).step_by(step) {
             let frame = shape.by_chance(length, &mut fill).unwrap();
-            assert_never_cut(&frame, length, Voices::Master);
+            assert_never_cut(&frame, length, Expect::Requests);
             let burst = [&frame[..], &rtu::read(2, 0, 1)].concat();
-            assert_eq!(front(RTU, &burst, Voices::Master), Burst::Frame(frame.len()), "{frame:02x?}");
+            assert_eq!(scan(RTU, &burst, Expect::Requests), Scan::Complete(frame.len()), "{frame:02x?}");
         }
     }
 }
@@ -270,18 +274,18 @@ fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
 }
 
 /// Messages that a host cuts out of what comes without a gap, and behind which the line is silent.
-fn of_host(line: Line, parts: &[&[u8]], voices: Voices) -> Vec<Vec<u8>> {
+fn of_host(line: Line, parts: &[&[u8]], expect: Expect) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts {
         waiting.extend_from_slice(part);
-        while let Burst::Frame(length) | Burst::Broken(length) = front(line, &waiting, voices) {
+        while let Scan::Complete(length) | Scan::Invalid(length) = scan(line, &waiting, expect) {
             messages.push(waiting.drain(..length).collect());
         }
     }
     while !waiting.is_empty() {
-        let length = match front(line, &waiting, voices) {
-            Burst::Frame(length) | Burst::Broken(length) => length,
-            Burst::Partial | Burst::Unsure => ended(line, &waiting, voices),
+        let length = match scan(line, &waiting, expect) {
+            Scan::Complete(length) | Scan::Invalid(length) => length,
+            Scan::Incomplete | Scan::Ambiguous => ended(line, &waiting, expect),
         };
         messages.push(waiting.drain(..length).collect());
     }
@@ -289,8 +293,8 @@ fn of_host(line: Line, parts: &[&[u8]], voices: Voices) -> Vec<Vec<u8>> {
 }
 
 /// Frames that a drive's receiver hears of messages with a silence behind each.
-fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, Why>> {
-    let mut receiver = rtu::Receiver::new(RTU);
+fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
+    let mut receiver = rtu::RtuReceiver::new(RTU);
     let mut at = Instant::from(Duration::secs(1));
     let heard = messages.iter().map(|message| {
         receiver.bytes(at, message);
@@ -307,7 +311,7 @@ proptest! {
     ) {
         let stream = requests.concat();
         let silences = with_silences(&requests);
-        let host = of_host(RTU, &split(&stream, &reads), Voices::Master);
+        let host = of_host(RTU, &split(&stream, &reads), Expect::Requests);
         prop_assert_eq!(with_silences(&host), silences, "{:02x?}", requests);
     }
 
@@ -316,14 +320,14 @@ proptest! {
         request in request(), reads in reads(),
     ) {
         let known = matches!(request[1], 1..=6 | 15 | 16);
-        let host = of_host(RTU, &split(&request, &reads), Voices::All);
+        let host = of_host(RTU, &split(&request, &reads), Expect::Both);
         prop_assert!(!known || with_silences(&host) == with_silences(&[request]));
     }
 }
 
 /// Bodies that a receiver of ASCII hears of messages with a silence of `gap` before each.
-fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8>, Why>> {
-    let mut receiver = ascii::Receiver::new(ASCII);
+fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8>, DropReason>> {
+    let mut receiver = ascii::AsciiReceiver::new(ASCII);
     let mut at = Instant::from(Duration::secs(1));
     let heard = messages.iter().filter_map(|message| {
         at += gap;
@@ -377,7 +381,7 @@ proptest! {
         messages in prop::collection::vec(message(), 1..5), reads in reads(), gap in 0_u64..100_000_000,
     ) {
         let stream = messages.concat();
-        let host = of_host(ASCII, &split(&stream, &reads), Voices::Master);
+        let host = of_host(ASCII, &split(&stream, &reads), Expect::Requests);
         prop_assert_eq!(&host.concat(), &stream);
         // Seconds between the messages change nothing, nor does a host that leaves none.
         let silences = ascii_with_silences(&messages, Duration::from_ticks(gap));

@@ -8,7 +8,7 @@ mod support;
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Settings};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::toy::Toy;
 
 use support::{line, took};
@@ -21,7 +21,7 @@ const RATE: u64 = 100;
 fn main() {
     println!("a bench of many drives");
     for seats in [1, 1_000, 10_000] {
-        let mut bench = Bench::with(Settings { trace: TraceKeep::Off, ..Settings::default() });
+        let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
         for seat in 0..seats {
             bench.run_until((seat * 10_000 / seats).micros());
             bench.add::<Toy>(&format!("toy{seat}"));

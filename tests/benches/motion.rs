@@ -7,12 +7,12 @@
 mod support;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, Encoder, Input, Instant, Level, Pin, PinSpec, Refused, Role, Sink, Spec,
+    Axis, Boot, Context, Device, Encoder, Input, Instant, Level, Pin, PinSpec, PresetError, Role, Spec,
 };
 use drivetwin_firmware::md3::{Md3, Reg};
 use drivetwin_protocol::registers::Register;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Driving, Seat, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, PinStimulus, Setup};
 
 use support::{line, took};
 
@@ -43,7 +43,7 @@ static COUNTER: Spec = Spec {
     manual: "this file",
     pins: &[PinSpec::new("IN", Role::Input, Level::High)],
     registers: Show::TABLE,
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// Counts rising edges, and does nothing else.
@@ -57,11 +57,11 @@ impl Device for Counter {
         &COUNTER
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {
         self.edges = 0;
     }
 
-    fn input(&mut self, _at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+    fn input(&mut self, _at: Instant, input: Input<'_>, _out: &mut dyn Context) {
         self.edges += i64::from(matches!(input, Input::Edge { high: true, .. }));
     }
 
@@ -69,28 +69,34 @@ impl Device for Counter {
         Instant::NEVER
     }
 
-    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Context) {}
 
     fn peek(&self, _at: Instant, _row: usize) -> i64 {
         self.edges
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::ReadOnly)
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        _value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        Err(PresetError::ReadOnly)
     }
 }
 
 /// A bench with an MD3 that listens.
-fn md3() -> (Bench, Seat) {
+fn md3() -> (Bench, DriveId) {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let seat = bench.seat("x", Box::new(Md3::new()), setup).expect("a fresh bench has room");
+    let seat = bench.add_with("x", Box::new(Md3::new()), setup).expect("a fresh bench has room");
     bench.run_until(1.millis());
     (bench, seat)
 }
 
 /// Lets it jog at full speed; the ramp is over.
-fn jog(bench: &mut Bench, seat: Seat) {
+fn jog(bench: &mut Bench, seat: DriveId) {
     for (reg, value) in [(Reg::Speed, SPEED), (Reg::AccelDecel, 400_000), (Reg::MotionControl, 2)] {
         bench.poke(seat, reg as usize, value).expect("an MD3 takes these");
     }
@@ -161,7 +167,7 @@ fn encoder(name: &str) {
 fn pulses_alone(name: &str) {
     let mut bench = Bench::new();
     let counter = bench.add::<Counter>("counter");
-    bench.set_pin(counter, Pin(0), Driving::Low);
+    bench.set_pin(counter, Pin(0), PinStimulus::Low);
     bench.run_until(1.millis());
     let pulses = seconds(INPUT) * HZ;
     bench.pulse(counter, Pin(0), pulses as u32, HZ as f64).expect("nothing runs there");

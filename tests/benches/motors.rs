@@ -5,11 +5,11 @@ mod support;
 
 use drivetwin_firmware::device::{Axis, Port};
 use drivetwin_firmware::md3::{Md3, Reg, motion_control};
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Closed, Fitting, Settings, Setup};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::bench::{Bench, Closed, MotorModel, Settings, Setup};
+use drivetwin_sim::record::trace::Retention;
 
 use support::{line, took};
 
@@ -24,14 +24,16 @@ fn main() {
 
 /// Ten minutes at 1,000 rpm with an encoder of so many cycles: seconds of wall time, and what a QSB counted.
 fn run(cycles: u32) -> (f64, u32) {
-    let mut bench = Bench::with(Settings { trace: TraceKeep::Off, ..Settings::default() });
+    let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
     let fast = |presets| Setup { boot_fast: true, presets, ..Setup::default() };
     // 1/8 step of 200: 1,600 in a turn.
     let rates = vec![(Reg::Speed as usize, 26_667), (Reg::AccelDecel as usize, 100_000)];
-    let md3 = bench.seat("md3", Box::new(Md3::new()), fast(rates)).expect("a drive that can be seated");
-    let qsb = bench.seat("qsb", Box::new(Qsb::m()), fast(Vec::new())).expect("a drive that can be seated");
-    let motor =
-        bench.fit("m", md3, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).expect("an MD3 turns steppers");
+    let md3 = bench.add_with("md3", Box::new(Md3::new()), fast(rates)).expect("a drive that can be seated");
+    let qsb =
+        bench.add_with("qsb", Box::new(Qsb::m()), fast(Vec::new())).expect("a drive that can be seated");
+    let motor = bench
+        .attach_motor("m", md3, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL))
+        .expect("an MD3 turns steppers");
     let pin =
         |bench: &Bench, seat, name| (seat, bench.spec(seat).pin(name).expect("the manual has that pin"));
     if cycles > 0 {

@@ -1,4 +1,4 @@
-//! How fast a user program of an RS 434544 runs. As users run it, through `dyn Device` and `dyn Sink`, a deadline
+//! How fast a user program of an RS 434544 runs. As users run it, through `dyn Device` and `dyn Context`, a deadline
 //! at a time, with the motor that stands.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
@@ -12,7 +12,7 @@ mod support;
 
 use std::hint::black_box;
 
-use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
+use drivetwin_firmware::device::{Boot, Context, Device, Duration, Instant, Output};
 use drivetwin_firmware::rs434::program::image;
 use drivetwin_firmware::rs434::{MEMORY, rs434544};
 
@@ -36,7 +36,7 @@ struct World {
     memory: Vec<u8>,
 }
 
-impl Sink for World {
+impl Context for World {
     fn put(&mut self, _at: Instant, _output: Output<'_>) {}
 
     fn memory(&self) -> &[u8] {
@@ -65,7 +65,7 @@ fn row(drive: &dyn Device, register: &str) -> usize {
 /// So many rounds, checked.
 fn run(work: &Work, rounds: u64) {
     let (mut drive, mut world) = start(work);
-    let out: &mut dyn Sink = black_box(&mut world);
+    let out: &mut dyn Context = black_box(&mut world);
     for _ in 0..1 + rounds * u64::from(work.program.per_round) {
         drive.timeout(drive.deadline(), out);
     }

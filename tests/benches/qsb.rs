@@ -1,5 +1,5 @@
 //! What a QSB does in a second: commands that it answers, records that it streams, edges that it counts. As
-//! users run it, through `dyn Device` and `dyn Sink`, character by character.
+//! users run it, through `dyn Device` and `dyn Context`, character by character.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
 
@@ -12,7 +12,7 @@ mod world;
 
 use std::hint::black_box;
 
-use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Pin, Port, Sink};
+use drivetwin_firmware::device::{Boot, Context, Device, Duration, Input, Instant, Pin, Port};
 use drivetwin_firmware::qsb::Qsb;
 
 use support::{line, took};
@@ -41,7 +41,7 @@ impl Adapter {
     /// A command, 10 ms after what was before.
     fn command(&mut self, command: &[u8]) {
         self.at += Duration::millis(10);
-        let out: &mut dyn Sink = black_box(&mut self.world);
+        let out: &mut dyn Context = black_box(&mut self.world);
         for character in black_box(command).chunks(1) {
             self.at += Duration::micros(44);
             self.qsb.input(self.at, Input::Bytes { port: Port(0), bytes: character }, out);
@@ -50,14 +50,14 @@ impl Adapter {
 
     /// The next record of a stream.
     fn record(&mut self) {
-        let out: &mut dyn Sink = black_box(&mut self.world);
+        let out: &mut dyn Context = black_box(&mut self.world);
         self.at = self.qsb.deadline();
         self.qsb.timeout(self.at, out);
     }
 
     /// A cycle of the encoder, upwards from both high, with 1 µs to each of its four edges.
     fn turn(&mut self) {
-        let out: &mut dyn Sink = black_box(&mut self.world);
+        let out: &mut dyn Context = black_box(&mut self.world);
         for (pin, high) in black_box([(A, false), (B, false), (A, true), (B, true)]) {
             self.at += Duration::micros(1);
             self.qsb.input(self.at, Input::Edge { pin, high }, out);

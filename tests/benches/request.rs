@@ -1,5 +1,5 @@
 //! One RTU request, function 3 for 10 registers, from its characters to its answer: an MD3 as users
-//! run it, through `dyn Device` and `dyn Sink`, beside the `rmodbus` crate on the same frame.
+//! run it, through `dyn Device` and `dyn Context`, beside the `rmodbus` crate on the same frame.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
 
@@ -12,7 +12,7 @@ mod world;
 
 use std::hint::black_box;
 
-use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, Port, Sink};
+use drivetwin_firmware::device::{Boot, Context, Device, Duration, Input, Instant, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_protocol::modbus::rtu;
 use rmodbus::server::ModbusFrame;
@@ -62,7 +62,7 @@ impl Slave for Drivetwin {
     }
 
     fn serve(&mut self) {
-        let out: &mut dyn Sink = black_box(&mut self.world);
+        let out: &mut dyn Context = black_box(&mut self.world);
         self.md3.input(self.at, Input::Bytes { port: Port(0), bytes: black_box(&self.request) }, out);
         let due = self.md3.deadline();
         self.md3.timeout(due, out);

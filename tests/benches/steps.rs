@@ -10,7 +10,7 @@ mod support;
 use std::hint::black_box;
 
 use drivetwin_firmware::device::{Instant, Plan};
-use drivetwin_firmware::motion::Walker;
+use drivetwin_firmware::motion::StepIterator;
 use fixed::types::I24F8;
 
 use support::{line, took};
@@ -24,7 +24,7 @@ fn walk(name: &str, steps: u64) {
     // 80,000 steps of ramp, or one.
     let acceleration = if name == "cruise" { 800_000_000 } else { 10_000 };
     let plan = Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, I24F8::from_num(40_000), acceleration);
-    let mut walker = black_box(Walker::new(&plan, Instant::ZERO));
+    let mut walker = black_box(StepIterator::new(&plan, Instant::ZERO));
     let mut last = None;
     for _ in 0..steps {
         last = black_box(walker.next());

@@ -4,7 +4,7 @@
 //! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
 //! h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
 
-use drivetwin_firmware::motion::Rates;
+use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::time::{Duration, TICKS_PER_SECOND};
 use fixed::types::{I24F8, U24F8};
 
@@ -34,7 +34,7 @@ pub struct Move {
 impl Move {
     /// Of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
     #[must_use]
-    pub fn of(steps: u32, rates: Rates) -> Self {
+    pub fn of(steps: u32, rates: Limits) -> Self {
         let speed = h(rates.speed.to_bits());
         let start = h(rates.start.to_bits()).min(speed);
         let (up, down) = (u128::from(rates.up), u128::from(rates.down));
@@ -83,7 +83,7 @@ impl Move {
 /// When the steps of a move are due, since its beginning and to the nearest tick: from standstill to
 /// standstill, up and down with `acceleration` in steps/s², at most at `speed` in steps/s. Neither may be 0.
 pub fn step_instants(steps: u32, speed: u32, acceleration: u32) -> impl Iterator<Item = Duration> {
-    let exact = Move::of(steps, Rates::even(U24F8::from_num(speed), acceleration));
+    let exact = Move::of(steps, Limits::even(U24F8::from_num(speed), acceleration));
     (1..=steps).map(move |n| Duration::from_ticks(((exact.step(n) + TICK / 2) / TICK) as u64))
 }
 

@@ -2,13 +2,13 @@
 //! `tests/fuzzed.rs` replays those that are kept in `fuzz/corpus`.
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Line, Link, Pin, Port, advance, feed,
+    Boot, Device, Duration, Encoder, Fault, Framing, Input, Instant, Line, Link, Pin, Port, advance, feed,
 };
 use drivetwin_firmware::testing::Transcript;
 use drivetwin_protocol::line::Parity;
-use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::rtu::{self, crc, verify_crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
-use drivetwin_protocol::modbus::{self, Burst, Voices, Why, ascii};
+use drivetwin_protocol::modbus::{self, DropReason, Expect, Scan, ascii};
 use drivetwin_protocol::text::{Lines, next_line};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
@@ -71,19 +71,19 @@ const RTU: Line = Line::new(9_600, 8, Parity::Even, 1);
 const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
 
 /// Messages that a host cuts out of a stream of which reads bring so many bytes, and behind which the line is silent.
-fn of_host(line: Line, stream: &[u8], length: u8, voices: Voices) -> Vec<Vec<u8>> {
+fn of_host(line: Line, stream: &[u8], length: u8, expect: Expect) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts(stream, length) {
         waiting.extend_from_slice(part);
-        while let Burst::Frame(length) | Burst::Broken(length) = modbus::front(line, &waiting, voices) {
+        while let Scan::Complete(length) | Scan::Invalid(length) = modbus::scan(line, &waiting, expect) {
             assert!(length > 0 && length <= waiting.len(), "a part of what there is");
             messages.push(waiting.drain(..length).collect());
         }
     }
     while !waiting.is_empty() {
-        let length = match modbus::front(line, &waiting, voices) {
-            Burst::Frame(length) | Burst::Broken(length) => length,
-            Burst::Partial | Burst::Unsure => modbus::ended(line, &waiting, voices),
+        let length = match modbus::scan(line, &waiting, expect) {
+            Scan::Complete(length) | Scan::Invalid(length) => length,
+            Scan::Incomplete | Scan::Ambiguous => modbus::ended(line, &waiting, expect),
         };
         assert!(length > 0 && length <= waiting.len(), "a part of what there is");
         messages.push(waiting.drain(..length).collect());
@@ -95,7 +95,7 @@ fn of_host(line: Line, stream: &[u8], length: u8, voices: Voices) -> Vec<Vec<u8>
 /// The length of reads, who is heard, bytes; or frames of them, each with its length before it.
 fn rtu_bursts(mut bytes: &[u8]) {
     let (Some(length), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
-    let voices = [Voices::Master, Voices::All, Voices::Slaves][usize::from(how) / 2 % 3];
+    let expect = [Expect::Requests, Expect::Both, Expect::Replies][usize::from(how) / 2 % 3];
     let mut stream = bytes.to_vec();
     if how % 2 == 1 {
         stream.clear();
@@ -104,9 +104,9 @@ fn rtu_bursts(mut bytes: &[u8]) {
         }
     }
     stream.truncate(1_000);
-    let whole = of_host(RTU, &stream, u8::MAX, voices);
-    assert_eq!(of_host(RTU, &stream, length, voices), whole);
-    let mut receiver = rtu::Receiver::new(RTU);
+    let whole = of_host(RTU, &stream, u8::MAX, expect);
+    assert_eq!(of_host(RTU, &stream, length, expect), whole);
+    let mut receiver = rtu::RtuReceiver::new(RTU);
     let mut at = Instant::ZERO + Duration::secs(1);
     for message in &whole {
         receiver.bytes(at, message);
@@ -114,9 +114,9 @@ fn rtu_bursts(mut bytes: &[u8]) {
         let heard = receiver.take().expect("silence ends a frame");
         match message.len() {
             0..=modbus::FRAME_BYTES => assert_eq!(heard, Ok(&message[..])),
-            _ => assert_eq!(heard, Err(Why::Length)),
+            _ => assert_eq!(heard, Err(DropReason::Length)),
         }
-        if let Some((_, pdu)) = checked(message).and_then(<[u8]>::split_first) {
+        if let Some((_, pdu)) = verify_crc(message).and_then(<[u8]>::split_first) {
             let _ = modbus::pdu::Request::parse(pdu);
         }
     }
@@ -125,11 +125,11 @@ fn rtu_bursts(mut bytes: &[u8]) {
 /// The length of reads, and characters.
 fn ascii_messages(mut bytes: &[u8]) {
     let Some(length) = take(&mut bytes) else { return };
-    let whole = of_host(ASCII, bytes, u8::MAX, Voices::Master);
+    let whole = of_host(ASCII, bytes, u8::MAX, Expect::Requests);
     // What has no colon goes as it comes, so of other lengths only the messages are the same.
     let messages =
         |bursts: &[Vec<u8>]| -> Vec<Vec<u8>> { bursts.iter().filter_map(|burst| heard(burst)).collect() };
-    let cut = of_host(ASCII, bytes, length, Voices::Master);
+    let cut = of_host(ASCII, bytes, length, Expect::Requests);
     if bytes.len() < ascii::MESSAGE_CHARACTERS {
         assert_eq!(messages(&cut), messages(&whole));
     }
@@ -140,7 +140,7 @@ fn ascii_messages(mut bytes: &[u8]) {
 
 /// The body that a receiver of ASCII hears.
 fn heard(characters: &[u8]) -> Option<Vec<u8>> {
-    let mut receiver = ascii::Receiver::new(ASCII);
+    let mut receiver = ascii::AsciiReceiver::new(ASCII);
     receiver.bytes(Instant::ZERO + Duration::secs(1), characters);
     receiver.take()?.ok().map(<[u8]>::to_vec)
 }
@@ -183,7 +183,7 @@ fn mcode_lines(mut bytes: &[u8]) {
     let mut log = Transcript::new(drive.spec().memory.into()).without_notes();
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut log);
     let mut at = Instant::ZERO + Duration::secs(2);
-    let port = port(&*drive, Ends::Return).expect("a port of MCode");
+    let port = port(&*drive, Framing::Return).expect("a port of MCode");
     feed_at(&mut *drive, at, Input::Opened { port, link: Link(0) }, &mut log);
     for bytes in cut {
         at += Duration::millis(1);
@@ -269,7 +269,7 @@ fn memory(mut bytes: &[u8]) {
 }
 
 /// Port of a drive where messages end so.
-fn port(drive: &dyn Device, ends: Ends) -> Option<Port> {
+fn port(drive: &dyn Device, ends: Framing) -> Option<Port> {
     let place = drive.spec().ports.iter().position(|port| port.ends == ends)?;
     u8::try_from(place).ok().map(Port)
 }
@@ -292,9 +292,9 @@ type Event = (Instant, Happens, Vec<u8>);
 #[derive(Clone, Copy)]
 enum Happens {
     Bytes,
-    Spoiled,
+    RxError,
     Idle,
-    Attached(bool),
+    HostPresence(bool),
     Edge(Pin, bool),
     Open(Pin),
     Millivolts(Pin, i32),
@@ -310,9 +310,9 @@ impl Happens {
         let port = Port(0);
         match self {
             Self::Bytes => Input::Bytes { port, bytes },
-            Self::Spoiled => Input::Spoiled { port },
+            Self::RxError => Input::RxError { port },
             Self::Idle => Input::Idle { port },
-            Self::Attached(here) => Input::Attached { port, here },
+            Self::HostPresence(here) => Input::HostPresence { port, here },
             Self::Edge(pin, high) => Input::Edge { pin, high },
             Self::Open(pin) => Input::Open { pin },
             Self::Millivolts(pin, mv) => Input::Millivolts { pin, mv },
@@ -376,7 +376,8 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
     let on = which & 0x80 != 0;
     let among = |count: usize| if count == 0 { 0 } else { which & 0x7F } % count.max(1) as u8;
     let pin = Pin(among(spec.pins.len()));
-    let (mbap, mcode) = (port(drive, Ends::Mbap), port(drive, Ends::Return).filter(|_| spec.is_on_network()));
+    let (mbap, mcode) =
+        (port(drive, Framing::Mbap), port(drive, Framing::Return).filter(|_| spec.is_on_network()));
     let (link, tcp) = (Link(which & 3), if which & 4 == 0 { mbap } else { mcode });
     let one = |happens| Some(vec![(at, happens, Vec::new())]);
     match what % 12 {
@@ -398,10 +399,10 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
             }
         }
         4 if spec.is_on_network() => one(Happens::Opened(tcp?, link)),
-        4 => one(Happens::Attached(on)),
+        4 => one(Happens::HostPresence(on)),
         5 if spec.is_on_network() => one(Happens::Closed(tcp?, link)),
         5 if on => one(Happens::Idle),
-        5 => one(Happens::Spoiled),
+        5 => one(Happens::RxError),
         6 if !spec.faults.is_empty() => one(Happens::Fault(Fault(among(spec.faults.len())), on)),
         7 => one(Happens::Millivolts(pin, i32::from(take(bytes)?) * 100 - 1_000)),
         8 if !spec.encoders.is_empty() => one(Happens::Count(
@@ -409,7 +410,9 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
             i32::from(take(bytes)?) - 128,
             which >> 5,
         )),
-        9 if spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.tells_open()) => one(Happens::Open(pin)),
+        9 if spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.reports_open()) => {
+            one(Happens::Open(pin))
+        }
         _ => one(Happens::Edge(pin, on)),
     }
 }
@@ -418,7 +421,7 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
 fn characters(drive: &dyn Device, mut at: Instant, line: Option<Line>, text: &[u8]) -> Vec<Event> {
     let port = drive.spec().ports[0];
     let line = line.or(port.line).unwrap_or(Line::new(115_200, 8, Parity::None, 1));
-    let most = if port.ends == Ends::Silence { text.len().max(1) } else { 1 };
+    let most = if port.ends == Framing::Silence { text.len().max(1) } else { 1 };
     let bursts = text.split_inclusive(|&byte| byte == b'\n').flat_map(|burst| burst.chunks(most));
     let events = bursts.map(|burst| {
         let begins = at;

@@ -1,7 +1,7 @@
 //! What tests say to an MD3: its registers and bits as the manual has them, and writes over the bus.
 
 use drivetwin_protocol::modbus::rtu;
-use drivetwin_sim::bench::{Bench, Seat};
+use drivetwin_sim::bench::{Bench, DriveId};
 
 /// First addresses of the registers, as the table at the head of chapter 7 has them. A pair has its high
 /// half first.
@@ -78,7 +78,7 @@ pub mod bit {
 ///
 /// If it answers anything else.
 #[track_caller]
-pub fn write(bench: &mut Bench, md3: Seat, address: u16, value: u16) {
+pub fn write(bench: &mut Bench, md3: DriveId, address: u16, value: u16) {
     let request = rtu::write(1, address, value);
     assert_eq!(bench.ask(md3, &request), request.as_slice(), "{value:#06x} to {address:#04x}");
 }
@@ -89,7 +89,7 @@ pub fn write(bench: &mut Bench, md3: Seat, address: u16, value: u16) {
 ///
 /// As [`write()`].
 #[track_caller]
-pub fn write_pair(bench: &mut Bench, md3: Seat, first: u16, value: u32) {
+pub fn write_pair(bench: &mut Bench, md3: DriveId, first: u16, value: u32) {
     write(bench, md3, first, (value >> 16) as u16);
     write(bench, md3, first + 1, value as u16);
 }

@@ -1,15 +1,15 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
-use drivetwin_firmware::device::{Boot, Device, Duration, Ends, Instant, Level, Line, Pin};
-use drivetwin_firmware::shell::{ANSWERS, Came, Caught, Inputs, ONE_ANSWER, Shell};
+use drivetwin_firmware::device::{Boot, Device, Duration, Framing, Instant, Level, Line, Pin};
+use drivetwin_firmware::shell::{ANSWERS, BoardEvent, Inputs, LinkEvent, ONE_ANSWER, Shell};
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
-use drivetwin_sim::record::trace::{Course, Did, Drive, Event, Fed, Power, Trace};
+use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
 /// What a drive did, as a board shows it: pins as the levels they take, one after the other.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Seen {
     /// Anything but a pin.
-    Did(Did),
+    Output(OutputRecord),
     /// A pin changes, to high or low.
     Pin(Pin, bool),
 }
@@ -21,11 +21,11 @@ pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
     let mut pins = vec![Vec::new(); trace.drives.first().map_or(0, |drive| drive.spec.pins.len())];
     for entry in trace.events() {
         match &entry.event {
-            Event::Fed(_) => {}
-            Event::Did(did @ (Did::Level { pin, .. } | Did::Wave { pin, .. })) => {
+            Event::Input(_) => {}
+            Event::Output(did @ (OutputRecord::Level { pin, .. } | OutputRecord::Wave { pin, .. })) => {
                 pins[usize::from(pin.0)].push((entry.at, did.clone()));
             }
-            Event::Did(did) => seen.push((entry.at, Seen::Did(did.clone()))),
+            Event::Output(did) => seen.push((entry.at, Seen::Output(did.clone()))),
         }
     }
     for (pin, orders) in (0..).map(Pin).zip(pins) {
@@ -35,13 +35,13 @@ pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
 }
 
 /// The changes of a pin that begins low and obeys `orders` until `end`.
-fn levels(orders: &[(Instant, Did)], end: Instant) -> Vec<(Instant, bool)> {
+fn levels(orders: &[(Instant, OutputRecord)], end: Instant) -> Vec<(Instant, bool)> {
     let mut changes = Vec::new();
     for (index, (at, order)) in orders.iter().enumerate() {
         let until = orders.get(index + 1).map_or(end + Duration::TICK, |(next, _)| *next);
         match *order {
-            Did::Level { level, .. } => changes.push((*at, level != Level::Low)),
-            Did::Wave { period, high, .. } => {
+            OutputRecord::Level { level, .. } => changes.push((*at, level != Level::Low)),
+            OutputRecord::Wave { period, high, .. } => {
                 let mut rise = *at;
                 while rise < until {
                     changes.push((rise, true));
@@ -83,14 +83,14 @@ pub fn motion<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant,
 fn run<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
     match drive.spec.ports[0].ends {
-        Ends::Silence => run_with::<D, ONE_ANSWER>(trace, drive, device),
+        Framing::Silence => run_with::<D, ONE_ANSWER>(trace, drive, device),
         _ => run_with::<D, ANSWERS>(trace, drive, device),
     }
 }
 
 fn run_with<D: Device, const CHARACTERS: usize>(
     trace: &Trace,
-    drive: &Drive,
+    drive: &TraceDrive,
     device: impl Fn() -> D,
 ) -> Board {
     let board = Board::new(drive.spec, drive.memory.clone());
@@ -99,35 +99,39 @@ fn run_with<D: Device, const CHARACTERS: usize>(
     player.go(drive.from);
     player.power(true);
     for entry in trace.events() {
-        let Event::Fed(fed) = &entry.event else { continue };
+        let Event::Input(fed) = &entry.event else { continue };
         match fed {
-            Fed::Bytes { port, bytes } => {
+            InputRecord::Bytes { port, bytes } => {
                 player.sleep_before(entry.at);
                 let character = player.line().character();
                 for (n, byte) in (0..).zip(bytes) {
-                    player.catch(entry.at + character * n, Caught::Byte(*port, *byte));
+                    player.catch(entry.at + character * n, BoardEvent::Byte(*port, *byte));
                 }
             }
-            Fed::Spoiled { port } => player.catch(entry.at, Caught::Spoiled(*port)),
-            Fed::Idle { port } => player.catch(entry.at, Caught::Idle(*port)),
-            Fed::Attached { port, here } => player.catch(entry.at, Caught::Attached(*port, *here)),
-            Fed::Edge { pin, high } => player.catch(entry.at, Caught::Edge(*pin, *high)),
-            Fed::Millivolts { pin, mv } => player.catch(entry.at, Caught::Millivolts(*pin, *mv)),
-            Fed::Fault { fault, on } => player.catch(entry.at, Caught::Fault(*fault, *on)),
-            Fed::Slipped { axis, steps } => player.catch(entry.at, Caught::Slipped(*axis, *steps)),
-            Fed::Opened { port, link } => {
-                player.sleep_before(entry.at);
-                player.board.come(entry.at, *port, *link, Came::Opened);
+            InputRecord::RxError { port } => player.catch(entry.at, BoardEvent::RxError(*port)),
+            InputRecord::Idle { port } => player.catch(entry.at, BoardEvent::Idle(*port)),
+            InputRecord::HostPresence { port, here } => {
+                player.catch(entry.at, BoardEvent::HostPresence(*port, *here))
             }
-            Fed::Message { port, link, bytes } => {
+            InputRecord::Edge { pin, high } => player.catch(entry.at, BoardEvent::Edge(*pin, *high)),
+            InputRecord::Millivolts { pin, mv } => player.catch(entry.at, BoardEvent::Millivolts(*pin, *mv)),
+            InputRecord::Fault { fault, on } => player.catch(entry.at, BoardEvent::Fault(*fault, *on)),
+            InputRecord::StepsCorrection { axis, steps } => {
+                player.catch(entry.at, BoardEvent::StepsCorrection(*axis, *steps))
+            }
+            InputRecord::Opened { port, link } => {
+                player.sleep_before(entry.at);
+                player.board.come(entry.at, *port, *link, LinkEvent::Opened);
+            }
+            InputRecord::Message { port, link, bytes } => {
                 player.sleep_before(entry.at);
                 player.board.say(entry.at, *port, *link, bytes);
             }
-            Fed::Closed { port, link } => {
+            InputRecord::Closed { port, link } => {
                 player.sleep_before(entry.at);
-                player.board.come(entry.at, *port, *link, Came::Closed);
+                player.board.come(entry.at, *port, *link, LinkEvent::Closed);
             }
-            Fed::Power(power @ (Power::On | Power::Off)) => {
+            InputRecord::Power(power @ (Power::On | Power::Off)) => {
                 player.sleep_before(entry.at);
                 player.board.set_now(entry.at);
                 player.power(*power == Power::On);
@@ -141,17 +145,21 @@ fn run_with<D: Device, const CHARACTERS: usize>(
 }
 
 fn as_seen(at: Instant, done: &Done) -> Seen {
-    Seen::Did(match done {
+    Seen::Output(match done {
         Done::Level(pin, high) => return Seen::Pin(*pin, *high),
-        Done::Sent(port, bytes) => Did::Bytes { port: *port, bytes: bytes.clone() },
-        Done::Message(port, link, bytes) => Did::Message { port: *port, link: *link, bytes: bytes.clone() },
-        Done::Closed(port, link) => Did::Close { port: *port, link: *link },
-        Done::Line(port, line) => Did::Line { port: *port, line: *line },
-        Done::Stored(offset, bytes) => Did::Store { offset: *offset as u16, bytes: bytes.clone() },
-        Done::Planned(axis, plan) => Did::Course { axis: *axis, course: Box::new(Course::of(plan, at)) },
-        Done::Stepped(axis, steps) => Did::Step { axis: *axis, steps: *steps },
-        Done::Current(axis, ma) => Did::Current { axis: *axis, ma: *ma },
-        Done::Duty(axis, duty) => Did::Duty { axis: *axis, duty: *duty },
+        Done::Sent(port, bytes) => OutputRecord::Bytes { port: *port, bytes: bytes.clone() },
+        Done::Message(port, link, bytes) => {
+            OutputRecord::Message { port: *port, link: *link, bytes: bytes.clone() }
+        }
+        Done::Closed(port, link) => OutputRecord::Close { port: *port, link: *link },
+        Done::Line(port, line) => OutputRecord::Line { port: *port, line: *line },
+        Done::Stored(offset, bytes) => OutputRecord::Store { offset: *offset as u16, bytes: bytes.clone() },
+        Done::Planned(axis, plan) => {
+            OutputRecord::Course { axis: *axis, course: Box::new(Course::of(plan, at)) }
+        }
+        Done::Stepped(axis, steps) => OutputRecord::Step { axis: *axis, steps: *steps },
+        Done::Current(axis, ma) => OutputRecord::CurrentLimit { axis: *axis, ma: *ma },
+        Done::Duty(axis, duty) => OutputRecord::Duty { axis: *axis, duty: *duty },
     })
 }
 
@@ -166,12 +174,12 @@ fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
     let mut joined: Vec<(Instant, Seen)> = Vec::new();
     for (at, seen) in seen {
         match &seen {
-            Seen::Did(Did::Line { line, .. }) => character = line.character(),
-            Seen::Did(Did::Bytes { bytes, .. }) => {
+            Seen::Output(OutputRecord::Line { line, .. }) => character = line.character(),
+            Seen::Output(OutputRecord::Bytes { bytes, .. }) => {
                 let end = at + character * bytes.len() as u64;
                 if let Some((place, free)) = last.replace((joined.len(), end))
                     && free == at
-                    && let (_, Seen::Did(Did::Bytes { bytes: before, .. })) = &mut joined[place]
+                    && let (_, Seen::Output(OutputRecord::Bytes { bytes: before, .. })) = &mut joined[place]
                 {
                     before.extend_from_slice(bytes);
                     last = Some((place, end));
@@ -212,7 +220,7 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
     }
 
     /// An interrupt catches something at `at`; the loop has slept until then.
-    fn catch(&mut self, at: Instant, caught: Caught) {
+    fn catch(&mut self, at: Instant, caught: BoardEvent) {
         self.sleep_before(at);
         self.board.catch(at, caught);
     }

@@ -4,7 +4,7 @@
 //! All begin at the instant 0 and count from there; nobody's interrupt is ever late.
 
 use drivetwin_firmware::device::{Instant, Plan};
-use drivetwin_firmware::motion::{Rates, Walker};
+use drivetwin_firmware::motion::{Limits, StepIterator};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::{I24F8, U24F8};
 
@@ -82,11 +82,11 @@ pub fn rows() -> Vec<Row> {
 }
 
 fn row(name: &'static str, steps: u32, acceleration: u32, speed: u32) -> Row {
-    let rates = Rates::even(U24F8::from_num(speed), acceleration);
+    let rates = Limits::even(U24F8::from_num(speed), acceleration);
     let exact = Move::of(steps, rates);
     let due: Vec<f64> = (1..=steps).map(|n| exact.step(n) as f64 / TICK as f64).collect();
     let plan = Plan::profile(Instant::ZERO, 0, steps.cast_signed(), rates);
-    let made: Vec<f64> = Walker::new(&plan, Instant::ZERO).map(|step| step.at.ticks() as f64).collect();
+    let made: Vec<f64> = StepIterator::new(&plan, Instant::ZERO).map(|step| step.at.ticks() as f64).collect();
     Row {
         name,
         ours: Error::of(&made, &due),
@@ -103,7 +103,7 @@ fn jog() -> Error {
     for (speed, from, until) in [(5_000, 0, 1), (20_000, 1, 4), (-5_000, 4, 8)] {
         let [from, until] = [from, until].map(|seconds| Instant::from_ticks(seconds * TICKS_PER_SECOND));
         plan = plan.towards(from, I24F8::from_num(speed), acceleration);
-        made.extend(Walker::new(&plan, from).take_while(|step| step.at <= until));
+        made.extend(StepIterator::new(&plan, from).take_while(|step| step.at <= until));
         exact.order(I24F8::from_num(speed), acceleration);
         exact.walk(until.ticks(), &mut due);
     }

@@ -5,7 +5,7 @@ use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_firmware::rs434::{rs434544, rs434546};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Driving, Motion, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, Motion, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 
 /// Both models, as users type them.
@@ -175,7 +175,7 @@ pub struct Rig {
     /// The bench.
     pub bench: Bench,
     /// Its only seat.
-    pub seat: Seat,
+    pub seat: DriveId,
 }
 
 impl Default for Rig {
@@ -193,7 +193,7 @@ impl Rig {
     #[must_use]
     pub fn new(kind: &str, line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seat = bench.seat("x", make(kind), setup).expect("a drive that can be seated");
+        let seat = bench.add_with("x", make(kind), setup).expect("a drive that can be seated");
         Self { bench, seat }
     }
 
@@ -234,19 +234,19 @@ impl Rig {
     }
 
     /// Does something to a pin; returns when the drive has seen it.
-    pub fn drive(&mut self, name: &str, drive: Driving) {
+    pub fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
     }
 
     /// Closes a contact to ground.
     pub fn close(&mut self, name: &str) {
-        self.drive(name, Driving::Low);
+        self.drive(name, PinStimulus::Low);
     }
 
     /// Opens a contact: a pull-up makes it high.
     pub fn open(&mut self, name: &str) {
-        self.drive(name, Driving::High);
+        self.drive(name, PinStimulus::High);
     }
 
     /// A pin as it is seen from outside.
@@ -294,7 +294,7 @@ impl Rig {
         if reply.is_empty() {
             return reply;
         }
-        let body = rtu::checked(&reply).expect("a reply has a CRC that holds");
+        let body = rtu::verify_crc(&reply).expect("a reply has a CRC that holds");
         assert_eq!(body[0], 1, "the address of a reply");
         body[1..].to_vec()
     }

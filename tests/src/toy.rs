@@ -2,8 +2,8 @@
 //! the level of its input every 10 ms and obeys single characters.
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Ends, Input, Instant, Level, Line, Output, Pin, PinSpec, Port, PortSpec, Refused,
-    Role, Sink, Spec,
+    Boot, Context, Device, Duration, Framing, Input, Instant, Level, Line, Output, Pin, PinSpec, Port,
+    PortSpec, PresetError, Role, Spec,
 };
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::registers::Register;
@@ -22,12 +22,12 @@ static SPEC: Spec = Spec {
     manual: "tests/src/toy.rs",
     ports: &[PortSpec {
         name: "usb",
-        ends: Ends::Character,
+        ends: Framing::Character,
         line: Some(Line::new(115_200, 8, Parity::None, 1)),
     }],
     pins: &[PinSpec::new("IN", Role::Input, Level::High), PinSpec::new("OUT", Role::Output, Level::Low)],
     registers: Reg::TABLE,
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// A stream and a pin.
@@ -45,11 +45,11 @@ impl Device for Toy {
         &SPEC
     }
 
-    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Context) {
         *self = Self { input: true, output: false, due: Some(at + INTERVAL) };
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Bytes { bytes, .. } => {
                 for level in bytes {
@@ -67,7 +67,7 @@ impl Device for Toy {
         self.due.unwrap_or(Instant::NEVER)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(due) = self.due.filter(|due| *due <= at) {
             out.put(due, Output::Bytes { port: Port(0), bytes: if self.input { b"1\n" } else { b"0\n" } });
             self.due = Some(due + INTERVAL);
@@ -78,7 +78,13 @@ impl Device for Toy {
         i64::from(self.output)
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         self.output = value == 1;
         Ok(())
     }

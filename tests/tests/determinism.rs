@@ -5,14 +5,14 @@
 use std::sync::LazyLock;
 
 use drivetwin_firmware::device::{Axis, Instant, Pin, Port};
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Closed, Driving, Fitting, PowerAction, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Closed, MotorModel, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::export::pcapng;
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 use proptest::prelude::*;
 
 /// The parts of a bench file.
@@ -105,10 +105,10 @@ static PLAYED: LazyLock<Left> = LazyLock::new(|| play(&PARTS, 1, &[]));
 /// Plays on the bench of `parts`, and looks at it after each of `chunks`, again and again.
 fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     let layout = bench_file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
-    let keep = TraceKeep::All;
+    let keep = Retention::All;
     let settings = Settings { seed, trace: keep, capture: keep, ..layout.settings() };
     let mut bench = layout.build(settings, Vec::new()).unwrap().bench;
-    let seats = ["x", "y", "a", "reader", "servo"].map(|name| bench.seat_named(name).unwrap());
+    let seats = ["x", "y", "a", "reader", "servo"].map(|name| bench.find_drive(name).unwrap());
     let [x, y, a, reader, servo] = seats;
     let clients = [x, x, a, reader, servo].map(|seat| {
         let bus = bench.bus(seat, Port(0)).unwrap();
@@ -138,8 +138,8 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
             2 => bench.send(clients[0], &rtu::write(1, 0x11, 1)),
             3 => bench.send(clients[4], &rtu::write(1, 0x5000 + 0x23, 0)),
             4 => bench.send(clients[4], &rtu::frame(1, &[5, 0x20, 0x00, 0xFF, 0x00])),
-            10 => bench.set_pin(a, Pin(0), Driving::Low),
-            11 => bench.set_pin(y, Pin(1), Driving::Low),
+            10 => bench.set_pin(a, Pin(0), PinStimulus::Low),
+            11 => bench.set_pin(y, Pin(1), PinStimulus::Low),
             15 => bench.send(clients[0], &rtu::write(1, 0x1A, 1)),
             16 => bench.power(x, PowerAction::Cut),
             17 => bench.send(clients[0], &rtu::write(1, 0x1A, 1)),
@@ -159,14 +159,14 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
 
 /// Two drives on a line and a counter, with a motor and what is on its shaft, put up by hand in these orders.
 fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
-    let keep = TraceKeep::All;
+    let keep = Retention::All;
     let mut bench = Bench::with(Settings { trace: keep, capture: keep, ..Settings::default() });
     for &name in seats {
         let kind = if name == "reader" { "qsb-m" } else { "md3" };
         let setup = Setup { boot_fast: true, ..Setup::default() };
-        bench.seat(name, catalog::make(kind).unwrap(), setup).unwrap();
+        bench.add_with(name, catalog::make(kind).unwrap(), setup).unwrap();
     }
-    let seat = |name: &str| bench.seat_named(name).unwrap();
+    let seat = |name: &str| bench.find_drive(name).unwrap();
     let [x, y, reader] = ["x", "y", "reader"].map(seat);
     let pin = |bench: &Bench, seat, name: &str| {
         let pin = bench.spec(seat).pins.iter().position(|pin| pin.name == name).unwrap();
@@ -176,11 +176,16 @@ fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
         seats.iter().filter(|name| **name != "reader").map(|name| (seat(name), Port(0))).collect();
     let line = bench.share("line1", &ports);
     let motors = ["x", "y"].map(|name| {
-        let seat = bench.seat_named(name).unwrap();
+        let seat = bench.find_drive(name).unwrap();
         (
             name,
             bench
-                .fit(&format!("motor-{name}"), seat, Axis(0), Fitting::Stepper(Parameters::NOMINAL))
+                .attach_motor(
+                    &format!("motor-{name}"),
+                    seat,
+                    Axis(0),
+                    MotorModel::Stepper(StepperParameters::NOMINAL),
+                )
                 .unwrap(),
         )
     });

@@ -11,7 +11,7 @@ use drivetwin_sim::bench::{Bench, Settings};
 use drivetwin_sim::catalog;
 use drivetwin_sim::export::pcapng::Pcapng;
 use drivetwin_sim::export::vcd::Waves;
-use drivetwin_sim::record::trace::{Recording, Trace, TraceKeep, whole_lines};
+use drivetwin_sim::record::trace::{Recording, Retention, Trace, whole_lines};
 use drivetwin_sim::replay;
 
 /// A file that takes so many bytes, a few at a time, and is interrupted in between.
@@ -48,7 +48,7 @@ fn scene<W>(
     begin: impl FnOnce(&Bench) -> io::Result<W>,
     follow: &mut Follow<'_, W>,
 ) -> io::Result<(Bench, W)> {
-    let settings = Settings { trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() };
+    let settings = Settings { trace: Retention::All, capture: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
     let md3 = bench.add::<Md3>("md3");
     let client = bench.connect(bench.bus(md3, Port(0)).unwrap());

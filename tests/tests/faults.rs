@@ -2,17 +2,17 @@
 //! frames of the manuals, reproducible, and whatever order the drives were added in.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Device, Ends, Port};
+use drivetwin_firmware::device::{Device, Framing, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Client, DriveId, PowerAction, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 use drivetwin_sim::line::faults::LineFaults;
 use drivetwin_sim::record::capture::{Frame, Medium, Source};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::{md3, rs434};
 
 /// When all drives are ready: an RS takes half a second (RS, decision 9).
@@ -22,18 +22,18 @@ const PORT: Port = Port(0);
 const QUIET: LineFaults = LineFaults::NONE;
 
 fn settings(seed: u64, line: LineMode) -> Settings {
-    Settings { seed, line, trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() }
+    Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() }
 }
 
 /// Seats a drive without a start-up delay, with registers by their names.
-fn seat(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: &[(&str, i64)]) -> Seat {
+fn seat(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: &[(&str, i64)]) -> DriveId {
     let row = |name| device.spec().find(name).expect("a register").row;
     let presets = presets.iter().map(|&(name, value)| (row(name), value)).collect();
-    bench.seat(name, device, Setup { boot_fast: true, presets, ..Setup::default() }).expect("a seat")
+    bench.add_with(name, device, Setup { boot_fast: true, presets, ..Setup::default() }).expect("a seat")
 }
 
 /// A ready drive, and a client on its line.
-fn ready(line: LineMode, device: Box<dyn Device>, presets: &[(&str, i64)]) -> (Bench, Seat, Client) {
+fn ready(line: LineMode, device: Box<dyn Device>, presets: &[(&str, i64)]) -> (Bench, DriveId, Client) {
     let mut bench = Bench::with(settings(1, line));
     let seat = seat(&mut bench, "x", device, presets);
     let client = bench.connect(bench.bus(seat, PORT).expect("a line"));
@@ -55,12 +55,12 @@ fn ask(bench: &mut Bench, client: Client, request: &[u8]) -> String {
     hear(bench, client)
 }
 
-fn disturb(bench: &mut Bench, seat: Seat, faults: LineFaults) {
-    bench.disturb(bench.bus(seat, PORT).expect("a line"), faults);
+fn set_line_faults(bench: &mut Bench, seat: DriveId, faults: LineFaults) {
+    bench.set_line_faults(bench.bus(seat, PORT).expect("a line"), faults);
 }
 
 /// An RS that speaks ASCII: TYPE_MODBUS 1 is 7E1, BITRATE_MODBUS 4 is 9,600 (6.4).
-fn rs_ascii() -> (Bench, Seat, Client) {
+fn rs_ascii() -> (Bench, DriveId, Client) {
     ready(LineMode::Timed, Box::new(rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
 }
 
@@ -82,12 +82,12 @@ fn ascii_messages_are_disturbed_with_good_sums() {
         // 01 + 83 + 06 = 8Ah, and 8Ah + 76h = 100h.
         (LineFaults { exception: 1.0, exception_code: 6, ..QUIET }, r":01830676\r\n"),
     ] {
-        disturb(&mut bench, x, faults);
+        set_line_faults(&mut bench, x, faults);
         assert_eq!(ask(&mut bench, client, SPEED), heard, "{faults:?}");
     }
-    disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000.repeat(4));
-    disturb(&mut bench, x, QUIET);
+    set_line_faults(&mut bench, x, QUIET);
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
 }
 
@@ -96,7 +96,7 @@ fn ascii_messages_are_disturbed_with_good_sums() {
 fn times_on_an_ascii_line() {
     let (mut bench, x, client) = rs_ascii();
     let delay = Duration::millis(30);
-    disturb(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..QUIET });
     let (start, seen) = (bench.now(), bench.capture().seen());
     ask(&mut bench, client, SPEED);
     let (asked, answer) = (CHARACTER * 17, CHARACTER * 15);
@@ -117,7 +117,7 @@ fn what_collides_is_still_of_the_line() {
     let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
     let seats = ["x", "y"].map(|name| (seat(&mut bench, name, Box::new(rs434544()), &ascii), PORT));
     let bus = bench.share("line1", &seats);
-    bench.let_collide(bus, true);
+    bench.set_collisions(bus, true);
     let client = bench.connect(bus);
     bench.run_until(READY);
     bench.send(client, SPEED);
@@ -136,14 +136,14 @@ fn what_collides_is_still_of_the_line() {
 fn an_rs_finds_a_wrong_parity() {
     let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);
     let read_error = |bench: &mut Bench| {
-        disturb(bench, x, QUIET);
+        set_line_faults(bench, x, QUIET);
         let request = [&[1, 3], &rs434::at::ERROR.to_be_bytes()[..], &[0, 1]].concat();
         let reply = bench.ask(x, &rtu::frame(1, &request[1..]));
         u16::from_be_bytes([reply[3], reply[4]])
     };
     assert_eq!(read_error(&mut bench), 0);
     hear(&mut bench, client);
-    disturb(&mut bench, x, LineFaults { corrupt: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { corrupt: 1.0, ..QUIET });
     assert_eq!(ask(&mut bench, client, &rtu::read(1, rs434::at::SPEED, 1)), "");
     assert_eq!(read_error(&mut bench), 1 << 14);
 }
@@ -155,26 +155,26 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         // Command list, register 07: its example.
         let answer = r"r 07 00000000 !\r\n";
         assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
-        disturb(&mut bench, x, LineFaults { drop: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { drop: 1.0, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
-        disturb(&mut bench, x, LineFaults { mute: true, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { mute: true, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"W0363\r"), "");
-        disturb(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R03\r"), r"r 03 00000063 !\r\n".repeat(4), "it was carried out");
         let delay = Duration::millis(250);
-        disturb(&mut bench, x, LineFaults { delay, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { delay, ..QUIET });
         let before = bench.now();
         assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
         assert!(bench.now() >= before + delay && bench.now() < before + delay + 20.millis());
-        disturb(&mut bench, x, LineFaults { baud: Some(9_600), ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { baud: Some(9_600), ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "", "its line is 230,400 baud");
-        disturb(&mut bench, x, LineFaults { truncate: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"\r");
         bench.settle();
         hear(&mut bench, client);
         // Without its CR it is no command yet; what is left of an answer has lost its end.
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
-        disturb(&mut bench, x, QUIET);
+        set_line_faults(&mut bench, x, QUIET);
     }
 }
 
@@ -184,7 +184,7 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
     let elsewhere = LineFaults { wrong_address: 0.5, ..QUIET };
     for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
         let port = &device.spec().ports[0];
-        let modbus = port.ends == Ends::Silence;
+        let modbus = port.ends == Framing::Silence;
         assert_eq!(forced.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
         assert_eq!(elsewhere.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
     }
@@ -197,7 +197,7 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
 fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     const NAMES: [&str; 4] = ["a", "b", "r", "q"];
     let mut bench = Bench::with(settings(seed, line));
-    let mut seats: [Option<Seat>; 4] = [None; 4];
+    let mut seats: [Option<DriveId>; 4] = [None; 4];
     for place in order {
         let (device, address): (Box<dyn Device>, &[_]) = match place {
             0 => (Box::new(Md3::new()), &[("DeviceAddress", 1)]),
@@ -227,7 +227,7 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     for bus in lines {
         let modbus = bus != lines[2];
         let share = if modbus { 0.1 } else { 0.0 };
-        bench.disturb(bus, LineFaults { wrong_address: share, exception: share, ..all });
+        bench.set_line_faults(bus, LineFaults { wrong_address: share, exception: share, ..all });
     }
     let clients = lines.map(|bus| bench.connect(bus));
     bench.run_until(READY);
@@ -302,7 +302,7 @@ fn a_master_that_asks_again_gets_every_answer() {
     };
     for (name, device) in [("md3", Box::new(Md3::new()) as Box<dyn Device>), ("rs", Box::new(rs434544()))] {
         let (mut bench, x, client) = ready(LineMode::Timed, device, &[]);
-        disturb(&mut bench, x, faults);
+        set_line_faults(&mut bench, x, faults);
         let mut tries = 0;
         for value in 100..200 {
             let write = rtu::write(1, register(name), value);

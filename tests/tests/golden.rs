@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use drivetwin_firmware::device::{Device, Instant};
-use drivetwin_sim::record::trace::{Event, Fed, Power, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, Power, Trace};
 use drivetwin_sim::replay;
 use drivetwin_tests::on_shell::{self, Seen};
 
@@ -54,7 +54,7 @@ fn on_the_bench() {
             continue;
         }
         let trace = parse(&path, &text);
-        assert!(trace.events().any(|entry| matches!(entry.event, Event::Did(_))), "{}", path.display());
+        assert!(trace.events().any(|entry| matches!(entry.event, Event::Output(_))), "{}", path.display());
         let difference = replay::run(&trace, &make).expect("a playable trace");
         assert_eq!(difference, None, "{}", path.display());
     }
@@ -63,7 +63,7 @@ fn on_the_bench() {
 #[test]
 fn on_the_shell_of_a_board() {
     // Where the power fails in a save is counted in stores; a board counts bytes.
-    let cut = |event: &Event| matches!(event, Event::Fed(Fed::Power(Power::Cut(_))));
+    let cut = |event: &Event| matches!(event, Event::Input(InputRecord::Power(Power::Cut(_))));
     for kind in KINDS {
         let mut played = 0;
         for (path, text) in traces(kind) {

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use drivetwin_firmware::device::Fault;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat};
+use drivetwin_sim::bench::{Bench, DriveId, Motor, PinStimulus, PowerAction};
 use drivetwin_sim::config::bench_file;
 use drivetwin_tests::md3::{self, at, bit};
 
@@ -19,7 +19,7 @@ const X4_MAX: u16 = 3 << 1;
 /// 500 cycles of its encoder.
 struct Fixture {
     bench: Bench,
-    x: Seat,
+    x: DriveId,
     motor: Motor,
     began: u16,
 }
@@ -58,7 +58,7 @@ impl Fixture {
 
     fn low(&mut self, name: &str) {
         let pin = self.bench.spec(self.x).pin(name).unwrap();
-        self.bench.set_pin(self.x, pin, Driving::Low);
+        self.bench.set_pin(self.x, pin, PinStimulus::Low);
     }
 
     fn turns(&self) -> f64 {

@@ -4,10 +4,10 @@
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Pin};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Driving, Motor, PowerAction, Seat, Settings};
+use drivetwin_sim::bench::{Bench, DriveId, Motor, PinStimulus, PowerAction, Settings};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::Built;
-use drivetwin_sim::record::trace::{Event, Fed, Trace, TraceKeep};
+use drivetwin_sim::record::trace::{Event, InputRecord, Retention, Trace};
 use drivetwin_sim::replay;
 use drivetwin_sim::signals::pulses::Pulse;
 use drivetwin_tests::md3::{at, bit};
@@ -19,7 +19,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
 /// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
 struct Rig {
     bench: Bench,
-    drive: Seat,
+    drive: DriveId,
     motor: Motor,
 }
 
@@ -27,7 +27,7 @@ impl Rig {
     #[track_caller]
     fn new(text: &str) -> Self {
         let layout = bench_file::parse(text).unwrap_or_else(|error| panic!("{error}"));
-        let settings = Settings { trace: TraceKeep::All, ..layout.settings() };
+        let settings = Settings { trace: Retention::All, ..layout.settings() };
         let built = layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"));
         let Built { mut bench, seats, motors, .. } = built;
         bench.run_until(1.millis());
@@ -104,9 +104,9 @@ fn every_motion_after_the_cutback_has_the_full_current() {
     let pin = rig.bench.spec(rig.drive).pin("J2.4").expect("the manual has that pin");
     for n in 1..=3 {
         rig.wait_ms(1_000);
-        rig.bench.set_pin(rig.drive, pin, Driving::Low);
+        rig.bench.set_pin(rig.drive, pin, PinStimulus::Low);
         rig.wait_ms(10);
-        rig.bench.set_pin(rig.drive, pin, Driving::Open);
+        rig.bench.set_pin(rig.drive, pin, PinStimulus::Open);
         rig.wait_ms(10);
         assert_eq!((rig.turns() * 1_600.0).round(), f64::from(n));
     }
@@ -229,12 +229,12 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     for n in 0..2_000_u64 {
         // Pin 5 low is backward.
         let forward = n % 2 == 0;
-        let to = if forward { Driving::High } else { Driving::Low };
+        let to = if forward { PinStimulus::High } else { PinStimulus::Low };
         rig.bench.run_until(began + (4 * n).micros());
         rig.bench.set_pin(rig.drive, direction, to);
-        rig.bench.set_pin(rig.drive, step, Driving::Low);
+        rig.bench.set_pin(rig.drive, step, PinStimulus::Low);
         rig.bench.run_until(began + (4 * n + 2).micros());
-        rig.bench.set_pin(rig.drive, step, Driving::High);
+        rig.bench.set_pin(rig.drive, step, PinStimulus::High);
     }
     rig.wait_ms(1);
     let pulses: Vec<Pulse> = rig.bench.pulses(rig.drive.step()).collect();
@@ -249,7 +249,7 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     let (a, b) = (Pin(5), Pin(6));
     let edges = rig.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > began);
     let edges = edges.filter_map(|entry| match entry.event {
-        Event::Fed(Fed::Edge { pin, high }) if pin == a || pin == b => Some((entry.at, pin, high)),
+        Event::Input(InputRecord::Edge { pin, high }) if pin == a || pin == b => Some((entry.at, pin, high)),
         _ => None,
     });
     let edges: Vec<(Instant, Pin, bool)> = edges.collect();

@@ -6,9 +6,9 @@
 
 use drivetwin_firmware::device::{Axis, Pin, Port};
 use drivetwin_firmware::mdrive::Mdrive;
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Closed, Fitting, Motor, Seat, Setup};
+use drivetwin_sim::bench::{Bench, Closed, DriveId, Motor, MotorModel, Setup};
 use proptest::prelude::*;
 
 /// Full steps of a turn.
@@ -74,7 +74,7 @@ impl Rates {
 
 struct Rig {
     bench: Bench,
-    drive: Seat,
+    drive: DriveId,
     motor: Motor,
     /// Angle of the built-in encoder's mark, in turns of the motor.
     mark: f64,
@@ -85,10 +85,11 @@ impl Rig {
         let mut bench = Bench::new();
         let setup = Setup { boot_fast: true, ..Setup::default() };
         let device = if product == Product::Plus { Mdrive::plus() } else { Mdrive::hybrid() };
-        let drive = bench.seat("x", Box::new(device), setup).unwrap();
+        let drive = bench.add_with("x", Box::new(device), setup).unwrap();
         // A Hybrid calibrates for 3.12 s (MC 5-9).
         bench.run_until(4.secs());
-        let motor = bench.fit("m", drive, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+        let motor =
+            bench.attach_motor("m", drive, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
         let mut rig = Self { bench, drive, motor, mark: 0.0 };
         rig.set("MS", rates.microsteps.into());
         // VI is below VM at every moment.

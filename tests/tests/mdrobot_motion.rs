@@ -7,7 +7,7 @@ use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_firmware::testing::{Fixture, Treatment};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Fitting, Motor, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, Motor, MotorModel, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
@@ -93,7 +93,7 @@ fn motors() -> impl Strategy<Value = (i64, Parameters)> {
 }
 
 /// The shaft is held.
-fn held(bench: &Bench, drive: Seat) -> Fault {
+fn held(bench: &Bench, drive: DriveId) -> Fault {
     let place = bench.spec(drive).faults.iter().position(|fault| *fault == "stall").unwrap();
     Fault(place as u8)
 }
@@ -101,7 +101,7 @@ fn held(bench: &Bench, drive: Seat) -> Fault {
 /// A controller with another motor than its own, on a bench.
 struct Other {
     bench: Bench,
-    seat: Seat,
+    seat: DriveId,
     motor: Motor,
     most_ma: u32,
 }
@@ -110,8 +110,8 @@ impl Other {
     fn new((hall_type, motor): (i64, Parameters)) -> Self {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
         let setup = Setup { apart: true, ..Setup::default() };
-        let seat = bench.seat("x", Box::new(mdrobot()), setup).unwrap();
-        let motor = bench.fit("m", seat, Axis(0), Fitting::Brush(motor)).unwrap();
+        let seat = bench.add_with("x", Box::new(mdrobot()), setup).unwrap();
+        let motor = bench.attach_motor("m", seat, Axis(0), MotorModel::Brush(motor)).unwrap();
         // Its load would turn it while the drive starts.
         bench.fault(seat, held(&bench, seat), true);
         bench.run_until(Instant::ZERO + 301.millis());

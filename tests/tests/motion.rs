@@ -3,7 +3,7 @@
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Duration, Instant, Plan};
-use drivetwin_firmware::motion::{Rates, Step, Walker};
+use drivetwin_firmware::motion::{Limits, Step, StepIterator};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_tests::exact::{Jog, Move, STEP, TICK, h};
 use drivetwin_tests::ramps;
@@ -63,7 +63,7 @@ fn twenty_thousand_moves_make_each_step_as_near_as_promised() {
         let up = random.any_size(24);
         let down = if random.below(2) == 0 { up } else { random.any_size(24) };
         let start = if random.below(2) == 0 { 0 } else { random.below(u64::from(speed) + 100) as u32 };
-        let rates = Rates { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
         let back = random.below(2) == 0;
         let begin = random.below(1 << 40);
         let signed = if back { -steps.cast_signed() } else { steps.cast_signed() };
@@ -74,7 +74,7 @@ fn twenty_thousand_moves_make_each_step_as_near_as_promised() {
 
         let every = 1 + steps / 32;
         let mut made = 0;
-        for step in Walker::new(&plan, at(begin)) {
+        for step in StepIterator::new(&plan, at(begin)) {
             made += 1;
             assert_eq!(step.forward, !back);
             if made <= 8 || made + 8 > steps || made % every == 0 {
@@ -101,7 +101,7 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
         let speed = 256 + random.any_size(30);
         // The oracle's 128 bits hold a way·a·b/(a + b) of so much.
         let [up, down] = [random.any_size(16), random.any_size(16)];
-        let rates = Rates { start: U24F8::ZERO, speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits { start: U24F8::ZERO, speed: U24F8::from_bits(speed), up, down };
         let plan = Plan::profile(at(0), 0, steps.cast_signed(), rates);
         let exact = Move::of(steps, rates);
         let [first, second] = exact.seams();
@@ -112,7 +112,7 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
             let after = at(after as u64);
             assert_eq!(plan.position_at(after), n.cast_signed(), "{rates:?}");
             let mut made = n;
-            for step in Walker::new(&plan, after).take(8) {
+            for step in StepIterator::new(&plan, after).take(8) {
                 made += 1;
                 let error = (exactly(step.at) - exact.step(made)).abs();
                 let most = tolerance(&exact, made);
@@ -136,10 +136,10 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
     for round in 0..400 {
         let a = if round < 16 { 1 << (2 * round) } else { random.any_size(31).min(i32::MAX as u32) };
         // A triangle: no cruise at any acceleration.
-        let plan = Plan::profile(at(0), 0, 4_000, Rates::even(U24F8::MAX, a));
+        let plan = Plan::profile(at(0), 0, 4_000, Limits::even(U24F8::MAX, a));
         let [up, stop] = plan.segments() else { panic!("no triangle: {plan:?}") };
         assert_eq!((up.a.unsigned_abs(), stop.a.unsigned_abs()), (a, a));
-        let steps: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
+        let steps: Vec<u64> = StepIterator::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         assert_eq!(steps.len(), 4_000);
         for (n, &ticks) in (1..=1_999).zip(&steps) {
             assert!(is_nearest_root(ticks, n, a), "step {n} at {ticks}, {a} steps/s²");
@@ -183,7 +183,7 @@ fn walked(orders: &[Order]) -> Vec<Step> {
         let from = at(now);
         now += order.ticks;
         let last = if n + 1 == orders.len() { at(now + 1) } else { at(now) };
-        steps.extend(Walker::new(&plan, from).take_while(|step| step.at <= last));
+        steps.extend(StepIterator::new(&plan, from).take_while(|step| step.at <= last));
     }
     steps
 }
@@ -225,7 +225,7 @@ fn profile(random: &mut Random, most: u64) -> Plan {
     let [start, speed] = [random.any_size(24), random.any_size(27)].map(U24F8::from_bits);
     let [up, down] = [random.any_size(31), random.any_size(31)];
     let start = if random.below(2) == 0 { U24F8::ZERO } else { start };
-    Plan::profile(at(random.below(1 << 33)), -3, steps, Rates { start, speed, up, down })
+    Plan::profile(at(random.below(1 << 33)), -3, steps, Limits { start, speed, up, down })
 }
 
 /// An instant of a plan: somewhere in its first hour, or close to a seam.
@@ -250,12 +250,12 @@ fn a_walk_begun_anywhere_makes_the_same_steps() {
     let mut random = Random(5);
     for _ in 0..2_000 {
         let plan = profile(&mut random, 300);
-        let all: Vec<Step> = Walker::new(&plan, plan.start()).collect();
+        let all: Vec<Step> = StepIterator::new(&plan, plan.start()).collect();
         assert_eq!(all.len(), plan.position_at(Instant::NEVER).abs_diff(-3) as usize, "{plan:?}");
         for _ in 0..8 {
             let after = somewhere(&mut random, &plan);
             let rest: Vec<Step> = all.iter().copied().filter(|step| step.at > after).collect();
-            assert_eq!(Walker::new(&plan, after).collect::<Vec<_>>(), rest, "{plan:?} after {after:?}");
+            assert_eq!(StepIterator::new(&plan, after).collect::<Vec<_>>(), rest, "{plan:?} after {after:?}");
         }
     }
 }
@@ -284,7 +284,7 @@ fn a_jog_told_again_what_it_does_makes_the_same_steps() {
 fn agrees(plan: &Plan, after: Instant, most: usize) {
     let mut position = plan.position_at(after);
     let (mut last, mut made) = (after, 0);
-    for step in Walker::new(plan, after).take(most) {
+    for step in StepIterator::new(plan, after).take(most) {
         made += 1;
         let before = step.at - Duration::TICK;
         assert!(step.at > last, "{plan:?} {step:?} {last:?}");
@@ -322,14 +322,14 @@ fn positions_agree_with_the_walker_around_every_step() {
 
 #[test]
 fn positions_agree_with_the_walker_at_every_tick() {
-    let fast = Rates { up: 2_147_483_647, ..Rates::even(U24F8::MAX, 1_500_000_000) };
-    let started = Rates { start: U24F8::from_num(700_000), speed: U24F8::from_num(900_000), ..fast };
-    let one_speed = Rates { start: U24F8::MAX, speed: U24F8::from_num(5_000_000), ..fast };
+    let fast = Limits { up: 2_147_483_647, ..Limits::even(U24F8::MAX, 1_500_000_000) };
+    let started = Limits { start: U24F8::from_num(700_000), speed: U24F8::from_num(900_000), ..fast };
+    let one_speed = Limits { start: U24F8::MAX, speed: U24F8::from_num(5_000_000), ..fast };
     for rates in [fast, started, one_speed] {
         for steps in [-1, 1, 2, 3, 40, -400] {
             let plan = Plan::profile(at(9), 0, steps, rates);
             let mut position = 0;
-            let mut walker = Walker::new(&plan, at(9)).peekable();
+            let mut walker = StepIterator::new(&plan, at(9)).peekable();
             for tick in 9..plan.end().ticks() + 100 {
                 while let Some(step) = walker.next_if(|step| step.at <= at(tick)) {
                     position += if step.forward { 1 } else { -1 };
@@ -343,7 +343,7 @@ fn positions_agree_with_the_walker_at_every_tick() {
 
 /// The steps from the tick `after` on.
 fn steps(plan: &Plan, after: u64) -> impl Iterator<Item = u64> {
-    Walker::new(plan, at(after)).map(|step| step.at.ticks())
+    StepIterator::new(plan, at(after)).map(|step| step.at.ticks())
 }
 
 #[test]
@@ -394,7 +394,7 @@ fn the_slowest_cruise_steps_every_256_seconds() {
     let late = TICKS_PER_SECOND / 512;
     let due: Vec<u64> = (1..=50).map(|n| n * 256 * TICKS_PER_SECOND + late).collect();
     assert_eq!(steps(&plan, 0).take(50).collect::<Vec<_>>(), due);
-    assert!(Walker::new(&plan, at(0)).take(50).all(|step| !step.forward));
+    assert!(StepIterator::new(&plan, at(0)).take(50).all(|step| !step.forward));
     assert_eq!(plan.position_at(at(due[49])), -50);
 }
 
@@ -416,7 +416,7 @@ fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
 
 #[test]
 fn the_longest_move_ends_with_its_last_step() {
-    let slow = Rates::even(U24F8::DELTA, 1);
+    let slow = Limits::even(U24F8::DELTA, 1);
     let plan = Plan::profile(at(0), 0, i32::MIN, slow);
     // 2³¹ steps at 256 s, and 1/256 s more for the two ramps.
     let end = ((1 << 31) * 256 * 256 + 1) * (TICKS_PER_SECOND / 256);
@@ -429,7 +429,7 @@ fn the_longest_move_ends_with_its_last_step() {
 
 #[test]
 fn a_start_speed_above_the_speed_acts_as_the_speed() {
-    let rates = Rates { start: U24F8::from_num(7_000), ..Rates::even(U24F8::from_num(4_000), 10) };
+    let rates = Limits { start: U24F8::from_num(7_000), ..Limits::even(U24F8::from_num(4_000), 10) };
     let plan = Plan::profile(at(0), 0, 25, rates);
     assert_eq!(steps(&plan, 0).collect::<Vec<_>>(), (1..=25).map(|n| n * 4_000).collect::<Vec<_>>());
     assert_eq!(plan.speed_at(at(1)), 4_000);
@@ -440,7 +440,7 @@ fn a_start_speed_above_the_speed_acts_as_the_speed() {
 fn a_start_speed_is_also_the_speed_of_the_last_step() {
     // Up from 1,000 to 3,000 steps/s in 0.2 s and 400 steps, down in 0.1 s and 200, 600 between.
     let rates =
-        Rates { start: U24F8::from_num(1_000), speed: U24F8::from_num(3_000), up: 10_000, down: 20_000 };
+        Limits { start: U24F8::from_num(1_000), speed: U24F8::from_num(3_000), up: 10_000, down: 20_000 };
     let plan = Plan::profile(at(0), 0, 1_200, rates);
     assert_eq!(plan.end().ticks(), 5 * TICKS_PER_SECOND / 10);
     let ticks: Vec<u64> = steps(&plan, 0).collect();
@@ -494,7 +494,7 @@ fn a_step_on_the_vertex_is_made_there() {
     assert_eq!((ticks.len(), ticks.last()), (1_250, Some(&(3 * second / 2))));
     // In a reversal the step on the vertex still goes forward.
     let back = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), -speed, 10_000);
-    let turn: Vec<Step> = Walker::new(&back, at(second)).skip(1_249).take(2).collect();
+    let turn: Vec<Step> = StepIterator::new(&back, at(second)).skip(1_249).take(2).collect();
     assert_eq!((turn[0].at, turn[0].forward, turn[1].forward), (at(3 * second / 2), true, false));
 }
 

@@ -4,15 +4,16 @@
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
 use drivetwin_firmware::md3::{Md3, Reg, motion_control};
 use drivetwin_firmware::motor;
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{
-    Bench, CYCLES_PER_REV, Client, Closed, FURTHEST_REV, Fitting, Motor, PowerAction, Seat, Settings, Setup,
+    Bench, CYCLES_PER_REV, Client, Closed, DriveId, FURTHEST_REV, Motor, MotorModel, PowerAction, Settings,
+    Setup,
 };
-use drivetwin_sim::record::trace::{Did, Event, Fed, Trace, TraceKeep};
+use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Retention, Trace};
 use drivetwin_sim::replay;
 use drivetwin_tests::rs434::{BOOT, at};
 
@@ -27,13 +28,13 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     }
 }
 
-fn pin(bench: &Bench, seat: Seat, name: &str) -> (Seat, Pin) {
+fn pin(bench: &Bench, seat: DriveId, name: &str) -> (DriveId, Pin) {
     (seat, bench.spec(seat).pin(name).expect("the manual has that pin"))
 }
 
-fn seat(bench: &mut Bench, name: &str, kind: &str) -> Seat {
+fn seat(bench: &mut Bench, name: &str, kind: &str) -> DriveId {
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    bench.seat(name, make(kind).unwrap(), setup).unwrap()
+    bench.add_with(name, make(kind).unwrap(), setup).unwrap()
 }
 
 #[track_caller]
@@ -45,22 +46,22 @@ fn assert_replays(bench: &Bench) {
 /// An MD3 that turns a motor of 200 steps in steps of 1/8, whose encoder of 1,000 cycles a QSB-M reads.
 struct Fixture {
     bench: Bench,
-    md3: Seat,
+    md3: DriveId,
     motor: Motor,
-    qsb: Seat,
+    qsb: DriveId,
     client: Client,
 }
 
 impl Fixture {
     fn new() -> Self {
-        Self::with(Parameters::NOMINAL, 1_000)
+        Self::with(StepperParameters::NOMINAL, 1_000)
     }
 
-    fn with(motor: Parameters, cycles_per_rev: u32) -> Self {
-        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+    fn with(motor: StepperParameters, cycles_per_rev: u32) -> Self {
+        let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
         let md3 = seat(&mut bench, "x", "md3");
         let qsb = seat(&mut bench, "reader", "qsb-m");
-        let motor = bench.fit("m", md3, AXIS, Fitting::Stepper(motor)).unwrap();
+        let motor = bench.attach_motor("m", md3, AXIS, MotorModel::Stepper(motor)).unwrap();
         let to = ["A", "B", "I"].map(|name| Some(pin(&bench, qsb, name)));
         bench.encode(motor, cycles_per_rev, to);
         let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
@@ -102,7 +103,7 @@ impl Fixture {
         let events = self.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > since);
         let edges = events.filter_map(|entry| match entry.event {
             // A tick on the wire.
-            Event::Fed(Fed::Edge { pin, high }) if pin == a || pin == b => {
+            Event::Input(InputRecord::Edge { pin, high }) if pin == a || pin == b => {
                 Some((entry.at.ticks() - 1, pin == a, high))
             }
             _ => None,
@@ -167,7 +168,8 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
 fn an_encoder_does_not_lag() {
     // 32 steps a turn, and 400,000 counts: 12,500 a step.
     let most = *CYCLES_PER_REV.end();
-    let mut fixture = Fixture::with(Parameters { steps_per_rev: 4, ..Parameters::NOMINAL }, most + 1);
+    let mut fixture =
+        Fixture::with(StepperParameters { steps_per_rev: 4, ..StepperParameters::NOMINAL }, most + 1);
     let counts_per_step = f64::from(4 * most) / 32.0;
     fixture.set(Reg::MoveSteps, 128);
     fixture.set(Reg::Speed, 20_000);
@@ -224,7 +226,10 @@ fn a_switch_may_be_anywhere() {
         (bounds(Some(f64::NAN), Some(1.0)), Level::Low),
         (bounds(Some(1.0), Some(f64::NAN)), Level::High),
     ] {
-        let most = Parameters { steps_per_rev: Parameters::MOST.steps_per_rev, ..Parameters::NOMINAL };
+        let most = StepperParameters {
+            steps_per_rev: StepperParameters::MOST.steps_per_rev,
+            ..StepperParameters::NOMINAL
+        };
         let mut fixture = Fixture::with(most, 1);
         let to = pin(&fixture.bench, fixture.md3, "J2.2");
         fixture.bench.switch(fixture.motor, closed, to);
@@ -289,12 +294,12 @@ fn row(name: &str) -> usize {
 /// An RS drive that goes through the script, with some registers preset: what it answered and what its motor did, and
 /// the edges of its Hall sensors.
 fn rs_drive(apart: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
-    let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+    let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
     let setup = Setup { apart, presets: presets.to_vec(), ..Setup::default() };
-    let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
-    assert_eq!(bench.parted(drive).is_some(), apart);
-    if let Some(parameters) = bench.parted(drive) {
-        bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+    let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+    assert_eq!(bench.detached_motor(drive).is_some(), apart);
+    if let Some(parameters) = bench.detached_motor(drive) {
+        bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
     }
     let stall = bench.spec(drive).faults.iter().position(|fault| *fault == "stall").unwrap();
     let mut replies = Vec::new();
@@ -319,10 +324,12 @@ fn rs_drive(apart: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<
     let halls = ["HA", "HB"].map(|name| pin(&bench, drive, name).1);
     let edges = bench.trace().events().filter_map(|entry| match entry.event {
         // Its own motor's, as others see them, a tick before the drive does.
-        Event::Did(Did::Level { pin, level }) if halls.contains(&pin) => {
+        Event::Output(OutputRecord::Level { pin, level }) if halls.contains(&pin) => {
             Some((entry.at.ticks() + 1, pin, level == Level::High))
         }
-        Event::Fed(Fed::Edge { pin, high }) if halls.contains(&pin) => Some((entry.at.ticks(), pin, high)),
+        Event::Input(InputRecord::Edge { pin, high }) if halls.contains(&pin) => {
+            Some((entry.at.ticks(), pin, high))
+        }
         _ => None,
     });
     // At power-on its own motor shows that both are high, which the drive apart knows.
@@ -354,10 +361,10 @@ fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
     {
         let mut bench = Bench::new();
         let setup = Setup { apart: true, ..Setup::default() };
-        let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
-        assert_eq!(bench.parted(drive), Some(factory));
+        let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+        assert_eq!(bench.detached_motor(drive), Some(factory));
         let parameters = motor::Parameters { hall_pulses, no_load_rpm, ..factory };
-        let motor = bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+        let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
         bench.run_until(600.millis());
         // SPEED is 1,000, and START.
         bench.ask(drive, &rtu::write(1, at::SPEED, 1_000));
@@ -380,9 +387,9 @@ fn a_motor_of_other_parameters_turns_otherwise() {
     for inertia_gcm2 in [motor::Parameters::NOMINAL.inertia_gcm2, 100_000] {
         let mut bench = Bench::new();
         let setup = Setup { apart: true, ..Setup::default() };
-        let drive = bench.seat("d", Box::new(rs434544()), setup).unwrap();
-        let parameters = motor::Parameters { inertia_gcm2, ..bench.parted(drive).unwrap() };
-        let motor = bench.fit("m", drive, AXIS, Fitting::Brush(parameters)).unwrap();
+        let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+        let parameters = motor::Parameters { inertia_gcm2, ..bench.detached_motor(drive).unwrap() };
+        let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
         bench.run_until(600.millis());
         bench.ask(drive, &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
         bench.run_until(1_600.millis());

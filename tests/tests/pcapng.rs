@@ -7,10 +7,10 @@ use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Bus, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, PowerAction, Settings, Setup};
 use drivetwin_sim::export::pcapng::{self, Blocks, Packet, Pcapng, Protocol, Way};
 use drivetwin_sim::record::capture::Source;
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 use proptest::prelude::*;
 
 /// A packet as it is found in a file.
@@ -60,13 +60,13 @@ fn shown_by(tags: &[u8]) -> String {
     String::from_utf8(tags[4..][..length].to_vec()).unwrap().trim_end_matches('\0').to_owned()
 }
 
-fn bench(capture: TraceKeep) -> Bench {
+fn bench(capture: Retention) -> Bench {
     Bench::with(Settings { capture, ..Settings::default() })
 }
 
-fn seat(bench: &mut Bench, name: &str) -> Seat {
+fn seat(bench: &mut Bench, name: &str) -> DriveId {
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    bench.seat(name, Box::new(Md3::default()), setup).unwrap()
+    bench.add_with(name, Box::new(Md3::default()), setup).unwrap()
 }
 
 fn written(bench: &Bench) -> Vec<u8> {
@@ -103,9 +103,9 @@ const END: Duration = Duration::millis(1_500);
 /// Two drives on a line, one on its own, and a QSB that streams besides what it is asked.
 /// `stops` are instants at which a file follows.
 fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
-    let mut bench = bench(TraceKeep::All);
+    let mut bench = bench(Retention::All);
     let (x, y, z) = (seat(&mut bench, "x"), seat(&mut bench, "y"), seat(&mut bench, "z"));
-    let qsb = bench.seat("q", Box::new(Qsb::m()), Setup { boot_fast: true, ..Setup::default() }).unwrap();
+    let qsb = bench.add_with("q", Box::new(Qsb::m()), Setup { boot_fast: true, ..Setup::default() }).unwrap();
     let shared = bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
     let own = bench.bus(z, Port(0)).unwrap();
     let text = bench.bus(qsb, Port(0)).unwrap();
@@ -159,14 +159,14 @@ fn each_line_has_its_packets() {
     // 20 writes to the first of two drives with one address: both answer, and what that gives is on the line.
     assert!(on("line1").count() >= 40);
     let own: Vec<&Found> =
-        on(bench.bus_name(bench.bus(bench.seat_named("z").unwrap(), Port(0)).unwrap())).collect();
+        on(bench.bus_name(bench.bus(bench.find_drive("z").unwrap(), Port(0)).unwrap())).collect();
     assert_eq!(own.len(), 40);
     for (n, pair) in (0_u64..).zip(own.chunks(2)) {
         assert_eq!(pair[0].bytes, rtu::read(1, 0x12, 2)[..]);
         assert_eq!(pair[0].nanos, 100_007_000 + 61_000_000 * n);
         assert_eq!(pair[1].bytes, rtu::frame(1, &[3, 4, 0, 0, 0x27, 0x10])[..]);
     }
-    let text: Vec<&[u8]> = on(bench.bus_name(bench.bus(bench.seat_named("q").unwrap(), Port(0)).unwrap()))
+    let text: Vec<&[u8]> = on(bench.bus_name(bench.bus(bench.find_drive("q").unwrap(), Port(0)).unwrap()))
         .map(|packet| packet.bytes.as_slice())
         .collect();
     let count = |line: &[u8]| text.iter().filter(|text| **text == line).count();
@@ -189,7 +189,7 @@ proptest! {
 
 #[test]
 fn what_a_ring_forgot_is_counted() {
-    let mut bench = bench(TraceKeep::Ring(2_000));
+    let mut bench = bench(Retention::Ring(2_000));
     let md3 = seat(&mut bench, "x");
     for _ in 0..50 {
         bench.ask(md3, &rtu::read(1, 0x12, 2));
@@ -203,10 +203,10 @@ fn what_a_ring_forgot_is_counted() {
 /// What nobody could read is no Modbus, though each sender's check sum is right; its flag is bit 24 (4.3.1).
 #[test]
 fn what_collided_is_shown_as_data() {
-    let mut bench = bench(TraceKeep::All);
+    let mut bench = bench(Retention::All);
     let seats = ["x", "y"].map(|name| (seat(&mut bench, name), Port(0)));
     let line = bench.share("line1", &seats);
-    bench.let_collide(line, true);
+    bench.set_collisions(line, true);
     let client = bench.connect(line);
     bench.run_until(1.millis());
     bench.send(client, &rtu::read(1, 0x12, 2));
@@ -219,7 +219,7 @@ fn what_collided_is_shown_as_data() {
 
 #[test]
 fn a_power_failure_cuts_what_a_drive_says() {
-    let mut bench = bench(TraceKeep::All);
+    let mut bench = bench(Retention::All);
     let md3 = seat(&mut bench, "x");
     let client = bench.connect(bench.bus(md3, Port(0)).unwrap());
     bench.send(client, &rtu::read(1, 0x12, 2));

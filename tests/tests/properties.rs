@@ -3,7 +3,7 @@
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Encoder, Ends, Fault, Input, Instant, Link, Pin, Port, advance,
+    Boot, Device, Duration, Encoder, Fault, Framing, Input, Instant, Link, Pin, Port, advance,
 };
 use drivetwin_firmware::testing::Transcript;
 use drivetwin_protocol::line::{Line, Parity};
@@ -17,17 +17,17 @@ use proptest::prelude::*;
 #[derive(Clone, Debug)]
 enum Event {
     Bytes(Vec<u8>),
-    Spoiled,
+    RxError,
     Idle,
-    Attached(bool),
+    HostPresence(bool),
     Edge(u8, bool),
     Millivolts(u8, i32),
     Count(u8, i32, bool, bool),
     Fault(u8, bool),
     /// On a TCP connection: how messages end at its port, its number, and what comes there.
-    Opened(Ends, u8),
-    Message(Ends, u8, Vec<u8>),
-    Closed(Ends, u8),
+    Opened(Framing, u8),
+    Message(Framing, u8, Vec<u8>),
+    Closed(Framing, u8),
 }
 
 /// Makes a drive without power.
@@ -310,19 +310,19 @@ fn typed() -> impl Strategy<Value = Vec<u8>> {
 fn on_line() -> impl Strategy<Value = Event> {
     prop_oneof![
         24 => bytes().prop_map(Event::Bytes),
-        2 => Just(Event::Spoiled),
+        2 => Just(Event::RxError),
         2 => Just(Event::Idle),
-        1 => any::<bool>().prop_map(Event::Attached),
+        1 => any::<bool>().prop_map(Event::HostPresence),
     ]
 }
 
 /// What happens at TCP ports.
 fn on_network() -> impl Strategy<Value = Event> {
-    let ends = || proptest::sample::select(vec![Ends::Mbap, Ends::Return]);
+    let ends = || proptest::sample::select(vec![Framing::Mbap, Framing::Return]);
     prop_oneof![
         1 => (ends(), 0_u8..6).prop_map(|(ends, link)| Event::Opened(ends, link)),
-        8 => (0_u8..6, adu()).prop_map(|(link, adu)| Event::Message(Ends::Mbap, link, adu)),
-        12 => (0_u8..6, typed()).prop_map(|(link, line)| Event::Message(Ends::Return, link, line)),
+        8 => (0_u8..6, adu()).prop_map(|(link, adu)| Event::Message(Framing::Mbap, link, adu)),
+        12 => (0_u8..6, typed()).prop_map(|(link, line)| Event::Message(Framing::Return, link, line)),
         1 => (ends(), 0_u8..6).prop_map(|(ends, link)| Event::Closed(ends, link)),
     ]
 }
@@ -406,7 +406,7 @@ fn run(
     let spec = drive.spec();
     let mut log = Transcript::new(spec.memory.into()).without_notes();
     let port = spec.ports.first().expect("every drive here has a port");
-    let silence = port.ends == Ends::Silence;
+    let silence = port.ends == Framing::Silence;
     let longest = longest(&*drive);
     let events = if spec.is_on_network() { on_network } else { on_line };
     // One without such a port does not know where that is.
@@ -446,10 +446,10 @@ fn run(
                     at += line.character() * bytes.len() as u64;
                 }
             }
-            Event::Message(Ends::Return, link, bytes) => {
+            Event::Message(Framing::Return, link, bytes) => {
                 let mut rest = bytes.as_slice();
                 while let Some(line) = next_line(&mut rest) {
-                    inputs.push((at, Event::Message(Ends::Return, *link, line.to_vec())));
+                    inputs.push((at, Event::Message(Framing::Return, *link, line.to_vec())));
                 }
             }
             event => inputs.push((at, event.clone())),
@@ -462,9 +462,9 @@ fn run(
         let (at, event) = &inputs[index];
         let input = match event {
             Event::Bytes(bytes) => Input::Bytes { port: Port(0), bytes },
-            Event::Spoiled => Input::Spoiled { port: Port(0) },
+            Event::RxError => Input::RxError { port: Port(0) },
             Event::Idle => Input::Idle { port: Port(0) },
-            Event::Attached(here) => Input::Attached { port: Port(0), here: *here },
+            Event::HostPresence(here) => Input::HostPresence { port: Port(0), here: *here },
             Event::Edge(pin, high) => Input::Edge { pin: Pin(*pin), high: *high },
             Event::Millivolts(pin, mv) => Input::Millivolts { pin: Pin(*pin), mv: *mv },
             Event::Count(encoder, steps, a, b) => {

@@ -5,9 +5,9 @@
 use drivetwin_firmware::device::{Axis, Duration, Instant, Pin};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, Settings, Setup};
 use drivetwin_sim::line::LineMode;
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 use drivetwin_sim::signals::pulses::Pulse;
 use drivetwin_tests::exact::step_instants;
 use drivetwin_tests::md3::{at, bit, write, write_pair};
@@ -29,17 +29,17 @@ struct Move {
 }
 
 /// An MD3 that listens, on a bench that keeps everything and whose lines take no time.
-fn bench() -> (Bench, Seat) {
-    let settings = Settings { line: LineMode::Fast, trace: TraceKeep::All, ..Settings::default() };
+fn bench() -> (Bench, DriveId) {
+    let settings = Settings { line: LineMode::Fast, trace: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
     let md3 = seat(&mut bench, "x");
     bench.run_until(1.millis());
     (bench, md3)
 }
 
-fn seat(bench: &mut Bench, name: &str) -> Seat {
+fn seat(bench: &mut Bench, name: &str) -> DriveId {
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    bench.seat(name, Box::new(Md3::new()), setup).expect("nobody is called so")
+    bench.add_with(name, Box::new(Md3::new()), setup).expect("nobody is called so")
 }
 
 impl Move {
@@ -57,7 +57,7 @@ fn dice() -> impl FnMut(u32) -> u32 {
 }
 
 /// Makes a move to its end, and waits a little.
-fn make(bench: &mut Bench, md3: Seat, steps: i32, speed: i32, acceleration: u32) -> Move {
+fn make(bench: &mut Bench, md3: DriveId, steps: i32, speed: i32, acceleration: u32) -> Move {
     write_pair(bench, md3, at::MOVE_STEPS, steps.cast_unsigned());
     write_pair(bench, md3, at::SPEED, speed.cast_unsigned());
     write_pair(bench, md3, at::ACCEL_DECEL, acceleration);
@@ -198,7 +198,7 @@ fn nothing_is_counted_before_it_is_made() {
 #[test]
 #[should_panic(expected = "the trace has lost its beginning, or keeps nothing")]
 fn what_is_not_kept_cannot_be_counted() {
-    let mut bench = Bench::with(Settings { trace: TraceKeep::Off, ..Settings::default() });
+    let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
     let md3 = bench.add::<Md3>("x");
     let _ = bench.pulses(md3.step()).count();
 }

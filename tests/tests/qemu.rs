@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use drivetwin_protocol::modbus::{Burst, Voices, rtu};
+use drivetwin_protocol::modbus::{Expect, Scan, rtu};
 use drivetwin_tests::md3::{at, bit};
 
 /// How long a master waits for an answer. The drive's start-up takes 2.5 s.
@@ -83,7 +83,7 @@ impl Board {
             let mut answer = Vec::new();
             while let Ok(byte) = self.heard.recv_timeout(PATIENCE) {
                 answer.push(byte);
-                if rtu::front(&answer, Voices::Slaves) == Burst::Frame(answer.len()) {
+                if rtu::scan(&answer, Expect::Replies) == Scan::Complete(answer.len()) {
                     return answer;
                 }
             }

@@ -6,8 +6,8 @@ use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Client, Seat, Settings, Setup};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::bench::{Bench, Client, DriveId, Settings, Setup};
+use drivetwin_sim::record::trace::Retention;
 use drivetwin_sim::signals::pulses::Pulse;
 
 const AXIS: Axis = Axis(0);
@@ -21,8 +21,8 @@ const JOGGING: u32 = 0x18;
 /// A QSB-M whose DIO1 and DIO2 step an MD3, and a client at its port.
 struct Fixture {
     bench: Bench,
-    qsb: Seat,
-    md3: Seat,
+    qsb: DriveId,
+    md3: DriveId,
     client: Client,
     /// Where the MD3 stood when the QSB stood at 0.
     offset: i32,
@@ -31,10 +31,10 @@ struct Fixture {
 impl Fixture {
     /// With the motor drive active.
     fn new() -> Self {
-        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+        let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
         let setup = || Setup { boot_fast: true, ..Setup::default() };
-        let qsb = bench.seat("qsb", Box::new(Qsb::m()), setup()).unwrap();
-        let md3 = bench.seat("md3", Box::new(Md3::new()), setup()).unwrap();
+        let qsb = bench.add_with("qsb", Box::new(Qsb::m()), setup()).unwrap();
+        let md3 = bench.add_with("md3", Box::new(Md3::new()), setup()).unwrap();
         bench.run_until(10.millis());
         let wires = [("DIO1", "J2.4"), ("DIO2", "J2.5")];
         for (from, to) in wires {
@@ -119,7 +119,7 @@ impl Fixture {
     }
 }
 
-fn pin(bench: &Bench, seat: Seat, name: &str) -> Pin {
+fn pin(bench: &Bench, seat: DriveId, name: &str) -> Pin {
     let mut names = bench.spec(seat).pins.iter().map(|pin| pin.name);
     Pin(names.position(|pin| pin == name).expect("the manual has that pin") as u8)
 }

@@ -4,7 +4,7 @@
 use drivetwin_firmware::device::{Device, Instant};
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Driving, Seat, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, PinStimulus, Setup};
 use drivetwin_sim::rsasm::{self, Image};
 
 const IN1: &str = "IN1";
@@ -22,7 +22,7 @@ const FULLY_ENDED: i64 = 6;
 /// A drive that starts a program when it gets power.
 struct Rig {
     bench: Bench,
-    seat: Seat,
+    seat: DriveId,
 }
 
 impl Rig {
@@ -33,7 +33,7 @@ impl Rig {
         let memory = Some(Image::of(&program).memory());
         let setup = Setup { memory, presets: vec![(autostart, 3)], ..Setup::default() };
         let mut bench = Bench::new();
-        let seat = bench.seat("x", Box::new(drive), setup).unwrap();
+        let seat = bench.add_with("x", Box::new(drive), setup).unwrap();
         Self { bench, seat }
     }
 
@@ -41,7 +41,7 @@ impl Rig {
         self.bench.peek(self.seat, self.bench.spec(self.seat).find(register).unwrap().row)
     }
 
-    fn contact(&mut self, name: &str, driving: Driving) {
+    fn contact(&mut self, name: &str, driving: PinStimulus) {
         let pin = self.bench.spec(self.seat).pin(name).unwrap();
         self.bench.set_pin(self.seat, pin, driving);
     }
@@ -62,8 +62,8 @@ impl Rig {
     }
 
     /// A button that closes IN1, or opens it, and bounces for 5 ms.
-    fn button(&mut self, to: Driving) {
-        let from = if to == Driving::Low { Driving::Open } else { Driving::Low };
+    fn button(&mut self, to: PinStimulus) {
+        let from = if to == PinStimulus::Low { PinStimulus::Open } else { PinStimulus::Low };
         for driving in [to, from, to, from, to] {
             self.contact(IN1, driving);
             self.after(1.millis());
@@ -82,7 +82,7 @@ fn positioning_goes_out_and_home_at_each_press() {
 
     for parts in 1..=3 {
         let pressed = rig.bench.now();
-        rig.button(Driving::Low);
+        rig.button(PinStimulus::Low);
         assert_eq!(rig.get("STATUS"), FORWARD, "the first contact starts it");
         // 20 turns at 25 turns/s and a ramp; 10 ms are more than the line in which the program is then, and settling.
         let out = rig.until_status(STOPPED, 2.secs());
@@ -99,15 +99,15 @@ fn positioning_goes_out_and_home_at_each_press() {
 
         // Neither holding the button nor letting it go is a press.
         rig.after(1.secs());
-        rig.button(Driving::Open);
+        rig.button(PinStimulus::Open);
         rig.after(1.secs());
         assert_eq!((rig.get("STATUS"), rig.get("CURRENT_POSITION"), rig.get("CX_REG")), (STOPPED, 0, parts));
     }
 
     // The emergency stop in the middle of a move ends the program.
-    rig.button(Driving::Low);
+    rig.button(PinStimulus::Low);
     rig.after(200.millis());
-    rig.contact(HARD_STOP, Driving::High);
+    rig.contact(HARD_STOP, PinStimulus::High);
     rig.until_status(STOPPED, 1.secs());
     rig.after(10.millis());
     assert_eq!((rig.get("STATUS_USER_PROGRAM"), rig.get("ERROR") & 1 << 5), (ENDED, 1 << 5));
@@ -122,19 +122,19 @@ fn positioning_counts_no_part_when_hard_stop_is_open() {
         let mut rig = Rig::new(include_str!("../../examples/positioning.rsasm"));
         rig.after(1.secs());
         // One part, so that the registers are those of a feeder that works.
-        rig.button(Driving::Low);
+        rig.button(PinStimulus::Low);
         rig.after(3.secs());
-        rig.button(Driving::Open);
+        rig.button(PinStimulus::Open);
         rig.after(100.millis());
         assert_eq!((rig.get("STATUS_USER_PROGRAM"), rig.get("CX_REG")), (RUNS, 1));
 
         if opens_at == 0 {
-            rig.contact(HARD_STOP, Driving::High);
-            rig.button(Driving::Low);
+            rig.contact(HARD_STOP, PinStimulus::High);
+            rig.button(PinStimulus::Low);
         } else {
-            rig.button(Driving::Low);
+            rig.button(PinStimulus::Low);
             rig.until_status(STOPPED, 2.secs());
-            rig.contact(HARD_STOP, Driving::High);
+            rig.contact(HARD_STOP, PinStimulus::High);
         }
         rig.after(3.secs());
         let registers = ["STATUS_USER_PROGRAM", "STATUS", "CX_REG", "CURRENT_POSITION"];

@@ -2,7 +2,7 @@
 //! with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
-use drivetwin_firmware::device::{Boot, Duration, Ends, Input, Instant, Port, advance, feed};
+use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
 use drivetwin_firmware::testing::Recorder;
 use drivetwin_protocol::modbus::rtu::{self, checked, crc};
 use drivetwin_protocol::modbus::tcp;
@@ -19,7 +19,7 @@ const ANSWER: Duration = Duration::millis(100);
 const SERIAL: Port = Port(0);
 
 /// Kinds of drive with a port where messages end so.
-fn kinds_of(ends: Ends) -> Vec<&'static str> {
+fn kinds_of(ends: Framing) -> Vec<&'static str> {
     let kinds: Vec<_> = catalog::specs()
         .filter(|spec| spec.ports.iter().any(|port| port.ends == ends))
         .map(|spec| spec.kind)
@@ -52,15 +52,15 @@ fn bench(kind: &str) -> Bench {
     let mut bench = Bench::with(Settings::default());
     let drive = catalog::make(kind).expect("a kind");
     bench
-        .seat("x", drive, Setup { boot_fast: true, ..Setup::default() })
+        .add_with("x", drive, Setup { boot_fast: true, ..Setup::default() })
         .expect("a drive that can be seated");
     bench.run_until(Instant::ZERO + START);
     bench
 }
 
 /// A client of its only port where messages end so.
-fn client(bench: &mut Bench, ends: Ends) -> Client {
-    let seat = bench.seat_named("x").expect("the drive");
+fn client(bench: &mut Bench, ends: Framing) -> Client {
+    let seat = bench.find_drive("x").expect("the drive");
     let place = bench.spec(seat).ports.iter().position(|port| port.ends == ends).expect("a port");
     let port = Port(u8::try_from(place).expect("few ports"));
     match bench.bus(seat, port) {
@@ -173,19 +173,19 @@ proptest! {
     fn rtu_without_gaps_is_answered_as_rtu_with_silences(
         requests in prop::collection::vec(request(), 1..6), reads in reads(), pause in 0_u64..80_000,
     ) {
-        for kind in kinds_of(Ends::Silence) {
+        for kind in kinds_of(Framing::Silence) {
             let frames: Vec<Vec<u8>> = requests.iter().map(|request| request.to(unit(kind))).collect();
             let answers = with_silences(kind, &frames);
             let here = answers.iter().filter(|answer| !answer.is_empty()).count();
             let to_it = frames.iter().filter(|frame| frame[0] == unit(kind)).count();
             prop_assert_eq!(here, to_it, "{} answers {:02x?} of {:02x?}", kind, answers, frames);
             let mut bench = bench(kind);
-            let client = client(&mut bench, Ends::Silence);
+            let client = client(&mut bench, Framing::Silence);
             let (stream, pause) = (frames.concat(), Duration::from_ticks(pause));
             let heard = said(&mut bench, client, &split(&stream, &reads), pause, frames.len());
             prop_assert_eq!(&heard, &answers.concat(), "{} hears {:02x?}", kind, frames);
             // Where others are heard a master waits for its answer, and silence decides.
-            bench.let_pace_itself(client);
+            bench.set_self_paced(client);
             for (frame, answer) in frames.iter().zip(&answers) {
                 let heard = said(&mut bench, client, &split(frame, &reads), pause, 2);
                 prop_assert_eq!(&heard, answer, "{} hears {:02x?}", kind, frame);
@@ -197,18 +197,18 @@ proptest! {
     fn adus_at_once_are_answered_as_one_by_one(
         pdus in prop::collection::vec(prop_oneof![pdu(), adu()], 1..6), reads in reads(),
     ) {
-        for kind in kinds_of(Ends::Mbap) {
+        for kind in kinds_of(Framing::Mbap) {
             let adus: Vec<Vec<u8>> = (1..)
                 .zip(&pdus)
                 .map(|(transaction, pdu)| tcp::frame(tcp::Header { transaction, unit: 1 }, pdu).to_vec())
                 .collect();
             let mut singly = bench(kind);
-            let one = client(&mut singly, Ends::Mbap);
+            let one = client(&mut singly, Framing::Mbap);
             let answers: Vec<Vec<u8>> =
                 adus.iter().map(|adu| said(&mut singly, one, &[adu], Duration::ZERO, 1)).collect();
             prop_assert!(answers.iter().all(|answer| tcp::parse(answer).is_some()), "{:02x?}", answers);
             let mut bench = bench(kind);
-            let client = client(&mut bench, Ends::Mbap);
+            let client = client(&mut bench, Framing::Mbap);
             let heard = said(&mut bench, client, &split(&adus.concat(), &reads), Duration::ZERO, adus.len());
             prop_assert_eq!(heard, answers.concat());
         }
@@ -219,7 +219,7 @@ proptest! {
         lines in prop::collection::vec(line(), 1..8), reads in reads(), pause in 0_u64..20_000,
     ) {
         // Of a QSB no character waits for the end of its line.
-        let ends = [Ends::Return, Ends::Character].into_iter();
+        let ends = [Framing::Return, Framing::Character].into_iter();
         for (kind, ends) in ends.flat_map(|ends| kinds_of(ends).into_iter().map(move |kind| (kind, ends))) {
             // The first one has an answer, whatever the others are.
             let first = ("R0E\r".to_owned(), "PR R1\r".to_owned());

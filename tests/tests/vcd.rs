@@ -7,8 +7,8 @@ use drivetwin_firmware::device::Pin;
 use drivetwin_firmware::md3::Md3;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Driving, PowerAction, Settings};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::bench::{Bench, PinStimulus, PowerAction, Settings};
+use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::exact::step_instants;
 use drivetwin_tests::md3::{at, bit, write, write_pair};
 use vcd::{Command, IdCode, Parser, SimulationCommand, TimescaleUnit, Value};
@@ -119,7 +119,7 @@ fn ticks(span: Duration) -> u64 {
 
 /// A bench that keeps all that happens.
 fn bench() -> Bench {
-    Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() })
+    Bench::with(Settings { trace: Retention::All, ..Settings::default() })
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn step_pulses_pass_through() {
     let md3 = bench.add::<Md3>("x");
     bench.run_until(2_500.millis());
     // J2 pins 4 and 5 are step and direction (7.8), a step at each falling edge, low is backward.
-    bench.set_pin(md3, Pin(3), Driving::Low);
+    bench.set_pin(md3, Pin(3), PinStimulus::Low);
     bench.pulse(md3, Pin(2), 1_000, 100_000.0).unwrap();
     bench.run_until(3.secs());
     let file = File::of(&bench);
@@ -225,7 +225,7 @@ fn two_drives_have_scopes_of_their_own() {
         write(&mut bench, seat, at::MOVE_STEPS + 1, steps);
         write(&mut bench, seat, at::MOTION, bit::MOVE);
     }
-    bench.set_pin(y, Pin(0), Driving::Low);
+    bench.set_pin(y, Pin(0), PinStimulus::Low);
     bench.run_until(4.secs());
     let file = File::of(&bench);
     for (scope, steps) in [("x", 300), ("y", 200)] {
@@ -261,7 +261,7 @@ fn without_power_nobody_knows() {
     let mut bench = bench();
     let md3 = bench.add::<Md3>("x");
     bench.run_until(2_500.millis());
-    bench.set_pin(md3, Pin(0), Driving::Low);
+    bench.set_pin(md3, Pin(0), PinStimulus::Low);
     write(&mut bench, md3, at::MOTION, bit::MOVE);
     bench.run_until(4.secs());
     bench.power(md3, PowerAction::Off);

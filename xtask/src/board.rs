@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use drivetwin_firmware::device::{Device, Ends, Spec};
+use drivetwin_firmware::device::{Device, Framing, Spec};
 use drivetwin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
-use crate::checks::{BARE, host, target_dir};
+use crate::checks::{EMPTY, host, target_dir};
 use crate::image::Image;
 use crate::tools::{Tool, Tools};
 
@@ -70,7 +70,8 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
         // A board's crate builds for its processor only.
         let others = BOARDS.iter().map(|board| board.package).filter(|other| other != package);
         let others: Vec<&str> = others.collect();
-        let packages = BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
+        let packages =
+            EMPTY.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
         cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target} -- -D warnings").run()?;
         let logs = cmd!(
             sh,
@@ -180,7 +181,7 @@ pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
 pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = spec(kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
-        Some(Ends::Character) => {
+        Some(Framing::Character) => {
             format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }
         _ => {

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use drivetwin_firmware::device::Spec;
-use drivetwin_protocol::modbus::{Burst, Voices, rtu};
+use drivetwin_protocol::modbus::{Expect, Scan, rtu};
 use xshell::{Shell, cmd};
 
 use crate::board::{LM3S6965, RP2040, spec};
@@ -60,7 +60,7 @@ const MD3_MOTION: u16 = 0x11;
 
 /// Takes a Modbus frame off what has come.
 fn frame(heard: &mut Vec<u8>) -> Option<Vec<u8>> {
-    let whole = rtu::front(heard, Voices::Slaves) == Burst::Frame(heard.len());
+    let whole = rtu::scan(heard, Expect::Replies) == Scan::Complete(heard.len());
     whole.then(|| std::mem::take(heard))
 }
 

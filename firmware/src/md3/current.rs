@@ -7,14 +7,14 @@ use super::registers::io_port::J2_2;
 use super::registers::{Reg, current_ma, microstepping_percent};
 use super::startup::Lights;
 use super::{AXIS, OVER_TEMPERATURE};
-use crate::device::{Duration, Fault, Instant, Output, Sink};
+use crate::device::{Context, Duration, Fault, Instant, Output};
 
 /// A unit of the cutback timeout (7.3).
 const TIMEOUT_UNIT: Duration = Duration::millis(100);
 
 impl Drive {
     /// The cause of a fault comes or goes. A fault stays when its cause has gone (7.15).
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let bit = 1_u8.checked_shl(u32::from(fault.0)).unwrap_or(0);
         if on {
             self.causes |= bit;
@@ -58,7 +58,7 @@ impl Drive {
     }
 
     /// Gives the motor its current, and shows it on the lights.
-    pub(super) fn show_current(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show_current(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }
@@ -79,7 +79,7 @@ impl Drive {
         };
         if self.current != ma {
             self.current = ma;
-            out.put(at, Output::Current { axis: AXIS, ma });
+            out.put(at, Output::CurrentLimit { axis: AXIS, ma });
             self.motor.energize(at, ma > 0, out);
         }
     }

@@ -23,7 +23,7 @@ use super::registers::{
 };
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
-use crate::device::{self, Instant, Level, Output, Refused, Sink};
+use crate::device::{self, Context, Instant, Level, Output, PresetError};
 use crate::memory::Save;
 
 /// State of the drive, from power-on to ready.
@@ -123,14 +123,14 @@ impl Drive {
         }
     }
 
-    pub(super) fn power_on(&mut self, at: Instant, boot: device::Boot, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: device::Boot, out: &mut dyn Context) {
         *self = Self::new(self.version);
         self.motor = Motor::new(at);
         let passed = self.eeprom.load(self.bank.words_mut(), out);
         self.latch = self.bank.word(Reg::IOPortData);
         self.disabled = self.bank.word(Reg::MotionControl) & motion_control::DISABLE != 0;
         self.motor.begin(at, out);
-        out.put(at, Output::Current { axis: super::AXIS, ma: 0 });
+        out.put(at, Output::CurrentLimit { axis: super::AXIS, ma: 0 });
         out.put(at, Output::Level { pin: BUSY, level: open_drain(false) });
         self.configure(at, out);
         self.show_port(at, out);
@@ -144,7 +144,7 @@ impl Drive {
     }
 
     /// Characters come: of this instant all else has been told.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if let State::Waking(due) = self.state
             && due <= at
         {
@@ -153,7 +153,7 @@ impl Drive {
     }
 
     /// The start-up delay is over.
-    fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.restart_cutback(at);
         self.fault = self.causes != 0;
@@ -183,7 +183,7 @@ impl Drive {
             .min(self.encoder.deadline())
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.encoder.deadline() <= at {
             self.encoder.timeout(at);
             self.stale = true;
@@ -269,20 +269,20 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
-        let row = Reg::ENTRIES.list.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let row = Reg::ENTRIES.list.get(reg.row()).ok_or(PresetError::NoSuchRegister)?;
         let identifies = reg == Reg::ProductInformation;
         let legal = if identifies { self.version.is_product(value) } else { row.accepts(value) };
         if !legal {
-            return Err(Refused::OutOfRange);
+            return Err(PresetError::OutOfRange);
         }
         if row.saved == 0 && (self.state == State::Off || !row.access.writes() && !identifies) {
-            return Err(Refused::ReadOnly);
+            return Err(PresetError::ReadOnly);
         }
         if self.state == State::Off {
             if !self.eeprom.load(self.bank.words_mut(), out) {
-                return Err(Refused::BadMemory);
+                return Err(PresetError::BadMemory);
             }
             self.bank.set(reg, value);
             Save::of_rows::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, SAVE, out).finish(at, out);
@@ -294,7 +294,7 @@ impl Drive {
     }
 
     /// Carries out a written register, in the manual's order.
-    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
+    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
@@ -339,7 +339,7 @@ impl Drive {
     }
 
     /// Takes the settings of the motor, the pins and the encoder from their registers.
-    fn configure(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn configure(&mut self, at: Instant, out: &mut dyn Context) {
         let pwm = pwm(self.bank.word(Reg::MotorCurrentAndMicrostepping));
         let function = self.bank.word(Reg::PinFunctionAndPolarity);
         let ready = self.state == State::Ready;
@@ -363,7 +363,7 @@ impl Drive {
     }
 
     /// A write of EEPROMControl (7.20); with both bits it is a save.
-    fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
+    fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         if word & eeprom_control::WRITE != 0 {
             // What the pins show is not what was written to them.
             self.bank.set(Reg::IOPortData, i64::from(self.latch));
@@ -379,7 +379,7 @@ impl Drive {
 
     /// All saved registers have been written at once: what ran so far feels the new acceleration
     /// first, and an endless mode begins with the new values.
-    fn loaded(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn loaded(&mut self, at: Instant, out: &mut dyn Context) {
         let control = self.bank.word(Reg::MotionControl);
         self.acceleration_changed(at, out);
         for reg in [
@@ -405,7 +405,7 @@ impl Drive {
     }
 
     /// Shows what has become of the drive: current, lights, BUSY, and the registers of its state.
-    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Context) {
         self.show_current(at, out);
         self.cutback_at = self.cutback_due();
         // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2).
@@ -422,7 +422,7 @@ impl Drive {
     }
 
     /// Drives the outputs of IOPortData (7.9).
-    fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn show_port(&mut self, at: Instant, out: &mut dyn Context) {
         self.stale = true;
         out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & io_port::J3_8 != 0) });
         for (pin, bit) in [(J2_9, io_port::J2_9), (J2_10, io_port::J2_10), (J2_12, io_port::J2_12)] {

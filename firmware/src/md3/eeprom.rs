@@ -4,7 +4,7 @@ use drivetwin_protocol::registers::Register;
 
 use super::MEMORY;
 use super::registers::{Reg, eeprom_control};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
 /// Time of a save (7.20 does not give it).
@@ -35,7 +35,7 @@ impl Eeprom {
 
     /// Loads the saved registers, those of a new drive from the factory; leaves them alone if the
     /// memory is bad. Returns whether it passed.
-    pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Sink) -> bool {
+    pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Context) -> bool {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         match content {
             Content::New => memory::reset(Reg::ENTRIES, words),
@@ -48,7 +48,7 @@ impl Eeprom {
     }
 
     /// Begins to save the registers; nothing while a save runs.
-    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Sink) {
+    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) {
         if self.save.is_none() {
             self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
         }
@@ -59,7 +59,7 @@ impl Eeprom {
     }
 
     /// The save's time is over.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save
             && save.due() <= at
         {

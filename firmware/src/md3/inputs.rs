@@ -7,14 +7,14 @@ use super::pins::{Mode, Pin2, Pin3};
 use super::registers::Reg;
 use super::registers::io_port::{J2_2, J2_3, J2_4, J2_5, J2_9, J2_10, J2_12};
 use crate::counter::Channel;
-use crate::device::{Duration, Instant, Pin, Sink};
+use crate::device::{Context, Duration, Instant, Pin};
 
 /// Step pulses that follow each other faster are lost: 250 kHz (7.8).
 const STEP_INTERVAL: Duration = Duration::micros(4);
 
 impl Drive {
     /// An input pin changed.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let Some(&bit) = PORT_BITS.get(usize::from(pin.0)) else { return };
         let levels = if high { self.levels | bit } else { self.levels & !bit };
         if levels == self.levels {
@@ -51,7 +51,7 @@ impl Drive {
 
     /// Does what pins 2 to 5 ask for after a change of their levels, polarities or functions. A new
     /// polarity is an edge when it changes what is active.
-    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Context) {
         let active = self.pins.active(self.levels);
         let edges = active ^ self.active;
         let moves = edges & (J2_4 | J2_5) != 0;
@@ -72,7 +72,7 @@ impl Drive {
         self.resume(at, out);
     }
 
-    fn look_at_pin_2(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn look_at_pin_2(&mut self, at: Instant, out: &mut dyn Context) {
         self.look_for_flag(at, out);
         let alternate = self.pins.pin_2 == Pin2::SpeedSelect && self.active & J2_2 != 0;
         if alternate != self.alternate {
@@ -98,7 +98,7 @@ impl Drive {
         (is(Pin3::Inhibit), is(Pin3::InhibitModbus))
     }
 
-    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Sink) {
+    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Context) {
         let (inhibited, bus_inhibited) = self.inhibits();
         let homes = activated & J2_3 != 0 && self.pins.pin_3 == Pin3::Home;
         if homes || inhibited && !self.inhibited || bus_inhibited && !self.bus_inhibited {
@@ -116,7 +116,7 @@ impl Drive {
     }
 
     /// Edges on pins 4 and 5: what a mode does with them while nothing moves.
-    fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Sink) {
+    fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Context) {
         let fell = |pin| edges & self.active & pin != 0;
         let rose = |pin| edges & !self.active & pin != 0;
         let (fell_4, rose_4, fell_5) = (fell(J2_4), rose(J2_4), fell(J2_5));
@@ -146,7 +146,7 @@ impl Drive {
     }
 
     /// A step pulse.
-    fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Sink) {
+    fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Context) {
         if at >= self.steps_from && self.may_step() {
             self.steps_from = at + STEP_INTERVAL;
             self.motor.step(at, if backward { -1 } else { 1 }, out);

@@ -18,17 +18,17 @@ mod startup;
 mod tests;
 
 use drivetwin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
-use drivetwin_protocol::modbus::rtu::Receiver;
-use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
-use drivetwin_protocol::modbus::{Frame, Why};
+use drivetwin_protocol::modbus::rtu::RtuReceiver;
+use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_rtu};
+use drivetwin_protocol::modbus::{DropReason, Frame};
 use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::Drive;
 pub use self::registers::{Reg, line, motion_control};
 use self::registers::{Version, io_port};
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
-    PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
 };
 use crate::memory;
 
@@ -106,7 +106,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         kind,
         product,
         manual: "MD3 User Guide V1.7",
-        ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
         encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: Some(J2_9) }],
@@ -116,7 +116,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         address: Some(Reg::DeviceAddress as usize),
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
         not_modelled: &NOT_MODELLED,
-        ..Spec::BARE
+        ..Spec::EMPTY
     }
 }
 
@@ -136,7 +136,7 @@ static RULES: Rules = Rules {
 /// An MD3.
 #[derive(Clone, Debug)]
 pub struct Md3 {
-    receiver: Receiver,
+    receiver: RtuReceiver,
     drive: Drive,
 }
 
@@ -160,11 +160,11 @@ impl Md3 {
     }
 
     fn of(version: Version) -> Self {
-        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new(version) }
+        Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new(version) }
     }
 
     /// The frame that has come is over.
-    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let character = self.receiver.timing().character;
         let Some(frame) = self.receiver.take() else { return };
         self.drive.refresh();
@@ -176,7 +176,7 @@ impl Md3 {
             Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
             Err(why) => Outcome::Dropped(why),
         };
-        out.put(at, Output::Note(Note::of(RS485, outcome)));
+        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
         if !reply.is_empty() {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
@@ -187,14 +187,14 @@ impl Md3 {
     }
 
     /// From `from` on the line is what the registers ask for (7.22).
-    fn follow_line(&mut self, from: Instant, out: &mut dyn Sink) {
+    fn follow_line(&mut self, from: Instant, out: &mut dyn Context) {
         let line = registers::line(self.drive.serial_port());
         self.receiver.set_line(from, line);
         out.put(from, Output::Line { port: RS485, line });
     }
 
     /// Characters; those that end before the drive listens are lost.
-    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at <= *deaf_until) else {
             self.receiver.bytes(at, bytes);
             return;
@@ -203,7 +203,7 @@ impl Md3 {
         let lost = deaf_until.since(at) / character + 1;
         let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
         self.receiver.bytes(at + character * lost, heard);
-        out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+        out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
     }
 }
 
@@ -215,14 +215,14 @@ impl Device for Md3 {
         }
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
         self.receiver.clear();
         self.follow_line(at, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {
             self.drive.wake(at, out);
         }
@@ -231,25 +231,25 @@ impl Device for Md3 {
         }
         match input {
             Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
-            Input::Spoiled { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at > deaf_until) => {
+            Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at > deaf_until) => {
                 self.receiver.spoiled(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
             Input::Count { steps, a, b, .. } => self.drive.take_count(steps, a, b),
-            Input::Slipped { steps, .. } => self.drive.slipped(steps),
+            Input::StepsCorrection { steps, .. } => self.drive.slipped(steps),
             // It has no such ports, and the motor's inputs are its outputs.
-            Input::Spoiled { .. }
-            | Input::Attached { .. }
+            Input::RxError { .. }
+            | Input::HostPresence { .. }
             | Input::Opened { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
             | Input::Open { .. }
             | Input::Millivolts { .. }
-            | Input::Current { .. }
+            | Input::CurrentLimit { .. }
             | Input::Duty { .. }
-            | Input::Draws { .. }
+            | Input::MotorCurrent { .. }
             | Input::Motor { .. }
             | Input::Rotation { .. }
             | Input::Plan { .. }
@@ -261,7 +261,7 @@ impl Device for Md3 {
         self.drive.deadline().min(self.receiver.deadline())
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
         }
@@ -274,9 +274,15 @@ impl Device for Md3 {
         self.drive.peek(row)
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         let setting = self.drive.serial_port();
-        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+        let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
         if self.drive.serial_port() != setting {
             self.follow_line(at, out);
@@ -293,10 +299,10 @@ impl Device for Md3 {
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Map for Bus<'_> {
+impl RequestHandler for Bus<'_> {
     type Register = Reg;
 
     fn words(&self) -> &[u16] {

@@ -6,8 +6,8 @@ use super::drive::{Drive, State};
 use super::pins::{Mode, Pin2};
 use super::registers::io_port::{J2_2, J2_4, J2_5, J2_9};
 use super::registers::{Reg, homing, motion_control};
-use crate::device::{Duration, Instant, Sink};
-use crate::motion::Rates;
+use crate::device::{Context, Duration, Instant};
+use crate::motion::Limits;
 
 /// Interval at which the flag is sampled (7.5).
 const FLAG_SAMPLE: Duration = Duration::micros(4);
@@ -66,7 +66,7 @@ impl Motion {
 impl Drive {
     /// A write of MotionControl (7.15): the fault first, then Disable, which is a level and forbids the
     /// rest, then the first bit that is set. INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
-    pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
+    pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         let has = |bit| word & bit != 0 && !self.bus_inhibited;
         let (clear, stop, decelerate) =
             (has(motion_control::FAULT), has(motion_control::STOP), has(motion_control::DECEL_STOP));
@@ -95,10 +95,10 @@ impl Drive {
     }
 
     /// A profile move, from standstill only; whether it moves.
-    pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Sink) -> bool {
+    pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Context) -> bool {
         let steps = self.bank.get(Reg::MoveSteps) as i32;
         let steps = if reversed { steps.wrapping_neg() } else { steps };
-        let rates = Rates::even(magnitude(self.speed()), self.acceleration());
+        let rates = Limits::even(magnitude(self.speed()), self.acceleration());
         self.may_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
     }
 
@@ -107,9 +107,9 @@ impl Drive {
         &mut self,
         motion: Motion,
         steps: i32,
-        rates: Rates,
+        rates: Limits,
         at: Instant,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> bool {
         let moves = steps != 0 && rates.speed > 0 && rates.up > 0;
         if moves {
@@ -120,7 +120,7 @@ impl Drive {
     }
 
     /// A jog from standstill; one that runs ramps to the present speed.
-    fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
             Motion::Jog(jog) if !jog.ends => self.jog(jog.by_pins, jog.reversed, at, out),
             _ => self.jog(false, false, at, out),
@@ -128,7 +128,7 @@ impl Drive {
     }
 
     /// Starts a jog; without effect while another motion runs, and without an acceleration, which would take for ever.
-    fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Sink) {
+    fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Context) {
         let speed = self.jog_speed(reversed);
         let starts = self.motion == Motion::None && self.may_move() && speed != 0;
         let acceleration = self.acceleration();
@@ -158,7 +158,7 @@ impl Drive {
     }
 
     /// Jogs as pins 4 and 5 ask for it, or no longer.
-    pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Context) {
         match (self.jog_wanted(), self.motion) {
             (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, ends: false, .. }))
                 if wanted == reversed => {}
@@ -173,7 +173,7 @@ impl Drive {
     }
 
     /// A home cycle, from standstill only; whether it moves.
-    pub(super) fn home(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+    pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let known = homing::mode(self.homing()).is_some();
         known
             && self.may_step()
@@ -181,14 +181,14 @@ impl Drive {
     }
 
     /// The move of an offset, as `part` of a home cycle; whether that takes any time.
-    fn home_by(&mut self, part: Part, offset: Reg, at: Instant, out: &mut dyn Sink) -> bool {
+    fn home_by(&mut self, part: Part, offset: Reg, at: Instant, out: &mut dyn Context) -> bool {
         // SPEEDSEL does not matter here.
-        let rates = Rates::even(magnitude(self.normal_speed()), self.acceleration());
+        let rates = Limits::even(magnitude(self.normal_speed()), self.acceleration());
         self.start_profile(Motion::Home(part), self.bank.get(offset) as i32, rates, at, out)
     }
 
     /// The search, or what follows it if there is nothing to search for; whether that takes any time.
-    fn search_on(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+    fn search_on(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let (speed, acceleration) = (magnitude(self.normal_speed()), self.acceleration());
         if speed == 0 || acceleration == 0 {
             return false;
@@ -215,7 +215,7 @@ impl Drive {
     }
 
     /// Pin 2 or 9 has changed: an index is seen at once, the flag at the next sample.
-    pub(super) fn look_for_flag(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_for_flag(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion != Motion::Home(Part::Search) || !self.flag() {
             return;
         }
@@ -228,7 +228,7 @@ impl Drive {
     }
 
     /// Stops the search: at once, or with a ramp.
-    fn flag_found(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn flag_found(&mut self, at: Instant, out: &mut dyn Context) {
         if homing::mode(self.homing()).is_some_and(|mode| mode.with_ramp) {
             self.motor.towards(at, I24F8::ZERO, self.acceleration(), out);
         } else {
@@ -255,7 +255,7 @@ impl Drive {
     }
 
     /// Handles the end of a motion, or a sample of the flag.
-    pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Context) {
         let over = self.motion;
         let goes_on = match over {
             Motion::Home(Part::Seen { .. }) => {
@@ -290,7 +290,7 @@ impl Drive {
     }
 
     /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves.
-    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.armed || self.motion != Motion::None {
             return;
         }
@@ -308,7 +308,7 @@ impl Drive {
     }
 
     /// Pins 4 and 5 have another function than `before` (7.8).
-    pub(super) fn mode_changed(&mut self, before: Mode, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn mode_changed(&mut self, before: Mode, at: Instant, out: &mut dyn Context) {
         match before {
             same if same == self.pins.mode => {}
             Mode::EndlessMoves | Mode::EndlessHomes => self.halt(at, out),
@@ -318,7 +318,7 @@ impl Drive {
 
     /// Speed, AlternateSpeed or what selects them has changed: it counts at once in a jog, and not in a
     /// profile move (7.17).
-    pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
             Motion::Jog(jog) if !jog.ends => {
                 if jog.speed != self.jog_speed(jog.reversed) {
@@ -330,7 +330,7 @@ impl Drive {
     }
 
     /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it.
-    pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, ends: false });
         self.jog(false, false, at, out);
@@ -338,7 +338,7 @@ impl Drive {
 
     /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
     /// profile move. A jog takes it for its next ramp, be it one that waited for an acceleration.
-    pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion == Motion::Profile {
             self.stop(at, out);
         }
@@ -347,7 +347,7 @@ impl Drive {
     }
 
     /// Ends any motion with a ramp.
-    fn decelerate(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn decelerate(&mut self, at: Instant, out: &mut dyn Context) {
         self.armed = false;
         if self.motion != Motion::None {
             self.slow_down(Motion::DecelStop, at, out);
@@ -355,7 +355,7 @@ impl Drive {
     }
 
     /// A ramp to standstill, as `motion`.
-    fn slow_down(&mut self, motion: Motion, at: Instant, out: &mut dyn Sink) {
+    fn slow_down(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         let acceleration = self.acceleration();
         if acceleration > 0 && self.motor.towards(at, I24F8::ZERO, acceleration, out) {
             self.enter(motion, at);
@@ -365,13 +365,13 @@ impl Drive {
     }
 
     /// Stops at once, whoever moves the motor, and stays so.
-    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.armed = false;
         self.halt(at, out);
     }
 
     /// Stops at once, with the motor where it is.
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion != Motion::None {
             self.motor.halt(at, out);
             self.enter(Motion::None, at);
@@ -380,7 +380,7 @@ impl Drive {
 
     /// A motion begins. The cutback ends before its first step: a load that needs the full current would else
     /// hold the motor back (7.3).
-    fn start(&mut self, motion: Motion, at: Instant, out: &mut dyn Sink) {
+    fn start(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         self.enter(motion, at);
         self.show_current(at, out);
     }

@@ -6,8 +6,8 @@ use fixed::types::{I24F8, I48F16};
 
 use super::AXIS;
 use super::registers::Pwm;
-use crate::device::{Instant, Output, Plan, Sink};
-use crate::motion::Rates;
+use crate::device::{Context, Instant, Output, Plan};
+use crate::motion::Limits;
 
 /// The duty cycle that means always on.
 const FULL: i32 = 1 << 16;
@@ -49,7 +49,7 @@ impl Motor {
     }
 
     /// Power comes.
-    pub(super) fn begin(&self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn begin(&self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
     }
 
@@ -75,13 +75,13 @@ impl Motor {
 
     /// A stepper, or a brush motor with these periods: its counts are of the new range from the next
     /// period on. The drive has stopped what was the other.
-    pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Sink) {
+    pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Context) {
         self.pwm = pwm;
         self.follow(at, out);
     }
 
     /// Takes its current, or gives it again.
-    pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Sink) {
+    pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Context) {
         if self.has_current != on {
             self.has_current = on;
             self.follow(at, out);
@@ -89,7 +89,7 @@ impl Motor {
     }
 
     /// From standstill `steps` steps.
-    pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Rates, out: &mut dyn Sink) {
+    pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Limits, out: &mut dyn Context) {
         let from = self.planned(at);
         self.go(at, Plan::profile(at, from, steps, rates), out);
     }
@@ -100,7 +100,7 @@ impl Motor {
         at: Instant,
         speed: I24F8,
         acceleration: u32,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> bool {
         let plan = self.plan.resumed(at, self.planned(at)).towards(at, speed, acceleration);
         self.aim = speed;
@@ -109,7 +109,7 @@ impl Motor {
     }
 
     /// Stops at once.
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         self.aim = I24F8::ZERO;
         self.set_duty(at, 0, out);
         let position = self.planned(at);
@@ -117,13 +117,13 @@ impl Motor {
     }
 
     /// The plan has come to its end: so does a brush motor's duty, before its period is over.
-    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_duty(at, self.duty_of(self.aim.into()), out);
         self.schedule(at);
     }
 
     /// A step without a ramp.
-    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         if self.stands.is_none() {
             self.beside = self.beside.wrapping_add(steps);
             out.put(at, Output::Step { axis: AXIS, steps });
@@ -140,7 +140,7 @@ impl Motor {
     }
 
     /// A period of the PWM begins.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.next_period <= at {
             let duty = self.duty_of(self.plan.speed_at(at));
             self.set_duty(at, duty, out);
@@ -153,7 +153,7 @@ impl Motor {
         self.plan.position_at(at).wrapping_add(self.beside)
     }
 
-    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         (self.plan, self.beside) = (plan, 0);
         if self.stands.is_none() {
             out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
@@ -162,7 +162,7 @@ impl Motor {
     }
 
     /// Follows the plan from here on, or stands still.
-    fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn follow(&mut self, at: Instant, out: &mut dyn Context) {
         let stands = !self.has_current || self.pwm.is_some();
         let rests = self.end() <= at;
         match self.stands {
@@ -208,7 +208,7 @@ impl Motor {
         if counts < 0 { -duty } else { duty }
     }
 
-    fn set_duty(&mut self, at: Instant, duty: i32, out: &mut dyn Sink) {
+    fn set_duty(&mut self, at: Instant, duty: i32, out: &mut dyn Context) {
         if self.duty != duty {
             self.duty = duty;
             out.put(at, Output::Duty { axis: AXIS, duty });

@@ -1,7 +1,7 @@
 //! The MD3's two lights, and its start (sections 2, 4 and 7.20).
 
 use super::{GREEN, RED};
-use crate::device::{Duration, Instant, Level, Output, Sink};
+use crate::device::{Context, Duration, Instant, Level, Output};
 
 /// Built-in delay before the motor has current and the drive listens (7.4).
 const STARTUP: Duration = Duration::millis(2_500);
@@ -42,7 +42,7 @@ enum Phase {
 
 impl Startup {
     /// Starts with an EEPROM that passed or did not, and the register StartupDelay.
-    pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Sink) -> Self {
+    pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Context) -> Self {
         let flashes = |pin| Output::Wave { pin, period: FLASH, high: BRIGHT };
         out.put(at, flashes(RED));
         let (flashing, delayed) = if passed {
@@ -57,7 +57,7 @@ impl Startup {
     }
 
     /// A phase is over: the next one, or `None` when the drive is ready.
-    pub(super) fn next(self, at: Instant, out: &mut dyn Sink) -> Option<Self> {
+    pub(super) fn next(self, at: Instant, out: &mut dyn Context) -> Option<Self> {
         if at >= self.ready {
             return None;
         }
@@ -91,7 +91,7 @@ pub(super) enum Lights {
 
 impl Lights {
     /// Shows `next` instead, without a break in a heartbeat that goes on.
-    pub(super) fn change(&mut self, next: Self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn change(&mut self, next: Self, at: Instant, out: &mut dyn Context) {
         let beats = |lights| matches!(lights, Self::Normal | Self::Cutback);
         let wave = |pin| Output::Wave { pin, period: HEARTBEAT, high: BRIGHT };
         let level = |pin, level| Output::Level { pin, level };

@@ -28,8 +28,8 @@ use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::variables::{entry, is_number, words};
-use crate::device::{Boot, Fault, Instant, Refused, Sink};
-use crate::motor::stepper::Parameters;
+use crate::device::{Boot, Context, Fault, Instant, PresetError};
+use crate::motor::stepper::StepperParameters;
 
 /// Differences of the two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -118,7 +118,7 @@ impl Drive {
         own.min(machine).min(lines)
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.startup_due() <= at {
             self.ready(at, out);
         }
@@ -144,7 +144,7 @@ impl Drive {
         }
     }
 
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         match fault {
             STALL => self.hold_shaft(at, on, out),
             _ => self.set_hybrid_cause(at, fault, on, out),
@@ -175,14 +175,18 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         let row = entry(reg);
         if !self.has(reg) {
-            return Err(Refused::NoSuchRegister);
+            return Err(PresetError::NoSuchRegister);
         }
         if self.state == State::Off {
-            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, reg, value, out) };
+            return if row.saved == 0 {
+                Err(PresetError::ReadOnly)
+            } else {
+                self.preset(at, reg, value, out)
+            };
         }
         if row.space == Space::Setting && row.accepts(value) {
             self.bank.set(reg, value);
@@ -198,21 +202,21 @@ impl Drive {
         };
         self.settle(at, out);
         outcome.map_err(|error| match error {
-            Error::Unknown => Refused::NoSuchRegister,
-            Error::ReadOnly => Refused::ReadOnly,
-            _ if error.exception() == Exception::ServerDeviceFailure => Refused::Busy,
-            _ => Refused::OutOfRange,
+            Error::Unknown => PresetError::NoSuchRegister,
+            Error::ReadOnly => PresetError::ReadOnly,
+            _ if error.exception() == Exception::ServerDeviceFailure => PresetError::Busy,
+            _ => PresetError::OutOfRange,
         })
     }
 
     /// Handles an error: EF, ER, the fault output, OE.
-    pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+    pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         self.errors.set(error);
         self.call_error_handler(at, out);
     }
 
     /// Takes what motion and I/O have to tell, until they have nothing more, and shows what is so.
-    pub(super) fn settle(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn settle(&mut self, at: Instant, out: &mut dyn Context) {
         loop {
             if let Some(event) = self.io.take_event() {
                 self.io_tells(at, event, out);
@@ -249,7 +253,7 @@ impl Drive {
         self.io.show(at, shown, out);
     }
 
-    fn io_tells(&mut self, at: Instant, event: io::Event, out: &mut dyn Sink) {
+    fn io_tells(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             // What is held while it starts does nothing, but for limits and the home switch.
             io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.hears() => {}
@@ -275,7 +279,7 @@ impl Drive {
     }
 
     /// A soft stop input stops motion and program; while the program is paused it does nothing (MC 5-63).
-    fn soft_stop(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn soft_stop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.mcode.vm.is_paused() {
             return;
         }
@@ -290,7 +294,7 @@ impl Drive {
         }
     }
 
-    fn motion_tells(&mut self, at: Instant, event: motion::Event, out: &mut dyn Sink) {
+    fn motion_tells(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
             motion::Event::Failed(error) => self.fail(at, error, out),
             motion::Event::StopsProgram => self.end_program(),
@@ -341,16 +345,16 @@ fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
 }
 
 /// The motor and its load.
-fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> Parameters {
+fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> StepperParameters {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
-    Parameters {
+    StepperParameters {
         steps_per_rev: bank.word(Reg::FullSteps),
         holding_unm: long(Reg::HoldingTorque) * 1_000,
         pull_out_rpm: long(Reg::PullOutSpeed),
         inertia_gcm2: long(Reg::Inertia),
         friction_unm: long(Reg::Friction) * 1_000,
         load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
-        ..Parameters::NOMINAL
+        ..StepperParameters::NOMINAL
     }
 }
 

@@ -24,8 +24,8 @@ use drivetwin_protocol::registers::{Register, Table};
 use self::drive::{Drive, Model};
 use self::registers::Reg;
 use crate::device::{
-    AxisSpec, Boot, Device, EncoderSpec, Ends, Fault, Input, Instant, Level, Pin, PinSpec, Port, PortSpec,
-    Refused, Role, Sink, Spec,
+    AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
+    PortSpec, PresetError, Role, Spec,
 };
 
 const MODBUS: Port = Port(0);
@@ -141,8 +141,8 @@ const fn spec(
         product,
         manual: "MODBUS/TCP Fieldbus Manual R040611, MCode Programming and Software Reference R062812",
         ports: &[
-            PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
-            PortSpec { name: "mcode", ends: Ends::Return, line: None },
+            PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
+            PortSpec { name: "mcode", ends: Framing::Return, line: None },
         ],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: None }],
@@ -155,7 +155,7 @@ const fn spec(
             Model::Plus => NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0,
             Model::Hybrid => &NOT_MODELLED,
         },
-        ..Spec::BARE
+        ..Spec::EMPTY
     }
 }
 
@@ -190,11 +190,11 @@ impl Device for Mdrive {
         }
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let drive = &mut self.drive;
         match input {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
@@ -213,18 +213,18 @@ impl Device for Mdrive {
             | Input::Opened { .. }
             | Input::Closed { .. }
             | Input::Bytes { .. }
-            | Input::Spoiled { .. }
+            | Input::RxError { .. }
             | Input::Idle { .. }
             | Input::Millivolts { .. }
-            | Input::Attached { .. }
-            | Input::Current { .. }
+            | Input::HostPresence { .. }
+            | Input::CurrentLimit { .. }
             | Input::Duty { .. }
-            | Input::Draws { .. }
+            | Input::MotorCurrent { .. }
             | Input::Motor { .. }
             | Input::Rotation { .. }
             | Input::Plan { .. }
             | Input::Step { .. }
-            | Input::Slipped { .. } => {}
+            | Input::StepsCorrection { .. } => {}
         }
         drive.settle(at, out);
     }
@@ -241,7 +241,7 @@ impl Device for Mdrive {
         self.drive.deadline()
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
         }
@@ -251,8 +251,14 @@ impl Device for Mdrive {
         Reg::from_row(row).map_or(0, |reg| self.drive.peek(at, reg))
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)
     }
 

@@ -4,7 +4,7 @@
 //! is an error of MCode, too.
 
 use drivetwin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
-use drivetwin_protocol::modbus::server::{Map, Rules, Values, refuse_tcp, serve_tcp};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules, Values, refuse_tcp, serve_tcp};
 use drivetwin_protocol::modbus::tcp::Adu;
 use drivetwin_protocol::modbus::{Reply, identification};
 use drivetwin_protocol::registers::Entries;
@@ -16,7 +16,7 @@ use super::mcode::print::Text;
 use super::mcode::statement::Statement;
 use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
 use super::variables::illegal;
-use crate::device::{Instant, Link, Note, Output, Sink};
+use crate::device::{Context, Instant, Link, LogEvent, Output};
 
 /// Read manufacturer specific (FB 4.3.2).
 const READ_SPECIFIC: u8 = 65;
@@ -84,7 +84,7 @@ impl Specific {
 
 impl Drive {
     /// Answers a request.
-    pub(super) fn serve(&mut self, at: Instant, link: Link, adu: &[u8], out: &mut dyn Sink) {
+    pub(super) fn serve(&mut self, at: Instant, link: Link, adu: &[u8], out: &mut dyn Context) {
         let mut reply = Adu::new();
         let outcome = if self.hears() {
             serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
@@ -92,14 +92,14 @@ impl Drive {
             // The Ethernet controller hears before the drive does.
             refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
         };
-        out.put(at, Output::Note(Note::of(MODBUS, outcome)));
+        out.put(at, Output::Log(LogEvent::of(MODBUS, outcome)));
         if !reply.is_empty() {
             out.put(at, Output::Message { port: MODBUS, link, bytes: &reply });
         }
     }
 
     /// Tells MCode of an error, and says what the bus is told.
-    fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Sink) -> Exception {
+    fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Context) -> Exception {
         self.fail(at, error, out);
         error.exception()
     }
@@ -108,7 +108,12 @@ impl Drive {
     ///
     /// # Errors
     /// The first that is refused; nothing has changed then.
-    fn write_all(&mut self, at: Instant, values: &Values<'_, Reg>, out: &mut dyn Sink) -> Result<(), Error> {
+    fn write_all(
+        &mut self,
+        at: Instant,
+        values: &Values<'_, Reg>,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
         let brought = |reg| values.get(reg).map(narrow);
         for (reg, value) in values.iter() {
             // MR is next to MS.
@@ -140,7 +145,7 @@ impl Drive {
         mnemonic: [u8; MNEMONIC],
         data: &[u8],
         reply: &mut Reply,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Exception> {
         let mut forward = mnemonic;
         forward.reverse();
@@ -203,7 +208,7 @@ impl Drive {
         at: Instant,
         name: &[u8],
         string: &[u8],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if string.first() != Some(&b'=') {
             return Err(Error::IllegalData);
@@ -218,7 +223,7 @@ impl Drive {
         }
     }
 
-    fn command(&mut self, at: Instant, command: Command, out: &mut dyn Sink) {
+    fn command(&mut self, at: Instant, command: Command, out: &mut dyn Context) {
         match command {
             Command::End => self.end_program(),
             Command::Pause => self.pause_program(at, out),
@@ -266,10 +271,10 @@ impl Text for Answer<'_> {
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Map for Bus<'_> {
+impl RequestHandler for Bus<'_> {
     type Register = Reg;
 
     fn words(&self) -> &[u16] {
@@ -286,7 +291,7 @@ impl Map for Bus<'_> {
         self.drive.has_read(register);
     }
 
-    /// All is done by [`Map::carry_out`].
+    /// All is done by [`RequestHandler::carry_out`].
     fn written(&mut self, _register: Reg) {}
 
     fn entries(&self) -> &'static Entries {
@@ -309,7 +314,7 @@ impl Map for Bus<'_> {
         self.drive.is_there(register)
     }
 
-    fn serve_other(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         let Self { drive, at, out } = self;
         let Some((&function, data)) = pdu.split_first() else { return Err(Exception::IllegalFunction) };
         if function == ENCAPSULATED_INTERFACE {

@@ -1,7 +1,7 @@
 //! The variables, flags and instructions with a value of an MDrive, under their mnemonics: those that the fieldbus
 //! manual (FB) gives an address come first, in its order, then those that only MCode (MC) knows.
 
-use crate::motor::stepper::Parameters;
+use crate::motor::stepper::StepperParameters;
 use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
 /// Bits of [`Entry::variants`].
@@ -16,7 +16,7 @@ const RESOLUTIONS: &[i64] =
 const MOST_LINES: i64 = u16::MAX as i64;
 
 /// Motor and load of a new drive.
-const LOAD: Parameters = Parameters::NOMINAL;
+const LOAD: StepperParameters = StepperParameters::NOMINAL;
 
 drivetwin_protocol::registers! {
     /// Sections are those of FB, with the page of MC where that says more.

@@ -12,7 +12,7 @@ use super::io::Io;
 use super::mcode::{names, program};
 use super::registers::{LASTING, Reg};
 use super::variables::{entry, is_number, words};
-use crate::device::{Duration, Instant, Nowhere, Refused, Sink};
+use crate::device::{Context, Duration, Instant, NullContext, PresetError};
 use crate::memory::{self, Content, Save};
 
 /// Bytes of the variables, as they lie first.
@@ -40,7 +40,7 @@ pub(super) struct Saving {
 impl Drive {
     /// Power comes: loads variables, global user variables and the program. Whether the memory was good (70 if not);
     /// what is bad is as the factory made it.
-    pub(super) fn load(&mut self, out: &dyn Sink) -> bool {
+    pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         let saved = self.load_variables(out) && self.load_globals(out);
         if !saved {
             self.renew();
@@ -50,7 +50,7 @@ impl Drive {
     }
 
     /// Loads the variables, those of a new drive from the factory. Whether they were good.
-    fn load_variables(&mut self, out: &dyn Sink) -> bool {
+    fn load_variables(&mut self, out: &dyn Context) -> bool {
         let entries = self.model.entries();
         self.renew();
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
@@ -95,7 +95,7 @@ impl Drive {
     }
 
     /// Loads the global user variables. Whether they were good.
-    fn load_globals(&mut self, out: &dyn Sink) -> bool {
+    fn load_globals(&mut self, out: &dyn Context) -> bool {
         self.mcode.names = names::Names::new();
         let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
         let content = memory::content(memory, GLOBAL_BYTES / 2);
@@ -114,7 +114,7 @@ impl Drive {
     ///
     /// # Errors
     /// 73 in motion.
-    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::SaveInMotion);
         }
@@ -123,7 +123,7 @@ impl Drive {
     }
 
     /// Begins to save; a save that runs begins again.
-    fn begin_save(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn begin_save(&mut self, at: Instant, out: &mut dyn Context) {
         let mut image = [u8::MAX; GLOBAL_BYTES];
         let globals = self.mcode.names.iter().filter_map(|(name, meaning)| match meaning {
             names::Meaning::Global(value) => Some((name, value)),
@@ -146,7 +146,7 @@ impl Drive {
 
     /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else
     /// changes.
-    pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Context) {
         self.finish_save(at, out);
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
             return;
@@ -165,7 +165,7 @@ impl Drive {
     }
 
     /// Ends the save that runs.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(saving) = self.saving.take() {
             saving.globals.finish(at, out);
             saving.variables.finish(at, out);
@@ -176,7 +176,7 @@ impl Drive {
     ///
     /// # Errors
     /// 70 if what is saved is bad, 74 in motion.
-    pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::ClearInMotion);
         }
@@ -192,7 +192,7 @@ impl Drive {
     ///
     /// # Errors
     /// 73 in motion.
-    pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::SaveInMotion);
         }
@@ -212,14 +212,14 @@ impl Drive {
     }
 
     /// All variables may be others: who goes by them hears of it.
-    pub(super) fn take_variables(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn take_variables(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_filters(at, out);
         self.take_set_ups(at, out);
         self.set_motion(at, out);
     }
 
     /// All I/O points may be others; one that cannot be so is as the factory made it.
-    fn take_set_ups(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn take_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.begin_load();
         for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
             if self.has(reg) && self.set_up(at, reg, self.set_up_of(reg), out).is_err() {
@@ -236,25 +236,25 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         if !self.load_variables(out) || !self.load_globals(out) {
-            return Err(Refused::BadMemory);
+            return Err(PresetError::BadMemory);
         }
         match i32::try_from(value) {
             _ if !is_number(reg) => {
                 // The points say whether they can be so; power finds them as new.
-                self.take_set_ups(at, &mut Nowhere);
-                let judged = self.set_up(at, reg, words(reg, value), &mut Nowhere);
+                self.take_set_ups(at, &mut NullContext);
+                let judged = self.set_up(at, reg, words(reg, value), &mut NullContext);
                 self.io = Io::REST;
-                judged.map_err(|_| Refused::OutOfRange)?;
+                judged.map_err(|_| PresetError::OutOfRange)?;
             }
             Ok(value) => {
                 let judged = self.judge(at, reg, value, &|other| self.held(other));
-                judged.map_err(|_| Refused::OutOfRange)?;
+                judged.map_err(|_| PresetError::OutOfRange)?;
                 self.hold(reg, value);
             }
-            Err(_) => return Err(Refused::OutOfRange),
+            Err(_) => return Err(PresetError::OutOfRange),
         }
         self.begin_save(at, out);
         self.finish_save(at, out);

@@ -6,7 +6,7 @@ use super::mcode::console::Consoles;
 use super::mcode::statement::Place;
 use super::mcode::trip::Trips;
 use super::mcode::vm::Vm;
-use crate::device::{Boot, Duration, Instant, Sink};
+use crate::device::{Boot, Context, Duration, Instant};
 
 /// Text that it sends when it is ready, on MCode (MC 5-26).
 pub(super) const SIGN_ON: &[u8] = b"Copyright 2001-2010 by Schneider Electric Motion USA.\r\n";
@@ -19,7 +19,7 @@ const BOOT: Duration = Duration::millis(300);
 
 impl Drive {
     /// Power comes: nobody is connected, and what is around the drive will be told anew.
-    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.boot = boot;
         self.saving = None;
         self.mcode.consoles = Consoles::new();
@@ -27,14 +27,14 @@ impl Drive {
     }
 
     /// As power-on, but the connections stay (the Ethernet controller is another processor), and levels are known.
-    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         // What is said comes in order.
         self.finish_save(at, out);
         self.mcode.consoles.restart();
         self.start(at, false, out);
     }
 
-    fn start(&mut self, at: Instant, whole: bool, out: &mut dyn Sink) {
+    fn start(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
         self.forget();
         self.hybrid.restart(whole);
         let good = self.load(out);
@@ -77,7 +77,7 @@ impl Drive {
     }
 
     /// Begins to receive: a Hybrid calibrates, unless it starts without delay.
-    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Calibrating;
         if self.model == Model::Hybrid {
             if self.boot.fast {
@@ -89,7 +89,7 @@ impl Drive {
     }
 
     /// Signs on and runs SU, once it is calibrated (MC 5-9).
-    pub(super) fn sign_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn sign_on(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Calibrating || self.hybrid.is_calibrating() {
             return;
         }

@@ -6,7 +6,7 @@ use super::{
     ALARM, CTRL_FAIL, ENCODER_FAIL, HALL_FAIL, INVERSE_VELOCITY, OVER_TEMPERATURE, OVER_VOLTAGE, OVERLOAD,
     REGEN_OVER_TEMPERATURE,
 };
-use crate::device::{Fault, Instant, Level, Output, Sink};
+use crate::device::{Context, Fault, Instant, Level, Output};
 
 /// Bits of the last word of MONITOR: CTRL_STATUS (p. 9), and above it status2.
 pub(super) mod status {
@@ -86,7 +86,7 @@ const fn mask(fault: Fault) -> u16 {
 
 impl Drive {
     /// The cause of a fault comes or goes.
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let faults = &mut self.alarms.faults;
         *faults = if on { *faults | mask(fault) } else { *faults & !mask(fault) };
         match fault {
@@ -101,7 +101,7 @@ impl Drive {
     }
 
     /// The supply becomes another one, in 0.1 V.
-    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Sink) {
+    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.alarms.supply = supply;
         self.supply_changed(at, out);
         self.look_for_alarms(at, out);
@@ -128,7 +128,7 @@ impl Drive {
     }
 
     /// Raises what is wrong now: at the end of the start, and after anything that may be.
-    pub(super) fn look_for_alarms(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_for_alarms(&mut self, at: Instant, out: &mut dyn Context) {
         let seen = self.servo.alarms();
         if self.state == State::Ready {
             self.raise(at, seen | self.at_once(), out);
@@ -136,7 +136,7 @@ impl Drive {
     }
 
     /// Latches alarms. One that is new switches the output off.
-    fn raise(&mut self, at: Instant, alarms: u16, out: &mut dyn Sink) {
+    fn raise(&mut self, at: Instant, alarms: u16, out: &mut dyn Context) {
         if alarms & !self.alarms.latched == 0 {
             return;
         }
@@ -146,7 +146,7 @@ impl Drive {
     }
 
     /// Clears the alarms whose cause is gone.
-    pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) {
         let any = self.alarms.any();
         self.alarms.latched &= self.causes();
         self.show_alarm(at, out);
@@ -156,7 +156,7 @@ impl Drive {
     }
 
     /// ALARM is low while there is one, or while there is none with INV_ALARM.
-    pub(super) fn show_alarm(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show_alarm(&mut self, at: Instant, out: &mut dyn Context) {
         let low = self.state == State::Ready && self.alarms.any() != (self.bank.word(Pid::INV_ALARM) != 0);
         if low != self.alarms.low {
             self.alarms.low = low;

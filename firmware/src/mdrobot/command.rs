@@ -5,7 +5,7 @@ use drivetwin_protocol::registers::Register;
 use super::drive::Drive;
 use super::registers::{LATER, Pid};
 use super::{CLUTCH, FAN};
-use crate::device::{Command, Instant, Level, Output, Pin, Sink};
+use crate::device::{CommandSpec, Context, Instant, Level, Output, Pin};
 
 /// Action of a code.
 #[derive(Clone, Copy, Debug)]
@@ -28,12 +28,17 @@ const OWN_PROTOCOL: &str = "what is sent without a request is of the maker's own
 const ONE_MOTOR: &str = "an MD400 has one motor";
 const NO_CAN: &str = "there is no CAN";
 
-const fn does(code: u16, name: &'static str, doc: &'static str, act: Act) -> (Command, Act) {
-    (Command { code, name, section: page(code), doc, missing: "" }, act)
+const fn does(code: u16, name: &'static str, doc: &'static str, act: Act) -> (CommandSpec, Act) {
+    (CommandSpec { code, name, section: page(code), doc, missing: "" }, act)
 }
 
-const fn known(code: u16, name: &'static str, doc: &'static str, missing: &'static str) -> (Command, Act) {
-    (Command { code, name, section: page(code), doc, missing }, Nothing)
+const fn known(
+    code: u16,
+    name: &'static str,
+    doc: &'static str,
+    missing: &'static str,
+) -> (CommandSpec, Act) {
+    (CommandSpec { code, name, section: page(code), doc, missing }, Nothing)
 }
 
 /// Page of the manual.
@@ -47,7 +52,7 @@ const fn page(code: u16) -> &'static str {
 
 /// The rows of the manual, under the header's names where it has them, and two that public clients know beside it.
 #[rustfmt::skip]
-const ROWS: [(Command, Act); 38] = [
+const ROWS: [(CommandSpec, Act); 38] = [
     does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),
     does(4, "BRAKE", "as BRAKE", As(Pid::BRAKE)),
     known(5, "MAIN_DATA_BC_ON", "sends MAIN_DATA again and again", OWN_PROTOCOL),
@@ -89,17 +94,17 @@ const ROWS: [(Command, Act); 38] = [
 ];
 
 /// Commands as `describe` lists them.
-pub(super) static COMMANDS: [Command; ROWS.len()] = SPLIT.0;
+pub(super) static COMMANDS: [CommandSpec; ROWS.len()] = SPLIT.0;
 
 /// Actions as the drive uses them.
 static ACTS: [(u16, Act); ROWS.len()] = SPLIT.1;
 
-const SPLIT: ([Command; ROWS.len()], [(u16, Act); ROWS.len()]) = split(ROWS);
+const SPLIT: ([CommandSpec; ROWS.len()], [(u16, Act); ROWS.len()]) = split(ROWS);
 
 /// The rows apart, because a drive needs no text.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-const fn split<const N: usize>(rows: [(Command, Act); N]) -> ([Command; N], [(u16, Act); N]) {
-    let mut commands = [Command { code: 0, name: "", section: "", doc: "", missing: "" }; N];
+const fn split<const N: usize>(rows: [(CommandSpec, Act); N]) -> ([CommandSpec; N], [(u16, Act); N]) {
+    let mut commands = [CommandSpec { code: 0, name: "", section: "", doc: "", missing: "" }; N];
     let mut acts = [(0, Nothing); N];
     let mut i = 0;
     while i < N {
@@ -111,7 +116,7 @@ const fn split<const N: usize>(rows: [(Command, Act); N]) -> ([Command; N], [(u1
 
 impl Drive {
     /// COMMAND was written. A code without a row does nothing (newer controllers have more).
-    pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Sink) {
+    pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Context) {
         let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else { return };
         match *act {
             As(pid) => self.written(at, pid, out),

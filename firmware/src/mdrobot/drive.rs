@@ -19,7 +19,7 @@ use super::inputs::Inputs;
 use super::reference::Reference;
 use super::registers::{self, Pid, SUPPLY, function};
 use super::servo::{Servo, Settings};
-use crate::device::{Boot, Instant, Line, Refused, Sink};
+use crate::device::{Boot, Context, Instant, Line, PresetError};
 use crate::motor::Parameters;
 
 /// The most that RPM_DATA shows, either way (p. 12).
@@ -91,7 +91,7 @@ impl Drive {
     }
 
     /// Power comes: what is around the drive will be told anew.
-    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.load(out);
         self.unit = (self.bank.word(Pid::CONTROLLER_ID) & 0xFF) as u8;
         self.alarms = Alarms::NONE;
@@ -106,7 +106,7 @@ impl Drive {
         self.startup_due().min(self.sources_due()).min(self.servo.deadline())
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.startup_due() <= at {
             self.ready(at, out);
         }
@@ -121,7 +121,7 @@ impl Drive {
     }
 
     /// Carries out what is due before a character of this instant.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if self.deadline() <= at {
             self.timeout(at, out);
         }
@@ -144,7 +144,7 @@ impl Drive {
     }
 
     /// The supply is another one.
-    pub(super) fn supply_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn supply_changed(&mut self, at: Instant, out: &mut dyn Context) {
         self.other_motor = true;
         self.set_servo(at, out);
     }
@@ -155,7 +155,7 @@ impl Drive {
     }
 
     /// The servo goes by what has been written.
-    fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn set_servo(&mut self, at: Instant, out: &mut dyn Context) {
         self.servo.set(at, servo_settings(&self.bank), out);
     }
 
@@ -234,7 +234,7 @@ impl Drive {
 
     /// Checks that a value that its row accepts may be written: with the key DH of ID and BAUDRATE is checked, and of
     /// FUNC_CMD_TYPE only DL.
-    pub(super) fn permits(&self, pid: Pid, value: i64) -> Result<(), Exception> {
+    pub(super) fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
         let legal = match pid {
             Pid::ID => keyed(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
             Pid::BAUDRATE => keyed(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
@@ -245,7 +245,7 @@ impl Drive {
     }
 
     /// Carries out a written PID, in the order of the PIDs.
-    pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+    pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let value = self.bank.get(pid);
         match pid {
             Pid::DEFAULT_SET if self.bank.word(pid) == registers::DEFAULT_CHECK => {
@@ -323,7 +323,7 @@ impl Drive {
     }
 
     /// Another PID than the one that was written takes a value.
-    pub(super) fn set(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Sink) {
+    pub(super) fn set(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Context) {
         self.bank.set(pid, value);
         self.written(at, pid, out);
     }
@@ -333,14 +333,18 @@ impl Drive {
         at: Instant,
         pid: Pid,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
-        let row = Pid::ENTRIES.list.get(pid.row()).ok_or(Refused::NoSuchRegister)?;
-        if !row.accepts(value) || self.permits(pid, value).is_err() {
-            return Err(Refused::OutOfRange);
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let row = Pid::ENTRIES.list.get(pid.row()).ok_or(PresetError::NoSuchRegister)?;
+        if !row.accepts(value) || self.validate(pid, value).is_err() {
+            return Err(PresetError::OutOfRange);
         }
         if self.state == State::Off {
-            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, pid, value, out) };
+            return if row.saved == 0 {
+                Err(PresetError::ReadOnly)
+            } else {
+                self.preset(at, pid, value, out)
+            };
         }
         if pid == Pid::VOLT_IN {
             self.set_supply(at, value as u16, out);
@@ -348,7 +352,7 @@ impl Drive {
         }
         match pid {
             Pid::VERSION => self.bank.set(pid, value),
-            _ if !row.access.writes() => return Err(Refused::ReadOnly),
+            _ if !row.access.writes() => return Err(PresetError::ReadOnly),
             _ => self.set(at, pid, value, out),
         }
         Ok(())

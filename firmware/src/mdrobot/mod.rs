@@ -18,19 +18,19 @@ mod tests;
 use drivetwin_protocol::modbus::pdu::{
     Exception, READ_HOLDING_REGISTERS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_REGISTER,
 };
-use drivetwin_protocol::modbus::rtu::Receiver;
-use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, serve_rtu};
-use drivetwin_protocol::modbus::{Frame, Why};
+use drivetwin_protocol::modbus::rtu::RtuReceiver;
+use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_rtu};
+use drivetwin_protocol::modbus::{DropReason, Frame};
 use drivetwin_protocol::registers::Register;
 
 use self::drive::Drive;
 pub use self::registers::Pid;
 use crate::device::{
-    AxisSpec, Boot, Device, Duration, EncoderSpec, Ends, Fault, Input, Instant, Level, Note, Output, Pin,
-    PinSpec, Port, PortSpec, Refused, Role, Sink, Spec,
+    AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
 };
 use crate::memory;
-use crate::motor::{Parameters, Rig, Turns};
+use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
 
 const RS485: Port = Port(0);
 
@@ -86,7 +86,7 @@ static MD400: Spec = Spec {
     kind: "mdrobot",
     product: "MDROBOT MD400 brushless motor controller, 20 A",
     manual: "Modbus Protocol on the MD Controller V1.1",
-    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+    ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
     // A contact that nobody wired is neither open nor closed: a limit switch that is not there permits.
     pins: &[
         pin("INT_SPEED", Role::Input, Level::Float),
@@ -96,7 +96,7 @@ static MD400: Spec = Spec {
         pin("START_STOP", Role::Input, Level::Float),
         pin("ENC_A", Role::Input, Level::High),
         pin("ENC_B", Role::Input, Level::High),
-        pin("SPEED_IN", Role::Mixed, Level::Low),
+        pin("SPEED_IN", Role::AnalogueOrDigital, Level::Low),
         pin("PULSE_IN", Role::Input, Level::Low),
         pin("ALARM", Role::Output, Level::High),
         pin("CLUTCH", Role::Output, Level::Low),
@@ -126,7 +126,7 @@ static MD400: Spec = Spec {
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
     not_modelled: &NOT_MODELLED,
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02.
@@ -144,14 +144,14 @@ static RULES: Rules = Rules {
 
 /// An MD400 with a motor, without power.
 #[must_use]
-pub fn mdrobot() -> Rig<Mdrobot> {
-    Rig::new(Mdrobot::new())
+pub fn mdrobot() -> DriveWithMotor<Mdrobot> {
+    DriveWithMotor::new(Mdrobot::new())
 }
 
 /// An MD400, without a motor.
 #[derive(Clone, Debug)]
 pub struct Mdrobot {
-    receiver: Receiver,
+    receiver: RtuReceiver,
     drive: Drive,
 }
 
@@ -159,11 +159,11 @@ impl Mdrobot {
     // Where it will be: a copy takes room on a board's stack.
     #[inline(always)]
     fn new() -> Self {
-        Self { receiver: Receiver::new(registers::FACTORY_LINE), drive: Drive::new() }
+        Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new() }
     }
 
     /// The frame that has come is over.
-    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Some(frame) = self.receiver.take() else { return };
         let unit = self.drive.unit;
         let mut reply = Frame::new();
@@ -172,14 +172,14 @@ impl Mdrobot {
             Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
             Err(why) => Outcome::Dropped(why),
         };
-        out.put(at, Output::Note(Note::of(RS485, outcome)));
+        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
         if !reply.is_empty() {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
     }
 
     /// Characters; those that end before the drive listens are lost.
-    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at < *deaf_until) else {
             self.receiver.bytes(at, bytes);
             return;
@@ -188,11 +188,11 @@ impl Mdrobot {
         let lost = (deaf_until - Duration::TICK).since(at) / character + 1;
         let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
         self.receiver.bytes(at + character * lost, heard);
-        out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+        out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
     }
 }
 
-impl Turns for Mdrobot {
+impl MotorDrive for Mdrobot {
     const HALLS: &'static [Pin] = &[HU, HV, HW];
     const STALL: Option<Fault> = Some(STALL);
 
@@ -210,7 +210,7 @@ impl Device for Mdrobot {
         &MD400
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
         let line = self.drive.line();
         self.receiver.clear();
@@ -218,8 +218,8 @@ impl Device for Mdrobot {
         out.put(at, Output::Line { port: RS485, line });
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {
             self.drive.wake(at, out);
         }
@@ -228,7 +228,7 @@ impl Device for Mdrobot {
         }
         match input {
             Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
-            Input::Spoiled { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at >= deaf_until) => {
+            Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at >= deaf_until) => {
                 self.receiver.spoiled(at);
             }
             Input::Idle { .. } => self.serve(at, out),
@@ -236,22 +236,22 @@ impl Device for Mdrobot {
             Input::Open { pin } => self.drive.opened(at, pin, out),
             Input::Millivolts { pin: SPEED_IN, mv } => self.drive.voltage(at, mv, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Draws { ma, .. } => self.drive.servo.draws(ma),
+            Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
             // It has no such ports, and the motor's inputs are its outputs.
-            Input::Spoiled { .. }
+            Input::RxError { .. }
             | Input::Millivolts { .. }
-            | Input::Attached { .. }
+            | Input::HostPresence { .. }
             | Input::Opened { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
             | Input::Count { .. }
-            | Input::Current { .. }
+            | Input::CurrentLimit { .. }
             | Input::Duty { .. }
             | Input::Plan { .. }
             | Input::Step { .. }
-            | Input::Slipped { .. } => {}
+            | Input::StepsCorrection { .. } => {}
         }
         self.drive.look_for_alarms(at, out);
     }
@@ -260,7 +260,7 @@ impl Device for Mdrobot {
         self.drive.deadline().min(self.receiver.deadline())
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
         }
@@ -278,8 +278,14 @@ impl Device for Mdrobot {
         words.get(word).copied().unwrap_or(0)
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        let pid = Pid::from_row(row).ok_or(Refused::NoSuchRegister)?;
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let pid = Pid::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, pid, value, out)
     }
 }
@@ -288,10 +294,10 @@ impl Device for Mdrobot {
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Map for Bus<'_> {
+impl RequestHandler for Bus<'_> {
     type Register = Pid;
 
     fn words(&self) -> &[u16] {
@@ -310,7 +316,7 @@ impl Map for Bus<'_> {
         self.drive.written(self.at, pid, self.out);
     }
 
-    fn permits(&self, pid: Pid, value: i64) -> Result<(), Exception> {
-        self.drive.permits(pid, value)
+    fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
+        self.drive.validate(pid, value)
     }
 }

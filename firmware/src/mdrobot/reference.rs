@@ -10,7 +10,7 @@ use self::functions::Function;
 use super::drive::{Drive, State};
 use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 /// A shaft that is slower stands, as far as limit switches go: at 3,000 rpm in 15 s it stops within a count of 12 a
 /// turn, and its last edge is no more than a sixth of a second old.
@@ -19,7 +19,7 @@ const TURNS_RPM: u32 = 30;
 /// The command that counts, and by whom it may be.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
-    who: Who,
+    who: Source,
     /// The signal that starts what the connectors ask for, or a function, is ON.
     start: bool,
     /// RUN/BRAKE is OFF.
@@ -33,14 +33,14 @@ pub(super) struct Reference {
 
 /// Source that may command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Who {
+struct Source {
     /// The bus, and not the CTRL connector.
     bus: bool,
     /// A function only, by its number in FUNC_CMD_TYPE.
     function: u16,
 }
 
-impl Who {
+impl Source {
     /// START/STOP, RUN/BRAKE, DIR and the speed input.
     const CONNECTORS: Self = Self { bus: false, function: function::NONE };
     /// The commands of the bus.
@@ -97,7 +97,7 @@ enum Rest {
 impl Reference {
     /// Power has come: the connectors command.
     pub(super) const NONE: Self = Self {
-        who: Who::CONNECTORS,
+        who: Source::CONNECTORS,
         start: false,
         brake: false,
         command: Command::Connectors { started: false },
@@ -119,7 +119,7 @@ enum Verdict {
 
 impl Drive {
     /// Carries out a written command of the bus, if it may be.
-    pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+    pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         match pid {
             Pid::UI_COM | Pid::FUNC_CMD_TYPE | Pid::FUNC_CMD => return self.reference_changed(at, out),
             _ if self.state != State::Ready || self.alarms.any() => return,
@@ -136,7 +136,7 @@ impl Drive {
 
     /// Command of a PID other than of a position; `None` if it may not command now.
     fn asked(&self, pid: Pid) -> Option<Command> {
-        let drives = self.reference.who == Who::BUS;
+        let drives = self.reference.who == Source::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
         let value = self.bank.get(pid) as i16;
         // What was dropped stays so: there is no speed to be taken to zero.
@@ -159,7 +159,7 @@ impl Drive {
     }
 
     /// A command of a position was written: low word, high word, and maybe a speed.
-    fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Sink) {
+    fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let words = self.bank.get(pid);
         let count = self.turned(words as i32);
         let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
@@ -168,14 +168,14 @@ impl Drive {
             Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => i32::from((words >> 32) as i16).abs(),
             _ => self.bank.word(Pid::TAR_POSI_VEL).into(),
         };
-        if self.reference.who == Who::BUS {
+        if self.reference.who == Source::BUS {
             self.reference.command = Command::Position { rpm };
             self.give(at, self.position(count, rpm), out);
         }
     }
 
     /// A register that says who commands, or what a command or an input means, was written.
-    pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.take_who() {
             // What is ON already has started nothing of what is commanded now.
             self.reference.start = self.state == State::Ready && self.start_signal();
@@ -186,7 +186,7 @@ impl Drive {
     }
 
     /// The drive is ready: what the connectors ask for begins. A function waits until its signal comes (p. 17).
-    pub(super) fn sources_ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn sources_ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.take_who();
         if self.reference.who.is_function() {
             self.reference.start = self.start_signal();
@@ -196,13 +196,13 @@ impl Drive {
     }
 
     /// An alarm: nothing is followed any more, and the motor is free.
-    pub(super) fn drop_reference(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn drop_reference(&mut self, at: Instant, out: &mut dyn Context) {
         self.reference.command = Command::Nothing(Rest::Free);
         self.servo.order(at, Order::Free, out);
     }
 
     /// The last alarm is cleared.
-    pub(super) fn alarms_cleared(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn alarms_cleared(&mut self, at: Instant, out: &mut dyn Context) {
         self.brake_dropped();
         self.follow(at, out);
     }
@@ -213,7 +213,7 @@ impl Drive {
     }
 
     /// Handles that time.
-    pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let measured = self.inputs.timeout(at);
         if self.function_timeout(at) || measured {
             self.follow(at, out);
@@ -223,12 +223,12 @@ impl Drive {
     /// Updates the source that commands; returns whether it is another one. The motor stops, and waits for a command of
     /// that source; a dropped command stays dropped.
     fn take_who(&mut self) -> bool {
-        let who = Who::of(&self.bank);
+        let who = Source::of(&self.bank);
         let another = who != core::mem::replace(&mut self.reference.who, who);
         if another {
             self.reference.command = match (self.reference.command, who) {
                 (dropped @ Command::Nothing(Rest::Free | Rest::Brake), _) => dropped,
-                (_, Who::CONNECTORS) => Command::Connectors { started: false },
+                (_, Source::CONNECTORS) => Command::Connectors { started: false },
                 _ => Command::Nothing(Rest::Stop),
             };
             self.brake_dropped();
@@ -245,7 +245,7 @@ impl Drive {
 
     /// Sets the state of a released motor, while the connectors command.
     fn rest_dropped(&mut self, rest: Rest) {
-        let Reference { who: Who::CONNECTORS, command: Command::Nothing(left), .. } = &mut self.reference
+        let Reference { who: Source::CONNECTORS, command: Command::Nothing(left), .. } = &mut self.reference
         else {
             return;
         };
@@ -253,7 +253,7 @@ impl Drive {
     }
 
     /// START/STOP, RUN/BRAKE, the step number or FUNC_CMD may have come or gone: what that starts and ends.
-    pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }
@@ -274,10 +274,10 @@ impl Drive {
             who if who.is_function() && on => self.start_function(at, out),
             who if who.is_function() => self.release_function(),
             // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes.
-            Who::CONNECTORS if on || connectors => {
+            Source::CONNECTORS if on || connectors => {
                 self.reference.command = Command::Connectors { started: on };
             }
-            Who { .. } => {}
+            Source { .. } => {}
         }
     }
 
@@ -293,12 +293,12 @@ impl Drive {
     }
 
     /// The motor does from now on what there is to follow.
-    pub(super) fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn follow(&mut self, at: Instant, out: &mut dyn Context) {
         self.give(at, self.ordered(), out);
     }
 
     /// Orders that of the servo, unless nothing moves now or a limit switch forbids it.
-    pub(super) fn give(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
+    pub(super) fn give(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         if self.state != State::Ready || self.alarms.any() {
             return;
         }
@@ -318,7 +318,7 @@ impl Drive {
     }
 
     /// The shaft that is to turn back from a limit switch may stand by now.
-    pub(super) fn reverse_when_slow(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn reverse_when_slow(&mut self, at: Instant, out: &mut dyn Context) {
         if self.reference.reverses {
             self.follow(at, out);
         }

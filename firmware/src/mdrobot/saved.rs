@@ -4,7 +4,7 @@ use drivetwin_protocol::registers::{Bank, Register, Space};
 
 use super::drive::{Drive, kept};
 use super::registers::Pid;
-use crate::device::{Instant, Refused, Sink};
+use crate::device::{Context, Instant, PresetError};
 use crate::memory::{self, Content};
 
 /// Bytes of one of the two copies.
@@ -16,7 +16,7 @@ const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 impl Drive {
     /// Loads what is saved: the younger copy, or the one image of the memories before there were two, also where its
     /// save did not come to its end. Any other memory is a new one, since the drive cannot say that it is bad.
-    pub(super) fn load(&mut self, out: &dyn Sink) {
+    pub(super) fn load(&mut self, out: &dyn Context) {
         self.bank = Bank::factory();
         let later = LATER.map(Register::row);
         let is_image = |later: &[usize]| {
@@ -33,7 +33,7 @@ impl Drive {
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             let value = Pid::ENTRIES.value(self.bank.words(), row);
             let written = Pid::from_row(row)
-                .is_some_and(|pid| self.permits(pid, value).is_ok() && kept(pid, value) == value);
+                .is_some_and(|pid| self.validate(pid, value).is_ok() && kept(pid, value) == value);
             if !(written && entry.accepts(value)) {
                 Pid::ENTRIES.put(self.bank.words_mut(), row, entry.reset);
             }
@@ -41,7 +41,7 @@ impl Drive {
     }
 
     /// Saves all that is saved, at once.
-    pub(super) fn save(&self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn save(&self, at: Instant, out: &mut dyn Context) {
         memory::save_copy::<COPY>(Pid::ENTRIES, self.bank.words(), at, out);
     }
 
@@ -60,8 +60,8 @@ impl Drive {
         at: Instant,
         pid: Pid,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         self.load(out);
         self.bank.set(pid, kept(pid, value));
         self.save(at, out);

@@ -1,7 +1,7 @@
 //! Start of the drive.
 
 use super::drive::{Drive, State};
-use crate::device::{Boot, Duration, Instant, Sink};
+use crate::device::{Boot, Context, Duration, Instant};
 
 /// From power-on to the first character that is heard; the manual does not say.
 const BOOT: Duration = Duration::millis(300);
@@ -29,7 +29,7 @@ impl Drive {
     }
 
     /// Ends the start: faults show, and the connectors act.
-    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.look_for_alarms(at, out);
         self.show_alarm(at, out);

@@ -3,9 +3,11 @@
 mod plan;
 mod search;
 mod step_generator;
-mod walker;
+mod step_iterator;
 
 pub(crate) use plan::STEP;
-pub use plan::{MAX_ACCELERATION, MAX_SPEED, Plan, Rates, Segment};
-pub use step_generator::{CYCLE, DIR_SETUP, Followed, Follower, HIGH, SETUP, StepDir, StepTimer, Stepper};
-pub use walker::{Step, Walker};
+pub use plan::{Limits, MAX_ACCELERATION, MAX_SPEED, Plan, Segment};
+pub use step_generator::{
+    CYCLE, DIR_SETUP, HIGH, HandOff, PlanLoader, SETUP, StepDir, StepGenerator, StepTimer,
+};
+pub use step_iterator::{Step, StepIterator};

@@ -50,7 +50,7 @@ pub const MAX_ACCELERATION: u32 = i32::MAX as u32;
 
 /// Limits of a profile move. A value above a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Rates {
+pub struct Limits {
     /// Steps per second at its beginning and at its end; above `speed` it acts as that.
     pub start: U24F8,
     /// Steps per second, up to [`MAX_SPEED`].
@@ -61,7 +61,7 @@ pub struct Rates {
     pub down: u32,
 }
 
-impl Rates {
+impl Limits {
     /// From standstill and to standstill, with one acceleration.
     #[must_use]
     pub const fn even(speed: U24F8, acceleration: u32) -> Self {
@@ -100,7 +100,7 @@ impl Plan {
     /// where the way is too short for the speed. It ends at the tick nearest to the exact end, which
     /// is that of its last step. No speed or no acceleration is no motion.
     #[must_use]
-    pub fn profile(at: Instant, from: i32, steps: i32, rates: Rates) -> Self {
+    pub fn profile(at: Instant, from: i32, steps: i32, rates: Limits) -> Self {
         let speed = top(rates.speed);
         let twice_speed = NonZero::new(2 * speed).filter(|_| steps != 0);
         let (Some(up), Some(down), Some(twice_speed)) = (limited(rates.up), limited(rates.down), twice_speed)
@@ -144,7 +144,7 @@ impl Plan {
 
     /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
     /// without end; to 0 it ends there. Against the present direction by way of standstill. No
-    /// acceleration is a halt. Limits are those of [`Rates`].
+    /// acceleration is a halt. Limits are those of [`Limits`].
     #[must_use]
     pub fn towards(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
         let (now, d) = self.segment_at(at);
@@ -173,7 +173,7 @@ impl Plan {
     /// that is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.speed` does not
     /// matter.
     #[must_use]
-    pub fn slew(&self, at: Instant, speed: I24F8, rates: Rates) -> Self {
+    pub fn slew(&self, at: Instant, speed: I24F8, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
         let position = now.position(d);
         let now = now.since(d);
@@ -205,7 +205,7 @@ impl Plan {
     /// and ends at the speed `rates.start`, or at the present one if that is less. A shaft that follows stays where
     /// this ends; with [`slew`](Self::slew) it falls back by a part of a step.
     #[must_use]
-    pub fn stop_on_step(&self, at: Instant, rates: Rates) -> Self {
+    pub fn stop_on_step(&self, at: Instant, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
         let now = now.since(d);
         match limited(rates.down) {

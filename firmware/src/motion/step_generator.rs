@@ -1,20 +1,20 @@
 //! Step pulses on a board: what the interrupt of a step timer does, and how it is given a plan.
 //!
-//! The interrupt owns a [`Stepper`]: at each instant that it asks for it makes a pulse, or turns DIR
+//! The interrupt owns a [`StepGenerator`]: at each instant that it asks for it makes a pulse, or turns DIR
 //! before one, and says when it wants to come again. It knows one step ahead, so the time that it takes
 //! to find the next step moves no edge.
 //!
-//! The loop owns a [`Follower`]. Planning takes a while, and meanwhile the interrupt goes on with what it
+//! The loop owns a [`PlanLoader`]. Planning takes a while, and meanwhile the interrupt goes on with what it
 //! has. So a plan comes late: steps of the old one have been made that the new one does not know, or it
 //! begins with steps that nobody made. The follower finds out how many, for
-//! [`Input::Slipped`](crate::device::Input::Slipped). A plan that begins at standstill loses none: it is
+//! [`Input::StepsCorrection`](crate::device::Input::StepsCorrection). A plan that begins at standstill loses none: it is
 //! made later as a whole, and the drive's time waits for that ([`shell`](crate::shell)).
 
 use core::mem;
 
 use drivetwin_protocol::time::{Duration, Instant};
 
-use super::{Plan, Step, Walker};
+use super::{Plan, Step, StepIterator};
 
 /// High time of STEP: this, or half the interval to the next step if that is shorter. A board's pulse may be longer by
 /// the time that finding the next step takes.
@@ -44,9 +44,9 @@ pub trait StepDir {
 
 /// Makes the pulses of an axis.
 #[derive(Debug)]
-pub struct Stepper<P> {
+pub struct StepGenerator<P> {
     pins: P,
-    walker: Walker,
+    walker: StepIterator,
     /// The next step of the plan; never if there is none.
     next: Step,
     /// The level of DIR.
@@ -61,12 +61,12 @@ pub struct Stepper<P> {
     direct: i32,
 }
 
-impl<P: StepDir> Stepper<P> {
+impl<P: StepDir> StepGenerator<P> {
     /// An axis that stands, with STEP and DIR low.
     pub const fn new(pins: P) -> Self {
         Self {
             pins,
-            walker: Walker::done(),
+            walker: StepIterator::done(),
             next: NONE,
             forward: false,
             due: Instant::NEVER,
@@ -161,12 +161,12 @@ pub trait StepTimer {
 
     /// Lends the stepper, with the time, while the interrupt is kept out, and sets the timer to what the
     /// stepper wants then. `None` if it is lent already.
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Self::Pins>, Instant) -> R) -> Option<R>;
+    fn with<R>(&mut self, act: impl FnOnce(&mut StepGenerator<Self::Pins>, Instant) -> R) -> Option<R>;
 }
 
 /// Gives an axis its plans.
 #[derive(Debug)]
-pub struct Follower {
+pub struct PlanLoader {
     plan: Plan,
     /// Steps that the pulses are ahead of the plan's position.
     offset: i32,
@@ -175,7 +175,7 @@ pub struct Follower {
 
 /// Deviation of an axis from a plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Followed {
+pub struct HandOff {
     /// Steps made beyond the planned ones.
     pub slipped: i32,
     /// Delay of the whole plan.
@@ -185,31 +185,31 @@ pub struct Followed {
 /// A plan on its way to the stepper.
 #[derive(Debug)]
 struct Course {
-    walker: Walker,
+    walker: StepIterator,
     next: Step,
     /// Before `next`.
     position: i32,
 }
 
-impl Default for Follower {
+impl Default for PlanLoader {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Follower {
+impl PlanLoader {
     /// A follower of an axis that stands.
     #[must_use]
     pub fn new() -> Self {
-        let next = Course { walker: Walker::done(), next: NONE, position: 0 };
+        let next = Course { walker: StepIterator::done(), next: NONE, position: 0 };
         Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0, next }
     }
 
     /// From now on the axis follows `plan`, of which it learns after its start.
-    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> Followed {
+    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> HandOff {
         let start = plan.start();
         let offset = self.made(start).wrapping_sub(plan.position_at(start));
-        let stands = |stepper: &mut Stepper<_>, _| stepper.next.at == Instant::NEVER;
+        let stands = |stepper: &mut StepGenerator<_>, _| stepper.next.at == Instant::NEVER;
         let stood = self.plan.end() <= start && timer.with(stands) == Some(true);
         let course = &mut self.next;
         course.take(plan, if stood { start } else { timer.now() });
@@ -230,9 +230,9 @@ impl Follower {
             mem::swap(&mut stepper.walker, &mut course.walker);
             stepper.next = course.next;
             stepper.schedule();
-            Followed { slipped: stepper.made.wrapping_sub(course.position).wrapping_sub(offset), late }
+            HandOff { slipped: stepper.made.wrapping_sub(course.position).wrapping_sub(offset), late }
         });
-        let Some(followed) = followed else { return Followed::default() };
+        let Some(followed) = followed else { return HandOff::default() };
         (self.plan, self.offset) = (plan.delayed(followed.late), offset.wrapping_add(followed.slipped));
         followed
     }
@@ -279,7 +279,7 @@ impl Course {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{MAX_ACCELERATION, Rates};
+    use crate::motion::{Limits, MAX_ACCELERATION};
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
     use std::vec::Vec;
@@ -321,14 +321,14 @@ mod tests {
     struct Timer {
         now: core::cell::Cell<u64>,
         pace: u64,
-        stepper: Stepper<Pins>,
+        stepper: StepGenerator<Pins>,
         /// Time of each step and each change of DIR.
         at: Vec<(u64, Seen)>,
     }
 
     impl Timer {
         fn new(pace: u64) -> Self {
-            Self { now: 0.into(), pace, stepper: Stepper::new(Pins::default()), at: Vec::new() }
+            Self { now: 0.into(), pace, stepper: StepGenerator::new(Pins::default()), at: Vec::new() }
         }
 
         /// The interrupt does what is due.
@@ -358,7 +358,7 @@ mod tests {
             Instant::from_ticks(self.now.get())
         }
 
-        fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>, Instant) -> R) -> Option<R> {
+        fn with<R>(&mut self, act: impl FnOnce(&mut StepGenerator<Pins>, Instant) -> R) -> Option<R> {
             let now = self.now();
             self.run(now.ticks());
             let result = act(&mut self.stepper, now);
@@ -375,10 +375,10 @@ mod tests {
     #[test]
     fn dir_turns_5_us_before_the_step() {
         let mut timer = Timer::new(0);
-        let plan = Plan::profile(at(0), 0, 2, Rates::even(U24F8::from_num(1_000), 1_000_000));
-        assert_eq!(Follower::new().follow(&mut timer, &plan), Followed::default());
+        let plan = Plan::profile(at(0), 0, 2, Limits::even(U24F8::from_num(1_000), 1_000_000));
+        assert_eq!(PlanLoader::new().follow(&mut timer, &plan), HandOff::default());
         timer.run(u64::MAX - 1);
-        let steps: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
+        let steps: Vec<u64> = StepIterator::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         let expected =
             [(steps[0] - 80, Seen::Turn(true)), (steps[0], Seen::Rise(true)), (steps[1], Seen::Rise(true))];
         assert_eq!(timer.at, expected);
@@ -416,31 +416,33 @@ mod tests {
         // Its first step is due 0.1 ms after its start; the board learns of it 1 ms after that.
         let mut timer = Timer::new(0);
         timer.now.set(16_000);
-        let rates = Rates { start: U24F8::from_num(10_000), ..Rates::even(U24F8::from_num(20_000), 100_000) };
+        let rates =
+            Limits { start: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
         let plan = Plan::profile(at(0), 0, 500, rates);
-        let followed = Follower::new().follow(&mut timer, &plan);
+        let followed = PlanLoader::new().follow(&mut timer, &plan);
         timer.run(u64::MAX - 1);
         let rises = timer.at.iter().filter(|(_, seen)| matches!(seen, Seen::Rise(_))).map(|(at, _)| *at);
         let rises: Vec<u64> = rises.collect();
-        let planned: Vec<u64> = Walker::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
+        let planned: Vec<u64> = StepIterator::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         assert_eq!((rises.len(), rises[0]), (500, 16_000 + LEAD.ticks()));
         let intervals = |ticks: &[u64]| ticks.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
         assert_eq!(intervals(&rises), intervals(&planned));
         let late = Duration::from_ticks(rises[0] - planned[0]);
-        assert_eq!(followed, Followed { slipped: 0, late });
+        assert_eq!(followed, HandOff { slipped: 0, late });
     }
 
     #[test]
     fn moves_in_a_row_lose_nothing_if_time_waits_for_them() {
         let mut timer = Timer::new(0);
-        let mut follower = Follower::new();
-        let rates = Rates { start: U24F8::from_num(10_000), ..Rates::even(U24F8::from_num(20_000), 100_000) };
+        let mut follower = PlanLoader::new();
+        let rates =
+            Limits { start: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
         let (mut start, mut position) = (Instant::ZERO, 0);
         for steps in [500, -500, 2, -2, 1] {
             let plan = Plan::profile(start, position, steps, rates);
             // The board learns of each 1 ms late.
             timer.run(start.ticks() + 16_000);
-            let Followed { slipped, late } = follower.follow(&mut timer, &plan);
+            let HandOff { slipped, late } = follower.follow(&mut timer, &plan);
             assert_eq!(slipped, 0);
             assert!(late > Duration::ZERO);
             start = plan.end() + late;
@@ -453,16 +455,16 @@ mod tests {
     #[test]
     fn pulses_do_not_wait_for_the_drive() {
         let mut timer = Timer::new(0);
-        let mut follower = Follower::new();
+        let mut follower = PlanLoader::new();
         // 0.1 s at 10,000 steps/s.
         let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(10_000), MAX_ACCELERATION);
-        let Followed { late, .. } = follower.follow(&mut timer, &plan);
+        let HandOff { late, .. } = follower.follow(&mut timer, &plan);
         let plan = plan.delayed(late);
         timer.run(1_600_000);
         // The drive's time waits for 1 ms: it believes to be where it was then.
         follower.wait(Duration::millis(1));
         let plan = plan.delayed(Duration::millis(1)).halt(at(1_600_000));
-        assert_eq!(follower.follow(&mut timer, &plan), Followed { slipped: 10, late: Duration::ZERO });
+        assert_eq!(follower.follow(&mut timer, &plan), HandOff { slipped: 10, late: Duration::ZERO });
     }
 
     proptest! {
@@ -473,14 +475,14 @@ mod tests {
             acceleration in 1_000_u32..1_000_000,
         ) {
             let mut timer = Timer::new(0);
-            let mut follower = Follower::new();
+            let mut follower = PlanLoader::new();
             let mut plan = Plan::rest(at(0), 0);
             let mut start = 0;
             for (wait, speed) in turns {
                 start += wait;
                 plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
                 timer.run(start);
-                let Followed { slipped, late } = follower.follow(&mut timer, &plan);
+                let HandOff { slipped, late } = follower.follow(&mut timer, &plan);
                 prop_assert_eq!(slipped, 0);
                 plan = plan.delayed(late);
             }
@@ -495,7 +497,7 @@ mod tests {
             pace in 0_u64..400, acceleration in 1_000_u32..1_000_000,
         ) {
             let mut timer = Timer::new(pace);
-            let mut follower = Follower::new();
+            let mut follower = PlanLoader::new();
             let mut plan = Plan::rest(at(0), 0);
             let (mut start, mut slipped) = (0, 0);
             // In the end it stands.

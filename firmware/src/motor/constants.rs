@@ -19,7 +19,7 @@
 
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use super::{FULL_DUTY, Parameters, Stretch};
+use super::{FULL_DUTY, MotionInterval, Parameters};
 use crate::device::Duration;
 
 /// The longest step.
@@ -28,7 +28,7 @@ const STEP: Duration = Duration::millis(1);
 const LEAST_STEP: Duration = Duration::micros(50);
 
 /// The most that a torque accelerates: steeper is nothing that turns.
-const STEEPEST: i64 = 16 * Stretch::STEEPEST;
+const STEEPEST: i64 = 16 * MotionInterval::STEEPEST;
 
 /// Connection of a motor's terminals.
 #[derive(Clone, Copy, Debug)]
@@ -46,7 +46,7 @@ pub(super) enum Terminals {
     },
 }
 
-/// Constants that follow from the parameters, in the units of a [`Stretch`].
+/// Constants that follow from the parameters, in the units of a [`MotionInterval`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
@@ -131,7 +131,12 @@ impl Constants {
     }
 
     /// Next stretch from `now`, and the current there, in mA.
-    pub(super) fn next(&self, now: Stretch, terminals: Terminals, held: bool) -> (Stretch, i32) {
+    pub(super) fn next(
+        &self,
+        now: MotionInterval,
+        terminals: Terminals,
+        held: bool,
+    ) -> (MotionInterval, i32) {
         let (push, most_ma) = match terminals {
             Terminals::Driven { duty, limit_ma } => (self.push(duty, now.speed), i64::from(limit_ma)),
             Terminals::Dead | Terminals::Open => (0, 0),
@@ -159,7 +164,7 @@ impl Constants {
         let acceleration = braked(driven, charge, mean(charge));
         let stands = way == 0 || (now.speed == 0 && acceleration == 0);
         let next = if held || stands {
-            Stretch::rest(now.since(), now.angle)
+            MotionInterval::rest(now.since(), now.angle)
         } else {
             self.stretch(now, acceleration, terminals)
         };
@@ -168,8 +173,8 @@ impl Constants {
 
     /// From `now` on, as long as the acceleration may be taken for steady: nothing changes it while nobody drives the
     /// terminals and the motor is not faster than its supply.
-    fn stretch(&self, now: Stretch, acceleration: i64, terminals: Terminals) -> Stretch {
-        let coasts = now.with(acceleration, Stretch::LONGEST);
+    fn stretch(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
+        let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {
             Terminals::Dead => true,
             Terminals::Open => now.speed.abs().max(coasts.last_speed().abs()) <= self.full,

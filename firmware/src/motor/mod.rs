@@ -14,28 +14,28 @@
 //! motor is in `constants`.
 
 mod constants;
+mod drive_with_motor;
 mod edges;
 mod feedback;
-mod rig;
+mod interval;
 mod rotation;
 mod rotor;
+mod sensor_track;
 pub mod stepper;
-mod stretch;
 #[cfg(test)]
 mod tests;
-mod wheel;
 
 use self::constants::{Constants, Terminals};
+pub use self::drive_with_motor::{DriveWithMotor, MotorDrive};
 pub(crate) use self::edges::{Edges, SETTLE, scaled};
 pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, NEAR, TICK, ratio};
-pub use self::rig::{Rig, Turns};
+use self::interval::MotionInterval;
 pub use self::rotation::Rotation;
-pub use self::rotor::{Pace, Rotor};
-use self::stretch::Stretch;
-use self::wheel::Wheel;
+pub use self::rotor::{Kinematics, Rotor};
+use self::sensor_track::SensorTrack;
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, Fault, Input, Instant, Level, Output, Pin, PinSpec, Refused, Role, Shaft,
-    Sink, Spec,
+    Axis, AxisSpec, Boot, Context, Device, Fault, Input, Instant, Level, Output, Pin, PinSpec, PresetError,
+    Role, Shaft, Spec,
 };
 
 /// The only axis of a motor, and of the drive that has it.
@@ -163,10 +163,10 @@ static MOTOR: Spec = Spec {
     pins: &[sensor("HALL_A"), sensor("HALL_B"), sensor("A"), sensor("B"), sensor("I"), sensor("HALL_C")],
     axes: &[AxisSpec { name: "motor", step_dir: None }],
     faults: &["stall"],
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
-/// A brush motor, or a brushless one. Its terminals are told by [`Input::Current`] and [`Input::Duty`], whatever the
+/// A brush motor, or a brushless one. Its terminals are told by [`Input::CurrentLimit`] and [`Input::Duty`], whatever the
 /// axis.
 #[derive(Clone, Debug)]
 pub struct Motor {
@@ -177,9 +177,9 @@ pub struct Motor {
     /// In 1/65536 of the supply.
     duty: i32,
     held: bool,
-    stretch: Stretch,
-    halls: Wheel,
-    encoder: Wheel,
+    stretch: MotionInterval,
+    halls: SensorTrack,
+    encoder: SensorTrack,
     /// The next edge of a sensor.
     edge: Instant,
     /// Time of that edge, or of the end of the stretch.
@@ -193,16 +193,16 @@ impl Motor {
     /// A motor that stands, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
-        let halls = Wheel::halls(&parameters);
+        let halls = SensorTrack::halls(&parameters);
         let angle = halls.middle();
-        let encoder = Wheel::encoder(parameters.encoder_cycles).moved_to(angle);
+        let encoder = SensorTrack::encoder(parameters.encoder_cycles).moved_to(angle);
         Self {
             parameters,
             constants: Constants::of(&parameters),
             limit_ma: 0,
             duty: 0,
             held: false,
-            stretch: Stretch::rest(Instant::ZERO, angle),
+            stretch: MotionInterval::rest(Instant::ZERO, angle),
             halls,
             encoder,
             edge: Instant::NEVER,
@@ -225,21 +225,21 @@ impl Motor {
     }
 
     /// Changes the parameters, at the same count of its Hall sensors and as fast in turns.
-    pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
+    pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
         if parameters == self.parameters {
             return;
         }
         let mut now = self.stretch.at(at);
         let (halls, before) = (|of: &Parameters| (of.hall_pulses, of.hall_sensors), &self.parameters);
         if halls(&parameters) != halls(before) {
-            self.halls = Wheel::halls(&parameters).at_count_of(self.halls);
+            self.halls = SensorTrack::halls(&parameters).at_count_of(self.halls);
             now.angle = self.halls.middle();
         }
         if parameters.hall_sensors != before.hall_sensors {
             self.halls.show(at, None, parameters.hall_pins(), out);
         }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {
-            self.encoder = Wheel::encoder(parameters.encoder_cycles).moved_to(now.angle);
+            self.encoder = SensorTrack::encoder(parameters.encoder_cycles).moved_to(now.angle);
         }
         (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
         self.stretch = now;
@@ -248,11 +248,11 @@ impl Motor {
     }
 
     /// Begins the next stretch, where the present one is at `at`.
-    fn go_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn go_on(&mut self, at: Instant, out: &mut dyn Context) {
         let ma = self.begin(at, self.terminals());
         if ma != self.ma {
             self.ma = ma;
-            out.put(at, Output::Draws { axis: AXIS, ma });
+            out.put(at, Output::MotorCurrent { axis: AXIS, ma });
         }
         let rotation = self.stretch.rotation();
         if !self.is_reported(at, rotation) {
@@ -268,7 +268,7 @@ impl Motor {
         if rotation.speed == 0 && rotation.acceleration == 0 {
             return reported.speed == 0 && reported.acceleration == 0 && reported.angle == rotation.angle;
         }
-        end.since(since) <= Stretch::LONGEST
+        end.since(since) <= MotionInterval::LONGEST
             && reported.after(at.since(since)).is_like(rotation)
             && reported.after(end.since(since)).is_like(self.stretch.at(end).rotation())
     }
@@ -283,7 +283,7 @@ impl Motor {
     /// As [`Self::go_on`] with that at its terminals, and returns what the motor draws.
     fn begin(&mut self, at: Instant, terminals: Terminals) -> i32 {
         let now = self.stretch.at(at);
-        let now = if self.held { Stretch::rest(at, now.angle) } else { now };
+        let now = if self.held { MotionInterval::rest(at, now.angle) } else { now };
         let (stretch, ma) = self.constants.next(now, terminals, self.held);
         self.stretch = stretch;
         self.find_edge(at);
@@ -323,7 +323,7 @@ impl Rotor for Motor {
         self.stretch.angle_at(at)
     }
 
-    fn pace(&self) -> Pace {
+    fn pace(&self) -> Kinematics {
         self.stretch.pace()
     }
 
@@ -342,20 +342,20 @@ impl Device for Motor {
     }
 
     /// Powers the sensors; the shaft stays as it is.
-    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
         self.coast(at);
         self.held = false;
         self.halls.show(at, None, self.parameters.hall_pins(), out);
         self.encoder.show(at, None, ENCODER_PINS, out);
         self.reported = None;
         out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
-        out.put(at, Output::Draws { axis: AXIS, ma: self.ma });
+        out.put(at, Output::MotorCurrent { axis: AXIS, ma: self.ma });
         self.go_on(at, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let told = match input {
-            Input::Current { ma, .. } => (ma, self.duty, self.held),
+            Input::CurrentLimit { ma, .. } => (ma, self.duty, self.held),
             Input::Duty { duty, .. } => (self.limit_ma, duty, self.held),
             Input::Fault { fault: STALL, on } => (self.limit_ma, self.duty, on),
             _ => return,
@@ -370,7 +370,7 @@ impl Device for Motor {
         self.due
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if at >= self.edge {
             let angle = self.stretch.at(at).angle;
             let hall_pins = self.parameters.hall_pins();
@@ -390,8 +390,14 @@ impl Device for Motor {
         0
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::NoSuchRegister)
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        _value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
     }
 
     fn shaft(&self, at: Instant, _axis: Axis) -> Option<Shaft> {

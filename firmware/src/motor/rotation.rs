@@ -3,7 +3,7 @@
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::I40F24;
 
-use super::stretch::{MOST, Stretch};
+use super::interval::{MOST, MotionInterval};
 use crate::device::Duration;
 
 /// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next report: while
@@ -22,7 +22,7 @@ impl Rotation {
     /// The state a span later, at most 4 ms. A shaft that slows down ends at rest and does not turn round.
     pub(super) fn after(self, span: Duration) -> Self {
         let moves = self.speed != 0 || self.acceleration != 0;
-        let ticks = if moves { span.min(Stretch::LONGEST).ticks().cast_signed() } else { 0 };
+        let ticks = if moves { span.min(MotionInterval::LONGEST).ticks().cast_signed() } else { 0 };
         let gain = (self.acceleration * ticks) >> 8;
         let speed = self.speed + gain;
         let turned_round = self.speed.signum() * speed.signum() < 0;
@@ -54,7 +54,7 @@ impl Rotation {
     pub fn limited(self) -> Self {
         Self {
             speed: self.speed.clamp(-MOST, MOST),
-            acceleration: self.acceleration.clamp(-Stretch::STEEPEST, Stretch::STEEPEST),
+            acceleration: self.acceleration.clamp(-MotionInterval::STEEPEST, MotionInterval::STEEPEST),
             ..self
         }
     }

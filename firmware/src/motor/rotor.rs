@@ -19,7 +19,7 @@ pub trait Rotor: Device {
     }
 
     /// Present motion.
-    fn pace(&self) -> Pace;
+    fn pace(&self) -> Kinematics;
 
     /// Returns whether it cannot follow its drive.
     fn stalled(&self) -> bool;
@@ -32,7 +32,7 @@ pub trait Rotor: Device {
 ///
 /// *d* ticks later it has made `d·(2h + a·d)` of the `turn` parts of a turn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Pace {
+pub struct Kinematics {
     /// From when on.
     pub since: Instant,
     /// Angle then, in 2⁻³² turns.

@@ -25,8 +25,8 @@
 //! Everything is reckoned in the phase of a plan, a step of the drive being `STEP` units; so nothing is rounded but
 //! the angle that is shown, and the origin when the size of a step changes.
 
-use super::{Pace, Rotor, STALL};
-use crate::device::{AxisSpec, Boot, Device, Duration, Input, Instant, Plan, Refused, Sink, Spec};
+use super::{Kinematics, Rotor, STALL};
+use crate::device::{AxisSpec, Boot, Context, Device, Duration, Input, Instant, Plan, PresetError, Spec};
 use crate::motion::STEP;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
@@ -38,7 +38,7 @@ const LONGEST: Duration = Duration::from_ticks(1 << 31);
 const NOTHING: i128 = 1 << 16;
 /// The field's torque repeats after so many full steps.
 const PERIOD: i64 = 4;
-/// The fastest shaft, as [`Stretch::h`], so that nothing here exceeds 127 bits.
+/// The fastest shaft, as [`MotionInterval::h`], so that nothing here exceeds 127 bits.
 const FASTEST: i128 = 1 << 56;
 /// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques are reckoned in 1/256 µN·m.
 const TORQUE: i128 = 10_541_437;
@@ -47,7 +47,7 @@ const MOST_MA: u32 = 1_000_000;
 
 /// Parameters of a stepper motor and its load. A value beyond a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Parameters {
+pub struct StepperParameters {
     /// Full steps in a turn, 4 to 10,000.
     pub steps_per_rev: u16,
     /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the
@@ -65,7 +65,7 @@ pub struct Parameters {
     pub load_unm: i32,
 }
 
-impl Parameters {
+impl StepperParameters {
     /// 200 steps, and no load that it could not follow.
     pub const NOMINAL: Self = Self {
         steps_per_rev: 200,
@@ -118,12 +118,12 @@ static STEPPER: Spec = Spec {
     product: "Stepper motor",
     axes: &[AxisSpec { name: "motor", step_dir: None }],
     faults: &["stall"],
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// Motion of the shaft from an instant on. It does not reverse inside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Stretch {
+struct MotionInterval {
     since: Instant,
     end: Instant,
     /// Phase at the beginning.
@@ -135,7 +135,7 @@ struct Stretch {
     catches_up: i64,
 }
 
-impl Stretch {
+impl MotionInterval {
     fn rest(since: Instant, end: Instant, phase: i128) -> Self {
         Self { since, end, from: phase, h: 0, a: 0, catches_up: 0 }
     }
@@ -162,11 +162,11 @@ impl Stretch {
     }
 }
 
-/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::Current`], whatever
+/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`], whatever
 /// the axis.
 #[derive(Clone, Debug)]
-pub struct Stepper {
-    parameters: Parameters,
+pub struct StepperMotor {
+    parameters: StepperParameters,
     /// Steps of the drive in a full step.
     microsteps: u16,
     /// `None` from a drive that does not say it; then it is the rated one.
@@ -189,13 +189,13 @@ pub struct Stepper {
     stepped: Instant,
     /// Until when it catches up with the field.
     catches_up: Instant,
-    stretch: Stretch,
+    stretch: MotionInterval,
 }
 
-impl Stepper {
+impl StepperMotor {
     /// A motor that stands at angle 0, at a drive of full steps.
     #[must_use]
-    pub fn new(parameters: Parameters) -> Self {
+    pub fn new(parameters: StepperParameters) -> Self {
         Self {
             parameters: parameters.limited(),
             microsteps: 1,
@@ -210,7 +210,7 @@ impl Stepper {
             keeps_field: false,
             stepped: Instant::ZERO,
             catches_up: Instant::ZERO,
-            stretch: Stretch::rest(Instant::ZERO, Instant::NEVER, 0),
+            stretch: MotionInterval::rest(Instant::ZERO, Instant::NEVER, 0),
         }
     }
 
@@ -227,14 +227,14 @@ impl Stepper {
         let resized = |size: i128| (size * to).checked_div(from).unwrap_or(0);
         self.origin = self.angle_of(field);
         self.lost = resized(self.lost.into()) as i64;
-        self.stretch = Stretch::rest(at, at, resized(shaft - field));
+        self.stretch = MotionInterval::rest(at, at, resized(shaft - field));
         self.stretch.h = resized(speed.into()).clamp(-FASTEST, FASTEST) as i64;
         (self.field, self.microsteps) = (0, new);
         self.begin(at, CATCH_UP);
     }
 
     /// From `at` on it has another load, or is another motor: one of other full steps stands in step where this one is.
-    pub fn load(&mut self, at: Instant, parameters: Parameters) {
+    pub fn load(&mut self, at: Instant, parameters: StepperParameters) {
         let parameters = parameters.limited();
         if parameters == self.parameters {
             return;
@@ -243,7 +243,7 @@ impl Stepper {
             self.move_field(at);
             self.origin = self.angle_of(self.stretch.phase_at(at));
             (self.field, self.lost, self.is_loose) = (0, 0, false);
-            self.stretch = Stretch::rest(at, at, 0);
+            self.stretch = MotionInterval::rest(at, at, 0);
         }
         self.parameters = parameters;
         self.begin(at, CATCH_UP);
@@ -337,7 +337,7 @@ impl Stepper {
                 let stands = next.h == 0 && next.a == 0;
                 let longest = if stands { u64::MAX } else { LONGEST.ticks() };
                 let ticks = fails.unwrap_or(u64::MAX).min(next.turns_round()).min(longest);
-                self.stretch = Stretch { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
+                self.stretch = MotionInterval { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
                 return;
             }
             // It tries once more.
@@ -347,7 +347,7 @@ impl Stepper {
         self.follow_shaft(shaft);
     }
 
-    /// Speed of a shaft that does not follow, as [`Stretch::h`]: one that has just begun to stands.
+    /// Speed of a shaft that does not follow, as [`MotionInterval::h`]: one that has just begun to stands.
     fn loose_speed(&self, at: Instant) -> i64 {
         let speed = self.stretch.speed_at(at);
         let turned_round = self.stretch.h.signum() * speed.signum() < 0;
@@ -358,7 +358,11 @@ impl Stepper {
     /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's
     /// torque.
     fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
-        let goes_on = Stretch { h: field.h, a: field.a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) };
+        let goes_on = MotionInterval {
+            h: field.h,
+            a: field.a,
+            ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, 0)
+        };
         if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {
             return false;
         }
@@ -375,17 +379,17 @@ impl Stepper {
     }
 
     /// Acceleration that brings a shaft from rest to the speed of the field within two full steps.
-    fn starting(&self, field: &Field) -> Stretch {
+    fn starting(&self, field: &Field) -> MotionInterval {
         const TICKS: i128 = TICKS_PER_SECOND.cast_signed() as i128;
         // v² = 2·a·s, for s of two full steps.
         let square = (i128::from(field.h) * i128::from(field.h)).checked_div(TICKS * TICKS).unwrap_or(0);
         let a = square.checked_div(4 * i128::from(self.microsteps)).unwrap_or(0);
         let a = i64::try_from(a).unwrap_or(i64::MAX) * field.h.signum();
-        Stretch { h: field.h, a, ..Stretch::rest(Instant::ZERO, Instant::ZERO, 0) }
+        MotionInterval { h: field.h, a, ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, 0) }
     }
 
     /// Motion of a shaft that does not follow: by its load, against what resists that.
-    fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> Stretch {
+    fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> MotionInterval {
         let mut end = field.end;
         if self.catches_up > at {
             end = end.min(self.catches_up);
@@ -393,26 +397,26 @@ impl Stepper {
             // It may become slow enough.
             end = end.min(at + CATCH_UP);
         }
-        let Parameters { pull_out_rpm, load_unm, .. } = self.parameters;
+        let StepperParameters { pull_out_rpm, load_unm, .. } = self.parameters;
         let fastest = self.in_phase(pull_out_rpm.into(), 60).clamp(1, FASTEST) as i64;
         let speed = speed.clamp(-fastest, fastest);
         let pushes = -i128::from(load_unm) << 8;
         let way = if speed == 0 { pushes.signum() as i64 } else { speed.signum() };
         let Some(resists) = self.resists(field).filter(|_| !self.held) else {
-            return Stretch::rest(at, end, shaft);
+            return MotionInterval::rest(at, end, shaft);
         };
         let drives = i128::from(way) * pushes - resists;
         if speed == 0 && drives <= 0 {
-            return Stretch::rest(at, end, shaft);
+            return MotionInterval::rest(at, end, shaft);
         }
         let a = if drives > 0 && speed.abs() == fastest { 0 } else { self.accelerated_by(drives) };
-        let next = Stretch { since: at, end, from: shaft, h: speed, a: way * a, catches_up: 0 };
+        let next = MotionInterval { since: at, end, from: shaft, h: speed, a: way * a, catches_up: 0 };
         let comes_to_fastest = (fastest - speed.abs()).unsigned_abs().div_ceil(a.unsigned_abs().max(1));
         let lasts = match a.signum() {
             1 => comes_to_fastest.max(1),
             _ => next.turns_round(),
         };
-        Stretch { end: end.min(at + Duration::from_ticks(lasts.min(LONGEST.ticks()))), ..next }
+        MotionInterval { end: end.min(at + Duration::from_ticks(lasts.min(LONGEST.ticks()))), ..next }
     }
 
     /// Torque that resists a shaft that does not follow; `None`: any.
@@ -438,7 +442,7 @@ impl Stepper {
     }
 
     /// Stretch of the shaft from `shaft` if it follows the field.
-    fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> Stretch {
+    fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> MotionInterval {
         let aim = i128::from(self.field + self.lost) * i128::from(STEP) + field.fraction;
         let gap = aim - shaft;
         let still = i128::from(self.catches_up.since(at).ticks());
@@ -452,10 +456,17 @@ impl Stepper {
         }
         let ticks = i128::from(self.catches_up.since(at).ticks());
         let Some(speed) = gap.checked_div(2 * ticks) else {
-            return Stretch { since: at, end: field.end, from: aim, h: field.h, a: field.a, catches_up: 0 };
+            return MotionInterval {
+                since: at,
+                end: field.end,
+                from: aim,
+                h: field.h,
+                a: field.a,
+                catches_up: 0,
+            };
         };
         let speed = speed.clamp(-FASTEST, FASTEST) as i64;
-        Stretch {
+        MotionInterval {
             since: at,
             end: field.end.min(self.catches_up),
             from: shaft,
@@ -477,10 +488,13 @@ impl Stepper {
     /// Returns whether the torque at standstill suffices to turn the shaft from one phase to another.
     fn overcomes(&self, from: i128, to: i128) -> bool {
         let way = (to - from).signum() as i64;
-        self.fails_after(&Stretch { h: way, ..Stretch::rest(Instant::ZERO, Instant::ZERO, from) }) != Some(0)
+        self.fails_after(&MotionInterval {
+            h: way,
+            ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, from)
+        }) != Some(0)
     }
 
-    /// Turns in so many seconds, as [`Stretch::h`].
+    /// Turns in so many seconds, as [`MotionInterval::h`].
     fn in_phase(&self, turns: i128, seconds: i128) -> i128 {
         let way = turns * i128::from(self.steps_per_rev()) * i128::from(TICKS_PER_SECOND);
         way.checked_div(seconds).unwrap_or(0)
@@ -488,7 +502,7 @@ impl Stepper {
 
     /// The torque of the field at standstill.
     fn holds(&self) -> i128 {
-        let Parameters { holding_unm, rated_ma, .. } = self.parameters;
+        let StepperParameters { holding_unm, rated_ma, .. } = self.parameters;
         let ma = self.current_ma.unwrap_or(rated_ma).min(MOST_MA);
         ((i128::from(holding_unm) * i128::from(ma)) << 8).checked_div(rated_ma.into()).unwrap_or(0)
     }
@@ -508,9 +522,9 @@ impl Stepper {
     }
 
     /// After how many ticks of a stretch the torque does not suffice.
-    fn fails_after(&self, stretch: &Stretch) -> Option<u64> {
-        let Parameters { holding_unm, pull_out_rpm, friction_unm, load_unm, .. } = self.parameters;
-        let Stretch { h, a, .. } = *stretch;
+    fn fails_after(&self, stretch: &MotionInterval) -> Option<u64> {
+        let StepperParameters { holding_unm, pull_out_rpm, friction_unm, load_unm, .. } = self.parameters;
+        let MotionInterval { h, a, .. } = *stretch;
         if holding_unm == 0 {
             return None;
         }
@@ -543,7 +557,7 @@ impl Stepper {
 struct Field {
     /// Phase beyond the plan's position there.
     fraction: i128,
-    /// As of a [`Stretch`].
+    /// As of a [`MotionInterval`].
     h: i64,
     a: i64,
     /// End of this motion.
@@ -569,7 +583,7 @@ impl Field {
     }
 }
 
-impl Rotor for Stepper {
+impl Rotor for StepperMotor {
     fn until(&self) -> Instant {
         self.stretch.end
     }
@@ -584,9 +598,9 @@ impl Rotor for Stepper {
         self.stretch.phase_at(at) << 32 > below.saturating_mul(self.turn())
     }
 
-    fn pace(&self) -> Pace {
-        let Stretch { since, h, a, .. } = self.stretch;
-        Pace { since, angle: self.angle_at(since), h, a, turn: self.turn() }
+    fn pace(&self) -> Kinematics {
+        let MotionInterval { since, h, a, .. } = self.stretch;
+        Kinematics { since, angle: self.angle_at(since), h, a, turn: self.turn() }
     }
 
     fn stalled(&self) -> bool {
@@ -598,15 +612,15 @@ impl Rotor for Stepper {
     }
 }
 
-impl Device for Stepper {
+impl Device for StepperMotor {
     fn spec(&self) -> &'static Spec {
         &STEPPER
     }
 
     /// Without effect: the shaft stays where it is.
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {}
 
-    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Context) {
         let mut within = CATCH_UP;
         match input {
             Input::Plan { plan, .. } => {
@@ -622,7 +636,7 @@ impl Device for Stepper {
                     self.catches_up = at + within;
                 }
             }
-            Input::Current { ma, .. } => self.current_ma = Some(ma),
+            Input::CurrentLimit { ma, .. } => self.current_ma = Some(ma),
             Input::Fault { fault: STALL, on } => self.held = on,
             _ => return,
         }
@@ -633,7 +647,7 @@ impl Device for Stepper {
         self.stretch.end
     }
 
-    fn timeout(&mut self, at: Instant, _out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, _out: &mut dyn Context) {
         if at >= self.stretch.end {
             self.begin(at, CATCH_UP);
         }
@@ -643,8 +657,14 @@ impl Device for Stepper {
         0
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::NoSuchRegister)
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        _value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
     }
 }
 

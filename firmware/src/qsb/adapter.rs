@@ -13,7 +13,7 @@ use super::serial::Serial;
 use super::stream::{self, Streams};
 use super::{A, B, I, Words};
 use crate::counter::{Channel, Ls7366r, status};
-use crate::device::{Boot, Duration, Input, Instant, LOGIC_HIGH_MV, Sink};
+use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
 use crate::memory::Save;
 
 /// From a reset to the banner; the list does not say.
@@ -91,14 +91,14 @@ impl Adapter {
     }
 
     /// Power comes.
-    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         let serial = Serial::new(Instant::ZERO, boot.fast_line);
         *self = Self { motor: Motor::new(at), fast: boot.fast, serial, ..Self::new(self.variant) };
         self.start(at, out);
     }
 
     /// A reset by the host, which cuts no save.
-    pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.has_run() {
             return;
         }
@@ -111,7 +111,7 @@ impl Adapter {
         self.start(at, out);
     }
 
-    fn start(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn start(&mut self, at: Instant, out: &mut dyn Context) {
         self.bank = self.stored(out);
         self.clock = Clock::new(at);
         self.serial.set_rate(at, self.rate(), out);
@@ -120,7 +120,7 @@ impl Adapter {
     }
 
     /// Ends the start if that is due.
-    pub(super) fn ready_if_due(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn ready_if_due(&mut self, at: Instant, out: &mut dyn Context) {
         if let State::Starting(ready) = self.state
             && ready <= at
         {
@@ -139,7 +139,7 @@ impl Adapter {
     }
 
     /// The start is over.
-    fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.counter = Ls7366r::new(self.pins.a, self.pins.b, self.index_level());
         for reg in [Reg::Mdr0, Reg::Mdr1, Reg::Dtr] {
@@ -168,7 +168,7 @@ impl Adapter {
             .min(self.stream_due())
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.catch_up(at, out);
         if self.save_due() <= at {
             self.finish_save(at, out);
@@ -187,7 +187,7 @@ impl Adapter {
     }
 
     /// A pin, or what a board has counted.
-    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Edge { pin: A, high } => self.level(at, high),
             Input::Edge { pin: B, high } => {
@@ -206,7 +206,7 @@ impl Adapter {
                     self.counter.take_steps(steps, a, b);
                 }
             }
-            Input::Slipped { steps, .. } => self.motor.slipped(steps),
+            Input::StepsCorrection { steps, .. } => self.motor.slipped(steps),
             _ => {}
         }
         if self.watches_counter() {
@@ -234,7 +234,7 @@ impl Adapter {
     }
 
     /// Brings the counter up to date, and does what MDR1 wants of what has happened there.
-    pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Context) {
         let_in(&mut self.counter, at);
         let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
         if events & u16::from(status::IDX) != 0 {

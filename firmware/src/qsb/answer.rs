@@ -1,17 +1,17 @@
 //! Answers, and how they leave.
 
 use drivetwin_protocol::registers::{Entry, Register, Shape, Space};
-use drivetwin_protocol::text::Line;
+use drivetwin_protocol::text::TextLine;
 
 use super::USB;
 use super::adapter::Adapter;
 use super::command::{self, Command, LINE_CHARACTERS, Response, Verb};
 use super::registers::Reg;
-use crate::device::{Instant, Note, Output, Sink};
+use crate::device::{Context, Instant, LogEvent, Output};
 
 impl Adapter {
     /// A line has come: carries out its command, and answers.
-    pub(super) fn execute(&mut self, at: Instant, line: &Line<LINE_CHARACTERS>, out: &mut dyn Sink) {
+    pub(super) fn execute(&mut self, at: Instant, line: &TextLine<LINE_CHARACTERS>, out: &mut dyn Context) {
         self.catch_up(at, out);
         let response = match command::parse(line) {
             Ok(command) => self.answer(at, command, out),
@@ -20,9 +20,9 @@ impl Adapter {
         let function = line.text.first().copied().unwrap_or(0);
         out.put(
             at,
-            Output::Note(match response.letter {
-                code @ (b'e' | b'x') => Note::Refused { port: USB, function, code },
-                _ => Note::Request { port: USB, unit: 0, function },
+            Output::Log(match response.letter {
+                code @ (b'e' | b'x') => LogEvent::Refused { port: USB, function, code },
+                _ => LogEvent::Request { port: USB, unit: 0, function },
             }),
         );
         self.respond(at, response, out);
@@ -30,7 +30,7 @@ impl Adapter {
         self.note_changes(at);
     }
 
-    fn answer(&mut self, at: Instant, command: Command, out: &mut dyn Sink) -> Response {
+    fn answer(&mut self, at: Instant, command: Command, out: &mut dyn Context) -> Response {
         let Command { verb, register } = command;
         let Some((reg, row)) = self.find(command) else { return unsupported(register) };
         let (letter, data) = match verb {
@@ -64,13 +64,13 @@ impl Adapter {
     }
 
     /// The present value of a register leaves under this letter.
-    pub(super) fn tell(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Sink) {
+    pub(super) fn tell(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Context) {
         let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
         let data = self.value(at, reg) as u32;
         self.respond(at, Response { letter, register, data }, out);
     }
 
-    fn respond(&mut self, at: Instant, response: Response, out: &mut dyn Sink) {
+    fn respond(&mut self, at: Instant, response: Response, out: &mut dyn Context) {
         let text = response.text(self.bank.word(Reg::Eor), self.clock.number(at));
         self.serial.send(at, text.as_bytes(), out);
     }

@@ -1,6 +1,6 @@
 //! Commands as they come and responses as they leave, in ASCII.
 
-use drivetwin_protocol::text::Line;
+use drivetwin_protocol::text::TextLine;
 use heapless::Vec;
 
 /// The most characters of a line that are looked at.
@@ -28,7 +28,7 @@ pub(super) struct Command {
 ///
 /// # Errors
 /// It is no command: the register to show, as typed if it has two digits, else 0.
-pub(super) fn parse(line: &Line<LINE_CHARACTERS>) -> Result<Command, u8> {
+pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     let (letter, register, data) = match &*line.text {
         [letter, high, low, data @ ..] => (*letter, number(&[*high, *low]), data),
         _ => return Err(0),

@@ -8,7 +8,7 @@ use super::motor::{Order, Settings};
 use super::registers::{Reg, mdr1};
 use super::stream;
 use crate::counter::Channel;
-use crate::device::{Instant, Refused, Sink};
+use crate::device::{Context, Instant, PresetError};
 
 impl Adapter {
     /// A register as it reads, with the counter up to date.
@@ -44,7 +44,7 @@ impl Adapter {
 
     /// Writes a value that the register's row accepts, and does what that means, in the list's order.
     /// False if it is refused for another reason.
-    pub(super) fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Sink) -> bool {
+    pub(super) fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Context) -> bool {
         if reg == Reg::Command {
             return self.command(at, value, out);
         }
@@ -93,7 +93,7 @@ impl Adapter {
     }
 
     /// COMMAND. False if it is refused: it is of another variant, or the motor cannot obey.
-    fn command(&mut self, at: Instant, value: i64, out: &mut dyn Sink) -> bool {
+    fn command(&mut self, at: Instant, value: i64, out: &mut dyn Context) -> bool {
         let order = match value {
             1 => {
                 self.streams.end(stream::ENDED_BY_COMMAND);
@@ -134,7 +134,7 @@ impl Adapter {
     }
 
     /// Command 0: the motor drive ends, its streams too, and the port is as it was saved.
-    fn leave_motor(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn leave_motor(&mut self, at: Instant, out: &mut dyn Context) {
         self.streams.end(stream::ENDED_BY_COMMAND);
         let stored = self.stored(out);
         for reg in [Reg::DigIO, Reg::DigIOConfig] {
@@ -162,24 +162,29 @@ impl Adapter {
         at: Instant,
         row: usize,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
-        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
-        let row = Reg::ENTRIES.list.get(row).filter(|row| self.has(row)).ok_or(Refused::NoSuchRegister)?;
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
+        let row =
+            Reg::ENTRIES.list.get(row).filter(|row| self.has(row)).ok_or(PresetError::NoSuchRegister)?;
         if !row.accepts(value) {
-            return Err(Refused::OutOfRange);
+            return Err(PresetError::OutOfRange);
         }
         if !self.has_run() {
             let saved = row.saved != 0;
-            return if saved { self.preset(at, reg, kept(reg, value), out) } else { Err(Refused::ReadOnly) };
+            return if saved {
+                self.preset(at, reg, kept(reg, value), out)
+            } else {
+                Err(PresetError::ReadOnly)
+            };
         }
         self.catch_up(at, out);
         match reg {
             // Only command 3 fills these in.
-            Reg::MotorDrive | Reg::Streams => return Err(Refused::ReadOnly),
+            Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
             Reg::TimeStamp => self.clock.set_number(at, value as u32),
-            _ if !row.access.writes() => return Err(Refused::ReadOnly),
-            _ if !self.write(at, reg, value, out) => return Err(Refused::OutOfRange),
+            _ if !row.access.writes() => return Err(PresetError::ReadOnly),
+            _ if !self.write(at, reg, value, out) => return Err(PresetError::OutOfRange),
             _ => self.serial.set_rate(at, self.rate(), out),
         }
         self.note_changes(at);

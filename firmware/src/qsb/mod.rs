@@ -27,8 +27,8 @@ use self::command::LINE_CHARACTERS;
 pub use self::registers::Reg;
 use self::registers::{D, M, S, Variant};
 use crate::device::{
-    Axis, AxisSpec, Boot, Device, EncoderSpec, Ends, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
-    PortSpec, Refused, Role, Sink, Spec, Why,
+    Axis, AxisSpec, Boot, Context, Device, DropReason, EncoderSpec, Framing, Input, Instant, Level, LogEvent,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
 };
 use crate::memory;
 
@@ -61,7 +61,7 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
 #[rustfmt::skip]
 static PINS: [PinSpec; 7] = [
-    pin("A", Role::Mixed, Level::High),
+    pin("A", Role::AnalogueOrDigital, Level::High),
     pin("B", Role::Input, Level::High),
     pin("I", Role::Input, Level::Low),
     pin("DIO0", Role::Both, Level::High),
@@ -90,7 +90,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         kind,
         product,
         manual: "QSB Command List 1.28",
-        ports: &[PortSpec { name: "usb", ends: Ends::Character, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "usb", ends: Framing::Character, line: Some(registers::FACTORY_LINE) }],
         pins,
         aliases: &[("PWM", A), ("ANALOG", A)],
         axes: if variant.motor { &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }] } else { &[] },
@@ -99,7 +99,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         registers: Reg::TABLE,
         variant: variant.bit,
         not_modelled: &NOT_MODELLED,
-        ..Spec::BARE
+        ..Spec::EMPTY
     }
 }
 
@@ -135,16 +135,16 @@ impl Qsb {
     }
 
     /// A character, or `None` for one that nobody could read.
-    fn hear(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Sink) {
+    fn hear(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
         self.adapter.ready_if_due(at, out);
         if !self.adapter.is_ready() {
-            out.put(at, Output::Note(Note::Dropped { port: USB, why: Why::Starting }));
+            out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::Starting }));
             return;
         }
         match character {
             None => {
                 self.lines.spoil();
-                out.put(at, Output::Note(Note::Dropped { port: USB, why: Why::Spoiled }));
+                out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::RxError }));
             }
             Some(BACKSPACE) => self.lines.clear(),
             Some(character) => {
@@ -161,20 +161,20 @@ impl Device for Qsb {
         self.spec
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.lines.clear();
         self.adapter.power_on(at, boot, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Bytes { bytes, .. } => {
                 for character in bytes {
                     self.hear(at, Some(*character), out);
                 }
             }
-            Input::Spoiled { .. } => self.hear(at, None, out),
-            Input::Attached { here: true, .. } => {
+            Input::RxError { .. } => self.hear(at, None, out),
+            Input::HostPresence { here: true, .. } => {
                 self.lines.clear();
                 self.adapter.reset(at, out);
             }
@@ -186,7 +186,7 @@ impl Device for Qsb {
         self.adapter.deadline()
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.adapter.timeout(at, out);
     }
 
@@ -194,7 +194,13 @@ impl Device for Qsb {
         self.adapter.peek(at, row)
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         self.adapter.poke(at, row, value, out)
     }
 }

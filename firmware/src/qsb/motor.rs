@@ -4,8 +4,8 @@
 use fixed::types::{I24F8, U24F8};
 
 use super::{AXIS, DIO1, DIO2};
-use crate::device::{Duration, Instant, Level, Output, Plan, Sink};
-use crate::motion::{Rates, SETUP, Walker};
+use crate::device::{Context, Duration, Instant, Level, Output, Plan};
+use crate::motion::{Limits, SETUP, StepIterator};
 
 /// Orders of the motor's commands (COMMAND 4 to 9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -109,7 +109,7 @@ impl Motor {
     }
 
     /// Takes DIO1 and DIO2, which are low until the first step (COMMAND 2).
-    pub(super) fn activate(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn activate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_active() {
             return;
         }
@@ -121,7 +121,7 @@ impl Motor {
     }
 
     /// Stops at once, and leaves DIO1 and DIO2 to whoever puts their levels next (COMMAND 0).
-    pub(super) fn deactivate(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn deactivate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_active() {
             self.halt(at, out);
             self.state = State::Inactive;
@@ -131,7 +131,13 @@ impl Motor {
     /// Carries out an order. Returns whether it was allowed. To stop, pause or resume what is not there is
     /// nothing to do, and no fault. Only an active motor starts, a move only while nothing else runs or is
     /// paused, a jog also in place of another, be that paused or slowing down.
-    pub(super) fn order(&mut self, at: Instant, order: Order, with: &Settings, out: &mut dyn Sink) -> bool {
+    pub(super) fn order(
+        &mut self,
+        at: Instant,
+        order: Order,
+        with: &Settings,
+        out: &mut dyn Context,
+    ) -> bool {
         self.timeout(at, out);
         match (order, self.state) {
             (Order::Move, State::Ready) => {
@@ -196,7 +202,7 @@ impl Motor {
     }
 
     /// Handles that time.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.turn(at);
         if self.over() <= at {
             match self.state {
@@ -242,11 +248,11 @@ impl Motor {
     }
 
     /// Begins a motion, or goes on with it: a move stands now.
-    fn run(&mut self, at: Instant, motion: Motion, acceleration: u32, out: &mut dyn Sink) {
+    fn run(&mut self, at: Instant, motion: Motion, acceleration: u32, out: &mut dyn Context) {
         let from = self.position(at);
         let plan = match motion {
             Motion::Move { end, speed } => {
-                Plan::profile(at, from, end.wrapping_sub(from), Rates::even(speed, acceleration))
+                Plan::profile(at, from, end.wrapping_sub(from), Limits::even(speed, acceleration))
             }
             Motion::Jog { speed } => self.plan.resumed(at, from).towards(at, speed, acceleration),
         };
@@ -256,7 +262,7 @@ impl Motor {
 
     /// A ramp to standstill as `state`, a slowing one. A move never goes beyond its last step: where the
     /// acceleration has become too small for that, the ramp stays as it was.
-    fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Sink) {
+    fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Context) {
         self.state = state;
         let from = self.position(at);
         let plan = self.plan.resumed(at, from).towards(at, I24F8::ZERO, acceleration);
@@ -270,13 +276,13 @@ impl Motor {
     }
 
     /// Stands at once.
-    fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         let position = self.position(at);
         self.go(at, Plan::rest(at, position), out);
     }
 
     /// Follows `plan`; if that stands already, its end is now.
-    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.turn(at);
         (self.plan, self.beside) = (plan, 0);
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
@@ -298,7 +304,7 @@ impl Motor {
     fn next_turn(&self, at: Instant) -> Instant {
         let same = self.plan.segments().iter().take_while(|segment| segment.back != self.forward);
         let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));
-        match Walker::new(&self.plan, at.max(end)).next() {
+        match StepIterator::new(&self.plan, at.max(end)).next() {
             Some(step) if step.forward != self.forward => (step.at - SETUP).max(at),
             _ => Instant::NEVER,
         }

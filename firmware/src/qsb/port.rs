@@ -4,7 +4,7 @@ use super::DIO;
 use super::adapter::{Adapter, let_in};
 use super::clock::TICK;
 use super::registers::{Reg, config};
-use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// The filter of the counter holds back no edge for longer.
 const FILTER: Duration = Duration::micros(1);
@@ -33,7 +33,7 @@ impl Adapter {
     }
 
     /// A level from outside changes.
-    pub(super) fn line_edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+    pub(super) fn line_edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let Some(n) = DIO.iter().position(|dio| *dio == pin) else { return };
         let line = 1 << n & self.variant.lines;
         if line == 0 || (self.pins.dio & line != 0) == high {
@@ -59,7 +59,7 @@ impl Adapter {
     }
 
     /// Handles an event of the counter that MDR1 selects.
-    pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Context) {
         const PULSE: u16 = config::PULSE | 1 << config::OUTPUTS;
         if self.bank.word(Reg::DigIOConfig) & PULSE != PULSE {
             return;
@@ -76,13 +76,13 @@ impl Adapter {
     }
 
     /// The pulse of a trigger is over, or the port was written: then the pin is what was written.
-    pub(super) fn end_pulse(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn end_pulse(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulse = None;
         self.show_port(at, out);
     }
 
     /// Drives the outputs whose levels have changed; those that the motor has taken wait.
-    pub(super) fn show_port(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show_port(&mut self, at: Instant, out: &mut dyn Context) {
         let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
         let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
         let pulled = outputs & !latch & self.variant.lines & !self.taken();
@@ -92,18 +92,18 @@ impl Adapter {
     }
 
     /// The motor drive has given its lines back.
-    pub(super) fn motor_left(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn motor_left(&mut self, at: Instant, out: &mut dyn Context) {
         self.show_port(at, out);
         self.put_lines(MOTOR_LINES, at, out);
     }
 
     /// Lets all lines go, whatever they were.
-    pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulled = 0;
         self.put_lines(self.variant.lines, at, out);
     }
 
-    fn put_lines(&self, lines: u8, at: Instant, out: &mut dyn Sink) {
+    fn put_lines(&self, lines: u8, at: Instant, out: &mut dyn Context) {
         for (n, pin) in DIO.into_iter().enumerate() {
             if lines & 1 << n != 0 {
                 let level = if self.pulled & 1 << n != 0 { Level::Low } else { Level::Float };

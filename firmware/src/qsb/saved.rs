@@ -5,7 +5,7 @@ use drivetwin_protocol::registers::{Bank, Register};
 use super::adapter::Adapter;
 use super::registers::Reg;
 use super::{MEMORY, Words};
-use crate::device::{Duration, Instant, Refused, Sink};
+use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
 /// Time of a save; the list does not give it.
@@ -21,7 +21,7 @@ fn is_older(memory: &[u8]) -> bool {
 
 impl Adapter {
     /// Values that were saved last; of a new or a bad memory the factory's.
-    pub(super) fn stored(&self, out: &dyn Sink) -> Words {
+    pub(super) fn stored(&self, out: &dyn Context) -> Words {
         let mut words = Bank::factory();
         // While a save runs its image is there, and only its check sum is not.
         if self.save.is_some() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
@@ -34,7 +34,7 @@ impl Adapter {
     }
 
     /// Command 3.
-    pub(super) fn save_parameters(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn save_parameters(&mut self, at: Instant, out: &mut dyn Context) {
         self.bank.set(Reg::Streams, i64::from(self.streams.running()));
         self.bank.set(Reg::MotorDrive, i64::from(self.motor.is_active()));
         let words = self.bank.clone();
@@ -42,14 +42,14 @@ impl Adapter {
     }
 
     /// Command A: the rate, and nothing with it.
-    pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Sink) {
+    pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Context) {
         self.bank.set(Reg::BaudRate, rate);
         let mut words = self.stored(out);
         words.set(Reg::BaudRate, rate);
         self.store(at, &words, out);
     }
 
-    fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Sink) {
+    fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Context) {
         self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out));
     }
 
@@ -58,7 +58,7 @@ impl Adapter {
     }
 
     /// Ends the save that runs.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
@@ -70,10 +70,10 @@ impl Adapter {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         if memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Bad && !is_older(out.memory()) {
-            return Err(Refused::BadMemory);
+            return Err(PresetError::BadMemory);
         }
         let mut words = self.stored(out);
         words.set(reg, value);

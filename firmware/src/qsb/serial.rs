@@ -2,7 +2,7 @@
 
 use super::USB;
 use super::registers::{FACTORY_LINE, line};
-use crate::device::{Duration, Instant, Line, Output, Sink};
+use crate::device::{Context, Duration, Instant, Line, Output};
 
 /// The sending half of the port.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ impl Serial {
     }
 
     /// Sends a text at once, or behind all that is still leaving.
-    pub(super) fn send(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+    pub(super) fn send(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let from = self.sent.max(at);
         out.put(from, Output::Bytes { port: USB, bytes });
         self.sent = from + self.character * bytes.len() as u64;
@@ -44,7 +44,7 @@ impl Serial {
     }
 
     /// Changes to a rate of command A behind all that is still leaving, unless that is set.
-    pub(super) fn set_rate(&mut self, at: Instant, rate: u8, out: &mut dyn Sink) {
+    pub(super) fn set_rate(&mut self, at: Instant, rate: u8, out: &mut dyn Context) {
         if self.rate == Some(rate) {
             return;
         }

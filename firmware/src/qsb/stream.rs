@@ -4,7 +4,7 @@ use drivetwin_protocol::registers::Register;
 
 use super::adapter::Adapter;
 use super::registers::Reg;
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 /// Streams, in the order of the bits of [`Reg::Streams`].
 const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
@@ -144,7 +144,7 @@ impl Adapter {
     }
 
     /// Sends one record if one is due. Those that wait for the line take turns, the lowest register first.
-    pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Context) {
         if at < self.serial.free_at() {
             return;
         }
@@ -183,7 +183,7 @@ impl Adapter {
     }
 
     /// Measures the encoder, and sends the value if it has gone far enough.
-    fn measure(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn measure(&mut self, at: Instant, out: &mut dyn Context) {
         let way = self.encoder_value().wrapping_sub(self.streams.sent(Reg::ReadEncoder));
         if way.cast_signed().unsigned_abs() >= u32::from(self.bank.word(Reg::Threshold)) {
             self.record(at, Reg::ReadEncoder, out);
@@ -193,7 +193,7 @@ impl Adapter {
         }
     }
 
-    fn record(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) {
+    fn record(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
         self.was_sent(at, reg);
         self.tell(at, b's', reg, out);
     }

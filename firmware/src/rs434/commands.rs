@@ -9,11 +9,11 @@ use super::errors::error;
 use super::program::vm::{CannotWrite, Step, World, join};
 use super::program::{self, Program, Status};
 use super::registers::{Reg, Word};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 impl Drive {
     /// MODE_USER_PROGRAM was written: 3 is only kept.
-    pub(super) fn command_program(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn command_program(&mut self, at: Instant, out: &mut dyn Context) {
         match self.bank.word(Reg::MODE_USER_PROGRAM) {
             1 => self.program.stop(),
             2 => self.start_program(at, Status::StartedByBus, out),
@@ -22,7 +22,7 @@ impl Drive {
     }
 
     /// Starts the program, unless it runs, and remembers the registers that its end may bring back.
-    pub(super) fn start_program(&mut self, at: Instant, status: Status, out: &mut dyn Sink) {
+    pub(super) fn start_program(&mut self, at: Instant, status: Status, out: &mut dyn Context) {
         if self.program.status() == Status::Running || self.state != State::Ready {
             return;
         }
@@ -36,15 +36,15 @@ impl Drive {
     }
 
     /// Brings the program from the flash into the buffer.
-    pub(super) fn load_program(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn load_program(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.program.load(out) {
             self.raise(at, error::PROGRAM_TEST, out);
         }
     }
 
     /// The line of the program that is due, if one is. Whether more follows from it than what it wrote.
-    pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
-        match program::run(at, &mut Reach { drive: self, at, out }) {
+    pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        match program::run(at, &mut ProgramHost { drive: self, at, out }) {
             None | Some(Step::Next | Step::Delay(_)) => return false,
             Some(Step::Acted | Step::End) => {}
             Some(Step::FullEnd) => self.program_fully_ended(at, out),
@@ -54,7 +54,7 @@ impl Drive {
     }
 
     /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops.
-    fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Context) {
         let mode = self.bank.word(Reg::MODE_USER_PROGRAM);
         let place = |reg: Reg| Reg::ENTRIES.place(reg.row());
         // 5004h to 5022h, which lie side by side in the bank.
@@ -69,20 +69,20 @@ impl Drive {
     }
 
     /// Handles a line that cannot be carried out, or a missing one.
-    fn program_failed(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn program_failed(&mut self, at: Instant, out: &mut dyn Context) {
         self.raise(at, error::PROGRAM, out);
         self.stop();
     }
 }
 
 /// The drive as its program sees it during a line.
-struct Reach<'a> {
+struct ProgramHost<'a> {
     drive: &'a mut Drive,
     at: Instant,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Reach<'_> {
+impl ProgramHost<'_> {
     /// Writes words of one or two registers, all or none of them. One word of two is not judged. Whether they act
     /// at once.
     fn write_all(&mut self, parts: &[(Word, &[u16])]) -> Result<bool, CannotWrite> {
@@ -98,7 +98,7 @@ impl Reach<'_> {
                 self.drive.out_of_range();
                 return Ok(false);
             }
-            permitted &= self.drive.permits(reg, value).is_ok();
+            permitted &= self.drive.validate(reg, value).is_ok();
         }
         if !permitted {
             return Err(CannotWrite);
@@ -118,7 +118,7 @@ impl Reach<'_> {
     }
 }
 
-impl World for Reach<'_> {
+impl World for ProgramHost<'_> {
     fn program(&mut self) -> &mut Program {
         &mut self.drive.program
     }

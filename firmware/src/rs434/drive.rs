@@ -24,7 +24,7 @@ use super::registers::{Model, Reg, VERSIONS, key, line};
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
-use crate::device::{Boot, Duration, Instant, Line, Refused, Sink};
+use crate::device::{Boot, Context, Duration, Instant, Line, PresetError};
 use crate::memory::Save;
 use crate::motor::Parameters;
 
@@ -108,7 +108,7 @@ impl Drive {
     }
 
     /// Power comes: what is around the drive will be told anew.
-    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         (self.fast, self.random) = (boot.fast, boot.seed);
         self.errors = Errors::NONE;
         self.thermal = Thermal::new(at, self.model.rated_ma());
@@ -118,14 +118,14 @@ impl Drive {
     }
 
     /// Restarts: saves are finished, and inputs stay as they are.
-    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         self.finish_save(at, out);
         self.program.finish_save(at, out);
         self.begin(at, out);
     }
 
     /// Everything volatile is forgotten.
-    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn begin(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Waking { due: at };
         self.errors.clear(u16::MAX);
         if !self.load_settings(out) {
@@ -153,7 +153,7 @@ impl Drive {
     }
 
     /// Anything but the program is due.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.startup_due() <= at {
             self.startup_timeout(at, out);
         }
@@ -269,14 +269,14 @@ impl Drive {
     }
 
     /// Checks that a value that its row accepts may be written now: it is refused while the drive is busy.
-    pub(super) fn permits(&self, reg: Reg, value: i64) -> Result<(), Exception> {
+    pub(super) fn validate(&self, reg: Reg, value: i64) -> Result<(), Exception> {
         // What runs is read from the flash.
         let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
         if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
     }
 
     /// Carries out a written register, in the manual's order; returns whether it has an effect at once.
-    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Sink) -> bool {
+    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> bool {
         match reg {
             Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
                 self.take_coils(at, out);
@@ -357,40 +357,50 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
-        let row = self.model.entries().list.get(reg.row()).ok_or(Refused::NoSuchRegister)?;
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let row = self.model.entries().list.get(reg.row()).ok_or(PresetError::NoSuchRegister)?;
         if !row.accepts(value) {
-            return Err(Refused::OutOfRange);
+            return Err(PresetError::OutOfRange);
         }
         if self.state == State::Off {
-            return if row.saved == 0 { Err(Refused::ReadOnly) } else { self.preset(at, reg, value, out) };
+            return if row.saved == 0 {
+                Err(PresetError::ReadOnly)
+            } else {
+                self.preset(at, reg, value, out)
+            };
         }
         if !row.access.writes() {
             return self.inject(at, reg, value as u16, out);
         }
-        self.permits(reg, value).map_err(|_| Refused::Busy)?;
+        self.validate(reg, value).map_err(|_| PresetError::Busy)?;
         self.bank.set(reg, value);
         self.written(at, reg, out);
         Ok(())
     }
 
     /// Makes a register show something that was not measured.
-    fn inject(&mut self, at: Instant, reg: Reg, value: u16, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn inject(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: u16,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         match reg {
             Reg::CURRENT_VALID => self.errors.inject_ma(value),
             Reg::TEMPERATURE_MCU => self.thermal.inject(Part::Mcu, value),
             Reg::TEMPERATURE_MOSFET => self.thermal.inject(Part::Power, value),
             Reg::TEMPERATURE_BRAKE => self.thermal.inject(Part::Brake, value),
             _ if VERSIONS.contains(&reg) => self.bank.set(reg, value.into()),
-            _ => return Err(Refused::ReadOnly),
+            _ => return Err(PresetError::ReadOnly),
         }
         self.look_for_errors(at, out);
         Ok(())
     }
 
     /// Takes what has become of the motor, and shows what has become of the drive.
-    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Context) {
         self.follow_servo(at, out);
         self.show_lights(at, out);
     }

@@ -5,7 +5,7 @@ use core::ops::RangeInclusive;
 use super::drive::{Drive, State};
 use super::registers::{Reg, SUPPLY};
 use super::thermal::Part;
-use crate::device::{Fault, Instant, Sink};
+use crate::device::{Context, Fault, Instant};
 
 /// The bits of ERROR.
 pub(super) mod error {
@@ -113,7 +113,7 @@ impl Errors {
 
 impl Drive {
     /// Sets bits of ERROR, and stops the motor if one of them does and was not there.
-    pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Sink) {
+    pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Context) {
         let new = errors & !self.errors.bits;
         self.errors.bits |= new;
         if new & error::STOPS != 0 {
@@ -122,13 +122,13 @@ impl Drive {
     }
 
     /// ERROR has been written: warnings go where it has a 0, and come back if they are still true.
-    pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Sink) {
+    pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         self.errors.clear(!(word | error::STAYS));
         self.look_for_errors(at, out);
     }
 
     /// The cause of a fault comes or goes.
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
         let causes = &mut self.errors.causes;
         *causes = if on { *causes | bit } else { *causes & !bit };
@@ -137,13 +137,13 @@ impl Drive {
     }
 
     /// The drive measures another supply, in 0.1 V.
-    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Sink) {
+    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.errors.supply = supply;
         self.look_for_errors(at, out);
     }
 
     /// Raises what is wrong now: at the end of the start, and when what may be wrong has changed.
-    pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }

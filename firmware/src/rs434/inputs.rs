@@ -5,7 +5,7 @@ use super::errors::error;
 use super::motion::Heading;
 use super::registers::Reg;
 use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2};
-use crate::device::{Duration, Instant, Pin, Sink};
+use crate::device::{Context, Duration, Instant, Pin};
 
 /// A contact that bounces (6.1, Fig. 5).
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,7 @@ impl Inputs {
 
 impl Drive {
     /// A contact or a Hall sensor has changed.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let closed = !high;
         match pin {
             IN1 | IN2 => self.contact_changed(at, pin, closed),
@@ -121,14 +121,14 @@ impl Drive {
     }
 
     /// The drive is ready: contacts are taken for what they are, and levels act.
-    pub(super) fn take_inputs(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn take_inputs(&mut self, at: Instant, out: &mut dyn Context) {
         self.inputs.in1.take();
         self.inputs.in2.take();
         self.levels_act(at, out);
     }
 
     /// A contact has lasted long enough.
-    pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let (first, second) = (self.inputs.in1.timeout(at), self.inputs.in2.timeout(at));
         if (!first && !second) || !self.is_by_inputs() {
             return;
@@ -159,7 +159,7 @@ impl Drive {
     }
 
     /// Does what levels ask for: when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is written.
-    pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready || !self.is_by_inputs() {
             return;
         }
@@ -186,17 +186,17 @@ impl Drive {
     }
 
     /// IN2 is the direction: closed is backward.
-    fn direction_by_level(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn direction_by_level(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_direction(at, if self.inputs.in2.on { 2 } else { 1 }, out);
     }
 
     /// IN1 lets the motor run while it is closed.
-    fn run_by_level(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn run_by_level(&mut self, at: Instant, out: &mut dyn Context) {
         self.run(at, self.inputs.in1.on.then_some(Heading::Registers), out);
     }
 
     /// IN1 lets it run forward, IN2 backward, both together not at all; to a position either of them.
-    fn run_by_both(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn run_by_both(&mut self, at: Instant, out: &mut dyn Context) {
         let heading = match (self.inputs.in1.on, self.inputs.in2.on) {
             (true, false) => Some(Heading::Forward),
             (false, true) => Some(Heading::Backward),

@@ -23,7 +23,7 @@ use drivetwin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
 };
-use drivetwin_protocol::modbus::server::{Map, Outcome, Rules, serve_serial};
+use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_serial};
 use drivetwin_protocol::registers::{Entries, Register, Table};
 
 use self::drive::Drive;
@@ -31,11 +31,11 @@ use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Note, Output, Pin, PinSpec, Port,
-    PortSpec, Refused, Role, Sink, Spec,
+    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, LogEvent, Output, Pin,
+    PinSpec, Port, PortSpec, PresetError, Role, Spec,
 };
 use crate::memory;
-use crate::motor::{Parameters, Rig, Turns};
+use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
 
 const RS485: Port = Port(0);
 const IN1: Pin = Pin(0);
@@ -99,7 +99,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         kind,
         product,
         manual: "User Manual, RS Stock No. 434544, 434546",
-        ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: None }],
         faults: &[
@@ -118,7 +118,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
         supply: Some(Reg::SUPPLY as usize),
         not_modelled: &NOT_MODELLED,
-        ..Spec::BARE
+        ..Spec::EMPTY
     }
 }
 
@@ -146,19 +146,19 @@ static RULES: Rules = Rules {
 
 /// An RS 434544 with a motor, without power.
 #[must_use]
-pub fn rs434544() -> Rig<Rs434> {
-    Rig::new(Rs434::of(Model::Rs434544))
+pub fn rs434544() -> DriveWithMotor<Rs434> {
+    DriveWithMotor::new(Rs434::of(Model::Rs434544))
 }
 
 /// An RS 434546 with a motor, without power.
 #[must_use]
-pub fn rs434546() -> Rig<Rs434> {
-    Rig::new(Rs434::of(Model::Rs434546))
+pub fn rs434546() -> DriveWithMotor<Rs434> {
+    DriveWithMotor::new(Rs434::of(Model::Rs434546))
 }
 
 /// Bus settings, as the registers were when the drive started (6.4).
 #[derive(Clone, Copy, Debug)]
-struct Manners {
+struct BusSettings {
     /// SLAVE_ADDRESS_MODBUS.
     unit: u8,
     /// Delay of every reply: TIMEOUT_BROADCAST_MODBUS.
@@ -170,7 +170,7 @@ struct Manners {
 pub struct Rs434 {
     serial: Serial,
     /// `None` until the drive knows when it listens.
-    manners: Option<Manners>,
+    manners: Option<BusSettings>,
     drive: Drive,
     /// Next deadline of all but the program.
     due: Instant,
@@ -189,7 +189,7 @@ impl Rs434 {
     }
 
     /// Starts, or starts again.
-    fn start(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn start(&mut self, at: Instant, out: &mut dyn Context) {
         self.manners = None;
         self.serial.mute();
         self.follow(at, out);
@@ -197,20 +197,20 @@ impl Rs434 {
 
     /// After all that happens but a line of the program that only reckons: the drive shows what it is, may have
     /// learnt when it listens, and has other deadlines.
-    fn follow(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn follow(&mut self, at: Instant, out: &mut dyn Context) {
         self.drive.show(at, out);
         if self.manners.is_none()
             && let Some(from) = self.drive.hears_from()
         {
             self.serial.power_on(at, self.drive.line(), from, out);
-            self.manners = Some(Manners { unit: self.drive.unit(), delay: self.drive.reply_delay() });
+            self.manners = Some(BusSettings { unit: self.drive.unit(), delay: self.drive.reply_delay() });
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
 
     /// Handles a deadline that is no line of the program.
     #[inline(never)]
-    fn more_is_due(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn more_is_due(&mut self, at: Instant, out: &mut dyn Context) {
         self.drive.timeout(at, out);
         if self.serial.is_over(at) {
             self.serve(at, out);
@@ -224,7 +224,7 @@ impl Rs434 {
     }
 
     /// The message that has come is over.
-    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Self { serial, manners: Some(manners), drive, .. } = self else { return };
         let Some(message) = serial.take() else { return };
         let mut reply = Frame::new();
@@ -235,7 +235,7 @@ impl Rs434 {
             }
             Err(why) => Outcome::Dropped(why),
         };
-        out.put(at, Output::Note(Note::of(RS485, outcome)));
+        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
         if !reply.is_empty() {
             let end = serial.reply(at, manners.delay, &reply, out);
             if drive.restart_after(end) {
@@ -245,7 +245,7 @@ impl Rs434 {
     }
 }
 
-impl Turns for Rs434 {
+impl MotorDrive for Rs434 {
     const HALLS: &'static [Pin] = &[HA, HB];
     const STALL: Option<Fault> = Some(STALL);
 
@@ -266,13 +266,13 @@ impl Device for Rs434 {
         }
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
         self.start(at, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
-        let character = matches!(input, Input::Bytes { .. } | Input::Spoiled { .. });
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {
             self.drive.wake(at, out);
             self.follow(at, out);
@@ -282,7 +282,7 @@ impl Device for Rs434 {
         }
         match input {
             Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
-            Input::Spoiled { .. } => {
+            Input::RxError { .. } => {
                 if self.serial.spoiled(at) {
                     self.drive.spoiled();
                 }
@@ -290,22 +290,22 @@ impl Device for Rs434 {
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Draws { ma, .. } => self.drive.draws(at, ma),
+            Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
             // It has no such ports, and the motor's inputs are its outputs.
-            Input::Attached { .. }
+            Input::HostPresence { .. }
             | Input::Opened { .. }
             | Input::Message { .. }
             | Input::Closed { .. }
             | Input::Open { .. }
             | Input::Millivolts { .. }
             | Input::Count { .. }
-            | Input::Current { .. }
+            | Input::CurrentLimit { .. }
             | Input::Duty { .. }
             | Input::Plan { .. }
             | Input::Step { .. }
-            | Input::Slipped { .. } => {}
+            | Input::StepsCorrection { .. } => {}
         }
         self.follow(at, out);
     }
@@ -314,7 +314,7 @@ impl Device for Rs434 {
         self.due.min(self.drive.program.line_due())
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         // Most often only the program is due.
         if at >= self.due {
             self.more_is_due(at, out);
@@ -328,8 +328,14 @@ impl Device for Rs434 {
         Reg::from_row(row).map_or(0, |reg| self.drive.value(at, reg))
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        let reg = Reg::from_row(row).ok_or(Refused::NoSuchRegister)?;
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
         self.follow(at, out);
         Ok(())
@@ -340,10 +346,10 @@ impl Device for Rs434 {
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Map for Bus<'_> {
+impl RequestHandler for Bus<'_> {
     type Register = Reg;
 
     fn words(&self) -> &[u16] {
@@ -366,8 +372,8 @@ impl Map for Bus<'_> {
         self.drive.model.entries()
     }
 
-    fn permits(&self, register: Reg, value: i64) -> Result<(), Exception> {
-        self.drive.permits(register, value)
+    fn validate(&self, register: Reg, value: i64) -> Result<(), Exception> {
+        self.drive.validate(register, value)
     }
 
     fn out_of_range(&mut self, _register: Reg, _value: i64) {

@@ -4,7 +4,7 @@ use super::drive::{Drive, State, Words};
 use super::errors::{Errors, error};
 use super::registers::Reg;
 use super::servo::Settings;
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 /// Which way a start goes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -62,7 +62,7 @@ pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
 
 impl Drive {
     /// Tells the servo what it goes by now. Whether that is something else than before.
-    pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+    pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let settings = self.servo_settings();
         let changed = self.servo.set(at, settings, out);
         self.other_motor |= changed;
@@ -74,7 +74,7 @@ impl Drive {
     }
 
     /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2).
-    pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Context) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;
             self.bank.set(reg, 0);
@@ -94,7 +94,7 @@ impl Drive {
     }
 
     /// Starts the motor as MODE_ROTATION says, unless an error forbids it or a move runs.
-    pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Sink) {
+    pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) {
         if self.state != State::Ready || self.errors.stop() {
             return;
         }
@@ -120,7 +120,7 @@ impl Drive {
         }
     }
 
-    fn rotate(&mut self, at: Instant, heading: Heading, out: &mut dyn Sink) {
+    fn rotate(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) {
         let forward = match heading {
             Heading::Registers => self.is_forward(),
             Heading::Forward => true,
@@ -130,7 +130,7 @@ impl Drive {
         self.servo.rotate(at, forward, out);
     }
 
-    fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Sink) {
+    fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Context) {
         let offset = self.bank.get(Reg::OFFSET) as i32;
         if negative {
             self.go(at, offset.saturating_neg(), Way::MinusOffset, out);
@@ -139,7 +139,7 @@ impl Drive {
         }
     }
 
-    fn move_to_position(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn move_to_position(&mut self, at: Instant, out: &mut dyn Context) {
         let target = self.bank.get(match self.bank.word(Reg::POSITION_N) {
             1 => Reg::TARGET_POSITION1,
             2 => Reg::TARGET_POSITION2,
@@ -151,7 +151,7 @@ impl Drive {
         self.go(at, (target as i32).saturating_sub(self.servo.position()), Way::Position, out);
     }
 
-    fn go(&mut self, at: Instant, counts: i32, way: Way, out: &mut dyn Sink) {
+    fn go(&mut self, at: Instant, counts: i32, way: Way, out: &mut dyn Context) {
         if counts != 0 {
             self.motion = Motion::Moves { way, braking: false };
             let compensation = self.bank.get(Reg::OFFSET_COMPENSATION) as i16;
@@ -160,7 +160,7 @@ impl Drive {
     }
 
     /// Lets the motor run, or stops it: what an input asks for as long as it is closed.
-    pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Sink) {
+    pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Context) {
         if heading.is_none_or(|heading| self.moves_against(heading)) {
             self.stop();
         }
@@ -191,7 +191,7 @@ impl Drive {
     }
 
     /// Stops the motor without a ramp.
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         self.forget_motion();
         self.servo.halt(at, out);
     }
@@ -209,20 +209,20 @@ impl Drive {
     }
 
     /// An input gives DIRECTION another value.
-    pub(super) fn set_direction(&mut self, at: Instant, direction: i64, out: &mut dyn Sink) {
+    pub(super) fn set_direction(&mut self, at: Instant, direction: i64, out: &mut dyn Context) {
         self.bank.set(Reg::DIRECTION, direction);
         self.direction_changed(at, out);
     }
 
     /// Continuous rotation follows DIRECTION at once, unless each input has its own direction.
-    pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion == Motion::Rotates && !self.is_by_both() {
             self.rotate(at, Heading::Registers, out);
         }
     }
 
     /// USE_HALL was written, and the servo does not know yet: what is left of a move can be counted only with two.
-    pub(super) fn halls_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halls_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.motion, Motion::Moves { .. }) && self.has_too_few_halls() {
             if self.servo.direction() != 0 {
                 self.raise(at, error::TOO_FEW_HALLS, out);
@@ -260,7 +260,7 @@ impl Drive {
     }
 
     /// Takes what the servo tells: its errors, and that a move is over.
-    pub(super) fn follow_servo(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn follow_servo(&mut self, at: Instant, out: &mut dyn Context) {
         let errors = self.servo.errors();
         if errors != 0 {
             self.raise(at, errors, out);

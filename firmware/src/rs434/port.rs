@@ -1,15 +1,15 @@
 //! The serial port: Modbus RTU, or ASCII on a line of 7 data bits (6.4).
 
-use drivetwin_protocol::modbus::{Frame, Why, ascii, rtu};
+use drivetwin_protocol::modbus::{DropReason, Frame, ascii, rtu};
 
 use super::RS485;
-use crate::device::{Duration, Instant, Line, Note, Output, Sink};
+use crate::device::{Context, Duration, Instant, Line, LogEvent, Output};
 
 /// Receivers of messages, one for each framing.
 #[derive(Clone, Debug)]
-enum Ears {
-    Rtu(rtu::Receiver),
-    Ascii(ascii::Receiver),
+enum Receivers {
+    Rtu(rtu::RtuReceiver),
+    Ascii(ascii::AsciiReceiver),
 }
 
 /// The serial port of the drive.
@@ -17,7 +17,7 @@ enum Ears {
 pub(super) struct Serial {
     /// The time of a character.
     character: Duration,
-    ears: Ears,
+    ears: Receivers,
     /// Time before which characters are lost.
     hears_from: Instant,
 }
@@ -26,16 +26,16 @@ impl Serial {
     /// A port on a silent line.
     pub(super) const fn new(line: Line) -> Self {
         let ears = if ascii::is_on(line) {
-            Ears::Ascii(ascii::Receiver::new(line))
+            Receivers::Ascii(ascii::AsciiReceiver::new(line))
         } else {
-            Ears::Rtu(rtu::Receiver::new(line))
+            Receivers::Rtu(rtu::RtuReceiver::new(line))
         };
         Self { character: line.character(), ears, hears_from: Instant::ZERO }
     }
 
     /// Power has come, or comes again: the line is `line`, and what had come of a message is forgotten. Characters
     /// that end before `hears_from` are lost.
-    pub(super) fn power_on(&mut self, at: Instant, line: Line, hears_from: Instant, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, line: Line, hears_from: Instant, out: &mut dyn Context) {
         *self = Self { hears_from, ..Self::new(line) };
         out.put(at, Output::Line { port: RS485, line });
     }
@@ -44,21 +44,21 @@ impl Serial {
     pub(super) fn mute(&mut self) {
         self.hears_from = Instant::NEVER;
         match &mut self.ears {
-            Ears::Rtu(receiver) => receiver.clear(),
-            Ears::Ascii(receiver) => receiver.clear(),
+            Receivers::Rtu(receiver) => receiver.clear(),
+            Receivers::Ascii(receiver) => receiver.clear(),
         }
     }
 
     /// Characters that follow each other without a gap; `at` is the end of the first one. In ASCII none
     /// follows a line feed. A message that is over before them is [taken](Self::take) first.
-    pub(super) fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Sink) {
+    pub(super) fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let (first, heard) = self.heard(at, bytes);
         if heard.len() < bytes.len() {
-            out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Starting }));
+            out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
         }
         match &mut self.ears {
-            Ears::Rtu(receiver) => receiver.bytes(first, heard),
-            Ears::Ascii(receiver) => receiver.bytes(first, heard),
+            Receivers::Rtu(receiver) => receiver.bytes(first, heard),
+            Receivers::Ascii(receiver) => receiver.bytes(first, heard),
         }
     }
 
@@ -67,8 +67,8 @@ impl Serial {
         let hears = at >= self.hears_from;
         if hears {
             match &mut self.ears {
-                Ears::Rtu(receiver) => receiver.spoiled(at),
-                Ears::Ascii(receiver) => receiver.spoiled(at),
+                Receivers::Rtu(receiver) => receiver.spoiled(at),
+                Receivers::Ascii(receiver) => receiver.spoiled(at),
             }
         }
         hears
@@ -88,8 +88,8 @@ impl Serial {
     /// [`Instant::NEVER`] otherwise.
     pub(super) fn deadline(&self) -> Instant {
         match &self.ears {
-            Ears::Rtu(receiver) => receiver.deadline(),
-            Ears::Ascii(receiver) => receiver.deadline(),
+            Receivers::Rtu(receiver) => receiver.deadline(),
+            Receivers::Ascii(receiver) => receiver.deadline(),
         }
     }
 
@@ -103,27 +103,27 @@ impl Serial {
     ///
     /// # Errors
     /// Why it is no message.
-    pub(super) fn take(&mut self) -> Option<Result<&[u8], Why>> {
+    pub(super) fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         match &mut self.ears {
-            Ears::Rtu(receiver) => {
-                Some(receiver.take()?.and_then(|frame| rtu::checked(frame).ok_or(Why::Crc)))
+            Receivers::Rtu(receiver) => {
+                Some(receiver.take()?.and_then(|frame| rtu::verify_crc(frame).ok_or(DropReason::Crc)))
             }
-            Ears::Ascii(receiver) => receiver.take(),
+            Receivers::Ascii(receiver) => receiver.take(),
         }
     }
 
     /// Answers at `at`, when `delay` has passed: `body` is an address and a PDU. Returns when the answer has
     /// left, if the port was sending nothing else.
-    pub(super) fn reply(&self, at: Instant, delay: Duration, body: &Frame, out: &mut dyn Sink) -> Instant {
+    pub(super) fn reply(&self, at: Instant, delay: Duration, body: &Frame, out: &mut dyn Context) -> Instant {
         let at = at + delay;
         let length = match self.ears {
-            Ears::Rtu(_) => {
+            Receivers::Rtu(_) => {
                 let mut frame = body.clone();
-                rtu::seal(&mut frame);
+                rtu::append_crc(&mut frame);
                 out.put(at, Output::Bytes { port: RS485, bytes: &frame });
                 frame.len()
             }
-            Ears::Ascii(_) => {
+            Receivers::Ascii(_) => {
                 let message = ascii::encode(body);
                 out.put(at, Output::Bytes { port: RS485, bytes: &message });
                 message.len()
@@ -155,7 +155,7 @@ mod tests {
 
     fn recorder() -> Recorder {
         Recorder::default().ruled(|output| match output {
-            Output::Bytes { port: RS485, .. } | Output::Line { port: RS485, .. } | Output::Note(_) => {
+            Output::Bytes { port: RS485, .. } | Output::Line { port: RS485, .. } | Output::Log(_) => {
                 Treatment::Keep
             }
             _ => Treatment::Refuse,
@@ -208,7 +208,7 @@ mod tests {
             let mut out = recorder();
             let mut port = powered(line, &mut out);
             port.bytes(START + Duration::TICK, message, &mut out);
-            assert_eq!(port.take(), Some(Err(Why::Crc)));
+            assert_eq!(port.take(), Some(Err(DropReason::Crc)));
         }
     }
 
@@ -222,7 +222,7 @@ mod tests {
             port.bytes(first, &message[..3], &mut out);
             assert!(port.spoiled(first + character * 3));
             port.bytes(first + character * 4, &message[4..], &mut out);
-            assert_eq!(port.take(), Some(Err(Why::Spoiled)));
+            assert_eq!(port.take(), Some(Err(DropReason::RxError)));
         }
     }
 
@@ -247,7 +247,7 @@ mod tests {
             assert_eq!(port.take(), None);
             port.bytes(START + Duration::secs(9), message, &mut out);
             assert_eq!((port.deadline(), port.take()), (Instant::NEVER, None));
-            let deaf = Note::Dropped { port: RS485, why: Why::Starting };
+            let deaf = LogEvent::Dropped { port: RS485, why: DropReason::Starting };
             assert_eq!(out.notes, [(START + Duration::secs(9), deaf)]);
         }
     }

@@ -5,7 +5,7 @@ use drivetwin_protocol::registers::{Bank, Register};
 use super::SETTINGS;
 use super::drive::Drive;
 use super::registers::{Reg, VERSIONS};
-use crate::device::{Duration, Instant, Refused, Sink};
+use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
 /// Time of a save, of the settings or of the user program; the manual does not give it.
@@ -13,7 +13,7 @@ pub(super) const SAVE: Duration = Duration::millis(10);
 
 impl Drive {
     /// Loads the settings, those of a new drive or of a bad flash from the factory. Whether the flash was good.
-    pub(super) fn load_settings(&mut self, out: &dyn Sink) -> bool {
+    pub(super) fn load_settings(&mut self, out: &dyn Context) -> bool {
         let entries = self.model.entries();
         let versions = VERSIONS.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(entries);
@@ -34,14 +34,14 @@ impl Drive {
     }
 
     /// Begins to save the settings; one that runs begins again.
-    pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Context) {
         self.refresh(at, Reg::OFFSET);
         let (entries, words) = (self.model.entries(), self.bank.words());
         self.save = Some(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
     }
 
     /// Brings the settings back to those of the factory, also in the flash (7).
-    pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Context) {
         memory::reset(self.model.entries(), self.bank.words_mut());
         self.set_servo(at, out);
         self.save_settings(at, out);
@@ -52,7 +52,7 @@ impl Drive {
     }
 
     /// Ends the save that runs.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
@@ -64,10 +64,10 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i64,
-        out: &mut dyn Sink,
-    ) -> Result<(), Refused> {
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         if !self.load_settings(out) {
-            return Err(Refused::BadMemory);
+            return Err(PresetError::BadMemory);
         }
         let entries = self.model.entries();
         entries.put(self.bank.words_mut(), reg.row(), value);

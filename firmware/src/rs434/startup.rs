@@ -4,7 +4,7 @@ use super::drive::{Drive, State};
 use super::program::Status;
 use super::registers::Reg;
 use super::{GREEN, RED};
-use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// From power-on to the first character that is heard.
 const BOOT: Duration = Duration::millis(500);
@@ -36,7 +36,7 @@ impl Lights {
 
 impl Drive {
     /// Begins the start, after the pins of the instant of power-on have come.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != (State::Waking { due: at }) {
             return;
         }
@@ -47,7 +47,7 @@ impl Drive {
         }
     }
 
-    fn boot(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn boot(&mut self, at: Instant, out: &mut dyn Context) {
         if self.fast {
             self.ready(at, out);
         } else {
@@ -56,7 +56,7 @@ impl Drive {
     }
 
     /// CLR_FLASH was opened too early.
-    pub(super) fn clr_flash_changed(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn clr_flash_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.state, State::Clearing(_)) && !self.inputs.clr_flash {
             self.boot(at, out);
         }
@@ -72,7 +72,7 @@ impl Drive {
     }
 
     /// Carries out the next step of the start.
-    pub(super) fn startup_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn startup_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         match self.state {
             State::Off | State::Ready => {}
             State::Waking { .. } => self.wake(at, out),
@@ -89,7 +89,7 @@ impl Drive {
     }
 
     /// Ends the start: faults show, contacts and levels act, and a program may begin.
-    fn ready(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.look_for_errors(at, out);
         self.take_inputs(at, out);
@@ -99,7 +99,7 @@ impl Drive {
     }
 
     /// Shows what it is: green when it is ready, red when an error keeps the motor from moving.
-    pub(super) fn show_lights(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn show_lights(&mut self, at: Instant, out: &mut dyn Context) {
         let lights = match self.state {
             State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,
             State::Clearing(Clearing { red, .. }) => Lights { red, green: !red },

@@ -5,7 +5,7 @@ use std::vec::Vec;
 use drivetwin_protocol::registers::Register;
 
 use super::{Recorder, Rule};
-use crate::device::{Boot, Device, Duration, Fault, Input, Instant, Pin, Refused, advance};
+use crate::device::{Boot, Device, Duration, Fault, Input, Instant, Pin, PresetError, advance};
 
 /// A device, the record of its outputs, and the time.
 ///
@@ -147,7 +147,7 @@ impl<D: Device> Fixture<D> {
     ///
     /// # Errors
     /// The device refuses it.
-    pub fn try_set(&mut self, register: impl Register, value: i64) -> Result<(), Refused> {
+    pub fn try_set(&mut self, register: impl Register, value: i64) -> Result<(), PresetError> {
         self.drive.poke(self.now, register.row(), value, &mut self.out)
     }
 

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use super::{new_memory, store};
 use crate::device::{
-    Axis, Duration, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Rotation, Sink,
+    Axis, Context, Duration, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, Rotation,
 };
 use crate::motor::Parameters;
 
@@ -49,11 +49,11 @@ pub struct Recorder {
     pub plans: Vec<(Instant, Axis, Plan)>,
     /// [`Output::Step`].
     pub steps: Vec<(Instant, Axis, i32)>,
-    /// [`Output::Current`], in mA.
+    /// [`Output::CurrentLimit`], in mA.
     pub currents: Vec<(Instant, Axis, u32)>,
     /// [`Output::Duty`], in 1/65536.
     pub duties: Vec<(Instant, Axis, i32)>,
-    /// [`Output::Draws`], in mA.
+    /// [`Output::MotorCurrent`], in mA.
     pub draws: Vec<(Instant, Axis, i32)>,
     /// [`Output::Motor`].
     pub motors: Vec<(Instant, Axis, Parameters)>,
@@ -61,8 +61,8 @@ pub struct Recorder {
     pub rotations: Vec<(Instant, Axis, Rotation)>,
     /// [`Output::Store`]: offset and bytes, also those for which `bytes_left` was too small.
     pub stores: Vec<(Instant, u16, Vec<u8>)>,
-    /// [`Output::Note`].
-    pub notes: Vec<(Instant, Note)>,
+    /// [`Output::Log`].
+    pub notes: Vec<(Instant, LogEvent)>,
     /// Steps since the last plan.
     beside: i32,
 }
@@ -128,7 +128,7 @@ impl Recorder {
 
     /// The notes without their instants.
     #[must_use]
-    pub fn noted(&self) -> Vec<Note> {
+    pub fn noted(&self) -> Vec<LogEvent> {
         self.notes.iter().map(|(_, note)| *note).collect()
     }
 
@@ -165,7 +165,7 @@ impl Recorder {
     }
 }
 
-impl Sink for Recorder {
+impl Context for Recorder {
     #[track_caller]
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let treatment = (self.rule)(&output);
@@ -191,13 +191,13 @@ impl Sink for Recorder {
                 self.steps.push((at, axis, steps));
                 self.beside += steps;
             }
-            Output::Current { axis, ma } => self.currents.push((at, axis, ma)),
+            Output::CurrentLimit { axis, ma } => self.currents.push((at, axis, ma)),
             Output::Duty { axis, duty } => self.duties.push((at, axis, duty)),
-            Output::Draws { axis, ma } => self.draws.push((at, axis, ma)),
+            Output::MotorCurrent { axis, ma } => self.draws.push((at, axis, ma)),
             Output::Motor { axis, parameters } => self.motors.push((at, axis, *parameters)),
             Output::Rotation { axis, rotation } => self.rotations.push((at, axis, rotation)),
             Output::Store { offset, bytes } => self.stores.push((at, offset, bytes.to_vec())),
-            Output::Note(note) => self.notes.push((at, note)),
+            Output::Log(note) => self.notes.push((at, note)),
         }
     }
 

@@ -6,18 +6,18 @@ use drivetwin_protocol::registers::Register;
 
 use super::{Fixture, Recorder, Transcript, Treatment};
 use crate::device::{
-    Axis, Boot, Device, Duration, Encoder, Input, Instant, Level, Link, Note, Output, Pin, Plan, Port,
-    Refused, Rotation, Sink, Spec, Why,
+    Axis, Boot, Context, Device, DropReason, Duration, Encoder, Input, Instant, Level, Link, LogEvent,
+    Output, Pin, Plan, Port, PresetError, Rotation, Spec,
 };
 use crate::motor::Parameters;
 
 const AT: Instant = Instant::from_ticks(5);
 const LATER: Instant = Instant::from_ticks(7);
 const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
-const NOTE: Note = Note::Dropped { port: Port(1), why: Why::Crc };
+const NOTE: LogEvent = LogEvent::Dropped { port: Port(1), why: DropReason::Crc };
 
 /// One output of each kind.
-fn put_all(out: &mut dyn Sink) {
+fn put_all(out: &mut dyn Context) {
     let (axis, pin, port, link) = (Axis(0), Pin(3), Port(1), Link(2));
     let plan = Plan::rest(AT, 40);
     let rotation = Rotation { angle: 1, speed: 2, acceleration: 3 };
@@ -30,13 +30,13 @@ fn put_all(out: &mut dyn Sink) {
         Output::Wave { pin, period: Duration::millis(2), high: Duration::millis(1) },
         Output::Plan { axis, plan: &plan },
         Output::Step { axis, steps: -4 },
-        Output::Current { axis, ma: 500 },
+        Output::CurrentLimit { axis, ma: 500 },
         Output::Duty { axis, duty: -600 },
-        Output::Draws { axis, ma: 700 },
+        Output::MotorCurrent { axis, ma: 700 },
         Output::Motor { axis, parameters: &Parameters::NOMINAL },
         Output::Rotation { axis, rotation },
         Output::Store { offset: 1, bytes: &[8, 9] },
-        Output::Note(NOTE),
+        Output::Log(NOTE),
     ] {
         out.put(AT, output);
     }
@@ -149,14 +149,14 @@ fn a_transcript_keeps_the_order() {
         assert!(out.outputs[14 - usize::from(without_notes)].starts_with(if without_notes {
             "5 Store"
         } else {
-            "5 Note"
+            "5 Log"
         }));
         assert_eq!((out.memory(), out.line), (&[0xFF, 8, 9, 0xFF][..], Some(LINE)));
     }
 }
 
 static SPEC: Spec =
-    Spec { memory: 2, faults: &["HOT", "COLD"], registers: Reg::TABLE, variant: u8::MAX, ..Spec::BARE };
+    Spec { memory: 2, faults: &["HOT", "COLD"], registers: Reg::TABLE, variant: u8::MAX, ..Spec::EMPTY };
 
 /// A device that puts as a store each thing that it is told, and wants to be woken a millisecond after power comes.
 #[derive(Default)]
@@ -165,7 +165,7 @@ struct Told {
 }
 
 impl Told {
-    fn put(code: u8, at: Instant, out: &mut dyn Sink) {
+    fn put(code: u8, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Store { offset: 0, bytes: &[code] });
     }
 }
@@ -175,12 +175,12 @@ impl Device for Told {
         &SPEC
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         Self::put(if boot.fast { 1 } else { 2 }, at, out);
         self.due = Some(if boot.fast { at } else { at + Duration::millis(1) });
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let code = match input {
             Input::Edge { pin: Pin(pin), high } => 10 + 2 * pin + u8::from(high),
             Input::Fault { fault, on } => 20 + 2 * fault.0 + u8::from(on),
@@ -194,7 +194,7 @@ impl Device for Told {
         self.due.unwrap_or(Instant::NEVER)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.due.take_if(|due| *due == at).is_some() {
             Self::put(3, at, out);
         }
@@ -204,9 +204,15 @@ impl Device for Told {
         row as i64 + at.ticks() as i64
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         if value < 0 {
-            return Err(Refused::OutOfRange);
+            return Err(PresetError::OutOfRange);
         }
         Self::put(40 + row as u8, at, out);
         Ok(())
@@ -248,7 +254,7 @@ fn a_fixture_tells_its_device_things_in_time() {
     dut.set(Reg::Second, 7);
     assert_eq!(
         (dut.try_set(Reg::First, -1), dut.get(Reg::Second)),
-        (Err(Refused::OutOfRange), ms as i64 + 2)
+        (Err(PresetError::OutOfRange), ms as i64 + 2)
     );
     dut.set_named("First", 1);
     assert_eq!((dut.get_named("Second"), dut.told()), (ms as i64 + 2, vec![(ms + 1, 41), (ms + 1, 40)]));

@@ -5,7 +5,7 @@ use std::string::String;
 use std::vec::Vec;
 
 use super::{new_memory, store};
-use crate::device::{Instant, Line, Output, Sink};
+use crate::device::{Context, Instant, Line, Output};
 
 /// A sink that keeps all outputs as text, in the order in which they were put, and carries stores out in its memory: to
 /// compare two runs.
@@ -42,12 +42,12 @@ impl Transcript {
     }
 }
 
-impl Sink for Transcript {
+impl Context for Transcript {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
             Output::Store { offset, bytes } => store(&mut self.memory, &mut { usize::MAX }, offset, bytes),
             Output::Line { line, .. } => self.line = Some(line),
-            Output::Note(_) if self.without_notes => return,
+            Output::Log(_) if self.without_notes => return,
             _ => {}
         }
         self.outputs.push(format!("{} {output:?}", at.ticks()));

@@ -2,12 +2,12 @@
 
 use drivetwin_firmware::device::{Duration, Instant};
 
-use super::events::What;
+use super::events::EventKind;
 use super::lines::{judgement, silence_after};
 use super::{Bench, Bus};
 use crate::line::faults::Text;
-use crate::line::{Offer, Request, Turn, Wire};
-use crate::scheduler::Class;
+use crate::line::{LineState, PendingFrame, Request, SerialLine};
+use crate::scheduler::Phase;
 
 /// Longest time by which a drive's output may lie ahead before a client has to wait.
 const AHEAD: Duration = Duration::secs(1);
@@ -22,14 +22,14 @@ impl Bench {
             let first = self.first_waiting(bus);
             let wire = &mut self.buses[bus as usize];
             let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
-            if wire.turn != Turn::Free && !goes_on {
-                if wire.turn == Turn::Kept && first.is_some() {
-                    self.set_turn(bus, Turn::Asked);
+            if wire.turn != LineState::Free && !goes_on {
+                if wire.turn == LineState::Kept && first.is_some() {
+                    self.set_turn(bus, LineState::Asked);
                 }
                 return self.speak_into(bus);
             }
             let Some(id) = first else {
-                if wire.turn == Turn::Free {
+                if wire.turn == LineState::Free {
                     wire.until = Instant::NEVER;
                 }
                 return;
@@ -39,19 +39,19 @@ impl Bench {
             }
             let Some(outside) = self.clients.get_mut(&id) else { return };
             match outside.offer(self.now, framed, self.settings.patience) {
-                Offer::Message(length, came) => {
+                PendingFrame::Message(length, came) => {
                     self.transmit(bus, id, length, came);
                     if framed.is_none() {
                         return;
                     }
                 }
-                Offer::Half(_) if outside.left => {
+                PendingFrame::Half(_) if outside.left => {
                     // The line was its own until it left.
                     let wire = &mut self.buses[bus as usize];
                     wire.free = wire.free.max(self.now);
                     self.forget(id);
                 }
-                Offer::Half(until) | Offer::Unsure(_, until) => {
+                PendingFrame::Half(until) | PendingFrame::Unsure(_, until) => {
                     self.turn_until(bus, until);
                     return self.speak_into(bus);
                 }
@@ -76,7 +76,7 @@ impl Bench {
             let framed = self.framed(bus);
             let Some(id) = self.first_waiting(bus) else { continue };
             let Some(outside) = self.clients.get_mut(&id) else { continue };
-            if let Offer::Unsure(length, _) = outside.offer(self.now, framed, self.settings.patience) {
+            if let PendingFrame::Unsure(length, _) = outside.offer(self.now, framed, self.settings.patience) {
                 self.transmit(bus, id, length, self.now);
                 ended = true;
             }
@@ -87,8 +87,8 @@ impl Bench {
     /// The end of the patience with half a message behind which another client waits.
     pub(super) fn half_in_the_way(&self) -> Option<Instant> {
         let waits = |id: &&u32| self.clients.get(id).is_some_and(|client| client.backlog() > 0);
-        let several = |wire: &&Wire| wire.clients.iter().filter(waits).nth(1).is_some();
-        self.buses.iter().filter(several).filter_map(Wire::half_until).min()
+        let several = |wire: &&SerialLine| wire.clients.iter().filter(waits).nth(1).is_some();
+        self.buses.iter().filter(several).filter_map(SerialLine::half_until).min()
     }
 
     /// Holds a client back while a drive has more than that to say. Answers are longer than commands, so a
@@ -101,7 +101,7 @@ impl Bench {
         }
         let until = wire.sends_until - ahead;
         wire.served = client;
-        self.set_turn(bus, Turn::Asked);
+        self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
         true
     }
@@ -122,7 +122,7 @@ impl Bench {
         let wire = &self.buses[bus as usize];
         let start = came.max(match &wire.air {
             // It speaks into what others say.
-            Some(air) if wire.turn != Turn::Free => air.free.max(self.now),
+            Some(air) if wire.turn != LineState::Free => air.free.max(self.now),
             _ => wire.free,
         });
         let request = if self.framed(bus).is_some() { self.disturbed_request(bus, request) } else { request };
@@ -130,7 +130,7 @@ impl Bench {
     }
 
     /// Changes the turn on a line.
-    pub(super) fn set_turn(&mut self, bus: u32, turn: Turn) {
+    pub(super) fn set_turn(&mut self, bus: u32, turn: LineState) {
         let wire = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut wire.turn, turn);
         self.busy += usize::from(turn.is_busy());
@@ -141,7 +141,7 @@ impl Bench {
     pub(super) fn turn_until(&mut self, bus: u32, at: Instant) {
         self.buses[bus as usize].until = at;
         if let Some(&(seat, _)) = self.ports(Bus(bus)).first() {
-            self.schedule(at, Class::Turn, seat.0, What::Turn { bus });
+            self.schedule(at, Phase::Turn, seat.0, EventKind::Turn { bus });
         }
     }
 
@@ -152,7 +152,7 @@ impl Bench {
             return;
         }
         wire.until = Instant::NEVER;
-        if wire.turn == Turn::Free {
+        if wire.turn == LineState::Free {
             self.serve(bus);
         } else if self.framed(bus).is_some() {
             self.turn_ends_of_frames(bus, at);
@@ -165,7 +165,7 @@ impl Bench {
     /// and what follows it is over.
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
         // Once: drives may answer each other's answers for ever.
-        if self.buses[bus as usize].turn == Turn::Asked && self.answers(bus, at) {
+        if self.buses[bus as usize].turn == LineState::Asked && self.answers(bus, at) {
             return;
         }
         let from = if self.fast() {
@@ -188,8 +188,8 @@ impl Bench {
     /// that.
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
         let wire = &mut self.buses[bus as usize];
-        let spoke = wire.turn == Turn::Asked && wire.free == at;
-        let answered = wire.turn == Turn::Answering;
+        let spoke = wire.turn == LineState::Asked && wire.free == at;
+        let answered = wire.turn == LineState::Answering;
         wire.free = at;
         self.serve(bus);
         if self.buses[bus as usize].until != Instant::NEVER {
@@ -205,7 +205,7 @@ impl Bench {
         }
         let kept_until = self.buses[bus as usize].kept_until;
         if answered && at < kept_until {
-            let turn = if self.first_waiting(bus).is_some() { Turn::Asked } else { Turn::Kept };
+            let turn = if self.first_waiting(bus).is_some() { LineState::Asked } else { LineState::Kept };
             self.set_turn(bus, turn);
             return self.turn_until(bus, kept_until);
         }
@@ -221,7 +221,7 @@ impl Bench {
         let until = wire.sends_until;
         let answers = until > at;
         if answers {
-            self.set_turn(bus, Turn::Answering);
+            self.set_turn(bus, LineState::Answering);
             self.turn_until(bus, until);
         }
         answers
@@ -243,7 +243,7 @@ impl Bench {
             air.spoke.clear();
             air.free = from;
         }
-        self.set_turn(bus, Turn::Free);
+        self.set_turn(bus, LineState::Free);
         self.serve(bus);
     }
 }

@@ -2,8 +2,8 @@
 
 use drivetwin_firmware::device::{Duration, Instant, Port};
 
-use super::{Bench, Bus, Client, Seat};
-use crate::line::{Mark, Outside, Sender};
+use super::{Bench, Bus, Client, DriveId};
+use crate::line::{CharFlags, ClientState, Sender};
 
 /// Clients.
 impl Bench {
@@ -15,7 +15,7 @@ impl Bench {
     /// Connects a client to a line.
     pub fn connect(&mut self, bus: Bus) -> Client {
         self.connected += 1;
-        self.clients.insert(self.connected, Outside::new(bus.0, self.arrivals));
+        self.clients.insert(self.connected, ClientState::new(bus.0, self.arrivals));
         self.buses[bus.0 as usize].clients.push(self.connected);
         Client(self.connected)
     }
@@ -52,7 +52,7 @@ impl Bench {
         let bus = outside.bus;
         outside.sender = sender;
         if self.framed(bus).is_some() {
-            self.queue(client, bytes, Mark::default());
+            self.queue(client, bytes, CharFlags::default());
         } else {
             self.queue_disturbed(client, bytes);
         }
@@ -60,7 +60,7 @@ impl Bench {
     }
 
     /// Bytes of a client wait for the line.
-    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], mark: Mark) {
+    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], mark: CharFlags) {
         if let Some(outside) = self.clients.get_mut(&client.0) {
             self.arrivals += 1;
             outside.arrive(self.now, self.arrivals, bytes, mark);
@@ -72,7 +72,7 @@ impl Bench {
     /// answered.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
-        let on_a_line = self.clients.get(&client.0).map(Outside::backlog);
+        let on_a_line = self.clients.get(&client.0).map(ClientState::backlog);
         on_a_line.unwrap_or_else(|| self.connections.backlog(client.0))
     }
 
@@ -91,7 +91,7 @@ impl Bench {
 
     /// A client's port gives characters their time itself, as a real serial port does: what a drive says
     /// reaches it whole, as the first character begins.
-    pub fn let_pace_itself(&mut self, client: Client) {
+    pub fn set_self_paced(&mut self, client: Client) {
         if let Some(outside) = self.clients.get_mut(&client.0) {
             outside.paces_itself = true;
         }
@@ -99,7 +99,7 @@ impl Bench {
 
     /// Sends a whole frame to the first port of a device, [settles](Self::settle), and returns what came. Silence ends
     /// a frame that could be half of a longer one.
-    pub fn ask(&mut self, seat: Seat, frame: &[u8]) -> Vec<u8> {
+    pub fn ask(&mut self, seat: DriveId, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
         if let Ok(client) = self.connect_to(seat, Port(0)) {
             self.send(client, frame);

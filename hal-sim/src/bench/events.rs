@@ -2,23 +2,23 @@
 
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
-use crate::record::trace::Fed;
-use crate::slot::Driving;
+use crate::record::trace::InputRecord;
+use crate::slot::PinStimulus;
 
 /// An event that is under way.
 #[derive(Debug)]
-pub(crate) enum What {
+pub(crate) enum EventKind {
     /// To be fed to a device.
-    Fed(Fed),
+    InputRecord(InputRecord),
     /// To be fed to a device that shares a line with the one that began to say it then.
-    Overheard { fed: Fed, began: Instant },
+    Overheard { fed: InputRecord, began: Instant },
     /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
     /// line.
-    Exposed { fed: Fed, number: u32 },
+    Exposed { fed: InputRecord, number: u32 },
     /// To be fed to a device, unless the connection on which that client said it is closed by then.
-    Said { client: u32, fed: Fed },
+    TcpSend { client: u32, fed: InputRecord },
     /// A change of a pin from outside.
-    Hand { pin: Pin, drive: Driving },
+    Hand { pin: Pin, drive: PinStimulus },
     /// Levels at the pins of a device that was seated at this instant.
     Contacts,
     /// The other end of a wire takes a level.
@@ -35,7 +35,7 @@ pub(crate) enum What {
     /// Work is due at a motor, which has a number in place of a device; `number` tells it from earlier predictions.
     Motor { number: u32 },
     /// Reports of a motor arrive at its drive.
-    Felt { motor: u32 },
+    MotorReports { motor: u32 },
     /// The turn of a client on a line may end.
     Turn { bus: u32 },
 }

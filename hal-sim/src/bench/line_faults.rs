@@ -3,13 +3,13 @@
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 
 use super::lines::silence_after;
-use super::transmit::{Voice, Words};
-use super::{Bench, Bus, Client, Seat};
+use super::transmit::{Origin, TxBurst};
+use super::{Bench, Bus, Client, DriveId};
 use crate::line::collisions::Air;
 use crate::line::faults::{Fate, LineFaults, Refusal, Text, readdressed};
-use crate::line::{Mark, Offer, Request, Sender};
+use crate::line::{CharFlags, PendingFrame, Request, Sender};
 use crate::record::capture::Source;
-use crate::record::trace::Fed;
+use crate::record::trace::InputRecord;
 use crate::slot::Sent;
 
 /// Longest delay of replies by what comes between them: a stream without a pause leaves no room for more.
@@ -20,19 +20,19 @@ impl Bench {
     /// Disturbs a line from its next frame on, where each frame has the same chances whatever was asked for
     /// before. Values that [`check_for`](LineFaults::check_for) refuses act as the nearest ones that it takes,
     /// or not at all.
-    pub fn disturb(&mut self, bus: Bus, faults: LineFaults) {
+    pub fn set_line_faults(&mut self, bus: Bus, faults: LineFaults) {
         self.buses[bus.0 as usize].disturbance.set(faults);
     }
 
     /// Faults of a line.
     #[must_use]
-    pub fn disturbed(&self, bus: Bus) -> LineFaults {
+    pub fn line_faults(&self, bus: Bus) -> LineFaults {
         *self.buses[bus.0 as usize].disturbance.faults()
     }
 
     /// Sets whether characters that overlap on a line corrupt each other, instead of waiting for their turn; at first
     /// they wait. Without effect where characters take no time, and on lines on which both directions run at once.
-    pub fn let_collide(&mut self, bus: Bus, collisions: bool) {
+    pub fn set_collisions(&mut self, bus: Bus, collisions: bool) {
         let may = collisions && !self.fast() && self.framed(bus.0).is_some();
         let wire = &mut self.buses[bus.0 as usize];
         if may != wire.air.is_some() {
@@ -45,7 +45,7 @@ impl Bench {
         let Some(outside) = self.clients.get(&client.0) else { return };
         let bus = outside.bus;
         let Some(fate) = self.buses[bus as usize].disturbance.request() else {
-            return self.queue(client, bytes, Mark::default());
+            return self.queue(client, bytes, CharFlags::default());
         };
         let line = self.line(Bus(bus));
         let text = fate.spoil(line, bytes);
@@ -61,7 +61,7 @@ impl Bench {
     fn queue_text(&mut self, client: Client, text: &Text, noise: bool) {
         for (place, byte) in text.bytes.iter().enumerate() {
             let unreadable = text.unreadable.contains(&place);
-            self.queue(client, &[*byte], Mark { noise, unreadable });
+            self.queue(client, &[*byte], CharFlags { noise, unreadable });
         }
     }
 
@@ -89,7 +89,7 @@ impl Bench {
 
     /// Carries what a drive sends as faults leave it.
     pub(super) fn carry_disturbed(&mut self, bus: u32, sent: &Sent, bytes: &[u8], fate: &Fate) {
-        let LineFaults { delay, mute, baud, .. } = self.disturbed(Bus(bus));
+        let LineFaults { delay, mute, baud, .. } = self.line_faults(Bus(bus));
         let line = sent.line;
         let modbus = self.framed(bus).is_some();
         let rewritten = if modbus { self.rewritten(bus, line, bytes, fate) } else { None };
@@ -112,7 +112,7 @@ impl Bench {
             end += silence + takes;
         }
         if let Some(noise) = fate.noise(line).filter(|_| room) {
-            let deaf = (!modbus).then_some((Seat(sent.seat), sent.port));
+            let deaf = (!modbus).then_some((DriveId(sent.seat), sent.port));
             self.noise(bus, end + silence, line, &noise, deaf);
             end += silence + self.takes(line, noise.bytes.len());
         }
@@ -130,17 +130,17 @@ impl Bench {
         if !fate.elsewhere {
             return refused;
         }
-        let address = |&(seat, _): &(Seat, Port)| Some(self.peek(seat, self.spec(seat).address?));
+        let address = |&(seat, _): &(DriveId, Port)| Some(self.peek(seat, self.spec(seat).address?));
         let taken: Vec<i64> = self.ports(Bus(bus)).iter().filter_map(address).collect();
         readdressed(line, refused.as_deref().unwrap_or(reply), &taken).or(refused)
     }
 
     /// Noise on a line from `start` on, heard by all but one drive.
-    fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, deaf: Option<(Seat, Port)>) {
+    fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, deaf: Option<(DriveId, Port)>) {
         let number = self.on_air(bus, start, line, noise.bytes.len());
         self.reach_clients(bus, start, line, &noise.bytes, number, None);
-        let voice = Voice::Client(Sender::default());
-        let words = Words { bytes: &noise.bytes, unreadable: &noise.unreadable, voice, number };
+        let voice = Origin::Client(Sender::default());
+        let words = TxBurst { bytes: &noise.bytes, unreadable: &noise.unreadable, voice, number };
         self.reach_drives(bus, start, line, words, deaf);
         self.record(bus, start, line, Source::Noise, &noise.bytes, number);
     }
@@ -168,11 +168,11 @@ impl Bench {
     }
 
     /// A character that may have collided, as a device receives it.
-    pub(super) fn exposed(&self, place: u32, fed: Fed, number: u32) -> Fed {
-        let (Fed::Bytes { port, .. } | Fed::Spoiled { port }) = fed else { return fed };
-        let bus = self.bus(Seat(place), port);
+    pub(super) fn exposed(&self, place: u32, fed: InputRecord, number: u32) -> InputRecord {
+        let (InputRecord::Bytes { port, .. } | InputRecord::RxError { port }) = fed else { return fed };
+        let bus = self.bus(DriveId(place), port);
         let air = bus.and_then(|Bus(bus)| self.buses[bus as usize].air.as_ref());
-        if air.is_some_and(|air| air.spoils(number, self.now)) { Fed::Spoiled { port } } else { fed }
+        if air.is_some_and(|air| air.spoils(number, self.now)) { InputRecord::RxError { port } } else { fed }
     }
 
     /// Sends the messages of waiting clients at once on a line where characters may collide: none waits until it is
@@ -186,7 +186,9 @@ impl Bench {
         waiting.sort_unstable();
         for (_, id) in waiting {
             let Some(outside) = self.clients.get_mut(&id) else { continue };
-            if let Offer::Message(length, came) = outside.offer(self.now, framed, self.settings.patience) {
+            if let PendingFrame::Message(length, came) =
+                outside.offer(self.now, framed, self.settings.patience)
+            {
                 self.transmit(bus, id, length, came);
             }
         }

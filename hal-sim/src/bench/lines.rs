@@ -5,10 +5,10 @@ use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::modbus::rtu::Timing;
 
-use super::{Bench, Bus, Seat};
-use crate::line::{LineMode, Wire};
-use crate::record::trace::{self, Fed};
-use crate::scheduler::Class;
+use super::{Bench, Bus, DriveId};
+use crate::line::{LineMode, SerialLine};
+use crate::record::trace::{self, InputRecord};
+use crate::scheduler::Phase;
 
 /// The silence that ends a message on a line of Modbus: in ASCII none, because a line feed does.
 pub(super) fn silence_after(line: Line) -> Duration {
@@ -26,11 +26,11 @@ impl Bench {
     ///
     /// # Panics
     /// If the name is no name, or taken.
-    pub fn share(&mut self, name: &str, ports: &[(Seat, Port)]) -> Bus {
+    pub fn share(&mut self, name: &str, ports: &[(DriveId, Port)]) -> Bus {
         assert!(trace::is_name(name), "\"{name}\" is no name for a line: use one word without dots");
         assert!(!self.is_taken(name), "there are two things called {name}");
         let bus = self.buses.len();
-        let mut shared: Vec<(Seat, Port)> = Vec::new();
+        let mut shared: Vec<(DriveId, Port)> = Vec::new();
         for &(seat, port) in ports {
             if let Some(Bus(old)) = self.bus(seat, port) {
                 self.buses[old as usize].ports.retain(|&other| other != (seat, port));
@@ -40,13 +40,13 @@ impl Bench {
         }
         shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
         self.names.insert(name.to_owned(), None);
-        self.buses.push(Wire::shared(self.settings.seed, name, shared));
+        self.buses.push(SerialLine::shared(self.settings.seed, name, shared));
         Bus(bus as u32)
     }
 
     /// The line of a serial port; `None` for any other port.
     #[must_use]
-    pub fn bus(&self, seat: Seat, port: Port) -> Option<Bus> {
+    pub fn bus(&self, seat: DriveId, port: Port) -> Option<Bus> {
         self.at(seat).bus(port).map(Bus)
     }
 
@@ -60,7 +60,7 @@ impl Bench {
 
     /// The ports on a line, by the names of their seats.
     #[must_use]
-    pub fn ports(&self, bus: Bus) -> &[(Seat, Port)] {
+    pub fn ports(&self, bus: Bus) -> &[(DriveId, Port)] {
         &self.buses[bus.0 as usize].ports
     }
 
@@ -101,8 +101,8 @@ impl Bench {
     pub fn attach(&mut self, bus: Bus, here: bool) {
         for n in 0..self.ports(bus).len() {
             let (seat, port) = self.ports(bus)[n];
-            let at = self.at(seat).free(self.now, Class::Line);
-            self.send_to(at, seat.0, Fed::Attached { port, here });
+            let at = self.at(seat).free(self.now, Phase::Line);
+            self.send_to(at, seat.0, InputRecord::HostPresence { port, here });
         }
     }
 

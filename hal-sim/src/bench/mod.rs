@@ -27,18 +27,18 @@ mod transmit;
 use std::collections::HashMap;
 use std::fmt;
 
-use drivetwin_firmware::device::{Device, Duration, Instant, Port, Refused, Spec};
+use drivetwin_firmware::device::{Device, Duration, Instant, Port, PresetError, Spec};
 
-pub use crate::ids::{Bus, Client, Seat};
-use crate::line::{Clients, LineMode, Wire};
+pub use crate::ids::{Bus, Client, DriveId};
+use crate::line::{Clients, LineMode, SerialLine};
 use crate::record::capture::Capture;
-use crate::record::trace::{self, Fed, Power, Trace, TraceKeep};
-use crate::scheduler::{Class, Event, Queue, Tournament};
-pub use crate::slot::{Driving, Keep, MOST_CONNECTIONS, Motion, Statistics};
-use crate::slot::{Outbox, Seated, Tape};
-use events::What;
-use motors::Fitted;
-pub use motors::{Fitting, Motor, Turn};
+use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
+use crate::scheduler::{Event, Phase, Queue, Tournament};
+use crate::slot::{CallContext, Outputs, Slot};
+pub use crate::slot::{MOST_CONNECTIONS, Motion, PersistFn, PinStimulus, Statistics};
+use events::EventKind;
+use motors::MotorSlot;
+pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
@@ -55,9 +55,9 @@ pub struct Settings {
     /// Longest wait for the rest of half a message, in time of the bench.
     pub patience: Duration,
     /// Retention of the trace.
-    pub trace: TraceKeep,
+    pub trace: Retention,
     /// Retention of the frames on the lines.
-    pub capture: TraceKeep,
+    pub capture: Retention,
 }
 
 impl Default for Settings {
@@ -66,8 +66,8 @@ impl Default for Settings {
             seed: 1,
             line: LineMode::Timed,
             patience: Duration::millis(20),
-            trace: TraceKeep::default(),
-            capture: TraceKeep::Off,
+            trace: Retention::default(),
+            capture: Retention::Off,
         }
     }
 }
@@ -80,7 +80,7 @@ pub struct Setup {
     /// Content of its memory; cut or filled up with `0xFF` to its size. `None`: a new memory.
     pub memory: Option<Vec<u8>>,
     /// Called for each store to its memory.
-    pub keep: Option<Keep>,
+    pub keep: Option<PersistFn>,
     /// Rows and their values: saved ones are in the memory before the first power-on, others are
     /// set after every power-on.
     pub presets: Vec<(usize, i64)>,
@@ -91,7 +91,7 @@ pub struct Setup {
 
 /// Reason why a device cannot be added; the bench is as before.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum SeatError {
+pub enum AddError {
     /// A name is one word without dots that begins with no digit and none of `#`, `<`, `>` and `"`, and is not
     /// `end`.
     Name(String),
@@ -102,11 +102,11 @@ pub enum SeatError {
         /// Row of the register map.
         row: usize,
         /// Reason.
-        why: Refused,
+        why: PresetError,
     },
 }
 
-impl fmt::Display for SeatError {
+impl fmt::Display for AddError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Name(name) => write!(f, "\"{name}\" is no name for a drive: use one word without dots"),
@@ -116,7 +116,7 @@ impl fmt::Display for SeatError {
     }
 }
 
-impl std::error::Error for SeatError {}
+impl std::error::Error for AddError {}
 
 /// A train of pulses, or an encoder, runs on that pin already.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -154,22 +154,22 @@ pub struct Settling {
 pub struct Bench {
     settings: Settings,
     now: Instant,
-    seats: Vec<Seated>,
+    seats: Vec<Slot>,
     /// Names of seats, shared lines and motors; of a seat which one.
-    names: HashMap<String, Option<Seat>>,
+    names: HashMap<String, Option<DriveId>>,
     /// Seats by name, and the place of each among them.
     order: Vec<u32>,
     ranks: Vec<u32>,
     deadlines: Tournament,
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
-    under_way: Queue<What>,
+    under_way: Queue<EventKind>,
     /// Wires between pins.
     wires: Vec<PinWire>,
     /// Motors, and the rank of each.
-    motors: Vec<Fitted>,
+    motors: Vec<MotorSlot>,
     motor_ranks: Vec<u32>,
-    buses: Vec<Wire>,
+    buses: Vec<SerialLine>,
     /// Lines on which somebody is being served, and what is on its way on TCP connections.
     busy: usize,
     clients: Clients,
@@ -180,7 +180,7 @@ pub struct Bench {
     /// Bytes that have arrived from clients, in the order of arrival.
     arrivals: u64,
     /// Outputs of the device that was called last.
-    outbox: Outbox,
+    outbox: Outputs,
     trace: Trace,
     capture: Capture,
 }
@@ -221,7 +221,7 @@ impl Bench {
             connections: Connections::default(),
             connected: 0,
             arrivals: 0,
-            outbox: Outbox::default(),
+            outbox: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
         }
@@ -231,8 +231,8 @@ impl Bench {
     ///
     /// # Panics
     /// If the name is no name, or taken.
-    pub fn add<D: Device + Default + 'static>(&mut self, name: &str) -> Seat {
-        match self.seat(name, Box::new(D::default()), Setup::default()) {
+    pub fn add<D: Device + Default + 'static>(&mut self, name: &str) -> DriveId {
+        match self.add_with(name, Box::new(D::default()), Setup::default()) {
             Ok(seat) => seat,
             Err(error) => panic!("{error}"),
         }
@@ -242,19 +242,24 @@ impl Bench {
     ///
     /// # Errors
     /// Its name or a preset is refused.
-    pub fn seat(&mut self, name: &str, device: Box<dyn Device>, setup: Setup) -> Result<Seat, SeatError> {
+    pub fn add_with(
+        &mut self,
+        name: &str,
+        device: Box<dyn Device>,
+        setup: Setup,
+    ) -> Result<DriveId, AddError> {
         if !trace::is_name(name) {
-            return Err(SeatError::Name(name.to_owned()));
+            return Err(AddError::Name(name.to_owned()));
         }
         if self.is_taken(name) {
-            return Err(SeatError::Taken(name.to_owned()));
+            return Err(AddError::Taken(name.to_owned()));
         }
         let place = u32::try_from(self.seats.len()).expect("a bench has room for four billion drives");
         let Setup { boot_fast, memory, keep, presets, apart } = setup;
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
-        let mut seated = Seated::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
+        let mut seated = Slot::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
         if apart {
             seated.part();
         }
@@ -263,7 +268,7 @@ impl Bench {
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
             result = result.and_then(|()| {
-                seated.preset(now, row, value, &mut tape).map_err(|why| SeatError::Preset { row, why })
+                seated.preset(now, row, value, &mut tape).map_err(|why| AddError::Preset { row, why })
             });
         }
         // What it finds in its memory is where its trace begins.
@@ -272,7 +277,7 @@ impl Bench {
         if result.is_ok() {
             seated.presets = presets.into_iter().filter(|(row, _)| !saved(*row)).collect();
             seated.power_on(now, &mut tape);
-            result = seated.preset_again(now, &mut tape).map_err(|(row, why)| SeatError::Preset { row, why });
+            result = seated.preset_again(now, &mut tape).map_err(|(row, why)| AddError::Preset { row, why });
         }
         if let Err(error) = result {
             tape.trace.rewind(mark);
@@ -280,7 +285,7 @@ impl Bench {
             return Err(error);
         }
         seated.know_parted();
-        self.trace.drives.push(trace::Drive {
+        self.trace.drives.push(trace::TraceDrive {
             name: name.to_owned(),
             spec,
             boot_fast,
@@ -291,15 +296,20 @@ impl Bench {
         });
         for (port, serial) in (0..).map(Port).zip(spec.ports) {
             if serial.line.is_some() {
-                self.buses.push(Wire::own(self.settings.seed, name, serial.name, (Seat(place), port)));
+                self.buses.push(SerialLine::own(
+                    self.settings.seed,
+                    name,
+                    serial.name,
+                    (DriveId(place), port),
+                ));
                 seated.set_bus(port, self.buses.len() - 1);
             }
         }
         self.seats.push(seated);
-        self.names.insert(name.to_owned(), Some(Seat(place)));
+        self.names.insert(name.to_owned(), Some(DriveId(place)));
         self.indexed = false;
         self.after(place);
-        Ok(Seat(place))
+        Ok(DriveId(place))
     }
 
     /// Presets rows that are not saved, now and after every power-on, in place of those it was seated with. At the
@@ -308,36 +318,36 @@ impl Bench {
     ///
     /// # Errors
     /// A preset is refused; those before it are set.
-    pub fn preset(&mut self, seat: Seat, presets: Vec<(usize, i64)>) -> Result<(), SeatError> {
+    pub fn preset(&mut self, seat: DriveId, presets: Vec<(usize, i64)>) -> Result<(), AddError> {
         self.run_until(self.now);
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         let seated = &mut self.seats[seat.0 as usize];
         seated.presets = presets;
         let result = seated.preset_again(self.now, &mut tape);
         self.after(seat.0);
-        result.map_err(|(row, why)| SeatError::Preset { row, why })
+        result.map_err(|(row, why)| AddError::Preset { row, why })
     }
 
     /// All seats, in the order in which they were added.
-    pub fn seats(&self) -> impl ExactSizeIterator<Item = Seat> + use<> {
-        (0..self.trace.drives.len() as u32).map(Seat)
+    pub fn drives(&self) -> impl ExactSizeIterator<Item = DriveId> + use<> {
+        (0..self.trace.drives.len() as u32).map(DriveId)
     }
 
     /// Description of a device.
     #[must_use]
-    pub fn spec(&self, seat: Seat) -> &'static Spec {
+    pub fn spec(&self, seat: DriveId) -> &'static Spec {
         self.at(seat).spec
     }
 
     /// The name of a seat.
     #[must_use]
-    pub fn name(&self, seat: Seat) -> &str {
+    pub fn name(&self, seat: DriveId) -> &str {
         &self.at(seat).name
     }
 
     /// The seat of that name.
     #[must_use]
-    pub fn seat_named(&self, name: &str) -> Option<Seat> {
+    pub fn find_drive(&self, name: &str) -> Option<DriveId> {
         self.names.get(name).copied().flatten()
     }
 
@@ -354,7 +364,7 @@ impl Bench {
         &self.trace
     }
 
-    /// All of the [trace](Self::trace) is written, and may be dropped by [`TraceKeep::Written`].
+    /// All of the [trace](Self::trace) is written, and may be dropped by [`Retention::Written`].
     pub fn has_written(&mut self) {
         self.trace.has_written();
     }
@@ -365,11 +375,11 @@ impl Bench {
         &self.capture
     }
 
-    fn at(&self, seat: Seat) -> &Seated {
+    fn at(&self, seat: DriveId) -> &Slot {
         &self.seats[seat.0 as usize]
     }
 
-    fn at_mut(&mut self, seat: Seat) -> &mut Seated {
+    fn at_mut(&mut self, seat: DriveId) -> &mut Slot {
         &mut self.seats[seat.0 as usize]
     }
 }
@@ -395,7 +405,7 @@ impl Bench {
         let deadline = if self.indexed {
             self.deadlines.first().0
         } else {
-            self.seats.iter().map(Seated::deadline).min().unwrap_or(Instant::NEVER)
+            self.seats.iter().map(Slot::deadline).min().unwrap_or(Instant::NEVER)
         };
         under_way.min(deadline)
     }
@@ -408,7 +418,7 @@ impl Bench {
         loop {
             let (due, rank) = self.deadlines.first();
             match self.under_way.first() {
-                Some(key) if (key.at, key.class) < (due, Class::Deadline) => {
+                Some(key) if (key.at, key.class) < (due, Phase::Deadline) => {
                     if key.at > at {
                         break;
                     }
@@ -448,7 +458,7 @@ impl Bench {
     /// half a message any more.
     pub fn begin_to_settle_halves(&mut self) -> Settling {
         let Settling { hands } = self.begin_to_settle();
-        let halves = self.buses.iter().filter_map(Wire::half_until).max();
+        let halves = self.buses.iter().filter_map(SerialLine::half_until).max();
         Settling { hands: halves.map_or(hands, |until| hands.max(until)) }
     }
 
@@ -531,56 +541,56 @@ impl Bench {
 
     /// Sends something on its way.
     #[inline(always)]
-    fn schedule(&mut self, at: Instant, class: Class, place: u32, what: What) {
+    fn schedule(&mut self, at: Instant, class: Phase, place: u32, what: EventKind) {
         // As long as there are seats without a rank all get theirs before the next event.
         let rank = self.ranks.get(place as usize).copied().unwrap_or(0);
         self.under_way.push(at, class, rank, place, what);
     }
 
     /// Sends something on its way to a device, to arrive at `at`.
-    fn send_to(&mut self, at: Instant, place: u32, fed: Fed) {
-        self.schedule(at, Class::of(&fed), place, What::Fed(fed));
+    fn send_to(&mut self, at: Instant, place: u32, fed: InputRecord) {
+        self.schedule(at, Phase::of(&fed), place, EventKind::InputRecord(fed));
     }
 
     /// Handles an event.
-    fn happen(&mut self, event: Event<What>) {
+    fn happen(&mut self, event: Event<EventKind>) {
         match event.what {
-            What::Fed(fed) => self.deliver(event.seat, &fed),
-            What::Overheard { fed, began } => {
+            EventKind::InputRecord(fed) => self.deliver(event.seat, &fed),
+            EventKind::Overheard { fed, began } => {
                 // Where characters take no time, who begins at the same instant sends meanwhile.
                 if !(self.fast() && self.seats[event.seat as usize].began(&fed) == Some(began)) {
                     self.deliver(event.seat, &fed);
                 }
             }
-            What::Exposed { fed, number } => {
+            EventKind::Exposed { fed, number } => {
                 let fed = self.exposed(event.seat, fed, number);
                 self.deliver(event.seat, &fed);
             }
-            What::Said { client, fed } => self.hear(event.seat, client, &fed),
-            What::Hand { pin, drive } => self.hand(event.seat, pin, drive),
-            What::Wired { wire, level } => self.wired(wire, level),
-            What::Contacts => self.find_contacts(event.seat),
-            What::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
-            What::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
-            What::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
-            What::Steps { axis, number } => self.axis_edge(event.seat, axis, number),
-            What::Motor { number } => self.motor_is_due(event.seat, number, event.key.class),
-            What::Felt { motor } => self.felt(motor),
-            What::Turn { bus } => self.turn_ends(bus, event.key.at),
+            EventKind::TcpSend { client, fed } => self.hear(event.seat, client, &fed),
+            EventKind::Hand { pin, drive } => self.hand(event.seat, pin, drive),
+            EventKind::Wired { wire, level } => self.wired(wire, level),
+            EventKind::Contacts => self.find_contacts(event.seat),
+            EventKind::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
+            EventKind::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
+            EventKind::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
+            EventKind::Steps { axis, number } => self.axis_edge(event.seat, axis, number),
+            EventKind::Motor { number } => self.motor_is_due(event.seat, number, event.key.class),
+            EventKind::MotorReports { motor } => self.felt(motor),
+            EventKind::Turn { bus } => self.turn_ends(bus, event.key.at),
         }
     }
 
     /// Feeds a device now, unless it cannot hear.
-    fn deliver(&mut self, place: u32, fed: &Fed) {
+    fn deliver(&mut self, place: u32, fed: &InputRecord) {
         let now = self.now;
-        if let Fed::Fault { fault, on } = *fed {
+        if let InputRecord::Fault { fault, on } = *fed {
             self.hold(place, fault, on);
         }
         let seated = &mut self.seats[place as usize];
         if !seated.hears(now, fed) {
             return;
         }
-        let comes = matches!(fed, Fed::Power(Power::On)) && !seated.body.powered;
+        let comes = matches!(fed, InputRecord::Power(Power::On)) && !seated.body.powered;
         let reports = if comes { self.motors_report(place) } else { Vec::new() };
         let seated = &mut self.seats[place as usize];
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
@@ -598,8 +608,8 @@ impl Bench {
 
     /// Feeds a device as a trace says, at an instant that is not over. Several characters for a port
     /// where each has its time follow back to back.
-    pub(crate) fn feed(&mut self, seat: Seat, at: Instant, fed: &Fed) {
-        if matches!(fed, Fed::Poke { .. }) && at > Instant::ZERO {
+    pub(crate) fn feed(&mut self, seat: DriveId, at: Instant, fed: &InputRecord) {
+        if matches!(fed, InputRecord::Poke { .. }) && at > Instant::ZERO {
             self.run_until(at);
         } else if at > Instant::ZERO {
             self.run_until(at - Duration::TICK);
@@ -607,17 +617,17 @@ impl Bench {
         self.now = self.now.max(at);
         self.index();
         // At power-on a preset comes after the deadlines of its own drive; others are still told their contacts.
-        if matches!(fed, Fed::Poke { .. }) {
+        if matches!(fed, InputRecord::Poke { .. }) {
             while self.at(seat).deadline() <= at {
                 self.wake(self.ranks[seat.0 as usize], self.at(seat).deadline());
             }
         }
         let serial = |port| self.at(seat).serial(port).filter(|serial| !serial.silence);
-        if let Fed::Bytes { port, ref bytes } = *fed
+        if let InputRecord::Bytes { port, ref bytes } = *fed
             && let Some(serial) = serial(port)
         {
             let character = self.takes(serial.line_at(at), 1);
-            let single = |&byte| Fed::Bytes { port, bytes: vec![byte] };
+            let single = |&byte| InputRecord::Bytes { port, bytes: vec![byte] };
             // Those of the same instant keep their place among what else happens at it.
             let count = if character == Duration::ZERO { bytes.len() } else { 1 };
             let (now, later) = bytes.split_at(count.min(bytes.len()));
@@ -632,7 +642,7 @@ impl Bench {
         self.feed_now(seat, at, fed);
     }
 
-    fn feed_now(&mut self, seat: Seat, at: Instant, fed: &Fed) {
+    fn feed_now(&mut self, seat: DriveId, at: Instant, fed: &InputRecord) {
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
         // A preset that is refused does nothing, and is not recorded.
         let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);
@@ -641,6 +651,6 @@ impl Bench {
 }
 
 /// The place for the outputs of a device.
-fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outbox, settings: Settings) -> Tape<'a> {
-    Tape { trace, outbox, fast: settings.line == LineMode::Fast }
+fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outputs, settings: Settings) -> CallContext<'a> {
+    CallContext { trace, outbox, fast: settings.line == LineMode::Fast }
 }

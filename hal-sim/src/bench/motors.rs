@@ -6,17 +6,17 @@
 use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Duration, Fault, Input, Instant, Level, Output, Pin, Rotation, Shaft, Sink,
+    Axis, Boot, Context, Duration, Fault, Input, Instant, Level, Output, Pin, Rotation, Shaft,
 };
-use drivetwin_firmware::motor::{self, HALL_PINS, Pace, Rotor, STALL, stepper};
+use drivetwin_firmware::motor::{self, HALL_PINS, Kinematics, Rotor, STALL, stepper};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use super::events::What;
-use super::shaft_sensors::{Sees, Sensor};
-use super::{Bench, Seat};
-use crate::record::trace::{self, Fed};
-use crate::scheduler::Class;
-use crate::slot::{Told, Wakes};
+use super::events::EventKind;
+use super::shaft_sensors::{Sensor, SensorKind};
+use super::{Bench, DriveId};
+use crate::record::trace::{self, InputRecord};
+use crate::scheduler::Phase;
+use crate::slot::{MotorCommand, Wakes};
 
 /// A motor on the bench.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -24,9 +24,9 @@ pub struct Motor(u32);
 
 /// Model of a motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Fitting {
+pub enum MotorModel {
     /// A stepper motor, which follows the plans and steps of its drive.
-    Stepper(stepper::Parameters),
+    Stepper(stepper::StepperParameters),
     /// A motor with brushes, or a brushless one, turned by the duty of a drive that was added
     /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
     /// ([`dc_motor`](drivetwin_firmware::device::Spec::dc_motor)).
@@ -35,7 +35,7 @@ pub enum Fitting {
 
 /// State of a shaft.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct Turn {
+pub struct ShaftState {
     /// Turns from where it began.
     pub revolutions: f64,
     /// Turns per minute, signed.
@@ -58,21 +58,21 @@ pub(super) fn at_place(place: u32) -> Option<usize> {
 pub(super) const TURN: f64 = (1_u64 << 32) as f64;
 
 /// A motor that is fitted to a drive.
-pub(super) struct Fitted {
+pub(super) struct MotorSlot {
     name: String,
-    drive: (Seat, Axis),
+    drive: (DriveId, Axis),
     machine: Machine,
     /// Present motion.
-    pace: Pace,
+    pace: Kinematics,
     /// Angle at which the shaft began.
     began: i64,
     /// Microsteps that its drive reported last.
     microsteps: u16,
     /// Commands on their way to it, by time.
-    inbox: VecDeque<(Instant, Told)>,
+    inbox: VecDeque<(Instant, MotorCommand)>,
     /// The ends of the wires of its Hall sensors.
     halls: Vec<u32>,
-    felt: Felt,
+    felt: MotorReports,
     sensors: Vec<Sensor>,
     wakes: Wakes,
     /// Tells what is due next from what was foreseen earlier.
@@ -80,7 +80,7 @@ pub(super) struct Fitted {
 }
 
 enum Machine {
-    Stepper(Box<stepper::Stepper>),
+    Stepper(Box<stepper::StepperMotor>),
     Brush(Box<motor::Motor>),
 }
 
@@ -99,25 +99,25 @@ impl Machine {
         }
     }
 
-    fn hear(&mut self, at: Instant, told: &Told, out: &mut Felt) {
+    fn hear(&mut self, at: Instant, told: &MotorCommand, out: &mut MotorReports) {
         const AXIS: Axis = Axis(0);
         let plan;
         let input = match *told {
-            Told::Plan(told) => {
+            MotorCommand::Plan(told) => {
                 // What is heard a tick later is also done a tick later.
                 plan = told.delayed(Duration::TICK);
                 Input::Plan { axis: AXIS, plan: &plan }
             }
-            Told::Microsteps(microsteps) => {
+            MotorCommand::Microsteps(microsteps) => {
                 if let Self::Stepper(stepper) = self {
                     stepper.set_microsteps(at, microsteps);
                 }
                 return;
             }
-            Told::Steps(steps) => Input::Step { axis: AXIS, steps },
-            Told::Current(ma) => Input::Current { axis: AXIS, ma },
-            Told::Duty(duty) => Input::Duty { axis: AXIS, duty },
-            Told::Held(on) => Input::Fault { fault: STALL, on },
+            MotorCommand::Steps(steps) => Input::Step { axis: AXIS, steps },
+            MotorCommand::Current(ma) => Input::CurrentLimit { axis: AXIS, ma },
+            MotorCommand::Duty(duty) => Input::Duty { axis: AXIS, duty },
+            MotorCommand::Held(on) => Input::Fault { fault: STALL, on },
         };
         self.rotor_mut().input(at, input, out);
     }
@@ -125,7 +125,7 @@ impl Machine {
 
 /// Reports of a motor at an instant, on their way to its drive.
 #[derive(Default)]
-struct Felt {
+struct MotorReports {
     halls: [Option<Level>; HALL_PINS.len()],
     draws: Option<i32>,
     motor: Option<Box<motor::Parameters>>,
@@ -134,7 +134,7 @@ struct Felt {
     foreseen: bool,
 }
 
-impl Felt {
+impl MotorReports {
     fn is_news(&self) -> bool {
         self.draws.is_some()
             || self.motor.is_some()
@@ -143,7 +143,7 @@ impl Felt {
     }
 }
 
-impl Sink for Felt {
+impl Context for MotorReports {
     fn put(&mut self, _at: Instant, output: Output<'_>) {
         match output {
             Output::Level { pin, level } => {
@@ -151,7 +151,7 @@ impl Sink for Felt {
                     self.halls[hall] = Some(level);
                 }
             }
-            Output::Draws { ma, .. } => self.draws = Some(ma),
+            Output::MotorCurrent { ma, .. } => self.draws = Some(ma),
             Output::Motor { parameters, .. } => self.motor = Some(Box::new(*parameters)),
             Output::Rotation { rotation, .. } => self.rotation = Some(rotation),
             _ => {}
@@ -170,7 +170,13 @@ impl Bench {
     ///
     /// # Errors
     /// One sentence: why not.
-    pub fn fit(&mut self, name: &str, drive: Seat, axis: Axis, is: Fitting) -> Result<Motor, String> {
+    pub fn attach_motor(
+        &mut self,
+        name: &str,
+        drive: DriveId,
+        axis: Axis,
+        is: MotorModel,
+    ) -> Result<Motor, String> {
         let of = self.name(drive).to_owned();
         if !trace::is_name(name) {
             return Err(format!("\"{name}\" is no name for a motor: use one word without dots"));
@@ -187,17 +193,17 @@ impl Bench {
         let halls = self.at(drive).halls;
         let either = self.spec(drive).dc_motor.is_some();
         let machine = match (is, halls) {
-            (Fitting::Stepper(is), None) => Machine::Stepper(Box::new(stepper::Stepper::new(is))),
-            (Fitting::Brush(is), None) if either => Machine::Brush(Box::new(motor::Motor::new(is))),
-            (Fitting::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
-            (Fitting::Stepper(_), Some(_)) => {
+            (MotorModel::Stepper(is), None) => Machine::Stepper(Box::new(stepper::StepperMotor::new(is))),
+            (MotorModel::Brush(is), None) if either => Machine::Brush(Box::new(motor::Motor::new(is))),
+            (MotorModel::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
+            (MotorModel::Stepper(_), Some(_)) => {
                 return Err(format!("{of} turns a brush motor, and {name} is a stepper motor"));
             }
-            (Fitting::Brush(_), None) => {
+            (MotorModel::Brush(_), None) => {
                 return Err(format!("{of} does not turn brush motors of a bench, and {name} is one"));
             }
         };
-        if let (Fitting::Brush(is), Some(halls)) = (is, halls)
+        if let (MotorModel::Brush(is), Some(halls)) = (is, halls)
             && usize::from(is.hall_sensors) != halls.len()
         {
             let (has, wants) = (is.hall_sensors, halls.len());
@@ -205,7 +211,7 @@ impl Bench {
         }
         let place = u32::try_from(self.motors.len()).expect("a bench has room for two billion motors");
         let halls = halls.unwrap_or_default().iter().map(|&pin| self.end_of_wire((drive, pin))).collect();
-        let mut motor = Fitted {
+        let mut motor = MotorSlot {
             name: name.to_owned(),
             drive: (drive, axis),
             began: 0,
@@ -214,7 +220,7 @@ impl Bench {
             microsteps: 1,
             inbox: VecDeque::new(),
             halls,
-            felt: Felt::default(),
+            felt: MotorReports::default(),
             sensors: Vec::new(),
             wakes: Wakes::default(),
             number: 0,
@@ -226,7 +232,7 @@ impl Bench {
         let arrives = now + Duration::TICK;
         motor.microsteps = self.at(drive).microsteps(axis);
         let mut told = self.at_mut(drive).turns(axis, place);
-        told.extend(self.is_held(drive).then_some(Told::Held(true)));
+        told.extend(self.is_held(drive).then_some(MotorCommand::Held(true)));
         motor.inbox.extend(told.into_iter().map(|told| (arrives, told)));
         self.names.insert(motor.name.clone(), None);
         self.motors.push(motor);
@@ -239,15 +245,15 @@ impl Bench {
     /// The motor that a drive has parted from when it was seated [`apart`](super::Setup::apart): as its registers
     /// described it when it had been powered on for the first time, with its memory and its presets.
     #[must_use]
-    pub fn parted(&self, drive: Seat) -> Option<motor::Parameters> {
+    pub fn detached_motor(&self, drive: DriveId) -> Option<motor::Parameters> {
         self.at(drive).parted
     }
 
     /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A drive that was seated at this
     /// instant finds its first level at power-on, and no edge.
-    pub(super) fn put_sensor(&mut self, motor: Motor, to: (Seat, Pin), sees: Sees) {
+    pub(super) fn put_sensor(&mut self, motor: Motor, to: (DriveId, Pin), sees: SensorKind) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
-        let Fitted { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let MotorSlot { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
         let mut sensor = Sensor::new(key, sees, *began);
         sensor.foresee(machine.rotor(), pace, now);
         let shown = sensor.seen();
@@ -273,18 +279,18 @@ impl Bench {
 
     /// The drive and axis that turn a motor.
     #[must_use]
-    pub fn turned_by(&self, motor: Motor) -> (Seat, Axis) {
+    pub fn turned_by(&self, motor: Motor) -> (DriveId, Axis) {
         self.motors[motor.0 as usize].drive
     }
 
     /// State of a motor's shaft now.
     #[must_use]
-    pub fn turn(&self, motor: Motor) -> Turn {
-        let Fitted { machine, pace: Pace { since, h, a, turn, .. }, began, .. } =
+    pub fn turn(&self, motor: Motor) -> ShaftState {
+        let MotorSlot { machine, pace: Kinematics { since, h, a, turn, .. }, began, .. } =
             &self.motors[motor.0 as usize];
         let rotor = machine.rotor();
         let speed = 2.0 * (*h as f64 + *a as f64 * self.now.since(*since).ticks() as f64);
-        Turn {
+        ShaftState {
             revolutions: rotor.angle_at(self.now).wrapping_sub(*began) as f64 / TURN,
             rpm: speed / *turn as f64 * (60 * TICKS_PER_SECOND) as f64,
             stalled: rotor.stalled(),
@@ -294,7 +300,7 @@ impl Bench {
 
     /// State of the brush motor on an axis, if the bench has one there and the drive looks at its Hall sensors: that
     /// is where the shaft is for such a drive.
-    pub(super) fn shaft(&self, seat: Seat, axis: Axis) -> Option<Shaft> {
+    pub(super) fn shaft(&self, seat: DriveId, axis: Axis) -> Option<Shaft> {
         self.at(seat).halls?;
         let &(_, motor) = self.at(seat).motors.iter().find(|(of, _)| *of == axis)?;
         self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
@@ -320,7 +326,7 @@ impl Bench {
             let microsteps = seated.microsteps(axis);
             if fitted.microsteps != microsteps {
                 fitted.microsteps = microsteps;
-                fitted.inbox.push_back((self.now + Duration::TICK, Told::Microsteps(microsteps)));
+                fitted.inbox.push_back((self.now + Duration::TICK, MotorCommand::Microsteps(microsteps)));
             }
             for (_, _, at, told) in self.outbox.told.iter().filter(|told| (told.0, told.1) == (place, axis)) {
                 fitted.inbox.push_back((*at + Duration::TICK, told.clone()));
@@ -333,7 +339,7 @@ impl Bench {
     }
 
     /// Returns whether the shaft of a drive's motor is blocked, by the fault of that name.
-    fn is_held(&self, drive: Seat) -> bool {
+    fn is_held(&self, drive: DriveId) -> bool {
         let stall = self.spec(drive).faults.iter().position(|fault| *fault == "stall");
         stall.is_some_and(|stall| self.faulty(drive, Fault(stall as u8)))
     }
@@ -347,7 +353,7 @@ impl Bench {
         for n in 0.. {
             let Some(&(_, motor)) = self.seats[place as usize].motors.get(n) else { break };
             // Before what the drive did a tick ago, and so is this instant.
-            self.motors[motor as usize].inbox.push_front((self.now, Told::Held(on)));
+            self.motors[motor as usize].inbox.push_front((self.now, MotorCommand::Held(on)));
             self.foresee_motor(motor as usize);
         }
     }
@@ -362,21 +368,21 @@ impl Bench {
         let seen = fitted.sensors.iter().map(Sensor::next).min().unwrap_or(Instant::NEVER);
         let outside = told.min(seen + Duration::TICK);
         let due = fitted.machine.rotor().deadline();
-        let (at, class) = if outside <= due { (outside, Class::Pin) } else { (due, Class::Deadline) };
+        let (at, class) = if outside <= due { (outside, Phase::Pin) } else { (due, Phase::Deadline) };
         if at < Instant::NEVER {
             let rank = self.motor_ranks.get(motor).copied().unwrap_or(0);
-            self.under_way.push(at, class, rank, MOTORS + motor as u32, What::Motor { number });
+            self.under_way.push(at, class, rank, MOTORS + motor as u32, EventKind::Motor { number });
         }
     }
 
     /// Handles a prediction of a motor that is due.
-    pub(super) fn motor_is_due(&mut self, place: u32, number: u32, class: Class) {
+    pub(super) fn motor_is_due(&mut self, place: u32, number: u32, class: Phase) {
         let Some(motor) = at_place(place).filter(|&motor| self.motors[motor].number == number) else {
             return;
         };
         let now = self.now;
         self.see(motor);
-        let Fitted { name, machine, pace, inbox, felt, sensors, wakes, .. } = &mut self.motors[motor];
+        let MotorSlot { name, machine, pace, inbox, felt, sensors, wakes, .. } = &mut self.motors[motor];
         let mut looks = false;
         while inbox.front().is_some_and(|(at, _)| *at <= now)
             && let Some((_, told)) = inbox.pop_front()
@@ -384,7 +390,7 @@ impl Bench {
             machine.hear(now, &told, felt);
             looks = true;
         }
-        if class == Class::Deadline {
+        if class == Phase::Deadline {
             machine.rotor_mut().timeout(now, felt);
             wakes.count(name, now, machine.rotor().deadline());
             looks = true;
@@ -401,13 +407,13 @@ impl Bench {
     }
 
     /// Reports of the motors of a drive that gets power: parameters, rotation, current.
-    pub(super) fn motors_report(&self, place: u32) -> Vec<Fed> {
+    pub(super) fn motors_report(&self, place: u32) -> Vec<InputRecord> {
         let of = |&(axis, motor): &(Axis, u32)| {
             let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
             let rotation = motor.rotation_at(self.now);
             let parameters = Box::new(*motor.parameters());
-            let draws = Fed::Draws { axis, ma: motor.draws_ma() };
-            Some([Fed::Motor { axis, parameters }, Fed::Rotation { axis, rotation }, draws])
+            let draws = InputRecord::MotorCurrent { axis, ma: motor.draws_ma() };
+            Some([InputRecord::Motor { axis, parameters }, InputRecord::Rotation { axis, rotation }, draws])
         };
         let seated = &self.seats[place as usize];
         // Other drives do not look at what they turn.
@@ -420,7 +426,7 @@ impl Bench {
     /// Lets the sensors of a motor see its shaft as it was a tick ago.
     fn see(&mut self, motor: usize) {
         for n in 0.. {
-            let Fitted { machine, pace, sensors, .. } = &mut self.motors[motor];
+            let MotorSlot { machine, pace, sensors, .. } = &mut self.motors[motor];
             let Some(sensor) = sensors.get_mut(n) else { break };
             if sensor.next() >= self.now {
                 continue;
@@ -435,30 +441,30 @@ impl Bench {
 
     /// Sends reports of a motor on their way to its drive.
     fn carry_felt(&mut self, motor: usize) {
-        let Fitted { felt, drive: (drive, _), .. } = &mut self.motors[motor];
+        let MotorSlot { felt, drive: (drive, _), .. } = &mut self.motors[motor];
         if self.seats[drive.0 as usize].halls.is_none() {
             // Its drive is told nothing of it.
-            *felt = Felt::default();
+            *felt = MotorReports::default();
             return;
         }
         if felt.is_news() && !felt.foreseen {
             felt.foreseen = true;
             let drive = drive.0;
-            let what = What::Felt { motor: motor as u32 };
-            self.schedule(self.now + Duration::TICK, Class::Pin, drive, what);
+            let what = EventKind::MotorReports { motor: motor as u32 };
+            self.schedule(self.now + Duration::TICK, Phase::Pin, drive, what);
         }
     }
 
     /// Delivers reports of a motor to its drive.
     pub(super) fn felt(&mut self, motor: u32) {
-        let Fitted { felt, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
+        let MotorSlot { felt, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
         let (felt, drive, axis) = (std::mem::take(felt), *drive, *axis);
-        let Felt { halls, draws, motor: parameters, rotation, .. } = felt;
+        let MotorReports { halls, draws, motor: parameters, rotation, .. } = felt;
         if let Some(parameters) = parameters {
-            self.deliver(drive.0, &Fed::Motor { axis, parameters });
+            self.deliver(drive.0, &InputRecord::Motor { axis, parameters });
         }
         if let Some(rotation) = rotation {
-            self.deliver(drive.0, &Fed::Rotation { axis, rotation });
+            self.deliver(drive.0, &InputRecord::Rotation { axis, rotation });
         }
         for (n, level) in halls.into_iter().enumerate() {
             if let (Some(&wire), Some(level)) = (self.motors[motor as usize].halls.get(n), level) {
@@ -466,7 +472,7 @@ impl Bench {
             }
         }
         if let Some(ma) = draws {
-            self.deliver(drive.0, &Fed::Draws { axis, ma });
+            self.deliver(drive.0, &InputRecord::MotorCurrent { axis, ma });
         }
     }
 }

@@ -2,27 +2,27 @@
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
-use super::events::What;
-use super::{Bench, Driving, Seat};
-use crate::scheduler::Class;
+use super::events::EventKind;
+use super::{Bench, DriveId, PinStimulus};
+use crate::scheduler::Phase;
 use crate::signals::pulses::{self, Pulse};
-use crate::slot::Moved;
+use crate::slot::PinChange;
 
 /// A wire.
 pub(super) struct PinWire {
-    to: (Seat, Pin),
+    to: (DriveId, Pin),
     /// Level that has arrived at its end.
     level: Level,
 }
 
-/// The STEP output of an axis, see [`Seat::step`].
+/// The STEP output of an axis, see [`DriveId::step`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct StepOutput {
-    seat: Seat,
+    seat: DriveId,
     axis: Axis,
 }
 
-impl Seat {
+impl DriveId {
     /// The STEP output of the device's first axis, to count [pulses](Bench::pulses) on.
     #[must_use]
     pub fn step(self) -> StepOutput {
@@ -37,7 +37,7 @@ impl Bench {
     ///
     /// # Panics
     /// If the axis has no such output, or if the trace does not hold all that happened: then there
-    /// is no telling. Keep all of it with [`TraceKeep::All`](crate::record::trace::TraceKeep::All).
+    /// is no telling. Keep all of it with [`Retention::All`](crate::record::trace::Retention::All).
     pub fn pulses(&self, of: StepOutput) -> impl Iterator<Item = Pulse> {
         let StepOutput { seat, axis } = of;
         let spec = self.spec(seat).axes.get(usize::from(axis.0));
@@ -61,7 +61,7 @@ impl Bench {
     ///
     /// # Panics
     /// If a pin is not there.
-    pub fn wire(&mut self, from: (Seat, Pin), to: (Seat, Pin)) {
+    pub fn wire(&mut self, from: (DriveId, Pin), to: (DriveId, Pin)) {
         let (seat, pin) = from;
         assert!(self.at(seat).pin(pin).is_some(), "{} has no pin {}", self.name(seat), pin.0);
         let wire = self.end_of_wire(to);
@@ -89,11 +89,11 @@ impl Bench {
         let seat = self.wires[wire as usize].to.0;
         let starts = self.trace.drives[seat.0 as usize].from == self.now;
         if starts {
-            let at = self.at(seat).free(self.now, Class::Pin);
+            let at = self.at(seat).free(self.now, Phase::Pin);
             self.put_on_wire(wire, level);
-            self.schedule(at, Class::Pin, seat.0, What::Contacts);
+            self.schedule(at, Phase::Pin, seat.0, EventKind::Contacts);
         } else {
-            self.schedule(self.now + Duration::TICK, Class::Pin, seat.0, What::Wired { wire, level });
+            self.schedule(self.now + Duration::TICK, Phase::Pin, seat.0, EventKind::Wired { wire, level });
         }
     }
 
@@ -105,7 +105,7 @@ impl Bench {
     }
 
     /// The end of a new wire, at an input pin. Nothing drives it so far.
-    pub(super) fn end_of_wire(&mut self, to: (Seat, Pin)) -> u32 {
+    pub(super) fn end_of_wire(&mut self, to: (DriveId, Pin)) -> u32 {
         let wire = u32::try_from(self.wires.len()).expect("a bench has room for four billion wires");
         let name = self.name(to.0).to_owned();
         let state = self.at_mut(to.0).pin_mut(to.1);
@@ -115,21 +115,21 @@ impl Bench {
     }
 
     /// Carries what an output did to the ends of its wires.
-    pub(super) fn carry_moved(&mut self, place: u32, moved: &Moved) {
+    pub(super) fn carry_moved(&mut self, place: u32, moved: &PinChange) {
         match *moved {
-            Moved::Pin { pin, at, level } => {
+            PinChange::Pin { pin, at, level } => {
                 for n in 0.. {
                     let Some(wire) = self.wire_of(place, pin, n) else { break };
                     let (seat, _) = self.wires[wire as usize].to;
-                    self.schedule(at + Duration::TICK, Class::Pin, seat.0, What::Wired { wire, level });
+                    self.schedule(at + Duration::TICK, Phase::Pin, seat.0, EventKind::Wired { wire, level });
                 }
             }
-            Moved::Wave { pin } => {
+            PinChange::Wave { pin } => {
                 let level = self.seats[place as usize].driven(self.now, pin);
-                self.carry_moved(place, &Moved::Pin { pin, at: self.now, level });
+                self.carry_moved(place, &PinChange::Pin { pin, at: self.now, level });
                 self.foresee_wave(place, pin);
             }
-            Moved::Axis { axis } => self.foresee(place, axis),
+            PinChange::Axis { axis } => self.foresee(place, axis),
         }
     }
 
@@ -153,11 +153,11 @@ impl Bench {
         let Some(state) = self.seats[seat.0 as usize].pin_mut(pin) else { return };
         let mut levels = state.driven_by.iter().map(|&wire| self.wires[wire as usize].level);
         state.wired = if levels.clone().any(|level| level == Level::Low) {
-            Driving::Low
+            PinStimulus::Low
         } else if levels.any(|level| level == Level::High) {
-            Driving::High
+            PinStimulus::High
         } else {
-            Driving::Open
+            PinStimulus::Open
         };
     }
 
@@ -165,7 +165,7 @@ impl Bench {
     fn foresee(&mut self, place: u32, axis: Axis) {
         let Some((due, number)) = self.seats[place as usize].next_edge(axis) else { return };
         if due < Instant::NEVER {
-            self.schedule(due + Duration::TICK, Class::Pin, place, What::Steps { axis, number });
+            self.schedule(due + Duration::TICK, Phase::Pin, place, EventKind::Steps { axis, number });
         }
     }
 
@@ -182,7 +182,7 @@ impl Bench {
     /// Sends the next edge of a wave on its way, if somebody is wired to it.
     fn foresee_wave(&mut self, place: u32, pin: Pin) {
         if let Some((due, number)) = self.seats[place as usize].wave_after(self.now, pin) {
-            self.schedule(due + Duration::TICK, Class::Pin, place, What::Wave { pin, number });
+            self.schedule(due + Duration::TICK, Phase::Pin, place, EventKind::Wave { pin, number });
         }
     }
 
@@ -191,7 +191,7 @@ impl Bench {
         let made = self.now - Duration::TICK;
         let Some((due, now)) = self.seats[place as usize].wave_after(made, pin) else { return };
         if now == number {
-            self.schedule(due + Duration::TICK, Class::Pin, place, What::Wave { pin, number });
+            self.schedule(due + Duration::TICK, Phase::Pin, place, EventKind::Wave { pin, number });
             let level = self.seats[place as usize].driven(made, pin);
             self.arrive(place, pin, level);
         }

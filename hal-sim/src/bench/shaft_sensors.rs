@@ -5,10 +5,10 @@
 use std::ops::RangeInclusive;
 
 use drivetwin_firmware::device::{Instant, Level, Pin};
-use drivetwin_firmware::motor::{Pace, Rotor};
+use drivetwin_firmware::motor::{Kinematics, Rotor};
 
 use super::motors::{Motor, TURN};
-use super::{Bench, Seat};
+use super::{Bench, DriveId};
 use crate::signals::pin_waveform::level_of;
 
 /// Cycles that an encoder may have in a turn.
@@ -27,7 +27,7 @@ pub struct Closed {
 }
 
 /// Wires, and what is on them.
-pub(super) type Shows = [Option<(u32, Level)>; 3];
+pub(super) type WireLevels = [Option<(u32, Level)>; 3];
 
 /// The count of a turn in which the index is high: A and B are low there, as US Digital gates the index of its
 /// encoders ("to coincide with the low states of channels A and B ... ¼ of one quadrature cycle wide").
@@ -37,25 +37,25 @@ const INDEX: i64 = 2;
 pub(super) struct Sensor {
     /// Target of its first wire: the order of a motor's sensors.
     pub(super) key: (String, Pin),
-    sees: Sees,
+    sees: SensorKind,
     /// Angle at which the shaft began.
     began: i64,
     place: i64,
     /// Levels of its wires; `None` before the first.
-    shows: Option<Shows>,
+    shows: Option<WireLevels>,
     /// Time of the next change of place, and that place.
     next: Instant,
     to: i64,
 }
 
-pub(super) enum Sees {
+pub(super) enum SensorKind {
     /// Counts, four to a cycle.
     Encoder { counts: i64, wires: [Option<u32>; 3] },
     /// Place 0 from one angle on and up to another is where it is closed, if there are such.
     Switch { from: Option<i64>, to: Option<i64>, wire: u32 },
 }
 
-impl Sees {
+impl SensorKind {
     /// The place of an angle.
     fn place(&self, angle: i64) -> i64 {
         match *self {
@@ -104,7 +104,7 @@ impl Sees {
     }
 
     /// Wires of the sensor, and their levels at a place.
-    fn shows(&self, place: i64) -> Shows {
+    fn shows(&self, place: i64) -> WireLevels {
         match *self {
             Self::Encoder { counts, wires: [a, b, index] } => {
                 let shows = |wire: Option<u32>, high: bool| wire.map(|wire| (wire, level_of(high)));
@@ -124,7 +124,7 @@ impl Sees {
 
 impl Sensor {
     /// A sensor that has shown nothing so far, on a shaft that began at an angle.
-    pub(super) fn new(key: (String, Pin), sees: Sees, began: i64) -> Self {
+    pub(super) fn new(key: (String, Pin), sees: SensorKind, began: i64) -> Self {
         Self { key, sees, began, place: 0, shows: None, next: Instant::NEVER, to: 0 }
     }
 
@@ -134,7 +134,7 @@ impl Sensor {
     }
 
     /// Foresees what it shows next, from `from` on, at a shaft that turns like that.
-    pub(super) fn foresee(&mut self, rotor: &dyn Rotor, pace: &Pace, from: Instant) {
+    pub(super) fn foresee(&mut self, rotor: &dyn Rotor, pace: &Kinematics, from: Instant) {
         if self.shows.is_none() {
             (self.next, self.to) = (from, self.place_at(rotor, from));
             return;
@@ -167,7 +167,7 @@ impl Sensor {
     /// Carries out the predicted change. Returns the wires that change, in the order in which they change; what
     /// comes next is to be foreseen then. An index is inside the count that it marks: it rises after A and B, and falls
     /// before them.
-    pub(super) fn seen(&mut self) -> Shows {
+    pub(super) fn seen(&mut self) -> WireLevels {
         self.place = self.to;
         let after = self.sees.shows(self.place);
         let before = self.shows.replace(after).unwrap_or_default();
@@ -182,11 +182,11 @@ impl Sensor {
     }
 }
 
-fn stands(pace: &Pace) -> bool {
+fn stands(pace: &Kinematics) -> bool {
     pace.h == 0 && pace.a == 0
 }
 
-fn forward(pace: &Pace) -> bool {
+fn forward(pace: &Kinematics) -> bool {
     pace.h > 0 || (pace.h == 0 && pace.a > 0)
 }
 
@@ -195,7 +195,7 @@ fn forward(pace: &Pace) -> bool {
 ///
 /// Floating point only guesses where to look, as a rule to the tick; the shaft itself tells on which side of the angle
 /// it is, and the search goes on from the guess until it is between two ticks. So the result is exact.
-fn crossing(rotor: &dyn Rotor, pace: &Pace, angle: i64, forward: bool, from: Instant) -> Instant {
+fn crossing(rotor: &dyn Rotor, pace: &Kinematics, angle: i64, forward: bool, from: Instant) -> Instant {
     let there = |tick: u64| rotor.is_at_least(Instant::from_ticks(tick), angle) == forward;
     let first = from.ticks();
     let Some(last) = rotor.until().ticks().checked_sub(1).filter(|last| *last >= first) else {
@@ -257,11 +257,11 @@ impl Bench {
     ///
     /// # Panics
     /// If a pin is not there.
-    pub fn encode(&mut self, motor: Motor, cycles_per_rev: u32, to: [Option<(Seat, Pin)>; 3]) {
+    pub fn encode(&mut self, motor: Motor, cycles_per_rev: u32, to: [Option<(DriveId, Pin)>; 3]) {
         let cycles = cycles_per_rev.clamp(*CYCLES_PER_REV.start(), *CYCLES_PER_REV.end());
         let wires = to.map(|to| to.map(|to| self.end_of_wire(to)));
         if let Some(to) = to.into_iter().flatten().next() {
-            self.put_sensor(motor, to, Sees::Encoder { counts: 4 * i64::from(cycles), wires });
+            self.put_sensor(motor, to, SensorKind::Encoder { counts: 4 * i64::from(cycles), wires });
         }
     }
 
@@ -270,7 +270,7 @@ impl Bench {
     ///
     /// # Panics
     /// If the pin is not there.
-    pub fn switch(&mut self, motor: Motor, closed: Closed, to: (Seat, Pin)) {
+    pub fn switch(&mut self, motor: Motor, closed: Closed, to: (DriveId, Pin)) {
         let (wire, pin) = (self.end_of_wire(to), to);
         let angle = |rev: f64| (!rev.is_nan()).then(|| rev.clamp(-FURTHEST_REV, FURTHEST_REV) * TURN);
         // Above and below, and not there.
@@ -278,6 +278,6 @@ impl Bench {
         let to = closed.below_rev.and_then(angle).map(|angle| angle.ceil() as i64);
         // One that is never closed is so at no angle.
         let to = if let (Some(from), Some(to)) = (from, to) { Some(to.max(from)) } else { to };
-        self.put_sensor(motor, pin, Sees::Switch { from, to, wire });
+        self.put_sensor(motor, pin, SensorKind::Switch { from, to, wire });
     }
 }

@@ -1,13 +1,15 @@
 //! Stimulus from outside: pins, faults, power, registers.
 
-use drivetwin_firmware::device::{Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, Refused};
+use drivetwin_firmware::device::{
+    Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, PresetError,
+};
 use drivetwin_protocol::registers::Shape;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use super::events::What;
-use super::{Bench, Busy, Driving, Motion, PowerAction, Seat, Statistics, tape};
-use crate::record::trace::{Fed, Power};
-use crate::scheduler::Class;
+use super::events::EventKind;
+use super::{Bench, Busy, DriveId, Motion, PinStimulus, PowerAction, Statistics, tape};
+use crate::record::trace::{InputRecord, Power};
+use crate::scheduler::Phase;
 use crate::slot::{EdgeTrain, PinState, PulseTrain, Signal};
 use crate::value::Value;
 
@@ -24,7 +26,7 @@ fn ticks_per_edge(hz: f64) -> f64 {
 impl Bench {
     /// Drives a pin from outside, and ends a train of pulses, or the turning of an encoder, there. It
     /// arrives a tick later. Whatever [wires](Self::wire) do to the pin counts only while it is open.
-    pub fn set_pin(&mut self, seat: Seat, pin: Pin, drive: Driving) {
+    pub fn set_pin(&mut self, seat: DriveId, pin: Pin, drive: PinStimulus) {
         let at = self.now + Duration::TICK;
         let Some(state) = self.at_mut(seat).pin_mut(pin) else { return };
         state.train = None;
@@ -32,11 +34,11 @@ impl Bench {
         for encoder in self.at_mut(seat).encoders_at(pin) {
             encoder.edges = None;
         }
-        self.schedule(at, Class::Pin, seat.0, What::Hand { pin, drive });
+        self.schedule(at, Phase::Pin, seat.0, EventKind::Hand { pin, drive });
     }
 
     /// A change of a pin from outside arrives.
-    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: Driving) {
+    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: PinStimulus) {
         if let Some(state) = self.seats[place as usize].pin_mut(pin) {
             state.hold(drive);
         }
@@ -58,7 +60,7 @@ impl Bench {
     ///
     /// # Errors
     /// One runs there already, or an encoder turns.
-    pub fn pulse(&mut self, seat: Seat, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
+    pub fn pulse(&mut self, seat: DriveId, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
         self.pulse_width(seat, pin, count, hz, 0.5)
     }
 
@@ -68,7 +70,14 @@ impl Bench {
     ///
     /// # Errors
     /// As [`pulse`](Self::pulse).
-    pub fn pulse_width(&mut self, seat: Seat, pin: Pin, count: u32, hz: f64, duty: f64) -> Result<(), Busy> {
+    pub fn pulse_width(
+        &mut self,
+        seat: DriveId,
+        pin: Pin,
+        count: u32,
+        hz: f64,
+        duty: f64,
+    ) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
         if self.runs(seat, pin) {
             return Err(Busy);
@@ -83,7 +92,7 @@ impl Bench {
         let second_later = ((2.0 * duty - 1.0) * ticks_per_edge).clamp(-most, most);
         let edges = EdgeTrain { start, ticks_per_edge, second_later, made: 0, count };
         state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.hands });
-        self.schedule(start, Class::Pin, seat.0, What::Pulse { pin, number });
+        self.schedule(start, Phase::Pin, seat.0, EventKind::Pulse { pin, number });
         Ok(())
     }
 
@@ -98,11 +107,11 @@ impl Bench {
         let before = train.before;
         train.edges.made += 1;
         let due = train.edges.due();
-        let drive = if high { Driving::High } else { Driving::Low };
+        let drive = if high { PinStimulus::High } else { PinStimulus::Low };
         state.hands = drive;
         state.hold(drive);
         match due {
-            Some(due) => self.schedule(due, Class::Pin, place, What::Pulse { pin, number }),
+            Some(due) => self.schedule(due, Phase::Pin, place, EventKind::Pulse { pin, number }),
             None => (state.train, state.hands) = (None, before),
         }
         self.look(place, pin);
@@ -119,7 +128,7 @@ impl Bench {
     ///
     /// # Errors
     /// It turns already, or a train of pulses runs on A or B.
-    pub fn encoder(&mut self, seat: Seat, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
+    pub fn encoder(&mut self, seat: DriveId, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
         let Some((_, &EncoderSpec { a, b, .. })) = self.at_mut(seat).encoder_mut(encoder) else {
             return Ok(());
@@ -136,7 +145,7 @@ impl Bench {
         let count = u64::from(counts.unsigned_abs());
         state.edges =
             Some(EdgeTrain { start, ticks_per_edge: ticks_per_edge(hz), second_later: 0.0, made: 0, count });
-        self.schedule(start, Class::Pin, seat.0, What::Encoder { encoder, number });
+        self.schedule(start, Phase::Pin, seat.0, EventKind::Encoder { encoder, number });
         Ok(())
     }
 
@@ -157,9 +166,9 @@ impl Bench {
         let high = |pin| seated.pin(pin).is_some_and(PinState::is_high);
         // Where A leads, A changes while the two are alike.
         let pin = if (high(spec.a) == high(spec.b)) == back { spec.b } else { spec.a };
-        let drive = if high(pin) { Driving::Low } else { Driving::High };
+        let drive = if high(pin) { PinStimulus::Low } else { PinStimulus::High };
         if let Some(due) = due {
-            self.schedule(due, Class::Pin, place, What::Encoder { encoder, number });
+            self.schedule(due, Phase::Pin, place, EventKind::Encoder { encoder, number });
         }
         if is_first {
             self.plug(place, *spec);
@@ -176,14 +185,14 @@ impl Bench {
         for pin in [a, b] {
             let Some(state) = self.seats[place as usize].pin_mut(pin) else { continue };
             if state.seen() == Signal::Open {
-                state.hands = Driving::High;
-                self.hand(place, pin, Driving::High);
+                state.hands = PinStimulus::High;
+                self.hand(place, pin, PinStimulus::High);
             }
         }
     }
 
     /// Returns whether a train of pulses, or an encoder, runs on a pin.
-    fn runs(&mut self, seat: Seat, pin: Pin) -> bool {
+    fn runs(&mut self, seat: DriveId, pin: Pin) -> bool {
         let seated = self.at_mut(seat);
         seated.encoders_at(pin).any(|encoder| encoder.edges.is_some())
             || seated.pin(pin).is_some_and(|state| state.train.is_some())
@@ -191,39 +200,39 @@ impl Bench {
 
     /// A pin as it is seen from outside now.
     #[must_use]
-    pub fn level(&self, seat: Seat, pin: Pin) -> Level {
+    pub fn level(&self, seat: DriveId, pin: Pin) -> Level {
         self.at(seat).level(self.now, pin)
     }
 
     /// The cause of a fault comes or goes.
-    pub fn fault(&mut self, seat: Seat, fault: Fault, on: bool) {
-        let at = self.at(seat).free(self.now, Class::Fault);
-        self.send_to(at, seat.0, Fed::Fault { fault, on });
+    pub fn fault(&mut self, seat: DriveId, fault: Fault, on: bool) {
+        let at = self.at(seat).free(self.now, Phase::Fault);
+        self.send_to(at, seat.0, InputRecord::Fault { fault, on });
     }
 
     /// Returns whether the cause of a fault is present.
     #[must_use]
-    pub fn faulty(&self, seat: Seat, fault: Fault) -> bool {
+    pub fn faulty(&self, seat: DriveId, fault: Fault) -> bool {
         self.at(seat).body.faults.get(usize::from(fault.0)).copied().unwrap_or(false)
     }
 
     /// Does something to a device's power, now or a tick later.
-    pub fn power(&mut self, seat: Seat, action: PowerAction) {
-        let at = self.at(seat).free(self.now, Class::Power);
+    pub fn power(&mut self, seat: DriveId, action: PowerAction) {
+        let at = self.at(seat).free(self.now, Phase::Power);
         let power = match action {
             PowerAction::Off | PowerAction::Cycle => Power::Off,
             PowerAction::On => Power::On,
             PowerAction::Cut => Power::Cut(None),
         };
-        self.send_to(at, seat.0, Fed::Power(power));
+        self.send_to(at, seat.0, InputRecord::Power(power));
         if action == PowerAction::Cycle {
-            self.send_to(at + Duration::TICK, seat.0, Fed::Power(Power::On));
+            self.send_to(at + Duration::TICK, seat.0, InputRecord::Power(Power::On));
         }
     }
 
     /// Returns whether a device has power.
     #[must_use]
-    pub fn powered(&self, seat: Seat) -> bool {
+    pub fn powered(&self, seat: DriveId) -> bool {
         self.at(seat).body.powered
     }
 
@@ -231,14 +240,14 @@ impl Bench {
     ///
     /// # Errors
     /// The device refuses it; nothing has changed then. Without power it takes nothing.
-    pub fn poke(&mut self, seat: Seat, row: usize, value: i64) -> Result<(), Refused> {
+    pub fn poke(&mut self, seat: DriveId, row: usize, value: i64) -> Result<(), PresetError> {
         // After all else that happens now, so that a replay does the same.
         self.run_until(self.now);
         if !self.powered(seat) {
-            return Err(Refused::ReadOnly);
+            return Err(PresetError::ReadOnly);
         }
         let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
-        let result = self.seats[seat.0 as usize].feed(self.now, &Fed::Poke { row, value }, &mut tape);
+        let result = self.seats[seat.0 as usize].feed(self.now, &InputRecord::Poke { row, value }, &mut tape);
         self.after(seat.0);
         self.run_until(self.now);
         result
@@ -246,13 +255,13 @@ impl Bench {
 
     /// A register as it reads now, without the bus's side effects.
     #[must_use]
-    pub fn peek(&self, seat: Seat, row: usize) -> i64 {
+    pub fn peek(&self, seat: DriveId, row: usize) -> i64 {
         self.at(seat).peek(self.now, row)
     }
 
     /// The same as users see it.
     #[must_use]
-    pub fn value(&self, seat: Seat, row: usize) -> Value {
+    pub fn value(&self, seat: DriveId, row: usize) -> Value {
         let table = self.spec(seat).registers;
         let shape = table.list.get(row).map_or(Shape::U16, |entry| entry.shape);
         let value = self.peek(seat, row);
@@ -264,19 +273,19 @@ impl Bench {
 
     /// Motion of an axis now; with a motor of the bench that motor's.
     #[must_use]
-    pub fn motion(&self, seat: Seat, axis: Axis) -> Motion {
+    pub fn motion(&self, seat: DriveId, axis: Axis) -> Motion {
         self.shaft(seat, axis).map_or_else(|| self.at(seat).motion(self.now, axis), Motion::from)
     }
 
     /// Statistics of a port since its device was added.
     #[must_use]
-    pub fn statistics(&self, seat: Seat, port: Port) -> Statistics {
+    pub fn statistics(&self, seat: DriveId, port: Port) -> Statistics {
         self.at(seat).body.ports.get(usize::from(port.0)).map(|port| port.statistics).unwrap_or_default()
     }
 
     /// The non-volatile memory of a device.
     #[must_use]
-    pub fn memory(&self, seat: Seat) -> &[u8] {
+    pub fn memory(&self, seat: DriveId) -> &[u8] {
         &self.at(seat).body.memory
     }
 }

@@ -12,12 +12,12 @@ use drivetwin_firmware::device::{Duration, Link, Port};
 use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 
-use super::events::What;
-use super::{Bench, Bus, Client, Seat};
+use super::events::EventKind;
+use super::{Bench, Bus, Client, DriveId};
 use crate::record::capture::{Frame, Medium, Source};
-use crate::record::trace::Fed;
-use crate::scheduler::Class;
-use crate::slot::{MOST_CONNECTIONS, Said, Tcp};
+use crate::record::trace::InputRecord;
+use crate::scheduler::Phase;
+use crate::slot::{MOST_CONNECTIONS, Tcp, TcpSend};
 
 /// Room that a connection keeps when all is read.
 const KEPT_BYTES: usize = 1 << 10;
@@ -31,7 +31,7 @@ pub enum Outlet {
     /// A serial line.
     Line(Bus),
     /// A TCP port of a drive.
-    Tcp(Seat, Port),
+    Tcp(DriveId, Port),
 }
 
 /// Reason why a TCP port refuses a connection.
@@ -80,7 +80,7 @@ impl fmt::Display for Ended {
 
 /// A client on a TCP connection.
 struct Connection {
-    seat: Seat,
+    seat: DriveId,
     port: Port,
     link: Link,
     /// Splitter of messages, on a port where the length in a header ends one.
@@ -111,7 +111,7 @@ impl Connection {
     }
 
     /// The next message of what it has said.
-    fn next(&mut self) -> Result<Option<Fed>, Broken> {
+    fn next(&mut self) -> Result<Option<InputRecord>, Broken> {
         let (port, link) = (self.port, self.link);
         let mut rest = self.unheard.as_slice();
         let bytes = match &mut self.splitter {
@@ -123,7 +123,7 @@ impl Connection {
         if self.unheard.is_empty() {
             self.unheard.shrink_to(KEPT_BYTES);
         }
-        Ok(bytes.map(|bytes| Fed::Message { port, link, bytes }))
+        Ok(bytes.map(|bytes| InputRecord::Message { port, link, bytes }))
     }
 }
 
@@ -174,7 +174,7 @@ impl Connections {
 impl Bench {
     /// Outlet of a device's port: its line or TCP port.
     #[must_use]
-    pub fn outlet(&self, seat: Seat, port: Port) -> Outlet {
+    pub fn outlet(&self, seat: DriveId, port: Port) -> Outlet {
         self.bus(seat, port).map_or(Outlet::Tcp(seat, port), Outlet::Line)
     }
 
@@ -182,7 +182,7 @@ impl Bench {
     /// drives.
     #[must_use]
     pub fn outlets(&self) -> Vec<Outlet> {
-        let mut seats: Vec<Seat> = self.seats().collect();
+        let mut seats: Vec<DriveId> = self.drives().collect();
         seats.sort_by_key(|&seat| self.name(seat));
         let ports = seats.into_iter().flat_map(|seat| {
             let ports = (0..).map(Port).zip(self.spec(seat).ports);
@@ -219,7 +219,7 @@ impl Bench {
     ///
     /// # Panics
     /// If the device has no such port.
-    pub fn connect_to(&mut self, seat: Seat, port: Port) -> Result<Client, TurnedAway> {
+    pub fn connect_to(&mut self, seat: DriveId, port: Port) -> Result<Client, TurnedAway> {
         self.join(self.outlet(seat, port))
     }
 
@@ -270,7 +270,7 @@ impl Bench {
             ended: None,
         };
         self.connections.all.insert(client, connection);
-        self.tell(client, seat, Fed::Opened { port, link });
+        self.tell(client, seat, InputRecord::Opened { port, link });
         Ok(Client(client))
     }
 
@@ -315,7 +315,7 @@ impl Bench {
 
     /// Number of clients that are connected to a TCP port now.
     #[must_use]
-    pub fn connections(&self, seat: Seat, port: Port) -> usize {
+    pub fn connections(&self, seat: DriveId, port: Port) -> usize {
         let port = self.at(seat).body.ports.get(usize::from(port.0));
         port.and_then(|port| port.tcp.as_ref()).map_or(0, |tcp| tcp.connected())
     }
@@ -444,24 +444,27 @@ impl Bench {
     fn hang_up(&mut self, client: u32) {
         let Some(&Connection { seat, port, link, .. }) = self.connections.all.get(&client) else { return };
         if self.at_mut(seat).body.tcp(port).is_some_and(|tcp| tcp.leave(link, client)) {
-            self.tell(client, seat, Fed::Closed { port, link });
+            self.tell(client, seat, InputRecord::Closed { port, link });
         }
     }
 
     /// A drive is to hear something of somebody on a connection, at the first instant at which it still can.
-    fn tell(&mut self, client: u32, seat: Seat, fed: Fed) {
+    fn tell(&mut self, client: u32, seat: DriveId, fed: InputRecord) {
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.under_way += 1;
         }
         self.busy += 1;
-        let at = self.at(seat).free(self.now, Class::Line);
-        self.schedule(at, Class::Line, seat.0, What::Said { client, fed });
+        let at = self.at(seat).free(self.now, Phase::Line);
+        self.schedule(at, Phase::Line, seat.0, EventKind::TcpSend { client, fed });
     }
 
     /// A drive hears something of somebody on a connection, and then the next that he has said.
-    pub(super) fn hear(&mut self, place: u32, client: u32, fed: &Fed) {
+    pub(super) fn hear(&mut self, place: u32, client: u32, fed: &InputRecord) {
         self.busy -= 1;
-        let (Fed::Opened { port, .. } | Fed::Message { port, .. } | Fed::Closed { port, .. }) = *fed else {
+        let (InputRecord::Opened { port, .. }
+        | InputRecord::Message { port, .. }
+        | InputRecord::Closed { port, .. }) = *fed
+        else {
             return;
         };
         let Some(tcp) = self.seats[place as usize].body.tcp(port) else { return };
@@ -470,11 +473,11 @@ impl Bench {
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.under_way -= 1;
             // Somebody else's message of the same instant came first.
-            if let (false, Fed::Message { bytes, .. }) = (takes, fed) {
+            if let (false, InputRecord::Message { bytes, .. }) = (takes, fed) {
                 connection.put_back(bytes.clone());
             }
         }
-        if takes || !matches!(fed, Fed::Message { .. }) {
+        if takes || !matches!(fed, InputRecord::Message { .. }) {
             self.hear_if_open(place, client, fed);
         }
         self.go_on(client);
@@ -482,21 +485,22 @@ impl Bench {
     }
 
     /// A drive hears something of somebody on a connection, unless that has been closed meanwhile.
-    fn hear_if_open(&mut self, place: u32, client: u32, fed: &Fed) {
-        let (Fed::Opened { port, link } | Fed::Message { port, link, .. } | Fed::Closed { port, link }) =
-            *fed
+    fn hear_if_open(&mut self, place: u32, client: u32, fed: &InputRecord) {
+        let (InputRecord::Opened { port, link }
+        | InputRecord::Message { port, link, .. }
+        | InputRecord::Closed { port, link }) = *fed
         else {
             return;
         };
         let Some(state) = self.seats[place as usize].body.ports.get_mut(usize::from(port.0)) else { return };
         let (Some(tcp), statistics) = (&mut state.tcp, &mut state.statistics) else { return };
-        let at = (Seat(place), port, link);
+        let at = (DriveId(place), port, link);
         match fed {
-            Fed::Opened { .. } if tcp.hear_opened(link, client) => statistics.connections += 1,
-            Fed::Closed { .. } if tcp.hear_closed(link, client) => {
+            InputRecord::Opened { .. } if tcp.hear_opened(link, client) => statistics.connections += 1,
+            InputRecord::Closed { .. } if tcp.hear_closed(link, client) => {
                 self.record_message(at, Source::Client, &[]);
             }
-            Fed::Message { bytes, .. } if tcp.known(link) == Some(client) => {
+            InputRecord::Message { bytes, .. } if tcp.known(link) == Some(client) => {
                 statistics.messages += 1;
                 self.record_message(at, Source::Client, bytes);
             }
@@ -506,8 +510,8 @@ impl Bench {
     }
 
     /// Carries what a drive says on a connection, or that it closes it.
-    pub(super) fn carry_said(&mut self, said: &Said, bytes: &[u8]) {
-        let Said { seat, port, link, client, count } = *said;
+    pub(super) fn carry_said(&mut self, said: &TcpSend, bytes: &[u8]) {
+        let TcpSend { seat, port, link, client, count } = *said;
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         match count {
             Some(0) => return,
@@ -518,7 +522,7 @@ impl Bench {
             }
             None => self.connections.end(client, Ended::ByDrive),
         }
-        self.record_message((Seat(seat), port, link), Source::Drive(Seat(seat)), bytes);
+        self.record_message((DriveId(seat), port, link), Source::Drive(DriveId(seat)), bytes);
     }
 
     /// Power is gone, and with it all connections to a drive.
@@ -534,7 +538,7 @@ impl Bench {
     }
 
     /// Keeps what is on a connection; nothing when that is over.
-    fn record_message(&mut self, (seat, port, link): (Seat, Port, Link), from: Source, bytes: &[u8]) {
+    fn record_message(&mut self, (seat, port, link): (DriveId, Port, Link), from: Source, bytes: &[u8]) {
         let at = self.now;
         self.capture.record(|| Frame {
             at,

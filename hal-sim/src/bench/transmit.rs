@@ -3,25 +3,25 @@
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::modbus::ascii;
 
-use super::events::What;
+use super::events::EventKind;
 use super::lines::judgement;
-use super::{Bench, Bus, Seat};
-use crate::line::{Request, Sender, Told, Turn};
+use super::{Bench, Bus, DriveId};
+use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
-use crate::record::trace::Fed;
-use crate::scheduler::Class;
+use crate::record::trace::InputRecord;
+use crate::scheduler::Phase;
 use crate::slot::Sent;
 
 /// Origin of characters on a line.
 #[derive(Clone, Copy)]
-pub(super) enum Voice {
+pub(super) enum Origin {
     /// A client, or nobody.
     Client(Sender),
     /// A drive, on its line, beginning then.
     Drive(Line, Instant),
 }
 
-impl Voice {
+impl Origin {
     /// The settings in which it reaches a port that is on `line`.
     pub(super) fn spoken(self, line: Line) -> Line {
         match self {
@@ -39,27 +39,27 @@ impl Voice {
     }
 
     /// On its way to a device.
-    fn carries(self, fed: Fed) -> What {
+    fn carries(self, fed: InputRecord) -> EventKind {
         match self {
-            Self::Client(_) => What::Fed(fed),
-            Self::Drive(_, began) => What::Overheard { fed, began },
+            Self::Client(_) => EventKind::InputRecord(fed),
+            Self::Drive(_, began) => EventKind::Overheard { fed, began },
         }
     }
 }
 
 /// Characters that follow each other.
 #[derive(Clone, Copy)]
-pub(super) struct Words<'a> {
+pub(super) struct TxBurst<'a> {
     pub(super) bytes: &'a [u8],
     /// Places of those in which a drive finds that they are wrong.
     pub(super) unreadable: &'a [usize],
-    pub(super) voice: Voice,
+    pub(super) voice: Origin,
     /// Their number where they may collide.
     pub(super) number: Option<u32>,
 }
 
 /// Times of a transmission.
-struct Said {
+struct TxTiming {
     /// The end of its last character.
     last: Instant,
     /// Time at which it is known that no more follows.
@@ -72,11 +72,11 @@ impl Bench {
     pub(super) fn put(&mut self, bus: u32, start: Instant, request: &Request) {
         let &Request { client, order, count, ref text, ref refused, noise, .. } = request;
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
-        let voice = Voice::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
+        let voice = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
         let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
         let line = voice.spoken(self.line(Bus(bus)));
         let number = self.on_air(bus, start, line, bytes.len());
-        let words = Words { bytes, unreadable: &text.unreadable, voice, number };
+        let words = TxBurst { bytes, unreadable: &text.unreadable, voice, number };
         let (mut last, mut judged) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (seat, port) = self.ports(Bus(bus))[n];
@@ -93,7 +93,7 @@ impl Bench {
         let wire = &mut self.buses[bus as usize];
         wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
         wire.free = wire.free.max(last);
-        let free = wire.turn == Turn::Free;
+        let free = wire.turn == LineState::Free;
         // What follows a character is looked for when it has ended.
         let mut until = if framed { judged } else { last };
         if let Some(air) = &mut wire.air {
@@ -104,21 +104,21 @@ impl Bench {
             }
         }
         (wire.served, wire.said) = (client, order);
-        self.set_turn(bus, Turn::Asked);
+        self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
     }
 
     /// Times at which so many characters, sent to a port from `start` on, are received.
-    fn times(&self, seat: Seat, port: Port, start: Instant, count: usize, voice: Voice) -> Said {
-        let Some(serial) = self.at(seat).serial(port) else { return Said { last: start, judged: start } };
+    fn times(&self, seat: DriveId, port: Port, start: Instant, count: usize, voice: Origin) -> TxTiming {
+        let Some(serial) = self.at(seat).serial(port) else { return TxTiming { last: start, judged: start } };
         if self.fast() {
-            let at = self.at(seat).free(start, Class::Line);
-            return Said { last: at, judged: at };
+            let at = self.at(seat).free(start, Phase::Line);
+            return TxTiming { last: at, judged: at };
         }
         let line = serial.line_at(start);
         let character = voice.spoken(line).character();
         let last = self.first_ends(start, character) + character * count.saturating_sub(1) as u64;
-        Said { last, judged: last + judgement(line) }
+        TxTiming { last, judged: last + judgement(line) }
     }
 
     /// End of a character that begins at `start`, or as soon as it still can: a line may have been free for a part of a
@@ -128,8 +128,8 @@ impl Bench {
     }
 
     /// Says something to a port from `start` on.
-    fn say(&mut self, seat: Seat, port: Port, start: Instant, words: Words<'_>) {
-        let Words { bytes, unreadable, voice, number } = words;
+    fn say(&mut self, seat: DriveId, port: Port, start: Instant, words: TxBurst<'_>) {
+        let TxBurst { bytes, unreadable, voice, number } = words;
         let Some(serial) = self.at(seat).serial(port).filter(|_| !bytes.is_empty()) else { return };
         let line = serial.line_at(start);
         let (framed, fit, ascii) = (serial.silence, voice.fits(line), ascii::is_on(line));
@@ -139,31 +139,34 @@ impl Bench {
         let pieces = bytes.split_inclusive(|&byte| !whole || (ascii && byte == b'\n'));
         let message = |place: usize, piece: &[u8]| {
             let readable = fit && !unreadable.contains(&place);
-            let fed =
-                if readable { Fed::Bytes { port, bytes: piece.to_vec() } } else { Fed::Spoiled { port } };
+            let fed = if readable {
+                InputRecord::Bytes { port, bytes: piece.to_vec() }
+            } else {
+                InputRecord::RxError { port }
+            };
             match number {
-                Some(number) => What::Exposed { fed, number },
+                Some(number) => EventKind::Exposed { fed, number },
                 None => voice.carries(fed),
             }
         };
         if self.fast() {
-            let at = self.at(seat).free(start, Class::Line);
-            let over = || voice.carries(Fed::Idle { port });
+            let at = self.at(seat).free(start, Phase::Line);
+            let over = || voice.carries(InputRecord::Idle { port });
             for (place, piece) in pieces.enumerate() {
-                self.schedule(at, Class::Line, seat.0, message(place, piece));
+                self.schedule(at, Phase::Line, seat.0, message(place, piece));
                 if whole {
-                    self.schedule(at, Class::Line, seat.0, over());
+                    self.schedule(at, Phase::Line, seat.0, over());
                 }
             }
             if framed && !whole {
-                self.schedule(at, Class::Line, seat.0, over());
+                self.schedule(at, Phase::Line, seat.0, over());
             }
             return;
         }
         let character = voice.spoken(line).character();
         let mut end = self.first_ends(start, character);
         for (place, piece) in pieces.enumerate() {
-            self.schedule(end, Class::Line, seat.0, message(place, piece));
+            self.schedule(end, Phase::Line, seat.0, message(place, piece));
             end += character * piece.len() as u64;
         }
     }
@@ -195,7 +198,7 @@ impl Bench {
 
     /// Carries what a drive sends to all who listen; nobody hears himself.
     fn carry(&mut self, sent: &Sent, bytes: &[u8]) {
-        let Some(Bus(bus)) = self.bus(Seat(sent.seat), sent.port) else { return };
+        let Some(Bus(bus)) = self.bus(DriveId(sent.seat), sent.port) else { return };
         let wire = &mut self.buses[bus as usize];
         let start = sent.start.max(wire.held_up);
         match wire.disturbance.reply() {
@@ -224,11 +227,11 @@ impl Bench {
         outside: (Line, &[u8]),
     ) {
         let number = self.on_air(bus, start, sent.line, bytes.len());
-        self.reach_clients(bus, start, outside.0, outside.1, number, Some(Seat(sent.seat)));
-        let voice = Voice::Drive(sent.line, sent.start);
-        let words = Words { bytes, unreadable, voice, number };
-        self.reach_drives(bus, start, sent.line, words, Some((Seat(sent.seat), sent.port)));
-        self.record(bus, start, sent.line, Source::Drive(Seat(sent.seat)), bytes, number);
+        self.reach_clients(bus, start, outside.0, outside.1, number, Some(DriveId(sent.seat)));
+        let voice = Origin::Drive(sent.line, sent.start);
+        let words = TxBurst { bytes, unreadable, voice, number };
+        self.reach_drives(bus, start, sent.line, words, Some((DriveId(sent.seat), sent.port)));
+        self.record(bus, start, sent.line, Source::Drive(DriveId(sent.seat)), bytes, number);
     }
 
     /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does. What it answers
@@ -241,9 +244,9 @@ impl Bench {
         line: Line,
         bytes: &[u8],
         number: Option<u32>,
-        from: Option<Seat>,
+        from: Option<DriveId>,
     ) {
-        let told = Told { start, character: self.takes(line, 1), bytes, from };
+        let told = RxBurst { start, character: self.takes(line, 1), bytes, from };
         let wire = &self.buses[bus as usize];
         let air = wire.air.as_ref().zip(number);
         let asker_left = self.clients.get(&wire.served).is_none_or(|asker| asker.left);
@@ -266,14 +269,14 @@ impl Bench {
         bus: u32,
         start: Instant,
         line: Line,
-        words: Words<'_>,
-        sender: Option<(Seat, Port)>,
+        words: TxBurst<'_>,
+        sender: Option<(DriveId, Port)>,
     ) {
         let start = match (self.fast(), self.buses[bus as usize].turn) {
             (false, _) => start,
             // What nobody asked for takes its time: two drives with one address may answer each
             // other's answers for ever, and must not do so every tick.
-            (true, Turn::Free) => start + line.character() * words.bytes.len() as u64,
+            (true, LineState::Free) => start + line.character() * words.bytes.len() as u64,
             (true, _) => start + Duration::TICK,
         };
         for n in 0..self.ports(Bus(bus)).len() {
@@ -313,13 +316,13 @@ impl Bench {
     /// Power is gone: what a device was still sending was never sent.
     pub(super) fn hush(&mut self, place: u32) {
         let now = self.now;
-        for port in (0..self.spec(Seat(place)).ports.len() as u8).map(Port) {
-            let Some(serial) = self.at_mut(Seat(place)).body.serial(port) else { continue };
+        for port in (0..self.spec(DriveId(place)).ports.len() as u8).map(Port) {
+            let Some(serial) = self.at_mut(DriveId(place)).body.serial(port) else { continue };
             if serial.sends_until <= now {
                 continue;
             }
             serial.sends_until = now;
-            let Some(Bus(bus)) = self.bus(Seat(place), port) else { continue };
+            let Some(Bus(bus)) = self.bus(DriveId(place), port) else { continue };
             let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let wire = &mut self.buses[bus as usize];
@@ -327,9 +330,9 @@ impl Bench {
             let delay = wire.disturbance.faults().delay;
             let until = now + delay;
             wire.sends_until = (sends_until + delay).max(wire.held_up);
-            self.capture.cut(Bus(bus), Seat(place), until);
+            self.capture.cut(Bus(bus), DriveId(place), until);
             for &id in &wire.clients {
-                self.clients.hush(id, Seat(place), until);
+                self.clients.hush(id, DriveId(place), until);
             }
         }
     }

@@ -10,7 +10,7 @@ use std::convert::Infallible;
 use std::rc::Rc;
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Line, Link, Pin, Plan, Port, Spec};
-use drivetwin_firmware::shell::{Came, Caught, Inputs, Links, Outputs};
+use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Links, Outputs};
 use drivetwin_protocol::modbus::tcp::Adu;
 use embedded_hal::digital;
 use embedded_io::ErrorType;
@@ -51,9 +51,9 @@ pub struct Board(Rc<RefCell<State>>);
 #[derive(Debug)]
 struct State {
     now: Instant,
-    caught: VecDeque<(Instant, Caught)>,
+    caught: VecDeque<(Instant, BoardEvent)>,
     /// Events of TCP connections, with the bytes of messages.
-    came: VecDeque<(Instant, Port, Link, Came, Adu)>,
+    came: VecDeque<(Instant, Port, Link, LinkEvent, Adu)>,
     done: Vec<(Instant, Done)>,
     uarts: Vec<Line>,
     /// Time at which each UART has sent all that it took, and where that began.
@@ -96,12 +96,12 @@ impl Board {
     }
 
     /// An interrupt catches something at `at`, not before anything it caught.
-    pub fn catch(&self, at: Instant, caught: Caught) {
+    pub fn catch(&self, at: Instant, caught: BoardEvent) {
         self.0.borrow_mut().caught.push_back((at, caught));
     }
 
     /// Adds an event of a TCP connection at `at`, not before any earlier one.
-    pub fn come(&self, at: Instant, port: Port, link: Link, came: Came) {
+    pub fn come(&self, at: Instant, port: Port, link: Link, came: LinkEvent) {
         self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
     }
 
@@ -111,7 +111,7 @@ impl Board {
     /// If it is longer than what comes at once.
     pub fn say(&self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
         let message = Adu::from_slice(bytes).expect("no more than comes at once");
-        self.0.borrow_mut().came.push_back((at, port, link, Came::Message, message));
+        self.0.borrow_mut().came.push_back((at, port, link, LinkEvent::Message, message));
     }
 
     /// The clock goes on to `now`.
@@ -189,7 +189,7 @@ impl Inputs for Board {
         self.0.borrow().now
     }
 
-    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
         let mut state = self.0.borrow_mut();
         let due = state.caught.front().is_some_and(|(at, _)| *at <= until);
         if due { state.caught.pop_front() } else { None }
@@ -304,7 +304,7 @@ impl Links for Network {
         now: Instant,
         _device: &dyn Device,
         message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant> {
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant> {
         let mut state = self.0.0.borrow_mut();
         let due = state.came.front().map_or(Instant::NEVER, |(at, ..)| *at);
         let first = if due <= now { state.came.pop_front() } else { None };
@@ -465,7 +465,7 @@ mod tests {
         let mut at = Instant::ZERO;
         for byte in rtu::read(1, 0x14, 10) {
             at += character;
-            board.catch(at, Caught::Byte(Port(0), byte));
+            board.catch(at, BoardEvent::Byte(Port(0), byte));
         }
         let reply = at + Duration::from_ticks(64_166 + 18_333);
         board.set_now(reply - Duration::TICK);
@@ -482,7 +482,7 @@ mod tests {
         let done = board.done();
         let sent: Vec<_> = done.iter().filter(|(_, done)| matches!(done, Done::Sent(..))).collect();
         assert!(matches!(sent[..], [(at, Done::Sent(Port(0), bytes))]
-            if *at == reply && bytes.len() == 25 && rtu::checked(bytes).is_some()));
+            if *at == reply && bytes.len() == 25 && rtu::verify_crc(bytes).is_some()));
         assert_eq!(shell.failures(), 0);
     }
 
@@ -492,7 +492,7 @@ mod tests {
         let board = md3_board();
         let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
         // As the images do: the pins are read before power-on and stamped 0, and the loop begins then.
-        board.catch(closed, Caught::Edge(j2_4, false));
+        board.catch(closed, BoardEvent::Edge(j2_4, false));
         shell.power_on(Instant::ZERO, boot);
         for now in [Instant::ZERO, closed, Instant::from(10.secs())] {
             board.set_now(now);
@@ -531,7 +531,7 @@ mod tests {
         while shell.turn().is_ok() {}
         let begin = Instant::ZERO + Duration::secs(1);
         for (n, byte) in (0..).zip("R14\r".repeat(commands).bytes()) {
-            board.catch(begin + CHARACTER * n, Caught::Byte(Port(0), byte));
+            board.catch(begin + CHARACTER * n, BoardEvent::Byte(Port(0), byte));
         }
         board.set_now(begin + Duration::secs(1));
         loop {
@@ -590,11 +590,11 @@ mod tests {
     fn the_shell_tells_a_drive_what_comes_by_tcp_and_does_what_it_says() {
         let (board, mut shell) = powered(Echo::default());
         let second = |n| Instant::ZERO + Duration::secs(n);
-        board.come(second(1), MCODE, Link(0), Came::Opened);
-        board.come(second(2), MCODE, Link(1), Came::Opened);
+        board.come(second(1), MCODE, Link(0), LinkEvent::Opened);
+        board.come(second(2), MCODE, Link(1), LinkEvent::Opened);
         board.say(second(2), MCODE, Link(0), b"t");
         board.say(second(2), MCODE, Link(1), b"a");
-        board.come(second(3), MCODE, Link(0), Came::Closed);
+        board.come(second(3), MCODE, Link(0), LinkEvent::Closed);
         board.say(second(4), MCODE, Link(1), b"x");
         assert!(shell.turn().is_err(), "nothing has come");
         // It sleeps no longer than until something comes.
@@ -622,7 +622,7 @@ mod tests {
         let (board, mut shell) = powered(Echo { ring: Some(TEN_MS), ..Echo::default() });
         // The loop comes late: three deadlines are over, and somebody has connected and said things.
         let late = Instant::ZERO + TEN_MS * 3;
-        board.come(late, MCODE, Link(0), Came::Opened);
+        board.come(late, MCODE, Link(0), LinkEvent::Opened);
         board.say(late, MCODE, Link(0), b"a");
         board.say(late, MCODE, Link(0), b"b");
         board.set_now(late);
@@ -639,7 +639,7 @@ mod tests {
 
     #[test]
     fn messages_of_a_drive_on_a_board_without_a_network_are_counted() {
-        use drivetwin_firmware::shell::NoLinks;
+        use drivetwin_firmware::shell::NoNetwork;
 
         const HOUR: Duration = Duration::secs(3_600);
 
@@ -650,7 +650,7 @@ mod tests {
             type Serial = Uart;
             type Pin = WiredPin;
             type Memory = Memory;
-            type Links = NoLinks;
+            type Links = NoNetwork;
 
             fn serial(&mut self, port: Port) -> Option<&mut Uart> {
                 self.0.serial(port)

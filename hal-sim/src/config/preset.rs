@@ -2,7 +2,7 @@
 
 use std::iter::repeat;
 
-use drivetwin_firmware::device::{Refused, Spec};
+use drivetwin_firmware::device::{PresetError, Spec};
 use drivetwin_protocol::registers::{self, Entries, Legal, Order, Row, Shape};
 
 use crate::suggest;
@@ -258,17 +258,17 @@ fn span(least: i64, greatest: i64) -> String {
 }
 
 /// The reason why a drive does not take a preset of that row, called `name` here, in one sentence.
-pub fn refusal(spec: &Spec, row: usize, name: &str, refused: Refused) -> String {
+pub fn refusal(spec: &Spec, row: usize, name: &str, refused: PresetError) -> String {
     let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
     let why = match refused {
-        Refused::NoSuchRegister if is_optional => {
+        PresetError::NoSuchRegister if is_optional => {
             "it is there once a client or a program of the drive has declared it"
         }
-        Refused::NoSuchRegister => "the drive has no such register",
-        Refused::ReadOnly => "the drive sets it itself",
-        Refused::OutOfRange => "the drive does not take the value",
-        Refused::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
-        Refused::Busy => {
+        PresetError::NoSuchRegister => "the drive has no such register",
+        PresetError::ReadOnly => "the drive sets it itself",
+        PresetError::OutOfRange => "the drive does not take the value",
+        PresetError::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
+        PresetError::Busy => {
             "other settings, or what the drive does now, do not allow it; preset before it what it needs"
         }
     };
@@ -298,7 +298,7 @@ mod tests {
     fn spec() -> Spec {
         use drivetwin_protocol::registers::Register;
         let _ = (Reg::WORDS, Reg::DeviceAddress, Reg::Speed, Reg::Mode, Reg::Control, Reg::Jog);
-        Spec { kind: "toy", registers: Reg::TABLE, variant: 1, address: Some(0), ..Spec::BARE }
+        Spec { kind: "toy", registers: Reg::TABLE, variant: 1, address: Some(0), ..Spec::EMPTY }
     }
 
     fn preset(name: &str, value: &str) -> Result<Preset, String> {
@@ -327,7 +327,7 @@ mod tests {
     fn words_are_a_list() {
         use drivetwin_firmware::mdrobot::Pid;
         use drivetwin_protocol::registers::Register;
-        let spec = Spec { kind: "toy", registers: Pid::TABLE, prefix: "PID_", ..Spec::BARE };
+        let spec = Spec { kind: "toy", registers: Pid::TABLE, prefix: "PID_", ..Spec::EMPTY };
         let set = |name: &str, value: &str| {
             let preset = Preset::new(&spec, name, &Number::parse(value).unwrap())?;
             Ok::<_, String>(preset.onto(&spec, 0))
@@ -365,7 +365,7 @@ mod tests {
             }
         }
         let _ = (Named::WORDS, Named::Name1, Named::Name2, Named::Short, Named::Name3);
-        let spec = Spec { kind: "toy", registers: Named::TABLE, variant: 1, ..Spec::BARE };
+        let spec = Spec { kind: "toy", registers: Named::TABLE, variant: 1, ..Spec::EMPTY };
         let set = |name: &str, value: &str| {
             let presets = Preset::text(&spec, name, value)?;
             Some(presets.map(|presets| presets.iter().map(|it| (it.row, it.value)).collect::<Vec<_>>()))

@@ -8,19 +8,19 @@ use drivetwin_firmware::device::Duration;
 /// Longest wait for the rest of half a message, in ms of the wall clock.
 const PATIENCE_MS: u64 = 20;
 
-/// The greatest factor of [`Pace::Times`].
+/// The greatest factor of [`TimeMode::Times`].
 const FASTEST: u32 = 1000;
 
 /// Time mode of a bench.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Pace {
+pub enum TimeMode {
     /// So many times as fast as the wall clock.
     Times(u32),
     /// Time stands, but for what a request or a call needs.
     Manual,
 }
 
-impl Pace {
+impl TimeMode {
     /// Longest wait for the rest of half a message, in time of the bench.
     pub fn patience(self) -> Duration {
         match self {
@@ -30,7 +30,7 @@ impl Pace {
     }
 }
 
-impl FromStr for Pace {
+impl FromStr for TimeMode {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -44,7 +44,7 @@ impl FromStr for Pace {
     }
 }
 
-impl fmt::Display for Pace {
+impl fmt::Display for TimeMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Times(1) => f.write_str("real"),
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn patience_is_wall_time() {
-        assert_eq!(Pace::Times(10).patience(), Duration::millis(200));
-        assert_eq!(Pace::Manual.patience(), Duration::millis(20));
+        assert_eq!(TimeMode::Times(10).patience(), Duration::millis(200));
+        assert_eq!(TimeMode::Manual.patience(), Duration::millis(20));
     }
 }

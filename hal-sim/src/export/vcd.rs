@@ -20,9 +20,9 @@ use std::ops::Range;
 
 use drivetwin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
-use crate::record::trace::{Did, Entry, Event, Fed, Group, Power, Trace};
+use crate::record::trace::{Entry, Event, Group, InputRecord, OutputRecord, Power, Trace};
 use crate::scheduler::Tournament;
-use crate::signals::pin_waveform::{Drives, level_of};
+use crate::signals::pin_waveform::{PinOutput, level_of};
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 
 /// The unit of a file, and how many of it make a tick.
@@ -47,7 +47,7 @@ pub struct Waves<W> {
     out: W,
     /// Whole lines that are not written yet.
     text: Vec<u8>,
-    wires: Vec<Wire>,
+    wires: Vec<VcdVar>,
     motors: Vec<Motor>,
     /// The drives of the trace.
     drives: Vec<Drive>,
@@ -84,13 +84,13 @@ struct Motor {
 }
 
 /// A pin.
-struct Wire {
+struct VcdVar {
     pin: &'static PinSpec,
     /// Code of the wire in the file.
     code: String,
     /// True while its waveform is known.
     known: bool,
-    drives: Drives,
+    drives: PinOutput,
     /// Stimulus from outside, if there is one, in mV.
     outside: Option<i32>,
     /// Value that was written last.
@@ -121,7 +121,7 @@ impl<W: Write> Waves<W> {
             let first = wires.len();
             for (pin, name) in drive.spec.pins.iter().zip(names(drive.spec.pins.iter().map(|pin| pin.name))) {
                 let kind = if pin.role == Role::Analogue { "real 64" } else { "wire 1" };
-                let wire = Wire::new(pin, code(wires.len()));
+                let wire = VcdVar::new(pin, code(wires.len()));
                 writeln!(header, "$var {kind} {} {name} $end", wire.code)?;
                 wires.push(wire);
             }
@@ -191,7 +191,7 @@ impl<W: Write> Waves<W> {
 
     /// Takes an event.
     fn happen(&mut self, entry: &Entry) -> io::Result<()> {
-        if let Event::Did(did) = &entry.event
+        if let Event::Output(did) = &entry.event
             && matches!(did.group(), Group::Tx | Group::Line)
         {
             // No pin shows it, and its stamp may lie ahead.
@@ -200,27 +200,29 @@ impl<W: Write> Waves<W> {
         self.run_until(entry.at)?;
         let (at, drive) = (entry.at, entry.drive);
         match &entry.event {
-            Event::Fed(fed) => match *fed {
-                Fed::Power(Power::On) => self.power(drive, true),
-                Fed::Power(Power::Off) => self.power(drive, false),
-                Fed::Edge { pin, high } => {
+            Event::Input(fed) => match *fed {
+                InputRecord::Power(Power::On) => self.power(drive, true),
+                InputRecord::Power(Power::Off) => self.power(drive, false),
+                InputRecord::Edge { pin, high } => {
                     self.outside(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
                 }
-                Fed::Open { pin } => self.outside(drive, pin, None),
-                Fed::Millivolts { pin, mv } => self.outside(drive, pin, Some(mv)),
+                InputRecord::Open { pin } => self.outside(drive, pin, None),
+                InputRecord::Millivolts { pin, mv } => self.outside(drive, pin, Some(mv)),
                 _ => {}
             },
-            Event::Did(did) => match did {
-                Did::PowerOff => self.power(drive, false),
-                &Did::Level { pin, level } => self.drive(drive, pin, Drives::Level(level)),
-                &Did::Wave { pin, period, high } => {
-                    self.drive(drive, pin, Drives::Wave { since: at, period, high });
+            Event::Output(did) => match did {
+                OutputRecord::PowerOff => self.power(drive, false),
+                &OutputRecord::Level { pin, level } => self.drive(drive, pin, PinOutput::Level(level)),
+                &OutputRecord::Wave { pin, period, high } => {
+                    self.drive(drive, pin, PinOutput::Wave { since: at, period, high });
                 }
-                Did::Plan { axis, plan } => self.turn(drive, *axis, |motor| {
+                OutputRecord::Plan { axis, plan } => self.turn(drive, *axis, |motor| {
                     motor.shaper.plan(at, plan, std::mem::take(&mut motor.lent));
                 }),
-                Did::Step { axis, steps } => self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps)),
-                Did::Course { axis, .. } => self.lose(drive, *axis),
+                OutputRecord::Step { axis, steps } => {
+                    self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps))
+                }
+                OutputRecord::Course { axis, .. } => self.lose(drive, *axis),
                 _ => {}
             },
         }
@@ -232,7 +234,7 @@ impl<W: Write> Waves<W> {
         let Some(drive) = self.drives.get(drive) else { return };
         for place in drive.wires.clone() {
             let wire = &mut self.wires[place];
-            (wire.known, wire.drives, wire.outside) = (on, Drives::NOTHING, None);
+            (wire.known, wire.drives, wire.outside) = (on, PinOutput::NOTHING, None);
             self.edges.set(place as u32, Instant::NEVER);
             self.changed.push(place);
         }
@@ -257,7 +259,7 @@ impl<W: Write> Waves<W> {
         let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
         for (place, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
             let wire = &mut self.wires[place];
-            (wire.known, wire.drives) = (true, Drives::Level(level_of(shaper.is_high(output))));
+            (wire.known, wire.drives) = (true, PinOutput::Level(level_of(shaper.is_high(output))));
             self.changed.push(place);
         }
         self.edges.set((self.wires.len() + place) as u32, shaper.due());
@@ -282,7 +284,7 @@ impl<W: Write> Waves<W> {
     }
 
     /// A drive does something with a pin.
-    fn drive(&mut self, drive: usize, pin: Pin, drives: Drives) {
+    fn drive(&mut self, drive: usize, pin: Pin, drives: PinOutput) {
         let Some(place) = self.place(drive, pin) else { return };
         for motor in self.drives[drive].motors.clone() {
             let Motor { step, dir, lent, .. } = &mut self.motors[motor];
@@ -390,9 +392,9 @@ impl<W: Write> Waves<W> {
     }
 }
 
-impl Wire {
+impl VcdVar {
     fn new(pin: &'static PinSpec, code: String) -> Self {
-        Self { pin, code, known: false, drives: Drives::NOTHING, outside: None, shown: None }
+        Self { pin, code, known: false, drives: PinOutput::NOTHING, outside: None, shown: None }
     }
 
     fn value(&self, at: Instant) -> Value {
@@ -471,8 +473,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bench::{Bench, Driving, PowerAction, Settings, Setup};
-    use crate::record::trace::TraceKeep;
+    use crate::bench::{Bench, PinStimulus, PowerAction, Settings, Setup};
+    use crate::record::trace::Retention;
     use crate::testing::toy::{LEVEL, Toy};
 
     fn text(trace: &Trace) -> String {
@@ -494,7 +496,7 @@ mod tests {
         let mut bench = Bench::new();
         let toy = bench.add::<Toy>("a-toy");
         bench.run_until(500.micros());
-        bench.set_pin(toy, LEVEL, Driving::Millivolts(2_500));
+        bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(2_500));
         bench.run_until(2.millis());
         bench.power(toy, PowerAction::Off);
         bench.run_until(3.millis());
@@ -540,9 +542,9 @@ r2.5 \"
     #[test]
     fn a_contact_that_is_not_wired_floats() {
         let mut bench = Bench::new();
-        let seat = bench.seat("c", Box::new(mdrobot()), Setup::default()).unwrap();
+        let seat = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
         let dir = bench.spec(seat).pin("DIR").unwrap();
-        for drive in [Driving::Low, Driving::Open] {
+        for drive in [PinStimulus::Low, PinStimulus::Open] {
             bench.run_until(bench.now() + 1.millis());
             bench.set_pin(seat, dir, drive);
         }
@@ -575,11 +577,11 @@ r2.5 \"
     #[test]
     fn what_is_lost_is_unknown_until_it_is_told() {
         // Room for a few events only.
-        let mut bench = Bench::with(Settings { trace: TraceKeep::Ring(1_000), ..Settings::default() });
+        let mut bench = Bench::with(Settings { trace: Retention::Ring(1_000), ..Settings::default() });
         let toy = bench.add::<Toy>("toy");
         bench.run_until(1.millis());
         for mv in 0..100 {
-            bench.set_pin(toy, LEVEL, Driving::Millivolts(mv));
+            bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(mv));
             bench.run_until(bench.now() + 1.millis());
         }
         assert!(bench.trace().lost > 90);

@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use drivetwin_firmware::device::{Duration, Instant};
 
 use super::Sender;
-use crate::ids::Seat;
+use crate::ids::DriveId;
 
 /// A client of a line, with its bytes in both directions.
 #[derive(Default)]
-pub(crate) struct Outside {
+pub(crate) struct ClientState {
     pub(crate) bus: u32,
     /// The place of what arrived last before it came.
     since: u64,
@@ -23,29 +23,29 @@ pub(crate) struct Outside {
     /// Arrival of the bytes, in pieces.
     pub(super) arrivals: VecDeque<Arrival>,
     /// Characters for it, as they end.
-    inbox: VecDeque<Heard>,
+    inbox: VecDeque<RxChar>,
 }
 
 /// A character for somebody outside.
 #[derive(Clone, Copy)]
-struct Heard {
+struct RxChar {
     /// End of the character.
     end: Instant,
     byte: u8,
     /// The drive that says it, if one does.
-    from: Option<Seat>,
+    from: Option<DriveId>,
     /// True once it has collided: it stays corrupt as it is, whatever else it meets.
     spoiled: bool,
 }
 
 /// Characters for clients that follow each other from `start` on.
 #[derive(Clone, Copy)]
-pub(crate) struct Told<'a> {
+pub(crate) struct RxBurst<'a> {
     pub(crate) start: Instant,
     pub(crate) character: Duration,
     pub(crate) bytes: &'a [u8],
     /// The drive that says them, if one does.
-    pub(crate) from: Option<Seat>,
+    pub(crate) from: Option<DriveId>,
 }
 
 /// Bytes that came together.
@@ -55,32 +55,32 @@ pub(super) struct Arrival {
     order: u64,
     pub(super) at: Instant,
     pub(super) count: usize,
-    mark: Mark,
+    mark: CharFlags,
 }
 
 /// Kind of a character that a client has for a line on which each character has its time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Mark {
+pub(crate) struct CharFlags {
     /// Noise: no client has sent it.
     pub(crate) noise: bool,
     /// A drive finds that it is wrong.
     pub(crate) unreadable: bool,
 }
 
-impl Outside {
+impl ClientState {
     /// A client on `bus` that comes when so much has arrived.
     pub(crate) fn new(bus: u32, since: u64) -> Self {
         Self { bus, since, ..Self::default() }
     }
 
     /// Bytes arrive.
-    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], mark: Mark) {
+    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], mark: CharFlags) {
         self.bytes.extend(bytes);
         self.arrivals.push_back(Arrival { order, at, count: bytes.len(), mark });
     }
 
     /// Mark of its first waiting byte.
-    pub(crate) fn mark(&self) -> Mark {
+    pub(crate) fn mark(&self) -> CharFlags {
         self.arrivals.front().map(|arrival| arrival.mark).unwrap_or_default()
     }
 
@@ -110,7 +110,7 @@ impl Outside {
     }
 
     /// A character for it. Two drives that send at once are mixed.
-    fn hear(&mut self, heard: Heard) {
+    fn hear(&mut self, heard: RxChar) {
         let place = self.inbox.partition_point(|other| other.end <= heard.end);
         self.inbox.insert(place, heard);
     }
@@ -123,7 +123,7 @@ impl Outside {
         character: Duration,
         garbage: impl Fn(Instant, u8) -> u8,
     ) {
-        let met = |heard: &&mut Heard| from < heard.end && heard.end - character < until;
+        let met = |heard: &&mut RxChar| from < heard.end && heard.end - character < until;
         for heard in self.inbox.iter_mut().filter(met).filter(|heard| !heard.spoiled) {
             heard.byte = garbage(heard.end, heard.byte);
             heard.spoiled = true;
@@ -131,7 +131,7 @@ impl Outside {
     }
 
     /// Characters of a drive that end after `at` never came.
-    fn hush(&mut self, seat: Seat, at: Instant) {
+    fn hush(&mut self, seat: DriveId, at: Instant) {
         self.inbox.retain(|heard| heard.end <= at || heard.from != Some(seat));
     }
 
@@ -152,25 +152,25 @@ impl Outside {
 /// something at a time.
 #[derive(Default)]
 pub(crate) struct Clients {
-    all: BTreeMap<u32, Outside>,
+    all: BTreeMap<u32, ClientState>,
     /// Time at which each one can read its next character, if there is one.
     audible: BTreeSet<(Instant, u32)>,
 }
 
 impl Clients {
-    pub(crate) fn get(&self, id: &u32) -> Option<&Outside> {
+    pub(crate) fn get(&self, id: &u32) -> Option<&ClientState> {
         self.all.get(id)
     }
 
-    pub(crate) fn get_mut(&mut self, id: &u32) -> Option<&mut Outside> {
+    pub(crate) fn get_mut(&mut self, id: &u32) -> Option<&mut ClientState> {
         self.all.get_mut(id)
     }
 
-    pub(crate) fn insert(&mut self, id: u32, outside: Outside) {
+    pub(crate) fn insert(&mut self, id: u32, outside: ClientState) {
         self.all.insert(id, outside);
     }
 
-    pub(crate) fn remove(&mut self, id: &u32) -> Option<Outside> {
+    pub(crate) fn remove(&mut self, id: &u32) -> Option<ClientState> {
         let outside = self.all.remove(id)?;
         self.audible.remove(&(outside.due(), *id));
         Some(outside)
@@ -182,7 +182,7 @@ impl Clients {
     }
 
     /// A client hears nothing more, and is here only until its whole messages are sent.
-    pub(crate) fn leave(&mut self, id: u32) -> Option<&Outside> {
+    pub(crate) fn leave(&mut self, id: u32) -> Option<&ClientState> {
         self.listening(id, |outside| outside.inbox.clear());
         let outside = self.all.get_mut(&id)?;
         outside.left = true;
@@ -191,13 +191,13 @@ impl Clients {
 
     /// Characters for a client, all of them as the first one begins if its port paces itself. `garbage`: what
     /// is heard of one that ends then and collides with what is on the line already.
-    pub(crate) fn hear(&mut self, id: u32, told: Told<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
-        let Told { start, character, bytes, from } = told;
+    pub(crate) fn hear(&mut self, id: u32, told: RxBurst<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
+        let RxBurst { start, character, bytes, from } = told;
         self.listening(id, |outside| {
             for (n, &byte) in (1..).zip(bytes) {
                 let end = start + character * n;
                 let garbage = garbage(end, byte);
-                outside.hear(Heard {
+                outside.hear(RxChar {
                     end: if outside.paces_itself { start } else { end },
                     byte: garbage.unwrap_or(byte),
                     from,
@@ -208,7 +208,7 @@ impl Clients {
     }
 
     /// Characters of a drive for a client that end after `at` never came.
-    pub(crate) fn hush(&mut self, id: u32, seat: Seat, at: Instant) {
+    pub(crate) fn hush(&mut self, id: u32, seat: DriveId, at: Instant) {
         self.listening(id, |outside| outside.hush(seat, at));
     }
 
@@ -228,7 +228,7 @@ impl Clients {
     }
 
     /// Does something with what a client that has not left hears.
-    fn listening<T>(&mut self, id: u32, act: impl FnOnce(&mut Outside) -> T) -> Option<T> {
+    fn listening<T>(&mut self, id: u32, act: impl FnOnce(&mut ClientState) -> T) -> Option<T> {
         let outside = self.all.get_mut(&id).filter(|outside| !outside.left)?;
         let before = outside.due();
         let result = act(outside);

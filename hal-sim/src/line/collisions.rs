@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Duration, Instant, Line};
 
 use crate::line::faults::data_bits;
-use crate::rng::Dice;
+use crate::rng::Rng;
 
 /// No character takes longer: 12 bits at 50 baud.
 const LONGEST_CHARACTER: Duration = Duration::millis(240);
@@ -17,7 +17,7 @@ pub(crate) struct Air {
     pub(crate) spoke: Vec<u32>,
     /// Last time at which the line was free.
     pub(crate) free: Instant,
-    dice: Dice,
+    dice: Rng,
 }
 
 /// Characters that somebody sends back to back.
@@ -33,7 +33,7 @@ struct Span {
 impl Air {
     /// Silence, on the line of that name.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
-        let dice = Dice::new(seed, &format!("collisions on {line}"));
+        let dice = Rng::new(seed, &format!("collisions on {line}"));
         Self { spans: Vec::new(), count: 0, spoke: Vec::new(), free: Instant::ZERO, dice }
     }
 

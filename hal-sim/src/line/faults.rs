@@ -1,11 +1,11 @@
 //! Faults of a line: frames lost, changed, doubled, cut, delayed, and noise between them.
 
-use drivetwin_firmware::device::{Duration, Ends, Line, PortSpec};
+use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
 use drivetwin_protocol::modbus::{ascii, rtu};
 
-use crate::rng::Dice;
+use crate::rng::Rng;
 
 /// The longest that a reply may be late.
 pub const LONGEST_DELAY: Duration = Duration::secs(60);
@@ -112,7 +112,7 @@ impl LineFaults {
         self.check()?;
         let needs_modbus = [("wrong_address", self.wrong_address), ("exception", self.exception)];
         match needs_modbus.iter().find(|(_, share)| *share > 0.0) {
-            Some((name, _)) if port.ends != Ends::Silence => {
+            Some((name, _)) if port.ends != Framing::Silence => {
                 Err(format!("{name} is for lines of Modbus, and {} is none", port.name))
             }
             _ => Ok(()),
@@ -125,8 +125,8 @@ pub(crate) struct Disturbance {
     faults: LineFaults,
     /// True if there are no faults.
     quiet: bool,
-    requests: Dice,
-    replies: Dice,
+    requests: Rng,
+    replies: Rng,
 }
 
 impl Disturbance {
@@ -135,8 +135,8 @@ impl Disturbance {
         Self {
             faults: LineFaults::NONE,
             quiet: true,
-            requests: Dice::new(seed, &format!("faults of requests on {line}")),
-            replies: Dice::new(seed, &format!("faults of replies on {line}")),
+            requests: Rng::new(seed, &format!("faults of requests on {line}")),
+            replies: Rng::new(seed, &format!("faults of replies on {line}")),
         }
     }
 
@@ -164,7 +164,7 @@ impl Disturbance {
         self.fate(|this| &mut this.replies)
     }
 
-    fn fate(&mut self, dice: impl Fn(&mut Self) -> &mut Dice) -> Option<Fate> {
+    fn fate(&mut self, dice: impl Fn(&mut Self) -> &mut Rng) -> Option<Fate> {
         let faults = self.faults;
         if self.quiet {
             dice(self).skip(Fate::THROWS);
@@ -199,19 +199,19 @@ impl Fate {
     /// Random numbers that a frame takes, whatever the faults are: so no rate changes what another one does.
     const THROWS: u64 = 11;
 
-    fn throw(faults: &LineFaults, dice: &mut Dice) -> Self {
+    fn throw(faults: &LineFaults, dice: &mut Rng) -> Self {
         let mut which = |share: f64| {
-            let (happens, number) = (dice.happens(share), dice.next());
-            happens.then_some(number)
+            let (gen_bool, number) = (dice.gen_bool(share), dice.next());
+            gen_bool.then_some(number)
         };
         let (cut, flip, noise) = (which(faults.truncate), which(faults.corrupt), which(faults.noise));
         Self {
-            lost: dice.happens(faults.drop),
+            lost: dice.gen_bool(faults.drop),
             cut,
             flip,
-            twice: dice.happens(faults.duplicate),
-            elsewhere: dice.happens(faults.wrong_address),
-            refused: dice.happens(faults.exception),
+            twice: dice.gen_bool(faults.duplicate),
+            elsewhere: dice.gen_bool(faults.wrong_address),
+            refused: dice.gen_bool(faults.exception),
             noise,
             garbage: dice.next(),
         }
@@ -237,7 +237,7 @@ impl Fate {
 
     /// The noise behind it.
     pub(crate) fn noise(&self, line: Line) -> Option<Text> {
-        let mut dice = Dice::branch(self.noise?);
+        let mut dice = Rng::branch(self.noise?);
         let mut text = Text::default();
         for place in 0..=(dice.next() % 8) as usize {
             let number = dice.next();
@@ -253,7 +253,7 @@ impl Fate {
     /// time, and no more.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
         let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
-        let mut dice = Dice::branch(self.garbage);
+        let mut dice = Rng::branch(self.garbage);
         (0..room.min(count as u64)).map(|_| dice.next() as u8 & data_bits(line)).collect()
     }
 }
@@ -313,7 +313,7 @@ pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec
 /// Address and PDU of a good frame on a line of Modbus.
 fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
     let split = |body: &[u8]| body.split_first().map(|(&unit, pdu)| (unit, pdu.to_vec()));
-    if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::checked(frame)?) }
+    if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::verify_crc(frame)?) }
 }
 
 /// The frame of an address and a PDU on a line of Modbus.
@@ -353,7 +353,7 @@ mod tests {
     #[test]
     fn only_modbus_knows_addresses_and_exceptions() {
         let port = |name, ends| PortSpec { name, ends, line: None };
-        let (rs485, usb) = (port("rs485", Ends::Silence), port("usb", Ends::Character));
+        let (rs485, usb) = (port("rs485", Framing::Silence), port("usb", Framing::Character));
         let faults = LineFaults { exception: 0.1, ..LineFaults::NONE };
         assert_eq!(faults.check_for(&rs485), Ok(()));
         assert_eq!(faults.check_for(&usb).unwrap_err(), "exception is for lines of Modbus, and usb is none");
@@ -367,7 +367,7 @@ mod tests {
         let line = Line::new(9_600, 8, Parity::Even, 1);
         let answers = |unit, taken: std::ops::RangeInclusive<i64>| {
             let reply = readdressed(line, &rtu::frame(unit, &[3, 2, 0, 1]), &taken.collect::<Vec<_>>())?;
-            Some(rtu::checked(&reply)?[0])
+            Some(rtu::verify_crc(&reply)?[0])
         };
         assert_eq!(answers(5, 5..=5), Some(6));
         assert_eq!(answers(5, 5..=246), Some(247));

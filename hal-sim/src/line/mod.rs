@@ -10,11 +10,11 @@ use std::collections::VecDeque;
 use drivetwin_firmware::device::{Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
-use crate::ids::Seat;
-pub(crate) use client_buffers::{Clients, Mark, Outside, Told};
+use crate::ids::DriveId;
+pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::Air;
 use faults::{Disturbance, Refusal, Text};
-pub(crate) use request_boundaries::Offer;
+pub(crate) use request_boundaries::PendingFrame;
 
 /// Time that characters take.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -48,16 +48,16 @@ impl Sender {
 }
 
 /// A line and the ports on it.
-pub(crate) struct Wire {
+pub(crate) struct SerialLine {
     /// Name of the line: as given to it, or the names of its drive and port.
     pub(crate) name: String,
     /// The name of its port, where a drive has it for itself.
     pub(crate) port: Option<&'static str>,
     /// By the names of their seats.
-    pub(crate) ports: Vec<(Seat, Port)>,
+    pub(crate) ports: Vec<(DriveId, Port)>,
     /// Clients that are connected.
     pub(crate) clients: Vec<u32>,
-    pub(crate) turn: Turn,
+    pub(crate) turn: LineState,
     /// The client that was served last.
     pub(crate) served: u32,
     /// The place of what it said in the order of arrival.
@@ -100,7 +100,7 @@ pub(crate) struct Request {
 
 /// State of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Turn {
+pub(crate) enum LineState {
     /// Free, or given to half a message.
     Free,
     /// A message, or a character, is on its way to the drives, or they are judging it, or the client is
@@ -112,22 +112,22 @@ pub(crate) enum Turn {
     Kept,
 }
 
-impl Turn {
+impl LineState {
     /// Returns whether a request is not complete yet.
     pub(crate) fn is_busy(self) -> bool {
         matches!(self, Self::Asked | Self::Answering)
     }
 }
 
-impl Wire {
+impl SerialLine {
     /// A line that drives share.
-    pub(crate) fn shared(seed: u64, name: &str, ports: Vec<(Seat, Port)>) -> Self {
+    pub(crate) fn shared(seed: u64, name: &str, ports: Vec<(DriveId, Port)>) -> Self {
         Self {
             name: name.to_owned(),
             port: None,
             ports,
             clients: Vec::new(),
-            turn: Turn::Free,
+            turn: LineState::Free,
             served: 0,
             said: 0,
             until: Instant::NEVER,
@@ -144,11 +144,11 @@ impl Wire {
 
     /// End of the wait for the rest of half a message, if one waits.
     pub(crate) fn half_until(&self) -> Option<Instant> {
-        (self.turn == Turn::Free && self.until != Instant::NEVER).then_some(self.until)
+        (self.turn == LineState::Free && self.until != Instant::NEVER).then_some(self.until)
     }
 
     /// The line that a drive has for itself at a port called `name`.
-    pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (Seat, Port)) -> Self {
+    pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (DriveId, Port)) -> Self {
         Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }
     }
 }

@@ -4,12 +4,12 @@
 //! decide ([`modbus::front`]), and after them patience.
 
 use drivetwin_firmware::device::{Duration, Instant, Line};
-use drivetwin_protocol::modbus::{self, Burst, Voices};
+use drivetwin_protocol::modbus::{self, Expect, Scan};
 
-use super::Outside;
+use super::ClientState;
 
 /// Bytes of a client that came without a silence beyond patience.
-struct Spoken<'a> {
+struct ClientBytes<'a> {
     bytes: &'a [u8],
     /// Time at which the last of them came.
     last: Instant,
@@ -19,7 +19,7 @@ struct Spoken<'a> {
 
 /// Bytes of a client that are ready for the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Offer {
+pub(crate) enum PendingFrame {
     /// So many bytes are to be sent, as from then on.
     Message(usize, Instant),
     /// Half a message, whose rest is waited for until then.
@@ -28,43 +28,43 @@ pub(crate) enum Offer {
     Unsure(usize, Instant),
 }
 
-impl Outside {
+impl ClientState {
     /// Returns what is ready for a line at `now`. On a line of Modbus, `framed`, that is a message, cut where its
     /// checksum holds or in ASCII behind its line feed; a burst that cannot become one is sent as it is. Elsewhere it
     /// is a character.
-    pub(crate) fn offer(&mut self, now: Instant, framed: Option<Line>, patience: Duration) -> Offer {
+    pub(crate) fn offer(&mut self, now: Instant, framed: Option<Line>, patience: Duration) -> PendingFrame {
         let Some(line) = framed else {
-            return Offer::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
+            return PendingFrame::Message(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
         };
         // Behind a port that paces itself is a real line, on which other drives may answer.
-        let voices = if self.paces_itself { Voices::All } else { Voices::Master };
+        let expect = if self.paces_itself { Expect::Both } else { Expect::Requests };
         let left = self.left;
-        let Spoken { bytes, last, over } = self.first_burst(patience);
-        let ended = || modbus::ended(line, bytes, voices);
+        let ClientBytes { bytes, last, over } = self.first_burst(patience);
+        let ended = || modbus::ended(line, bytes, expect);
         let until = last + patience;
-        match modbus::front(line, bytes, voices) {
-            Burst::Frame(length) => Offer::Message(length, last),
-            Burst::Unsure if left => Offer::Message(ended(), last),
-            Burst::Broken(_) | Burst::Partial if left && !over => Offer::Half(Instant::NEVER),
-            Burst::Broken(length) => Offer::Message(length, last),
-            _ if over || until <= now => Offer::Message(ended(), until.min(now)),
-            Burst::Unsure => Offer::Unsure(ended(), until),
-            Burst::Partial => Offer::Half(until),
+        match modbus::scan(line, bytes, expect) {
+            Scan::Complete(length) => PendingFrame::Message(length, last),
+            Scan::Ambiguous if left => PendingFrame::Message(ended(), last),
+            Scan::Invalid(_) | Scan::Incomplete if left && !over => PendingFrame::Half(Instant::NEVER),
+            Scan::Invalid(length) => PendingFrame::Message(length, last),
+            _ if over || until <= now => PendingFrame::Message(ended(), until.min(now)),
+            Scan::Ambiguous => PendingFrame::Unsure(ended(), until),
+            Scan::Incomplete => PendingFrame::Half(until),
         }
     }
 
     /// The first bytes, up to a silence beyond `patience`.
-    fn first_burst(&mut self, patience: Duration) -> Spoken<'_> {
+    fn first_burst(&mut self, patience: Duration) -> ClientBytes<'_> {
         let bytes = &*self.bytes.make_contiguous();
         let mut count = 0;
         let mut last = self.arrivals.front().map_or(Instant::ZERO, |arrival| arrival.at);
         for arrival in &self.arrivals {
             if arrival.at.since(last) >= patience {
-                return Spoken { bytes: &bytes[..count], last, over: true };
+                return ClientBytes { bytes: &bytes[..count], last, over: true };
             }
             count += arrival.count;
             last = arrival.at;
         }
-        Spoken { bytes, last, over: false }
+        ClientBytes { bytes, last, over: false }
     }
 }

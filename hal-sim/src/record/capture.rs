@@ -5,14 +5,14 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Link, Port};
 
-use crate::ids::{Bus, Seat};
-use crate::record::trace::{TraceKeep, allocated, make_room};
+use crate::ids::{Bus, DriveId};
+use crate::record::trace::{Retention, allocated, make_room};
 
 /// Frames that were on the lines and connections.
 #[derive(Clone, Debug)]
 pub struct Capture {
     frames: VecDeque<Frame>,
-    keep: TraceKeep,
+    keep: Retention,
     bytes: usize,
     /// Frames that a full ring has dropped.
     lost: u64,
@@ -43,7 +43,7 @@ pub enum Medium {
     /// A line.
     Line(Bus),
     /// A connection of a TCP port.
-    Tcp(Seat, Port, Link),
+    Tcp(DriveId, Port, Link),
 }
 
 /// Sender of a frame.
@@ -52,14 +52,14 @@ pub enum Source {
     /// A client.
     Client,
     /// A drive.
-    Drive(Seat),
+    Drive(DriveId),
     /// Noise, without a sender.
     Noise,
 }
 
 impl Capture {
     /// An empty capture.
-    pub(crate) fn new(keep: TraceKeep) -> Self {
+    pub(crate) fn new(keep: Retention) -> Self {
         Self { frames: VecDeque::new(), keep, bytes: 0, lost: 0 }
     }
 
@@ -84,7 +84,7 @@ impl Capture {
     /// A copy without the frames, which [`copy_on`](Self::copy_on) brings.
     #[must_use]
     pub fn outline(&self) -> Self {
-        Self { lost: self.lost, ..Self::new(TraceKeep::All) }
+        Self { lost: self.lost, ..Self::new(Retention::All) }
     }
 
     /// Brings at most `most` more frames of what this is an [outline](Self::outline) of, none beyond the
@@ -106,7 +106,7 @@ impl Capture {
     }
 
     /// Ends the frame of a drive on a line at `at`.
-    pub(crate) fn cut(&mut self, bus: Bus, seat: Seat, at: Instant) {
+    pub(crate) fn cut(&mut self, bus: Bus, seat: DriveId, at: Instant) {
         let said = |frame: &&mut Frame| frame.on == Medium::Line(bus) && frame.from == Source::Drive(seat);
         for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
             let Some(line) = frame.line else { continue };
@@ -128,12 +128,12 @@ impl Capture {
 
     /// A frame is on a line.
     pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
-        if self.keep == TraceKeep::Off {
+        if self.keep == Retention::Off {
             return;
         }
         let frame = frame();
         self.bytes += frame.size();
-        if let TraceKeep::Ring(most) | TraceKeep::Written(most) = self.keep {
+        if let Retention::Ring(most) | Retention::Written(most) = self.keep {
             while self.bytes > most
                 && let Some(oldest) = self.frames.pop_front()
             {

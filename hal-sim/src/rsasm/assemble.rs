@@ -8,7 +8,7 @@ use std::iter;
 use std::ops::RangeInclusive;
 
 use drivetwin_firmware::rs434::program::instruction::{
-    self, COMMANDS, Command, Form, Instruction, MNEMONICS, Operation,
+    self, COMMANDS, Instruction, MNEMONICS, Opcode, OperandForm, Operation,
 };
 use drivetwin_firmware::rs434::{LINES, Reg};
 use drivetwin_protocol::registers::{Register as _, Space};
@@ -70,7 +70,7 @@ struct Part<'a> {
 #[derive(Clone, Copy)]
 enum Content {
     /// The command of that code.
-    Command(u8, Command),
+    Opcode(u8, Opcode),
     /// A line by its number.
     Word,
     /// So many lines that hold 0.
@@ -81,7 +81,7 @@ impl Content {
     /// Lines that it takes.
     fn lines(self) -> usize {
         match self {
-            Self::Command(_, command) => command.lines().into(),
+            Self::Opcode(_, command) => command.lines().into(),
             Self::Word => 1,
             Self::Zero(lines) => lines,
         }
@@ -127,7 +127,7 @@ impl<'a> Names<'a> {
         match (word, instruction::code(word)) {
             (WORD, _) => Ok(Content::Word),
             (ZERO, _) => Ok(Content::Zero(self.number(cursor, 1..=LINES as i64)? as usize)),
-            (_, Some(code)) => Ok(Content::Command(code, COMMANDS[usize::from(code)])),
+            (_, Some(code)) => Ok(Content::Opcode(code, COMMANDS[usize::from(code)])),
             (_, None) => {
                 let known = MNEMONICS.into_iter().chain([WORD, ZERO]);
                 Err(place.error(suggest::unknown("command", word, known)))
@@ -215,7 +215,7 @@ struct Reader<'a, 'n> {
 impl Reader<'_, '_> {
     fn put(&mut self, content: Content, program: &mut Vec<u32>) -> Result<(), Error> {
         match content {
-            Content::Command(code, command) => {
+            Content::Opcode(code, command) => {
                 let (fields, constant) = self.operands(command)?;
                 program.push(u32::from(code) | fields);
                 program.extend(constant);
@@ -227,21 +227,21 @@ impl Reader<'_, '_> {
     }
 
     /// The fields of a command's first line but uCmd, and its second line if it has one.
-    fn operands(&mut self, command: Command) -> Result<(u32, Option<u32>), Error> {
+    fn operands(&mut self, command: Opcode) -> Result<(u32, Option<u32>), Error> {
         let mut constant = None;
         let fields = match command.form {
-            Form::Bare => 0,
-            Form::Target => self.target()?,
-            Form::Time => data(self.number(WORDS)?),
-            Form::Subroutine => data(self.line()?),
-            Form::Loop => {
+            OperandForm::Bare => 0,
+            OperandForm::Target => self.target()?,
+            OperandForm::Time => data(self.number(WORDS)?),
+            OperandForm::Subroutine => data(self.line()?),
+            OperandForm::Loop => {
                 let lines = self.body()?;
                 self.cursor.comma()?;
                 data(lines << 8 | self.number(BYTES)?)
             }
-            Form::Register => self.system()? << 8,
-            Form::Modbus => self.written()?,
-            Form::RegisterConstant => {
+            OperandForm::Register => self.system()? << 8,
+            OperandForm::Modbus => self.written()?,
+            OperandForm::RegisterConstant => {
                 let register = self.system()? << 8;
                 self.cursor.comma()?;
                 if command.wide {
@@ -251,23 +251,23 @@ impl Reader<'_, '_> {
                     register | data(self.number(CONSTANTS)?)
                 }
             }
-            Form::RegisterModbus => {
+            OperandForm::RegisterModbus => {
                 let register = self.system()? << 8;
                 self.cursor.comma()?;
                 register | self.modbus()?
             }
-            Form::ModbusConstant => {
+            OperandForm::ModbusConstant => {
                 let modbus = self.written()?;
                 self.cursor.comma()?;
                 constant = Some(self.constant(command.wide)?);
                 modbus
             }
-            Form::ModbusRegister => {
+            OperandForm::ModbusRegister => {
                 let modbus = self.modbus()?;
                 self.cursor.comma()?;
                 modbus | self.system()? << 8
             }
-            Form::RegisterRegister => {
+            OperandForm::RegisterRegister => {
                 let first = self.system()?;
                 self.cursor.comma()?;
                 let second = self.system()?;
@@ -276,12 +276,12 @@ impl Reader<'_, '_> {
                     if command.operation == Operation::Move { (second, first) } else { (first, second) };
                 register << 8 | data << 16
             }
-            Form::RegisterShift => {
+            OperandForm::RegisterShift => {
                 let register = self.system()? << 8;
                 let way = self.way()?;
                 register | way | data(self.number(WORDS)?)
             }
-            Form::ModbusShift => {
+            OperandForm::ModbusShift => {
                 let modbus = self.written()?;
                 let way = self.way()?;
                 constant = Some(self.number(if command.wide { 0..=0xFFFF_FFFF } else { WORDS })? as u32);

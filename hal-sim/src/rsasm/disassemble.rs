@@ -6,7 +6,9 @@
 use std::fmt::Write as _;
 
 use drivetwin_firmware::rs434::Reg;
-use drivetwin_firmware::rs434::program::instruction::{Command, Form, Instruction, MNEMONICS, Operation};
+use drivetwin_firmware::rs434::program::instruction::{
+    Instruction, MNEMONICS, Opcode, OperandForm, Operation,
+};
 use drivetwin_protocol::registers::{Register as _, Space};
 
 use super::{RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
@@ -53,7 +55,7 @@ fn label(at: usize) -> String {
 #[derive(Clone, Copy)]
 struct Found {
     instruction: Instruction,
-    command: Command,
+    command: Opcode,
     /// Second line of the command, or 0.
     constant: u32,
 }
@@ -105,10 +107,10 @@ impl<'a> Listing<'a> {
             && (used & Instruction::SPACE == 0 || usize::from(instruction.space()) < SPACES.len())
             && (command.wide || constant >> 16 == 0)
             && match command.form {
-                Form::Target if instruction.type_jmp() => data.cast_signed().unsigned_abs() <= 1_024,
-                Form::Target | Form::Subroutine => data <= 1_024,
-                Form::RegisterRegister => usize::from(data) < SYSTEM.len(),
-                Form::Modbus | Form::ModbusConstant | Form::ModbusShift => {
+                OperandForm::Target if instruction.type_jmp() => data.cast_signed().unsigned_abs() <= 1_024,
+                OperandForm::Target | OperandForm::Subroutine => data <= 1_024,
+                OperandForm::RegisterRegister => usize::from(data) < SYSTEM.len(),
+                OperandForm::Modbus | OperandForm::ModbusConstant | OperandForm::ModbusShift => {
                     matches!(SPACES[usize::from(instruction.space())].1, Space::Coil | Space::Holding)
                 }
                 _ => true,
@@ -125,27 +127,29 @@ impl<'a> Listing<'a> {
         let modbus = || modbus(instruction);
         let way = || WAYS[usize::from(instruction.type_jmp())];
         let operands = match command.form {
-            Form::Bare => String::new(),
-            Form::Target if instruction.type_jmp() => {
+            OperandForm::Bare => String::new(),
+            OperandForm::Target if instruction.type_jmp() => {
                 let distance = data.cast_signed();
                 format!("{RELATIVE} {}", self.place(at, found).unwrap_or_else(|| format!("{distance:+}")))
             }
-            Form::Target | Form::Subroutine => self.place(at, found).unwrap_or_else(|| data.to_string()),
-            Form::Time => data.to_string(),
-            Form::Loop => {
+            OperandForm::Target | OperandForm::Subroutine => {
+                self.place(at, found).unwrap_or_else(|| data.to_string())
+            }
+            OperandForm::Time => data.to_string(),
+            OperandForm::Loop => {
                 let [lines, times] = data.to_be_bytes();
                 format!("{}, {times}", self.place(at, found).unwrap_or_else(|| lines.to_string()))
             }
-            Form::Register => register().into(),
-            Form::Modbus => modbus(),
-            Form::RegisterConstant => {
+            OperandForm::Register => register().into(),
+            OperandForm::Modbus => modbus(),
+            OperandForm::RegisterConstant => {
                 let value = if command.wide { constant } else { data.into() };
                 format!("{}, {}", register(), number(command, value))
             }
-            Form::RegisterModbus => format!("{}, {}", register(), modbus()),
-            Form::ModbusConstant => format!("{}, {}", modbus(), number(command, constant)),
-            Form::ModbusRegister => format!("{}, {}", modbus(), register()),
-            Form::RegisterRegister => {
+            OperandForm::RegisterModbus => format!("{}, {}", register(), modbus()),
+            OperandForm::ModbusConstant => format!("{}, {}", modbus(), number(command, constant)),
+            OperandForm::ModbusRegister => format!("{}, {}", modbus(), register()),
+            OperandForm::RegisterRegister => {
                 let other = system(data.into());
                 // In the text what changes always comes first.
                 let (first, second) = if command.operation == Operation::Move {
@@ -155,8 +159,8 @@ impl<'a> Listing<'a> {
                 };
                 format!("{first}, {second}")
             }
-            Form::RegisterShift => format!("{}, {}, {data}", register(), way()),
-            Form::ModbusShift => format!("{}, {}, {constant}", modbus(), way()),
+            OperandForm::RegisterShift => format!("{}, {}, {data}", register(), way()),
+            OperandForm::ModbusShift => format!("{}, {}, {constant}", modbus(), way()),
         };
         let mnemonic = MNEMONICS[usize::from(instruction.code())];
         if operands.is_empty() { mnemonic.into() } else { format!("{mnemonic} {operands}") }
@@ -172,9 +176,9 @@ impl<'a> Listing<'a> {
 fn target(at: usize, Found { instruction, command, .. }: Found) -> Option<usize> {
     let data = instruction.data();
     match command.form {
-        Form::Target if instruction.type_jmp() => at.checked_add_signed(data.cast_signed().into()),
-        Form::Target | Form::Subroutine => Some(data.into()),
-        Form::Loop => Some(at + 1 + usize::from(data >> 8)),
+        OperandForm::Target if instruction.type_jmp() => at.checked_add_signed(data.cast_signed().into()),
+        OperandForm::Target | OperandForm::Subroutine => Some(data.into()),
+        OperandForm::Loop => Some(at + 1 + usize::from(data >> 8)),
         _ => None,
     }
 }
@@ -193,7 +197,7 @@ fn modbus(instruction: Instruction) -> String {
 }
 
 /// A constant as it is read best: bits of logic, and positions with their sign.
-fn number(command: Command, value: u32) -> String {
+fn number(command: Opcode, value: u32) -> String {
     match command.operation {
         Operation::And | Operation::Or | Operation::Xor if command.wide => format!("0x{value:08X}"),
         Operation::And | Operation::Or | Operation::Xor => format!("0x{value:04X}"),

@@ -3,13 +3,13 @@
 mod queue;
 mod tournament;
 
-use crate::record::trace::Fed;
+use crate::record::trace::InputRecord;
 pub(crate) use queue::{Event, Queue};
 pub(crate) use tournament::Tournament;
 
 /// Order of events at one instant.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) enum Class {
+pub(crate) enum Phase {
     Power,
     Fault,
     Pin,
@@ -21,28 +21,28 @@ pub(crate) enum Class {
     Turn,
 }
 
-impl Class {
+impl Phase {
     /// Class of an input.
-    pub(crate) fn of(fed: &Fed) -> Self {
+    pub(crate) fn of(fed: &InputRecord) -> Self {
         match fed {
-            Fed::Power(_) => Self::Power,
-            Fed::Fault { .. } => Self::Fault,
-            Fed::Edge { .. }
-            | Fed::Open { .. }
-            | Fed::Millivolts { .. }
-            | Fed::Count { .. }
-            | Fed::Slipped { .. }
-            | Fed::Draws { .. }
-            | Fed::Motor { .. }
-            | Fed::Rotation { .. } => Self::Pin,
-            Fed::Bytes { .. }
-            | Fed::Spoiled { .. }
-            | Fed::Idle { .. }
-            | Fed::Attached { .. }
-            | Fed::Opened { .. }
-            | Fed::Message { .. }
-            | Fed::Closed { .. } => Self::Line,
-            Fed::Poke { .. } => Self::Preset,
+            InputRecord::Power(_) => Self::Power,
+            InputRecord::Fault { .. } => Self::Fault,
+            InputRecord::Edge { .. }
+            | InputRecord::Open { .. }
+            | InputRecord::Millivolts { .. }
+            | InputRecord::Count { .. }
+            | InputRecord::StepsCorrection { .. }
+            | InputRecord::MotorCurrent { .. }
+            | InputRecord::Motor { .. }
+            | InputRecord::Rotation { .. } => Self::Pin,
+            InputRecord::Bytes { .. }
+            | InputRecord::RxError { .. }
+            | InputRecord::Idle { .. }
+            | InputRecord::HostPresence { .. }
+            | InputRecord::Opened { .. }
+            | InputRecord::Message { .. }
+            | InputRecord::Closed { .. } => Self::Line,
+            InputRecord::Poke { .. } => Self::Preset,
         }
     }
 }

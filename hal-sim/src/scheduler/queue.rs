@@ -5,14 +5,14 @@ use std::collections::BinaryHeap;
 
 use drivetwin_firmware::device::Instant;
 
-use super::Class;
+use super::Phase;
 
 /// The total order of everything that happens on a bench. Seats count by the rank of their names, so
 /// that the order in which they were added never matters.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) struct Key {
+pub(crate) struct EventKey {
     pub(crate) at: Instant,
-    pub(crate) class: Class,
+    pub(crate) class: Phase,
     pub(crate) rank: u32,
     pub(crate) sequence: u64,
 }
@@ -20,7 +20,7 @@ pub(crate) struct Key {
 /// An event that is under way.
 #[derive(Debug)]
 pub(crate) struct Event<T> {
-    pub(crate) key: Key,
+    pub(crate) key: EventKey,
     /// To which seat.
     pub(crate) seat: u32,
     pub(crate) what: T,
@@ -63,14 +63,14 @@ impl<T> Queue<T> {
     /// Sends something on its way.
     // Where it is inlined an event is written once, and not copied about on its way to its place.
     #[inline(always)]
-    pub(crate) fn push(&mut self, at: Instant, class: Class, rank: u32, seat: u32, what: T) {
+    pub(crate) fn push(&mut self, at: Instant, class: Phase, rank: u32, seat: u32, what: T) {
         self.sequence += 1;
-        let key = Key { at, class, rank, sequence: self.sequence };
+        let key = EventKey { at, class, rank, sequence: self.sequence };
         self.events.push(Reverse(Event { key, seat, what }));
     }
 
     /// The key of the first.
-    pub(crate) fn first(&self) -> Option<&Key> {
+    pub(crate) fn first(&self) -> Option<&EventKey> {
         self.events.peek().map(|Reverse(event)| &event.key)
     }
 

@@ -4,14 +4,14 @@ use drivetwin_firmware::device::{Duration, Instant, Level};
 
 /// Output of a device at a pin.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Drives {
+pub(crate) enum PinOutput {
     /// A constant level, or the pin is released.
     Level(Level),
     /// A wave: high for `high`, low for the rest of `period`.
     Wave { since: Instant, period: Duration, high: Duration },
 }
 
-impl Drives {
+impl PinOutput {
     /// The pin is let go.
     pub(crate) const NOTHING: Self = Self::Level(Level::Float);
 
@@ -52,8 +52,8 @@ mod tests {
 
     const SINCE: u64 = 1_000;
 
-    fn wave(period: u64, high: u64) -> Drives {
-        Drives::Wave {
+    fn wave(period: u64, high: u64) -> PinOutput {
+        PinOutput::Wave {
             since: Instant::from_ticks(SINCE),
             period: Duration::from_ticks(period),
             high: Duration::from_ticks(high),
@@ -61,7 +61,7 @@ mod tests {
     }
 
     /// The level so many ticks after the beginning, and the ticks at which it changes next.
-    fn after(drives: Drives, ticks: u64) -> (Level, Option<u64>) {
+    fn after(drives: PinOutput, ticks: u64) -> (Level, Option<u64>) {
         let at = Instant::from_ticks(SINCE + ticks);
         let next = drives.next_edge(at);
         (drives.level(at), (next < Instant::NEVER).then(|| next.ticks() - SINCE))
@@ -86,8 +86,8 @@ mod tests {
             assert_eq!(after(wave(10, 11), ticks), (Level::High, None));
             assert_eq!(after(wave(0, 0), ticks), (Level::Low, None));
             assert_eq!(after(wave(0, 1), ticks), (Level::High, None));
-            assert_eq!(after(Drives::NOTHING, ticks), (Level::Float, None));
-            assert_eq!(after(Drives::Level(Level::High), ticks), (Level::High, None));
+            assert_eq!(after(PinOutput::NOTHING, ticks), (Level::Float, None));
+            assert_eq!(after(PinOutput::Level(Level::High), ticks), (Level::High, None));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Step pulses: what an axis does, as edges of its STEP and DIR pins.
 //!
-//! Plans are walked step by step ([`Walker`]), one step ahead, so that a pulse knows when the next
+//! Plans are walked step by step ([`StepIterator`]), one step ahead, so that a pulse knows when the next
 //! one comes. STEP rises at each step and is high for 2 µs, or half the interval to the next step if
 //! that is shorter. DIR is high forward; it changes 5 µs before the first step of a reversal, or half
 //! the interval if that is shorter, but not while a pulse is high, and not before anybody knew of the
@@ -13,9 +13,9 @@
 //! There is no clock here: whoever listens says how far time has come.
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
-use drivetwin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, Walker};
+use drivetwin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, StepIterator};
 
-use crate::record::trace::{Did, Event, Fed, Power, Trace};
+use crate::record::trace::{Event, InputRecord, OutputRecord, Power, Trace};
 
 /// An output of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -90,7 +90,7 @@ pub struct Pulse {
 /// still made.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Shaper {
-    walker: Option<Walker>,
+    walker: Option<StepIterator>,
     /// The next step of the plan.
     planned: Option<Step>,
     /// Steps without a plan that are still to be made, signed.
@@ -118,7 +118,7 @@ impl Shaper {
     /// low.
     pub(crate) fn plan(&mut self, at: Instant, plan: &Plan, lent: Lent) {
         (self.step, self.dir) = (self.step && !lent.step, self.dir && !lent.dir);
-        let walker = self.walker.insert(Walker::new(plan, at));
+        let walker = self.walker.insert(StepIterator::new(plan, at));
         self.planned = walker.next();
         (self.since, self.powered) = (at, true);
     }
@@ -157,7 +157,7 @@ impl Shaper {
         }
         if edge.output == StepDir::Step && edge.high {
             if self.plan_is_next() {
-                self.planned = self.walker.as_mut().and_then(Walker::next);
+                self.planned = self.walker.as_mut().and_then(StepIterator::next);
             } else {
                 self.direct -= self.direct.signum();
             }
@@ -243,11 +243,15 @@ impl<'a> News<'a> {
     fn of(event: &'a Event, axis: Axis, pins: Option<(Pin, Pin)>) -> Option<Self> {
         let output = |pin| pins.and_then(|pins| StepDir::at(pins, pin));
         match event {
-            Event::Did(Did::Plan { axis: of, plan }) if *of == axis => Some(Self::Plan(plan)),
-            Event::Did(Did::Step { axis: of, steps }) if *of == axis => Some(Self::Steps(*steps)),
-            Event::Did(Did::Level { pin, level }) => Some(Self::Lent(output(*pin)?, *level == Level::High)),
-            Event::Did(Did::Wave { pin, .. }) => Some(Self::Lent(output(*pin)?, true)),
-            Event::Did(Did::PowerOff) | Event::Fed(Fed::Power(Power::Off)) => Some(Self::PowerOff),
+            Event::Output(OutputRecord::Plan { axis: of, plan }) if *of == axis => Some(Self::Plan(plan)),
+            Event::Output(OutputRecord::Step { axis: of, steps }) if *of == axis => Some(Self::Steps(*steps)),
+            Event::Output(OutputRecord::Level { pin, level }) => {
+                Some(Self::Lent(output(*pin)?, *level == Level::High))
+            }
+            Event::Output(OutputRecord::Wave { pin, .. }) => Some(Self::Lent(output(*pin)?, true)),
+            Event::Output(OutputRecord::PowerOff) | Event::Input(InputRecord::Power(Power::Off)) => {
+                Some(Self::PowerOff)
+            }
             _ => None,
         }
     }

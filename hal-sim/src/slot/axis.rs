@@ -6,7 +6,7 @@ use fixed::types::I48F16;
 
 use crate::signals::pin_waveform::level_of;
 use crate::signals::pulses::{Lent, Shaper, StepDir};
-use crate::slot::Told;
+use crate::slot::MotorCommand;
 
 /// Motion of an axis at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -135,9 +135,9 @@ impl AxisState {
     /// Commands for a motor that has received none so far, or all of which are void: as a drive gives them, first the
     /// motion of the axis, then its current. A current that was never reported is left out: the motor of such a drive
     /// has its rated current, also without power.
-    pub(super) fn told(&self) -> impl Iterator<Item = Told> + use<> {
-        let current = self.tells_current.then_some(Told::Current(self.current_ma));
-        [Told::Plan(self.plan), Told::Duty(self.duty)].into_iter().chain(current)
+    pub(super) fn told(&self) -> impl Iterator<Item = MotorCommand> + use<> {
+        let current = self.tells_current.then_some(MotorCommand::Current(self.current_ma));
+        [MotorCommand::Plan(self.plan), MotorCommand::Duty(self.duty)].into_iter().chain(current)
     }
 
     /// Motion of the axis.

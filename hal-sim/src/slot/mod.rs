@@ -7,30 +7,31 @@ mod state;
 mod tcp_port;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, Refused, Spec,
+    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, PresetError,
+    Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 
-use crate::record::trace::{Fed, Power};
-use crate::rng::Dice;
-use crate::scheduler::Class;
+use crate::record::trace::{InputRecord, Power};
+use crate::rng::Rng;
+use crate::scheduler::Phase;
 pub use axis::Motion;
-pub use pins::Driving;
+pub use pins::PinStimulus;
 pub(crate) use pins::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial_port::Serial;
 pub use serial_port::Statistics;
-pub use state::Keep;
-use state::{Body, Hand};
-pub(crate) use state::{Moved, Outbox, Said, Sent, Tape, Told};
+pub use state::PersistFn;
+pub(crate) use state::{CallContext, MotorCommand, Outputs, PinChange, Sent, TcpSend};
+use state::{SlotContext, SlotState};
 pub use tcp_port::MOST_CONNECTIONS;
 pub(crate) use tcp_port::Tcp;
 
 /// A device, and all that it has to do with.
-pub(crate) struct Seated {
+pub(crate) struct Slot {
     pub(crate) name: String,
     pub(crate) spec: &'static Spec,
     device: Box<dyn Device>,
-    pub(crate) body: Body,
+    pub(crate) body: SlotState,
     boot_fast: bool,
     /// Once it has parted from the motor that it brings: its pins for the Hall sensors.
     pub(crate) halls: Option<&'static [Pin]>,
@@ -41,15 +42,15 @@ pub(crate) struct Seated {
     /// Rows that are set after every power-on, and their values.
     pub(crate) presets: Vec<(usize, i64)>,
     /// Seeds of its random choices, one for each power-on.
-    dice: Dice,
+    dice: Rng,
     /// The last that happened to it: nothing can come before it any more.
-    last: (Instant, Class),
+    last: (Instant, Phase),
     wakes: Wakes,
     /// Next wake-up; without power never.
     deadline: Instant,
 }
 
-impl Seated {
+impl Slot {
     /// A device without power, in its seat.
     pub(crate) fn new(
         seat: u32,
@@ -58,12 +59,12 @@ impl Seated {
         seed: u64,
         boot_fast: bool,
         memory: Option<Vec<u8>>,
-        keep: Option<Keep>,
+        keep: Option<PersistFn>,
     ) -> Self {
         let spec = device.spec();
-        let body = Body::new(seat, name, spec, seed, memory, keep);
-        let dice = Dice::new(seed, name);
-        let last = (Instant::ZERO, Class::Power);
+        let body = SlotState::new(seat, name, spec, seed, memory, keep);
+        let dice = Rng::new(seed, name);
+        let last = (Instant::ZERO, Phase::Power);
         Self {
             name: name.to_owned(),
             spec,
@@ -88,19 +89,19 @@ impl Seated {
 
     /// Parts from the motor that it brings, before its first power-on.
     pub(crate) fn part(&mut self) {
-        self.halls = self.device.part();
+        self.halls = self.device.detach_motor();
     }
 
     /// After its first power-on: what the motor is that it has parted from.
     pub(crate) fn know_parted(&mut self) {
-        self.parted = self.halls.and_then(|_| self.device.own_motor());
+        self.parted = self.halls.and_then(|_| self.device.internal_motor());
     }
 
     /// An axis turns a motor of the bench from now on; returns what that must know, in the order in which it is
-    /// [told](Told).
-    pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<Told> {
+    /// [told](MotorCommand).
+    pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<MotorCommand> {
         self.motors.push((axis, motor));
-        let microsteps = Told::Microsteps(self.microsteps(axis));
+        let microsteps = MotorCommand::Microsteps(self.microsteps(axis));
         let Some(state) = self.body.axis(axis) else { return Vec::new() };
         state.turns_motor = true;
         std::iter::once(microsteps).chain(state.told()).collect()
@@ -125,54 +126,58 @@ impl Seated {
     ///
     /// # Panics
     /// If it wants to be woken at one instant for ever: time would stand still.
-    pub(crate) fn wake(&mut self, due: Instant, tape: &mut Tape<'_>) -> Instant {
-        self.device.timeout(due, &mut Hand { body: &mut self.body, tape });
-        let next = self.done(due, Class::Deadline, tape);
+    pub(crate) fn wake(&mut self, due: Instant, tape: &mut CallContext<'_>) -> Instant {
+        self.device.timeout(due, &mut SlotContext { body: &mut self.body, tape });
+        let next = self.done(due, Phase::Deadline, tape);
         self.wakes.count(&self.name, due, next);
         next
     }
 
     /// Sets what is preset after every power-on; returns what it refuses.
-    pub(crate) fn preset_again(&mut self, at: Instant, tape: &mut Tape<'_>) -> Result<(), (usize, Refused)> {
+    pub(crate) fn preset_again(
+        &mut self,
+        at: Instant,
+        tape: &mut CallContext<'_>,
+    ) -> Result<(), (usize, PresetError)> {
         for n in 0..self.presets.len() {
             let (row, value) = self.presets[n];
             // A preset comes after the deadlines of its instant.
             while self.deadline() <= at {
                 self.wake(self.deadline(), tape);
             }
-            self.feed(at, &Fed::Poke { row, value }, tape).map_err(|why| (row, why))?;
+            self.feed(at, &InputRecord::Poke { row, value }, tape).map_err(|why| (row, why))?;
         }
         Ok(())
     }
 
     /// Powers it on, untold by the trace: at the beginning that goes without saying.
-    pub(crate) fn power_on(&mut self, at: Instant, tape: &mut Tape<'_>) {
+    pub(crate) fn power_on(&mut self, at: Instant, tape: &mut CallContext<'_>) {
         let boot = Boot { seed: self.dice.next(), fast: self.boot_fast, fast_line: tape.fast };
         self.body.power_on(at);
-        self.device.power_on(at, boot, &mut Hand { body: &mut self.body, tape });
-        self.done(at, Class::Power, tape);
+        self.device.power_on(at, boot, &mut SlotContext { body: &mut self.body, tape });
+        self.done(at, Phase::Power, tape);
     }
 
     /// Notes what comes to it from outside, and says whether it hears it: not without power, and not
     /// on a pair of wires on which it sends.
-    pub(crate) fn hears(&mut self, at: Instant, fed: &Fed) -> bool {
+    pub(crate) fn hears(&mut self, at: Instant, fed: &InputRecord) -> bool {
         match *fed {
-            Fed::Edge { pin, high } => self.tell(pin, Signal::Digital(high)),
-            Fed::Millivolts { pin, mv } => self.tell(pin, Signal::Millivolts(mv)),
-            Fed::Open { pin } => self.tell(pin, Signal::Open),
-            Fed::Fault { fault, on } => {
+            InputRecord::Edge { pin, high } => self.tell(pin, Signal::Digital(high)),
+            InputRecord::Millivolts { pin, mv } => self.tell(pin, Signal::Millivolts(mv)),
+            InputRecord::Open { pin } => self.tell(pin, Signal::Open),
+            InputRecord::Fault { fault, on } => {
                 if let Some(cause) = self.body.faults.get_mut(usize::from(fault.0)) {
                     *cause = on;
                 }
             }
-            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port }
+            InputRecord::Bytes { port, .. } | InputRecord::RxError { port } | InputRecord::Idle { port }
                 if self.serial(port).is_some_and(|serial| serial.silence && serial.sends_until > at) =>
             {
                 return false;
             }
             _ => {}
         }
-        self.body.powered || matches!(fed, Fed::Power(_))
+        self.body.powered || matches!(fed, InputRecord::Power(_))
     }
 
     fn tell(&mut self, pin: Pin, signal: Signal) {
@@ -182,10 +187,15 @@ impl Seated {
     }
 
     /// Feeds it. Without power it hears nothing.
-    pub(crate) fn feed(&mut self, at: Instant, fed: &Fed, tape: &mut Tape<'_>) -> Result<(), Refused> {
+    pub(crate) fn feed(
+        &mut self,
+        at: Instant,
+        fed: &InputRecord,
+        tape: &mut CallContext<'_>,
+    ) -> Result<(), PresetError> {
         let heard = match fed {
-            Fed::Power(Power::On) => !self.body.powered,
-            Fed::Power(Power::Cut(_)) => true,
+            InputRecord::Power(Power::On) => !self.body.powered,
+            InputRecord::Power(Power::Cut(_)) => true,
             _ => self.body.powered,
         };
         if !heard {
@@ -194,11 +204,11 @@ impl Seated {
         let mark = tape.trace.mark();
         tape.trace.fed(at, self.body.seat, fed);
         match *fed {
-            Fed::Power(Power::On) => self.power_on(at, tape),
-            Fed::Power(Power::Off) => self.body.power_off(at, tape.outbox),
-            Fed::Power(Power::Cut(cut)) => self.body.cut(cut),
-            Fed::Poke { row, value } => {
-                let hand = &mut Hand { body: &mut self.body, tape };
+            InputRecord::Power(Power::On) => self.power_on(at, tape),
+            InputRecord::Power(Power::Off) => self.body.power_off(at, tape.outbox),
+            InputRecord::Power(Power::Cut(cut)) => self.body.cut(cut),
+            InputRecord::Poke { row, value } => {
+                let hand = &mut SlotContext { body: &mut self.body, tape };
                 if let Err(why) = self.device.poke(at, row, value, hand) {
                     tape.trace.rewind(mark);
                     return Err(why);
@@ -206,11 +216,11 @@ impl Seated {
             }
             _ => {
                 if let Some(input) = fed.input() {
-                    self.device.input(at, input, &mut Hand { body: &mut self.body, tape });
+                    self.device.input(at, input, &mut SlotContext { body: &mut self.body, tape });
                 }
             }
         }
-        self.done(at, Class::of(fed), tape);
+        self.done(at, Phase::of(fed), tape);
         Ok(())
     }
 
@@ -220,13 +230,13 @@ impl Seated {
         at: Instant,
         row: usize,
         value: i64,
-        tape: &mut Tape<'_>,
-    ) -> Result<(), Refused> {
-        self.device.poke(at, row, value, &mut Hand { body: &mut self.body, tape })
+        tape: &mut CallContext<'_>,
+    ) -> Result<(), PresetError> {
+        self.device.poke(at, row, value, &mut SlotContext { body: &mut self.body, tape })
     }
 
     /// After a call of the device: whether that was its last, and its next deadline.
-    fn done(&mut self, at: Instant, class: Class, tape: &mut Tape<'_>) -> Instant {
+    fn done(&mut self, at: Instant, class: Phase, tape: &mut CallContext<'_>) -> Instant {
         self.last = (at, class);
         if self.body.dead {
             self.body.power_off(at, tape.outbox);
@@ -236,16 +246,16 @@ impl Seated {
     }
 
     /// The first instant from `now` on at which something of that class can still come to it.
-    pub(crate) fn free(&self, now: Instant, class: Class) -> Instant {
+    pub(crate) fn free(&self, now: Instant, class: Phase) -> Instant {
         if self.last > (now, class) { now + Duration::TICK } else { now }
     }
 
     /// All that differs from what it believes untold, and that it must be told when power comes: faults, then pins.
-    pub(crate) fn surroundings(&self) -> Vec<Fed> {
+    pub(crate) fn surroundings(&self) -> Vec<InputRecord> {
         let faults = (0..).zip(&self.body.faults).filter(|(_, on)| **on);
         let pins = (0..).zip(&self.body.pins).filter(|(_, pin)| pin.away());
         faults
-            .map(|(place, _)| Fed::Fault { fault: Fault(place), on: true })
+            .map(|(place, _)| InputRecord::Fault { fault: Fault(place), on: true })
             .chain(pins.map(|(place, pin)| pin.told.fed(Pin(place))))
             .collect()
     }
@@ -281,9 +291,11 @@ impl Seated {
     }
 
     /// Time at which it began to send its last message on the port that `fed` comes to.
-    pub(crate) fn began(&self, fed: &Fed) -> Option<Instant> {
+    pub(crate) fn began(&self, fed: &InputRecord) -> Option<Instant> {
         match *fed {
-            Fed::Bytes { port, .. } | Fed::Spoiled { port } | Fed::Idle { port } => self.serial(port)?.began,
+            InputRecord::Bytes { port, .. } | InputRecord::RxError { port } | InputRecord::Idle { port } => {
+                self.serial(port)?.began
+            }
             _ => None,
         }
     }

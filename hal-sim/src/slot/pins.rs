@@ -2,12 +2,12 @@
 
 use drivetwin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
-use crate::record::trace::Fed;
-use crate::signals::pin_waveform::{Drives, level_of};
+use crate::record::trace::InputRecord;
+use crate::signals::pin_waveform::{PinOutput, level_of};
 
 /// Stimulus of a pin from outside.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Driving {
+pub enum PinStimulus {
     /// Pulled to ground.
     Low,
     /// Driven high.
@@ -22,13 +22,13 @@ pub enum Driving {
 pub(crate) struct PinState {
     spec: &'static PinSpec,
     /// Stimulus from outside.
-    pub(crate) hands: Driving,
+    pub(crate) hands: PinStimulus,
     /// Stimulus that has arrived.
-    held: Driving,
+    held: PinStimulus,
     /// Hands have been there.
     touched: bool,
     /// Stimulus by wires.
-    pub(crate) wired: Driving,
+    pub(crate) wired: PinStimulus,
     /// The wires that drive it, and those that it drives: places in the bench's list.
     pub(crate) driven_by: Vec<u32>,
     pub(crate) drives_wires: Vec<u32>,
@@ -39,7 +39,7 @@ pub(crate) struct PinState {
     /// Count of trains.
     pub(crate) trains: u32,
     /// Output of the device.
-    pub(super) drives: Drives,
+    pub(super) drives: PinOutput,
     /// Count of changes of that.
     pub(super) changes: u32,
 }
@@ -48,19 +48,19 @@ impl PinState {
     pub(super) fn new(spec: &'static PinSpec) -> Self {
         let mut pin = Self {
             spec,
-            hands: Driving::Open,
-            held: Driving::Open,
+            hands: PinStimulus::Open,
+            held: PinStimulus::Open,
             touched: false,
-            wired: Driving::Open,
+            wired: PinStimulus::Open,
             driven_by: Vec::new(),
             drives_wires: Vec::new(),
             told: Signal::Open,
             train: None,
             trains: 0,
-            drives: Drives::NOTHING,
+            drives: PinOutput::NOTHING,
             changes: 0,
         };
-        pin.told = pin.signal(Driving::Open);
+        pin.told = pin.signal(PinStimulus::Open);
         pin
     }
 
@@ -68,45 +68,45 @@ impl PinState {
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
         let used = self.spec.high_once_used && (wired || self.touched);
-        if used || self.spec.tells_open() && wired { Level::High } else { self.spec.rest }
+        if used || self.spec.reports_open() && wired { Level::High } else { self.spec.rest }
     }
 
     /// A stimulus of a pin arrives.
-    pub(crate) fn hold(&mut self, drive: Driving) {
+    pub(crate) fn hold(&mut self, drive: PinStimulus) {
         (self.held, self.touched) = (drive, true);
     }
 
     /// Signal that the device sees of what has arrived: a pin that is released from outside follows its wires.
     pub(crate) fn seen(&self) -> Signal {
-        self.signal(if self.held == Driving::Open { self.wired } else { self.held })
+        self.signal(if self.held == PinStimulus::Open { self.wired } else { self.held })
     }
 
     /// Signal that the device sees with that stimulus.
-    fn signal(&self, drive: Driving) -> Signal {
+    fn signal(&self, drive: PinStimulus) -> Signal {
         let rests_high = self.rest() == Level::High;
         if self.spec.role == Role::Analogue {
             return Signal::Millivolts(match drive {
-                Driving::Millivolts(mv) => mv,
-                Driving::High => LOGIC_HIGH_MV,
-                Driving::Open if rests_high => LOGIC_HIGH_MV,
-                Driving::Low | Driving::Open => 0,
+                PinStimulus::Millivolts(mv) => mv,
+                PinStimulus::High => LOGIC_HIGH_MV,
+                PinStimulus::Open if rests_high => LOGIC_HIGH_MV,
+                PinStimulus::Low | PinStimulus::Open => 0,
             });
         }
-        if let (Role::Mixed, Driving::Millivolts(mv)) = (self.spec.role, drive) {
+        if let (Role::AnalogueOrDigital, PinStimulus::Millivolts(mv)) = (self.spec.role, drive) {
             return Signal::Millivolts(mv);
         }
         Signal::Digital(match drive {
-            Driving::Low => false,
-            Driving::High => true,
-            Driving::Open if self.spec.tells_open() && !rests_high => return Signal::Open,
-            Driving::Open => rests_high,
-            Driving::Millivolts(mv) => mv > HIGH_MV,
+            PinStimulus::Low => false,
+            PinStimulus::High => true,
+            PinStimulus::Open if self.spec.reports_open() && !rests_high => return Signal::Open,
+            PinStimulus::Open => rests_high,
+            PinStimulus::Millivolts(mv) => mv > HIGH_MV,
         })
     }
 
     /// Stimulus that holds: from outside, else by wires.
-    fn outside(&self) -> Driving {
-        if self.hands == Driving::Open { self.wired } else { self.hands }
+    fn outside(&self) -> PinStimulus {
+        if self.hands == PinStimulus::Open { self.wired } else { self.hands }
     }
 
     /// Returns whether the device would see a high level now.
@@ -127,7 +127,7 @@ impl PinState {
     /// The pin as it is seen from outside.
     pub(super) fn level(&self, at: Instant) -> Level {
         match self.drives.level(at) {
-            Level::Float if self.outside() == Driving::Open => self.rest(),
+            Level::Float if self.outside() == PinStimulus::Open => self.rest(),
             Level::Float => level_of(self.is_high()),
             level => level,
         }
@@ -145,11 +145,11 @@ pub(crate) enum Signal {
 
 impl Signal {
     /// Input of the device for that signal.
-    pub(crate) fn fed(self, pin: Pin) -> Fed {
+    pub(crate) fn fed(self, pin: Pin) -> InputRecord {
         match self {
-            Self::Digital(high) => Fed::Edge { pin, high },
-            Self::Millivolts(mv) => Fed::Millivolts { pin, mv },
-            Self::Open => Fed::Open { pin },
+            Self::Digital(high) => InputRecord::Edge { pin, high },
+            Self::Millivolts(mv) => InputRecord::Millivolts { pin, mv },
+            Self::Open => InputRecord::Open { pin },
         }
     }
 }
@@ -184,7 +184,7 @@ pub(crate) struct PulseTrain {
     /// The level between pulses.
     pub(crate) rest: bool,
     /// Stimulus to which the pin returns.
-    pub(crate) before: Driving,
+    pub(crate) before: PinStimulus,
 }
 
 /// Motion of an encoder that is turned from outside.

@@ -1,6 +1,6 @@
 //! Ports of a device, and how they send.
 
-use drivetwin_firmware::device::{Duration, Ends, Instant, Line, PortSpec};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line, PortSpec};
 
 use super::tcp_port::Tcp;
 
@@ -49,7 +49,7 @@ pub(crate) struct PortState {
 
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
-        let serial = spec.line.map(|line| Serial::new(line, spec.ends == Ends::Silence));
+        let serial = spec.line.map(|line| Serial::new(line, spec.ends == Framing::Silence));
         let tcp = spec.is_tcp().then(|| Tcp::new(spec));
         Self { serial, tcp, statistics: Statistics::default() }
     }

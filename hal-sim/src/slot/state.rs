@@ -1,7 +1,7 @@
 //! State of a device on the bench: its memory, its power, and its outputs.
 
 use drivetwin_firmware::device::{
-    Axis, Instant, Level, Line, Link, Note, Output, Pin, Plan, Port, Sink, Spec, Why,
+    Axis, Context, DropReason, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, Spec,
 };
 
 use super::axis::AxisState;
@@ -9,23 +9,23 @@ use super::pins::{EncoderState, PinState};
 use super::serial_port::{PortState, Serial};
 use super::tcp_port::Tcp;
 use crate::record::trace::{Cut, Trace};
-use crate::rng::Dice;
-use crate::signals::pin_waveform::Drives;
+use crate::rng::Rng;
+use crate::signals::pin_waveform::PinOutput;
 
 /// Told each range of bytes as it is stored: where it begins, and the bytes.
-pub type Keep = Box<dyn FnMut(u16, &[u8])>;
+pub type PersistFn = Box<dyn FnMut(u16, &[u8])>;
 
 /// State of a device that outlives a call: memory, power and outputs.
-pub(crate) struct Body {
+pub(crate) struct SlotState {
     pub(super) seat: u32,
     pub(crate) memory: Vec<u8>,
-    keep: Option<Keep>,
+    keep: Option<PersistFn>,
     pub(crate) powered: bool,
     /// The next power cut, and whether it has come.
     cut: Option<Place>,
     pub(super) dead: bool,
     /// Random stream of the places where power fails.
-    dice: Dice,
+    dice: Rng,
     pub(crate) pins: Vec<PinState>,
     pub(super) axes: Vec<AxisState>,
     pub(super) encoders: Vec<EncoderState>,
@@ -60,23 +60,23 @@ pub(crate) struct Sent {
     /// Start of the first one.
     pub(crate) start: Instant,
     pub(crate) line: Line,
-    /// Number of characters; they are in [`Outbox::bytes`].
+    /// Number of characters; they are in [`Outputs::bytes`].
     pub(crate) count: usize,
 }
 
 /// A message of a device on a TCP connection.
-pub(crate) struct Said {
+pub(crate) struct TcpSend {
     pub(crate) seat: u32,
     pub(crate) port: Port,
     pub(crate) link: Link,
     /// The client.
     pub(crate) client: u32,
-    /// Number of bytes, which are in [`Outbox::messages`]; `None`: the device closes the connection.
+    /// Number of bytes, which are in [`Outputs::messages`]; `None`: the device closes the connection.
     pub(crate) count: Option<usize>,
 }
 
 /// Change of an output that has a wire.
-pub(crate) enum Moved {
+pub(crate) enum PinChange {
     /// A pin took a level then.
     Pin { pin: Pin, at: Instant, level: Level },
     /// A pin repeats from now on.
@@ -90,7 +90,7 @@ pub(crate) enum Moved {
 /// Of one instant it hears first how large the drive's steps are, which is what a plan is made of: a plan in steps of
 /// another size would make the shaft jump. The rest comes in the order in which the drive did it.
 #[derive(Clone, Debug)]
-pub(crate) enum Told {
+pub(crate) enum MotorCommand {
     Plan(Plan),
     /// From the next plan on, and for what is left of the present one.
     Microsteps(u16),
@@ -103,20 +103,20 @@ pub(crate) enum Told {
 
 /// Outputs of a device in one call.
 #[derive(Default)]
-pub(crate) struct Outbox {
+pub(crate) struct Outputs {
     /// Commands to its motors: the device, its axis, the time.
-    pub(crate) told: Vec<(u32, Axis, Instant, Told)>,
+    pub(crate) told: Vec<(u32, Axis, Instant, MotorCommand)>,
     pub(crate) sent: Vec<Sent>,
     /// All characters, one message behind the other.
     pub(crate) bytes: Vec<u8>,
-    pub(crate) said: Vec<Said>,
+    pub(crate) said: Vec<TcpSend>,
     /// All that it says, one message behind the other.
     pub(crate) messages: Vec<u8>,
     /// And whose output it was.
-    pub(crate) moved: Vec<(u32, Moved)>,
+    pub(crate) moved: Vec<(u32, PinChange)>,
 }
 
-impl Outbox {
+impl Outputs {
     pub(crate) fn is_empty(&self) -> bool {
         self.sent.is_empty() && self.said.is_empty() && self.moved.is_empty()
     }
@@ -133,20 +133,20 @@ impl Outbox {
 }
 
 /// Destination of a device's outputs, beside its body.
-pub(crate) struct Tape<'a> {
+pub(crate) struct CallContext<'a> {
     pub(crate) trace: &'a mut Trace,
-    pub(crate) outbox: &'a mut Outbox,
+    pub(crate) outbox: &'a mut Outputs,
     /// True if characters take no time.
     pub(crate) fast: bool,
 }
 
 /// The sink of one call of a device.
-pub(super) struct Hand<'a, 'b> {
-    pub(super) body: &'a mut Body,
-    pub(super) tape: &'a mut Tape<'b>,
+pub(super) struct SlotContext<'a, 'b> {
+    pub(super) body: &'a mut SlotState,
+    pub(super) tape: &'a mut CallContext<'b>,
 }
 
-impl Sink for Hand<'_, '_> {
+impl Context for SlotContext<'_, '_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         if self.body.dead {
             return;
@@ -168,7 +168,7 @@ impl Sink for Hand<'_, '_> {
     }
 }
 
-impl Body {
+impl SlotState {
     /// State of a device without power, with that name.
     pub(super) fn new(
         seat: u32,
@@ -176,7 +176,7 @@ impl Body {
         spec: &'static Spec,
         seed: u64,
         memory: Option<Vec<u8>>,
-        keep: Option<Keep>,
+        keep: Option<PersistFn>,
     ) -> Self {
         let mut memory = memory.unwrap_or_default();
         memory.resize(usize::from(spec.memory), 0xFF);
@@ -187,7 +187,7 @@ impl Body {
             powered: false,
             cut: None,
             dead: false,
-            dice: Dice::new(seed, &format!("power cuts of {name}")),
+            dice: Rng::new(seed, &format!("power cuts of {name}")),
             pins: spec.pins.iter().map(PinState::new).collect(),
             axes: spec.axes.iter().map(|axis| AxisState::new(axis, spec.pins)).collect(),
             encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
@@ -234,7 +234,7 @@ impl Body {
     }
 
     /// Does anything but a store.
-    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut Tape<'_>) {
+    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut CallContext<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
                 let Some(serial) = self.serial(port) else { return };
@@ -247,75 +247,80 @@ impl Body {
                     serial.change(at, line);
                 }
             }
-            Output::Level { pin, level } => self.drive(pin, at, Drives::Level(level), tape.outbox),
+            Output::Level { pin, level } => self.drive(pin, at, PinOutput::Level(level), tape.outbox),
             Output::Wave { pin, period, high } => {
-                self.drive(pin, at, Drives::Wave { since: at, period, high }, tape.outbox);
+                self.drive(pin, at, PinOutput::Wave { since: at, period, high }, tape.outbox);
             }
             Output::Plan { axis, plan } => {
                 self.take_back(axis, at, tape.outbox);
                 self.shape(axis, at, tape.outbox, |axis| axis.follow(at, plan));
-                self.tell(axis, at, tape.outbox, || Told::Plan(*plan));
+                self.tell(axis, at, tape.outbox, || MotorCommand::Plan(*plan));
             }
             Output::Step { axis, steps } => {
                 self.shape(axis, at, tape.outbox, |axis| axis.step(at, steps));
-                self.tell(axis, at, tape.outbox, || Told::Steps(steps));
+                self.tell(axis, at, tape.outbox, || MotorCommand::Steps(steps));
             }
-            Output::Current { axis, ma } => {
+            Output::CurrentLimit { axis, ma } => {
                 if let Some(axis) = self.axis(axis) {
                     (axis.current_ma, axis.tells_current) = (ma, true);
                 }
-                self.tell(axis, at, tape.outbox, || Told::Current(ma));
+                self.tell(axis, at, tape.outbox, || MotorCommand::Current(ma));
             }
             Output::Duty { axis, duty } => {
                 if let Some(axis) = self.axis(axis) {
                     axis.duty = duty;
                 }
-                self.tell(axis, at, tape.outbox, || Told::Duty(duty));
+                self.tell(axis, at, tape.outbox, || MotorCommand::Duty(duty));
             }
-            Output::Note(note) => self.count(note),
+            Output::Log(note) => self.count(note),
             Output::Message { port, link, bytes } => self.say(port, link, Some(bytes), tape.outbox),
             Output::Close { port, link } => self.say(port, link, None, tape.outbox),
             // A store has its own way, and no motor has a seat.
-            Output::Store { .. } | Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
+            Output::Store { .. }
+            | Output::MotorCurrent { .. }
+            | Output::Motor { .. }
+            | Output::Rotation { .. } => {}
         }
     }
 
     /// Says something on a TCP connection, or closes it (`None`), if somebody is there.
-    fn say(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outbox: &mut Outbox) {
+    fn say(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outbox: &mut Outputs) {
         let seat = self.seat;
         let Some(tcp) = self.tcp(port) else { return };
         let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
         let Some(client) = client else { return };
-        outbox.said.push(Said { seat, port, link, client, count: bytes.map(<[u8]>::len) });
+        outbox.said.push(TcpSend { seat, port, link, client, count: bytes.map(<[u8]>::len) });
         outbox.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
     /// The motor of an axis, if it has one, is to hear of it.
-    fn tell(&self, axis: Axis, at: Instant, outbox: &mut Outbox, told: impl FnOnce() -> Told) {
+    fn tell(&self, axis: Axis, at: Instant, outbox: &mut Outputs, told: impl FnOnce() -> MotorCommand) {
         if self.axes.get(usize::from(axis.0)).is_some_and(|axis| axis.turns_motor) {
             outbox.told.push((self.seat, axis, at, told()));
         }
     }
 
-    fn count(&mut self, note: Note) {
-        let (Note::Request { port, .. } | Note::Refused { port, .. } | Note::Dropped { port, .. }) = note;
+    fn count(&mut self, note: LogEvent) {
+        let (LogEvent::Request { port, .. }
+        | LogEvent::Refused { port, .. }
+        | LogEvent::Dropped { port, .. }) = note;
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
         let statistics = &mut port.statistics;
         *match note {
-            Note::Request { .. } => &mut statistics.requests,
-            Note::Refused { .. } => &mut statistics.refused,
-            Note::Dropped { why, .. } => match why {
-                Why::Crc => &mut statistics.crc,
-                Why::Gap => &mut statistics.gap,
-                Why::Length => &mut statistics.length,
-                Why::Spoiled => &mut statistics.spoiled,
-                Why::Address => &mut statistics.foreign,
-                Why::Starting => &mut statistics.starting,
+            LogEvent::Request { .. } => &mut statistics.requests,
+            LogEvent::Refused { .. } => &mut statistics.refused,
+            LogEvent::Dropped { why, .. } => match why {
+                DropReason::Crc => &mut statistics.crc,
+                DropReason::Gap => &mut statistics.gap,
+                DropReason::Length => &mut statistics.length,
+                DropReason::RxError => &mut statistics.spoiled,
+                DropReason::Address => &mut statistics.foreign,
+                DropReason::Starting => &mut statistics.starting,
             },
         } += 1;
     }
 
-    fn drive(&mut self, pin: Pin, at: Instant, drives: Drives, outbox: &mut Outbox) {
+    fn drive(&mut self, pin: Pin, at: Instant, drives: PinOutput, outbox: &mut Outputs) {
         let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
         state.drives = drives;
         state.changes = state.changes.wrapping_add(1);
@@ -323,15 +328,15 @@ impl Body {
         let reaches_wires = self.lend(pin, at, outbox);
         if is_wired && reaches_wires {
             let moved = match drives {
-                Drives::Level(level) => Moved::Pin { pin, at, level },
-                Drives::Wave { .. } => Moved::Wave { pin },
+                PinOutput::Level(level) => PinChange::Pin { pin, at, level },
+                PinOutput::Wave { .. } => PinChange::Wave { pin },
             };
             outbox.moved.push((self.seat, moved));
         }
     }
 
     /// An axis leaves a pin to the device, if it can; where pulses have pins of their own, they stay there.
-    fn lend(&mut self, pin: Pin, at: Instant, outbox: &mut Outbox) -> bool {
+    fn lend(&mut self, pin: Pin, at: Instant, outbox: &mut Outputs) -> bool {
         for axis in (0..self.axes.len() as u8).map(Axis) {
             let Some(output) = self.axis(axis).and_then(|axis| axis.output(pin)) else { continue };
             self.shape(axis, at, outbox, |_| {});
@@ -341,30 +346,36 @@ impl Body {
     }
 
     /// An axis takes its pins from the device, and they are low.
-    fn take_back(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox) {
+    fn take_back(&mut self, axis: Axis, at: Instant, outbox: &mut Outputs) {
         let Some(state) = self.axes.get(usize::from(axis.0)) else { return };
         for pin in state.lent() {
             let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { continue };
-            state.drives = Drives::NOTHING;
+            state.drives = PinOutput::NOTHING;
             state.changes = state.changes.wrapping_add(1);
-            outbox.moved.push((self.seat, Moved::Pin { pin, at, level: Level::Low }));
+            outbox.moved.push((self.seat, PinChange::Pin { pin, at, level: Level::Low }));
         }
     }
 
     /// Changes an axis; if its pulses are wired, edges up to then come first.
-    fn shape(&mut self, axis: Axis, at: Instant, outbox: &mut Outbox, happens: impl FnOnce(&mut AxisState)) {
+    fn shape(
+        &mut self,
+        axis: Axis,
+        at: Instant,
+        outbox: &mut Outputs,
+        gen_bool: impl FnOnce(&mut AxisState),
+    ) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {
             while let Some((pin, at, level)) = state.take(at) {
-                outbox.moved.extend(level.map(|level| (self.seat, Moved::Pin { pin, at, level })));
+                outbox.moved.extend(level.map(|level| (self.seat, PinChange::Pin { pin, at, level })));
             }
         };
         moves(state);
-        happens(state);
+        gen_bool(state);
         // Without power the outputs fall at once.
         moves(state);
         if state.shaper.is_some() {
-            outbox.moved.push((self.seat, Moved::Axis { axis }));
+            outbox.moved.push((self.seat, PinChange::Axis { axis }));
         }
     }
 
@@ -392,10 +403,10 @@ impl Body {
         }
     }
 
-    pub(super) fn power_off(&mut self, at: Instant, outbox: &mut Outbox) {
+    pub(super) fn power_off(&mut self, at: Instant, outbox: &mut Outputs) {
         (self.powered, self.dead) = (false, false);
         for pin in (0..self.pins.len() as u8).map(Pin) {
-            self.drive(pin, at, Drives::NOTHING, outbox);
+            self.drive(pin, at, PinOutput::NOTHING, outbox);
         }
         for axis in (0..self.axes.len() as u8).map(Axis) {
             self.shape(axis, at, outbox, |axis| axis.power_off(at));

@@ -1,16 +1,16 @@
 //! Pulses on pins that serve other purposes, too.
 
-use drivetwin_firmware::device::{AxisSpec, Input, Output, PinSpec, Plan, Role, Sink};
-use drivetwin_firmware::motion::Rates;
+use drivetwin_firmware::device::{AxisSpec, Context, Input, Output, PinSpec, Plan, Role};
+use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::registers::Register;
 use drivetwin_protocol::time::Span;
 use fixed::types::I24F8;
 use proptest::prelude::*;
 
 use super::*;
-use crate::bench::{Bench, PowerAction, Seat, Settings};
+use crate::bench::{Bench, DriveId, PowerAction, Settings};
 use crate::export::vcd;
-use crate::record::trace::{Event, TraceKeep};
+use crate::record::trace::{Event, Retention};
 use crate::signals::pulses::Pulse;
 
 drivetwin_protocol::registers! {
@@ -33,7 +33,7 @@ static SPEC: Spec = Spec {
     pins: &[PinSpec::new("STEP", Role::Both, Level::High), PinSpec::new("DIR", Role::Both, Level::High)],
     axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
     registers: Reg::TABLE,
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 #[derive(Default)]
@@ -46,11 +46,11 @@ impl Device for Lender {
         &SPEC
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {
         self.edges = 0;
     }
 
-    fn input(&mut self, _at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+    fn input(&mut self, _at: Instant, input: Input<'_>, _out: &mut dyn Context) {
         self.edges += i64::from(matches!(input, Input::Edge { .. }));
     }
 
@@ -58,13 +58,19 @@ impl Device for Lender {
         Instant::NEVER
     }
 
-    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Context) {}
 
     fn peek(&self, _at: Instant, _row: usize) -> i64 {
         self.edges
     }
 
-    fn poke(&mut self, at: Instant, _row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        _row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         let pin = if matches!(value, 3..=5 | 10) { DIR } else { STEP };
         let steps = match value {
             7 => 2,
@@ -77,7 +83,7 @@ impl Device for Lender {
                 let ramp = Plan::rest(at - 1.millis(), 0);
                 ramp.towards(at - 1.millis(), I24F8::from_num(200_000), i32::MAX as u32).resumed(at, 0)
             }
-            _ => Plan::profile(at, 0, steps, Rates::even(1_000_u16.into(), 200)),
+            _ => Plan::profile(at, 0, steps, Limits::even(1_000_u16.into(), 200)),
         };
         out.put(
             at,
@@ -96,13 +102,13 @@ impl Device for Lender {
 /// A bench with a lender on it that has power, and one that listens to it.
 struct Fixture {
     bench: Bench,
-    lender: Seat,
-    ear: Seat,
+    lender: DriveId,
+    ear: DriveId,
 }
 
 impl Fixture {
     fn new(wired: bool) -> Self {
-        let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+        let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
         let (lender, ear) = (bench.add::<Lender>("lender"), bench.add::<Lender>("ear"));
         bench.run_until(1.millis());
         let mut fixture = Self { bench, lender, ear };
@@ -124,7 +130,7 @@ impl Fixture {
         self.bench.poke(self.lender, 0, what.into()).unwrap();
     }
 
-    fn levels(&self, seat: Seat) -> [Level; 2] {
+    fn levels(&self, seat: DriveId) -> [Level; 2] {
         [STEP, DIR].map(|pin| self.bench.level(seat, pin))
     }
 
@@ -136,7 +142,7 @@ impl Fixture {
         let edges = self.bench.trace().events().filter(|entry| entry.drive == ear);
         edges
             .filter_map(|entry| match entry.event {
-                Event::Fed(Fed::Edge { pin, high }) => {
+                Event::Input(InputRecord::Edge { pin, high }) => {
                     let name = if pin == STEP { 'S' } else { 'D' };
                     let micros = (entry.at.ticks() - 1) as f64 / 16.0;
                     Some(format!("{name}{} {micros}", if high { '+' } else { '-' }))

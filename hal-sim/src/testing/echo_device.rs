@@ -2,7 +2,8 @@
 //! does the same with characters, except some.
 
 use drivetwin_firmware::device::{
-    Boot, Device, Duration, Ends, Input, Instant, Link, Note, Output, Port, PortSpec, Refused, Sink, Spec,
+    Boot, Context, Device, Duration, Framing, Input, Instant, Link, LogEvent, Output, Port, PortSpec,
+    PresetError, Spec,
 };
 
 static SPEC: Spec = Spec {
@@ -10,10 +11,10 @@ static SPEC: Spec = Spec {
     product: "an echo",
     manual: "this file",
     ports: &[
-        PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
-        PortSpec { name: "mcode", ends: Ends::Return, line: None },
+        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
+        PortSpec { name: "mcode", ends: Framing::Return, line: None },
     ],
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// The Modbus/TCP port.
@@ -35,10 +36,11 @@ pub struct Echo {
 }
 
 impl Echo {
-    fn answer(&mut self, at: Instant, link: Link, text: &[u8], out: &mut dyn Sink) {
+    fn answer(&mut self, at: Instant, link: Link, text: &[u8], out: &mut dyn Context) {
         for byte in text {
-            let say =
-                |bytes: &[u8], out: &mut dyn Sink| out.put(at, Output::Message { port: MCODE, link, bytes });
+            let say = |bytes: &[u8], out: &mut dyn Context| {
+                out.put(at, Output::Message { port: MCODE, link, bytes })
+            };
             match byte {
                 b'x' => out.put(at, Output::Close { port: MCODE, link }),
                 b'f' => say(&vec![b'.'; 1 << 20], out),
@@ -54,11 +56,11 @@ impl Device for Echo {
         &SPEC
     }
 
-    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, _boot: Boot, _out: &mut dyn Context) {
         self.due = self.ring.map(|ring| (at + ring, Link(0)));
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Opened { port: MCODE, link } if link.0 >= MOST => {
                 out.put(at, Output::Close { port: MCODE, link });
@@ -69,7 +71,7 @@ impl Device for Echo {
             Input::Message { port: MODBUS, link, bytes } => {
                 out.put(at, Output::Message { port: MODBUS, link, bytes });
                 let &[unit, function, ..] = bytes.get(6..).unwrap_or_default() else { return };
-                out.put(at, Output::Note(Note::Request { port: MODBUS, unit, function }));
+                out.put(at, Output::Log(LogEvent::Request { port: MODBUS, unit, function }));
             }
             Input::Message { link, bytes, .. } => self.answer(at, link, bytes, out),
             Input::Closed { port: MCODE, link } => self.due = self.due.filter(|(_, to)| *to != link),
@@ -81,7 +83,7 @@ impl Device for Echo {
         self.due.map_or(Instant::NEVER, |(due, _)| due)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let Some((due, link)) = self.due.filter(|(due, _)| *due <= at) else { return };
         out.put(at, Output::Message { port: MCODE, link, bytes: b"T" });
         self.due = Some((due + self.ring.unwrap_or(Duration::secs(1)), link));
@@ -91,7 +93,7 @@ impl Device for Echo {
         0
     }
 
-    fn poke(&mut self, _: Instant, _row: usize, _: i64, _: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::NoSuchRegister)
+    fn poke(&mut self, _: Instant, _row: usize, _: i64, _: &mut dyn Context) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
     }
 }

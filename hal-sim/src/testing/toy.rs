@@ -2,8 +2,8 @@
 //! their time, a stream, a save of two stores, waves, steps, analogue inputs.
 
 use drivetwin_firmware::device::{
-    Axis, AxisSpec, Boot, Device, Duration, Ends, Fault, Input, Instant, Level, Line, Output, Pin, PinSpec,
-    Port, PortSpec, Refused, Role, Sink, Spec,
+    Axis, AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Line, Output,
+    Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
 };
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::registers::Register;
@@ -25,8 +25,12 @@ static SPEC: Spec = Spec {
     product: "a toy",
     manual: "this file",
     ports: &[
-        PortSpec { name: "usb", ends: Ends::Character, line: Some(Line::new(115_200, 8, Parity::None, 1)) },
-        PortSpec { name: "net", ends: Ends::Return, line: None },
+        PortSpec {
+            name: "usb",
+            ends: Framing::Character,
+            line: Some(Line::new(115_200, 8, Parity::None, 1)),
+        },
+        PortSpec { name: "net", ends: Framing::Return, line: None },
     ],
     pins: &[
         PinSpec::new("IN", Role::Input, Level::High),
@@ -38,7 +42,7 @@ static SPEC: Spec = Spec {
     faults: &["stall"],
     memory: 10,
     registers: Reg::TABLE,
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 
 /// The digital input.
@@ -80,12 +84,12 @@ impl Device for Toy {
         &SPEC
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         *self = Self { letter: b'a' + (boot.seed % 26) as u8, started: Some(at), ..Self::default() };
         out.put(at, Output::Wave { pin: LED, period: Duration::millis(4), high: Duration::millis(1) });
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Bytes { bytes: &[byte], .. } => match byte {
                 b'r' => out.put(at, Output::Bytes { port: USB, bytes: &[self.letter, self.volume, b'\n'] }),
@@ -104,7 +108,7 @@ impl Device for Toy {
             Input::Millivolts { mv, .. } => out.put(at, Output::Duty { axis: MOTOR, duty: mv }),
             Input::Fault { on, .. } => {
                 self.stalled = on;
-                out.put(at, Output::Current { axis: MOTOR, ma: u32::from(on) });
+                out.put(at, Output::CurrentLimit { axis: MOTOR, ma: u32::from(on) });
             }
             _ => {}
         }
@@ -115,7 +119,7 @@ impl Device for Toy {
         deadlines.into_iter().flatten().min().unwrap_or(Instant::NEVER)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.started.take_if(|due| *due <= at).is_some() {
             out.put(at, Output::Level { pin: OUT, level: Level::High });
         }
@@ -133,16 +137,22 @@ impl Device for Toy {
         if row == Reg::Volume as usize { i64::from(self.volume) } else { 0 }
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
-        let value = u8::try_from(value).map_err(|_| Refused::OutOfRange)?;
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let value = u8::try_from(value).map_err(|_| PresetError::OutOfRange)?;
         match Reg::from_row(row) {
-            Some(Reg::Volume) if value == 7 => return Err(Refused::OutOfRange),
+            Some(Reg::Volume) if value == 7 => return Err(PresetError::OutOfRange),
             Some(Reg::Volume) => {
                 self.volume = value;
                 out.put(at, Output::Level { pin: OUT, level: Level::Low });
             }
             Some(Reg::Number) => out.put(at, Output::Store { offset: 0, bytes: &[value] }),
-            None => return Err(Refused::NoSuchRegister),
+            None => return Err(PresetError::NoSuchRegister),
         }
         Ok(())
     }

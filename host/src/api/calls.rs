@@ -3,12 +3,12 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, Refused, Role};
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, PresetError, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Driving, Seat};
+use drivetwin_sim::bench::{DriveId, PinStimulus};
 use drivetwin_sim::config::layout::no_line;
 use drivetwin_sim::config::preset::{self, Preset};
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::faults::LineFaults;
 use tokio::sync::oneshot;
 
@@ -144,7 +144,7 @@ pub(super) async fn preset(
             return Err(Problem::conflict(format!("{name} has no power")));
         }
         let value = preset.onto(spec, event_loop.bench.peek(seat, preset.row));
-        event_loop.bench.poke(seat, preset.row, value).map_err(|refused: Refused| {
+        event_loop.bench.poke(seat, preset.row, value).map_err(|refused: PresetError| {
             Problem::refused(preset::refusal(spec, preset.row, &register, refused))
         })?;
         event_loop.settle();
@@ -236,7 +236,7 @@ pub(super) async fn disturb(
             let port = bench.spec(seat).ports.get(usize::from(port.0));
             port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
         }
-        bench.disturb(bus, faults);
+        bench.set_line_faults(bus, faults);
         event_loop.settle();
         Ok(StatusCode::NO_CONTENT)
     })
@@ -248,7 +248,8 @@ pub(super) async fn disturb(
     (status = 200, body = Time),
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
-    let pace: Pace = mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
+    let pace: TimeMode =
+        mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
     api.call(move |event_loop| event_loop.set_pace(pace)).await?;
     Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
@@ -273,7 +274,7 @@ pub(super) async fn advance(
     };
     let (done, there) = oneshot::channel();
     let begun = api.call(move |event_loop| {
-        if event_loop.pace() != Pace::Manual {
+        if event_loop.pace() != TimeMode::Manual {
             return Err(Problem::conflict(
                 "time runs by itself; PUT {\"mode\":\"manual\"} to /api/time first",
             ));
@@ -287,15 +288,15 @@ pub(super) async fn advance(
 }
 
 /// The drive of that name.
-fn seat(event_loop: &EventLoop, name: &str) -> Result<Seat, Problem> {
+fn seat(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
     let bench = &event_loop.bench;
-    bench.seat_named(name).ok_or_else(|| {
-        Problem::not_found(suggest::unknown("drive", name, bench.seats().map(|seat| bench.name(seat))))
+    bench.find_drive(name).ok_or_else(|| {
+        Problem::not_found(suggest::unknown("drive", name, bench.drives().map(|seat| bench.name(seat))))
     })
 }
 
 /// The pin of that name, which must be one that can be driven from outside.
-fn input(event_loop: &EventLoop, seat: Seat, name: &str) -> Result<Pin, Problem> {
+fn input(event_loop: &EventLoop, seat: DriveId, name: &str) -> Result<Pin, Problem> {
     let spec = event_loop.bench.spec(seat);
     let pin = spec.pin(name).ok_or_else(|| {
         Problem::not_found(suggest::unknown("pin", name, spec.pin_names().map(|(name, _)| name)))
@@ -306,38 +307,38 @@ fn input(event_loop: &EventLoop, seat: Seat, name: &str) -> Result<Pin, Problem>
     }
 }
 
-fn role(event_loop: &EventLoop, seat: Seat, pin: Pin) -> Option<Role> {
+fn role(event_loop: &EventLoop, seat: DriveId, pin: Pin) -> Option<Role> {
     pin_spec(event_loop, seat, pin).map(|pin| pin.role)
 }
 
-fn pin_spec(event_loop: &EventLoop, seat: Seat, pin: Pin) -> Option<&'static PinSpec> {
+fn pin_spec(event_loop: &EventLoop, seat: DriveId, pin: Pin) -> Option<&'static PinSpec> {
     event_loop.bench.spec(seat).pins.get(usize::from(pin.0))
 }
 
 /// Converts the level that a call asks for into what drives the pin.
-fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<Driving, Problem> {
+fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<PinStimulus, Problem> {
     let (role, shunt_ohm) = pin.map_or((None, 0), |pin| (Some(pin.role), pin.shunt_ohm));
     let levels = role != Some(Role::Analogue);
-    let voltages = matches!(role, Some(Role::Analogue | Role::Mixed));
+    let voltages = matches!(role, Some(Role::Analogue | Role::AnalogueOrDigital));
     match *wanted {
-        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(Driving::Open),
+        PinLevel { level: Some(Driven::Open), volts: None, milliamps: None } => Ok(PinStimulus::Open),
         PinLevel { level: Some(level), volts: None, milliamps: None } if levels => Ok(match level {
-            Driven::Low => Driving::Low,
-            Driven::High => Driving::High,
-            Driven::Open => Driving::Open,
+            Driven::Low => PinStimulus::Low,
+            Driven::High => PinStimulus::High,
+            Driven::Open => PinStimulus::Open,
         }),
         PinLevel { level: None, volts: Some(volts), milliamps: None } if voltages => {
             if !(-1_000.0..=1_000.0).contains(&volts) {
                 return Err(Problem::refused("volts are -1000 to 1000"));
             }
-            Ok(Driving::Millivolts((volts * 1_000.0).round() as i32))
+            Ok(PinStimulus::Millivolts((volts * 1_000.0).round() as i32))
         }
         PinLevel { level: None, volts: None, milliamps: Some(milliamps) } if shunt_ohm > 0 => {
             if !(-1_000.0..=1_000.0).contains(&milliamps) {
                 return Err(Problem::refused("milliamps are -1000 to 1000"));
             }
             // The device is told the voltage across its shunt.
-            Ok(Driving::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
+            Ok(PinStimulus::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
         }
         PinLevel { level: None, volts: None, milliamps: Some(_) } => {
             Err(Problem::refused("this pin takes no current"))

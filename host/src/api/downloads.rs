@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use drivetwin_sim::bench::Bench;
 use drivetwin_sim::export::pcapng;
 use drivetwin_sim::export::vcd;
-use drivetwin_sim::record::trace::{Trace, TraceKeep};
+use drivetwin_sim::record::trace::{Retention, Trace};
 use futures_util::stream;
 use serde::Deserialize;
 use tokio::runtime::Handle;
@@ -29,7 +29,7 @@ const PIECE: usize = 4_096;
 
 /// Bytes of the trace that are copied at most: all that the ring holds, and of a trace that keeps everything the
 /// end, since there is no bound to it.
-const RECENT: usize = TraceKeep::RING;
+const RECENT: usize = Retention::RING;
 
 /// Bytes that are sent at once, and how many such pieces may wait for the reader.
 const CHUNK: usize = 64 << 10;

@@ -143,8 +143,8 @@ impl Reader {
         }
         self.ready.extend(piece.entries.iter().filter_map(|(id, entry)| {
             let kind = match entry.event {
-                trace::Event::Fed(_) => "fed",
-                trace::Event::Did(_) => "did",
+                trace::Event::Input(_) => "fed",
+                trace::Event::Output(_) => "did",
             };
             let drive = self.outline.drives.get(entry.drive)?.name.clone();
             let words = self.outline.words(entry);

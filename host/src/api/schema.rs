@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{self, Outlet, PowerAction, Seat};
+use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction};
 use drivetwin_sim::line::faults::{LONGEST_DELAY, LineFaults};
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
@@ -349,8 +349,8 @@ pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
 impl Bench {
     pub(super) fn of(event_loop: &EventLoop, places: &Places) -> Self {
         let bench = &event_loop.bench;
-        let name = |seat: Seat| bench.name(seat).to_owned();
-        let drives = bench.seats().map(|seat| Seated {
+        let name = |seat: DriveId| bench.name(seat).to_owned();
+        let drives = bench.drives().map(|seat| Seated {
             name: name(seat),
             kind: bench.spec(seat).kind,
             powered: bench.powered(seat),
@@ -372,7 +372,7 @@ impl Bus {
             line: bench.line(bus).to_string(),
             drives: bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat).to_owned()).collect(),
             listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
-            faults: bench.disturbed(bus).into(),
+            faults: bench.line_faults(bus).into(),
         };
         bench.buses().into_iter().map(bus).collect()
     }
@@ -380,7 +380,7 @@ impl Bus {
 
 impl Motor {
     fn of(bench: &bench::Bench, motor: bench::Motor) -> Self {
-        let bench::Turn { revolutions, rpm, stalled, ma } = bench.turn(motor);
+        let bench::ShaftState { revolutions, rpm, stalled, ma } = bench.turn(motor);
         let (drive, _) = bench.turned_by(motor);
         Self {
             name: bench.motor_name(motor).to_owned(),
@@ -455,7 +455,7 @@ impl Time {
 }
 
 impl Drive {
-    pub(super) fn of(bench: &bench::Bench, seat: Seat, places: &Places) -> Self {
+    pub(super) fn of(bench: &bench::Bench, seat: DriveId, places: &Places) -> Self {
         let spec = bench.spec(seat);
         let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
         let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
@@ -500,7 +500,7 @@ impl Motion {
 }
 
 impl Seen {
-    fn of(bench: &bench::Bench, seat: Seat, port: Port, places: &Places) -> Self {
+    fn of(bench: &bench::Bench, seat: DriveId, port: Port, places: &Places) -> Self {
         let seen = bench.statistics(seat, port);
         match bench.outlet(seat, port) {
             Outlet::Line(bus) => Self::Serial(Statistics::of(bench.line(bus).to_string(), seen)),

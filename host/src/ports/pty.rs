@@ -23,7 +23,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::Line;
-use drivetwin_protocol::modbus::{Burst, Voices, ascii, rtu};
+use drivetwin_protocol::modbus::{Expect, Scan, ascii, rtu};
 use drivetwin_sim::bench::{Bench, Bus, Client};
 use drivetwin_sim::line::Sender;
 use rustix::event::epoll::EventFlags;
@@ -430,7 +430,7 @@ fn last_message(line: Line, bytes: &[u8]) -> usize {
         return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);
     }
     let is_message = |from: &usize| match bytes.get(*from..) {
-        Some(rest) => rtu::front(rest, Voices::Master) == Burst::Frame(rest.len()),
+        Some(rest) => rtu::scan(rest, Expect::Requests) == Scan::Complete(rest.len()),
         None => false,
     };
     (0..bytes.len()).find(is_message).unwrap_or(0)

@@ -95,7 +95,7 @@ impl Serial {
         set(&fd, &self.path, self.line, OptionalActions::Now);
         self.fd = Some(fd);
         let client = bench.connect(self.bus);
-        bench.let_pace_itself(client);
+        bench.set_self_paced(client);
         bench.attach(self.bus, true);
         self.client = Some(client);
     }

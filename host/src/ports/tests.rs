@@ -8,8 +8,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use drivetwin_firmware::device::{Instant, Port};
-use drivetwin_sim::bench::{Bench, Outlet, PowerAction, Seat, Statistics};
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::bench::{Bench, DriveId, Outlet, PowerAction, Statistics};
+use drivetwin_sim::config::time_mode::TimeMode;
 
 use super::{Ports, bind};
 use crate::event_loop::{BenchHandle, EventLoop, handle};
@@ -21,14 +21,14 @@ const LONG: Duration = Duration::from_secs(20);
 /// An echo that runs on a thread of its own.
 struct Running {
     addresses: [SocketAddr; 2],
-    seat: Seat,
+    seat: DriveId,
     door: BenchHandle,
     stop: UnixStream,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Running {
-    fn start(pace: Pace) -> Self {
+    fn start(pace: TimeMode) -> Self {
         let (stop, stopped) = UnixStream::pair().unwrap();
         let (ready, told) = mpsc::channel();
         let thread = std::thread::spawn(move || {
@@ -63,7 +63,7 @@ impl Running {
     }
 
     /// Does something with the bench.
-    fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, Seat) -> T + Send + 'static) -> T {
+    fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, DriveId) -> T + Send + 'static) -> T {
         let (done, result) = mpsc::channel();
         let seat = self.seat;
         let caller = std::sync::Arc::new(());
@@ -128,7 +128,7 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 
 #[test]
 fn requests_are_answered_however_they_come() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let mut stream = running.connect(MODBUS);
     let asked: Vec<u8> = (0..200).flat_map(adu).collect();
     stream.write_all(&asked).unwrap();
@@ -146,7 +146,7 @@ fn requests_are_answered_however_they_come() {
 
 #[test]
 fn a_browser_reaches_no_drive() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     for port in [MODBUS, MCODE] {
         for pieces in [1, 7] {
             let mut stream = if port == MCODE { running.greeted() } else { running.connect(port) };
@@ -170,7 +170,7 @@ fn a_browser_reaches_no_drive() {
 
 #[test]
 fn who_sends_slowly_costs_nobody_anything() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let (mut slow, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
     slow.write_all(&adu(1)[..11]).unwrap();
     for transaction in 0..100 {
@@ -182,7 +182,7 @@ fn who_sends_slowly_costs_nobody_anything() {
 
 #[test]
 fn a_wrong_header_is_the_end_of_one_connection() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let (mut stream, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
     exchange(&mut other, 1);
     let request = b"GET / HTTP/1.1\r\n\r\n";
@@ -195,7 +195,7 @@ fn a_wrong_header_is_the_end_of_one_connection() {
 
 #[test]
 fn the_65th_is_closed_at_once_and_the_others_are_served() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let mut streams: Vec<TcpStream> = (0..64).map(|_| running.connect(MODBUS)).collect();
     for (transaction, stream) in (0..).zip(&mut streams) {
         exchange(stream, transaction);
@@ -214,7 +214,7 @@ fn the_65th_is_closed_at_once_and_the_others_are_served() {
 
 #[test]
 fn a_drive_closes_when_all_is_read_that_it_said() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let mut stream = running.greeted();
     stream.write_all(b"fabx").unwrap();
     let came = rest(&mut stream);
@@ -224,7 +224,7 @@ fn a_drive_closes_when_all_is_read_that_it_said() {
 
 #[test]
 fn a_drive_without_power_lets_nobody_in() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let mut stream = running.connect(MODBUS);
     exchange(&mut stream, 1);
     running.call(|bench, seat| bench.power(seat, PowerAction::Off));
@@ -240,7 +240,7 @@ fn a_drive_without_power_lets_nobody_in() {
 
 #[test]
 fn who_has_said_all_gets_what_is_due_and_then_the_end() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let mut stream = running.connect(MODBUS);
     let asked: Vec<u8> = (0..100).flat_map(adu).collect();
     stream.write_all(&asked).unwrap();
@@ -257,7 +257,7 @@ fn who_does_not_read_is_not_read() {
     const MESSAGES: usize = 250_000;
     let mut longest = [0xA5; 260];
     longest[..6].copy_from_slice(&[0, 5, 0, 0, 0, 254]);
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let (mut deaf, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
     let mut writer = deaf.try_clone().unwrap();
     writer.set_write_timeout(None).unwrap();
@@ -286,7 +286,7 @@ fn who_does_not_read_is_not_read() {
 #[test]
 fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
     const LINES: usize = 60;
-    for pace in [Pace::Times(1), Pace::Manual] {
+    for pace in [TimeMode::Times(1), TimeMode::Manual] {
         let running = Running::start(pace);
         let (mut deaf, mut other) = (running.greeted(), running.greeted());
         deaf.write_all(&b"f\r".repeat(LINES)).unwrap();
@@ -305,7 +305,7 @@ fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
 
 #[test]
 fn who_never_reads_is_disconnected() {
-    let running = Running::start(Pace::Times(1));
+    let running = Running::start(TimeMode::Times(1));
     let (mut deaf, mut other) = (running.greeted(), running.greeted());
     // More than may wait for somebody, though the system takes some of it.
     deaf.write_all(&[b'f'; 40]).unwrap();
@@ -316,7 +316,7 @@ fn who_never_reads_is_disconnected() {
 
 #[test]
 fn in_manual_time_the_clock_stands_while_all_is_answered() {
-    let running = Running::start(Pace::Manual);
+    let running = Running::start(TimeMode::Manual);
     let mut text = running.greeted();
     let mut stream = running.connect(MODBUS);
     for transaction in 0..20 {
@@ -336,7 +336,7 @@ fn in_manual_time_the_clock_stands_while_all_is_answered() {
 
 #[test]
 fn while_the_clock_is_advanced_all_is_answered() {
-    let running = Running::start(Pace::Manual);
+    let running = Running::start(TimeMode::Manual);
     let (mut text, mut stream) = (running.greeted(), running.connect(MODBUS));
     text.write_all(b"t").unwrap();
     expect(&mut text, b"T");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use drivetwin_firmware::device::{Port, Spec};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
-use drivetwin_sim::config::layout::{self, Drive, Layout};
+use drivetwin_sim::config::layout::{self, DriveLayout, Layout};
 use drivetwin_sim::config::listen::{Listen, Uri};
 use drivetwin_sim::config::preset::Preset;
 use drivetwin_sim::rsasm::Image;
@@ -63,7 +63,7 @@ impl Configuration {
     /// # Errors
     /// One sentence: what is wrong with one, and where.
     pub(super) fn programs(&self) -> Result<Vec<Option<Image>>, String> {
-        let load = |(place, drive): (usize, &Drive)| {
+        let load = |(place, drive): (usize, &DriveLayout)| {
             let Some(file) = &drive.program else { return Ok(None) };
             let spec = catalog::make(drive.kind)?.spec();
             rs_programs::load(file, spec).map(Some).map_err(|error| self.of(place, "program", &error))
@@ -119,9 +119,9 @@ fn read(path: &Path) -> Result<Layout, String> {
 }
 
 /// A single drive, named like its kind.
-fn drive(options: &RunOptions) -> Result<Drive, String> {
+fn drive(options: &RunOptions) -> Result<DriveLayout, String> {
     let spec = catalog::make(&options.what)?.spec();
-    Ok(Drive {
+    Ok(DriveLayout {
         name: spec.kind.into(),
         kind: spec.kind,
         listen: places(spec, &options.listen)?,
@@ -174,16 +174,16 @@ fn presets(spec: &Spec, options: &RunOptions) -> Result<Vec<Preset>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use drivetwin_firmware::device::{Ends, PortSpec};
+    use drivetwin_firmware::device::{Framing, PortSpec};
     use drivetwin_protocol::line::{Line, Parity};
 
     static PORTS: &[PortSpec] = &[
-        PortSpec { name: "rs485", ends: Ends::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
-        PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
+        PortSpec { name: "rs485", ends: Framing::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
+        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
     ];
 
     fn spec(ports: &'static [PortSpec]) -> Spec {
-        Spec { kind: "toy", ports, ..Spec::BARE }
+        Spec { kind: "toy", ports, ..Spec::EMPTY }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use drivetwin_sim::bench::Keep;
+use drivetwin_sim::bench::PersistFn;
 use drivetwin_sim::catalog;
 use drivetwin_sim::rsasm::Image;
 use tracing::{error, warn};
@@ -77,7 +77,7 @@ impl Memory {
     }
 
     /// A function that writes to the file what the drive stores.
-    pub(super) fn keeper(&self) -> Option<Keep> {
+    pub(super) fn keeper(&self) -> Option<PersistFn> {
         let Kept { path, nv } = self.file.clone()?;
         Some(Box::new(move |offset, bytes| {
             if let Err(error) = nv.borrow_mut().store(offset, bytes) {

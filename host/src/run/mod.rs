@@ -10,9 +10,9 @@ mod reserved_ports;
 
 use std::os::fd::AsFd;
 
-use drivetwin_sim::bench::{Bench, Bus, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings, Setup};
 use drivetwin_sim::config::layout::Built;
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use tracing::info;
 
 use crate::api;
@@ -28,9 +28,9 @@ use reserved_ports::ReservedPorts;
 /// A bench that is built, with its ports reserved and its files open: nothing listens yet.
 pub struct Prepared {
     bench: Bench,
-    seats: Vec<Seat>,
+    seats: Vec<DriveId>,
     buses: Vec<Bus>,
-    pace: Pace,
+    pace: TimeMode,
     ports: ReservedPorts,
     control: Option<Bound>,
     allow_host: Vec<String>,
@@ -76,7 +76,7 @@ impl Configuration {
 
         // A drive may change its line after it has read its pins.
         bench.run_until(bench.now());
-        let pace = self.layout.time.unwrap_or(Pace::Times(1));
+        let pace = self.layout.time.unwrap_or(TimeMode::Times(1));
         let allow_host = self.options.allow_host;
         Ok(Prepared { bench, seats, buses, pace, ports, control, allow_host, memories, files })
     }

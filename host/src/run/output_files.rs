@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use drivetwin_sim::bench::Bench;
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 
 use super::memories::Memory;
 use crate::live_file::LiveFile;
@@ -40,11 +40,11 @@ impl OutputFiles {
 
     /// Retention of the trace and of the frames: for these files, and for the control API if the bench is
     /// `controlled`.
-    pub(super) fn keep(&self, controlled: bool) -> (TraceKeep, TraceKeep) {
-        let ring = |wanted| if wanted { TraceKeep::default() } else { TraceKeep::Off };
+    pub(super) fn keep(&self, controlled: bool) -> (Retention, Retention) {
+        let ring = |wanted| if wanted { Retention::default() } else { Retention::Off };
         let trace = match self.record {
             // The control API has what a ring holds; the file itself needs only what is not in it yet.
-            Some(_) => TraceKeep::Written(if controlled { TraceKeep::RING } else { 0 }),
+            Some(_) => Retention::Written(if controlled { Retention::RING } else { 0 }),
             None => ring(controlled || self.waves.is_some()),
         };
         (trace, ring(controlled || self.frames.is_some()))

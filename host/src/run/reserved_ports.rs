@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use drivetwin_firmware::device::Port;
-use drivetwin_sim::bench::{Bench, Bus, Outlet, Seat};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, Outlet};
 use drivetwin_sim::config::layout::{Layout, no_line};
 use drivetwin_sim::config::listen::Uri;
 
@@ -60,7 +60,7 @@ impl ReservedPorts {
     pub(super) fn open(
         self,
         bench: &mut Bench,
-        seats: &[Seat],
+        seats: &[DriveId],
         buses: &[Bus],
     ) -> Result<(Ports, BTreeMap<Outlet, Vec<Address>>), String> {
         let mut ports = Ports::new().map_err(|error| format!("ports cannot be waited for: {error}"))?;

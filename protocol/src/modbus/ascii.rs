@@ -2,7 +2,7 @@
 //! stand for each byte (serial 2.5.2).
 
 use super::pdu::{READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
-use super::{Burst, FRAME_BYTES, Frame, Why};
+use super::{DropReason, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
@@ -104,9 +104,9 @@ enum State {
     /// Digits and a CR: an LF is to follow.
     Ending,
     /// A message that is dropped with its LF.
-    Bad(Why),
+    Bad(DropReason),
     /// All of it: the body is good, or else why not.
-    Over(Option<Why>),
+    Over(Option<DropReason>),
 }
 
 /// The receiving half of a slave: characters in, bodies of messages out.
@@ -114,7 +114,7 @@ enum State {
 /// A stamp is the end of a character; a message is over with its LF. It keeps one message until that is
 /// [taken](Self::take), and hears nothing meanwhile: characters that come together end at latest with an LF.
 #[derive(Clone, Debug)]
-pub struct Receiver {
+pub struct AsciiReceiver {
     character: Duration,
     /// Without the LRC when it is over.
     body: Frame,
@@ -123,7 +123,7 @@ pub struct Receiver {
     last: Instant,
 }
 
-impl Receiver {
+impl AsciiReceiver {
     /// A receiver on a silent line.
     #[must_use]
     pub const fn new(line: Line) -> Self {
@@ -148,7 +148,7 @@ impl Receiver {
     fn hear(&mut self, at: Instant, character: Option<u8>) {
         let silence = (at - self.character).since(self.last);
         let state = match self.state {
-            State::Receiving(_) | State::Ending if silence > PATIENCE => State::Bad(Why::Gap),
+            State::Receiving(_) | State::Ending if silence > PATIENCE => State::Bad(DropReason::Gap),
             state => state,
         };
         self.state = match (state, character) {
@@ -160,32 +160,32 @@ impl Receiver {
             (State::Idle, _) => State::Idle,
             (State::Ending, Some(b'\n')) => State::Over(self.judge()),
             (State::Bad(why), Some(b'\n')) => State::Over(Some(why)),
-            (State::Receiving(_), Some(b'\n')) => State::Over(Some(Why::Spoiled)),
+            (State::Receiving(_), Some(b'\n')) => State::Over(Some(DropReason::RxError)),
             (State::Bad(why), _) => State::Bad(why),
             (State::Receiving(None), Some(b'\r')) => State::Ending,
-            (State::Receiving(Some(_)), Some(b'\r')) => State::Bad(Why::Length),
+            (State::Receiving(Some(_)), Some(b'\r')) => State::Bad(DropReason::Length),
             (State::Receiving(high), Some(character)) => self.digit(high, character),
-            (State::Receiving(_), None) | (State::Ending, _) => State::Bad(Why::Spoiled),
+            (State::Receiving(_), None) | (State::Ending, _) => State::Bad(DropReason::RxError),
         };
         self.last = at;
     }
 
     /// Another character where a digit belongs, behind the first one of two or not.
     fn digit(&mut self, high: Option<u8>, character: u8) -> State {
-        let Some(digit) = digit(character) else { return State::Bad(Why::Spoiled) };
+        let Some(digit) = digit(character) else { return State::Bad(DropReason::RxError) };
         let Some(high) = high else { return State::Receiving(Some(digit)) };
         if self.body.len() >= MOST_BYTES {
-            return State::Bad(Why::Length);
+            return State::Bad(DropReason::Length);
         }
         let _ = self.body.push(high << 4 | digit);
         State::Receiving(None)
     }
 
     /// Takes the LRC off. Why the message is none, if so.
-    fn judge(&mut self) -> Option<Why> {
+    fn judge(&mut self) -> Option<DropReason> {
         match self.body.pop() {
-            None => Some(Why::Length),
-            Some(sum) => (sum != lrc(&self.body)).then_some(Why::Crc),
+            None => Some(DropReason::Length),
+            Some(sum) => (sum != lrc(&self.body)).then_some(DropReason::Crc),
         }
     }
 
@@ -208,7 +208,7 @@ impl Receiver {
     ///
     /// # Errors
     /// Why it is no message.
-    pub fn take(&mut self) -> Option<Result<&[u8], Why>> {
+    pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let State::Over(bad) = self.state else { return None };
         self.clear();
         Some(bad.map_or(Ok(&self.body), Err))
@@ -223,14 +223,14 @@ impl Receiver {
 /// Judges the front of a burst of characters: all up to an LF goes together, whatever it is. What has no
 /// colon is no beginning of a message.
 #[must_use]
-pub fn front(burst: &[u8]) -> Burst {
+pub fn scan(burst: &[u8]) -> Scan {
     if let Some(end) = burst.iter().position(|&character| character == b'\n') {
-        return Burst::Frame(end + 1);
+        return Scan::Complete(end + 1);
     }
     match burst.iter().rposition(|&character| character == b':') {
-        Some(start) if burst.len() - start < MESSAGE_CHARACTERS => Burst::Partial,
-        None if burst.is_empty() => Burst::Partial,
-        _ => Burst::Broken(burst.len()),
+        Some(start) if burst.len() - start < MESSAGE_CHARACTERS => Scan::Incomplete,
+        None if burst.is_empty() => Scan::Incomplete,
+        _ => Scan::Invalid(burst.len()),
     }
 }
 
@@ -251,8 +251,8 @@ mod tests {
     const BODY: &[u8] = &[0x11, 3, 0, 0x6B, 0, 2];
 
     /// Result of a receiver for characters that come together.
-    fn received(characters: &[u8]) -> Option<Result<Vec<u8>, Why>> {
-        let mut receiver = Receiver::new(LINE);
+    fn received(characters: &[u8]) -> Option<Result<Vec<u8>, DropReason>> {
+        let mut receiver = AsciiReceiver::new(LINE);
         receiver.bytes(START, characters);
         receiver.take().map(|body| body.map(<[u8]>::to_vec))
     }
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn a_message_is_over_with_its_line_feed() {
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = AsciiReceiver::new(LINE);
         assert_eq!(receiver.deadline(), Instant::NEVER);
         receiver.bytes(START, &REQUEST[..16]);
         assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None), "half a message waits");
@@ -295,14 +295,14 @@ mod tests {
     #[test]
     fn why_a_message_is_dropped() {
         for (message, why) in [
-            (&b":1103006B00027E\r\n"[..], Why::Crc),
-            (b":1103006B00027\r\n", Why::Length),
-            (b":\r\n", Why::Length),
-            (b":1103006G00027F\r\n", Why::Spoiled),
-            (b":1103 006B00027F\r\n", Why::Spoiled),
-            (b":1103006B00027F\r\r\n", Why::Spoiled),
-            (b":1103006B00027F\n", Why::Spoiled),
-            (b":1103\x80006B00027F\r\n", Why::Spoiled),
+            (&b":1103006B00027E\r\n"[..], DropReason::Crc),
+            (b":1103006B00027\r\n", DropReason::Length),
+            (b":\r\n", DropReason::Length),
+            (b":1103006G00027F\r\n", DropReason::RxError),
+            (b":1103 006B00027F\r\n", DropReason::RxError),
+            (b":1103006B00027F\r\r\n", DropReason::RxError),
+            (b":1103006B00027F\n", DropReason::RxError),
+            (b":1103\x80006B00027F\r\n", DropReason::RxError),
         ] {
             assert_eq!(received(message), Some(Err(why)), "{}", message.escape_ascii());
             assert_eq!(decode(message), None, "{}", message.escape_ascii());
@@ -320,27 +320,27 @@ mod tests {
         assert_eq!(encode(&[0x5A; 300])[..], message[..]);
         assert_eq!(frame(0x5A, &[0x5A; 300])[..], message[..]);
         let longer = [&message[..511], b"00\r\n"].concat();
-        assert_eq!(received(&longer), Some(Err(Why::Length)));
+        assert_eq!(received(&longer), Some(Err(DropReason::Length)));
     }
 
     #[test]
     fn a_character_that_nobody_could_read_spoils_a_message() {
         for cut in 1..REQUEST.len() - 1 {
-            let mut receiver = Receiver::new(LINE);
+            let mut receiver = AsciiReceiver::new(LINE);
             receiver.bytes(START, &REQUEST[..cut]);
             let spoiled = START + LINE.character() * cut as u64;
             receiver.spoiled(spoiled);
             receiver.bytes(spoiled + LINE.character(), &REQUEST[cut + 1..]);
-            assert_eq!(receiver.take(), Some(Err(Why::Spoiled)), "character {cut}");
+            assert_eq!(receiver.take(), Some(Err(DropReason::RxError)), "character {cut}");
         }
     }
 
     #[test]
     fn a_second_of_silence_is_the_longest() {
         let second = Duration::from_ticks(16_000_000);
-        for (silence, body) in [(second, Ok(BODY)), (second + Duration::TICK, Err(Why::Gap))] {
+        for (silence, body) in [(second, Ok(BODY)), (second + Duration::TICK, Err(DropReason::Gap))] {
             for cut in 1..REQUEST.len() {
-                let mut receiver = Receiver::new(LINE);
+                let mut receiver = AsciiReceiver::new(LINE);
                 receiver.bytes(START, &REQUEST[..cut]);
                 let next = START + Duration::from_ticks(cut as u64 * CHARACTER) + silence;
                 receiver.bytes(next, &REQUEST[cut..]);
@@ -352,22 +352,22 @@ mod tests {
     #[test]
     fn a_burst_is_split_behind_line_feeds() {
         let two = [REQUEST, REQUEST].concat();
-        assert_eq!(front(&two), Burst::Frame(17));
-        assert_eq!(front(&[b"noise", REQUEST].concat()), Burst::Frame(22));
-        assert_eq!(front(b":1103\n:"), Burst::Frame(6));
-        assert_eq!(front(b"\n"), Burst::Frame(1));
-        assert_eq!(front(&REQUEST[..16]), Burst::Partial);
-        assert_eq!(front(b"noise:"), Burst::Partial);
-        assert_eq!(front(b""), Burst::Partial);
-        assert_eq!(front(b"noise"), Burst::Broken(5));
+        assert_eq!(scan(&two), Scan::Complete(17));
+        assert_eq!(scan(&[b"noise", REQUEST].concat()), Scan::Complete(22));
+        assert_eq!(scan(b":1103\n:"), Scan::Complete(6));
+        assert_eq!(scan(b"\n"), Scan::Complete(1));
+        assert_eq!(scan(&REQUEST[..16]), Scan::Incomplete);
+        assert_eq!(scan(b"noise:"), Scan::Incomplete);
+        assert_eq!(scan(b""), Scan::Incomplete);
+        assert_eq!(scan(b"noise"), Scan::Invalid(5));
         assert_eq!(
-            front(&[&[b'.'; 300][..], b":", &[b'0'; 300]].concat()),
-            Burst::Partial,
+            scan(&[&[b'.'; 300][..], b":", &[b'0'; 300]].concat()),
+            Scan::Incomplete,
             "the colon counts"
         );
         let endless = [&b":"[..], &[b'0'; 512]].concat();
-        assert_eq!(front(&endless[..512]), Burst::Partial);
-        assert_eq!(front(&endless), Burst::Broken(513), "an LF would make it 514 characters");
+        assert_eq!(scan(&endless[..512]), Scan::Incomplete);
+        assert_eq!(scan(&endless), Scan::Invalid(513), "an LF would make it 514 characters");
     }
 
     /// Characters among which those that mean something are frequent.
@@ -384,7 +384,7 @@ mod tests {
         #[test]
         fn every_body_comes_back(body in prop::collection::vec(any::<u8>(), 0..=254)) {
             let message = encode(&body);
-            prop_assert_eq!(front(&message), Burst::Frame(message.len()));
+            prop_assert_eq!(scan(&message), Scan::Complete(message.len()));
             let decoded = decode(&message);
             prop_assert_eq!(decoded.as_deref(), Some(&body[..]));
             prop_assert_eq!(received(&message), Some(Ok(body)));
@@ -392,7 +392,7 @@ mod tests {
 
         #[test]
         fn noise_before_a_colon_never_matters(noise in characters(600), spoiled in any::<bool>()) {
-            let mut receiver = Receiver::new(LINE);
+            let mut receiver = AsciiReceiver::new(LINE);
             let mut end = START;
             for burst in noise.split_inclusive(|&character| character == b'\n') {
                 receiver.bytes(end, burst);
@@ -411,16 +411,16 @@ mod tests {
 
         #[test]
         fn any_characters_are_judged(burst in characters(1_100)) {
-            match front(&burst) {
-                Burst::Frame(length) => {
+            match scan(&burst) {
+                Scan::Complete(length) => {
                     prop_assert_eq!(burst.iter().position(|&c| c == b'\n'), Some(length - 1));
                     let start = burst[..length].iter().rposition(|&c| c == b':');
                     let message = start.map(|start| &burst[start..length]);
                     let body = message.and_then(decode).map(|body| body.to_vec());
                     prop_assert_eq!(received(&burst[..length]).and_then(Result::ok), body);
                 }
-                Burst::Partial | Burst::Broken(_) => prop_assert!(!burst.contains(&b'\n')),
-                Burst::Unsure => prop_assert!(false, "a line feed ends a message"),
+                Scan::Incomplete | Scan::Invalid(_) => prop_assert!(!burst.contains(&b'\n')),
+                Scan::Ambiguous => prop_assert!(false, "a line feed ends a message"),
             }
         }
 
@@ -428,9 +428,9 @@ mod tests {
         fn splitting_a_message_anywhere_changes_nothing(noise in characters(300), cut in 0_usize..=300) {
             let end = noise.iter().position(|&c| c == b'\n').map_or(noise.len(), |lf| lf + 1);
             let (burst, cut) = (&noise[..end], cut.min(end));
-            let mut whole = Receiver::new(LINE);
+            let mut whole = AsciiReceiver::new(LINE);
             whole.bytes(START, burst);
-            let mut parts = Receiver::new(LINE);
+            let mut parts = AsciiReceiver::new(LINE);
             parts.bytes(START, &burst[..cut]);
             parts.bytes(START + Duration::from_ticks(CHARACTER * cut as u64), &burst[cut..]);
             prop_assert_eq!(whole.deadline(), parts.deadline());

@@ -27,7 +27,7 @@ pub type Reply = heapless::VecView<u8>;
 /// Reason why a slave is silent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Why {
+pub enum DropReason {
     /// The check sum does not hold.
     Crc,
     /// A silence of more than 1.5 characters inside the frame; in ASCII of more than a second.
@@ -35,45 +35,46 @@ pub enum Why {
     /// Longer than any frame, or not as long as its function says; in ASCII half a byte.
     Length,
     /// A character that nobody could read; in ASCII also one that has no place in a message.
-    Spoiled,
+    RxError,
     /// For somebody else.
     Address,
     /// The drive is starting and has no ears.
     Starting,
 }
 
-/// Result of [`front`]: the first frame in a burst of characters, for a host whose own gaps say nothing.
+/// Result of [`scan`]: the frame at the front of a burst of characters. For a host, where the gaps between characters
+/// are unknown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Burst {
+pub enum Scan {
     /// A whole frame of that many bytes, which go to the drives together.
-    Frame(usize),
+    Complete(usize),
     /// The rest is still to come.
-    Partial,
+    Incomplete,
     /// Perhaps whole, or as long as a frame and none: silence decides.
-    Unsure,
+    Ambiguous,
     /// Length of a front that can become no frame any more.
-    Broken(usize),
+    Invalid(usize),
 }
 
-/// Speakers that are heard on a line.
+/// Frames that may come on a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Voices {
-    /// A master.
-    Master,
-    /// Slaves that answer it.
-    Slaves,
-    /// A master and slaves.
-    All,
+pub enum Expect {
+    /// Those of a master.
+    Requests,
+    /// Those of slaves.
+    Replies,
+    /// Those of a master and of slaves.
+    Both,
 }
 
-/// Judges the front of a burst on `line`, by the framing that is spoken there, if more may come.
+/// Scans a burst on `line` for a frame at its front, by the framing of the line. More characters may follow.
 #[must_use]
-pub fn front(line: Line, burst: &[u8], voices: Voices) -> Burst {
-    if ascii::is_on(line) { ascii::front(burst) } else { rtu::front(burst, voices) }
+pub fn scan(line: Line, burst: &[u8], expect: Expect) -> Scan {
+    if ascii::is_on(line) { ascii::scan(burst) } else { rtu::scan(burst, expect) }
 }
 
 /// Bytes of a burst that go to the drives together when silence has ended it and [`front`] has found no frame.
 #[must_use]
-pub fn ended(line: Line, burst: &[u8], voices: Voices) -> usize {
-    if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, voices) }
+pub fn ended(line: Line, burst: &[u8], expect: Expect) -> usize {
+    if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, expect) }
 }

@@ -7,7 +7,7 @@ use super::pdu::{
     READ_INPUT_REGISTERS, WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL,
     WRITE_SINGLE_REGISTER,
 };
-use super::{Burst, FRAME_BYTES, Frame, Voices, Why};
+use super::{DropReason, Expect, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
@@ -27,13 +27,13 @@ pub fn crc(bytes: &[u8]) -> u16 {
 
 /// A frame without its CRC, if the CRC holds.
 #[must_use]
-pub fn checked(frame: &[u8]) -> Option<&[u8]> {
+pub fn verify_crc(frame: &[u8]) -> Option<&[u8]> {
     let (body, sum) = frame.split_last_chunk::<2>()?;
     (crc(body) == u16::from_le_bytes(*sum)).then_some(body)
 }
 
 /// Puts the CRC behind what is in `frame`; without effect where no room is left.
-pub fn seal(frame: &mut Frame) {
+pub fn append_crc(frame: &mut Frame) {
     let sum = crc(frame);
     // Replies are at most 253 bytes long before this.
     let _ = frame.extend_from_slice(&sum.to_le_bytes());
@@ -45,7 +45,7 @@ pub fn frame(unit: u8, pdu: &[u8]) -> Frame {
     let mut frame = Frame::new();
     let _ = frame.push(unit);
     let _ = frame.extend_from_slice(pdu.get(..FRAME_BYTES - 3).unwrap_or(pdu));
-    seal(&mut frame);
+    append_crc(&mut frame);
     frame
 }
 
@@ -99,7 +99,7 @@ enum State {
     /// A frame that may still be good.
     Receiving,
     /// A frame that is over when the line falls silent, and then dropped.
-    Bad(Why),
+    Bad(DropReason),
 }
 
 /// The receiving half of a slave: characters in, frames out.
@@ -107,7 +107,7 @@ enum State {
 /// A stamp is the *end* of a character. That a character began within 3.5 characters of the last
 /// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline).
 #[derive(Clone, Debug)]
-pub struct Receiver {
+pub struct RtuReceiver {
     timing: Timing,
     frame: Frame,
     state: State,
@@ -117,7 +117,7 @@ pub struct Receiver {
     over: Instant,
 }
 
-impl Receiver {
+impl RtuReceiver {
     /// A receiver on a silent line.
     #[must_use]
     pub const fn new(line: Line) -> Self {
@@ -152,7 +152,7 @@ impl Receiver {
         let Some(others) = bytes.len().checked_sub(1) else { return };
         self.hear(at);
         if self.state == State::Receiving && self.frame.extend_from_slice(bytes).is_err() {
-            self.state = State::Bad(Why::Length);
+            self.state = State::Bad(DropReason::Length);
         }
         self.heard(at + self.timing.character * others as u64);
     }
@@ -160,7 +160,7 @@ impl Receiver {
     /// A character that nobody could read ended at `at`.
     pub fn spoiled(&mut self, at: Instant) {
         self.hear(at);
-        self.state = State::Bad(Why::Spoiled);
+        self.state = State::Bad(DropReason::RxError);
         self.heard(at);
     }
 
@@ -172,7 +172,7 @@ impl Receiver {
                 self.state = State::Receiving;
             }
             State::Receiving if (at - self.timing.character).since(self.last) > self.timing.t1_5 => {
-                self.state = State::Bad(Why::Gap);
+                self.state = State::Bad(DropReason::Gap);
             }
             State::Receiving | State::Bad(_) => {}
         }
@@ -200,7 +200,7 @@ impl Receiver {
     ///
     /// # Errors
     /// Why it is no frame.
-    pub fn take(&mut self) -> Option<Result<&[u8], Why>> {
+    pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let state = self.state;
         self.clear();
         match state {
@@ -221,45 +221,45 @@ impl Receiver {
 /// chance, too: so a frame is whole where its CRC holds at the longest length that its function may have for those who
 /// are heard, or at another one with a whole frame right behind it.
 #[must_use]
-pub fn front(burst: &[u8], voices: Voices) -> Burst {
-    let Some(&function) = burst.get(1) else { return Burst::Partial };
-    let lengths = lengths(burst, function, voices);
+pub fn scan(burst: &[u8], expect: Expect) -> Scan {
+    let Some(&function) = burst.get(1) else { return Scan::Incomplete };
+    let lengths = lengths(burst, function, expect);
     let longest = lengths.longest();
     let frames = lengths.into_iter().filter(|&length| holds(burst, length));
-    if let Some(length) = frames.clone().find(|&length| begins_whole(after(burst, length), voices)) {
-        return Burst::Frame(length);
+    if let Some(length) = frames.clone().find(|&length| begins_whole(after(burst, length), expect)) {
+        return Scan::Complete(length);
     }
     match frames.last() {
-        Some(length) if burst.len() >= longest => Burst::Frame(length),
-        Some(_) => Burst::Unsure,
-        None if burst.len() < longest => Burst::Partial,
-        None if begins_whole(after(burst, longest), voices) => Burst::Broken(longest),
-        None if burst.len() > FRAME_BYTES => Burst::Broken(FRAME_BYTES + 1),
-        None => Burst::Unsure,
+        Some(length) if burst.len() >= longest => Scan::Complete(length),
+        Some(_) => Scan::Ambiguous,
+        None if burst.len() < longest => Scan::Incomplete,
+        None if begins_whole(after(burst, longest), expect) => Scan::Invalid(longest),
+        None if burst.len() > FRAME_BYTES => Scan::Invalid(FRAME_BYTES + 1),
+        None => Scan::Ambiguous,
     }
 }
 
 /// Bytes of a burst that go to the drives together when silence has ended it, and [`front`] has found no frame: all of
 /// it if its CRC holds; else up to where one holds before a frame; else all of it, as on a line.
 #[must_use]
-pub fn ended(burst: &[u8], voices: Voices) -> usize {
-    let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && checked(frame).is_some();
+pub fn ended(burst: &[u8], expect: Expect) -> usize {
+    let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && verify_crc(frame).is_some();
     if is_whole(burst) {
         return burst.len();
     }
     let function = burst.get(1).copied().unwrap_or_default();
-    let known = || lengths(burst, function, voices).into_iter().filter(|&length| holds(burst, length)).last();
+    let known = || lengths(burst, function, expect).into_iter().filter(|&length| holds(burst, length)).last();
     let mut frames = (SHORTEST..=FRAME_BYTES).filter(|&length| holds(burst, length));
     let before_another = frames.find(|&length| {
         let rest = after(burst, length);
-        begins_whole(rest, voices) || is_whole(rest)
+        begins_whole(rest, expect) || is_whole(rest)
     });
     before_another.or_else(known).unwrap_or(burst.len())
 }
 
 /// Returns whether there are `length` bytes and the CRC at their end holds.
 fn holds(burst: &[u8], length: usize) -> bool {
-    burst.get(..length).is_some_and(|frame| checked(frame).is_some())
+    burst.get(..length).is_some_and(|frame| verify_crc(frame).is_some())
 }
 
 /// Bytes behind the first `length`.
@@ -268,9 +268,9 @@ fn after(burst: &[u8], length: usize) -> &[u8] {
 }
 
 /// Returns whether a burst begins with a whole frame of a function that has a length.
-fn begins_whole(burst: &[u8], voices: Voices) -> bool {
+fn begins_whole(burst: &[u8], expect: Expect) -> bool {
     let Some(&function) = burst.get(1) else { return false };
-    let lengths = lengths(burst, function, voices);
+    let lengths = lengths(burst, function, expect);
     !matches!(lengths, Lengths::Any) && lengths.into_iter().any(|length| holds(burst, length))
 }
 
@@ -320,7 +320,7 @@ impl Lengths {
 }
 
 /// Lengths that a frame of `function` may have, as far as `burst` tells (application 6.1 to 6.21).
-fn lengths(burst: &[u8], function: u8, voices: Voices) -> Lengths {
+fn lengths(burst: &[u8], function: u8, expect: Expect) -> Lengths {
     // Address, function, a fixed part, as many bytes as a count in it says, CRC. No count is beyond the longest frame.
     let counted = |at: usize| match burst.get(at) {
         Some(&count) => (at + 1 + usize::from(count) + 2).min(FRAME_BYTES),
@@ -333,28 +333,28 @@ fn lengths(burst: &[u8], function: u8, voices: Voices) -> Lengths {
         READ_HOLDING_REGISTERS | READ_INPUT_REGISTERS => (8, Some(counted(2)).filter(|_| brings(2, false))),
         WRITE_SINGLE_COIL | WRITE_SINGLE_REGISTER => (8, Some(8)),
         WRITE_MULTIPLE_COILS | WRITE_MULTIPLE_REGISTERS => (counted(6), Some(8)),
-        _ if function & EXCEPTION_BIT != 0 && voices != Voices::Master => {
+        _ if function & EXCEPTION_BIT != 0 && expect != Expect::Requests => {
             return Lengths::Known([Some(5), None]);
         }
         // Of the others of the specification what a master says. The drives refuse most of them.
         READ_EXCEPTION_STATUS | GET_EVENT_COUNTER | GET_EVENT_LOG | REPORT_SERVER_ID
-            if voices == Voices::Master =>
+            if expect == Expect::Requests =>
         {
             (4, None)
         }
-        READ_FIFO if voices == Voices::Master => (6, None),
-        MASK_WRITE_REGISTER if voices == Voices::Master => (10, None),
-        READ_FILE | WRITE_FILE if voices == Voices::Master => (counted(2), None),
-        READ_AND_WRITE if voices == Voices::Master => (counted(10), None),
-        ENCAPSULATED_INTERFACE if voices == Voices::Master && burst.get(2) == Some(&IDENTIFICATION) => {
+        READ_FIFO if expect == Expect::Requests => (6, None),
+        MASK_WRITE_REGISTER if expect == Expect::Requests => (10, None),
+        READ_FILE | WRITE_FILE if expect == Expect::Requests => (counted(2), None),
+        READ_AND_WRITE if expect == Expect::Requests => (counted(10), None),
+        ENCAPSULATED_INTERFACE if expect == Expect::Requests && burst.get(2) == Some(&IDENTIFICATION) => {
             (7, None)
         }
         _ => return Lengths::Any,
     };
-    Lengths::Known(match voices {
-        Voices::Master => [Some(request), None],
-        Voices::Slaves => [None, reply],
-        Voices::All => [Some(request), reply.filter(|&reply| reply != request)],
+    Lengths::Known(match expect {
+        Expect::Requests => [Some(request), None],
+        Expect::Replies => [None, reply],
+        Expect::Both => [Some(request), reply.filter(|&reply| reply != request)],
     })
 }
 
@@ -373,9 +373,9 @@ mod tests {
         // Serial, appendix B: 02 07 gives 0x1241, sent as 41 12.
         assert_eq!(crc(&[0x02, 0x07]), 0x1241);
         assert_eq!(frame(2, &[7])[..], [0x02, 0x07, 0x41, 0x12]);
-        assert_eq!(checked(&[0x02, 0x07, 0x41, 0x12]), Some(&[0x02, 0x07][..]));
-        assert_eq!(checked(&[0x02, 0x07, 0x12, 0x41]), None);
-        assert_eq!(checked(&[0x02]), None);
+        assert_eq!(verify_crc(&[0x02, 0x07, 0x41, 0x12]), Some(&[0x02, 0x07][..]));
+        assert_eq!(verify_crc(&[0x02, 0x07, 0x12, 0x41]), None);
+        assert_eq!(verify_crc(&[0x02]), None);
     }
 
     #[test]
@@ -398,7 +398,7 @@ mod tests {
 
     #[test]
     fn a_silence_of_3_5_characters_ends_a_frame() {
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
         for start in [START, START + Duration::secs(1)] {
             receiver.bytes(start, &[]);
@@ -415,9 +415,9 @@ mod tests {
 
     #[test]
     fn a_silence_of_more_than_1_5_characters_inside_a_frame_spoils_it() {
-        for (silence, frame) in [(T1_5, Ok(&REQUEST[..])), (T1_5 + Duration::TICK, Err(Why::Gap))] {
+        for (silence, frame) in [(T1_5, Ok(&REQUEST[..])), (T1_5 + Duration::TICK, Err(DropReason::Gap))] {
             for cut in 1..7 {
-                let mut receiver = Receiver::new(LINE);
+                let mut receiver = RtuReceiver::new(LINE);
                 receiver.bytes(START, &REQUEST[..cut]);
                 let next = START + CHARACTER * cut as u64 + silence;
                 receiver.bytes(next, &REQUEST[cut..7]);
@@ -431,7 +431,7 @@ mod tests {
 
     #[test]
     fn a_character_that_nobody_could_read_spoils_a_frame_and_no_other() {
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         let mut start = START;
         for cut in 0..8 {
             receiver.bytes(start, &REQUEST[..cut]);
@@ -439,7 +439,7 @@ mod tests {
             receiver.spoiled(spoiled);
             assert_eq!(receiver.deadline(), spoiled + T3_5 + CHARACTER);
             receiver.bytes(spoiled + CHARACTER, &REQUEST[cut + 1..]);
-            assert_eq!(receiver.take(), Some(Err(Why::Spoiled)), "character {cut}");
+            assert_eq!(receiver.take(), Some(Err(DropReason::RxError)), "character {cut}");
             start += Duration::secs(1);
             receiver.bytes(start, &REQUEST);
             assert_eq!(receiver.take(), Some(Ok(&REQUEST[..])));
@@ -449,19 +449,19 @@ mod tests {
 
     #[test]
     fn the_longest_frame_has_256_bytes() {
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         receiver.bytes(START, &[0x5A; 256]);
         assert_eq!(receiver.take(), Some(Ok(&[0x5A; 256][..])));
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         receiver.bytes(START, &[0x5A; 256]);
         receiver.bytes(START + CHARACTER * 256, &[0x5A]);
         assert_eq!(receiver.deadline(), START + CHARACTER * 256 + T3_5 + CHARACTER);
-        assert_eq!(receiver.take(), Some(Err(Why::Length)));
+        assert_eq!(receiver.take(), Some(Err(DropReason::Length)));
     }
 
     #[test]
     fn a_receiver_forgets_what_is_cleared() {
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         receiver.bytes(START, &REQUEST[..4]);
         receiver.clear();
         assert_eq!((receiver.deadline(), receiver.take()), (Instant::NEVER, None));
@@ -472,7 +472,7 @@ mod tests {
     #[test]
     fn another_line_has_other_silences() {
         let fast = Line::new(38_400, 8, Parity::Even, 1);
-        let mut receiver = Receiver::new(LINE);
+        let mut receiver = RtuReceiver::new(LINE);
         receiver.set_line(START, fast);
         assert_eq!((receiver.timing(), receiver.deadline()), (Timing::of(fast), Instant::NEVER));
         receiver.bytes(START, &REQUEST[..1]);
@@ -484,7 +484,7 @@ mod tests {
     #[test]
     fn a_faster_line_ends_a_frame_now_and_not_in_the_past() {
         let slow = Line::new(1_200, 8, Parity::Even, 1);
-        let mut receiver = Receiver::new(slow);
+        let mut receiver = RtuReceiver::new(slow);
         let end = Instant::from(Duration::millis(100));
         receiver.bytes(end, &[1]);
         // 3.5 and 1 characters of 9.17 ms at 1,200 baud, of 1.15 ms at 9,600.
@@ -507,23 +507,23 @@ mod tests {
         assert_eq!(last_slow.t3_5.ticks(), 32_085);
     }
 
-    use Voices::{All, Master, Slaves};
+    use Expect::{Both, Replies, Requests};
 
     #[test]
     fn a_burst_is_split_at_whole_frames() {
         let request = read(1, 0, 2);
-        assert_eq!(front(&request, Master), Burst::Frame(8));
-        assert_eq!(front(&request[..7], Master), Burst::Partial);
-        assert_eq!(front(&[], Master), Burst::Partial);
+        assert_eq!(scan(&request, Requests), Scan::Complete(8));
+        assert_eq!(scan(&request[..7], Requests), Scan::Incomplete);
+        assert_eq!(scan(&[], Requests), Scan::Incomplete);
         let two: Vec<u8> = request.iter().chain(&request).copied().collect();
-        assert_eq!(front(&two, Master), Burst::Frame(8));
+        assert_eq!(scan(&two, Requests), Scan::Complete(8));
         // A reply of function 3 has its length in its third byte.
         let reply = frame(1, &[3, 6, 0, 1, 0, 2, 0, 3]);
-        assert_eq!(front(&reply, Slaves), Burst::Frame(11));
-        assert_eq!(front(&reply, All), Burst::Frame(11));
-        assert_eq!(front(&frame(1, &[0x83, 2]), All), Burst::Frame(5));
-        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1, 2, 0, 7]), Master), Burst::Frame(11));
-        assert_eq!(front(&frame(1, &[16, 0, 1, 0, 1]), Slaves), Burst::Frame(8));
+        assert_eq!(scan(&reply, Replies), Scan::Complete(11));
+        assert_eq!(scan(&reply, Both), Scan::Complete(11));
+        assert_eq!(scan(&frame(1, &[0x83, 2]), Both), Scan::Complete(5));
+        assert_eq!(scan(&frame(1, &[16, 0, 1, 0, 1, 2, 0, 7]), Requests), Scan::Complete(11));
+        assert_eq!(scan(&frame(1, &[16, 0, 1, 0, 1]), Replies), Scan::Complete(8));
     }
 
     /// A request of function 16 to an RS 434544, whose first eight bytes hold a CRC by chance.
@@ -532,36 +532,36 @@ mod tests {
 
     #[test]
     fn the_crc_of_a_prefix_may_hold_by_chance() {
-        assert!(checked(&BY_CHANCE).is_some() && checked(&BY_CHANCE[..8]).is_some());
+        assert!(verify_crc(&BY_CHANCE).is_some() && verify_crc(&BY_CHANCE[..8]).is_some());
         for length in 0..13 {
-            assert_eq!(front(&BY_CHANCE[..length], Master), Burst::Partial, "{length} bytes");
+            assert_eq!(scan(&BY_CHANCE[..length], Requests), Scan::Incomplete, "{length} bytes");
         }
-        assert_eq!(front(&BY_CHANCE, Master), Burst::Frame(13));
+        assert_eq!(scan(&BY_CHANCE, Requests), Scan::Complete(13));
     }
 
     #[test]
     fn where_slaves_are_heard_silence_decides_what_is_ambiguous() {
-        assert_eq!(front(&BY_CHANCE[..8], All), Burst::Unsure, "a reply, or the begin of a request");
-        assert_eq!(ended(&BY_CHANCE[..8], All), 8);
-        assert_eq!(front(&BY_CHANCE[..12], All), Burst::Unsure);
-        assert_eq!(front(&BY_CHANCE, All), Burst::Frame(13));
+        assert_eq!(scan(&BY_CHANCE[..8], Both), Scan::Ambiguous, "a reply, or the begin of a request");
+        assert_eq!(ended(&BY_CHANCE[..8], Both), 8);
+        assert_eq!(scan(&BY_CHANCE[..12], Both), Scan::Ambiguous);
+        assert_eq!(scan(&BY_CHANCE, Both), Scan::Complete(13));
         // A request right behind tells that it was a reply.
         let both: Vec<u8> = BY_CHANCE[..8].iter().chain(&read(7, 0, 1)).copied().collect();
-        assert_eq!(front(&both, All), Burst::Frame(8));
+        assert_eq!(scan(&both, Both), Scan::Complete(8));
     }
 
     #[test]
     fn a_burst_with_all_its_length_and_no_crc_waits_for_silence_or_a_frame() {
         let mut request = read(1, 0, 2);
         request[7] ^= 1;
-        assert_eq!(front(&request, Master), Burst::Unsure);
-        assert_eq!(ended(&request, Master), 8);
+        assert_eq!(scan(&request, Requests), Scan::Ambiguous);
+        assert_eq!(ended(&request, Requests), 8);
         let both: Vec<u8> = request.iter().chain(&read(1, 0, 2)).copied().collect();
-        assert_eq!(front(&both[..15], Master), Burst::Unsure);
-        assert_eq!(front(&both, Master), Burst::Broken(8));
-        assert_eq!(front(&[0x55; 200], Master), Burst::Partial, "function 0x55 may have any length");
-        assert_eq!(front(&[0x55; 256], Master), Burst::Unsure, "a frame may be as long");
-        assert_eq!(front(&[0x55; 257], Master), Burst::Broken(257));
+        assert_eq!(scan(&both[..15], Requests), Scan::Ambiguous);
+        assert_eq!(scan(&both, Requests), Scan::Invalid(8));
+        assert_eq!(scan(&[0x55; 200], Requests), Scan::Incomplete, "function 0x55 may have any length");
+        assert_eq!(scan(&[0x55; 256], Requests), Scan::Ambiguous, "a frame may be as long");
+        assert_eq!(scan(&[0x55; 257], Requests), Scan::Invalid(257));
     }
 
     #[test]
@@ -569,9 +569,9 @@ mod tests {
         for count in [2, 6] {
             let request = frame(1, &[16, 0, 1, 0, 2, count, 0, 7, 0, 8]);
             for length in 0..=request.len() {
-                assert!(!matches!(front(&request[..length], Master), Burst::Frame(_) | Burst::Broken(_)));
+                assert!(!matches!(scan(&request[..length], Requests), Scan::Complete(_) | Scan::Invalid(_)));
             }
-            assert_eq!(ended(&request, Master), 13);
+            assert_eq!(ended(&request, Requests), 13);
         }
     }
 
@@ -580,9 +580,9 @@ mod tests {
         for length in 1..250 {
             let pdu: Vec<u8> = core::iter::once(65).chain((0..length).map(|n| n as u8)).collect();
             let frame = frame(1, &pdu);
-            assert_eq!(ended(&frame, Master), frame.len());
+            assert_eq!(ended(&frame, Requests), frame.len());
             let both: Vec<u8> = frame.iter().chain(&read(1, 0, 2)).copied().collect();
-            assert_eq!(front(&both, Master), Burst::Frame(frame.len()));
+            assert_eq!(scan(&both, Requests), Scan::Complete(frame.len()));
         }
     }
 
@@ -591,11 +591,11 @@ mod tests {
         let wrong = frame(1, &[16, 0, 1, 0, 2, 2, 0, 7, 0, 8]);
         let other = frame(1, &[65, 1, 2, 3]);
         let alone = [&wrong[..], &other].concat();
-        assert_eq!(ended(&alone, Master), 13, "a frame that may have any length is all of the rest");
+        assert_eq!(ended(&alone, Requests), 13, "a frame that may have any length is all of the rest");
         let begun = [&wrong[..], &read(1, 0, 1), &[1, 3, 0]].concat();
-        assert_eq!(ended(&begun, Master), 13, "one that has a length is there");
+        assert_eq!(ended(&begun, Requests), 13, "one that has a length is there");
         let neither = [&wrong[..], &other, &[1, 3, 0]].concat();
-        assert_eq!(ended(&neither, Master), neither.len());
+        assert_eq!(ended(&neither, Requests), neither.len());
     }
 
     #[test]
@@ -611,7 +611,7 @@ mod tests {
             (4, 4, true),
         ] {
             let reply = frame(1, &[&[function, count][..], &vec![7; usize::from(count)]].concat());
-            let found = front(&reply, Slaves) == Burst::Frame(reply.len());
+            let found = scan(&reply, Replies) == Scan::Complete(reply.len());
             assert_eq!(found, is_reply, "function {function}, {count} bytes");
         }
     }
@@ -633,23 +633,23 @@ mod tests {
         ];
         for pdu in requests {
             let request = frame(1, pdu);
-            assert_eq!(front(&request, Master), Burst::Frame(request.len()), "function {}", pdu[0]);
-            for voices in [Slaves, All] {
-                assert_eq!(front(&request, voices), Burst::Unsure, "function {}", pdu[0]);
-                assert_eq!(ended(&request, voices), request.len(), "function {}", pdu[0]);
+            assert_eq!(scan(&request, Requests), Scan::Complete(request.len()), "function {}", pdu[0]);
+            for expect in [Replies, Both] {
+                assert_eq!(scan(&request, expect), Scan::Ambiguous, "function {}", pdu[0]);
+                assert_eq!(ended(&request, expect), request.len(), "function {}", pdu[0]);
             }
         }
-        for voices in [Slaves, All] {
-            assert_eq!(front(&frame(1, &[65, 1, 2, 3, 4, 5])[..7], voices), Burst::Partial);
+        for expect in [Replies, Both] {
+            assert_eq!(scan(&frame(1, &[65, 1, 2, 3, 4, 5])[..7], expect), Scan::Incomplete);
             // An exception has five bytes.
-            assert_eq!(front(&frame(1, &[0xC1, 1]), voices), Burst::Frame(5));
+            assert_eq!(scan(&frame(1, &[0xC1, 1]), expect), Scan::Complete(5));
         }
-        assert_eq!(front(&frame(1, &[0xC1, 1]), Master), Burst::Unsure, "no master says it");
+        assert_eq!(scan(&frame(1, &[0xC1, 1]), Requests), Scan::Ambiguous, "no master says it");
     }
 
     /// Frames that a host cuts out of a stream which it reads in pieces of these lengths, and behind which the line is
     /// silent.
-    fn frames(stream: &[u8], reads: &[usize], voices: Voices) -> Vec<Vec<u8>> {
+    fn frames(stream: &[u8], reads: &[usize], expect: Expect) -> Vec<Vec<u8>> {
         let (mut waiting, mut frames) = (Vec::new(), Vec::new());
         let mut sizes = reads.iter().copied().cycle();
         let mut rest = stream;
@@ -657,14 +657,14 @@ mod tests {
             let (came, later) = rest.split_at(sizes.next().unwrap_or(1).clamp(1, rest.len()));
             waiting.extend_from_slice(came);
             rest = later;
-            while let Burst::Frame(length) | Burst::Broken(length) = front(&waiting, voices) {
+            while let Scan::Complete(length) | Scan::Invalid(length) = scan(&waiting, expect) {
                 frames.push(waiting.drain(..length).collect());
             }
         }
         while !waiting.is_empty() {
-            let length = match front(&waiting, voices) {
-                Burst::Frame(length) | Burst::Broken(length) => length,
-                Burst::Partial | Burst::Unsure => ended(&waiting, voices),
+            let length = match scan(&waiting, expect) {
+                Scan::Complete(length) | Scan::Invalid(length) => length,
+                Scan::Incomplete | Scan::Ambiguous => ended(&waiting, expect),
             };
             frames.push(waiting.drain(..length).collect());
         }
@@ -677,7 +677,7 @@ mod tests {
         (0..=u16::MAX).find_map(|value| {
             let mut body = body.to_vec();
             body.get_mut(place..place + 2)?.copy_from_slice(&value.to_be_bytes());
-            checked(&body[..length]).map(|_| frame(body[0], &body[1..]).to_vec())
+            verify_crc(&body[..length]).map(|_| frame(body[0], &body[1..]).to_vec())
         })
     }
 
@@ -739,13 +739,13 @@ mod tests {
                 });
                 // One of 256 addresses fits on average; where none does there is no such request.
                 let Some(request) = chance else { continue };
-                prop_assert!(checked(&request[..8]).is_some() && checked(&request).is_some());
-                for voices in [Master, All] {
-                    prop_assert_eq!(frames(&request, &reads, voices), std::slice::from_ref(&request));
-                    prop_assert_eq!(frames(&request, &[8], voices), std::slice::from_ref(&request));
+                prop_assert!(verify_crc(&request[..8]).is_some() && verify_crc(&request).is_some());
+                for expect in [Requests, Both] {
+                    prop_assert_eq!(frames(&request, &reads, expect), std::slice::from_ref(&request));
+                    prop_assert_eq!(frames(&request, &[8], expect), std::slice::from_ref(&request));
                 }
                 let both = [request.as_slice(), &behind].concat();
-                prop_assert_eq!(frames(&both, &reads, Master), [request, behind.clone()]);
+                prop_assert_eq!(frames(&both, &reads, Requests), [request, behind.clone()]);
             }
         }
 
@@ -759,11 +759,11 @@ mod tests {
         ) {
             let request = frame(unit, &[&[65], data.as_slice()].concat());
             let request = by_chance(&request, 2, length).unwrap();
-            prop_assert!(checked(&request[..length]).is_some() && checked(&request).is_some());
-            prop_assert_eq!(frames(&request, &reads, Master), std::slice::from_ref(&request));
-            prop_assert_eq!(frames(&request, &[length], Master), std::slice::from_ref(&request));
+            prop_assert!(verify_crc(&request[..length]).is_some() && verify_crc(&request).is_some());
+            prop_assert_eq!(frames(&request, &reads, Requests), std::slice::from_ref(&request));
+            prop_assert_eq!(frames(&request, &[length], Requests), std::slice::from_ref(&request));
             let both = [request.as_slice(), &behind].concat();
-            prop_assert_eq!(frames(&both, &reads, Master), [request, behind]);
+            prop_assert_eq!(frames(&both, &reads, Requests), [request, behind]);
         }
     }
 
@@ -772,9 +772,9 @@ mod tests {
         fn requests_are_found_whole_in_any_split(
             one in request(), other in request(), reads in proptest::collection::vec(1_usize..40, 1..8),
         ) {
-            prop_assert_eq!(frames(&one, &reads, Master), std::slice::from_ref(&one));
+            prop_assert_eq!(frames(&one, &reads, Requests), std::slice::from_ref(&one));
             let both = [one.as_slice(), &other].concat();
-            prop_assert_eq!(frames(&both, &reads, Master), [one, other]);
+            prop_assert_eq!(frames(&both, &reads, Requests), [one, other]);
         }
 
         #[test]
@@ -783,8 +783,8 @@ mod tests {
             reads in proptest::collection::vec(1_usize..40, 1..8),
         ) {
             let stream = [garbage.as_slice(), &behind].concat();
-            for voices in [Master, All] {
-                prop_assert_eq!(frames(&stream, &reads, voices), frames(&stream, &[stream.len()], voices));
+            for expect in [Requests, Both] {
+                prop_assert_eq!(frames(&stream, &reads, expect), frames(&stream, &[stream.len()], expect));
             }
         }
     }
@@ -792,11 +792,11 @@ mod tests {
     proptest! {
         #[test]
         fn any_bytes_are_judged(burst in proptest::collection::vec(any::<u8>(), 0..600)) {
-            for voices in [Master, Slaves, All] {
-                if let Burst::Frame(length) = front(&burst, voices) {
-                    prop_assert!(checked(&burst[..length]).is_some());
+            for expect in [Requests, Replies, Both] {
+                if let Scan::Complete(length) = scan(&burst, expect) {
+                    prop_assert!(verify_crc(&burst[..length]).is_some());
                 }
-                prop_assert!(ended(&burst, voices) <= burst.len());
+                prop_assert!(ended(&burst, expect) <= burst.len());
             }
         }
 
@@ -806,9 +806,9 @@ mod tests {
         ) {
             let cut = cut.min(bytes.len());
             let first = Instant::from_ticks(1_000_000);
-            let mut whole = Receiver::new(LINE);
+            let mut whole = RtuReceiver::new(LINE);
             whole.bytes(first, &bytes);
-            let mut parts = Receiver::new(LINE);
+            let mut parts = RtuReceiver::new(LINE);
             parts.bytes(first, &bytes[..cut]);
             parts.bytes(first + LINE.character() * cut as u64, &bytes[cut..]);
             prop_assert_eq!(whole.deadline(), parts.deadline());

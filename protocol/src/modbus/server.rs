@@ -11,7 +11,7 @@ use super::pdu::{
     WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
 };
 use super::tcp::{self, Adu};
-use super::{Frame, Reply, Why, rtu};
+use super::{DropReason, Frame, Reply, rtu};
 use crate::registers::{Entries, Register, Shape, Space};
 
 /// Rules of a manual for its bus.
@@ -40,7 +40,7 @@ pub struct Rules {
 }
 
 /// A drive as its bus sees it: for the time of one request.
-pub trait Map {
+pub trait RequestHandler {
     /// Registers of the map.
     type Register: Register;
 
@@ -65,12 +65,12 @@ pub trait Map {
     ///
     /// # Errors
     /// The exception that refuses it.
-    fn permits(&self, _register: Self::Register, _value: i64) -> Result<(), Exception> {
+    fn validate(&self, _register: Self::Register, _value: i64) -> Result<(), Exception> {
         Ok(())
     }
 
     /// Carries out all that a write brings, where its values are judged together or make others than they are: its
-    /// rows accept each, [`permits`](Self::permits) too. Nothing is stored by the server then, and
+    /// rows accept each, [`validate`](Self::validate) too. Nothing is stored by the server then, and
     /// [`written`](Self::written) is not called; `None` leaves both to the server.
     ///
     /// # Errors
@@ -93,12 +93,12 @@ pub trait Map {
     ///
     /// # Errors
     /// The exception that refuses it; what it has put into `reply` does not count then.
-    fn serve_other(&mut self, _pdu: &[u8], _reply: &mut Reply) -> Result<(), Exception> {
+    fn custom_function(&mut self, _pdu: &[u8], _reply: &mut Reply) -> Result<(), Exception> {
         Err(Exception::IllegalFunction)
     }
 }
 
-/// Values of a write request, for [`Map::carry_out`].
+/// Values of a write request, for [`RequestHandler::carry_out`].
 #[derive(Debug)]
 pub struct Values<'a, R> {
     entries: &'static Entries,
@@ -159,31 +159,43 @@ pub enum Outcome {
         refused: Option<Exception>,
     },
     /// Ignored.
-    Dropped(Why),
+    Dropped(DropReason),
 }
 
 /// Carries out one RTU frame for the slave `unit` and leaves the reply in `reply`, which stays empty
 /// for a broadcast and for what is dropped.
-pub fn serve_rtu<M: Map>(frame: &[u8], unit: u8, rules: &Rules, map: &mut M, reply: &mut Frame) -> Outcome {
+pub fn serve_rtu<M: RequestHandler>(
+    frame: &[u8],
+    unit: u8,
+    rules: &Rules,
+    map: &mut M,
+    reply: &mut Frame,
+) -> Outcome {
     reply.clear();
-    let Some(body) = rtu::checked(frame) else { return Outcome::Dropped(Why::Crc) };
+    let Some(body) = rtu::verify_crc(frame) else { return Outcome::Dropped(DropReason::Crc) };
     let outcome = serve_serial(body, unit, rules, map, reply);
     if !reply.is_empty() {
-        rtu::seal(reply);
+        rtu::append_crc(reply);
     }
     outcome
 }
 
 /// Carries out what a frame of a serial line holds, an address and a PDU, for the slave `unit`, and leaves
 /// the same of the reply in `reply`, which stays empty for a broadcast and for what is dropped.
-pub fn serve_serial<M: Map>(body: &[u8], unit: u8, rules: &Rules, map: &mut M, reply: &mut Frame) -> Outcome {
+pub fn serve_serial<M: RequestHandler>(
+    body: &[u8],
+    unit: u8,
+    rules: &Rules,
+    map: &mut M,
+    reply: &mut Frame,
+) -> Outcome {
     reply.clear();
-    let Some((&address, pdu)) = body.split_first() else { return Outcome::Dropped(Why::Length) };
+    let Some((&address, pdu)) = body.split_first() else { return Outcome::Dropped(DropReason::Length) };
     let broadcast = rules.broadcast == Some(address);
     if address != unit && !broadcast {
-        return Outcome::Dropped(Why::Address);
+        return Outcome::Dropped(DropReason::Address);
     }
-    let Some(&function) = pdu.first() else { return Outcome::Dropped(Why::Length) };
+    let Some(&function) = pdu.first() else { return Outcome::Dropped(DropReason::Length) };
     let _ = reply.push(address);
     let refused = match serve(pdu, rules, map, reply) {
         Ok(()) => None,
@@ -205,10 +217,10 @@ pub fn serve_serial<M: Map>(body: &[u8], unit: u8, rules: &Rules, map: &mut M, r
 /// Carries out a whole ADU of a connection, whatever its unit, and leaves the reply in `reply`, which stays empty
 /// only for what is no ADU. A client waits for its reply: what a serial line would drop for its length is refused
 /// with the rules' `bad_quantity`, and there is no broadcast.
-pub fn serve_tcp<M: Map>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu) -> Outcome {
+pub fn serve_tcp<M: RequestHandler>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu) -> Outcome {
     reply.clear();
     let Some((header, pdu @ &[function, ..])) = tcp::parse(adu) else {
-        return Outcome::Dropped(Why::Length);
+        return Outcome::Dropped(DropReason::Length);
     };
     tcp::begin(reply, header);
     let refused = serve(pdu, rules, map, reply).err().map(|refusal| match refusal {
@@ -227,7 +239,7 @@ pub fn serve_tcp<M: Map>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu
 pub fn refuse_tcp(adu: &[u8], exception: Exception, reply: &mut Adu) -> Outcome {
     reply.clear();
     let Some((header, &[function, ..])) = tcp::parse(adu) else {
-        return Outcome::Dropped(Why::Length);
+        return Outcome::Dropped(DropReason::Length);
     };
     tcp::begin(reply, header);
     refuse(function, exception, tcp::HEADER_BYTES, reply);
@@ -244,7 +256,7 @@ fn refuse(function: u8, exception: Exception, head: usize, reply: &mut Reply) {
 /// Reason why a request has no normal reply.
 enum Refusal {
     Exception(Exception),
-    Drop(Why),
+    Drop(DropReason),
 }
 
 impl From<Exception> for Refusal {
@@ -254,11 +266,16 @@ impl From<Exception> for Refusal {
 }
 
 /// Carries out a request and puts the reply's PDU behind what is in `reply`.
-fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Reply) -> Result<(), Refusal> {
+fn serve<M: RequestHandler>(
+    pdu: &[u8],
+    rules: &Rules,
+    map: &mut M,
+    reply: &mut Reply,
+) -> Result<(), Refusal> {
     if !pdu.first().is_some_and(|function| rules.functions.contains(function)) {
         return Err(Exception::IllegalFunction.into());
     }
-    match Request::parse(pdu).ok_or(Refusal::Drop(Why::Length))? {
+    match Request::parse(pdu).ok_or(Refusal::Drop(DropReason::Length))? {
         Request::Read { function, first, count } => read(function, first, count, rules, map, reply)?,
         Request::WriteSingle { function, address, value } => {
             let (space, bytes) = match (function, value) {
@@ -274,7 +291,7 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Reply) -> R
             let coils = function == WRITE_MULTIPLE_COILS;
             let expected = if coils { usize::from(count).div_ceil(8) } else { 2 * usize::from(count) };
             if values.len() != usize::from(bytes) {
-                return Err(Refusal::Drop(Why::Length));
+                return Err(Refusal::Drop(DropReason::Length));
             }
             let most = if coils {
                 rules.most_written.saturating_mul(rules.bits_per_word)
@@ -288,13 +305,13 @@ fn serve<M: Map>(pdu: &[u8], rules: &Rules, map: &mut M, reply: &mut Reply) -> R
             write(space, first, count, values, rules, map)?;
             let _ = reply.extend_from_slice(pdu.get(..5).unwrap_or(pdu));
         }
-        Request::Other { .. } => map.serve_other(pdu, reply)?,
+        Request::Other { .. } => map.custom_function(pdu, reply)?,
     }
     Ok(())
 }
 
 /// Functions 1 to 4.
-fn read<M: Map>(
+fn read<M: RequestHandler>(
     function: u8,
     first: u16,
     count: u16,
@@ -350,13 +367,13 @@ fn read<M: Map>(
 }
 
 /// Returns whether the drive has each of these rows now.
-fn all_there<M: Map>(mut rows: impl Iterator<Item = usize>, map: &M) -> bool {
+fn all_there<M: RequestHandler>(mut rows: impl Iterator<Item = usize>, map: &M) -> bool {
     rows.all(|row| M::Register::from_row(row).is_some_and(|register| map.is_there(register)))
 }
 
 /// Functions 5, 6, 15 and 16: judge all addresses, then all values, then whether they may be written now; then
 /// store everything, then say so, unless the drive does all that itself.
-fn write<M: Map>(
+fn write<M: RequestHandler>(
     space: Space,
     first: u16,
     count: u16,
@@ -395,7 +412,7 @@ fn write<M: Map>(
             map.out_of_range(register, value);
             return Err(rules.bad_value);
         }
-        permitted = permitted.and_then(|()| map.permits(register, value));
+        permitted = permitted.and_then(|()| map.validate(register, value));
     }
     permitted?;
     if let Some(done) = map.carry_out(&values) {

@@ -1,6 +1,6 @@
 //! The world of a drive that is only asked.
 
-use drivetwin_firmware::device::{Instant, Output, Sink};
+use drivetwin_firmware::device::{Context, Instant, Output};
 
 /// Keeps the last answer.
 #[derive(Default)]
@@ -8,7 +8,7 @@ pub(crate) struct World {
     pub(crate) answer: Vec<u8>,
 }
 
-impl Sink for World {
+impl Context for World {
     fn put(&mut self, _at: Instant, output: Output<'_>) {
         if let Output::Bytes { bytes, .. } = output {
             self.answer.clear();

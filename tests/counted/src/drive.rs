@@ -6,8 +6,8 @@ use core::convert::Infallible;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
-use drivetwin_firmware::device::{Boot, Device, Duration, Ends, Instant, Line, Pin, Port};
-use drivetwin_firmware::shell::{Caught, Inputs, NoLinks, Outputs, Shell};
+use drivetwin_firmware::device::{Boot, Device, Duration, Framing, Instant, Line, Pin, Port};
+use drivetwin_firmware::shell::{BoardEvent, Inputs, NoNetwork, Outputs, Shell};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::registers::Space;
 use embedded_hal::digital::{self, OutputPin};
@@ -27,7 +27,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
     const STARTED: Duration = Duration::secs(10);
     let port = drive.spec().ports.first().expect("the drive has a port");
     let character = port.line.expect("it is a serial one").character();
-    let hears_lines = port.ends == Ends::Character;
+    let hears_lines = port.ends == Framing::Character;
     let objects = drive.spec().registers.layout.objects;
     let registers = drive.spec().registers.rows.iter();
     let registers = registers.filter(|row| row.space == Space::Holding && row.access.reads());
@@ -49,7 +49,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
 
     let hear = |byte| {
         board.now.set(board.now.get() + character);
-        board.caught.set(Some(Caught::Byte(Port(0), byte)));
+        board.caught.set(Some(BoardEvent::Byte(Port(0), byte)));
     };
     group(c"byte received");
     let request = rtu::read(1, first, words);
@@ -80,7 +80,7 @@ fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
 #[derive(Default)]
 struct Board {
     now: Cell<Instant>,
-    caught: Cell<Option<Caught>>,
+    caught: Cell<Option<BoardEvent>>,
     /// Length of the drive's last message, and its beginning.
     said: Cell<(usize, [u8; 3])>,
 }
@@ -90,7 +90,7 @@ impl Inputs for &Board {
         self.now.get()
     }
 
-    fn caught(&mut self, _until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
         self.caught.take().map(|caught| (self.now.get(), caught))
     }
 }
@@ -102,7 +102,7 @@ impl Outputs for Hands<'_> {
     type Serial = Self;
     type Pin = Self;
     type Memory = Self;
-    type Links = NoLinks;
+    type Links = NoNetwork;
 
     fn serial(&mut self, _port: Port) -> Option<&mut Self> {
         Some(self)

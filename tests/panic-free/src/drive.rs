@@ -2,13 +2,13 @@
 
 use core::sync::atomic::AtomicU8;
 
-use drivetwin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Sink, advance};
+use drivetwin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Context, advance};
 use panic_free::{opaque, perhaps_panic};
 
 /// A world of which the compiler knows nothing.
 struct World;
 
-impl Sink for World {
+impl Context for World {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         opaque((at, output));
     }
@@ -23,7 +23,7 @@ fn exercise<D: Device>(make: fn() -> D) -> ! {
     let mut device = make();
     let device: &mut dyn Device = opaque(&mut device);
     let mut world = World;
-    let out: &mut dyn Sink = opaque(&mut world);
+    let out: &mut dyn Context = opaque(&mut world);
     loop {
         let at: Instant = opaque(Instant::ZERO);
         let input = opaque(Input::Bytes { port: Port(0), bytes: &[] });

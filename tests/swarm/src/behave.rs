@@ -5,7 +5,7 @@ use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
 use drivetwin_protocol::registers::Row;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Client, PowerAction, Seat};
+use drivetwin_sim::bench::{Client, DriveId, PowerAction};
 use fastrand::Rng;
 
 use crate::dialect::{self, Block, Family, QSB, one_of};
@@ -99,7 +99,7 @@ impl Runner<'_> {
     /// A client that behaves saves values, twice where power fails amid the second save, and reads them back when power
     /// has come again: those of the save before or after, or the factory's where it may have them.
     pub(crate) fn save_step(&mut self, name: Name, seed: u64, failing: Failing) -> Result<(), Failure> {
-        let (Some(family), Some(seat)) = (self.family(name), self.bench.seat_named(name)) else {
+        let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
             return Ok(());
         };
         let mut rng = Rng::with_seed(seed);
@@ -159,7 +159,7 @@ impl Runner<'_> {
     }
 
     /// Sets some saved registers that are not in the block, to what they take.
-    fn set_others(&mut self, seat: Seat, family: Family, rng: &mut Rng) {
+    fn set_others(&mut self, seat: DriveId, family: Family, rng: &mut Rng) {
         let rows = dialect::settable(self.bench.spec(seat));
         let rows = rows.filter(|(_, row)| row.saved != 0 && !family.keeps_from_saving(row.address));
         let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
@@ -170,7 +170,7 @@ impl Runner<'_> {
     }
 
     /// The saved registers of a drive, by name, without the block, what changes by itself, and bits that are not saved.
-    fn saved_rows(&self, seat: Seat) -> Vec<(&'static str, i64)> {
+    fn saved_rows(&self, seat: DriveId) -> Vec<(&'static str, i64)> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let block = family.blocks()[0];
@@ -265,7 +265,7 @@ impl Runner<'_> {
 
     /// Says requests in one burst, in any pieces, and hears their replies and nothing else.
     fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
-        let Some(seat) = self.bench.seat_named(name) else { return Ok(()) };
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let client =
             self.bench.connect_to(seat, MODBUS).map_err(|error| Failure::new("nobody let in", error))?;
         let framed = |n: usize, pdu: &[u8]| self.framed(name, n as u16, pdu);
@@ -304,7 +304,7 @@ impl Runner<'_> {
 
     /// A PDU as it goes to a drive and back.
     fn framed(&self, name: Name, transaction: u16, pdu: &[u8]) -> Vec<u8> {
-        let bus = self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, MODBUS));
+        let bus = self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, MODBUS));
         let unit = self.addresses.get(name).copied().unwrap_or(1);
         match bus {
             None => tcp::frame(Header { transaction, unit }, pdu).to_vec(),
@@ -315,7 +315,7 @@ impl Runner<'_> {
 
     /// A variable over MCode (MC 5-60): what is set is printed, on a line of its own.
     fn ask_mcode(&mut self, name: Name, rng: &mut Rng) -> Result<(), Failure> {
-        let Some(seat) = self.bench.seat_named(name) else { return Ok(()) };
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
         // Esc stops a program.
         self.bench.send(client, b"\x1b\r");
@@ -337,7 +337,7 @@ impl Runner<'_> {
 
     /// A terminal at a QSB that says nothing by itself, and formats its replies as the factory has it.
     fn qsb_terminal(&mut self, name: Name) -> Result<Client, Failure> {
-        let seat = self.bench.seat_named(name).ok_or_else(|| Failure::new("no drive", name))?;
+        let seat = self.bench.find_drive(name).ok_or_else(|| Failure::new("no drive", name))?;
         let client =
             self.bench.connect_to(seat, Port(0)).map_err(|error| Failure::new("nobody let in", error))?;
         // It ends half a line, and all streams: by COMMAND 1, or by reading.

@@ -1,8 +1,8 @@
 //! A seed becomes a plan. It depends on nothing else, on any machine of 64 bits.
 
-use drivetwin_firmware::device::{Duration, Encoder, Ends, Fault, Pin, Role, Spec};
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Framing, Pin, Role, Spec};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::line::faults::LineFaults;
@@ -159,7 +159,7 @@ fn pin_name(drive: Drive, pin: Pin) -> String {
 
 /// A pin that a drive reads; not the contact of an RS that brings back the factory's values.
 fn input(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
-    let reads = |role| matches!(role, Role::Input | Role::Both | Role::Mixed | Role::Analogue);
+    let reads = |role| matches!(role, Role::Input | Role::Both | Role::AnalogueOrDigital | Role::Analogue);
     let pins = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| reads(pin.role) && pin.name != "CLR_FLASH");
     let pins: Vec<Pin> = pins.map(|(pin, _)| pin).collect();
     (!pins.is_empty()).then(|| one_of(rng, &pins))
@@ -181,12 +181,13 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
         18 => steps.push(Step::Leave(who(drive, rng))),
         19..23 => {
             if let Some(pin) = input(spec, rng) {
-                let analogue = matches!(spec.pins[usize::from(pin.0)].role, Role::Analogue | Role::Mixed);
+                let analogue =
+                    matches!(spec.pins[usize::from(pin.0)].role, Role::Analogue | Role::AnalogueOrDigital);
                 let driving = match rng.u8(..4) {
-                    0 if analogue => Driving::Millivolts(rng.i32(-1_000..11_000)),
-                    0 | 1 => Driving::Low,
-                    2 => Driving::High,
-                    _ => Driving::Open,
+                    0 if analogue => PinStimulus::Millivolts(rng.i32(-1_000..11_000)),
+                    0 | 1 => PinStimulus::Low,
+                    2 => PinStimulus::High,
+                    _ => PinStimulus::Open,
                 };
                 steps.push(Step::Hand(name, pin, driving));
             }
@@ -245,10 +246,10 @@ fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let who = who(drive, rng);
     let family = Family::of(drive.spec.kind);
     let bytes = match drive.spec.ports[usize::from(who.port)].ends {
-        Ends::Silence => dialect::modbus_mischief(family, drive.address, drive.ascii, rng),
-        Ends::Character => dialect::qsb_mischief(rng),
-        Ends::Mbap => dialect::tcp_mischief(rng),
-        Ends::Return => dialect::mcode_mischief(rng),
+        Framing::Silence => dialect::modbus_mischief(family, drive.address, drive.ascii, rng),
+        Framing::Character => dialect::qsb_mischief(rng),
+        Framing::Mbap => dialect::tcp_mischief(rng),
+        Framing::Return => dialect::mcode_mischief(rng),
     };
     if rng.bool() && bytes.len() > 1 {
         let (head, tail) = bytes.split_at(rng.usize(1..bytes.len()));
@@ -271,7 +272,7 @@ fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
             *share = f64::from(rng.u8(0..=10)) / 10.0;
         }
     }
-    if spec.ports.first().is_none_or(|port| port.ends != Ends::Silence) {
+    if spec.ports.first().is_none_or(|port| port.ends != Framing::Silence) {
         (faults.exception, faults.wrong_address) = (0.0, 0.0);
     }
     if rng.u8(..4) == 0 {

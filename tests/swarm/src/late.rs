@@ -4,7 +4,7 @@
 use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, advance, feed};
 use drivetwin_firmware::testing::Transcript;
 use drivetwin_sim::catalog;
-use drivetwin_sim::record::trace::{Did, Event, Fed, Power, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Power, Trace};
 use fastrand::Rng;
 
 use crate::oracle::Failure;
@@ -112,7 +112,7 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
     let (powered, waiting, last) = (true, Vec::new(), drive.from);
     let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };
     if drive.apart {
-        alone.device.part();
+        alone.device.detach_motor();
     }
     // Any seed will do, as long as both times have the same one.
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast, fast_line: drive.fast_line };
@@ -120,23 +120,23 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
     for entry in trace.events().filter(|entry| entry.drive == place) {
         let at = entry.at;
         match &entry.event {
-            Event::Fed(Fed::Power(Power::On)) if !alone.powered => {
+            Event::Input(InputRecord::Power(Power::On)) if !alone.powered => {
                 alone.device.power_on(at, boot, &mut alone.log);
                 (alone.powered, alone.last) = (true, at);
             }
             _ if !alone.powered => {}
-            Event::Fed(Fed::Power(Power::Off)) | Event::Did(Did::PowerOff) => {
+            Event::Input(InputRecord::Power(Power::Off)) | Event::Output(OutputRecord::PowerOff) => {
                 alone.come_to(at, false)?;
                 alone.powered = false;
             }
             // It comes behind all else of its instant.
-            &Event::Fed(Fed::Poke { row, value }) => {
+            &Event::Input(InputRecord::Poke { row, value }) => {
                 alone.come_to(at, true)?;
                 let _ = alone.device.poke(at, row, value, &mut alone.log);
                 alone.last = at;
             }
-            Event::Fed(fed) => fed.input().map_or(Ok(()), |input| alone.hear(at, input))?,
-            Event::Did(_) => {}
+            Event::Input(fed) => fed.input().map_or(Ok(()), |input| alone.hear(at, input))?,
+            Event::Output(_) => {}
         }
     }
     if alone.powered {

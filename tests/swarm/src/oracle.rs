@@ -134,7 +134,7 @@ fn alike(whole: &Happened, pieces: &Happened) -> Result<(), Failure> {
         if !one.bench.trace().events().eq(other.bench.trace().events()) {
             return Err(Failure::new(what, "another order of what happens at one instant"));
         }
-        for seat in one.bench.seats() {
+        for seat in one.bench.drives() {
             if one.bench.memory(seat) != other.bench.memory(seat) {
                 return Err(Failure::new(what, format!("the memory of {}", one.bench.name(seat))));
             }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin};
-use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_sim::line::faults::LineFaults;
 
 /// The name of a drive; also of its motor, behind `motor-`.
@@ -48,7 +48,7 @@ pub(crate) enum Step {
     /// A client says something, whatever it is, and does not care for answers.
     Say(Who, Vec<u8>),
     Leave(Who),
-    Hand(Name, Pin, Driving),
+    Hand(Name, Pin, PinStimulus),
     /// So many pulses, so many a second.
     Pulse(Name, Pin, u32, u32),
     /// So many counts of an encoder, so many a second.

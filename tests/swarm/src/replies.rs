@@ -3,9 +3,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use drivetwin_firmware::device::{Duration, Ends, Instant, Link, Port};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Link, Port};
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
-use drivetwin_sim::record::trace::{Did, Event, Fed, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Trace};
 
 use crate::oracle::Failure;
 
@@ -40,9 +40,9 @@ struct Heard {
 }
 
 impl Heard {
-    fn hear(&mut self, at: Instant, fed: &Fed) {
+    fn hear(&mut self, at: Instant, fed: &InputRecord) {
         match fed {
-            Fed::Bytes { port: MODBUS, bytes } => match self.on_line.back_mut() {
+            InputRecord::Bytes { port: MODBUS, bytes } => match self.on_line.back_mut() {
                 Some(stretch) if !self.broken && at.since(stretch.last) < LONGEST => {
                     stretch.bytes.extend(bytes);
                     stretch.last = at;
@@ -52,11 +52,11 @@ impl Heard {
                     self.broken = false;
                 }
             },
-            Fed::Spoiled { port: MODBUS } => self.broken = true,
-            Fed::Message { port: MODBUS, link: Link(link), bytes } => {
+            InputRecord::RxError { port: MODBUS } => self.broken = true,
+            InputRecord::Message { port: MODBUS, link: Link(link), bytes } => {
                 self.on_links.entry(*link).or_default().push_back(bytes.clone());
             }
-            Fed::Opened { port: MODBUS, link: Link(link) } => _ = self.on_links.remove(link),
+            InputRecord::Opened { port: MODBUS, link: Link(link) } => _ = self.on_links.remove(link),
             _ => {}
         }
     }
@@ -108,7 +108,7 @@ fn requests(bytes: &[u8], unit: u8, function: u8, is_ascii: bool) -> Vec<(usize,
     }
     let frames = starts.filter(|&start| is_asked(&bytes[start..])).flat_map(|start| {
         let ends = start + 4..=bytes.len().min(start + LONGEST_REQUEST);
-        ends.filter_map(move |end| Some((end, rtu::checked(&bytes[start..end])?.get(1..)?.to_vec())))
+        ends.filter_map(move |end| Some((end, rtu::verify_crc(&bytes[start..end])?.get(1..)?.to_vec())))
     });
     frames.collect()
 }
@@ -138,20 +138,20 @@ pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Re
     for entry in trace.events() {
         let (drive, heard) = (&trace.drives[entry.drive], &mut heard[entry.drive]);
         let result = match &entry.event {
-            Event::Fed(fed) => {
+            Event::Input(fed) => {
                 heard.hear(entry.at, fed);
                 Ok(())
             }
-            Event::Did(Did::Bytes { port: MODBUS, bytes })
-                if drive.spec.ports.first().is_some_and(|port| port.ends == Ends::Silence) =>
+            Event::Output(OutputRecord::Bytes { port: MODBUS, bytes })
+                if drive.spec.ports.first().is_some_and(|port| port.ends == Framing::Silence) =>
             {
                 let own = addresses.get(&*drive.name).copied();
                 reply_on_line(heard, entry.at, own, bytes).map_err(|wrong| (wrong, bytes))
             }
-            Event::Did(Did::Message { port: MODBUS, link: Link(link), bytes }) => {
+            Event::Output(OutputRecord::Message { port: MODBUS, link: Link(link), bytes }) => {
                 heard.take_message(*link, bytes).map_err(|wrong| (wrong, bytes))
             }
-            Event::Did(_) => Ok(()),
+            Event::Output(_) => Ok(()),
         };
         result.map_err(|(wrong, bytes)| {
             let detail = format!("{} says {bytes:02X?} at {:?}: {wrong}", drive.name, entry.at);
@@ -164,7 +164,7 @@ pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Re
 fn reply_on_line(heard: &mut Heard, at: Instant, own: Option<u8>, bytes: &[u8]) -> Result<(), &'static str> {
     let decoded = ascii::decode(bytes);
     let is_ascii = decoded.is_some();
-    match decoded.as_deref().or_else(|| rtu::checked(bytes)) {
+    match decoded.as_deref().or_else(|| rtu::verify_crc(bytes)) {
         Some(&[unit, ref pdu @ ..]) if !pdu.is_empty() => {
             if unit != FACTORY && own.is_some_and(|own| own != unit) {
                 return Err("that is another one's address");
@@ -185,7 +185,7 @@ mod tests {
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
         let mut drive = Heard::default();
         for bytes in heard {
-            drive.hear(Instant::ZERO, &Fed::Bytes { port: MODBUS, bytes: bytes.to_vec() });
+            drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: bytes.to_vec() });
         }
         reply_on_line(&mut drive, Instant::ZERO, Some(OWN), reply)
     }
@@ -219,7 +219,7 @@ mod tests {
     fn a_request_is_answered_once() {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::default();
-        drive.hear(Instant::ZERO, &Fed::Bytes { port: MODBUS, bytes: request.to_vec() });
+        drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request.to_vec() });
         let mut answer = || reply_on_line(&mut drive, Instant::ZERO, Some(OWN), &request);
         assert_eq!((answer(), answer()), (Ok(()), Err("nobody asked for it")));
     }
@@ -229,9 +229,9 @@ mod tests {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::default();
         for fed in [
-            Fed::Bytes { port: MODBUS, bytes: request[..4].to_vec() },
-            Fed::Spoiled { port: MODBUS },
-            Fed::Bytes { port: MODBUS, bytes: request[4..].to_vec() },
+            InputRecord::Bytes { port: MODBUS, bytes: request[..4].to_vec() },
+            InputRecord::RxError { port: MODBUS },
+            InputRecord::Bytes { port: MODBUS, bytes: request[4..].to_vec() },
         ] {
             drive.hear(Instant::ZERO, &fed);
         }
@@ -247,7 +247,7 @@ mod tests {
         let asked = || {
             let mut drive = Heard::default();
             let bytes = request.to_vec();
-            drive.hear(Instant::ZERO, &Fed::Message { port: MODBUS, link: Link(0), bytes });
+            drive.hear(Instant::ZERO, &InputRecord::Message { port: MODBUS, link: Link(0), bytes });
             drive
         };
         assert_eq!(asked().take_message(0, &reply), Ok(()));

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{Duration, Instant, Port};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, Client, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Client, DriveId, PowerAction, Settings, Setup};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::Layout;
-use drivetwin_sim::record::trace::{Recording, TraceKeep};
+use drivetwin_sim::record::trace::{Recording, Retention};
 use fastrand::Rng;
 
 use crate::dialect::Family;
@@ -134,8 +134,8 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
 
 fn build(layout: &Layout, mode: Mode, given: Vec<Setup>) -> Result<(Bench, Recording<Vec<u8>>), Failure> {
     let (trace, capture) = match mode {
-        Mode::Lean => (TraceKeep::Ring(RING), TraceKeep::Off),
-        Mode::Whole | Mode::Pieces => (TraceKeep::All, TraceKeep::Ring(RING)),
+        Mode::Lean => (Retention::Ring(RING), Retention::Off),
+        Mode::Whole | Mode::Pieces => (Retention::All, Retention::Ring(RING)),
     };
     let settings = Settings { trace, capture, ..layout.settings() };
     let bench = layout.build(settings, given).map_err(|error| Failure::new("no bench", error))?.bench;
@@ -146,7 +146,7 @@ fn build(layout: &Layout, mode: Mode, given: Vec<Setup>) -> Result<(Bench, Recor
 
 /// The address that a bench file has given a drive.
 fn address(bench: &Bench, name: &str) -> Option<u8> {
-    let seat = bench.seat_named(name)?;
+    let seat = bench.find_drive(name)?;
     u8::try_from(bench.peek(seat, bench.spec(seat).address?)).ok()
 }
 
@@ -198,7 +198,7 @@ impl Runner<'_> {
             }),
             Step::Disturb(name, ref faults) => self.with(name, |bench, seat| {
                 if let Some(bus) = bench.bus(seat, Port(0)) {
-                    bench.disturb(bus, **faults);
+                    bench.set_line_faults(bus, **faults);
                 }
             }),
             Step::Ask(name, seed) => return self.ask_step(name, seed),
@@ -209,19 +209,19 @@ impl Runner<'_> {
     }
 
     /// Does something with a drive, if it is there.
-    fn with(&mut self, name: Name, act: impl FnOnce(&mut Bench, Seat)) {
-        if let Some(seat) = self.bench.seat_named(name) {
+    fn with(&mut self, name: Name, act: impl FnOnce(&mut Bench, DriveId)) {
+        if let Some(seat) = self.bench.find_drive(name) {
             act(&mut self.bench, seat);
         }
     }
 
     /// The family of a drive, if that is on the bench.
     pub(crate) fn family(&self, name: Name) -> Option<Family> {
-        Some(Family::of(self.bench.spec(self.bench.seat_named(name)?).kind))
+        Some(Family::of(self.bench.spec(self.bench.find_drive(name)?).kind))
     }
 
     fn say(&mut self, who: Who, bytes: &[u8]) {
-        let Some(seat) = self.bench.seat_named(who.drive) else { return };
+        let Some(seat) = self.bench.find_drive(who.drive) else { return };
         // Whatever it says may be heard, and saved.
         for name in NAMES {
             if self.shares(who.drive, name) {
@@ -241,7 +241,7 @@ impl Runner<'_> {
 
     /// Returns whether two drives are the same, or on one line.
     pub(crate) fn shares(&self, a: Name, b: Name) -> bool {
-        let line = |name| self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, Port(0)));
+        let line = |name| self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, Port(0)));
         a == b || (line(a).is_some() && line(a) == line(b))
     }
 
@@ -284,7 +284,7 @@ impl Runner<'_> {
         // What is due at this instant.
         self.bench.run_until(until);
         let made = self.bench.trace().mark() - before;
-        let drives = self.bench.seats().len() as u64;
+        let drives = self.bench.drives().len() as u64;
         let ticks = until.since(from).ticks();
         if made > drives * (MOST_AT_ONCE + MOST_A_TICK * ticks) {
             return Err(Failure::new("stuck clock", format!("{made} events in {ticks} ticks")));
@@ -337,18 +337,18 @@ impl Runner<'_> {
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
             if let Some(bus) = bench.bus(seat, Port(0)) {
-                bench.disturb(bus, drivetwin_sim::line::faults::LineFaults::NONE);
+                bench.set_line_faults(bus, drivetwin_sim::line::faults::LineFaults::NONE);
             }
         });
         // At 1,200 baud, and doubled, garbage takes some seconds.
         for _ in 0..10 {
             self.pass(1.secs())?;
-            let bus = self.bench.seat_named(name).and_then(|seat| self.bench.bus(seat, Port(0)));
+            let bus = self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, Port(0)));
             if bus.is_none_or(|bus| self.bench.is_answered(bus)) {
                 break;
             }
         }
-        let starts = self.bench.seat_named(name).is_some_and(|seat| !self.bench.powered(seat));
+        let starts = self.bench.find_drive(name).is_some_and(|seat| !self.bench.powered(seat));
         if starts || !self.boots_fast(name) { self.power_on(name) } else { Ok(()) }
     }
 
@@ -356,8 +356,8 @@ impl Runner<'_> {
     fn restart(&mut self) -> Result<(), Failure> {
         self.pass(A_SAVE)?;
         let names = self.layout.drives.iter().map(|drive| drive.name.clone());
-        let seats: Vec<Option<Seat>> = names.map(|name| self.bench.seat_named(&name)).collect();
-        let memory = |seat: &Option<Seat>| seat.map(|seat| self.bench.memory(seat).to_vec());
+        let seats: Vec<Option<DriveId>> = names.map(|name| self.bench.find_drive(&name)).collect();
+        let memory = |seat: &Option<DriveId>| seat.map(|seat| self.bench.memory(seat).to_vec());
         let given = seats.iter().map(|seat| Setup { memory: memory(seat), ..Setup::default() }).collect();
         self.read_all();
         self.end_life()?;

@@ -5,13 +5,13 @@ use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::modbus::tcp::{Header, frame};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, PowerAction, Seat};
+use drivetwin_sim::bench::{Bench, DriveId, PowerAction};
 use drivetwin_sim::config::bench_file;
 
 use super::{ask, built, seat};
 
 /// A bench of one drive with presets.
-fn drive(kind: &str, set: &str) -> (Bench, Seat) {
+fn drive(kind: &str, set: &str) -> (Bench, DriveId) {
     let bench =
         built(&format!("[[drive]]\nname = 'x'\nkind = '{kind}'\nfast_boot = true\nset = {{ {set} }}\n"))
             .bench;
@@ -20,7 +20,7 @@ fn drive(kind: &str, set: &str) -> (Bench, Seat) {
 }
 
 /// Power goes and comes.
-fn cycle(bench: &mut Bench, seat: Seat) {
+fn cycle(bench: &mut Bench, seat: DriveId) {
     bench.power(seat, PowerAction::Off);
     bench.run_until(bench.now() + 1.secs());
     bench.power(seat, PowerAction::On);
@@ -28,7 +28,7 @@ fn cycle(bench: &mut Bench, seat: Seat) {
 }
 
 /// A request on the drive's line, and what comes.
-fn on_line(bench: &mut Bench, seat: Seat, request: &[u8]) -> Vec<u8> {
+fn on_line(bench: &mut Bench, seat: DriveId, request: &[u8]) -> Vec<u8> {
     let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
     ask(bench, client, request)
 }

@@ -10,10 +10,10 @@ mod ranges;
 mod values;
 
 use drivetwin_firmware::device::Instant;
-use drivetwin_sim::bench::{Bench, Client, Seat, Settings};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Settings};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::{Built, Layout};
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 
 #[track_caller]
 fn layout(text: &str) -> Layout {
@@ -24,7 +24,7 @@ fn layout(text: &str) -> Layout {
 #[track_caller]
 fn built(text: &str) -> Built {
     let layout = layout(text);
-    let settings = Settings { trace: TraceKeep::All, ..layout.settings() };
+    let settings = Settings { trace: Retention::All, ..layout.settings() };
     layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -35,12 +35,12 @@ fn example(name: &str) -> Built {
     built(&std::fs::read_to_string(path).unwrap())
 }
 
-fn seat(bench: &Bench, name: &str) -> Seat {
-    bench.seat_named(name).unwrap_or_else(|| panic!("there is no drive {name}"))
+fn seat(bench: &Bench, name: &str) -> DriveId {
+    bench.find_drive(name).unwrap_or_else(|| panic!("there is no drive {name}"))
 }
 
 /// A register now.
-fn register(bench: &Bench, seat: Seat, name: &str) -> i64 {
+fn register(bench: &Bench, seat: DriveId, name: &str) -> i64 {
     let row =
         bench.spec(seat).registers.find(name).unwrap_or_else(|| panic!("there is no register {name}")).row;
     bench.peek(seat, row)

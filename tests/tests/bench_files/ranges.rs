@@ -48,7 +48,7 @@ fn thousandths(key: &str, least: u32, most: u32) {
 
 #[test]
 fn the_reference_tells_the_ranges_of_motors() {
-    let (least, most) = (stepper::Parameters::LEAST, stepper::Parameters::MOST);
+    let (least, most) = (stepper::StepperParameters::LEAST, stepper::StepperParameters::MOST);
     range("steps_per_rev", least.steps_per_rev, most.steps_per_rev);
     thousandths("holding_mnm", least.holding_unm, most.holding_unm);
     range("rated_ma", least.rated_ma, most.rated_ma);
@@ -81,7 +81,7 @@ fn the_reference_tells_the_ranges_of_what_is_on_a_shaft() {
 #[test]
 fn the_reference_tells_the_defaults_of_motors() {
     let default = |key: &str, value: f64| assert_says(key, &format!("| {} |", written(value)));
-    let nominal = stepper::Parameters::NOMINAL;
+    let nominal = stepper::StepperParameters::NOMINAL;
     default("steps_per_rev", nominal.steps_per_rev.into());
     default("holding_mnm", f64::from(nominal.holding_unm) / 1_000.0);
     default("rated_ma", nominal.rated_ma.into());
@@ -100,7 +100,7 @@ fn the_reference_tells_the_defaults_of_motors() {
     default("resistance_ohm", f64::from(nominal.resistance_mohm) / 1_000.0);
     default("hall_pulses", nominal.hall_pulses.into());
 
-    let own = catalog::make("mdrobot").unwrap().own_motor().unwrap();
+    let own = catalog::make("mdrobot").unwrap().internal_motor().unwrap();
     let last = |key: &str, value: f64| assert_says(key, &format!("| {} |\n", written(value)));
     last("inertia_gcm2", own.inertia_gcm2.into());
     last("friction_mnm", f64::from(own.friction_unm) / 1_000.0);

@@ -9,10 +9,10 @@ use drivetwin_sim::bench::{PowerAction, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::layout::{At, Built, MotorKind};
 use drivetwin_sim::config::listen::Uri;
-use drivetwin_sim::config::time_mode::Pace;
+use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 use drivetwin_sim::line::faults::LineFaults;
-use drivetwin_sim::record::trace::{Event, Fed, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, Trace};
 use drivetwin_sim::replay;
 
 use super::{built, layout, moments, register, seat};
@@ -71,7 +71,7 @@ fn everything_that_can_be_said() {
     );
     assert_eq!(
         (layout.seed, layout.time, layout.line),
-        (Some(u64::MAX), Some(Pace::Times(10)), Some(LineMode::Fast))
+        (Some(u64::MAX), Some(TimeMode::Times(10)), Some(LineMode::Fast))
     );
     let [x, y, q] = &layout.drives[..] else { panic!("three drives") };
     assert_eq!((x.nv.as_deref(), x.fast_boot), (Some(Path::new("x.nv")), true));
@@ -252,7 +252,7 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
         let channels = ["ENC_A", "ENC_B"].map(|name| bench.spec(seats[0]).pin(name).unwrap());
         let (mut state, mut states, mut edges) = ([true; 3], vec![], 0);
         for entry in bench.trace().events() {
-            let Event::Fed(Fed::Edge { pin, high }) = entry.event else { continue };
+            let Event::Input(InputRecord::Edge { pin, high }) = entry.event else { continue };
             edges += usize::from(channels.contains(&pin));
             if let Some(hall) = halls.iter().position(|hall| *hall == pin) {
                 state[hall] = high;

@@ -4,9 +4,11 @@ use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Pin};
 use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_firmware::rs434::rs434544;
-use drivetwin_sim::bench::{Bench, Driving, Fitting, Motor, PowerAction, Seat, Settings, Setup, Turn};
+use drivetwin_sim::bench::{
+    Bench, DriveId, Motor, MotorModel, PinStimulus, PowerAction, Settings, Setup, ShaftState,
+};
 use drivetwin_sim::line::LineMode;
-use drivetwin_sim::record::trace::TraceKeep;
+use drivetwin_sim::record::trace::Retention;
 
 use crate::physics::Limits;
 
@@ -54,7 +56,7 @@ impl Drive {
 pub(crate) struct Rig {
     drive: Drive,
     bench: Bench,
-    seat: Seat,
+    seat: DriveId,
     /// `None`: the drive turns the motor that it brings.
     motor: Option<Motor>,
 }
@@ -71,17 +73,17 @@ impl Rig {
     }
 
     fn with(drive: Drive, motor: Option<Parameters>) -> Self {
-        let settings = Settings { line: LineMode::Fast, trace: TraceKeep::Off, ..Settings::default() };
+        let settings = Settings { line: LineMode::Fast, trace: Retention::Off, ..Settings::default() };
         let mut bench = Bench::with(settings);
         let setup = Setup { apart: motor.is_some(), boot_fast: true, ..Setup::default() };
-        let seat = bench.seat("x", drive.device(), setup).unwrap();
+        let seat = bench.add_with("x", drive.device(), setup).unwrap();
         let motor = motor.map(|motor| {
             let motor = match drive {
                 Drive::Rs434544 => motor,
                 // 4 poles, as HALL_TYPE 0 says.
                 Drive::Mdrobot => Parameters { hall_sensors: 3, hall_pulses: 2, ..motor },
             };
-            bench.fit("m", seat, AXIS, Fitting::Brush(motor)).unwrap()
+            bench.attach_motor("m", seat, AXIS, MotorModel::Brush(motor)).unwrap()
         });
         let mut rig = Self { drive, bench, seat, motor };
         rig.run(0.001);
@@ -99,15 +101,15 @@ impl Rig {
     pub(crate) fn nominal(drive: Drive, change: impl FnOnce(Parameters) -> Parameters) -> Self {
         let mut bench = Bench::new();
         let setup = Setup { apart: true, ..Setup::default() };
-        let seat = bench.seat("x", drive.device(), setup).unwrap();
-        Self::new(drive, change(bench.parted(seat).unwrap()))
+        let seat = bench.add_with("x", drive.device(), setup).unwrap();
+        Self::new(drive, change(bench.detached_motor(seat).unwrap()))
     }
 
     /// Pulls a pin to ground, or lets go.
     pub(crate) fn ground(&mut self, pin: &str, on: bool) {
         let pins = self.bench.spec(self.seat).pins;
         let pin = Pin(pins.iter().position(|spec| spec.name == pin).unwrap() as u8);
-        self.bench.set_pin(self.seat, pin, if on { Driving::Low } else { Driving::Open });
+        self.bench.set_pin(self.seat, pin, if on { PinStimulus::Low } else { PinStimulus::Open });
     }
 
     /// Holds the shaft, or lets go.
@@ -124,7 +126,7 @@ impl Rig {
         self.run(0.001);
     }
 
-    fn turn(&self) -> Turn {
+    fn turn(&self) -> ShaftState {
         self.bench.turn(self.motor.expect("a motor of the bench"))
     }
 

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 enum Act {
     Motor(Parameters),
     Rotation(Rotation),
-    Draws(i32),
+    MotorCurrent(i32),
     Edge(u8, bool),
     Poke(usize, i64),
 }
@@ -54,7 +54,7 @@ fn act() -> impl Strategy<Value = Act> {
     prop_oneof![
         2 => motor,
         4 => rotation,
-        2 => any::<i32>().prop_map(Act::Draws),
+        2 => any::<i32>().prop_map(Act::MotorCurrent),
         6 => (0..16_u8, any::<bool>()).prop_map(|(pin, high)| Act::Edge(pin, high)),
         4 => (0..80_usize, prop_oneof![0..4_i64, 0..3_000_i64, any::<i32>().prop_map(i64::from)])
             .prop_map(|(row, value)| Act::Poke(row, value)),
@@ -65,7 +65,7 @@ fn play(mut drive: impl Device, orders: &[(&str, i64)], acts: &[(Act, u64)]) {
     let rows = |names: &[(&str, i64)], drive: &dyn Device| -> Vec<(usize, i64)> {
         names.iter().map(|&(name, value)| (drive.spec().find(name).unwrap().row, value)).collect()
     };
-    drive.part();
+    drive.detach_motor();
     let mut out = Recorder::new(drive.spec().memory.into()).memory_only();
     let mut now = Instant::ZERO;
     drive.power_on(now, Boot { fast: true, ..Boot::default() }, &mut out);
@@ -76,7 +76,7 @@ fn play(mut drive: impl Device, orders: &[(&str, i64)], acts: &[(Act, u64)]) {
         let input = match act {
             Act::Motor(parameters) => Input::Motor { axis, parameters },
             Act::Rotation(rotation) => Input::Rotation { axis, rotation: *rotation },
-            Act::Draws(ma) => Input::Draws { axis, ma: *ma },
+            Act::MotorCurrent(ma) => Input::MotorCurrent { axis, ma: *ma },
             Act::Edge(pin, _) if usize::from(*pin) >= drive.spec().pins.len() => continue,
             Act::Edge(pin, high) => Input::Edge { pin: Pin(*pin), high: *high },
             Act::Poke(row, value) => {

@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Line, Port};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, PowerAction, Seat, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, PowerAction, Setup};
 use drivetwin_sim::line::Sender;
 
 use crate::rig::{GREEN, RED, Rig, at, bit, words};
@@ -322,7 +322,7 @@ fn section_7_21_product_information() {
 }
 
 /// An MD3 whose characters take their time.
-fn timed() -> (Bench, Seat) {
+fn timed() -> (Bench, DriveId) {
     let mut bench = Bench::new();
     let seat = bench.add::<drivetwin_firmware::md3::Md3>("x");
     bench.run_until(3.secs());
@@ -330,7 +330,7 @@ fn timed() -> (Bench, Seat) {
 }
 
 /// Sends a write of 0x1c and returns the line after its reply.
-fn line_after(value: u16) -> (Bench, Seat, Line) {
+fn line_after(value: u16) -> (Bench, DriveId, Line) {
     let (mut bench, seat) = timed();
     let request = rtu::write(1, at::SERIAL_PORT, value);
     assert_eq!(bench.ask(seat, &request), request[..], "the reply leaves with the old line");

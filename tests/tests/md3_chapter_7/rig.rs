@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_protocol::modbus::{Frame, rtu};
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Driving, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 use drivetwin_tests::md3;
 pub(crate) use drivetwin_tests::md3::{at, bit};
@@ -29,14 +29,14 @@ fn make(kind: &str) -> Box<dyn Device> {
 /// the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
-    pub(crate) seat: Seat,
+    pub(crate) seat: DriveId,
 }
 
 impl Rig {
     /// An MD3 that has just been given power, with this in its memory.
     pub(crate) fn new(kind: &str, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
-        let seat = bench.seat("x", make(kind), setup).expect("a drive that can be seated");
+        let seat = bench.add_with("x", make(kind), setup).expect("a drive that can be seated");
         Self { bench, seat }
     }
 
@@ -163,24 +163,24 @@ impl Rig {
         Pin(pins.iter().position(|pin| pin.name == name).expect("a pin of the drive") as u8)
     }
 
-    fn drive(&mut self, name: &str, drive: Driving) {
+    fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
     }
 
     /// Pulls a pin to ground; returns when the drive has seen it, as the next two do.
     pub(crate) fn low(&mut self, name: &str) {
-        self.drive(name, Driving::Low);
+        self.drive(name, PinStimulus::Low);
     }
 
     /// Drives a pin high.
     pub(crate) fn high(&mut self, name: &str) {
-        self.drive(name, Driving::High);
+        self.drive(name, PinStimulus::High);
     }
 
     /// Lets a pin go.
     pub(crate) fn open(&mut self, name: &str) {
-        self.drive(name, Driving::Open);
+        self.drive(name, PinStimulus::Open);
     }
 
     /// A train of pulses on a pin, to its end.
@@ -260,7 +260,7 @@ impl Rig {
 
 /// The registers in a reply.
 pub(crate) fn words(reply: &[u8]) -> Vec<u16> {
-    let body = rtu::checked(reply).expect("a reply has a CRC that holds");
+    let body = rtu::verify_crc(reply).expect("a reply has a CRC that holds");
     assert_eq!((body[1], usize::from(body[2])), (3, body.len() - 3));
     body[3..].chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
 }

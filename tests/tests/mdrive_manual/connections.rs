@@ -180,7 +180,7 @@ fn lines_end_with_cr_lf_or_both() {
 fn connections_are_accepted_once_the_drive_has_booted() {
     let mut bench = Bench::new();
     let seat =
-        bench.seat("x", Box::new(Mdrive::plus()), Setup::default()).expect("a drive that can be seated");
+        bench.add_with("x", Box::new(Mdrive::plus()), Setup::default()).expect("a drive that can be seated");
     for _ in 0..2 {
         // Power comes within a tick.
         let booted = bench.now() + 300.millis();

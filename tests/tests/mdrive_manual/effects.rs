@@ -3,7 +3,7 @@
 
 use drivetwin_firmware::device::{Encoder, Level};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::Driving;
+use drivetwin_sim::bench::PinStimulus;
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, START};
 use crate::table::{Access, TABLE, find};
@@ -166,7 +166,7 @@ const EFFECTS: &[Effect] = &[
     effect("D4", nothing, &[(Some(10), 1), (Some(50), 0)], |rig| follows(rig, 3)),
     // Half of 5 V are 512 counts.
     effect("D5", nothing, &[(Some(0), 1), (Some(255), 0)], |rig| {
-        rig.drive("ANALOG", Driving::Millivolts(2_500));
+        rig.drive("ANALOG", PinStimulus::Millivolts(2_500));
         rig.after(10.millis());
         i64::from(rig.word(0x0031) == 512)
     }),

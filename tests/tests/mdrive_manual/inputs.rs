@@ -97,7 +97,7 @@ fn inputs_are_debounced() {
 /// MC 5-34, 5-65: 0 to 1,023 of full scale.
 #[test]
 fn the_analogue_input_is_10_bits_of_full_scale() {
-    use drivetwin_sim::bench::Driving::Millivolts;
+    use drivetwin_sim::bench::PinStimulus::Millivolts;
     for kind in KINDS {
         let mut rig = Rig::new(kind);
         for (mv, shown) in [(0, 0), (5_000, 1_023), (2_500, 512), (1_000, 205), (6_000, 1_023), (-100, 0)] {

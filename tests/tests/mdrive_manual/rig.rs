@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, Port};
 use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Client, Driving, Ended, Motion, PowerAction, Seat, Setup};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Ended, Motion, PinStimulus, PowerAction, Setup};
 
 pub(crate) const MODBUS: Port = Port(0);
 pub(crate) const MCODE: Port = Port(1);
@@ -36,7 +36,7 @@ pub(crate) type Exception = u8;
 /// command counts from then.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
-    pub(crate) seat: Seat,
+    pub(crate) seat: DriveId,
     pub(crate) kind: Kind,
     pub(crate) modbus: Client,
     /// Without echo: EM = 2 prints what it is told to and nothing else (MC 5-22).
@@ -72,12 +72,12 @@ impl Rig {
             Kind::Plus => Mdrive::plus(),
             Kind::Hybrid => Mdrive::hybrid(),
         };
-        let seat = bench.seat("x", Box::new(drive), setup).expect("a drive that can be seated");
+        let seat = bench.add_with("x", Box::new(drive), setup).expect("a drive that can be seated");
         Self::of(kind, bench, seat)
     }
 
     /// A drive that has just been seated on a bench.
-    pub(crate) fn of(kind: Kind, mut bench: Bench, seat: Seat) -> Self {
+    pub(crate) fn of(kind: Kind, mut bench: Bench, seat: DriveId) -> Self {
         bench.run_until(bench.now() + START);
         let modbus = bench.connect_to(seat, MODBUS).expect("a drive that has power");
         let mcode = bench.connect_to(seat, MCODE).expect("a drive that has power");
@@ -142,21 +142,21 @@ impl Rig {
     }
 
     /// Does something to a pin; returns when the drive has seen it.
-    pub(crate) fn drive(&mut self, name: &str, drive: Driving) {
+    pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
     }
 
     pub(crate) fn low(&mut self, name: &str) {
-        self.drive(name, Driving::Low);
+        self.drive(name, PinStimulus::Low);
     }
 
     pub(crate) fn high(&mut self, name: &str) {
-        self.drive(name, Driving::High);
+        self.drive(name, PinStimulus::High);
     }
 
     pub(crate) fn open(&mut self, name: &str) {
-        self.drive(name, Driving::Open);
+        self.drive(name, PinStimulus::Open);
     }
 
     /// A pin as it is seen from outside.

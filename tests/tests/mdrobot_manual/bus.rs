@@ -5,7 +5,7 @@ use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::testing::Recorder;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Client, Seat, Setup};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Setup};
 
 use crate::pid;
 use crate::rig::{BOOT, SILENCE, timed};
@@ -17,13 +17,13 @@ const CHARACTER: u64 = 8_333;
 const T35: Duration = Duration::from_ticks(29_166);
 
 /// 1 and 2 on one line.
-fn two() -> (Bench, [Seat; 2]) {
+fn two() -> (Bench, [DriveId; 2]) {
     let mut bench = Bench::new();
     let seats = [1_i64, 2].map(|id| {
         // The name that users preset it by (decision 5).
         let row = mdrobot().spec().find("CONTROLLER_ID").expect("a setting").row;
         let setup = Setup { presets: vec![(row, id)], ..Setup::default() };
-        bench.seat(if id == 1 { "left" } else { "right" }, Box::new(mdrobot()), setup).expect("a drive")
+        bench.add_with(if id == 1 { "left" } else { "right" }, Box::new(mdrobot()), setup).expect("a drive")
     });
     bench.share("line", &seats.map(|seat| (seat, Port(0))));
     bench.run_until(BOOT + 1.millis());
@@ -66,7 +66,7 @@ fn page_3_two_controllers_in_turn() {
             _ => (rtu::write(unit, pid::IN_POSITION, poll), 8),
         };
         let (reply, ended) = exchange(&mut bench, client, &frame, length);
-        let body = rtu::checked(&reply).unwrap_or_else(|| panic!("poll {poll}: {reply:02X?}"));
+        let body = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("poll {poll}: {reply:02X?}"));
         assert_eq!((body[0], reply.len()), (unit, length), "poll {poll}");
         if length == 8 {
             assert_eq!(reply, frame[..]);

@@ -2,7 +2,7 @@
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::bench::{PinStimulus, PowerAction};
 
 use crate::pid;
 use crate::rig::{BOOT, Rig};
@@ -46,7 +46,7 @@ fn page_11_di() {
                 let others = rig.read(pid::DI) & !(1 << bit);
                 assert_eq!(others, if encoder { 0b110_0000 & !(1 << bit) } else { 0b110_0000 });
                 // Nobody holds it any more.
-                rig.drive(name, Driving::Open);
+                rig.drive(name, PinStimulus::Open);
                 assert_eq!(rig.read(pid::DI), 0b110_0000, "{name} not wired");
             }
             for (name, _) in BITS {

@@ -23,7 +23,7 @@ fn frames_of_the_monitors() {
         ([0x01, 0x03, 0x00, 0xD8, 0x00, 0x07, 0x84, 0x33], 7),
     ] {
         let reply = rig.bench.ask(rig.seat, &request);
-        let body = rtu::checked(&reply).expect("a CRC that holds");
+        let body = rtu::verify_crc(&reply).expect("a CRC that holds");
         assert_eq!(body[..3], [1, 3, 2 * words]);
         assert_eq!(body[3..], vec![0; 2 * usize::from(words)]);
     }

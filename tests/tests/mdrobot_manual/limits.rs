@@ -2,7 +2,7 @@
 //! CCW while closed.
 
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Closed, Driving};
+use drivetwin_sim::bench::{Closed, PinStimulus};
 
 use crate::pid;
 use crate::rig::Rig;
@@ -125,7 +125,7 @@ fn page_7_where_they_do_not_act() {
         // Not wired any more, and never.
         let mut rig = between(&[]);
         rig.velocity(sign * 500);
-        rig.drive(switch, Driving::Open);
+        rig.drive(switch, PinStimulus::Open);
         rig.assert_turns(f64::from(sign) * 500.0);
         let mut rig = Rig::armed(&[]);
         rig.velocity(sign * 500);

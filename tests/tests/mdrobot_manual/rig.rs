@@ -5,7 +5,9 @@ use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Driving, Fitting, Motion, Motor, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{
+    Bench, DriveId, Motion, Motor, MotorModel, PinStimulus, PowerAction, Settings, Setup,
+};
 use drivetwin_sim::line::LineMode;
 
 use crate::pid;
@@ -26,7 +28,7 @@ pub(crate) type Exception = u8;
 /// from the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
-    pub(crate) seat: Seat,
+    pub(crate) seat: DriveId,
     /// Poles of the motor; a turn is 3 counts a pole (decision 27).
     pub(crate) poles: f64,
 }
@@ -42,7 +44,7 @@ impl Rig {
     /// A new controller that has just been given power.
     pub(crate) fn new(line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seat = bench.seat("x", Box::new(mdrobot()), setup).expect("a drive that can be seated");
+        let seat = bench.add_with("x", Box::new(mdrobot()), setup).expect("a drive that can be seated");
         Self { bench, seat, poles: 4.0 }
     }
 
@@ -65,10 +67,13 @@ impl Rig {
     pub(crate) fn turning(settings: &[(u16, u16)], change: impl FnOnce(&mut Parameters)) -> (Self, Motor) {
         let mut rig = Self::new(LineMode::Fast, Setup { apart: true, ..Setup::default() });
         rig.after(BOOT + 1.millis());
-        let mut motor = rig.bench.parted(rig.seat).expect("a drive that has parted from its motor");
+        let mut motor = rig.bench.detached_motor(rig.seat).expect("a drive that has parted from its motor");
         change(&mut motor);
         rig.poles = f64::from(2 * motor.hall_pulses);
-        let motor = rig.bench.fit("m", rig.seat, Axis(0), Fitting::Brush(motor)).expect("a motor that fits");
+        let motor = rig
+            .bench
+            .attach_motor("m", rig.seat, Axis(0), MotorModel::Brush(motor))
+            .expect("a motor that fits");
         rig.set(settings);
         rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
         (rig, motor)
@@ -121,24 +126,24 @@ impl Rig {
     }
 
     /// Does something to a pin; returns when the drive has seen it.
-    pub(crate) fn drive(&mut self, name: &str, drive: Driving) {
+    pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
     }
 
     /// Closes a contact to ground: ON (decision 21).
     pub(crate) fn close(&mut self, name: &str) {
-        self.drive(name, Driving::Low);
+        self.drive(name, PinStimulus::Low);
     }
 
     /// Opens a contact that is there.
     pub(crate) fn open(&mut self, name: &str) {
-        self.drive(name, Driving::High);
+        self.drive(name, PinStimulus::High);
     }
 
     /// A voltage at an analogue input.
     pub(crate) fn volts(&mut self, name: &str, volts: f64) {
-        self.drive(name, Driving::Millivolts((volts * 1_000.0).round() as i32));
+        self.drive(name, PinStimulus::Millivolts((volts * 1_000.0).round() as i32));
     }
 
     /// A pin as it is seen from outside.
@@ -183,7 +188,7 @@ impl Rig {
         if reply.is_empty() {
             return reply;
         }
-        let body = rtu::checked(&reply).expect("a reply has a CRC that holds");
+        let body = rtu::verify_crc(&reply).expect("a reply has a CRC that holds");
         assert_eq!(body[0], 1, "the id of a reply");
         body[1..].to_vec()
     }

@@ -69,7 +69,7 @@ fn expect_written(run: &Run, at: Nanos, writes: &[(u16, u16)]) {
 /// The value that a register was read to have, asked for at `at`.
 fn value(run: &Run, at: Nanos) -> u16 {
     let (_, reply) = run.sent(at, at + TURN);
-    let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+    let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
     let [1, 3, 2, high, low] = *pdu else { panic!("{pdu:02x?} at {at} ns") };
     u16::from_be_bytes([high, low])
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;
 
-use crate::play::{Did, MS, Nanos, Run, Script};
+use crate::play::{MS, Nanos, OutputRecord, Run, Script};
 use crate::{START, TURN, expect_written, image, value, write};
 
 /// A save takes this at most, with its flash.
@@ -33,8 +33,8 @@ fn restart(script: &mut Script, at: Nanos) -> (Nanos, Nanos) {
 fn bytes(run: &Run, from: Nanos, to: Nanos) -> u64 {
     let ops = run.did.iter().filter(|(at, _)| (from..to).contains(at));
     ops.map(|(_, did)| match did {
-        Did::Erased(_) => 4_096,
-        Did::Programmed(_, bytes) => u64::from(*bytes),
+        OutputRecord::Erased(_) => 4_096,
+        OutputRecord::Programmed(_, bytes) => u64::from(*bytes),
         _ => 0,
     })
     .sum()
@@ -116,7 +116,7 @@ fn power_that_fails_while_a_sector_is_erased_loses_nothing() {
     // A new flash needs no sector erased for a while.
     let (script, end) = saves(100);
     let run = script.play(&image(), end);
-    let erased = run.did.iter().find(|(_, did)| matches!(did, Did::Erased(_)));
+    let erased = run.did.iter().find(|(_, did)| matches!(did, OutputRecord::Erased(_)));
     let (first, _) = erased.expect("100 saves fill a sector");
     let before = u16::try_from((first - START) / each).expect("less than 100");
     let flash = Path::new(env!("CARGO_TARGET_TMPDIR")).join("before-an-erase");
@@ -135,9 +135,9 @@ fn power_that_fails_while_a_sector_is_erased_loses_nothing() {
         let (asked, end) = restart(&mut script, done);
         let run = script.play_on(&copy, &image(), end);
         let memory = Memory::of(&run, asked, before, 0x2222);
-        let works = run.did.iter().map(|(_, did)| *did).take_while(|did| *did != Did::PowerOff);
-        if let Some(Did::Erased(_)) =
-            works.filter(|did| matches!(did, Did::Erased(_) | Did::Programmed(..))).last()
+        let works = run.did.iter().map(|(_, did)| *did).take_while(|did| *did != OutputRecord::PowerOff);
+        if let Some(OutputRecord::Erased(_)) =
+            works.filter(|did| matches!(did, OutputRecord::Erased(_) | OutputRecord::Programmed(..))).last()
         {
             in_an_erase += 1;
             assert_ne!(memory, Memory::New, "nothing new was stored yet");
@@ -164,7 +164,7 @@ fn many_saves_wear_all_sectors_alike() {
     assert_eq!(value(&run, asked), 299);
     let mut erased = std::collections::BTreeMap::<u32, u32>::new();
     for (_, did) in &run.did {
-        if let Did::Erased(offset) = did {
+        if let OutputRecord::Erased(offset) = did {
             *erased.entry(*offset).or_default() += 1;
         }
     }

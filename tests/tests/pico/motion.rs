@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use drivetwin_firmware::device::{Instant, Plan};
-use drivetwin_firmware::motion::{Rates, Walker};
+use drivetwin_firmware::motion::{Limits, StepIterator};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::{at, bit};
 use fixed::types::{I24F8, U24F8};
 use object::{Object, ObjectSymbol};
 
-use crate::play::{Did, Drive, MS, Nanos, Run, Script, US};
+use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script, US};
 use crate::{CHARACTER, START, TURN, image, pin, value, write};
 
 const STEPS: u32 = 12_000;
@@ -28,7 +28,7 @@ const MOVE: [(u16, u16); 6] = [
 
 /// The steps of a plan, in ticks since its start.
 fn steps(plan: &Plan) -> Vec<u64> {
-    Walker::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
+    StepIterator::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
 }
 
 /// Delay of pulses, in ns, at least and at most. `due` is when the plan starts, if the stamp of the request's last
@@ -84,7 +84,7 @@ fn every_pulse_of_a_move_is_where_the_plan_has_it() {
     script.hear(end, &rtu::read(1, at::MOTION, 1));
     let run = script.play(&image(), end + TURN);
 
-    let rates = Rates::even(U24F8::from_num(SPEED), ACCELERATION);
+    let rates = Limits::even(U24F8::from_num(SPEED), ACCELERATION);
     let plan = Plan::profile(Instant::ZERO, 0, STEPS as i32, rates);
     let rises = run.edges(pin::STEP, Drive::High);
     let (stamp, least, most) = lateness(&rises, &steps(&plan), taken(asked));
@@ -137,7 +137,7 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     let run = script.play(&image(), asked + MS);
 
     let peeked = run.did.iter().find_map(|(_, did)| match did {
-        Did::Peeked(word) => Some(word.cast_signed()),
+        OutputRecord::Peeked(word) => Some(word.cast_signed()),
         _ => None,
     });
     let slipped = peeked.expect("it was looked at");
@@ -175,12 +175,12 @@ fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
     for poll in polls {
         assert_eq!(run.sent(poll, poll + 4 * TURN).1, answer.as_slice());
     }
-    assert!(!run.did.iter().any(|(_, did)| *did == Did::Watchdog));
+    assert!(!run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog));
     let (mut position, mut forward, mut made) = (0, false, 0);
     for (at, did) in &run.did {
         match did {
-            Did::Pin(pin::DIR, drive) => forward = *drive == Drive::High,
-            Did::Pin(pin::STEP, Drive::High) => {
+            OutputRecord::Pin(pin::DIR, drive) => forward = *drive == Drive::High,
+            OutputRecord::Pin(pin::STEP, Drive::High) => {
                 position += if forward { 1 } else { -1 };
                 made += 1;
                 assert!((0..=2).contains(&position), "at {position} at {at} ns");

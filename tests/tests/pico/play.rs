@@ -25,7 +25,7 @@ pub(crate) struct Script(String);
 
 /// Event of a board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Did {
+pub(crate) enum OutputRecord {
     /// A character began to leave.
     Sent(u8),
     /// The board drives a pin low or high, or lets it go.
@@ -54,7 +54,7 @@ pub(crate) enum Drive {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Run {
     /// Events of the board, in the order of time.
-    pub(crate) did: Vec<(Nanos, Did)>,
+    pub(crate) did: Vec<(Nanos, OutputRecord)>,
     /// Figures: the lines that begin with `stat`.
     pub(crate) figures: Vec<String>,
 }
@@ -127,7 +127,7 @@ impl Run {
     /// Characters that were sent in that time, and the start of the first.
     pub(crate) fn sent(&self, from: Nanos, to: Nanos) -> (Nanos, Vec<u8>) {
         let sent = self.did.iter().filter_map(|(at, did)| match did {
-            Did::Sent(byte) if (from..to).contains(at) => Some((*at, *byte)),
+            OutputRecord::Sent(byte) if (from..to).contains(at) => Some((*at, *byte)),
             _ => None,
         });
         let (times, bytes): (Vec<_>, Vec<_>) = sent.unzip();
@@ -136,22 +136,25 @@ impl Run {
 
     /// Start of each character that was sent in that time.
     pub(crate) fn times_sent(&self, from: Nanos, to: Nanos) -> Vec<Nanos> {
-        let sent = self.did.iter().filter(|(at, did)| matches!(did, Did::Sent(_)) && (from..to).contains(at));
+        let sent = self
+            .did
+            .iter()
+            .filter(|(at, did)| matches!(did, OutputRecord::Sent(_)) && (from..to).contains(at));
         sent.map(|(at, _)| *at).collect()
     }
 
     /// The instants at which a pin rose, or fell.
     pub(crate) fn edges(&self, pin: u8, drive: Drive) -> Vec<Nanos> {
-        let edges = self.did.iter().filter(|(_, did)| *did == Did::Pin(pin, drive));
+        let edges = self.did.iter().filter(|(_, did)| *did == OutputRecord::Pin(pin, drive));
         edges.map(|(at, _)| *at).collect()
     }
 }
 
 /// The event of a line; `None` for a complaint.
-fn parse(what: &str) -> Option<Did> {
+fn parse(what: &str) -> Option<OutputRecord> {
     let words: Vec<&str> = what.split(' ').collect();
     Some(match words.as_slice() {
-        ["tx", byte] => Did::Sent(u8::from_str_radix(byte, 16).ok()?),
+        ["tx", byte] => OutputRecord::Sent(u8::from_str_radix(byte, 16).ok()?),
         ["pin", pin, level] => {
             let drive = match *level {
                 "low" => Drive::Low,
@@ -159,13 +162,13 @@ fn parse(what: &str) -> Option<Did> {
                 "float" => Drive::Float,
                 _ => return None,
             };
-            Did::Pin(pin.parse().ok()?, drive)
+            OutputRecord::Pin(pin.parse().ok()?, drive)
         }
-        ["flash", "erase", offset, ..] => Did::Erased(hex(offset)?),
-        ["flash", "program", offset, bytes] => Did::Programmed(hex(offset)?, bytes.parse().ok()?),
-        ["peek", _, word] => Did::Peeked(u32::from_str_radix(word, 16).ok()?),
-        ["power", "off"] => Did::PowerOff,
-        ["reset", "watchdog"] => Did::Watchdog,
+        ["flash", "erase", offset, ..] => OutputRecord::Erased(hex(offset)?),
+        ["flash", "program", offset, bytes] => OutputRecord::Programmed(hex(offset)?, bytes.parse().ok()?),
+        ["peek", _, word] => OutputRecord::Peeked(u32::from_str_radix(word, 16).ok()?),
+        ["power", "off"] => OutputRecord::PowerOff,
+        ["reset", "watchdog"] => OutputRecord::Watchdog,
         _ => return None,
     })
 }

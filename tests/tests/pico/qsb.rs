@@ -2,7 +2,7 @@
 //! the digital port.
 
 use crate::image_of;
-use crate::play::{Did, Drive, MS, Nanos, Run, Script};
+use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 
 /// A, B, I and DTR; DIO1 and DIO2, which are STEP and DIR of the motor drive.
 const A: u8 = 5;
@@ -150,8 +150,8 @@ fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
     let (mut position, mut is_forward, mut most) = (0, false, 0);
     for (_, did) in &run.did {
         match did {
-            Did::Pin(DIO2, drive) => is_forward = *drive == Drive::High,
-            Did::Pin(DIO1, Drive::High) => {
+            OutputRecord::Pin(DIO2, drive) => is_forward = *drive == Drive::High,
+            OutputRecord::Pin(DIO1, Drive::High) => {
                 position += if is_forward { 1 } else { -1 };
                 most = position.max(most);
             }
@@ -226,7 +226,8 @@ fn what_command_3_saves_outlasts_the_power_and_every_command_is_heard_again_50_m
     let asked = off + MS + START;
     let end = say(&mut script, asked, &["R0B"]);
     let run = play(&script, end);
-    let erased = run.did.iter().filter(|(at, did)| *at > begin && matches!(did, Did::Erased(_))).count();
+    let erased =
+        run.did.iter().filter(|(at, did)| *at > begin && matches!(did, OutputRecord::Erased(_))).count();
     assert!(erased > 0, "no sector was erased while commands came");
     assert_eq!(said(&run, begin, at), expected);
     assert_eq!(said(&run, asked, end), ["r 0B 0000001D !"]);

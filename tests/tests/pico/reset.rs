@@ -3,7 +3,7 @@
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;
 
-use crate::play::{Did, MS, Script};
+use crate::play::{MS, OutputRecord, Script};
 use crate::{START, TURN, image, value};
 
 #[test]
@@ -14,7 +14,7 @@ fn a_board_that_hangs_starts_its_drive_again() {
     let asked = 5_000 * MS;
     script.hear(asked, &rtu::read(1, at::MOVE_STEPS + 1, 1));
     let run = script.play(&image(), asked + TURN);
-    let resets: Vec<_> = run.did.iter().filter(|(_, did)| *did == Did::Watchdog).collect();
+    let resets: Vec<_> = run.did.iter().filter(|(_, did)| *did == OutputRecord::Watchdog).collect();
     assert!(matches!(resets[..], [(when, _)] if *when < 2_000 * MS), "{resets:?}");
     assert_eq!(value(&run, asked), 10_000);
 }

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use drivetwin_protocol::modbus::rtu;
 
 use crate::image_of;
-use crate::play::{Did, Drive, MS, Nanos, Run, Script};
+use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 
 /// Time of the first request: the board has copied itself to RAM.
 const START: Nanos = 60 * MS;
@@ -53,7 +53,7 @@ fn ask(script: &mut Script, mut at: Nanos, requests: &[Vec<u8>]) -> Nanos {
 /// The words that a read at `at` was answered with.
 fn words(run: &Run, at: Nanos) -> Vec<u16> {
     let (_, reply) = run.sent(at, at + TURN);
-    let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+    let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
     let [1, 3, _, words @ ..] = pdu else { panic!("{pdu:02x?} at {at} ns") };
     words.chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
 }
@@ -130,7 +130,7 @@ fn a_program_is_stored_before_the_answer_and_outlasts_the_power() {
         assert_eq!(reply, answer.as_slice(), "at {save} ns");
         longest = longest.max(begins - save);
     }
-    let erased = run.did.iter().filter(|(_, did)| matches!(did, Did::Erased(_))).count();
+    let erased = run.did.iter().filter(|(_, did)| matches!(did, OutputRecord::Erased(_))).count();
     println!("a program is stored within {} ms, with {erased} sectors erased for {SAVES}", longest / MS);
     assert!(erased > 0, "no sector was erased");
     assert_eq!(words(&run, first), [SAVES, 0]);
@@ -150,7 +150,7 @@ fn a_program_that_is_stored_again_costs_next_to_nothing() {
     let run = play(&script, end);
     let programmed = |from, to| {
         let within = run.did.iter().filter(|(at, _)| (from..to).contains(at));
-        within.filter(|(_, did)| matches!(did, Did::Programmed(..))).count()
+        within.filter(|(_, did)| matches!(did, OutputRecord::Programmed(..))).count()
     };
     let (first, second) = (programmed(START, again), programmed(again, end));
     println!("pages programmed: {first}, then {second}");
@@ -183,7 +183,7 @@ fn power_that_fails_while_a_program_is_stored_leaves_the_old_the_new_or_a_bad_on
         let programmed = run
             .did
             .iter()
-            .filter(|(at, did)| (begun..done).contains(at) && matches!(did, Did::Programmed(..)));
+            .filter(|(at, did)| (begun..done).contains(at) && matches!(did, OutputRecord::Programmed(..)));
         let bytes = 256 * programmed.count() as u64;
         // ERROR bit 7: the program in flash is bad (6.5).
         let is_bad = words(&run, error) == [1 << 7];
@@ -221,7 +221,7 @@ fn every_request_is_heard_while_a_program_runs() {
     let mut counts = Vec::new();
     for at in asked {
         let (_, reply) = run.sent(at, at + PACE);
-        let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
+        let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
         assert_eq!((pdu[..3].to_vec(), pdu.len()), (vec![1, 3, 22], 25));
         counts.push(u16::from_be_bytes([pdu[3], pdu[4]]));
     }
@@ -254,11 +254,11 @@ fn every_request_is_heard_while_the_motor_turns_and_its_edges_show_at_the_pins()
     let run = play(&script, end);
     for at in asked {
         let (_, reply) = run.sent(at, at + PACE);
-        assert!(reply.len() == 75 && rtu::checked(&reply).is_some(), "{reply:02x?} at {at} ns");
+        assert!(reply.len() == 75 && rtu::verify_crc(&reply).is_some(), "{reply:02x?} at {at} ns");
     }
     let state = |at| {
         let (_, reply) = run.sent(at, at + TURN);
-        let pdu = rtu::checked(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns")).to_vec();
+        let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns")).to_vec();
         let word = |n: usize| u32::from(u16::from_be_bytes([pdu[3 + 2 * n], pdu[4 + 2 * n]]));
         (word(0), word(2), word(3) | word(4) << 16)
     };

@@ -1,9 +1,9 @@
 //! Expectations of a trace, at any instant.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Pin, Role};
-use drivetwin_firmware::motion::Walker;
+use drivetwin_firmware::motion::StepIterator;
 use drivetwin_sim::board::virtual_board::Done;
-use drivetwin_sim::record::trace::{Did, Event, Trace};
+use drivetwin_sim::record::trace::{Event, OutputRecord, Trace};
 use drivetwin_tests::on_shell::{self, Seen};
 
 use crate::host::Connection;
@@ -72,19 +72,19 @@ impl Expected {
                         changes.push((at, high));
                     }
                 }
-                Seen::Did(Did::Line { line, .. }) => expected.lines.push((at, line)),
-                Seen::Did(Did::Store { offset, bytes }) => {
+                Seen::Output(OutputRecord::Line { line, .. }) => expected.lines.push((at, line)),
+                Seen::Output(OutputRecord::Store { offset, bytes }) => {
                     expected.memory[usize::from(offset)..][..bytes.len()].copy_from_slice(&bytes);
                 }
                 // What is said is taken below, piece by piece. Motion comes as plans; currents and duties have
                 // no pin.
-                Seen::Did(_) => {}
+                Seen::Output(_) => {}
             }
         }
         let mut free = Instant::ZERO;
         for entry in trace.events() {
             match &entry.event {
-                Event::Did(Did::Bytes { bytes, .. }) => {
+                Event::Output(OutputRecord::Bytes { bytes, .. }) => {
                     let follows = expected.replies.last().filter(|_| free == entry.at);
                     let earliest = follows.map_or(entry.at, |before| before.earliest);
                     // The line that it says when it gets power holds at once.
@@ -93,12 +93,14 @@ impl Expected {
                     let bytes = bytes.clone();
                     expected.replies.push(Reply { to: None, at: entry.at, earliest, bytes });
                 }
-                Event::Did(Did::Message { port, link, bytes }) => {
+                Event::Output(OutputRecord::Message { port, link, bytes }) => {
                     let to = Some((*port, *link));
                     let (at, bytes) = (entry.at, bytes.clone());
                     expected.replies.push(Reply { to, at, earliest: at, bytes });
                 }
-                Event::Did(Did::Level { pin, .. }) => expected.given[usize::from(pin.0)].push(entry.at),
+                Event::Output(OutputRecord::Level { pin, .. }) => {
+                    expected.given[usize::from(pin.0)].push(entry.at)
+                }
                 _ => {}
             }
         }
@@ -231,7 +233,7 @@ fn steps(motion: &[(Instant, Done)], end: Instant) -> Vec<(Instant, bool)> {
     for ((from, done), end) in motion.iter().zip(ends) {
         match done {
             Done::Planned(_, plan) => {
-                let walked = Walker::new(plan, *from).take_while(|step| step.at <= end);
+                let walked = StepIterator::new(plan, *from).take_while(|step| step.at <= end);
                 steps.extend(walked.map(|step| (step.at, step.forward)));
             }
             Done::Stepped(_, count) => {

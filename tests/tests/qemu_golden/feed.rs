@@ -3,7 +3,7 @@
 use std::fmt;
 
 use drivetwin_firmware::device::{Fault, Instant, Spec};
-use drivetwin_sim::record::trace::{Event, Fed, Power, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, Power, Trace};
 
 use crate::expected::Expected;
 use crate::host::Connection;
@@ -51,31 +51,31 @@ pub(crate) fn acts(
     let wired = |name: &str| gpio(name).unwrap_or_else(|| panic!("{name} is not wired"));
     let mut acts = Vec::new();
     for entry in trace.events() {
-        let Event::Fed(fed) = &entry.event else { continue };
+        let Event::Input(fed) = &entry.event else { continue };
         match fed {
-            Fed::Bytes { bytes, .. } => {
+            InputRecord::Bytes { bytes, .. } => {
                 let character = expected.line(entry.at).character();
                 acts.extend(
                     (0..).zip(bytes).map(|(n, byte)| (entry.at + character * n, Act::Character(*byte))),
                 );
             }
-            Fed::Opened { port, link } => acts.push((entry.at, Act::Open((*port, *link)))),
-            Fed::Message { port, link, bytes } => {
+            InputRecord::Opened { port, link } => acts.push((entry.at, Act::Open((*port, *link)))),
+            InputRecord::Message { port, link, bytes } => {
                 acts.push((entry.at, Act::Say((*port, *link), bytes.clone())));
             }
-            Fed::Closed { port, link } => acts.push((entry.at, Act::Close((*port, *link)))),
-            Fed::Edge { pin, high } => {
+            InputRecord::Closed { port, link } => acts.push((entry.at, Act::Close((*port, *link)))),
+            InputRecord::Edge { pin, high } => {
                 let name = spec.pins[usize::from(pin.0)].name;
                 acts.push((entry.at, Act::Drive(name, wired(name), *high)));
             }
-            Fed::Fault { fault: Fault(fault), on } => {
+            InputRecord::Fault { fault: Fault(fault), on } => {
                 let name = spec.faults[usize::from(*fault)];
                 acts.push((entry.at, Act::Drive(name, wired(name), !on)));
             }
-            Fed::Attached { here, .. } => {
+            InputRecord::HostPresence { here, .. } => {
                 acts.push((entry.at, Act::Drive("DTR", wired("DTR"), !here)));
             }
-            Fed::Power(power @ (Power::On | Power::Off)) => {
+            InputRecord::Power(power @ (Power::On | Power::Off)) => {
                 acts.push((entry.at, Act::Power(*power == Power::On)));
             }
             other => panic!("nobody can do this to the board: {other:?}"),

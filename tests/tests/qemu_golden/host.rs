@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use drivetwin_firmware::device::{Duration, Ends, Instant, Link, Port, Spec};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Link, Port, Spec};
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet};
 use smoltcp::phy::{Device, DeviceCapabilities, Medium, RxToken, TxToken};
 use smoltcp::socket::tcp::{Socket, SocketBuffer};
@@ -55,8 +55,8 @@ impl Host {
     pub(crate) fn open(&mut self, connection: Connection) {
         let number = match self.spec.ports[usize::from(connection.0.0)].ends {
             // FB 6.3.
-            Ends::Mbap => 502,
-            Ends::Return => 503,
+            Framing::Mbap => 502,
+            Framing::Return => 503,
             ends => panic!("nobody connects to a port whose messages end with {ends:?}"),
         };
         let buffer = || SocketBuffer::new(vec![0; ROOM]);

@@ -27,7 +27,7 @@ use std::{env, fs, thread};
 
 use drivetwin_firmware::device::{Device, Duration, Instant};
 use drivetwin_sim::board::virtual_board::Done;
-use drivetwin_sim::record::trace::{Event, Fed, Trace};
+use drivetwin_sim::record::trace::{Event, InputRecord, Trace};
 use drivetwin_tests::on_shell;
 
 use expected::Expected;
@@ -109,7 +109,7 @@ impl Job {
 
 /// Whether a trace has edges that are [close](CLOSE) together.
 fn has_close_edges(trace: &Trace) -> bool {
-    let edges = trace.events().filter(|entry| matches!(entry.event, Event::Fed(Fed::Edge { .. })));
+    let edges = trace.events().filter(|entry| matches!(entry.event, Event::Input(InputRecord::Edge { .. })));
     let edges: Vec<Instant> = edges.map(|entry| entry.at).collect();
     edges.windows(2).any(|pair| matches!(pair, [one, next] if one < next && next.since(*one) < CLOSE))
 }

@@ -1,7 +1,7 @@
 //! How late the board may be.
 
 use drivetwin_firmware::device::{Duration, Instant, Spec};
-use drivetwin_sim::record::trace::{Did, Event, Trace};
+use drivetwin_sim::record::trace::{Event, OutputRecord, Trace};
 
 use crate::expected::Expected;
 
@@ -62,9 +62,9 @@ impl Patience {
 /// starts again, which says who it is.
 fn stores(trace: &Trace) -> Vec<Instant> {
     let many = |event: &Event| match event {
-        Event::Did(Did::Store { bytes, .. }) => bytes.len() > MANY,
-        Event::Did(Did::Bytes { bytes, .. }) => bytes.get(1..4) == Some(&[6, 0x50, 0x25]),
-        Event::Did(Did::Message { bytes, .. }) => bytes.starts_with(b"Copyright"),
+        Event::Output(OutputRecord::Store { bytes, .. }) => bytes.len() > MANY,
+        Event::Output(OutputRecord::Bytes { bytes, .. }) => bytes.get(1..4) == Some(&[6, 0x50, 0x25]),
+        Event::Output(OutputRecord::Message { bytes, .. }) => bytes.starts_with(b"Copyright"),
         _ => false,
     };
     trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()

@@ -83,7 +83,7 @@ pub(crate) fn play(
     machine.memory().write([(saved, 0x7374_616E), (saved + 4, 0x6469_6E21)]);
     machine.memory().put(saved + 8, &drive.memory);
     let mut inputs = vec![(FAST, !drive.boot_fast)];
-    let hears = |role| matches!(role, Role::Input | Role::Both | Role::Mixed);
+    let hears = |role| matches!(role, Role::Input | Role::Both | Role::AnalogueOrDigital);
     let heard = spec.pins.iter().filter(|pin| hears(pin.role));
     inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
     inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));

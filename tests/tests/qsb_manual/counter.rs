@@ -1,7 +1,7 @@
 //! Counting against the slow model: at 1 MHz in every mode, and at random.
 
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Driving, Setup};
+use drivetwin_sim::bench::{PinStimulus, Setup};
 use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
@@ -68,7 +68,7 @@ impl Pair {
     }
 
     fn set(&mut self, pin: &str, high: bool) {
-        self.rig.set(pin, if high { Driving::High } else { Driving::Low });
+        self.rig.set(pin, if high { PinStimulus::High } else { PinStimulus::Low });
     }
 
     fn a(&mut self) {

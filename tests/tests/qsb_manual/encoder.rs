@@ -1,7 +1,7 @@
 //! MODE: PWM encoders and the analogue input.
 
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::Driving;
+use drivetwin_sim::bench::PinStimulus;
 
 use crate::rig::{KINDS, Rig, TICK};
 
@@ -9,12 +9,12 @@ use crate::rig::{KINDS, Rig, TICK};
 /// that closes the last one.
 fn pwm(rig: &mut Rig, pin: &str, on: u64, period: u64, cycles: u32) {
     for _ in 0..cycles {
-        rig.set(pin, Driving::High);
+        rig.set(pin, PinStimulus::High);
         rig.after(Duration::from_ticks(on));
-        rig.set(pin, Driving::Low);
+        rig.set(pin, PinStimulus::Low);
         rig.after(Duration::from_ticks(period - on));
     }
-    rig.set(pin, Driving::High);
+    rig.set(pin, PinStimulus::High);
     rig.after(1.micros());
 }
 
@@ -146,7 +146,7 @@ fn pwm_is_streamed() {
 fn analogue(kind: &str, pin: &str, mv: i32) -> Rig {
     let mut rig = Rig::ready(kind);
     rig.write("W0002");
-    rig.drive(pin, Driving::Millivolts(mv));
+    rig.drive(pin, PinStimulus::Millivolts(mv));
     rig
 }
 
@@ -236,9 +236,9 @@ fn volts_are_streamed() {
     // Neither the stamp nor the port is a change.
     rig.low("DIO0");
     assert_eq!(rig.texts(1.secs()), [""; 0]);
-    rig.drive("A", Driving::Millivolts(1_010)); // 206
+    rig.drive("A", PinStimulus::Millivolts(1_010)); // 206
     assert_eq!(rig.texts(1.secs()), [""; 0]);
-    rig.drive("A", Driving::Millivolts(1_011)); // 207.05
+    rig.drive("A", PinStimulus::Millivolts(1_011)); // 207.05
     let heard = rig.hear(1.secs());
     assert_eq!(heard.len(), 1);
     let (at, text) = &heard[0];
@@ -260,8 +260,8 @@ fn volts_are_levels_too() {
     let mut rig = Rig::ready("qsb-s");
     rig.write("W0340");
     for _ in 0..5 {
-        rig.drive("A", Driving::Millivolts(400));
-        rig.drive("A", Driving::Millivolts(3_000));
+        rig.drive("A", PinStimulus::Millivolts(400));
+        rig.drive("A", PinStimulus::Millivolts(3_000));
     }
     rig.says(&[("R0E", "r 0E 00000005 !")]);
 }

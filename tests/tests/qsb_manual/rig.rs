@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Bus, Client, Driving, PowerAction, Seat, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Bus, Client, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::line::{LineMode, Sender};
 
 /// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 10): 1.953125 ms.
@@ -36,7 +36,7 @@ pub(crate) type Line = (Instant, String);
 /// a command counts from the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
-    pub(crate) seat: Seat,
+    pub(crate) seat: DriveId,
     pub(crate) bus: Bus,
     client: Client,
     /// When power came last.
@@ -50,7 +50,7 @@ impl Rig {
     /// A QSB that has just been given power.
     pub(crate) fn new(kind: &str, line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seat = bench.seat("x", make(kind), setup).expect("a drive that can be seated");
+        let seat = bench.add_with("x", make(kind), setup).expect("a drive that can be seated");
         let bus = bench.bus(seat, Port(0)).expect("a serial port");
         let client = bench.connect(bus);
         let power = bench.now();
@@ -263,31 +263,31 @@ impl Rig {
     }
 
     /// Does something to a pin; it arrives a tick later.
-    pub(crate) fn set(&mut self, name: &str, drive: Driving) {
+    pub(crate) fn set(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
     }
 
     /// Does something to a pin, and returns a microsecond later.
-    pub(crate) fn drive(&mut self, name: &str, drive: Driving) {
+    pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.set(name, drive);
         self.after(1.micros());
     }
 
     pub(crate) fn low(&mut self, name: &str) {
-        self.drive(name, Driving::Low);
+        self.drive(name, PinStimulus::Low);
     }
 
     pub(crate) fn high(&mut self, name: &str) {
-        self.drive(name, Driving::High);
+        self.drive(name, PinStimulus::High);
     }
 
     /// Drives a pin high or low.
     pub(crate) fn hold(&mut self, name: &str, high: bool) {
-        self.drive(name, if high { Driving::High } else { Driving::Low });
+        self.drive(name, if high { PinStimulus::High } else { PinStimulus::Low });
     }
 
     pub(crate) fn open(&mut self, name: &str) {
-        self.drive(name, Driving::Open);
+        self.drive(name, PinStimulus::Open);
     }
 
     pub(crate) fn level(&self, name: &str) -> Level {

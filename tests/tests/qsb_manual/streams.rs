@@ -1,7 +1,7 @@
 //! Streams: when records come, what is in them, and what ends them.
 
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::Driving;
+use drivetwin_sim::bench::PinStimulus;
 use drivetwin_sim::line::LineMode;
 
 use crate::rig::{KINDS, Line, Rig, TICK, number};
@@ -264,13 +264,13 @@ fn interval_0_with_a_threshold_analogue() {
     for command in ["W0002", "W0C0", "W0B1"] {
         rig.write(command);
     }
-    rig.drive("A", Driving::Millivolts(0));
+    rig.drive("A", PinStimulus::Millivolts(0));
     rig.ask("S0E");
     let mut latest = Duration::ZERO;
     for n in 1..=40 {
         rig.hear(5.millis() + Duration::from_ticks(n * 333));
         let start = rig.now();
-        rig.drive("A", Driving::Millivolts(100 * n as i32));
+        rig.drive("A", PinStimulus::Millivolts(100 * n as i32));
         let heard = rig.hear(2.millis());
         assert_eq!(heard.len(), 1);
         assert_eq!(u64::from(data(&heard[0]) & 0xFFF), n * 100 * 1_024 / 5_000);

@@ -154,8 +154,9 @@ fn section_6_4_broadcasts_and_others() {
 #[test]
 fn section_6_4_several_drives() {
     let mut bench = Bench::new();
-    let drives = ["rs434544", "rs434546"]
-        .map(|kind| bench.seat(kind, make(kind), Default::default()).expect("a drive that can be seated"));
+    let drives = ["rs434544", "rs434546"].map(|kind| {
+        bench.add_with(kind, make(kind), Default::default()).expect("a drive that can be seated")
+    });
     let [one, two] = drives;
     bench.run_until(BOOT + 1.millis());
     for frame in [rtu::write(1, at::SLAVE_ADDRESS, 2), rtu::write(1, at::SAVE_INI, 0x37FA)] {

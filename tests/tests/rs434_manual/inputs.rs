@@ -1,7 +1,7 @@
 //! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
 
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Driving, PowerAction};
+use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_tests::rs434::{BOOT, Rig, at};
 
 /// Longer than any ramp here, and than the debouncing.
@@ -177,7 +177,7 @@ fn section_6_5_mode_ext_in_5_changes_over() {
         rig.close(from);
         rig.after(WHILE);
         let before = rig.read_long(at::CURRENT_POSITION);
-        for (contact, driving) in [(from, Driving::High), (to, Driving::Low)] {
+        for (contact, driving) in [(from, PinStimulus::High), (to, PinStimulus::Low)] {
             rig.bench.set_pin(rig.seat, rig.pin(contact), driving);
         }
         rig.after(WHILE);
@@ -368,19 +368,19 @@ fn section_6_hard_stop_at_power_up() {
 /// Closed while nobody uses it (decision 8); open as soon as somebody lets it go, whatever was done to it before.
 #[test]
 fn section_6_hard_stop_that_is_let_go() {
-    for before in [None, Some(Driving::Low), Some(Driving::High)] {
+    for before in [None, Some(PinStimulus::Low), Some(PinStimulus::High)] {
         let mut rig = Rig::default();
         assert_eq!(rig.read(at::IN_HARD_STOP), 1, "nobody uses it");
         if let Some(before) = before {
             rig.drive("HARD_STOP", before);
             rig.restart();
         }
-        if before != Some(Driving::High) {
+        if before != Some(PinStimulus::High) {
             rig.write(at::START, 1);
             rig.after(WHILE);
             assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (1, 0), "{before:?}");
         }
-        rig.drive("HARD_STOP", Driving::Open);
+        rig.drive("HARD_STOP", PinStimulus::Open);
         rig.after(500.millis());
         assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (0, 1 << 5), "{before:?}");
         assert_eq!((rig.read(at::STATUS), rig.motion().speed == 0), (0, true), "{before:?}");

@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Driving, PowerAction, Setup};
+use drivetwin_sim::bench::{PinStimulus, PowerAction, Setup};
 use drivetwin_sim::line::LineMode;
 use drivetwin_tests::rs434::{BOOT, Rig, at, key};
 
@@ -183,7 +183,7 @@ fn section_7_not_while_it_runs() {
 fn section_4_lights() {
     let mut rig = Rig::default();
     assert_eq!(["GREEN", "RED"].map(|light| rig.level(light)), [Level::High, Level::Low]);
-    rig.drive("HARD_STOP", Driving::High);
+    rig.drive("HARD_STOP", PinStimulus::High);
     rig.after(1.millis());
     assert_eq!(rig.level("RED"), Level::High);
 }

@@ -65,7 +65,7 @@ enum Place {
 /// What becomes of the program after a line.
 enum Then {
     Goes(i32),
-    Ends(u16),
+    Framing(u16),
 }
 
 /// A drive that carries out a program.
@@ -122,10 +122,10 @@ impl Oracle {
             0x04 => (10 * u64::from(self.data())).max(1),
             _ => 1,
         };
-        match self.execute().unwrap_or(Then::Ends(status::ERROR)) {
+        match self.execute().unwrap_or(Then::Framing(status::ERROR)) {
             Then::Goes(_) if self.status != status::RUNS => None,
             Then::Goes(next) => Some((lasts, self.end_of_rounds(next))),
-            Then::Ends(how) => {
+            Then::Framing(how) => {
                 self.finish(how);
                 None
             }
@@ -185,8 +185,8 @@ impl Oracle {
         let (short, long) = (false, true);
         let data_value = u32::from(data);
         match code {
-            0x00 => return Ok(Then::Ends(status::END)),
-            0x0D => return Ok(Then::Ends(status::ENDF)),
+            0x00 => return Ok(Then::Framing(status::END)),
+            0x0D => return Ok(Then::Framing(status::ENDF)),
             0x04 => {}
             0x05..=0x09 | 0x63..=0x66 => {
                 let (first, second) = match code {

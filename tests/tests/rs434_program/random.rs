@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use drivetwin_protocol::modbus::rtu::crc;
 use drivetwin_protocol::time::{Duration, Instant};
-use drivetwin_sim::bench::{Driving, Setup};
+use drivetwin_sim::bench::{PinStimulus, Setup};
 use drivetwin_sim::line::LineMode;
 use drivetwin_tests::rs434::{LINE, Rig};
 
@@ -16,9 +16,9 @@ const PROGRAMS: u64 = 10_000;
 const FOLLOWED: usize = 160;
 
 /// SplitMix64: the same programs on every machine.
-struct Dice(u64);
+struct Rng(u64);
 
-impl Dice {
+impl Rng {
     fn roll(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut word = self.0;
@@ -79,7 +79,7 @@ const DOUBLE: [u16; 25] = [
 const JUMPS: [u16; 9] = [0x05, 0x06, 0x07, 0x08, 0x09, 0x63, 0x64, 0x65, 0x66];
 
 /// A Modbus register; all but a few exist, and can be written if they are to be.
-fn register(dice: &mut Dice, written: bool) -> (u16, u16) {
+fn register(dice: &mut Rng, written: bool) -> (u16, u16) {
     if dice.one_in(120) {
         let missing = [0x4FFF, 0x5027, 0x5FFF, 0x6006, 0x6FFF, 0x7006, 0x700B, 0xFFFF, 0x0000];
         let (missing, space) = (dice.pick(&missing), dice.below(16) as u16);
@@ -102,12 +102,12 @@ fn register(dice: &mut Dice, written: bool) -> (u16, u16) {
     }
 }
 
-fn system(dice: &mut Dice) -> u16 {
+fn system(dice: &mut Rng) -> u16 {
     if dice.one_in(200) { dice.below(16) as u16 } else { dice.below(9) as u16 }
 }
 
 /// A line that goes on, or two; unused fields hold anything.
-fn plain(dice: &mut Dice, program: &mut Vec<u32>) {
+fn plain(dice: &mut Rng, program: &mut Vec<u32>) {
     let jump = dice.below(2) as u16;
     if dice.one_in(3) {
         let (kind, address) = register(dice, true);
@@ -129,7 +129,7 @@ fn plain(dice: &mut Dice, program: &mut Vec<u32>) {
 }
 
 /// A line that may go elsewhere.
-fn flow(dice: &mut Dice, program: &mut Vec<u32>, length: u64, subroutines: &[u16]) {
+fn flow(dice: &mut Rng, program: &mut Vec<u32>, length: u64, subroutines: &[u16]) {
     let noise = dice.word();
     let (system, kind) = (noise & 15, noise >> 4 & 15);
     let jump = dice.below(2) as u16;
@@ -153,7 +153,7 @@ fn flow(dice: &mut Dice, program: &mut Vec<u32>, length: u64, subroutines: &[u16
 }
 
 /// A main part, and subroutines behind it.
-fn structured(dice: &mut Dice) -> Vec<u32> {
+fn structured(dice: &mut Rng) -> Vec<u32> {
     let main = 12 + dice.below(30);
     let parts = 1 + dice.below(3);
     let length = main + 10 * parts;
@@ -187,7 +187,7 @@ fn structured(dice: &mut Dice) -> Vec<u32> {
 }
 
 /// Lines that have nothing to do with each other.
-fn soup(dice: &mut Dice) -> Vec<u32> {
+fn soup(dice: &mut Rng) -> Vec<u32> {
     let mut program = Vec::new();
     while program.len() < 60 {
         match dice.below(12) {
@@ -199,12 +199,12 @@ fn soup(dice: &mut Dice) -> Vec<u32> {
     program
 }
 
-fn noise(dice: &mut Dice) -> Vec<u32> {
+fn noise(dice: &mut Rng) -> Vec<u32> {
     (0..LINES).map(|_| dice.roll() as u32).collect()
 }
 
 /// One that runs into line 1,024 sooner or later.
-fn at_the_end(dice: &mut Dice) -> Vec<u32> {
+fn at_the_end(dice: &mut Rng) -> Vec<u32> {
     let mut program = vec![line(0x05, 0, 0, 0, 1_000)];
     program.resize(1_000, 0);
     while program.len() < LINES {
@@ -220,7 +220,7 @@ fn at_the_end(dice: &mut Dice) -> Vec<u32> {
     program
 }
 
-fn program(dice: &mut Dice) -> Vec<u32> {
+fn program(dice: &mut Rng) -> Vec<u32> {
     let mut program = match dice.below(20) {
         0..13 => structured(dice),
         13..16 => soup(dice),
@@ -347,12 +347,12 @@ fn others(oracle: &Oracle) -> Vec<u16> {
 
 /// Runs a program on both; what differs, if anything.
 fn compare(seed: u64) -> Result<(u16, usize), String> {
-    let mut dice = Dice(seed);
+    let mut dice = Rng(seed);
     let program = program(&mut dice);
     let setup = Setup { boot_fast: true, memory: Some(flash(&program)), ..Setup::default() };
     let mut rig = Rig::new("rs434544", LineMode::Fast, setup);
     let view = View::of(&rig);
-    rig.drive("HARD_STOP", Driving::High);
+    rig.drive("HARD_STOP", PinStimulus::High);
     rig.after(Duration::millis(5));
     let mut system = [0; 10];
     for (register, &row) in system.iter_mut().zip(&view.quick) {

@@ -1,6 +1,6 @@
 //! Every instruction and operand form of 6.9, typed from its tables, carried out by the drive.
 
-use drivetwin_sim::bench::Driving;
+use drivetwin_sim::bench::PinStimulus;
 use drivetwin_tests::rs434::{LINE, Rig, at, system_register};
 
 use crate::oracle::status;
@@ -379,7 +379,7 @@ fn check(row: &str, unused: u32) {
     let mut expected: Vec<(u16, u16)> = (0..10).map(|number| (system_register(number), 0)).collect();
     for given in before.split_whitespace() {
         if let Some(contact) = given.strip_suffix("=1").filter(|contact| contact.starts_with("IN")) {
-            rig.drive(contact, Driving::Low);
+            rig.drive(contact, PinStimulus::Low);
             continue;
         }
         let (address, value) = assignment(given);

@@ -4,7 +4,7 @@ use core::cell::RefCell;
 
 use critical_section::Mutex;
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_firmware::motion::{StepDir, StepTimer, Stepper};
+use drivetwin_firmware::motion::{StepDir, StepGenerator, StepTimer};
 
 /// Lead of the timer for a pulse that is overdue: time for other interrupts.
 const BREATH: Duration = Duration::micros(2);
@@ -26,12 +26,12 @@ pub trait Timer {
 }
 
 /// An axis: a stepper that the interrupt and the loop share.
-pub struct Axis<T: Timer>(Mutex<RefCell<Stepper<T::Pins>>>);
+pub struct Axis<T: Timer>(Mutex<RefCell<StepGenerator<T::Pins>>>);
 
 impl<T: Timer> Axis<T> {
     /// An axis that stands, with STEP and DIR low.
     pub const fn new(pins: T::Pins) -> Self {
-        Self(Mutex::new(RefCell::new(Stepper::new(pins))))
+        Self(Mutex::new(RefCell::new(StepGenerator::new(pins))))
     }
 
     /// Carries out the timer's interrupt, at the time that was [set](Timer::set): one pulse. Another one that is
@@ -41,7 +41,7 @@ impl<T: Timer> Axis<T> {
         self.lend(|stepper| set::<T>(stepper.fire()));
     }
 
-    fn lend<R>(&self, act: impl FnOnce(&mut Stepper<T::Pins>) -> R) -> Option<R> {
+    fn lend<R>(&self, act: impl FnOnce(&mut StepGenerator<T::Pins>) -> R) -> Option<R> {
         critical_section::with(|cs| {
             self.0.borrow(cs).try_borrow_mut().ok().map(|mut stepper| act(&mut stepper))
         })
@@ -55,7 +55,7 @@ impl<T: Timer> StepTimer for &Axis<T> {
         T::now()
     }
 
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<T::Pins>, Instant) -> R) -> Option<R> {
+    fn with<R>(&mut self, act: impl FnOnce(&mut StepGenerator<T::Pins>, Instant) -> R) -> Option<R> {
         self.lend(|stepper| {
             let result = act(stepper, T::now());
             set::<T>(stepper.due());

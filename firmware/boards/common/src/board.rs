@@ -3,13 +3,13 @@
 use core::marker::PhantomData;
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
-use drivetwin_firmware::motion::Follower;
-use drivetwin_firmware::shell::{Caught, Inputs, Links, Shell};
+use drivetwin_firmware::motion::PlanLoader;
+use drivetwin_firmware::shell::{BoardEvent, Inputs, Links, Shell};
 use embedded_storage::Storage;
 
 use crate::axis::{Axis, Timer};
+use crate::board_outputs::{BoardOutputs, Release};
 use crate::bus::{Sender, Uart};
-use crate::hands::{Hands, Release};
 use crate::slips;
 use crate::wire::{AxisPins, End, is_full_duplex};
 
@@ -44,7 +44,7 @@ pub trait Board {
     fn past() -> Instant;
 
     /// Takes the oldest event that was caught, if it is not after `until`.
-    fn caught(until: Instant) -> Option<(Instant, Caught)>;
+    fn caught(until: Instant) -> Option<(Instant, BoardEvent)>;
 
     /// `true` if nothing that was caught waits.
     fn is_quiet() -> bool;
@@ -60,14 +60,14 @@ pub trait Board {
 }
 
 /// The inputs of a board.
-struct Ears<B>(PhantomData<B>);
+struct BoardInputs<B>(PhantomData<B>);
 
-impl<B: Board> Inputs for Ears<B> {
+impl<B: Board> Inputs for BoardInputs<B> {
     fn now(&self) -> Instant {
         B::past()
     }
 
-    fn caught(&mut self, until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
         let first = B::caught(until);
         if first.is_none() && B::is_quiet() {
             B::tell_missed();
@@ -79,8 +79,8 @@ impl<B: Board> Inputs for Ears<B> {
 /// A drive on a board.
 type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shell<
     &'a mut D,
-    Ears<B>,
-    Hands<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
+    BoardInputs<B>,
+    BoardOutputs<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
     CHARACTERS,
 >;
 
@@ -140,8 +140,16 @@ where
     if axis_pins == AxisPins::Own {
         B::Timer::start();
     }
-    let hands = Hands { bus: Sender::new(), pins, memory, axis, axis_pins, follower: Follower::new(), links };
-    Shell::new(drive, Ears(PhantomData), hands)
+    let hands = BoardOutputs {
+        bus: Sender::new(),
+        pins,
+        memory,
+        axis,
+        axis_pins,
+        follower: PlanLoader::new(),
+        links,
+    };
+    Shell::new(drive, BoardInputs(PhantomData), hands)
 }
 
 /// `true` if there is work for the loop: an event was caught, or the bus has room again.

@@ -10,7 +10,7 @@ use drivetwin_firmware::device::{Duration, Line};
 use drivetwin_protocol::line::Parity;
 use embedded_io::{ErrorType, Write, WriteReady};
 
-use crate::hands::Bus;
+use crate::board_outputs::Bus;
 use crate::queue::Queue;
 
 /// Characters that may wait to be sent: one of the longest frames.

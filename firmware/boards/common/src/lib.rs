@@ -2,15 +2,15 @@
 //!
 //! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
 //! into a [`Queue`], have the [`SerialBus`] send, and fire the [`Axis`]; its loop, [`run`], turns a
-//! [`Shell`](drivetwin_firmware::shell::Shell) over [`Hands`]. What it must have for that is a [`Board`].
+//! [`Shell`](drivetwin_firmware::shell::Shell) over [`BoardOutputs`]. What it must have for that is a [`Board`].
 #![no_std]
 
 mod axis;
 mod board;
+mod board_outputs;
 mod boot;
 mod bus;
 mod flash;
-mod hands;
 #[cfg(feature = "network")]
 mod long;
 #[cfg(feature = "network")]
@@ -28,9 +28,9 @@ mod wire;
 
 pub use axis::{Axis, Timer};
 pub use board::{Board, is_awake, made, run, sleep_until};
+pub use board_outputs::{BoardOutputs, Bus, Release};
 pub use bus::{Sender, SerialBus, Uart};
 pub use flash::{Flash, Sectors};
-pub use hands::{Bus, Hands, Release};
 pub use output::{Gpio, Output};
 pub use pl011::{Pl011, Pl011Uart};
 pub use queue::Queue;

@@ -1,7 +1,7 @@
 //! TCP connections at the ports of a board's drive, over smoltcp.
 
-use drivetwin_firmware::device::{Device, Duration, Ends, Instant, Link, Port, Spec};
-use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_firmware::device::{Device, Duration, Framing, Instant, Link, Port, Spec};
+use drivetwin_firmware::shell::{LinkEvent, Links};
 use drivetwin_protocol::modbus::tcp::{ADU_BYTES, Adu, Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 use smoltcp::iface::{Config, Interface, PollIngressSingleResult, SocketHandle, SocketSet, SocketStorage};
@@ -101,7 +101,7 @@ impl<'a, F: Frames> Network<'a, F> {
         let mut bytes = &mut places.bytes[..];
         let ports = (0..).map(Port).zip(spec.ports).flat_map(|(port, of)| [(port, of.ends); LINKS]);
         for ((port, ends), link) in ports.zip((0..LINKS as u8).cycle().map(Link)) {
-            let Some(framing) = Framing::of(ends, &mut splitters) else { continue };
+            let Some(framing) = Framer::of(ends, &mut splitters) else { continue };
             let Some((heard, rest)) = bytes.split_at_mut_checked(UNHEARD) else { break };
             let Some((said, rest)) = rest.split_at_mut_checked(UNSENT) else { break };
             bytes = rest;
@@ -123,7 +123,7 @@ impl<'a, F: Frames> Network<'a, F> {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Option<(Instant, Port, Link, Came)> {
+    ) -> Option<(Instant, Port, Link, LinkEvent)> {
         for connection in self.connections.iter_mut().skip(self.turn) {
             self.turn += 1;
             let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
@@ -169,7 +169,7 @@ impl<F: Frames> Links for Network<'_, F> {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant> {
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant> {
         if let Some(came) = self.ask(now, device, message) {
             return Ok(came);
         }
@@ -215,7 +215,7 @@ struct Connection<'a> {
     port: Port,
     link: Link,
     socket: SocketHandle,
-    framing: Framing<'a>,
+    framing: Framer<'a>,
     /// Rest of a long answer.
     long: Chain,
     stage: Stage,
@@ -244,24 +244,24 @@ impl Connection<'_> {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Option<Came> {
+    ) -> Option<LinkEvent> {
         let waits = !self.long.is_empty();
         match self.stage {
             // It waits in the window of TCP.
             Stage::Open if !device.takes(self.port) => None,
             Stage::Open if !socket.is_active() => {
                 self.stage = Stage::Free;
-                Some(Came::Closed)
+                Some(LinkEvent::Closed)
             }
             Stage::Open if waits || socket.send_queue() > ENOUGH => None,
             Stage::Open => {
                 while socket.can_recv() {
                     match self.framing.take(socket, message) {
-                        Ok(true) => return Some(Came::Message),
+                        Ok(true) => return Some(LinkEvent::Message),
                         Ok(false) => {}
                         Err(Broken::Protocol | Broken::Length) => {
                             self.stage = Stage::Leaves(None);
-                            return Some(Came::Closed);
+                            return Some(LinkEvent::Closed);
                         }
                     }
                 }
@@ -270,14 +270,14 @@ impl Connection<'_> {
                 }
                 // It has said all that it has to say.
                 self.stage = Stage::Leaves(None);
-                Some(Came::Closed)
+                Some(LinkEvent::Closed)
             }
             // Who connects before the drive accepts waits as in the backlog of a host.
             Stage::Free if socket.may_send() && device.accepts(self.port) => {
                 self.stage = Stage::Open;
                 socket.set_timeout(Some(GONE));
                 self.framing.begin();
-                Some(Came::Opened)
+                Some(LinkEvent::Opened)
             }
             Stage::Free => {
                 self.listen(socket);
@@ -310,21 +310,21 @@ impl Connection<'_> {
     }
 }
 
-/// Framing of messages.
-enum Framing<'a> {
+/// Framer of messages.
+enum Framer<'a> {
     /// By the length in their header: Modbus/TCP.
     Mbap(&'a mut Splitter),
     /// By the end of a line: MCode.
     Return,
 }
 
-impl<'a> Framing<'a> {
-    /// Framing of a port whose messages end so; `None` of one without connections.
-    fn of(ends: Ends, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
+impl<'a> Framer<'a> {
+    /// Framer of a port whose messages end so; `None` of one without connections.
+    fn of(ends: Framing, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
         match ends {
-            Ends::Mbap => splitters.next().map(Self::Mbap),
-            Ends::Return => Some(Self::Return),
-            Ends::Silence | Ends::Character => None,
+            Framing::Mbap => splitters.next().map(Self::Mbap),
+            Framing::Return => Some(Self::Return),
+            Framing::Silence | Framing::Character => None,
         }
     }
 

@@ -4,7 +4,7 @@ use core::convert::Infallible;
 
 use embedded_hal::digital::{ErrorType, OutputPin};
 
-use crate::hands::Release;
+use crate::board_outputs::Release;
 
 /// The end of a wire: a pin of a board, or several.
 pub trait Gpio {

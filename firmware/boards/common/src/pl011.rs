@@ -2,7 +2,7 @@
 //! so that an interrupt sees, and stamps, every character by itself.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
-use drivetwin_firmware::shell::Caught;
+use drivetwin_firmware::shell::BoardEvent;
 use drivetwin_protocol::line::Parity;
 
 use crate::bus::Uart;
@@ -101,14 +101,14 @@ impl<C: Chip> Pl011Uart<C> {
 
     /// Serves its interrupt, which came at `at`: queues what the bus hears, and sends.
     #[inline]
-    pub fn serve<U: Uart, const ROOM: usize>(self, at: Instant, queue: &Queue<(Instant, Caught), ROOM>) {
+    pub fn serve<U: Uart, const ROOM: usize>(self, at: Instant, queue: &Queue<(Instant, BoardEvent), ROOM>) {
         self.base.plus(0x44).write(Self::INTERRUPTS);
         while self.flags() & Pl011::RX_EMPTY == 0 {
             let character = self.base.read();
             if U::bus().hears() {
                 let heard = match character & Pl011::ERRORS {
-                    0 => Caught::Byte(Port(0), (character & 0xFF) as u8),
-                    _ => Caught::Spoiled(Port(0)),
+                    0 => BoardEvent::Byte(Port(0), (character & 0xFF) as u8),
+                    _ => BoardEvent::RxError(Port(0)),
                 };
                 // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
                 // tells; a QSB's command has none.

@@ -5,7 +5,7 @@
 use core::sync::atomic::{AtomicI32, Ordering};
 
 use drivetwin_firmware::device::Axis;
-use drivetwin_firmware::shell::Caught;
+use drivetwin_firmware::shell::BoardEvent;
 
 /// Steps that slipped since the start: a plan was taken late, and so many steps more were made. Wraps.
 pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
@@ -23,9 +23,9 @@ pub(crate) fn add(steps: i32) {
 
 /// Steps that slipped since the last time. A board tells its drive of them behind all else that it
 /// has caught.
-pub fn untold() -> Option<Caught> {
+pub fn untold() -> Option<BoardEvent> {
     let all = SLIPPED.load(Ordering::Relaxed);
     let untold = all.wrapping_sub(TOLD.load(Ordering::Relaxed));
     TOLD.store(all, Ordering::Relaxed);
-    (untold != 0).then_some(Caught::Slipped(AXIS, untold))
+    (untold != 0).then_some(BoardEvent::StepsCorrection(AXIS, untold))
 }

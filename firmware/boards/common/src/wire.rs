@@ -1,7 +1,7 @@
 //! Wires of a board, and what of a drive each leads to.
 
-use drivetwin_firmware::device::{AxisSpec, Ends, Fault, Level, Pin, Port, PortSpec, Role, Spec};
-use drivetwin_firmware::shell::Caught;
+use drivetwin_firmware::device::{AxisSpec, Fault, Framing, Level, Pin, Port, PortSpec, Role, Spec};
+use drivetwin_firmware::shell::BoardEvent;
 
 /// End of a wire at the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -37,7 +37,7 @@ impl End {
         match self {
             Self::Pin(Pin(place)) => {
                 let pin = spec.pins.get(usize::from(place));
-                pin.is_some_and(|pin| matches!(pin.role, Role::Input | Role::Both | Role::Mixed))
+                pin.is_some_and(|pin| matches!(pin.role, Role::Input | Role::Both | Role::AnalogueOrDigital))
             }
             Self::Fault(_) | Self::Dtr(_) => true,
         }
@@ -68,11 +68,11 @@ impl End {
 
     /// Event for a change of its level.
     #[must_use]
-    pub const fn edge(self, high: bool) -> Caught {
+    pub const fn edge(self, high: bool) -> BoardEvent {
         match self {
-            Self::Pin(pin) => Caught::Edge(pin, high),
-            Self::Fault(fault) => Caught::Fault(fault, !high),
-            Self::Dtr(port) => Caught::Attached(port, !high),
+            Self::Pin(pin) => BoardEvent::Edge(pin, high),
+            Self::Fault(fault) => BoardEvent::Fault(fault, !high),
+            Self::Dtr(port) => BoardEvent::HostPresence(port, !high),
         }
     }
 }
@@ -81,7 +81,7 @@ impl End {
 /// must be turned around.
 #[must_use]
 pub fn is_full_duplex(spec: &Spec) -> bool {
-    matches!(spec.ports, [PortSpec { ends: Ends::Character, .. }, ..])
+    matches!(spec.ports, [PortSpec { ends: Framing::Character, .. }, ..])
 }
 
 /// Pins of STEP and DIR of a drive's axis.

@@ -5,10 +5,10 @@
 use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 
-use drivetwin_board::{Axis, AxisPins, Bus, Hands, Release, Timer, untold};
+use drivetwin_board::{Axis, AxisPins, BoardOutputs, Bus, Release, Timer, untold};
 use drivetwin_firmware::device::{self, Duration, Instant, Line, Plan};
-use drivetwin_firmware::motion::{Follower, StepDir, StepTimer};
-use drivetwin_firmware::shell::{Caught, Outputs};
+use drivetwin_firmware::motion::{PlanLoader, StepDir, StepTimer};
+use drivetwin_firmware::shell::{BoardEvent, Outputs};
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
@@ -91,13 +91,13 @@ fn pulses_that_are_overdue_let_others_in_between() {
 #[test]
 fn the_drive_is_told_once_of_steps_that_slipped() {
     static AXIS: Axis<Clock> = Axis::new(Pins);
-    let mut hands = Hands::<_, Nothing, _, _, 0> {
+    let mut hands = BoardOutputs::<_, Nothing, _, _, 0> {
         bus: Nothing,
         pins: [],
         memory: Nothing,
         axis: &AXIS,
         axis_pins: AxisPins::Own,
-        follower: Follower::new(),
+        follower: PlanLoader::new(),
         links: None,
     };
     assert_eq!(untold(), None);
@@ -113,7 +113,7 @@ fn the_drive_is_told_once_of_steps_that_slipped() {
     }
     let slipped = made() as i32 - plan.position_at(Instant::NEVER);
     assert!((190..=210).contains(&slipped), "{slipped} slipped");
-    assert_eq!(untold(), Some(Caught::Slipped(device::Axis(0), slipped)));
+    assert_eq!(untold(), Some(BoardEvent::StepsCorrection(device::Axis(0), slipped)));
     assert_eq!(untold(), None);
 }
 

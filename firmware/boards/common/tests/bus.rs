@@ -15,7 +15,7 @@ const OTHER: Line = Line::new(19_200, 8, Parity::Even, 1);
 
 /// The things that a bus has its UART do.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Did {
+enum OutputRecord {
     Configure(Line),
     Write(u8),
     Pend,
@@ -24,17 +24,17 @@ enum Did {
 }
 
 thread_local! {
-    static DID: RefCell<Vec<Did>> = const { RefCell::new(Vec::new()) };
+    static DID: RefCell<Vec<OutputRecord>> = const { RefCell::new(Vec::new()) };
     /// Characters that the UART takes before it has no more room.
     static ROOM: RefCell<usize> = const { RefCell::new(0) };
 }
 
-fn did(thing: Did) {
+fn did(thing: OutputRecord) {
     DID.with_borrow_mut(|did| did.push(thing));
 }
 
 /// The things done since the last time.
-fn done() -> Vec<Did> {
+fn done() -> Vec<OutputRecord> {
     DID.take()
 }
 
@@ -52,7 +52,7 @@ impl Uart for Simulated {
     fn start() {}
 
     fn configure(line: Line) {
-        did(Did::Configure(line));
+        did(OutputRecord::Configure(line));
     }
 
     fn has_room() -> bool {
@@ -61,26 +61,26 @@ impl Uart for Simulated {
 
     fn write(byte: u8) {
         ROOM.with_borrow_mut(|room| *room -= 1);
-        did(Did::Write(byte));
+        did(OutputRecord::Write(byte));
     }
 
     fn pend() {
-        did(Did::Pend);
+        did(OutputRecord::Pend);
     }
 
     fn turn(sends: bool) {
-        did(Did::Turn(sends));
+        did(OutputRecord::Turn(sends));
     }
 
     fn end() {
         if Self::bus().begin_end() {
-            did(Did::End);
+            did(OutputRecord::End);
         }
     }
 }
 
 /// Lets the UART's interrupt come, with room for so many characters.
-fn interrupt(bus: &SerialBus<Simulated>, room: usize) -> Vec<Did> {
+fn interrupt(bus: &SerialBus<Simulated>, room: usize) -> Vec<OutputRecord> {
     ROOM.set(room);
     bus.send();
     done()
@@ -90,7 +90,7 @@ fn bus(full_duplex: bool) -> (&'static SerialBus<Simulated>, Sender<Simulated>) 
     let (bus, mut sender) = (Simulated::bus(), Sender::new());
     bus.start(full_duplex);
     sender.set_line(LINE);
-    assert_eq!(done(), [Did::Configure(LINE)]);
+    assert_eq!(done(), [OutputRecord::Configure(LINE)]);
     assert_eq!(bus.character(), LINE.character());
     (bus, sender)
 }
@@ -100,15 +100,15 @@ fn a_transceiver_sends_from_before_the_first_character_until_the_last_has_left()
     let (bus, mut sender) = bus(false);
     assert!(bus.hears());
     assert_eq!(sender.write(b"ab"), Ok(2));
-    assert_eq!(done(), [Did::Pend], "the interrupt sends, nobody else");
-    assert_eq!(interrupt(bus, 1), [Did::Turn(true), Did::Write(b'a')]);
+    assert_eq!(done(), [OutputRecord::Pend], "the interrupt sends, nobody else");
+    assert_eq!(interrupt(bus, 1), [OutputRecord::Turn(true), OutputRecord::Write(b'a')]);
     assert!(!bus.hears() && !bus.ends());
-    assert_eq!(interrupt(bus, 1), [Did::Turn(true), Did::Write(b'b')]);
-    assert_eq!(interrupt(bus, 1), [Did::End], "nothing waits any more");
+    assert_eq!(interrupt(bus, 1), [OutputRecord::Turn(true), OutputRecord::Write(b'b')]);
+    assert_eq!(interrupt(bus, 1), [OutputRecord::End], "nothing waits any more");
     assert_eq!(interrupt(bus, 1), [], "its end is looked for once");
     assert!(!bus.hears() && bus.ends());
     bus.sent();
-    assert_eq!(done(), [Did::Turn(false)]);
+    assert_eq!(done(), [OutputRecord::Turn(false)]);
     assert!(bus.hears() && !bus.ends());
     assert_eq!(interrupt(bus, 1), [], "a character that has come ends nothing");
 }
@@ -117,18 +117,21 @@ fn a_transceiver_sends_from_before_the_first_character_until_the_last_has_left()
 fn what_is_sent_before_the_end_puts_it_off() {
     let (bus, mut sender) = bus(false);
     assert_eq!(sender.write(b"a"), Ok(1));
-    assert_eq!(interrupt(bus, 2), [Did::Pend, Did::Turn(true), Did::Write(b'a'), Did::End]);
+    assert_eq!(
+        interrupt(bus, 2),
+        [OutputRecord::Pend, OutputRecord::Turn(true), OutputRecord::Write(b'a'), OutputRecord::End]
+    );
     assert_eq!(sender.write(b"b"), Ok(1));
-    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'b')]);
+    assert_eq!(interrupt(bus, 1), [OutputRecord::Pend, OutputRecord::Turn(true), OutputRecord::Write(b'b')]);
     assert!(!bus.ends(), "the alarm of before finds that more was sent");
-    assert_eq!(interrupt(bus, 1), [Did::End]);
+    assert_eq!(interrupt(bus, 1), [OutputRecord::End]);
 }
 
 #[test]
 fn a_wire_for_each_direction_is_heard_all_the_while() {
     let (bus, mut sender) = bus(true);
     assert_eq!(sender.write(b"a"), Ok(1));
-    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Write(b'a')]);
+    assert_eq!(interrupt(bus, 1), [OutputRecord::Pend, OutputRecord::Write(b'a')]);
     assert!(bus.hears());
 }
 
@@ -137,11 +140,11 @@ fn a_line_changes_when_all_has_left() {
     let (bus, mut sender) = bus(false);
     assert_eq!(sender.write(b"a"), Ok(1));
     sender.set_line(OTHER);
-    assert_eq!(interrupt(bus, 1), [Did::Pend, Did::Turn(true), Did::Write(b'a')]);
+    assert_eq!(interrupt(bus, 1), [OutputRecord::Pend, OutputRecord::Turn(true), OutputRecord::Write(b'a')]);
     assert_eq!(sender.write_ready(), Ok(false), "what comes behind the change waits for it");
     assert_eq!(bus.character(), LINE.character());
     bus.sent();
-    assert_eq!(done(), [Did::Turn(false), Did::Configure(OTHER)]);
+    assert_eq!(done(), [OutputRecord::Turn(false), OutputRecord::Configure(OTHER)]);
     assert_eq!(bus.character(), OTHER.character());
     assert_eq!(sender.write_ready(), Ok(true));
     assert!(bus.character() < Duration::millis(1));

@@ -8,7 +8,7 @@ use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
-use drivetwin_firmware::shell::Caught;
+use drivetwin_firmware::shell::BoardEvent;
 
 #[test]
 fn a_queue_keeps_the_order_and_refuses_what_does_not_fit() {
@@ -48,9 +48,9 @@ fn the_names_of_an_md3_are_its_pins_and_faults() {
 
 #[test]
 fn a_fault_is_there_while_its_wire_is_low() {
-    assert_eq!(End::Fault(Fault(1)).edge(false), Caught::Fault(Fault(1), true));
-    assert_eq!(End::Fault(Fault(1)).edge(true), Caught::Fault(Fault(1), false));
-    assert_eq!(End::Pin(Pin(3)).edge(true), Caught::Edge(Pin(3), true));
+    assert_eq!(End::Fault(Fault(1)).edge(false), BoardEvent::Fault(Fault(1), true));
+    assert_eq!(End::Fault(Fault(1)).edge(true), BoardEvent::Fault(Fault(1), false));
+    assert_eq!(End::Pin(Pin(3)).edge(true), BoardEvent::Edge(Pin(3), true));
 }
 
 #[test]
@@ -130,8 +130,8 @@ fn the_names_of_a_qsb_are_its_pins_and_dtr() {
     assert_eq!(End::of(Md3::new().spec(), "DTR"), None);
     assert!(is_full_duplex(spec) && !is_full_duplex(Md3::new().spec()));
     // DTR# is low while the host is there.
-    assert_eq!(end("DTR").edge(false), Caught::Attached(Port(0), true));
-    assert_eq!(end("DTR").edge(true), Caught::Attached(Port(0), false));
+    assert_eq!(end("DTR").edge(false), BoardEvent::HostPresence(Port(0), true));
+    assert_eq!(end("DTR").edge(true), BoardEvent::HostPresence(Port(0), false));
 }
 
 #[test]

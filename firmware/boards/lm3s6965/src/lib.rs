@@ -31,7 +31,7 @@ use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
 use drivetwin_board::{Axis, Board, End, Output, Queue, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
-use drivetwin_firmware::shell::{Caught, NoLinks};
+use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 use lm3s6965::Interrupt;
 
 use self::bus::Uart0;
@@ -44,7 +44,7 @@ use self::wires::Wire;
 const ROOM: usize = 80;
 
 /// The events that interrupts have for the loop.
-static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
+static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
 /// A jumper to ground: no start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
@@ -87,7 +87,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
         drive,
         wires,
         |_| saved.begin(),
-        |_| None::<NoLinks>,
+        |_| None::<NoNetwork>,
     )
 }
 
@@ -145,7 +145,7 @@ impl Board for Evaluation {
         clock::now()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

@@ -41,7 +41,7 @@ use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
 use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
-use drivetwin_firmware::shell::{Caught, NoLinks};
+use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 use rp2040_pac::Interrupt;
 
 pub use self::pins::Wire;
@@ -57,7 +57,7 @@ use self::timer::{TICKS, WAKE};
 const ROOM: usize = 256;
 
 /// The events that interrupts have for the loop.
-static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
+static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
 /// A place for so many saved registers, until they are found in flash.
 #[macro_export]
@@ -80,7 +80,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
         &mut made(make),
         wires,
         |spec| Saved::<_, MOST_SECTORS>::new(Flash::new(), flash::place(MEMORY), spec.kind, memory),
-        |_| None::<NoLinks>,
+        |_| None::<NoNetwork>,
     )
 }
 
@@ -135,7 +135,7 @@ impl Board for Pico {
         timer::past()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use drivetwin_board::{SerialBus, Uart, Usart};
 use drivetwin_firmware::device::{Line, Port};
-use drivetwin_firmware::shell::Caught;
+use drivetwin_firmware::shell::BoardEvent;
 
 use crate::clock::{self, MHZ};
 use crate::registers::Register;
@@ -40,8 +40,8 @@ fn USART1() {
         let character = DATA.read();
         if BUS.hears() {
             let heard = match status & Usart::ERRORS {
-                0 => Caught::Byte(Port(0), (character & MASK.load(Ordering::Relaxed)) as u8),
-                _ => Caught::Spoiled(Port(0)),
+                0 => BoardEvent::Byte(Port(0), (character & MASK.load(Ordering::Relaxed)) as u8),
+                _ => BoardEvent::RxError(Port(0)),
             };
             // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
             // tells; a QSB's command has none.

@@ -44,7 +44,7 @@ use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
 use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
-use drivetwin_firmware::shell::{Caught, NoLinks};
+use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 
 use self::bus::Usart1;
 use self::flash::{Flash, SECTORS};
@@ -59,7 +59,7 @@ use self::wires::{FAST, Wire};
 const ROOM: usize = 512;
 
 /// The events that interrupts have for the loop.
-static QUEUE: Queue<(Instant, Caught), ROOM> = Queue::new();
+static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
 /// A place for so many saved registers, until they are found in flash.
 #[macro_export]
@@ -82,7 +82,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
         &mut made(make),
         wires,
         |spec| Saved::<_, SECTORS>::new(Flash::new(), flash::SAVED, spec.kind, memory),
-        |_| None::<NoLinks>,
+        |_| None::<NoNetwork>,
     )
 }
 
@@ -143,7 +143,7 @@ impl Board for BlackPill {
         timer::past()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

@@ -25,7 +25,7 @@ fn a_gap_of_1_5_characters_is_legal_and_a_tick_more_is_not() {
         dut.run_until(end + JUDGEMENT);
         assert_eq!(dut.out.bytes.len(), usize::from(answered));
         if !answered {
-            assert_eq!(dut.out.noted(), [Note::Dropped { port: Port(0), why: Why::Gap }]);
+            assert_eq!(dut.out.noted(), [LogEvent::Dropped { port: Port(0), why: DropReason::Gap }]);
         }
         assert_eq!(dut.read(0x00), 1, "the next good frame is answered");
     }
@@ -71,18 +71,28 @@ fn what_is_no_frame_for_it_is_met_with_silence() {
     assert!(dut.ask(&rtu::frame(1, &[3, 0, 0, 0])).is_empty());
     assert!(dut.ask(&[0x55; 300]).is_empty());
     let end = dut.now + CHARACTER;
-    dut.input(end, Input::Spoiled { port: Port(0) });
+    dut.input(end, Input::RxError { port: Port(0) });
     dut.run_until(end + JUDGEMENT);
     let why: Vec<_> = dut
         .out
         .notes
         .iter()
         .map(|(_, note)| match note {
-            Note::Dropped { why, .. } => *why,
+            LogEvent::Dropped { why, .. } => *why,
             other => panic!("{other:?}"),
         })
         .collect();
-    assert_eq!(why, [Why::Crc, Why::Address, Why::Crc, Why::Length, Why::Length, Why::Spoiled]);
+    assert_eq!(
+        why,
+        [
+            DropReason::Crc,
+            DropReason::Address,
+            DropReason::Crc,
+            DropReason::Length,
+            DropReason::Length,
+            DropReason::RxError
+        ]
+    );
     assert_eq!(dut.read(0x1d), 0, "nothing was written");
 }
 

@@ -96,15 +96,15 @@ fn presets_before_power_are_as_if_saved() {
     let mut poke = |reg: Reg, value| dut.try_set(reg, value);
     assert_eq!(poke(Reg::DeviceAddress, 12), Ok(()));
     assert_eq!(poke(Reg::SerialNumber, 123_456), Ok(()));
-    assert_eq!(poke(Reg::DeviceAddress, 248), Err(Refused::OutOfRange));
-    assert_eq!(poke(Reg::ProductInformation, 0), Err(Refused::OutOfRange));
-    assert_eq!(poke(Reg::ProductInformation, 0xbd02), Err(Refused::ReadOnly), "it is not in the EEPROM");
+    assert_eq!(poke(Reg::DeviceAddress, 248), Err(PresetError::OutOfRange));
+    assert_eq!(poke(Reg::ProductInformation, 0), Err(PresetError::OutOfRange));
+    assert_eq!(poke(Reg::ProductInformation, 0xbd02), Err(PresetError::ReadOnly), "it is not in the EEPROM");
     dut.power_on(Boot { fast: true, ..Boot::default() });
     let reply = dut.ask(&rtu::read(12, 0x1e, 2));
     assert_eq!(reply, rtu::frame(12, &[3, 4, 0x00, 0x01, 0xE2, 0x40]));
     let mut dut = off(vec![0; MEMORY]);
     let refused = dut.try_set(Reg::DeviceAddress, 12);
-    assert_eq!(refused, Err(Refused::BadMemory));
+    assert_eq!(refused, Err(PresetError::BadMemory));
 }
 
 #[test]

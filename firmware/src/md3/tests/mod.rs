@@ -19,7 +19,8 @@ use fixed::types::I48F16;
 
 use super::{BUSY, DIR, GREEN, HIGH_CURRENT, J2_9, J2_10, J2_12, J3_8, MEMORY, Md3, PINS, RED, Reg, STEP};
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Line, Note, Output, Pin, Port, Refused, Why,
+    Axis, Boot, Device, DropReason, Duration, Fault, Input, Instant, Level, Line, LogEvent, Output, Pin,
+    Port, PresetError,
 };
 use crate::testing::{Fixture, Treatment};
 
@@ -38,8 +39,8 @@ fn off(memory: Vec<u8>) -> Fixture<Md3> {
         | Output::Level { .. }
         | Output::Wave { .. }
         | Output::Line { .. }
-        | Output::Note(_)
-        | Output::Current { .. }
+        | Output::Log(_)
+        | Output::CurrentLimit { .. }
         | Output::Duty { .. }
         | Output::Plan { .. }
         | Output::Step { .. }

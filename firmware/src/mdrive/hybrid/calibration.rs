@@ -6,7 +6,7 @@ use super::heat::SHUTDOWN;
 use super::rotor::{Rotor, evenly};
 use super::status::condition;
 use super::{Hybrid, mode};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 use crate::mdrive::drive::{Drive, State};
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
@@ -85,7 +85,7 @@ impl Drive {
         &mut self,
         at: Instant,
         clears: bool,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
@@ -110,7 +110,7 @@ impl Drive {
     }
 
     /// Goes on to the next stage of a calibration (MC 5-9).
-    pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Context) {
         let Calibration::Runs(Run { stage, due, since }) = self.hybrid.calibration else { return };
         let (stage, lasts) = match stage {
             Stage::Settles => (Stage::Forth, FORTH_TAKES),
@@ -129,7 +129,7 @@ impl Drive {
         }
     }
 
-    fn end_calibration(&mut self, at: Instant, outcome: Calibration, out: &mut dyn Sink) {
+    fn end_calibration(&mut self, at: Instant, outcome: Calibration, out: &mut dyn Context) {
         self.motion.end_uncounted(at, out);
         self.motion.clear_lag(at);
         self.hybrid.calibration = outcome;
@@ -155,7 +155,7 @@ impl Drive {
     }
 
     /// Turns the rotor for the calibration.
-    fn turn_full_steps(&mut self, at: Instant, full_steps: i32, out: &mut dyn Sink) {
+    fn turn_full_steps(&mut self, at: Instant, full_steps: i32, out: &mut dyn Context) {
         let microsteps = self.bank.word(Reg::MS);
         let per_second = (u64::from(microsteps) << 8) * Duration::secs(1).ticks();
         // Not below the speed of six steps in their time, so that it stands when that is over.

@@ -25,7 +25,7 @@ use super::drive::{Drive, Model};
 use super::error::Error;
 use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
-use crate::device::{Fault, Instant, Sink};
+use crate::device::{Context, Fault, Instant};
 
 /// Text printed where WT is exceeded; MC 5-81 does not give the text.
 const WARNING: &[u8] = b"Error 71\r\n";
@@ -133,7 +133,7 @@ impl Hybrid {
 
 impl Drive {
     /// The cause of one of its faults comes or goes.
-    pub(super) fn set_hybrid_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Sink) {
+    pub(super) fn set_hybrid_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let comes = on && !self.hybrid.causes.has(fault);
         self.hybrid.causes.set(fault, on);
         match fault {
@@ -147,14 +147,14 @@ impl Drive {
     }
 
     /// A calibration goes on. Rotor and temperature are looked at after everything that happens.
-    pub(super) fn hybrid_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn hybrid_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.hybrid.calibration.due() <= at {
             self.calibrate_on(at, out);
         }
     }
 
     /// Looks at rotor and temperature, after everything that happens.
-    pub(super) fn look_at_hybrid(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_at_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
         match self.model {
             _ if !self.hears() => {}
             Model::Hybrid => {
@@ -170,7 +170,7 @@ impl Drive {
 
     /// The motion has another plan, or C1 has come to an end of its range, beyond which it goes on at the other one:
     /// error 105 of a Hybrid.
-    pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Context) {
         if self.model != Model::Hybrid {
             return;
         }
@@ -185,7 +185,7 @@ impl Drive {
     }
 
     /// The electronics are too hot: the bridge is off.
-    fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+    fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         if !self.hybrid.is_overheated {
             (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);
             self.set_motion(at, out);
@@ -209,7 +209,7 @@ impl Drive {
     }
 
     /// Warns above WT, and switches the bridge off at [`SHUTDOWN`].
-    fn watch_heat(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn watch_heat(&mut self, at: Instant, out: &mut dyn Context) {
         let warning = i64::from(self.bank.word(Reg::WT)) + 1;
         let is_warm = self.hybrid.heat.celsius(at) >= warning;
         if is_warm && !self.hybrid.has_warned {

@@ -7,11 +7,11 @@ use fixed::types::{I24F8, U24F8};
 
 use super::status::condition;
 use super::{Hybrid, LOCKED_ROTOR, frequency};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
-use crate::motion::{MAX_ACCELERATION, Rates};
+use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// Accelerations here are in full steps of so many in a turn.
 const STEPS_PER_REV: u32 = 200;
@@ -57,13 +57,13 @@ impl Drive {
     }
 
     /// The shaft is held, or let go.
-    pub(in crate::mdrive) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
         self.motion.hold_shaft(at, held, out);
         self.take_rotor_on(at, out);
     }
 
     /// Hands, or the load, have let go of the rotor, perhaps: the circuitry takes it on from where it is.
-    pub(in crate::mdrive) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.watches_rotor() {
             return;
         }
@@ -74,7 +74,7 @@ impl Drive {
     }
 
     /// The rotor is where it is not to be: the circuitry makes up for it, tells of it, gives it up.
-    pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.rotor_due = Instant::NEVER;
         if self.hybrid.rotor != Rotor::Free && !self.motion.is_uncounted() {
             // An order has ended it.
@@ -94,7 +94,7 @@ impl Drive {
     }
 
     /// Torque mode begins when all motion is over, goes on with other values, or ends.
-    fn watch_torque(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn watch_torque(&mut self, at: Instant, out: &mut dyn Context) {
         let is_wanted = self.watches_rotor() && self.is_in_torque_mode();
         let (torque, speed) = (self.bank.word(Reg::TQ), self.bank.word(Reg::TS));
         match self.hybrid.rotor {
@@ -123,7 +123,7 @@ impl Drive {
     }
 
     /// The rotor is accelerated, or slowed down, by TQ to what TS allows.
-    fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Sink) {
+    fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let Spin { torque, speed, forward } = spin;
         let fastest = i64::from(self.in_steps(PULL_OUT));
         let speed = i64::from(frequency(speed.into())).min(fastest);
@@ -137,7 +137,7 @@ impl Drive {
     }
 
     /// No torque is left to accelerate the rotor: it turns as fast as it does, or is stopped.
-    fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Sink) {
+    fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let speed = self.motion.turns(at);
         if speed != 0 {
             let rounds_by = self.in_steps(self.coasts());
@@ -152,7 +152,7 @@ impl Drive {
     }
 
     /// The rotor comes to standstill: RC brakes it, or without a bridge its friction.
-    fn slow_down(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn slow_down(&mut self, at: Instant, out: &mut dyn Context) {
         let (run, coasts) = (self.bank.word(Reg::RC), self.coasts());
         let by = if self.has_bridge() { by_torque(run) } else { coasts };
         let now = Rotor::Slows(by);
@@ -190,14 +190,14 @@ impl Drive {
     }
 
     /// The circuitry leaves the rotor where it is: there it neither lags nor leads.
-    fn leave_rotor(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn leave_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.motion.end_uncounted(at, out);
         self.motion.clear_lag(at);
         self.hybrid.rotor = Rotor::Free;
     }
 
     /// Makes up for the rotor's lag at the end of a motion with MU, at the speed of MF or SS.
-    fn make_up(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn make_up(&mut self, at: Instant, out: &mut dyn Context) {
         if self.hybrid.rotor == Rotor::MakesUp {
             let ends = self.motion.plan_ends();
             if ends > at {
@@ -226,7 +226,7 @@ impl Drive {
 
     /// A rotor that does not move at the bounds of CB is locked after LT (MC 5-44). In torque mode that is one that
     /// does not turn.
-    fn watch_bounds(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn watch_bounds(&mut self, at: Instant, out: &mut dyn Context) {
         // CB 0 to 3 are 11, 13, 15 and 17 tenths of a full step.
         let tenths = 11 + 2 * i32::from(self.bank.word(Reg::CB));
         let bounds = i32::from(self.bank.word(Reg::MS)) * tenths / 10;
@@ -270,7 +270,7 @@ impl Drive {
     }
 
     /// The rotor is locked: but in torque mode the bridge is switched off, and the motion ends as with a stall.
-    pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.is_locked = true;
         if self.is_in_torque_mode() {
             return self.trip_on_status(at, condition::LOCKED, out);
@@ -288,6 +288,6 @@ fn by_torque(percent: u16) -> u32 {
 }
 
 /// At once at that speed.
-pub(super) fn evenly(speed: U24F8) -> Rates {
-    Rates { start: speed, speed, up: MAX_ACCELERATION, down: MAX_ACCELERATION }
+pub(super) fn evenly(speed: U24F8) -> Limits {
+    Limits { start: speed, speed, up: MAX_ACCELERATION, down: MAX_ACCELERATION }
 }

@@ -3,7 +3,7 @@
 use super::calibration::Calibration;
 use super::rotor::Rotor;
 use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
@@ -92,7 +92,7 @@ impl Drive {
     }
 
     /// LG and LD (MC 5-41).
-    pub(super) fn watch_lag(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn watch_lag(&mut self, at: Instant, out: &mut dyn Context) {
         let limit = |reg| i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX);
         let (most, least) = (limit(Reg::LG), -limit(Reg::LD));
         let lag = self.lag(at);
@@ -118,7 +118,7 @@ impl Drive {
     }
 
     /// Reports an error of the rotor, which may trip.
-    pub(super) fn tell(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Sink) {
+    pub(super) fn tell(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Context) {
         // "There is no error generation when enabling trip" on these (MC 5-71): the trip takes its place.
         if !self.trips_on_status(condition) {
             self.fail(at, error, out);

@@ -2,11 +2,11 @@
 
 use super::super::error::Error;
 use super::super::{IO7, IO8};
-use super::lasting::Lasting;
+use super::lasting::Debounce;
 use super::min_pulse;
 use super::point::flag;
-use crate::device::{Duration, Instant, Level, Output, Pin, Plan, Sink};
-use crate::motion::{SETUP, Step, Walker};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin, Plan};
+use crate::motion::{SETUP, Step, StepIterator};
 
 /// Code of the steps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -43,25 +43,25 @@ impl Kind {
 #[derive(Clone, Copy, Debug)]
 struct Point {
     active_high: bool,
-    seen: Lasting,
+    seen: Debounce,
     driven: Level,
 }
 
 impl Point {
-    const OPEN: Self = Self { active_high: false, seen: Lasting::new(true), driven: Level::Float };
+    const OPEN: Self = Self { active_high: false, seen: Debounce::new(true), driven: Level::Float };
 
     fn is_active(&self) -> bool {
         self.seen.level == self.active_high
     }
 
-    fn put(&mut self, at: Instant, pin: Pin, level: Level, out: &mut dyn Sink) {
+    fn put(&mut self, at: Instant, pin: Pin, level: Level, out: &mut dyn Context) {
         if level != self.driven {
             self.driven = level;
             out.put(at, Output::Level { pin, level });
         }
     }
 
-    fn show(&mut self, at: Instant, pin: Pin, active: bool, out: &mut dyn Sink) {
+    fn show(&mut self, at: Instant, pin: Pin, active: bool, out: &mut dyn Context) {
         let level = if active == self.active_high { Level::High } else { Level::Low };
         self.put(at, pin, level, out);
     }
@@ -83,13 +83,13 @@ pub(super) struct Clock {
     rest: i32,
     /// True if a plan is wanted.
     is_new: bool,
-    train: Train,
+    train: PulseTrain,
 }
 
 /// The pulses that tell of steps.
 #[derive(Clone, Debug)]
-struct Train {
-    walker: Walker,
+struct PulseTrain {
+    walker: StepIterator,
     next: Option<Step>,
     /// Time of the last step, or of the last plan.
     last: Instant,
@@ -101,9 +101,9 @@ struct Train {
     ends: Instant,
 }
 
-impl Train {
+impl PulseTrain {
     const NONE: Self = Self {
-        walker: Walker::done(),
+        walker: StepIterator::done(),
         next: None,
         last: Instant::ZERO,
         backward: false,
@@ -136,11 +136,11 @@ impl Clock {
         steps: 0,
         rest: 0,
         is_new: false,
-        train: Train::NONE,
+        train: PulseTrain::NONE,
     };
 
     /// A restart: as the factory has it, but levels stay as they are.
-    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         for (point, pin) in [(&mut self.seven, IO7), (&mut self.eight, IO8)] {
             point.put(at, pin, Level::Float, out);
             *point = Point { seen: point.seen, ..Point::OPEN };
@@ -157,7 +157,7 @@ impl Clock {
         at: Instant,
         pin: Pin,
         [kind, active_high]: [u16; 2],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let kind = Kind::of(kind).ok_or(Error::IllegalClockType)?;
         let active_high = flag(active_high)?;
@@ -170,7 +170,7 @@ impl Clock {
     }
 
     /// CM, and CR in thousandths.
-    pub(super) fn set(&mut self, at: Instant, enabled: bool, ratio: u16, out: &mut dyn Sink) {
+    pub(super) fn set(&mut self, at: Instant, enabled: bool, ratio: u16, out: &mut dyn Context) {
         self.ratio = ratio.into();
         if enabled != self.enabled {
             self.enabled = enabled;
@@ -189,7 +189,7 @@ impl Clock {
     }
 
     /// The motor goes on along a plan.
-    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, width: Duration, out: &mut dyn Sink) {
+    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, width: Duration, out: &mut dyn Context) {
         self.is_new = false;
         if let Some(Kind::Tells(_)) = self.kind() {
             // What is due at this very instant is still told.
@@ -222,7 +222,7 @@ impl Clock {
         self.seven.seen.due.min(self.eight.seen.due).min(self.train.due())
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
         // Where both come at once a direction comes before its pulse.
         for pin in [IO8, IO7] {
             if self.point(pin).is_some_and(|point| point.seen.timeout(at)) {
@@ -255,8 +255,8 @@ impl Clock {
     }
 
     /// Begins what CM and the set-ups say now.
-    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
-        (self.steps, self.rest, self.train) = (0, 0, Train::NONE);
+    fn begin(&mut self, at: Instant, out: &mut dyn Context) {
+        (self.steps, self.rest, self.train) = (0, 0, PulseTrain::NONE);
         self.is_new = matches!(self.kind(), Some(Kind::Tells(_)));
         if self.is_new {
             self.show(at, None, out);
@@ -302,7 +302,7 @@ impl Clock {
     }
 
     /// A step is made.
-    fn tell(&mut self, step: Step, width: Duration, out: &mut dyn Sink) {
+    fn tell(&mut self, step: Step, width: Duration, out: &mut dyn Context) {
         if self.train.ends != Instant::NEVER {
             // Another plan has brought it closer than the pulse before it is long.
             self.show(step.at, None, out);
@@ -318,7 +318,7 @@ impl Clock {
     }
 
     /// Shows where the train is, with the pulse of a step forward or backward.
-    fn show(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Sink) {
+    fn show(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Context) {
         let Some(Kind::Tells(code)) = self.kind() else { return };
         let (seven, eight) = match code {
             Code::StepDirection => (pulse.is_some(), self.train.backward),

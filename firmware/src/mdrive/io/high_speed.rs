@@ -2,9 +2,9 @@
 
 use super::super::CAPTURE;
 use super::super::error::Error;
-use super::lasting::Lasting;
+use super::lasting::Debounce;
 use super::point::flag;
-use crate::device::{Duration, Instant, Level, Output, Sink};
+use crate::device::{Context, Duration, Instant, Level, Output};
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Kind {
@@ -17,7 +17,7 @@ enum Kind {
 pub(super) struct HighSpeed {
     kind: Kind,
     active_high: bool,
-    seen: Lasting,
+    seen: Debounce,
     driven: Level,
     /// End of the pulse; [`Instant::NEVER`] without one.
     ends: Instant,
@@ -28,13 +28,13 @@ impl HighSpeed {
     pub(super) const OPEN: Self = Self {
         kind: Kind::Captures,
         active_high: false,
-        seen: Lasting::new(true),
+        seen: Debounce::new(true),
         driven: Level::Float,
         ends: Instant::NEVER,
     };
 
     /// A restart: as the factory has it, but its level stays as it is.
-    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         self.put(at, Level::Float, out);
         *self = Self { seen: self.seen, ..Self::OPEN };
     }
@@ -47,7 +47,7 @@ impl HighSpeed {
         &mut self,
         at: Instant,
         [kind, active_high]: [u16; 2],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let kind = match kind {
             60 => Kind::Captures,
@@ -66,7 +66,7 @@ impl HighSpeed {
     }
 
     /// A position has tripped: a trip output is active for `width`.
-    pub(super) fn pulse(&mut self, at: Instant, width: Duration, out: &mut dyn Sink) {
+    pub(super) fn pulse(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
         if self.kind == Kind::Trips {
             self.ends = at + width;
             self.show(at, out);
@@ -78,7 +78,7 @@ impl HighSpeed {
     }
 
     /// Returns whether it captures now.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) -> bool {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         if self.ends <= at {
             self.ends = Instant::NEVER;
             self.show(at, out);
@@ -91,7 +91,7 @@ impl HighSpeed {
         self.kind == Kind::Captures && self.seen.level == self.active_high
     }
 
-    fn show(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn show(&mut self, at: Instant, out: &mut dyn Context) {
         let pulses = self.ends != Instant::NEVER;
         let level = match self.kind {
             Kind::Captures => Level::Float,
@@ -101,7 +101,7 @@ impl HighSpeed {
         self.put(at, level, out);
     }
 
-    fn put(&mut self, at: Instant, level: Level, out: &mut dyn Sink) {
+    fn put(&mut self, at: Instant, level: Level, out: &mut dyn Context) {
         if level != self.driven {
             self.driven = level;
             out.put(at, Output::Level { pin: CAPTURE, level });

@@ -4,13 +4,13 @@ use crate::device::{Duration, Instant};
 
 /// The level in effect, and how long the other one is there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Lasting {
+pub(super) struct Debounce {
     pub(super) level: bool,
     /// Time at which the other level will have lasted long enough; [`Instant::NEVER`] if it is not there.
     pub(super) due: Instant,
 }
 
-impl Lasting {
+impl Debounce {
     pub(super) const fn new(level: bool) -> Self {
         Self { level, due: Instant::NEVER }
     }

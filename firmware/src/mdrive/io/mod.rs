@@ -24,7 +24,7 @@ use self::remote::Remote;
 use super::error::Error;
 use super::motion::{Channel, Contact};
 use super::{A, B, CAPTURE, INDEX, IO1, IO2, IO3, IO4, IO7, IO8};
-use crate::device::{Duration, Instant, Pin, Plan, Sink};
+use crate::device::{Context, Duration, Instant, Pin, Plan};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 const PINS: [Pin; 4] = [IO1, IO2, IO3, IO4];
@@ -152,7 +152,7 @@ impl Io {
     };
 
     /// Power comes, or a restart; `whole`: what is around the drive will be told anew. All is as the factory has it.
-    pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
         if whole {
             *self = Self::REST;
             return;
@@ -176,7 +176,7 @@ impl Io {
     }
 
     /// All are loaded: what is active now was so before. So a switch that is held starts, stops or resets nothing.
-    pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Context) {
         self.loads = false;
         for (point, pin) in self.points.iter_mut().zip(PINS) {
             point.load(at, pin, out);
@@ -194,7 +194,7 @@ impl Io {
         at: Instant,
         n: u8,
         values: [u16; 3],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let set_up = SetUp::of(values)?;
         let place = Self::place(n);
@@ -229,7 +229,7 @@ impl Io {
         at: Instant,
         n: u8,
         values: [u16; 2],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         self.clock.set_up(at, if n == 7 { IO7 } else { IO8 }, values, out)
     }
@@ -242,13 +242,13 @@ impl Io {
         &mut self,
         at: Instant,
         values: [u16; 2],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         self.high_speed.set_up(at, values, out)
     }
 
     /// D1 to D4 in ms, D5; FC, FM, CW; CM, CR. What is being filtered already is so by what they were.
-    pub(super) fn set_filters(&mut self, at: Instant, filters: Filters, out: &mut dyn Sink) {
+    pub(super) fn set_filters(&mut self, at: Instant, filters: Filters, out: &mut dyn Context) {
         self.filters = filters;
         self.analogue.set_average(at, filters.average);
         self.clock.set(at, filters.clocked, filters.ratio, out);
@@ -263,7 +263,7 @@ impl Io {
         at: Instant,
         n: u8,
         active: bool,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let debounce = self.filters.debounce(Self::place(n));
         let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
@@ -319,24 +319,24 @@ impl Io {
     }
 
     /// The motion goes on along a plan: clock outputs tell of its steps.
-    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, out: &mut dyn Sink) {
+    pub(super) fn plan(&mut self, at: Instant, plan: &Plan, out: &mut dyn Context) {
         self.clock.plan(at, plan, self.filters.width(), out);
     }
 
     /// Outputs with a type show what is so.
-    pub(super) fn show(&mut self, at: Instant, shown: Shown, out: &mut dyn Sink) {
+    pub(super) fn show(&mut self, at: Instant, shown: Shown, out: &mut dyn Context) {
         for (place, (point, pin)) in self.points.iter_mut().zip(PINS).enumerate() {
             point.show(at, pin, shown, self.filters.debounce(place), out);
         }
     }
 
     /// A trip on position: a pulse of the trip output, if there is one.
-    pub(super) fn pulse(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn pulse(&mut self, at: Instant, out: &mut dyn Context) {
         self.high_speed.pulse(at, self.filters.width(), out);
     }
 
     /// Sets the level of a pin.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         self.timeout(at, out);
         match pin {
             IO7 | IO8 => self.clock.see(at, pin, high, self.filters.clock),
@@ -353,7 +353,7 @@ impl Io {
     }
 
     /// Leaves a pin open.
-    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.timeout(at, out);
         match channel(pin) {
             Some(channel) => self.see_channel(at, channel, None),
@@ -376,7 +376,7 @@ impl Io {
         self.points.iter().fold(fast, |first, point| first.min(point.deadline()))
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if at < self.deadline() {
             return;
         }

@@ -2,9 +2,9 @@
 
 use super::super::error::Error;
 use super::super::motion::Contact;
-use super::lasting::Lasting;
+use super::lasting::Debounce;
 use super::{Event, Shown};
-use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// Type of a point.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -139,7 +139,7 @@ pub(super) struct Point {
     set_up: SetUp,
     /// Level from outside; `None` if it is open.
     outside: Option<bool>,
-    held: Lasting,
+    held: Debounce,
     /// Time at which an input that was set up can be used (MC 5-64, note 2); [`Instant::NEVER`] if it can.
     settles: Instant,
     active: bool,
@@ -151,7 +151,7 @@ impl Point {
     pub(super) const OPEN: Self = Self {
         set_up: SetUp::FACTORY,
         outside: None,
-        held: Lasting::new(true),
+        held: Debounce::new(true),
         settles: Instant::NEVER,
         active: false,
         driven: Level::Float,
@@ -195,7 +195,7 @@ impl Point {
 
     /// Begins as it was set up: an input is inactive until it has settled. Returns whether it is active now and was
     /// not.
-    pub(super) fn begin(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Sink) -> bool {
+    pub(super) fn begin(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Context) -> bool {
         self.drive(at, pin, out);
         self.settles = at + debounce;
         self.look(at, debounce);
@@ -203,10 +203,10 @@ impl Point {
     }
 
     /// As [`Self::begin`], but takes what is there for what has been there for long.
-    pub(super) fn load(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+    pub(super) fn load(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.drive(at, pin, out);
         self.settles = Instant::NEVER;
-        self.held = Lasting::new(self.level());
+        self.held = Debounce::new(self.level());
         self.judge();
     }
 
@@ -235,7 +235,7 @@ impl Point {
         pin: Pin,
         active: bool,
         debounce: Duration,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if self.kind() != Kind::Output {
             return Err(Error::NoOutput);
@@ -251,14 +251,14 @@ impl Point {
         pin: Pin,
         shown: Shown,
         debounce: Duration,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         if let Kind::Shows(shows) = self.kind() {
             self.put(at, pin, shows.of(shown), debounce, out);
         }
     }
 
-    fn put(&mut self, at: Instant, pin: Pin, active: bool, debounce: Duration, out: &mut dyn Sink) {
+    fn put(&mut self, at: Instant, pin: Pin, active: bool, debounce: Duration, out: &mut dyn Context) {
         if active != self.active {
             self.active = active;
             self.drive(at, pin, out);
@@ -267,7 +267,7 @@ impl Point {
     }
 
     /// Puts out what it is to put out (MC 5-64).
-    fn drive(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+    fn drive(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         let SetUp { kind, active_high, sources } = self.set_up;
         let level = match (self.active == active_high, sources) {
             _ if !kind.is_output() => Level::Float,

@@ -1,6 +1,6 @@
 //! The channels of a remote encoder behind FM (MC 5-26).
 
-use super::lasting::Lasting;
+use super::lasting::Debounce;
 use crate::device::{Duration, Instant};
 use crate::mdrive::motion::Channel;
 
@@ -9,7 +9,7 @@ const CHANNELS: [Channel; 3] = [Channel::A, Channel::B, Channel::Index];
 /// A, B and the index, each `None` while nobody drives it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Remote {
-    seen: [Option<Lasting>; 3],
+    seen: [Option<Debounce>; 3],
 }
 
 impl Remote {
@@ -30,7 +30,7 @@ impl Remote {
             (Some(seen), Some(level)) => seen.see(at, level, lasting),
             (seen, level) => {
                 let changes = seen.is_some() != level.is_some();
-                *seen = level.map(Lasting::new);
+                *seen = level.map(Debounce::new);
                 changes
             }
         }

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::super::ANALOG;
 use super::*;
 use crate::device::{Level, Output};
-use crate::motion::{Rates, Walker};
+use crate::motion::{Limits, StepIterator};
 use crate::testing::{Recorder, Treatment};
 
 /// Levels: the I/O puts nothing else.
@@ -769,7 +769,7 @@ fn teller(code: u16, active: [u16; 2]) -> Dut {
 
 /// There and back by `steps`, 1,000 steps/s, from 1 ms on.
 fn there_and_back(dut: &mut Dut, steps: i32) {
-    let rates = Rates::even(U24F8::from_num(1_000), 1_000_000);
+    let rates = Limits::even(U24F8::from_num(1_000), 1_000_000);
     for (ms, from, by) in [(1, 0, steps), (101, steps, -steps)] {
         dut.at(at_ms(ms));
         let plan = Plan::profile(dut.now, from, by, rates);
@@ -784,10 +784,10 @@ fn step_and_direction_are_told_with_the_clock_width() {
     // Idle: I/O 7 inactive high, I/O 8 forward low.
     assert_eq!(dut.put(), [(Instant::ZERO, IO8, Level::Low), (Instant::ZERO, IO7, Level::High)]);
     there_and_back(&mut dut, 2);
-    let rates = Rates::even(U24F8::from_num(1_000), 1_000_000);
+    let rates = Limits::even(U24F8::from_num(1_000), 1_000_000);
     let mut expected = Vec::new();
     for (ms, from, by) in [(1, 0, 2), (101, 2, -2)] {
-        let mut walker = Walker::new(&Plan::profile(at_ms(ms), from, by, rates), at_ms(ms));
+        let mut walker = StepIterator::new(&Plan::profile(at_ms(ms), from, by, rates), at_ms(ms));
         let steps: Vec<Instant> = walker.by_ref().map(|step| step.at).collect();
         assert_eq!(steps.len(), 2);
         if by < 0 {
@@ -830,7 +830,7 @@ fn fast_pulses_last_half_of_their_period() {
     let mut dut = teller(49, [1, 1]);
     dut.put();
     let rates =
-        Rates { start: U24F8::from_num(5_000_000), ..Rates::even(U24F8::from_num(5_000_000), 1_000_000) };
+        Limits { start: U24F8::from_num(5_000_000), ..Limits::even(U24F8::from_num(5_000_000), 1_000_000) };
     dut.follow(&Plan::profile(dut.now, 0, 1_000, rates));
     dut.at(at_ms(10));
     let put = dut.put();
@@ -851,7 +851,7 @@ fn without_cm_clock_outputs_are_let_go() {
     there_and_back(&mut dut, 5);
     assert_eq!(dut.put(), []);
     // In the middle of a motion they tell of what is left of it.
-    let plan = Plan::profile(dut.now, 0, 10, Rates::even(U24F8::from_num(1_000), 1_000_000));
+    let plan = Plan::profile(dut.now, 0, 10, Limits::even(U24F8::from_num(1_000), 1_000_000));
     dut.at(at_ms(200) + Duration::micros(5_500));
     dut.filter(|filters| filters.clocked = true);
     assert!(dut.io.wants_plan());

@@ -20,9 +20,9 @@ use super::super::registers::Reg;
 use super::super::startup::SIGN_ON;
 use super::parse::begins_number;
 use super::print::CR_LF;
-use super::serial::{ACK, Called, NAK, Party, is_checked};
+use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
 use super::statement::{Place, Statement};
-use crate::device::{Instant, Link, Note, Output, Sink, Why};
+use crate::device::{Context, DropReason, Instant, Link, LogEvent, Output};
 
 const CTRL_C: u8 = 0x03;
 const CTRL_E: u8 = 0x05;
@@ -44,14 +44,14 @@ mod echo {
 
 impl Drive {
     /// Opens a connection; a fifth one is closed.
-    pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.mcode.consoles.close(link);
         if self.mcode.consoles.open(link).is_err() {
             out.put(at, Output::Close { port: MCODE, link });
         }
     }
 
-    pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.mcode.consoles.close(link);
         self.hear_waiting(at, out);
     }
@@ -62,7 +62,7 @@ impl Drive {
         at: Instant,
         link: Link,
         bytes: &[u8],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         for character in bytes {
             if self.mcode.consoles.takes() {
@@ -74,7 +74,7 @@ impl Drive {
     }
 
     /// The line that is being executed has its effect, and what has come meanwhile is heard.
-    pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(link) = self.mcode.consoles.executed(at) {
             self.execute_line(at, link, out);
             self.settle(at, out);
@@ -82,13 +82,13 @@ impl Drive {
         }
     }
 
-    fn hear_waiting(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn hear_waiting(&mut self, at: Instant, out: &mut dyn Context) {
         while let Some((link, character)) = self.mcode.consoles.waited() {
             self.hear_character(at, link, character, out);
         }
     }
 
-    fn hear_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) {
+    fn hear_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
         // Ctrl-C may have come before it.
         if self.hears() {
             self.console_character(at, link, character, out);
@@ -100,25 +100,25 @@ impl Drive {
     }
 
     /// Text for every connection: PR of a program; without any it is lost.
-    pub(in crate::mdrive) fn say_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn say_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
         for console in &self.mcode.consoles.list {
             say(at, console.link, text, out);
         }
     }
 
     /// The drive's name, to every connection: a move has ended that announces it (MC 5-45).
-    pub(in crate::mdrive) fn say_name(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn say_name(&mut self, at: Instant, out: &mut dyn Context) {
         let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
         self.say_to_all(at, &[name, b'\r', b'\n'], out);
     }
 
     /// The sign-on, to every connection, and a prompt.
-    pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Context) {
         self.say_to_all(at, SIGN_ON, out);
         self.say_to_all(at, self.prompt(), out);
     }
 
-    fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) {
+    fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
         let party = self.is_party();
         if party && !self.is_for_me(at, link, character, out) {
             return;
@@ -163,19 +163,19 @@ impl Drive {
 
     /// Returns whether a character is for this drive and no name of one, in party mode. Keys may be for all (MC 5-11,
     /// 5-23).
-    fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Sink) -> bool {
+    fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) -> bool {
         let active = self.mcode.consoles.party == Party::Active;
-        let called = self.mcode.consoles.find(link).map_or(Called::Others, |console| console.called);
+        let called = self.mcode.consoles.find(link).map_or(PartyAddress::Others, |console| console.called);
         match (called, character) {
-            (Called::Me(_) | Called::All, _) => true,
+            (PartyAddress::Me(_) | PartyAddress::All, _) => true,
             (_, CTRL_C) => self.bank.word(Reg::CE) == 1,
             (_, ESCAPE | CTRL_E) => self.bank.word(Reg::ES) <= 1,
             (_, b'\n') => {
                 self.mcode.consoles.party = Party::Active;
-                self.call(link, Called::Next);
+                self.call(link, PartyAddress::Next);
                 false
             }
-            (Called::Next, name) if active => {
+            (PartyAddress::Next, name) if active => {
                 self.call(link, self.whom(name));
                 // Table 7.2 shows no name there; hardware sends it.
                 if self.echo_mode() == echo::FULL {
@@ -183,11 +183,11 @@ impl Drive {
                 }
                 false
             }
-            (Called::Plain | Called::Next | Called::Others, _) => false,
+            (PartyAddress::Plain | PartyAddress::Next | PartyAddress::Others, _) => false,
         }
     }
 
-    fn call(&mut self, link: Link, called: Called) {
+    fn call(&mut self, link: Link, called: PartyAddress) {
         if let Some(console) = self.mcode.consoles.find(link) {
             console.called = called;
         }
@@ -208,7 +208,7 @@ impl Drive {
     }
 
     /// A line has been executed: what it says happens, between the end of its echo and a prompt.
-    fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let (mut line, name) = (mem::take(&mut console.line), console.called.name());
         let stores = console.programming.is_some();
@@ -223,7 +223,7 @@ impl Drive {
         if sums != 0 {
             line.pop();
         }
-        let outcome = if spoiled { Ok(Answer::Spoiled) } else { self.carry_out(at, link, &line, out) };
+        let outcome = if spoiled { Ok(Answer::RxError) } else { self.carry_out(at, link, &line, out) };
         if prints_alone && outcome.is_err() {
             self.end_echo(at, link, &line, out);
         }
@@ -238,7 +238,7 @@ impl Drive {
     }
 
     /// A line is too long (MC 5-57); it is answered before it has ended.
-    fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let line = mem::take(&mut console.line);
         console.refused = true;
@@ -247,7 +247,7 @@ impl Drive {
     }
 
     /// Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
-    fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Sink) {
+    fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         *console = Console { programming: console.programming, ..Console::new(link, console.called) };
         self.end_program();
@@ -273,7 +273,7 @@ impl Drive {
     }
 
     /// The end of what is echoed of a line; where there are check sums, an acknowledgement takes the place of CR LF.
-    fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Sink) {
+    fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Context) {
         let mode = self.echo_mode();
         if mode == echo::AFTERWARDS {
             self.answer(at, link, line, out);
@@ -291,15 +291,15 @@ impl Drive {
         line: &[u8],
         sums: u16,
         outcome: Result<Answer, Error>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         let function = line.first().copied().unwrap_or(b'\r');
         out.put(
             at,
-            Output::Note(match outcome {
-                Ok(Answer::Spoiled) => Note::Dropped { port: MCODE, why: Why::Crc },
-                Ok(_) => Note::Request { port: MCODE, unit: 0, function },
-                Err(error) => Note::Refused { port: MCODE, function, code: error as u8 },
+            Output::Log(match outcome {
+                Ok(Answer::RxError) => LogEvent::Dropped { port: MCODE, why: DropReason::Crc },
+                Ok(_) => LogEvent::Request { port: MCODE, unit: 0, function },
+                Err(error) => LogEvent::Refused { port: MCODE, function, code: error as u8 },
             }),
         );
         if let Err(error) = outcome {
@@ -331,7 +331,7 @@ impl Drive {
         at: Instant,
         link: Link,
         line: &[u8],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<Answer, Error> {
         let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
         let statement = self.parse(line);
@@ -388,7 +388,7 @@ impl Drive {
     }
 
     /// Answers on a connection, if it is for this drive to answer.
-    fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Sink) {
+    fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
         for link in &self.hearers(link) {
             say(at, *link, bytes, out);
         }
@@ -430,13 +430,13 @@ impl Drive {
 enum Answer {
     Prompt,
     /// Wrong checksum: without effect.
-    Spoiled,
+    RxError,
     /// The sign-on was the answer, with a prompt.
     Greeting,
 }
 
 /// Says something on a connection.
-pub(super) fn say(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Sink) {
+pub(super) fn say(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
     if !bytes.is_empty() {
         out.put(at, Output::Message { port: MCODE, link, bytes });
     }

@@ -8,7 +8,7 @@ use super::super::variables::{RATIO_ONE, entry};
 use super::names::Meaning;
 use super::parse::Expression;
 use super::statement::{Name, Operand, Operator, Place, Statement, Step};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 
 impl Drive {
     /// Carries out a statement, be it a line of the program that runs or typed; what prints is for who has said so.
@@ -21,7 +21,7 @@ impl Drive {
         at: Instant,
         statement: &Statement<'_>,
         program: bool,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         match statement {
             // "IF will be cleared to zero with a carriage return" (MC 5-36).
@@ -185,7 +185,7 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: &Expression<'_>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let value = match reg {
             // What does not fit is out of its range.
@@ -202,7 +202,12 @@ impl Drive {
     }
 
     /// Takes the number that IV waits for. A fraction is for CR.
-    fn take_input(&mut self, at: Instant, number: &Expression<'_>, out: &mut dyn Sink) -> Result<(), Error> {
+    fn take_input(
+        &mut self,
+        at: Instant,
+        number: &Expression<'_>,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
         match self.mcode.vm.take_input() {
             Some(Operand::Variable(reg)) if reg == Reg::CR || !number.is_ratio() => {
                 self.set_variable(at, reg, number, out)
@@ -230,7 +235,7 @@ impl Drive {
         at: Instant,
         variable: Operand,
         by: i32,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         match variable {
             Operand::Variable(reg) => self.count(at, reg, by, out),
@@ -258,7 +263,7 @@ impl Drive {
         &mut self,
         at: Instant,
         number: &Expression<'_>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if number.is_ratio() {
             return Err(Error::IllegalData);

@@ -23,7 +23,7 @@ use super::super::saved;
 use super::names::Meaning;
 use super::parse::without_comment;
 use super::statement::{Place, Statement};
-use crate::device::{Instant, Output, Sink};
+use crate::device::{Context, Instant, Output};
 
 /// Bytes of the log.
 pub(in crate::mdrive) const BYTES: usize = 12 * 1024;
@@ -172,7 +172,7 @@ impl Program {
     ///
     /// # Errors
     /// 45: there is no such address, or no room.
-    fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Sink) -> Result<(), Error> {
+    fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Context) -> Result<(), Error> {
         let record = record(address, line);
         let has_room = |taken: usize| taken + record.len() < BYTES;
         // The lines that hold take no more than the log: they are counted only where that has no room.
@@ -194,7 +194,7 @@ impl Program {
     }
 
     /// Puts a line behind the last one.
-    fn append(&mut self, at: Instant, address: u16, record: &[u8], out: &mut dyn Sink) {
+    fn append(&mut self, at: Instant, address: u16, record: &[u8], out: &mut dyn Context) {
         let end = self.end + record.len() as u16;
         self.store_bytes(at, end, &[END], out);
         self.store_record(at, self.end, record, out);
@@ -209,7 +209,7 @@ impl Program {
     }
 
     /// Puts the lines together that hold. The log does not pass until the first of them, if there is one, is stored.
-    fn compact(&mut self, at: Instant, out: &mut dyn Sink) -> Option<Stored> {
+    fn compact(&mut self, at: Instant, out: &mut dyn Context) -> Option<Stored> {
         let (mut place, mut end, mut first) = (0, 0, None);
         while let Ok(Some((found, _))) = Record::at(out.memory(), place.into()) {
             let (address, length) = (found.address, found.len() as u16);
@@ -233,7 +233,7 @@ impl Program {
     }
 
     /// Stores a line so that it is there as a whole or not at all.
-    fn store_record(&self, at: Instant, place: u16, record: &[u8], out: &mut dyn Sink) {
+    fn store_record(&self, at: Instant, place: u16, record: &[u8], out: &mut dyn Context) {
         if let Some((first, rest)) = record.split_first() {
             self.store_bytes(at, place + 1, rest, out);
             self.store_bytes(at, place, &[*first], out);
@@ -241,7 +241,7 @@ impl Program {
     }
 
     /// Clears all lines from `from` on.
-    pub(in crate::mdrive) fn clear(&mut self, at: Instant, from: u16, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn clear(&mut self, at: Instant, from: u16, out: &mut dyn Context) {
         let keeps = self.next(0).is_some_and(|first| first < from);
         let (mut place, mut kept) = (0, 0);
         // Older lines of an address first, so that none of them comes back if power is lost meanwhile.
@@ -269,14 +269,14 @@ impl Program {
         }
     }
 
-    fn store_bytes(&self, at: Instant, place: u16, bytes: &[u8], out: &mut dyn Sink) {
+    fn store_bytes(&self, at: Instant, place: u16, bytes: &[u8], out: &mut dyn Context) {
         out.put(at, Output::Store { offset: saved::PROGRAM as u16 + place, bytes });
     }
 }
 
 impl Drive {
     /// Power comes: finds the lines that are stored, and their labels. Whether the log is good (70 if not).
-    pub(in crate::mdrive) fn load_program(&mut self, out: &dyn Sink) -> bool {
+    pub(in crate::mdrive) fn load_program(&mut self, out: &dyn Context) -> bool {
         let good = self.mcode.program.load(out.memory());
         let mut address = 1;
         while let Some(next) = self.mcode.program.next(address) {
@@ -318,7 +318,7 @@ impl Drive {
         address: u16,
         line: &[u8],
         statement: &Statement<'_>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let here = Meaning::Label(address);
         if let Statement::Label(name) = *statement {
@@ -340,7 +340,7 @@ impl Drive {
         &mut self,
         at: Instant,
         place: Option<Place>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::ClearInMotion);

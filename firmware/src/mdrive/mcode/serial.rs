@@ -25,7 +25,7 @@ pub(super) enum Party {
 
 /// Whom a line is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Called {
+pub(super) enum PartyAddress {
     /// The only drive there is.
     Plain,
     /// The next character says it.
@@ -37,7 +37,7 @@ pub(super) enum Called {
     Others,
 }
 
-impl Called {
+impl PartyAddress {
     /// The name that was called; 0 if none was.
     pub(super) fn name(self) -> u8 {
         match self {
@@ -70,21 +70,21 @@ impl Drive {
     }
 
     /// Whom a name calls.
-    pub(super) fn whom(&self, name: u8) -> Called {
+    pub(super) fn whom(&self, name: u8) -> PartyAddress {
         match name {
-            ALL => Called::All,
-            QUEUED if self.bank.word(Reg::QD) != 0 => Called::Me(name),
-            _ if self.bank.word(Reg::DN) == u16::from(name) => Called::Me(name),
-            _ => Called::Others,
+            ALL => PartyAddress::All,
+            QUEUED if self.bank.word(Reg::QD) != 0 => PartyAddress::Me(name),
+            _ if self.bank.word(Reg::DN) == u16::from(name) => PartyAddress::Me(name),
+            _ => PartyAddress::Others,
         }
     }
 
     /// Returns whether the drive answers a line that called it so: all together only with DG 0 (MC 5-19).
-    pub(super) fn answers(&self, called: Called) -> bool {
+    pub(super) fn answers(&self, called: PartyAddress) -> bool {
         match called {
-            Called::Plain | Called::Me(_) => true,
-            Called::All => self.bank.word(Reg::DG) == 0,
-            Called::Next | Called::Others => false,
+            PartyAddress::Plain | PartyAddress::Me(_) => true,
+            PartyAddress::All => self.bank.word(Reg::DG) == 0,
+            PartyAddress::Next | PartyAddress::Others => false,
         }
     }
 }

@@ -11,7 +11,7 @@ use super::print::{CR_LF, Text};
 use super::program::LINE_BYTES;
 use super::serial::check_sum;
 use super::statement::Place;
-use crate::device::{Instant, Link, Sink};
+use crate::device::{Context, Instant, Link};
 
 impl Drive {
     /// PR on these connections.
@@ -23,9 +23,9 @@ impl Drive {
         at: Instant,
         links: Vec<Link, MOST>,
         items: &[u8],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let mut speech = Speech::new(at, links, self.check_sums() != 0, out);
+        let mut speech = MessageWriter::new(at, links, self.check_sums() != 0, out);
         self.print(at, items, &mut speech)?;
         speech.end();
         Ok(())
@@ -40,13 +40,13 @@ impl Drive {
         at: Instant,
         links: Vec<Link, MOST>,
         place: Option<Place>,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         self.needs_unlocked()?;
         let mut address = place.map_or(Ok(1), |place| self.address(place))?;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
-            let mut speech = Speech::new(at, links.clone(), self.check_sums() != 0, out);
+            let mut speech = MessageWriter::new(at, links.clone(), self.check_sums() != 0, out);
             speech.say(&line);
             speech.say(CR_LF);
             speech.end();
@@ -57,7 +57,7 @@ impl Drive {
 }
 
 /// Output on connections, gathered to messages.
-struct Speech<'o> {
+struct MessageWriter<'o> {
     at: Instant,
     links: Vec<Link, MOST>,
     /// A line of the program has room, with its check sum and its end.
@@ -65,11 +65,11 @@ struct Speech<'o> {
     /// True if lines have checksums.
     sums: bool,
     sum: Option<u8>,
-    out: &'o mut dyn Sink,
+    out: &'o mut dyn Context,
 }
 
-impl<'o> Speech<'o> {
-    fn new(at: Instant, links: Vec<Link, MOST>, sums: bool, out: &'o mut dyn Sink) -> Self {
+impl<'o> MessageWriter<'o> {
+    fn new(at: Instant, links: Vec<Link, MOST>, sums: bool, out: &'o mut dyn Context) -> Self {
         Self { at, links, text: Vec::new(), sums, sum: None, out }
     }
 
@@ -101,7 +101,7 @@ impl<'o> Speech<'o> {
     }
 }
 
-impl Text for Speech<'_> {
+impl Text for MessageWriter<'_> {
     fn say(&mut self, text: &[u8]) {
         if self.sums && text == CR_LF {
             self.sum.get_or_insert(0);

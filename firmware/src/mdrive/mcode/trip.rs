@@ -9,7 +9,7 @@ use super::super::error::Error;
 use super::super::io;
 use super::super::registers::Reg;
 use super::statement::{Operand, Parameter, Place, Trip};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 
 /// TR is not faster than 20 kHz (MC 5-75): what comes sooner waits.
 const FASTEST: Duration = Duration::micros(50);
@@ -258,7 +258,7 @@ impl Drive {
     }
 
     /// The I/O has told something that may trip.
-    pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             io::Event::Active(n) if self.mcode.trips.value(Trip::Input) == Some(n.into()) => {
                 self.trip(at, Trip::Input, out);
@@ -276,14 +276,14 @@ impl Drive {
     }
 
     /// The Hybrid's state: what has just become so, as bits of TA.
-    pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
         if self.trips_on_status(flags) {
             self.trip(at, Trip::Hybrid, out);
         }
     }
 
     /// Clock inputs have made steps at once, since it stood there: no plan leads past the position of TP.
-    pub(in crate::mdrive) fn trip_on_steps(&mut self, at: Instant, from: i32, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn trip_on_steps(&mut self, at: Instant, from: i32, out: &mut dyn Context) {
         let Some(position) = self.mcode.trips.value(Trip::Position) else { return };
         let (way, made) = (position.wrapping_sub(from), self.motion.steps(at).wrapping_sub(from));
         if way != 0 && way.signum() == made.signum() && way.unsigned_abs() <= made.unsigned_abs() {
@@ -292,7 +292,7 @@ impl Drive {
     }
 
     /// The motion has another plan, or a trip is due.
-    pub(in crate::mdrive) fn look_for_trips(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn look_for_trips(&mut self, at: Instant, out: &mut dyn Context) {
         let trips = &self.mcode.trips;
         let dues = [
             (Trip::Position, trips.position_due),
@@ -383,7 +383,7 @@ impl Drive {
     }
 
     /// A trip has come.
-    fn trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Sink) {
+    fn trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
         if trip != Trip::Position {
             self.mcode.trips.captured = self.read(at, Reg::P);
         }

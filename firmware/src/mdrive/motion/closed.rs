@@ -3,9 +3,9 @@
 use super::Motion;
 use super::orders::{Activity, Move};
 use super::scale::Scale;
-use crate::device::{Duration, Instant, Plan, Sink};
+use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
-use crate::motion::Rates;
+use crate::motion::Limits;
 
 /// "After failing 3 attempts Error 92 will be generated" (MC 9.6).
 const ATTEMPTS: u8 = 3;
@@ -131,7 +131,7 @@ impl Motion {
     }
 
     /// The encoder may have counted.
-    pub(super) fn counted(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn counted(&mut self, at: Instant, out: &mut dyn Context) {
         self.look_for_stall(at, out);
         self.maintain(at, out);
     }
@@ -145,7 +145,7 @@ impl Motion {
     }
 
     /// Tells of a stall, and stops it unless SM says no.
-    pub(super) fn look_for_stall(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_for_stall(&mut self, at: Instant, out: &mut dyn Context) {
         self.recover(at);
         if !self.watches() || self.apart(at).abs() < self.stalls_at() {
             return;
@@ -170,7 +170,7 @@ impl Motion {
     }
 
     /// Judges the end of a move. With EE = 1 its aim is kept from then on.
-    pub(super) fn judge(&mut self, at: Instant, way: Move, out: &mut dyn Sink) -> Verdict {
+    pub(super) fn judge(&mut self, at: Instant, way: Move, out: &mut dyn Context) -> Verdict {
         let Some(aim) = way.aim.filter(|_| self.settings.closed) else { return Verdict::InPosition };
         self.closed.aim = Some(aim);
         match self.off(at, aim) {
@@ -186,7 +186,7 @@ impl Motion {
     }
 
     /// Goes back at VI (MC 5-56); whether it does.
-    fn correct(&mut self, at: Instant, way: Move, off: i32, out: &mut dyn Sink) -> bool {
+    fn correct(&mut self, at: Instant, way: Move, off: i32, out: &mut dyn Context) -> bool {
         let Some(steps) = self.steps_of(self.counts(at), off) else { return false };
         if self.is_barred(off < 0) {
             self.fail_at_limit(off < 0);
@@ -195,7 +195,7 @@ impl Motion {
         }
         let rates = self.settings.rates();
         let from = self.motor.position(at);
-        let rates = Rates { speed: rates.start, ..rates };
+        let rates = Limits { speed: rates.start, ..rates };
         self.go(at, Plan::profile(at, from, steps, rates), out);
         let way = Move { target: from.wrapping_add(steps), tries: way.tries + 1, ..way };
         self.enter(Activity::Moves(way), self.motor.plan().end());
@@ -209,7 +209,7 @@ impl Motion {
 
     /// PM: brings back what stands and was forced out of DB, if that is no stall or SM lets it go on (MC 5-56). Without
     /// the bridge it waits.
-    pub(super) fn maintain(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn maintain(&mut self, at: Instant, out: &mut dyn Context) {
         let (Activity::Rest, true, Some(aim)) = (self.activity, self.maintains(), self.closed.aim) else {
             return;
         };

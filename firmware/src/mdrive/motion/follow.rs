@@ -7,7 +7,7 @@ use fixed::types::I24F8;
 
 use super::orders::Activity;
 use super::{Motion, Settings};
-use crate::device::{Duration, Instant, Plan, Sink};
+use crate::device::{Context, Duration, Instant, Plan};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Interval at which the speed is computed.
@@ -71,7 +71,7 @@ impl Settings {
 
 impl Motion {
     /// Clock inputs ask for so many steps: they are made, unless an order moves it.
-    pub(in crate::mdrive) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         let begins = self.activity == Activity::Rest;
         if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
             return;
@@ -90,7 +90,7 @@ impl Motion {
     }
 
     /// Looks at the clock.
-    pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Context) {
         self.due = at + LOOK;
         let before = self.follow.speed;
         self.follow.look(at);
@@ -110,7 +110,7 @@ impl Motion {
     }
 
     /// CM has changed, or whether there are ramps.
-    pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Context) {
         if self.activity == Activity::Follows {
             self.slow(at, false, out);
         }

@@ -17,7 +17,7 @@ use fixed::types::I24F8;
 
 use super::orders::Activity;
 use super::{Contact, Motion, Order};
-use crate::device::{Duration, Instant, Plan, Sink};
+use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
 
 /// Time from standstill to a look at the mark, at least. The shaft is at rest and its wires show that.
@@ -175,7 +175,7 @@ impl Homing {
 
 impl Motion {
     /// Begins a homing, from standstill.
-    pub(super) fn home(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
+    pub(super) fn home(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         let Some(mut homing) = Homing::new(order) else { return };
         self.watch_from(at);
         let course = homing.begin(self.is_on_mark(at, &homing));
@@ -183,7 +183,7 @@ impl Motion {
     }
 
     /// A homing has come to its instant.
-    pub(super) fn home_on(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Sink) {
+    pub(super) fn home_on(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Context) {
         match homing.stage {
             Stage::Return => {
                 let course = homing.enter(Stage::Seek, Course::Creep);
@@ -211,7 +211,7 @@ impl Motion {
     }
 
     /// The home switch becomes active, or not.
-    pub(super) fn see_home(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
+    pub(super) fn see_home(&mut self, at: Instant, active: bool, out: &mut dyn Context) {
         if let Activity::Homes(homing) = self.activity
             && !homing.by_index
         {
@@ -219,7 +219,7 @@ impl Motion {
         }
     }
 
-    fn see_mark(&mut self, at: Instant, mut homing: Homing, on_mark: bool, out: &mut dyn Sink) {
+    fn see_mark(&mut self, at: Instant, mut homing: Homing, on_mark: bool, out: &mut dyn Context) {
         match homing.mark(self.motor.position(at), on_mark) {
             Some(course) => self.head(at, homing, course, out),
             None => self.activity = Activity::Homes(homing),
@@ -227,14 +227,14 @@ impl Motion {
     }
 
     /// A limit is in the way of a homing.
-    pub(super) fn limit_home(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Sink) {
+    pub(super) fn limit_home(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Context) {
         if let Some(course) = homing.limit(self.settings.limit_mode) {
             self.head(at, homing, course, out);
         }
     }
 
     /// A homing takes this course, unless a limit that is held is in its way.
-    fn head(&mut self, at: Instant, homing: Homing, course: Course, out: &mut dyn Sink) {
+    fn head(&mut self, at: Instant, homing: Homing, course: Course, out: &mut dyn Context) {
         let rates = self.settings.rates();
         // Stops begin here, too: what stops knows that it moves.
         let moves = Activity::Homes(homing);
@@ -278,7 +278,7 @@ impl Motion {
     }
 
     /// Looks whether a homing comes onto the index, or leaves it, and when it will.
-    pub(super) fn look_at_index(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn look_at_index(&mut self, at: Instant, out: &mut dyn Context) {
         self.index_due = Instant::NEVER;
         let Activity::Homes(Homing { by_index: true, .. }) = self.activity else { return };
         let now = self.is_on_index(at);

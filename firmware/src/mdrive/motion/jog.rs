@@ -4,7 +4,7 @@ use fixed::types::I24F8;
 
 use super::orders::{Activity, Task};
 use super::{Contact, Motion};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 use crate::mdrive::error::Error;
 
 impl Motion {
@@ -20,7 +20,7 @@ impl Motion {
 
     /// A jog contact has changed: one that becomes active begins a jog from standstill, and a jog ends with its own.
     /// What contacts ask for when it stands begins then.
-    pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Sink) {
+    pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { back } if self.jog_ends(back) => {
                 self.waiting = Some(Task::Jog);
@@ -35,7 +35,7 @@ impl Motion {
         !self.is_active(if back { Contact::JogMinus } else { Contact::JogPlus })
     }
 
-    pub(super) fn begin_jog(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn begin_jog(&mut self, at: Instant, out: &mut dyn Context) {
         let Some(back) = self.jog_wanted().filter(|_| self.settings.jogs) else { return };
         if self.settings.follows_clock {
             self.fail(Error::JogInClockMode);
@@ -49,7 +49,7 @@ impl Motion {
     }
 
     /// JE was as `before`. With 0 no jog goes on, and none begins; with 1 a contact that is held already jogs.
-    pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Sink) {
+    pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { .. } if !self.settings.jogs => self.slow(at, false, out),
             Activity::Rest if self.settings.jogs && !before => self.begin_jog(at, out),

@@ -2,7 +2,7 @@
 
 use super::orders::Activity;
 use super::{Contact, Event, Motion};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 use crate::mdrive::error::Error;
 
 impl Motion {
@@ -16,7 +16,7 @@ impl Motion {
         at: Instant,
         contact: Contact,
         active: bool,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         if self.is_active(contact) == active {
             return;
@@ -43,7 +43,7 @@ impl Motion {
     }
 
     /// A limit becomes active: it stops what goes or will go in its direction.
-    fn limit(&mut self, at: Instant, back: bool, out: &mut dyn Sink) {
+    fn limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
         if !self.is_barred(back) || !self.motor.heads(at, back) {
             return;
         }
@@ -55,7 +55,7 @@ impl Motion {
     }
 
     /// A limit stops what moves, with its error, and with LM 3 and 6 the program.
-    pub(super) fn stop_at_limit(&mut self, at: Instant, back: bool, out: &mut dyn Sink) {
+    pub(super) fn stop_at_limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
         // The program first: its error's handler runs all the same.
         if matches!(self.settings.limit_mode, 3 | 6) {
             self.tell(Event::StopsProgram);
@@ -66,7 +66,7 @@ impl Motion {
 
     /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a
     /// step could leave the limit again.
-    pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Context) {
         self.forget_what_waits();
         if self.stands() {
             return self.slow(at, false, out);

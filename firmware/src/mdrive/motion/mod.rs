@@ -44,8 +44,8 @@ use self::follow::Follow;
 use self::motor::Motor;
 use self::orders::{Activity, Task};
 use super::error::Error;
-use crate::device::{Duration, Instant, Sink};
-use crate::motor::stepper::Parameters;
+use crate::device::{Context, Duration, Instant};
+use crate::motor::stepper::StepperParameters;
 
 /// Settings of the motion, as the variables are now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -89,7 +89,7 @@ pub(super) struct Settings {
     pub(super) goes_on_stalled: bool,
     pub(super) maintains: bool,
     /// The motor and its load.
-    pub(super) machine: Parameters,
+    pub(super) machine: StepperParameters,
 }
 
 /// Order to the motor. Positions and speeds are in the user's units: steps, or counts with EE = 1.
@@ -191,7 +191,7 @@ impl Motion {
 
     /// Power comes, or a restart: everything is forgotten but where the shaft is, who drives the remote encoder, and
     /// that the shaft is held. Contacts that are active are told anew.
-    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
         self.motor.load(at, settings.machine);
@@ -219,7 +219,7 @@ impl Motion {
     }
 
     /// The variables may have changed. A move that runs keeps the speed and the ramps that it began with.
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.settings, settings);
         if settings == before {
             return;
@@ -260,42 +260,48 @@ impl Motion {
     /// # Errors
     /// 81, 85, 93: its state forbids it; 21: the way has more than 32 bits of steps. Nothing has changed then. (80 is
     /// the I/O's, 88 the Hybrid's.)
-    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
         self.begin_order(at, order, out)?;
         self.refresh(at, out);
         Ok(())
     }
 
     /// Stops with D, whatever moves.
-    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.forget_what_waits();
         self.slow(at, false, out);
         self.refresh(at, out);
     }
 
     /// Stops without a ramp (Esc).
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         self.forget_what_waits();
         self.stand(at, out);
         self.refresh(at, out);
     }
 
     /// A pin of a remote encoder is driven to a level, or by nothing any more (`None`).
-    pub(super) fn channel(&mut self, at: Instant, channel: Channel, level: Option<bool>, out: &mut dyn Sink) {
+    pub(super) fn channel(
+        &mut self,
+        at: Instant,
+        channel: Channel,
+        level: Option<bool>,
+        out: &mut dyn Context,
+    ) {
         self.encoder.channel(at, &self.motor, channel, level);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
     /// A remote encoder has made so many edges, and its channels A and B are at these levels now.
-    pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Sink) {
+    pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Context) {
         self.encoder.take_edges(at, &self.motor, edges, channels);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
     /// The shaft is held, or let go.
-    pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+    pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
         self.motor.hold(at, held, out);
         self.counted(at, out);
         self.refresh(at, out);
@@ -323,7 +329,7 @@ impl Motion {
         shaft.min(self.due).min(self.hold_due())
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motor.deadline() <= at {
             self.motor.timeout(at, out);
             // So that what is compared never is further apart than 32 bits.
@@ -344,7 +350,7 @@ impl Motion {
     }
 
     /// Updates the current and the next deadlines.
-    fn refresh(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
         self.look_at_index(at, out);
         if self.hold_due() <= at {
             self.holds = true;

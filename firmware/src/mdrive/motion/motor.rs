@@ -1,20 +1,20 @@
 //! The motor on the drive's own shaft: the plan that turns it, and its current.
 
 use super::response::Response;
-use crate::device::{Axis, Device, Duration, Input, Instant, Output, Plan, Sink};
-use crate::motor::stepper::{Parameters, Stepper};
-use crate::motor::{Pace, Rotor, STALL};
+use crate::device::{Axis, Context, Device, Duration, Input, Instant, Output, Plan};
+use crate::motor::stepper::{StepperMotor, StepperParameters};
+use crate::motor::{Kinematics, Rotor, STALL};
 
 const AXIS: Axis = Axis(0);
 
 /// Peak current of 100 %, in mA. The manual names none, "as motor is appropriately sized" (MC 5-28): it is the one that
 /// the motor is rated for.
-const PEAK_MA: u32 = Parameters::NOMINAL.rated_ma;
+const PEAK_MA: u32 = StepperParameters::NOMINAL.rated_ma;
 
 /// The motor.
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
-    shaft: Stepper,
+    shaft: StepperMotor,
     plan: Plan,
     /// In mA; `None` if it has not been told since power came.
     ma: Option<u32>,
@@ -26,13 +26,13 @@ pub(super) struct Motor {
 impl Motor {
     /// At rest at position 0 and angle 0, without current.
     pub(super) fn new(microsteps: u16) -> Self {
-        let mut shaft = Stepper::new(Parameters::NOMINAL);
+        let mut shaft = StepperMotor::new(StepperParameters::NOMINAL);
         shaft.set_microsteps(Instant::ZERO, microsteps);
         Self { shaft, plan: Plan::rest(Instant::ZERO, 0), ma: None, pull_ma: None, response: Response::FULL }
     }
 
     /// Power comes: it stands at position 0, wherever its shaft is.
-    pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Context) {
         self.go(at, Plan::rest(at, 0), out);
         (self.ma, self.pull_ma) = (None, None);
     }
@@ -57,14 +57,14 @@ impl Motor {
     }
 
     /// From `at` on it does this.
-    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.plan = plan;
         self.response.look(at, &self.plan);
         self.lead_shaft(at, out);
     }
 
     /// Steps without a ramp, from standstill.
-    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Sink) {
+    pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         self.plan = Plan::rest(at, self.position(at).wrapping_add(steps));
         self.shaft.input(at, Input::Step { axis: AXIS, steps }, out);
         out.put(at, Output::Step { axis: AXIS, steps });
@@ -72,19 +72,25 @@ impl Motor {
 
     /// Gives it so many percent of its current; `None` opens the bridge. What `turns_on` by its inertia goes on along
     /// its plan then.
-    pub(super) fn energize(&mut self, at: Instant, percent: Option<u8>, turns_on: bool, out: &mut dyn Sink) {
+    pub(super) fn energize(
+        &mut self,
+        at: Instant,
+        percent: Option<u8>,
+        turns_on: bool,
+        out: &mut dyn Context,
+    ) {
         let ma = u32::from(percent.unwrap_or(0)) * PEAK_MA / 100;
         let is_pulled = ma != 0 || !turns_on;
         if is_pulled && self.pull_ma.replace(ma) != Some(ma) {
-            self.shaft.input(at, Input::Current { axis: AXIS, ma }, out);
+            self.shaft.input(at, Input::CurrentLimit { axis: AXIS, ma }, out);
         }
         if self.ma.replace(ma) != Some(ma) {
-            out.put(at, Output::Current { axis: AXIS, ma });
+            out.put(at, Output::CurrentLimit { axis: AXIS, ma });
         }
     }
 
     /// From now on the shaft is not faster than so many steps/s.
-    pub(super) fn limit(&mut self, at: Instant, most: u32, out: &mut dyn Sink) {
+    pub(super) fn limit(&mut self, at: Instant, most: u32, out: &mut dyn Context) {
         if self.response.most != most {
             self.response.most = most;
             self.respond(at, out);
@@ -96,25 +102,25 @@ impl Motor {
         self.response.is_too_fast
     }
 
-    fn respond(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn respond(&mut self, at: Instant, out: &mut dyn Context) {
         if self.response.look(at, &self.plan) {
             self.lead_shaft(at, out);
         }
     }
 
-    fn lead_shaft(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn lead_shaft(&mut self, at: Instant, out: &mut dyn Context) {
         let plan = self.response.of(at, &self.plan);
         self.shaft.input(at, Input::Plan { axis: AXIS, plan: &plan }, out);
         out.put(at, Output::Plan { axis: AXIS, plan: &plan });
     }
 
     /// Blocks the shaft, or releases it.
-    pub(super) fn hold(&mut self, at: Instant, held: bool, out: &mut dyn Sink) {
+    pub(super) fn hold(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
         self.shaft.input(at, Input::Fault { fault: STALL, on: held }, out);
     }
 
     /// From now on this is the motor, and its load.
-    pub(super) fn load(&mut self, at: Instant, machine: Parameters) {
+    pub(super) fn load(&mut self, at: Instant, machine: StepperParameters) {
         self.shaft.load(at, machine);
     }
 
@@ -160,7 +166,7 @@ impl Motor {
     }
 
     /// Present motion of the shaft.
-    pub(super) fn pace(&self) -> Pace {
+    pub(super) fn pace(&self) -> Kinematics {
         self.shaft.pace()
     }
 
@@ -169,7 +175,7 @@ impl Motor {
         self.shaft.deadline().min(self.response.due)
     }
 
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.response.due <= at {
             self.respond(at, out);
         }

@@ -5,9 +5,9 @@ use fixed::types::I24F8;
 use super::closed::Verdict;
 use super::home::Homing;
 use super::{Event, Motion, Order};
-use crate::device::{Duration, Instant, Plan, Sink};
+use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
-use crate::motion::Rates;
+use crate::motion::Limits;
 
 /// "The time required to calculate the move is 2.5 mSec" (MC 5-45).
 const RECKONING: Duration = Duration::micros(2_500);
@@ -17,7 +17,7 @@ const RECKONING: Duration = Duration::micros(2_500);
 pub(super) enum Activity {
     Rest,
     /// A move is calculated.
-    Reckons(Move),
+    Planning(Move),
     Moves(Move),
     /// SL: on without end, at that speed of the user's.
     Slews(i32),
@@ -37,13 +37,13 @@ pub(super) enum Activity {
     Uncounted {
         steps: i32,
         percent: u8,
-        yields: Yields,
+        yields: Preemption,
     },
 }
 
 /// Treatment of an order while a Hybrid's circuitry turns the shaft.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Yields {
+pub(super) enum Preemption {
     /// Carried out at once.
     AtOnce,
     /// Waits until the rotor stands.
@@ -101,10 +101,15 @@ pub(super) enum Task {
 
 impl Motion {
     /// Carries out an order, or lets it wait.
-    pub(super) fn begin_order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn begin_order(
+        &mut self,
+        at: Instant,
+        order: Order,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
         match self.activity {
-            Activity::Uncounted { yields: Yields::AtOnce, .. } => self.end_uncounted(at, out),
-            Activity::Uncounted { yields: Yields::AtStandstill, .. } => {
+            Activity::Uncounted { yields: Preemption::AtOnce, .. } => self.end_uncounted(at, out),
+            Activity::Uncounted { yields: Preemption::AtStandstill, .. } => {
                 self.waiting = Some(match order {
                     Order::To { .. } | Order::By { .. } => Task::Order(order, at + RECKONING),
                     Order::Slew(speed) => Task::Slew(speed),
@@ -112,7 +117,7 @@ impl Motion {
                 });
                 return Ok(());
             }
-            Activity::Uncounted { yields: Yields::Never, .. } => return Ok(()),
+            Activity::Uncounted { yields: Preemption::Never, .. } => return Ok(()),
             _ => {}
         }
         match order {
@@ -142,16 +147,16 @@ impl Motion {
 
     /// MA and MR. One that comes while another runs waits for its end, and takes the place of one that waits; a slew
     /// stops for it.
-    fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Sink) -> Result<(), Error> {
+    fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
         let way = self.way(at, order)?;
         let task = Task::Order(order, at + RECKONING);
         match self.activity {
             Activity::Rest => {
                 if self.is_free(at, way.target) {
-                    self.enter(Activity::Reckons(way), at + RECKONING);
+                    self.enter(Activity::Planning(way), at + RECKONING);
                 }
             }
-            Activity::Reckons(_) | Activity::Settles(_) => self.waiting = Some(task),
+            Activity::Planning(_) | Activity::Settles(_) => self.waiting = Some(task),
             Activity::Moves(now) if now.tries == 0 => self.waiting = Some(task),
             Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows => {
                 self.waiting = Some(task);
@@ -215,7 +220,7 @@ impl Motion {
     }
 
     /// Makes another plan. What begins to move has its current first, or it would not follow.
-    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         if self.stands() {
             self.watch_from(at);
             self.holds = false;
@@ -227,10 +232,10 @@ impl Motion {
 
     /// Returns whether no plan runs.
     pub(super) fn stands(&self) -> bool {
-        matches!(self.activity, Activity::Rest | Activity::Reckons(_) | Activity::Settles(_))
+        matches!(self.activity, Activity::Rest | Activity::Planning(_) | Activity::Settles(_))
     }
 
-    fn begin_move(&mut self, at: Instant, way: Move, out: &mut dyn Sink) {
+    fn begin_move(&mut self, at: Instant, way: Move, out: &mut dyn Context) {
         if !self.is_free(at, way.target) {
             return self.over(at, out);
         }
@@ -250,7 +255,7 @@ impl Motion {
     }
 
     /// SL: at once, whatever moves; towards a held limit it only stops.
-    fn slew(&mut self, at: Instant, speed: i32, out: &mut dyn Sink) {
+    fn slew(&mut self, at: Instant, speed: i32, out: &mut dyn Context) {
         let back = speed < 0;
         if speed != 0 && self.is_barred(back) {
             self.fail_at_limit(back);
@@ -267,8 +272,8 @@ impl Motion {
         at: Instant,
         activity: Activity,
         speed: I24F8,
-        rates: Rates,
-        out: &mut dyn Sink,
+        rates: Limits,
+        out: &mut dyn Context,
     ) {
         let plan = self.motor.plan().slew(at, speed, rates);
         self.go(at, plan, out);
@@ -276,17 +281,17 @@ impl Motion {
     }
 
     /// Along a plan that ends.
-    pub(super) fn run_plan(&mut self, at: Instant, activity: Activity, plan: Plan, out: &mut dyn Sink) {
+    pub(super) fn run_plan(&mut self, at: Instant, activity: Activity, plan: Plan, out: &mut dyn Context) {
         self.go(at, plan, out);
         self.enter(activity, plan.end());
     }
 
     /// A ramp to standstill, if it moves. What settles is corrected no more.
-    pub(super) fn slow(&mut self, at: Instant, at_once: bool, out: &mut dyn Sink) {
+    pub(super) fn slow(&mut self, at: Instant, at_once: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Rest | Activity::Uncounted { .. } => {}
             Activity::Settles(_) => self.activity = Activity::Settles(None),
-            Activity::Reckons(_) => self.over(at, out),
+            Activity::Planning(_) => self.over(at, out),
             _ => {
                 let plan = self.motor.plan().slew(at, I24F8::ZERO, self.settings.rates());
                 self.run_plan(at, Activity::Stops { at_once }, plan, out);
@@ -295,11 +300,11 @@ impl Motion {
     }
 
     /// Stands where it is, in the same way.
-    pub(super) fn stand(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn stand(&mut self, at: Instant, out: &mut dyn Context) {
         match self.activity {
             Activity::Rest | Activity::Uncounted { .. } => {}
             Activity::Settles(_) => self.activity = Activity::Settles(None),
-            Activity::Reckons(_) => self.over(at, out),
+            Activity::Planning(_) => self.over(at, out),
             _ => {
                 let plan = self.motor.plan().halt(at);
                 self.go(at, plan, out);
@@ -315,11 +320,11 @@ impl Motion {
     }
 
     /// The activity has come to its instant.
-    pub(super) fn go_on(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn go_on(&mut self, at: Instant, out: &mut dyn Context) {
         self.due = Instant::NEVER;
         match self.activity {
             Activity::Rest | Activity::Slews(_) | Activity::Jogs { .. } | Activity::Uncounted { .. } => {}
-            Activity::Reckons(way) => self.begin_move(at, way, out),
+            Activity::Planning(way) => self.begin_move(at, way, out),
             Activity::Moves(Move { goes_on: true, announces, speed, .. }) => {
                 let speed = i32::try_from(speed).unwrap_or(i32::MAX);
                 let speed = if self.motor.heads(at, true) { -speed } else { speed };
@@ -339,7 +344,7 @@ impl Motion {
     }
 
     /// Begins the settling time MT at standstill.
-    pub(super) fn settle(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Sink) {
+    pub(super) fn settle(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Context) {
         let settle = Duration::millis(self.settings.settle_ms.into());
         self.enter(Activity::Settles(way), at + settle);
         if settle == Duration::ZERO {
@@ -347,7 +352,7 @@ impl Motion {
         }
     }
 
-    fn settled(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Sink) {
+    fn settled(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Context) {
         match way.map(|way| (way, self.judge(at, way, out))) {
             Some((_, Verdict::Corrected)) => return,
             Some((way, Verdict::InPosition)) => self.announce(way.announces),
@@ -364,7 +369,7 @@ impl Motion {
     }
 
     /// The motion is over: what waits begins.
-    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Context) {
         self.rest(at);
         if let Some(task) = self.waiting.take_if(|_| !self.paused) {
             self.begin(at, task, out);
@@ -372,11 +377,11 @@ impl Motion {
     }
 
     /// Begins what waited, from standstill.
-    pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Sink) {
+    pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Context) {
         match task {
             Task::Order(order, ready) => match self.way(at, order) {
                 Ok(way) if ready <= at => self.begin_move(at, way, out),
-                Ok(way) => self.enter(Activity::Reckons(way), ready),
+                Ok(way) => self.enter(Activity::Planning(way), ready),
                 Err(error) => self.fail(error),
             },
             Task::Move(way) => self.begin_move(at, way, out),

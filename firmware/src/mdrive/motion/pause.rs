@@ -2,13 +2,13 @@
 
 use super::Motion;
 use super::orders::{Activity, Task};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 impl Motion {
     /// PS: stops with D, and remembers what is left. What jogs or follows a clock is not the program's.
-    pub(in crate::mdrive) fn pause(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn pause(&mut self, at: Instant, out: &mut dyn Context) {
         let left = match self.activity {
-            Activity::Reckons(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
+            Activity::Planning(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
             Activity::Slews(speed) => Some(Task::Slew(speed)),
             Activity::Homes(homing) => Some(Task::Home(homing.order())),
             _ => self.left,
@@ -21,7 +21,7 @@ impl Motion {
     }
 
     /// RS: goes on with that.
-    pub(in crate::mdrive) fn resume(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
         if !core::mem::take(&mut self.paused) {
             return;
         }

@@ -3,7 +3,7 @@
 use fixed::types::{I24F8, I48F16, U24F8};
 
 use super::Settings;
-use crate::motion::{MAX_ACCELERATION, Rates};
+use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// So many steps are so many counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -24,9 +24,9 @@ impl Settings {
     }
 
     /// VI, VM, A and D in steps.
-    pub(super) fn rates(&self) -> Rates {
+    pub(super) fn rates(&self) -> Limits {
         let scale = self.scale();
-        Rates {
+        Limits {
             start: scale.speed(self.start),
             speed: scale.speed(self.speed),
             up: scale.acceleration(self.up),

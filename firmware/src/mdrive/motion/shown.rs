@@ -67,7 +67,7 @@ impl Motion {
     /// Returns whether it moves to a position, or will (MP).
     pub(in crate::mdrive) fn is_positioning(&self) -> bool {
         match self.activity {
-            Activity::Reckons(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
+            Activity::Planning(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
             _ => matches!(self.waiting, Some(Task::Order(..))) && !self.paused,
         }
     }

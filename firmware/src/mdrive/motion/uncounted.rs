@@ -2,10 +2,10 @@
 
 use fixed::types::I24F8;
 
-use super::orders::{Activity, Yields};
+use super::orders::{Activity, Preemption};
 use super::{Motion, Settings};
-use crate::device::{Duration, Instant, Plan, Sink};
-use crate::motion::Rates;
+use crate::device::{Context, Duration, Instant, Plan};
+use crate::motion::Limits;
 
 /// Difference by which position and shaft may be apart, because they round differently.
 const ROUNDING: u32 = 1;
@@ -19,12 +19,12 @@ impl Motion {
         &mut self,
         at: Instant,
         steps: i32,
-        rates: Rates,
+        rates: Limits,
         percent: u8,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         let plan = Plan::profile(at, self.motor.position(at), steps, rates);
-        self.begin_uncounted(at, plan, percent, Yields::AtOnce, out);
+        self.begin_uncounted(at, plan, percent, Preemption::AtOnce, out);
     }
 
     /// As [`Self::turn_uncounted`], without end, and no order comes through; from what runs so already it goes on. What
@@ -35,10 +35,10 @@ impl Motion {
         speed: I24F8,
         acceleration: u32,
         percent: u8,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         let plan = self.motor.plan().towards(at, speed, acceleration);
-        self.begin_uncounted(at, plan, percent, Yields::Never, out);
+        self.begin_uncounted(at, plan, percent, Preemption::Never, out);
     }
 
     /// Slows down what spins; an order waits until it stands.
@@ -47,19 +47,19 @@ impl Motion {
         at: Instant,
         deceleration: u32,
         percent: u8,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) {
         let plan = self.motor.plan().towards(at, I24F8::ZERO, deceleration);
-        self.begin_uncounted(at, plan, percent, Yields::AtStandstill, out);
+        self.begin_uncounted(at, plan, percent, Preemption::AtStandstill, out);
     }
 
     /// Stops a spinning shaft from outside.
-    pub(in crate::mdrive) fn stop_uncounted(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn stop_uncounted(&mut self, at: Instant, out: &mut dyn Context) {
         self.go_uncounted(at, self.motor.plan().halt(at), out);
     }
 
     /// Ends that, where it is: what has waited for that begins.
-    pub(in crate::mdrive) fn end_uncounted(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn end_uncounted(&mut self, at: Instant, out: &mut dyn Context) {
         if let Activity::Uncounted { steps, .. } = self.activity {
             let plan = self.motor.plan().halt(at);
             self.go_uncounted(at, plan, out);
@@ -79,7 +79,10 @@ impl Motion {
 
     /// Returns whether this motion has inertia.
     pub(super) fn spins(&self) -> bool {
-        matches!(self.activity, Activity::Uncounted { yields: Yields::Never | Yields::AtStandstill, .. })
+        matches!(
+            self.activity,
+            Activity::Uncounted { yields: Preemption::Never | Preemption::AtStandstill, .. }
+        )
     }
 
     /// End of its plan.
@@ -93,7 +96,7 @@ impl Motion {
     }
 
     /// A rotor that is free again does not wait for standstill: it goes on from where it is.
-    pub(in crate::mdrive) fn catch_rotor(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn catch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.motor.catch(at);
         self.refresh(at, out);
     }
@@ -155,7 +158,14 @@ impl Motion {
         self.steps(at).wrapping_sub(shaft as i32)
     }
 
-    fn begin_uncounted(&mut self, at: Instant, plan: Plan, percent: u8, yields: Yields, out: &mut dyn Sink) {
+    fn begin_uncounted(
+        &mut self,
+        at: Instant,
+        plan: Plan,
+        percent: u8,
+        yields: Preemption,
+        out: &mut dyn Context,
+    ) {
         if matches!(self.activity, Activity::Rest | Activity::Uncounted { .. }) {
             let steps = self.steps(at);
             self.enter(Activity::Uncounted { steps, percent, yields }, Instant::NEVER);
@@ -165,7 +175,7 @@ impl Motion {
         }
     }
 
-    fn go_uncounted(&mut self, at: Instant, plan: Plan, out: &mut dyn Sink) {
+    fn go_uncounted(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.motor.go(at, plan, out);
         self.changed = true;
     }

@@ -188,7 +188,7 @@ fn any_unit_is_answered() {
         let reply = vec![0, 9, 0, 0, 0, 5, unit, 3, 2, 0, 1];
         assert_eq!(dut.out.messages[before..], [(dut.now, MODBUS, Link(3), reply)]);
     }
-    assert_eq!(dut.out.noted().last(), Some(&Note::Request { port: MODBUS, unit: 255, function: 3 }));
+    assert_eq!(dut.out.noted().last(), Some(&LogEvent::Request { port: MODBUS, unit: 255, function: 3 }));
 }
 
 proptest::proptest! {

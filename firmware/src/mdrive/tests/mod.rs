@@ -20,7 +20,9 @@ use drivetwin_protocol::registers::Register;
 use drivetwin_protocol::time::Span;
 
 use super::{MCODE, MEMORY, MODBUS, Mdrive, Reg};
-use crate::device::{Boot, Device, Duration, Input, Instant, Level, Link, Note, Output, Pin, Refused};
+use crate::device::{
+    Boot, Device, Duration, Input, Instant, Level, Link, LogEvent, Output, Pin, PresetError,
+};
 use crate::testing::{Fixture, Treatment};
 
 const CLIENT: Link = Link(0);
@@ -48,7 +50,7 @@ impl Dut {
     /// A drive without power, with this memory.
     fn off(drive: Mdrive, memory: Vec<u8>) -> Self {
         let fixture = Fixture::with_memory(drive, memory).ruled(|output| match output {
-            Output::Message { .. } | Output::Note(_) | Output::Level { .. } | Output::Store { .. } => {
+            Output::Message { .. } | Output::Log(_) | Output::Level { .. } | Output::Store { .. } => {
                 Treatment::Keep
             }
             _ => Treatment::Ignore,

@@ -95,7 +95,7 @@ fn a_load_stalls() {
     dut.set(Reg::MA, position + 2_048);
     dut.wait(2.secs());
     assert_eq!((dut.get(Reg::P) - position, dut.error()), (2_048, 0));
-    assert_eq!(dut.try_set(Reg::Load, 100_001), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Reg::Load, 100_001), Err(PresetError::OutOfRange));
 }
 
 #[test]

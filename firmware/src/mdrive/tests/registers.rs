@@ -289,7 +289,7 @@ fn what_does_not_go_with_the_encoder() {
     dut.write(0x1E, 1, 1);
     assert_eq!((dut.read(0x89, 2), dut.read(0x8B, 2)), (1, 2));
     // EL x 8 / 200 is at most 256 (MC 5-22).
-    assert_eq!(dut.try_set(Reg::EL, 6_401), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Reg::EL, 6_401), Err(PresetError::OutOfRange));
     dut.set(Reg::EL, 6_400);
 }
 

@@ -150,7 +150,7 @@ fn a_memory_that_does_not_pass() {
         let mut memory = dut.out.memory.clone();
         memory[place] ^= 1;
         let mut bad = Dut::off(Mdrive::plus(), memory);
-        assert_eq!(bad.try_set(Reg::R2, 1), Err(Refused::BadMemory));
+        assert_eq!(bad.try_set(Reg::R2, 1), Err(PresetError::BadMemory));
         bad.power_on(true);
         assert_eq!((bad.get(Reg::R1), bad.error()), (0, 70), "{place}");
         bad.set(Reg::R1, 6);
@@ -223,13 +223,13 @@ fn presets_before_power() {
     dut.set(Reg::EE, 1);
     dut.set(Reg::SerialCommands, 1);
     for (reg, value, refused) in [
-        (Reg::VI, 4_000, Refused::OutOfRange),
-        (Reg::RC, 101, Refused::OutOfRange),
-        (Reg::RC, 1 << 40, Refused::OutOfRange),
-        (Reg::S1, 22 << 32, Refused::OutOfRange),
-        (Reg::C1, 5, Refused::ReadOnly),
-        (Reg::EF, 1, Refused::ReadOnly),
-        (Reg::LT, 5, Refused::NoSuchRegister),
+        (Reg::VI, 4_000, PresetError::OutOfRange),
+        (Reg::RC, 101, PresetError::OutOfRange),
+        (Reg::RC, 1 << 40, PresetError::OutOfRange),
+        (Reg::S1, 22 << 32, PresetError::OutOfRange),
+        (Reg::C1, 5, PresetError::ReadOnly),
+        (Reg::EF, 1, PresetError::ReadOnly),
+        (Reg::LT, 5, PresetError::NoSuchRegister),
     ] {
         assert_eq!(dut.try_set(reg, value), Err(refused), "{reg:?}");
     }
@@ -244,15 +244,15 @@ fn presets_before_power() {
 fn presets_later() {
     let mut dut = Dut::plus();
     for (reg, value, refused) in [
-        (Reg::MV, 1, Refused::ReadOnly),
-        (Reg::BY, 1, Refused::ReadOnly),
-        (Reg::RC, 0, Refused::OutOfRange),
-        (Reg::R1, 1 << 31, Refused::OutOfRange),
-        (Reg::O1, 1, Refused::Busy),
-        (Reg::V1, 1, Refused::NoSuchRegister),
-        (Reg::LT, 5, Refused::NoSuchRegister),
-        (Reg::S1, 9 << 32, Refused::OutOfRange),
-        (Reg::SerialCommands, 2, Refused::OutOfRange),
+        (Reg::MV, 1, PresetError::ReadOnly),
+        (Reg::BY, 1, PresetError::ReadOnly),
+        (Reg::RC, 0, PresetError::OutOfRange),
+        (Reg::R1, 1 << 31, PresetError::OutOfRange),
+        (Reg::O1, 1, PresetError::Busy),
+        (Reg::V1, 1, PresetError::NoSuchRegister),
+        (Reg::LT, 5, PresetError::NoSuchRegister),
+        (Reg::S1, 9 << 32, PresetError::OutOfRange),
+        (Reg::SerialCommands, 2, PresetError::OutOfRange),
     ] {
         assert_eq!(dut.try_set(reg, value), Err(refused), "{reg:?}");
     }

@@ -34,7 +34,7 @@ fn until_it_hears_the_bus_says_04() {
     dut.connect(CLIENT);
     dut.wait(299.millis());
     assert_eq!(dut.ask(&[3, 0, 9, 0, 1]), [0x83, 4]);
-    assert_eq!(dut.out.noted(), [Note::Refused { port: MODBUS, function: 3, code: 4 }]);
+    assert_eq!(dut.out.noted(), [LogEvent::Refused { port: MODBUS, function: 3, code: 4 }]);
     assert_eq!(dut.type_in(CLIENT, "PR P\r"), "");
     let before = dut.out.messages.len();
     dut.wait(1.millis());

@@ -1,7 +1,7 @@
 //! Effect of written values.
 
 use super::{entry, output_bit, step, user_name};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
@@ -18,7 +18,7 @@ impl Drive {
         &mut self,
         at: Instant,
         order: Order,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if self.hybrid.is_calibrating() {
             return Err(Error::Calibrating);
@@ -48,7 +48,7 @@ impl Drive {
         at: Instant,
         list: List,
         parameters: &[Parameter],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         match list {
             List::Trip(trip) => self.define_trip(at, trip, parameters),
@@ -81,7 +81,7 @@ impl Drive {
         at: Instant,
         reg: Reg,
         values: [u16; 3],
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let [kind, second, _] = values;
         if !self.has_type(kind) {
@@ -119,7 +119,7 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i32,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         let (announces, goes_on) = (false, false);
         match reg {
@@ -156,7 +156,7 @@ impl Drive {
     }
 
     /// A variable that is held takes a value, and who goes by it hears of it.
-    fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Sink) -> Result<(), Error> {
+    fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
         let calibrates = self.calibrates(reg, value);
         self.hold(reg, value);
         match reg {
@@ -175,7 +175,7 @@ impl Drive {
     }
 
     /// Motion goes by what has been written.
-    pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Context) {
         let settings = motion_settings(&self.bank, Some(&self.io));
         let enabled = settings.enabled && !self.hybrid.is_disabled();
         let lacked_bridge = self.motion.lacks_bridge();
@@ -187,12 +187,12 @@ impl Drive {
     }
 
     /// I/O goes by what has been written.
-    pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.set_filters(at, filters(&self.bank), out);
     }
 
     /// Writes those of `outputs` that are outputs, a bit each.
-    fn write_outputs(&mut self, at: Instant, outputs: i32, active: i32, out: &mut dyn Sink) {
+    fn write_outputs(&mut self, at: Instant, outputs: i32, active: i32, out: &mut dyn Context) {
         let outputs = outputs & i32::from(self.io.outputs());
         for n in 1..=4 {
             let bit = 1 << (n - 1);

@@ -17,7 +17,7 @@ use super::hybrid::{divider, frequency};
 use super::mcode::names::Meaning;
 use super::mcode::statement::{Name, Operand};
 use super::registers::Reg;
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 /// Stored form of a ratio of 1 (CR).
 pub(super) const RATIO_ONE: i32 = 1_000;
@@ -131,7 +131,7 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i32,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         self.judge(at, reg, value, &|other| self.held(other))?;
         self.apply(at, reg, value, out)
@@ -146,7 +146,7 @@ impl Drive {
         at: Instant,
         reg: Reg,
         value: i32,
-        out: &mut dyn Sink,
+        out: &mut dyn Context,
     ) -> Result<(), Error> {
         if !is_frequency(reg) {
             return self.write(at, reg, value, out);
@@ -161,7 +161,13 @@ impl Drive {
     ///
     /// # Errors
     /// 26 for what cannot be counted, and those of [`Self::write`].
-    pub(super) fn count(&mut self, at: Instant, reg: Reg, by: i32, out: &mut dyn Sink) -> Result<(), Error> {
+    pub(super) fn count(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        by: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
         let value = self.counted(at, reg, by, self.held(reg))?;
         self.write(at, reg, value, out)
     }

@@ -7,13 +7,13 @@ mod speed_in;
 
 use self::contacts::{Contact, Contacts};
 use self::pulse_in::PulseIn;
-pub(super) use self::share::Share;
+pub(super) use self::share::Ratio;
 use self::speed_in::{FULL_SCALE, SpeedIn};
 use super::drive::{Drive, State};
 use super::registers::Pid;
 use super::servo::Sensor;
 use super::{ALARM_RESET, ENC_A, ENC_B, HU, HV, HW, PULSE_IN, SPEED_IN};
-use crate::device::{Instant, Pin, Sink};
+use crate::device::{Context, Instant, Pin};
 
 /// Codes of INPUT_TYPE (p. 10).
 mod input_type {
@@ -53,7 +53,7 @@ impl Inputs {
 
 impl Drive {
     /// A contact, a sensor or a pulse input has another level.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Sink) {
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let sensor = match pin {
             SPEED_IN => {
                 if self.inputs.speed_in.edge(at, high) {
@@ -80,17 +80,17 @@ impl Drive {
     }
 
     /// Leaves a contact open and without a wire.
-    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Sink) {
+    pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.contact(at, pin, Contact::Unwired, out);
     }
 
     /// SPEED_IN has another voltage.
-    pub(super) fn voltage(&mut self, at: Instant, mv: i32, out: &mut dyn Sink) {
+    pub(super) fn voltage(&mut self, at: Instant, mv: i32, out: &mut dyn Context) {
         self.inputs.speed_in.voltage(mv);
         self.follow(at, out);
     }
 
-    fn contact(&mut self, at: Instant, pin: Pin, contact: Contact, out: &mut dyn Sink) {
+    fn contact(&mut self, at: Instant, pin: Pin, contact: Contact, out: &mut dyn Context) {
         let Some(known) = self.inputs.contacts.at(pin) else { return };
         let was = core::mem::replace(known, contact);
         if was == contact || self.state != State::Ready {
@@ -149,16 +149,16 @@ impl Drive {
     }
 
     /// Speed that the connectors ask for, positive CCW.
-    pub(super) fn speed_input(&self) -> Share {
+    pub(super) fn speed_input(&self) -> Ratio {
         // Those that know two ways need no DIR.
-        let one_way = |share: Share| if self.is_clockwise() { -share } else { share };
+        let one_way = |share: Ratio| if self.is_clockwise() { -share } else { share };
         let Inputs { speed_in, pulse_in, .. } = self.inputs;
         if let Some(step) = self.step() {
-            return one_way(Share::new(step.into(), STEPS.into()));
+            return one_way(Ratio::new(step.into(), STEPS.into()));
         }
         let tar_vel = self.bank.word(Pid::TAR_VEL);
         if tar_vel != 0 {
-            return one_way(Share::new(tar_vel.into(), self.full_speed().into()));
+            return one_way(Ratio::new(tar_vel.into(), self.full_speed().into()));
         }
         if self.inputs.contacts.int_speed.is_on(false) {
             return one_way(self.analogue(self.bank.word(Pid::INT_VOLUME)));
@@ -172,7 +172,7 @@ impl Drive {
     }
 
     /// Speed that a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14).
-    fn analogue(&self, digit: u16) -> Share {
+    fn analogue(&self, digit: u16) -> Ratio {
         let high = match self.bank.word(Pid::HIGH_SPEED_LIMIT) {
             0 => FULL_SCALE,
             limit => limit,

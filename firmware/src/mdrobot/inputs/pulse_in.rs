@@ -1,6 +1,6 @@
 //! PULSE_IN: how many pulses, or how wide they are (p. 10).
 
-use super::Share;
+use super::Ratio;
 use crate::device::{Duration, Instant};
 
 /// Pulses are counted for so long at least.
@@ -73,20 +73,20 @@ impl PulseIn {
     }
 
     /// Speed by the rate of the pulses.
-    pub(super) fn rate(self) -> Share {
+    pub(super) fn rate(self) -> Ratio {
         let (count, span) = self.counted;
         // Both sides of the fraction times the time in ticks.
         let ticks = span.ticks();
         let pulses = Duration::secs(count.into()).ticks();
         let above = pulses.saturating_sub(LEAST_RATE.saturating_mul(ticks));
-        Share::new(above.cast_signed(), (GREATEST_RATE - LEAST_RATE).saturating_mul(ticks).cast_signed())
+        Ratio::new(above.cast_signed(), (GREATEST_RATE - LEAST_RATE).saturating_mul(ticks).cast_signed())
     }
 
     /// Speed by the width of the pulses, as of a radio control.
-    pub(super) fn rc(self) -> Share {
-        let Some(width) = self.width else { return Share::NONE };
+    pub(super) fn rc(self) -> Ratio {
+        let Some(width) = self.width else { return Ratio::NONE };
         let (first, last) = RC_MIDDLE;
         let past = width.ticks().cast_signed() - width.clamp(first, last).ticks().cast_signed();
-        Share::new(past, (first - RC_LEAST).ticks().cast_signed())
+        Ratio::new(past, (first - RC_LEAST).ticks().cast_signed())
     }
 }

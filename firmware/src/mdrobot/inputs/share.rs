@@ -4,12 +4,12 @@ use core::ops::Neg;
 
 /// A part of full scale, from -1 to 1, as an exact fraction.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(in crate::mdrobot) struct Share {
+pub(in crate::mdrobot) struct Ratio {
     part: i64,
     whole: i64,
 }
 
-impl Share {
+impl Ratio {
     pub(super) const NONE: Self = Self { part: 0, whole: 1 };
     pub(super) const ALL: Self = Self { part: 1, whole: 1 };
 
@@ -25,7 +25,7 @@ impl Share {
     }
 }
 
-impl Neg for Share {
+impl Neg for Ratio {
     type Output = Self;
     fn neg(self) -> Self {
         Self { part: -self.part, ..self }

@@ -1,6 +1,6 @@
 //! SPEED_IN: a voltage, or the duty of pulses (p. 10, 14).
 
-use super::Share;
+use super::Ratio;
 use crate::device::{Duration, Instant};
 
 /// Measurement of 5 V, with 10 bits.
@@ -64,20 +64,20 @@ impl SpeedIn {
 }
 
 /// Speed that a voltage asks for: none below `low`, all of it from `high` on (p. 14).
-pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Share {
+pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Ratio {
     let [digit, low, high] = [digit, low, high].map(i64::from);
     if digit < low {
-        Share::NONE
+        Ratio::NONE
     } else if digit >= high {
-        Share::ALL
+        Ratio::ALL
     } else {
-        Share::new(digit - low, high - low)
+        Ratio::new(digit - low, high - low)
     }
 }
 
 /// Speed that a joystick asks for, to either side of its middle.
-pub(super) fn joystick(digit: u16) -> Share {
+pub(super) fn joystick(digit: u16) -> Ratio {
     let (first, last) = (*MIDDLE.start(), *MIDDLE.end());
     let past = i64::from(digit) - i64::from(digit.clamp(first, last));
-    Share::new(past, i64::from(first))
+    Ratio::new(past, i64::from(first))
 }

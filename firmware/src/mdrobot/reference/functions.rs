@@ -1,7 +1,7 @@
 //! The functions that START/STOP and FUNC_CMD start (p. 17, 18).
 
 use super::{Command, Rest};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 use crate::mdrobot::drive::Drive;
 use crate::mdrobot::registers::{Pid, function};
 
@@ -45,7 +45,7 @@ impl Function {
 
 impl Drive {
     /// The signal has come: the function that FUNC_CMD_TYPE names begins.
-    pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Context) {
         // While one of speed runs it ignores the signal; one of position goes on from where the motor is.
         if matches!(self.reference.command, Command::Function(running) if !running.is_position()) {
             return;

@@ -4,7 +4,7 @@ use fixed::types::I40F24;
 
 use super::watch::Sight;
 use super::{FULL_DUTY, OUTPUTS, Order, Servo, Settings, TICK, ramp};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 
 /// The loop is 14 to 24 ms behind a ramp with the gains of the factory, and looks so far ahead, in ms.
 const AHEAD_MS: I40F24 = I40F24::lit("8");
@@ -13,7 +13,7 @@ const TRAILS: Duration = Duration::millis(200);
 
 impl Servo {
     /// Puts the terminals as the order wants them.
-    pub(super) fn tick(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn tick(&mut self, at: Instant, out: &mut dyn Context) {
         self.next = at + TICK;
         let (pace, wanted) = match self.order {
             Order::Free | Order::Brake => return self.rest(at, self.order == Order::Brake, out),

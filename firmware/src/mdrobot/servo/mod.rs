@@ -21,8 +21,8 @@ use fixed::types::I40F24;
 use self::encoder::Encoder;
 use self::halls::Halls;
 use self::pi::Pi;
-use self::watch::Watch;
-use crate::device::{Instant, Output, Rotation, Sink};
+use self::watch::FaultMonitor;
+use crate::device::{Context, Instant, Output, Rotation};
 use crate::mdrobot::drive::MOTOR;
 use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK};
 
@@ -146,7 +146,7 @@ pub(super) struct Servo {
     /// Count of the Hall sensors at position 0.
     zero: i64,
     target: i32,
-    watch: Watch,
+    watch: FaultMonitor,
     /// Alarms that nobody has asked for yet.
     alarms: u16,
 }
@@ -171,22 +171,22 @@ impl Servo {
             encoded: Edges::NONE,
             zero: 0,
             target: 0,
-            watch: Watch::NEW,
+            watch: FaultMonitor::NEW,
             alarms: 0,
         }
     }
 
     /// Power has come: tells the motor its terminals. Everything is forgotten, the position, too; the motor is the one
     /// that it was.
-    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self { feedback, ..Self::new(settings) };
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
-        out.put(at, Output::Current { axis: AXIS, ma: self.carries });
+        out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.carries });
     }
 
     /// Registers have been written: all of them hold at once.
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.settings, settings);
         if settings == before {
             return;
@@ -212,7 +212,7 @@ impl Servo {
     }
 
     /// Gives an order; the same order once more changes nothing.
-    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Sink) {
+    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.order, order);
         if order == before {
             return;
@@ -235,7 +235,7 @@ impl Servo {
     }
 
     /// Carries out a control tick.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.halls.settle(at);
         if at >= self.next {
             self.next = at + TICK;
@@ -244,13 +244,13 @@ impl Servo {
     }
 
     /// The motor is controlled from now on, from the speed that it has.
-    fn begin(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn begin(&mut self, at: Instant, out: &mut dyn Context) {
         let duty = if self.looks() && self.carries > 0 { self.put_out(at) } else { self.felt(at) };
         let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
         self.turns.begin(at, self.settings.counts(), &self.feedback);
         self.encoded.begin(at, self.settings.encoder_counts(), &self.feedback);
-        (self.pace, self.watch) = (self.reading(at), Watch::NEW);
+        (self.pace, self.watch) = (self.reading(at), FaultMonitor::NEW);
         self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {
             return self.rest(at, shorted, out);
@@ -259,17 +259,17 @@ impl Servo {
     }
 
     /// The motor is left alone, its terminals open or shorted.
-    fn rest(&mut self, at: Instant, shorted: bool, out: &mut dyn Sink) {
+    fn rest(&mut self, at: Instant, shorted: bool, out: &mut dyn Context) {
         if self.reading(at).round() == 0 {
             self.turns.stands();
             self.encoded.stands();
         }
-        (self.next, self.pace, self.watch) = (Instant::NEVER, I40F24::ZERO, Watch::NEW);
+        (self.next, self.pace, self.watch) = (Instant::NEVER, I40F24::ZERO, FaultMonitor::NEW);
         self.terminals(at, 0, if shorted { self.limit() } else { 0 }, out);
     }
 
     /// Puts the terminals so, if they are not.
-    fn terminals(&mut self, at: Instant, duty: i32, carries: u32, out: &mut dyn Sink) {
+    fn terminals(&mut self, at: Instant, duty: i32, carries: u32, out: &mut dyn Context) {
         if (duty, carries) == (self.duty, self.carries) {
             return;
         }
@@ -279,11 +279,11 @@ impl Servo {
             self.put(at, out);
         }
         if carries != before {
-            out.put(at, Output::Current { axis: AXIS, ma: carries });
+            out.put(at, Output::CurrentLimit { axis: AXIS, ma: carries });
         }
     }
 
-    fn put(&self, at: Instant, out: &mut dyn Sink) {
+    fn put(&self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Duty { axis: AXIS, duty: if self.swapped { -self.duty } else { self.duty } });
     }
 

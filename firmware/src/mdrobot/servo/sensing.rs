@@ -3,7 +3,7 @@
 use fixed::types::I40F24;
 
 use super::{Edges, FULL_DUTY, Known, OUTPUTS, Parameters, Rotation, Sensor, Servo};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 
 impl Servo {
     /// A sensor changed, or its level is told.
@@ -48,7 +48,7 @@ impl Servo {
     }
 
     /// Two wires of the motor are swapped: what is put out turns it the other way.
-    pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Sink) {
+    pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Context) {
         if swapped != self.swapped {
             self.swapped = swapped;
             self.put(at, out);

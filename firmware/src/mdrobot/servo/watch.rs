@@ -17,9 +17,9 @@ const LESS: i64 = 16;
 
 /// A condition that is a fault if it lasts (on-delay).
 #[derive(Clone, Copy, Debug)]
-struct Lasting(Option<Instant>);
+struct OnDelay(Option<Instant>);
 
-impl Lasting {
+impl OnDelay {
     const NOT: Self = Self(None);
 
     /// Returns whether the condition has lasted for `span`.
@@ -31,14 +31,14 @@ impl Lasting {
 
 /// An error that is a fault if it lasts and does not improve.
 #[derive(Clone, Copy, Debug)]
-struct Mending {
-    wrong: Lasting,
+struct PersistentError {
+    wrong: OnDelay,
     /// By how much it was wrong when it began.
     first: I40F24,
 }
 
-impl Mending {
-    const NOT: Self = Self { wrong: Lasting::NOT, first: I40F24::ZERO };
+impl PersistentError {
+    const NOT: Self = Self { wrong: OnDelay::NOT, first: I40F24::ZERO };
 
     /// Returns whether the error has lasted for `span`, is now `by`, and has not improved in that time.
     fn fails(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
@@ -51,7 +51,7 @@ impl Mending {
         }
         let less = by_now < self.first - self.first / LESS;
         if less {
-            *self = Self { wrong: Lasting(Some(at)), first: by_now };
+            *self = Self { wrong: OnDelay(Some(at)), first: by_now };
         }
         !less
     }
@@ -76,22 +76,22 @@ pub(super) struct Sight {
 
 /// Conditions that may become faults, and their times.
 #[derive(Clone, Debug)]
-pub(super) struct Watch {
-    load: Lasting,
-    stands: Lasting,
-    fails: Mending,
-    inverse: Mending,
+pub(super) struct FaultMonitor {
+    load: OnDelay,
+    stands: OnDelay,
+    fails: PersistentError,
+    inverse: PersistentError,
     /// Since the last edge of the encoder: the first edge of a Hall sensor, and its count.
     silent: Option<(Instant, i64)>,
 }
 
-impl Watch {
+impl FaultMonitor {
     /// State without any condition.
     pub(super) const NEW: Self = Self {
-        load: Lasting::NOT,
-        stands: Lasting::NOT,
-        fails: Mending::NOT,
-        inverse: Mending::NOT,
+        load: OnDelay::NOT,
+        stands: OnDelay::NOT,
+        fails: PersistentError::NOT,
+        inverse: PersistentError::NOT,
         silent: None,
     };
 

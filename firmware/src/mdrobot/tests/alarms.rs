@@ -209,7 +209,7 @@ fn an_encoder_that_nobody_looks_at_holds_no_alarm() {
 fn a_hall_state_that_cannot_be_is_an_alarm_as_long_as_it_lasts() {
     // From power-on, while the drive starts: it shows when it is ready.
     let mut dut = Dut::new();
-    dut.drive.part();
+    dut.drive.detach_motor();
     dut.power_on(Boot::default());
     for pin in [HU, HV, HW] {
         dut.contact(pin, false);

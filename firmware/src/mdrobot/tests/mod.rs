@@ -18,9 +18,9 @@ use drivetwin_protocol::time::Span;
 
 use super::{ALARM, CLUTCH, FAN, HU, HV, HW, MEMORY, Mdrobot, Pid, mdrobot};
 use crate::device::{
-    Boot, Device, Duration, Input, Instant, Level, Line, Note, Output, Pin, Port, Refused, Why,
+    Boot, Device, DropReason, Duration, Input, Instant, Level, Line, LogEvent, Output, Pin, Port, PresetError,
 };
-use crate::motor::Rig;
+use crate::motor::DriveWithMotor;
 use crate::testing::{Fixture, Treatment};
 
 /// A character of 19,200 8N1: 10 bits, 8,333.3 ticks.
@@ -33,12 +33,12 @@ const fn line(baud: u32) -> Line {
 
 /// A drive with its motor, and the id that it is spoken to by.
 struct Dut {
-    fixture: Fixture<Rig<Mdrobot>>,
+    fixture: Fixture<DriveWithMotor<Mdrobot>>,
     id: u8,
 }
 
 impl Deref for Dut {
-    type Target = Fixture<Rig<Mdrobot>>;
+    type Target = Fixture<DriveWithMotor<Mdrobot>>;
 
     fn deref(&self) -> &Self::Target {
         &self.fixture
@@ -58,11 +58,11 @@ impl Dut {
             // Those of the motor's sensors.
             Output::Level { pin: HU | HV | HW, .. } => Treatment::Ignore,
             // For a motor elsewhere.
-            Output::Duty { .. } | Output::Current { .. } => Treatment::Ignore,
+            Output::Duty { .. } | Output::CurrentLimit { .. } => Treatment::Ignore,
             Output::Bytes { .. }
             | Output::Level { .. }
             | Output::Line { .. }
-            | Output::Note(_)
+            | Output::Log(_)
             | Output::Store { .. } => Treatment::Keep,
             _ => Treatment::Refuse,
         });
@@ -115,7 +115,7 @@ impl Dut {
     /// A PDU to the drive, and that of the reply; empty if there is none.
     fn pdu(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.ask(&rtu::frame(self.id, pdu));
-        rtu::checked(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
+        rtu::verify_crc(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
     }
 
     /// Function 3, and the words that it brings.

@@ -260,10 +260,10 @@ fn presets_before_power_are_in_the_memory() {
     dut.set(Pid::MAX_RPM, 400);
     dut.set(Pid::FUNC_CMD_TYPE, 0x0102);
     dut.set(Pid::FUNC_SPEED, 3 << 16 | 2);
-    assert_eq!(dut.try_set(Pid::UI_COM, 1), Err(Refused::ReadOnly));
-    assert_eq!(dut.try_set(Pid::CONTROLLER_ID, 254), Err(Refused::OutOfRange));
-    assert_eq!(dut.try_set(Pid::FUNC_CMD_TYPE, 5), Err(Refused::OutOfRange));
-    assert_eq!(dut.try_set(Pid::HIGH_SPEED_LIMIT, 511), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Pid::UI_COM, 1), Err(PresetError::ReadOnly));
+    assert_eq!(dut.try_set(Pid::CONTROLLER_ID, 254), Err(PresetError::OutOfRange));
+    assert_eq!(dut.try_set(Pid::FUNC_CMD_TYPE, 5), Err(PresetError::OutOfRange));
+    assert_eq!(dut.try_set(Pid::HIGH_SPEED_LIMIT, 511), Err(PresetError::OutOfRange));
     dut.power_on_fast();
     dut.id = 9;
     assert_eq!((dut.read(221), dut.read(183), dut.read_words(239, 2)), (400, 2, vec![2, 3]));
@@ -277,11 +277,11 @@ fn presets_with_power_act_as_writes() {
     assert_eq!(dut.read(211), 44);
     dut.set(Pid::SPEED_LIMIT, 700 << 16 | 3);
     assert_eq!((dut.read(157), dut.read(158)), (3, 700));
-    assert_eq!(dut.try_set(Pid::ID, 0x00AA), Err(Refused::OutOfRange));
-    assert_eq!(dut.try_set(Pid::VERSION, 256), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Pid::ID, 0x00AA), Err(PresetError::OutOfRange));
+    assert_eq!(dut.try_set(Pid::VERSION, 256), Err(PresetError::OutOfRange));
     dut.set(Pid::VERSION, 13);
     assert_eq!(dut.read(1), 13);
-    assert_eq!(dut.try_set(Pid::MAIN_DATA, 0), Err(Refused::ReadOnly));
+    assert_eq!(dut.try_set(Pid::MAIN_DATA, 0), Err(PresetError::ReadOnly));
     dut.cycle();
     assert_eq!((dut.read(211), dut.read(157), dut.read(158)), (44, 3, 700));
 }

@@ -13,7 +13,7 @@ fn it_hears_what_ends_300_ms_after_power_on() {
         let mut dut = Dut::booting();
         dut.input(end_of_first, Input::Bytes { port: Port(0), bytes: &ASK });
         dut.wait(1.secs());
-        let starting = Note::Dropped { port: Port(0), why: Why::Starting };
+        let starting = LogEvent::Dropped { port: Port(0), why: DropReason::Starting };
         assert_eq!(dut.out.bytes.len(), usize::from(answered));
         assert_eq!(dut.out.noted().contains(&starting), !answered);
     }

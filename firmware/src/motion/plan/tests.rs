@@ -1,12 +1,12 @@
 #![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
 
 use super::*;
-use crate::motion::Walker;
+use crate::motion::StepIterator;
 use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
 use std::vec::Vec;
 
-const FACTORY: Rates = Rates::even(U24F8::const_from_int(5_000), 10_000);
+const FACTORY: Limits = Limits::even(U24F8::const_from_int(5_000), 10_000);
 
 fn at(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
@@ -39,8 +39,8 @@ fn a_short_move_is_a_triangle() {
 fn nothing_to_do_is_done_at_once() {
     for plan in [
         Plan::profile(at(5), 3, 0, FACTORY),
-        Plan::profile(at(5), 3, 9, Rates { speed: U24F8::ZERO, ..FACTORY }),
-        Plan::profile(at(5), 3, 9, Rates { up: 0, ..FACTORY }),
+        Plan::profile(at(5), 3, 9, Limits { speed: U24F8::ZERO, ..FACTORY }),
+        Plan::profile(at(5), 3, 9, Limits { up: 0, ..FACTORY }),
     ] {
         assert_eq!((plan.end(), plan.position_at(at(9))), (at(5), 3));
     }
@@ -56,8 +56,8 @@ fn a_plan_that_is_over_has_no_rest() {
 
 #[test]
 fn a_speed_beyond_the_limit_acts_as_the_limit() {
-    let limit = Rates { speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
-    let beyond = Rates { speed: U24F8::MAX, ..FACTORY };
+    let limit = Limits { speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
+    let beyond = Limits { speed: U24F8::MAX, ..FACTORY };
     let plan = Plan::profile(at(0), 0, i32::MAX, beyond);
     assert_eq!(plan, Plan::profile(at(0), 0, i32::MAX, limit));
     let jog = plan.towards(at(0), I24F8::MAX, u32::MAX);
@@ -74,8 +74,8 @@ fn a_jog_goes_on_until_it_is_told_to_stop() {
     assert_eq!(stop.position_at(Instant::NEVER), 1_250 + 5_000 + 1_250);
 }
 
-const SLEW: Rates =
-    Rates { start: U24F8::const_from_int(1_000), speed: U24F8::ZERO, up: 10_000, down: 5_000 };
+const SLEW: Limits =
+    Limits { start: U24F8::const_from_int(1_000), speed: U24F8::ZERO, up: 10_000, down: 5_000 };
 
 #[test]
 fn a_slew_begins_and_ends_at_its_start_speed() {
@@ -118,7 +118,7 @@ fn a_slew_turns_round_at_its_start_speed() {
 #[test]
 fn without_a_start_speed_a_slew_stops_as_a_ramp() {
     let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(4_321), 7_000);
-    let rates = Rates { start: U24F8::ZERO, up: 1, down: 9_999, ..SLEW };
+    let rates = Limits { start: U24F8::ZERO, up: 1, down: 9_999, ..SLEW };
     for ticks in (3_000_000..30_000_000).step_by(777_777) {
         assert_eq!(jog.slew(at(ticks), I24F8::ZERO, rates), jog.towards(at(ticks), I24F8::ZERO, 9_999));
     }
@@ -126,10 +126,10 @@ fn without_a_start_speed_a_slew_stops_as_a_ramp() {
 
 #[test]
 fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
-    let at_once = Rates { start: U24F8::MAX, ..SLEW };
+    let at_once = Limits { start: U24F8::MAX, ..SLEW };
     let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), at_once);
     // (4000² − 1000²)/(2·7500) = 1000 steps in 400 ms.
-    let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Rates { down: 7_500, ..SLEW });
+    let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Limits { down: 7_500, ..SLEW });
     assert_eq!(stop.end(), Instant::from(650.millis()));
     assert_eq!(stop.position_at(stop.end() - Duration::TICK), 1_999);
     assert_eq!(stop.position_at(stop.end()), 2_000);
@@ -138,7 +138,7 @@ fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
 #[test]
 fn a_position_is_reached_once_around_or_never() {
     let slew =
-        Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(8_000_000), Rates { start: U24F8::MAX, ..SLEW });
+        Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(8_000_000), Limits { start: U24F8::MAX, ..SLEW });
     // Two ticks a step.
     assert_eq!(slew.when(at(0), 100), at(200));
     assert_eq!(slew.when(at(200), 100), at(200 + (2 << 32)));
@@ -192,9 +192,9 @@ proptest! {
         samples in proptest::collection::vec(any::<u64>(), 2..40),
     ) {
         let start = U24F8::from_num(start.saturating_sub(1_000_000));
-        let rates = Rates { start, speed: U24F8::from_num(speed), up, down };
+        let rates = Limits { start, speed: U24F8::from_num(speed), up, down };
         let plan = Plan::profile(at(0), 0, steps, rates);
-        let mirror = Plan::profile(at(0), 0, steps, Rates { up: down, down: up, ..rates });
+        let mirror = Plan::profile(at(0), 0, steps, Limits { up: down, down: up, ..rates });
         let end = plan.end().ticks();
         prop_assert_eq!(plan.position_at(plan.end()), steps);
         let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
@@ -247,7 +247,7 @@ proptest! {
         turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
         start in 1_u32..30_000, up in 1_u32.., down in 1_u32..,
     ) {
-        let rates = Rates { start: U24F8::from_num(start), up, down, ..SLEW };
+        let rates = Limits { start: U24F8::from_num(start), up, down, ..SLEW };
         let mut plan = Plan::rest(at(0), 0);
         let mut now = 0;
         for (wait, speed) in turns {
@@ -275,7 +275,7 @@ proptest! {
         when in 0_u64..40_000_000, again in 0_u64..1_000, back: bool, finishes: bool,
     ) {
         let start = (u64::from(speed) * u64::from(share) / 1_000).max(1) as u32;
-        let rates = Rates { start: U24F8::from_num(start), up, down, ..SLEW };
+        let rates = Limits { start: U24F8::from_num(start), up, down, ..SLEW };
         let to = I24F8::from_num(speed);
         let slew = Plan::rest(at(0), -5).slew(at(0), if back { -to } else { to }, rates);
         let now = at(when);
@@ -329,7 +329,7 @@ proptest! {
         slew in proptest::option::of(any::<i32>()),
     ) {
         let (start, speed) = (U24F8::from_bits(start), U24F8::from_bits(speed));
-        let rates = Rates { start, speed, up: 1 << up, down: 1 << down };
+        let rates = Limits { start, speed, up: 1 << up, down: 1 << down };
         let mut plan = Plan::profile(at(100), 3, steps, rates);
         let length = (plan.end().ticks() - 100).min(1 << 41);
         if let Some(speed) = slew {
@@ -338,7 +338,7 @@ proptest! {
         let after = plan.start() + Duration::from_ticks((passed / 3) % (length + 1));
         let mut position = plan.position_at(after);
         let mut seen = std::collections::BTreeSet::new();
-        for step in Walker::new(&plan, after).take(500) {
+        for step in StepIterator::new(&plan, after).take(500) {
             position += if step.forward { 1 } else { -1 };
             if seen.insert(position) {
                 prop_assert_eq!(plan.when(after, position), step.at, "{}", position);
@@ -353,7 +353,7 @@ proptest! {
         seam in 0..4_usize, beside in -2..3_i64, inside in any::<u64>(), position in any::<i32>(),
     ) {
         let [start, speed, up, down] = bits.map(|bits| (1 << bits) | (fine & ((1 << bits) - 1)));
-        let rates = Rates { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
         let mut plan = Plan::profile(at(100), 3, steps, rates);
         if let Some((when, speed)) = order {
             let when = at(100 + when % (plan.end().ticks() - 99));
@@ -373,12 +373,12 @@ proptest! {
             *at += Duration::from_ticks(segment.ticks);
             Some(*at)
         });
-        let steps = Walker::new(&plan, now).take(50).map(|step| step.at);
+        let steps = StepIterator::new(&plan, now).take(50).map(|step| step.at);
         let near = |instant: Instant| [instant - Duration::TICK, instant, instant + Duration::TICK];
         for t in seams.chain(steps).chain([now]).flat_map(near).filter(|t| *t >= now) {
             prop_assert_eq!(rest.position_at(t), plan.position_at(t).wrapping_add(lost), "at {:?}", t);
             prop_assert_eq!(rest.speed_at(t), plan.speed_at(t), "at {:?}", t);
         }
-        prop_assert!(Walker::new(&rest, now).take(50).eq(Walker::new(&plan, now).take(50)));
+        prop_assert!(StepIterator::new(&rest, now).take(50).eq(StepIterator::new(&plan, now).take(50)));
     }
 }

@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::device::Axis;
-use crate::motion::Rates;
+use crate::motion::Limits;
 use crate::testing::{Recorder, Treatment};
 
 const AXIS: Axis = Axis(0);
@@ -20,20 +20,20 @@ fn at_us(us: u64) -> Instant {
     Instant::from(Duration::micros(us))
 }
 
-fn tell(motor: &mut Stepper, at: Instant, input: Input<'_>) {
+fn tell(motor: &mut StepperMotor, at: Instant, input: Input<'_>) {
     wake_until(motor, at);
     motor.input(at, input, &mut nothing());
 }
 
-fn plan(motor: &mut Stepper, at: Instant, plan: &Plan) {
+fn plan(motor: &mut StepperMotor, at: Instant, plan: &Plan) {
     tell(motor, at, Input::Plan { axis: AXIS, plan });
 }
 
-fn step(motor: &mut Stepper, at: Instant, steps: i32) {
+fn step(motor: &mut StepperMotor, at: Instant, steps: i32) {
     tell(motor, at, Input::Step { axis: AXIS, steps });
 }
 
-fn wake_until(motor: &mut Stepper, at: Instant) {
+fn wake_until(motor: &mut StepperMotor, at: Instant) {
     while motor.deadline() < at {
         let due = motor.deadline();
         motor.timeout(due, &mut nothing());
@@ -42,7 +42,7 @@ fn wake_until(motor: &mut Stepper, at: Instant) {
 }
 
 /// Turns at an instant, behind all that is due by then.
-fn turns(motor: &mut Stepper, at: Instant) -> f64 {
+fn turns(motor: &mut StepperMotor, at: Instant) -> f64 {
     wake_until(motor, at);
     if motor.deadline() == at {
         motor.timeout(at, &mut nothing());
@@ -51,22 +51,22 @@ fn turns(motor: &mut Stepper, at: Instant) -> f64 {
 }
 
 #[track_caller]
-fn assert_turns(motor: &mut Stepper, at: Instant, expected: f64) {
+fn assert_turns(motor: &mut StepperMotor, at: Instant, expected: f64) {
     let got = turns(motor, at);
     assert!((got - expected).abs() < 1e-9, "{got} turns at {at:?}, not {expected}");
 }
 
 /// 200 full steps of 8, 1,600 steps of the drive in a turn.
-fn motor(parameters: Parameters) -> Stepper {
-    let mut motor = Stepper::new(parameters);
+fn motor(parameters: StepperParameters) -> StepperMotor {
+    let mut motor = StepperMotor::new(parameters);
     motor.set_microsteps(Instant::ZERO, 8);
     motor
 }
 
 #[test]
 fn the_shaft_is_between_the_steps() {
-    let mut motor = motor(Parameters::NOMINAL);
-    let rates = Rates::even(U24F8::from_num(5_000), 10_000);
+    let mut motor = motor(StepperParameters::NOMINAL);
+    let rates = Limits::even(U24F8::from_num(5_000), 10_000);
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 10_000, rates));
     for us in (0..2_700_000).step_by(777) {
         let t = us as f64 * 1e-6;
@@ -88,7 +88,7 @@ fn the_shaft_is_between_the_steps() {
 
 #[test]
 fn a_step_without_a_plan_takes_the_time_since_the_last_one_and_a_millisecond_at_most() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(10_000), 1);
     for (us, steps) in [(10_000, 0.0), (10_250, 0.25), (11_000, 1.0), (12_000, 1.0)] {
         assert_turns(&mut motor, at_us(us), steps / 1_600.0);
@@ -106,7 +106,7 @@ fn a_step_without_a_plan_takes_the_time_since_the_last_one_and_a_millisecond_at_
 
 #[test]
 fn what_a_ramp_leaves_between_two_steps_is_turned_back_in_a_millisecond() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     let jog = Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, I24F8::from_num(1_000), 10_000);
     plan(&mut motor, Instant::ZERO, &jog);
     // 100 ms up are 50 steps; 150.25 steps at 200.25 ms, 200.25 where it stands.
@@ -120,7 +120,7 @@ fn what_a_ramp_leaves_between_two_steps_is_turned_back_in_a_millisecond() {
 
 #[test]
 fn power_comes_and_the_shaft_is_where_it_was() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(1_000), 3);
     // A drive begins to count at 0 again.
     plan(&mut motor, at_us(5_000), &Plan::rest(at_us(5_000), 0));
@@ -132,8 +132,8 @@ fn power_comes_and_the_shaft_is_where_it_was() {
 /// However many units of phase a turn has: 200 full steps of 8, and the most that there are.
 #[test]
 fn the_shaft_is_short_of_any_angle_that_is_far() {
-    for (steps_per_rev, microsteps) in [(200, 8), (Parameters::MOST.steps_per_rev, u16::MAX)] {
-        let mut motor = Stepper::new(Parameters { steps_per_rev, ..Parameters::NOMINAL });
+    for (steps_per_rev, microsteps) in [(200, 8), (StepperParameters::MOST.steps_per_rev, u16::MAX)] {
+        let mut motor = StepperMotor::new(StepperParameters { steps_per_rev, ..StepperParameters::NOMINAL });
         motor.set_microsteps(Instant::ZERO, microsteps);
         for angle in [1, 1 << 32, 1 << 57, i64::MAX] {
             assert!(!motor.is_at_least(Instant::ZERO, angle), "{angle}");
@@ -145,7 +145,7 @@ fn the_shaft_is_short_of_any_angle_that_is_far() {
 
 #[test]
 fn another_size_of_a_step_holds_from_where_the_shaft_is() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(1_000), 4);
     motor.set_microsteps(at_us(5_000), 1);
     assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
@@ -154,19 +154,19 @@ fn another_size_of_a_step_holds_from_where_the_shaft_is() {
 }
 
 /// By hand, at 0.5 A of 1 A, that is 200,000 µN·m; 600 rpm are 16,000 steps/s of 1,600 in a turn.
-const LOADED: Parameters = Parameters {
+const LOADED: StepperParameters = StepperParameters {
     holding_unm: 400_000,
     rated_ma: 1_000,
     pull_out_rpm: 600,
     inertia_gcm2: 1_000,
     friction_unm: 20_000,
     load_unm: 30_000,
-    ..Parameters::NOMINAL
+    ..StepperParameters::NOMINAL
 };
 
-fn loaded() -> Stepper {
+fn loaded() -> StepperMotor {
     let mut motor = motor(LOADED);
-    tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });
+    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
     motor
 }
 
@@ -176,7 +176,7 @@ fn ramp(at: Instant, speed: i32) -> Plan {
 }
 
 /// When it stalls first.
-fn stalls(motor: &mut Stepper, until: Instant) -> Option<Instant> {
+fn stalls(motor: &mut StepperMotor, until: Instant) -> Option<Instant> {
     while motor.deadline() < until {
         let due = motor.deadline();
         assert!(!motor.stalled());
@@ -229,7 +229,7 @@ fn less_current_stalls_at_once() {
     // 0.12 A hold 48,000 µN·m, less than load and friction.
     let mut motor = loaded();
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 4_000));
-    tell(&mut motor, at_us(2_000_000), Input::Current { axis: AXIS, ma: 120 });
+    tell(&mut motor, at_us(2_000_000), Input::CurrentLimit { axis: AXIS, ma: 120 });
     assert!(motor.stalled());
     // 4,000 steps/s are more than two full steps of 48,000 µN·m give 10⁻⁴ kg·m²: 7.77 rad/s, 1,978 steps/s. So the
     // field has no mean torque, and the load turns the shaft back.
@@ -248,10 +248,10 @@ fn slid(rad_per_s2: f64, fastest: f64, seconds: f64) -> f64 {
 #[test]
 fn it_falls_in_whole_periods_from_where_it_should_be() {
     // Friction holds this load where it stalls.
-    let parameters = Parameters { friction_unm: 30_000, load_unm: 20_000, ..LOADED };
+    let parameters = StepperParameters { friction_unm: 30_000, load_unm: 20_000, ..LOADED };
     let mut motor = motor(parameters);
-    tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });
-    let rates = Rates::even(U24F8::from_num(15_000), 8_000);
+    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
+    let rates = Limits::even(U24F8::from_num(15_000), 8_000);
     let end = Plan::profile(Instant::ZERO, 0, 30_000, rates).end();
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 30_000, rates));
     // It stalls after 8,626.957 steps (above), and stands until the field has slowed down to v, with which two full
@@ -270,7 +270,7 @@ fn it_falls_in_whole_periods_from_where_it_should_be() {
 
 #[test]
 fn a_held_shaft_stands_until_it_is_let_go() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     tell(&mut motor, at_us(500), Input::Fault { fault: STALL, on: true });
     step(&mut motor, at_us(1_000), 15);
     assert_turns(&mut motor, at_us(5_000), 0.0);
@@ -286,16 +286,16 @@ fn a_held_shaft_stands_until_it_is_let_go() {
 
 #[test]
 fn a_motor_that_follows_whatever_its_load_is_does_not_without_current() {
-    let parameters = Parameters { load_unm: -30_000, holding_unm: 0, ..LOADED };
+    let parameters = StepperParameters { load_unm: -30_000, holding_unm: 0, ..LOADED };
     let mut motor = motor(parameters);
     step(&mut motor, at_us(1_000), 4);
     assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
-    tell(&mut motor, at_us(10_000), Input::Current { axis: AXIS, ma: 0 });
+    tell(&mut motor, at_us(10_000), Input::CurrentLimit { axis: AXIS, ma: 0 });
     assert!(!motor.stalled());
     let slides = slid(100.0, 10.0, 0.09) * 1_600.0;
     assert!((turns(&mut motor, at_us(100_000)) * 1_600.0 - 4.0 - slides).abs() < 1e-3);
     // 103.1 steps: the nearest of every 32 beyond 4.
-    tell(&mut motor, at_us(100_000), Input::Current { axis: AXIS, ma: 1 });
+    tell(&mut motor, at_us(100_000), Input::CurrentLimit { axis: AXIS, ma: 1 });
     assert_turns(&mut motor, at_us(101_000), 100.0 / 1_600.0);
 }
 
@@ -314,11 +314,11 @@ fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
             (-(holds + 1), true),
             (-2 * holds, true),
         ] {
-            let mut motor = motor(Parameters { load_unm: 0, ..LOADED });
+            let mut motor = motor(StepperParameters { load_unm: 0, ..LOADED });
             if let Some(ma) = ma {
-                tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma });
+                tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma });
             }
-            motor.load(at_us(1_000), Parameters { load_unm, ..LOADED });
+            motor.load(at_us(1_000), StepperParameters { load_unm, ..LOADED });
             // µN·m by 10⁻⁴ kg·m² are 0.01 rad/s²; of a step/s² 1/256.
             let by = f64::from(load_unm.abs() - holds) * 0.01;
             let slides = if turns_it { slid(by, 10.0, 1.0) } else { 0.0 };
@@ -333,11 +333,11 @@ fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
 #[test]
 fn current_brakes_a_shaft_and_holds_it() {
     for way in [1, -1] {
-        let mut motor = motor(Parameters { load_unm: way * 30_000, ..LOADED });
-        tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+        let mut motor = motor(StepperParameters { load_unm: way * 30_000, ..LOADED });
+        tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
         // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake by 900: 0.2222 rad in 22.2
         // ms.
-        tell(&mut motor, at_us(200_000), Input::Current { axis: AXIS, ma: 250 });
+        tell(&mut motor, at_us(200_000), Input::CurrentLimit { axis: AXIS, ma: 250 });
         assert!(motor.stalled());
         let stops = turns(&mut motor, at_us(222_300)) * 1_600.0;
         let slid = -f64::from(way) * 2.222_222 / (2.0 * core::f64::consts::PI) * 1_600.0;
@@ -354,10 +354,10 @@ fn current_brakes_a_shaft_and_holds_it() {
 #[test]
 fn a_load_never_turns_a_shaft_faster_than_pull_out() {
     let pull_out = 600.0;
-    for load_unm in [Parameters::LEAST.load_unm, Parameters::MOST.load_unm] {
-        for inertia_gcm2 in [Parameters::LEAST.inertia_gcm2, Parameters::MOST.inertia_gcm2] {
-            let mut motor = motor(Parameters { load_unm, inertia_gcm2, ..LOADED });
-            tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+    for load_unm in [StepperParameters::LEAST.load_unm, StepperParameters::MOST.load_unm] {
+        for inertia_gcm2 in [StepperParameters::LEAST.inertia_gcm2, StepperParameters::MOST.inertia_gcm2] {
+            let mut motor = motor(StepperParameters { load_unm, inertia_gcm2, ..LOADED });
+            tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
             let mut last = 0.0;
             for hour in 1..100 {
                 let now = turns(&mut motor, at_us(hour * 3_600_000_000));
@@ -371,14 +371,14 @@ fn a_load_never_turns_a_shaft_faster_than_pull_out() {
 
 #[test]
 fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
-    let mut motor = motor(Parameters { load_unm: -30_000, ..LOADED });
-    tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 0 });
+    let mut motor = motor(StepperParameters { load_unm: -30_000, ..LOADED });
+    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
     // 2 rad at 20 rad/s; friction alone brakes by 200 rad/s², with a load of 20,000 µN·m against it by 400.
     let rad = 1.0 / (2.0 * core::f64::consts::PI);
     for (load_unm, stops) in [(0, 2.0 + 1.0), (20_000, 2.0 + 0.5)] {
         let mut motor = motor.clone();
         wake_until(&mut motor, at_us(200_000));
-        motor.load(at_us(200_000), Parameters { load_unm, ..LOADED });
+        motor.load(at_us(200_000), StepperParameters { load_unm, ..LOADED });
         let got = turns(&mut motor, at_us(1_000_000));
         assert!((got - stops * rad).abs() < 0.001, "{load_unm}: {got}, not {}", stops * rad);
     }
@@ -389,8 +389,8 @@ fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
     // Forward 200,000 µN·m of 500 mA do not move 190,000 and friction; a field that runs away from the shaft does not
     // hold them, either.
     for keeps in [false, true] {
-        let mut motor = motor(Parameters { load_unm: 190_000, ..LOADED });
-        tell(&mut motor, Instant::ZERO, Input::Current { axis: AXIS, ma: 500 });
+        let mut motor = motor(StepperParameters { load_unm: 190_000, ..LOADED });
+        tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
         motor.keep_field(Instant::ZERO, keeps);
         plan(&mut motor, at_us(1_000), &ramp(at_us(1_000), 15_000));
         let turned = turns(&mut motor, at_us(1_500_000));
@@ -400,10 +400,10 @@ fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
 
 #[test]
 fn other_full_steps_begin_where_the_shaft_is() {
-    let mut motor = motor(Parameters::NOMINAL);
+    let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(1_000), 4);
     assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
-    motor.load(at_us(5_000), Parameters { steps_per_rev: 400, ..Parameters::NOMINAL });
+    motor.load(at_us(5_000), StepperParameters { steps_per_rev: 400, ..StepperParameters::NOMINAL });
     assert_turns(&mut motor, at_us(6_000), 4.0 / 1_600.0);
     step(&mut motor, at_us(7_000), -16);
     assert_turns(&mut motor, at_us(9_000), 4.0 / 1_600.0 - 16.0 / 3_200.0);
@@ -417,7 +417,7 @@ proptest! {
         orders in proptest::collection::vec((1_u64..3_000_000, -20_000..20_000_i32, 0..4_u8), 1..12),
         samples in proptest::collection::vec(any::<u64>(), 4),
     ) {
-        let mut motor = motor(Parameters::NOMINAL);
+        let mut motor = motor(StepperParameters::NOMINAL);
         let mut course = Plan::rest(Instant::ZERO, 0);
         let mut now = Instant::ZERO;
         let mut last = 0;
@@ -448,7 +448,7 @@ proptest! {
             }
             let rests = course.end() <= now;
             course = match what {
-                0 if rests => Plan::profile(now, 5, number / 10, Rates::even(U24F8::from_num(9_000), 70_000)),
+                0 if rests => Plan::profile(now, 5, number / 10, Limits::even(U24F8::from_num(9_000), 70_000)),
                 0 | 1 => course.towards(now, I24F8::from_num(number), 300_000),
                 2 => {
                     if rests {
@@ -474,18 +474,18 @@ enum Happens {
     Halts,
     Current(u32),
     Held(bool),
-    Load(Parameters),
+    Load(StepperParameters),
     Keeps(bool),
     Catches,
     Microsteps(u16),
 }
 
 fn anything() -> impl Strategy<Value = Happens> {
-    let (least, most) = (Parameters::LEAST, Parameters::MOST);
+    let (least, most) = (StepperParameters::LEAST, StepperParameters::MOST);
     let load = (4..=most.steps_per_rev, 0..=most.holding_unm, 1..=most.rated_ma, 1..=most.pull_out_rpm)
         .prop_flat_map(move |(steps_per_rev, holding_unm, rated_ma, pull_out_rpm)| {
             let others = (0..=most.friction_unm, least.load_unm..=most.load_unm, 0..=23_u32);
-            others.prop_map(move |(friction_unm, load_unm, inertia)| Parameters {
+            others.prop_map(move |(friction_unm, load_unm, inertia)| StepperParameters {
                 steps_per_rev,
                 holding_unm: if holding_unm % 4 == 0 { 0 } else { holding_unm },
                 rated_ma,
@@ -527,7 +527,7 @@ proptest! {
                 prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "it jumps by {}", motor.angle_at(now) - before);
                 wakes += 1;
                 prop_assert!(wakes < 30_000, "it never rests");
-                let Pace { h, turn, .. } = motor.pace();
+                let Kinematics { h, turn, .. } = motor.pace();
                 if motor.is_loose {
                     let rpm = 2.0 * h as f64 / turn as f64 * 16e6 * 60.0;
                     prop_assert!(rpm.abs() <= f64::from(motor.parameters.pull_out_rpm) * 1.001 + 0.1, "{} rpm", rpm);
@@ -539,7 +539,7 @@ proptest! {
                 Happens::Slews(speed) => course = course.towards(now, I24F8::from_bits(speed), 300_000),
                 Happens::Halts => course = course.halt(now),
                 Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut nothing()),
-                Happens::Current(ma) => motor.input(now, Input::Current { axis: AXIS, ma }, &mut nothing()),
+                Happens::Current(ma) => motor.input(now, Input::CurrentLimit { axis: AXIS, ma }, &mut nothing()),
                 Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut nothing()),
                 Happens::Load(parameters) => motor.load(now, parameters),
                 Happens::Keeps(keeps) => motor.keep_field(now, keeps),

@@ -15,7 +15,7 @@ const AXIS: Axis = Axis(0);
 /// Levels, currents and rotations: a motor puts nothing else, but for its parameters.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
-        Output::Level { .. } | Output::Draws { .. } | Output::Rotation { .. } => Treatment::Keep,
+        Output::Level { .. } | Output::MotorCurrent { .. } | Output::Rotation { .. } => Treatment::Keep,
         Output::Motor { .. } => Treatment::Ignore,
         _ => Treatment::Refuse,
     })
@@ -33,7 +33,7 @@ fn at_ms(ms: u64) -> Instant {
 }
 
 fn current(ma: u32) -> Input<'static> {
-    Input::Current { axis: AXIS, ma }
+    Input::CurrentLimit { axis: AXIS, ma }
 }
 
 fn duty(duty: i32) -> Input<'static> {

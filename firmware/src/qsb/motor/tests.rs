@@ -32,7 +32,7 @@ impl Recorder {
         let mut steps = Vec::new();
         for (n, (from, _, plan)) in self.plans.iter().enumerate() {
             let until = self.plans.get(n + 1).map_or(until, |(next, ..)| *next);
-            steps.extend(Walker::new(plan, *from).take_while(|step| step.at <= until));
+            steps.extend(StepIterator::new(plan, *from).take_while(|step| step.at <= until));
         }
         steps
     }

@@ -42,7 +42,7 @@ fn a_backspace_erases_a_partial_command() {
     let mut dut = Dut::ready(Qsb::m());
     assert_eq!(dut.ask("W0C\x08R0C"), "r 0C 0000FFFF !");
     assert_eq!(dut.ask("nonsense that is far too long\x08R08"), "r 08 000001F3 !");
-    dut.tell(Input::Spoiled { port: USB });
+    dut.tell(Input::RxError { port: USB });
     assert_eq!(dut.ask("\x08R08"), "r 08 000001F3 !");
     dut.hear(b"R08\x08\r");
     assert_eq!(dut.texts(), [], "nothing is left of it");
@@ -89,7 +89,7 @@ fn a_spoiled_character_spoils_its_command() {
     let mut dut = Dut::ready(Qsb::m());
     dut.hear(b"R0");
     let at = dut.now + dut.character;
-    dut.input(at, Input::Spoiled { port: USB });
+    dut.input(at, Input::RxError { port: USB });
     assert_eq!(dut.ask("8"), "x 00 00000000 !");
     assert_eq!(dut.ask("R08"), "r 08 000001F3 !");
 }
@@ -168,9 +168,9 @@ fn notes_tell_what_was_asked() {
     assert_eq!(
         dut.out.noted(),
         [
-            Note::Request { port: USB, unit: 0, function: b'R' },
-            Note::Refused { port: USB, function: b'W', code: b'e' },
-            Note::Refused { port: USB, function: b'Z', code: b'x' },
+            LogEvent::Request { port: USB, unit: 0, function: b'R' },
+            LogEvent::Refused { port: USB, function: b'W', code: b'e' },
+            LogEvent::Refused { port: USB, function: b'Z', code: b'x' },
         ]
     );
 }

@@ -17,7 +17,8 @@ use drivetwin_protocol::time::Span;
 
 use super::{A, B, DIO0, DIO1, DIO2, DIO3, I, MEMORY, Qsb, Reg, USB};
 use crate::device::{
-    Boot, Device, Duration, Encoder, Input, Instant, Level, Note, Output, Pin, Refused, Why, advance,
+    Boot, Device, DropReason, Duration, Encoder, Input, Instant, Level, LogEvent, Output, Pin, PresetError,
+    advance,
 };
 use crate::testing::{Fixture, Treatment};
 
@@ -54,7 +55,7 @@ impl Dut {
             Output::Bytes { port: USB, .. }
             | Output::Level { .. }
             | Output::Line { port: USB, .. }
-            | Output::Note(_)
+            | Output::Log(_)
             | Output::Plan { .. }
             | Output::Store { .. } => Treatment::Keep,
             _ => Treatment::Refuse,

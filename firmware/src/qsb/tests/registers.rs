@@ -189,19 +189,19 @@ fn presets_act_like_the_bus() {
     let mut dut = Dut::ready(Qsb::m());
     assert_eq!(dut.try_set(Reg::IntervalRate, 7), Ok(()));
     assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
-    assert_eq!(dut.try_set(Reg::IntervalRate, 0x1_0000), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Reg::IntervalRate, 0x1_0000), Err(PresetError::OutOfRange));
     for reg in [Reg::Capture, Reg::Str, Reg::Otr, Reg::ReadEncoder, Reg::MdStatus, Reg::Version] {
-        assert_eq!(dut.try_set(reg, 1), Err(Refused::ReadOnly));
+        assert_eq!(dut.try_set(reg, 1), Err(PresetError::ReadOnly));
     }
-    assert_eq!(dut.try_set(Reg::Streams, 1), Err(Refused::ReadOnly));
-    assert_eq!(dut.try_set(Reg::MotorDrive, 1), Err(Refused::ReadOnly));
-    assert_eq!(dut.try_set(Reg::Command, 8), Err(Refused::OutOfRange), "no move without the motor drive");
+    assert_eq!(dut.try_set(Reg::Streams, 1), Err(PresetError::ReadOnly));
+    assert_eq!(dut.try_set(Reg::MotorDrive, 1), Err(PresetError::ReadOnly));
+    assert_eq!(dut.try_set(Reg::Command, 8), Err(PresetError::OutOfRange), "no move without the motor drive");
     let Fixture { drive, out, now } = &mut dut.fixture;
-    assert_eq!(drive.poke(*now, 999, 0, out), Err(Refused::NoSuchRegister));
+    assert_eq!(drive.poke(*now, 999, 0, out), Err(PresetError::NoSuchRegister));
     assert_eq!(dut.try_set(Reg::SerialNumber, 12_345), Ok(()));
     assert_eq!(dut.ask("R14"), "r 14 1234510E !");
     let mut dut = Dut::ready(Qsb::s());
-    assert_eq!(dut.try_set(Reg::DigIO, 1), Err(Refused::NoSuchRegister));
+    assert_eq!(dut.try_set(Reg::DigIO, 1), Err(PresetError::NoSuchRegister));
 }
 
 #[test]

@@ -26,7 +26,7 @@ fn before_the_banner_nothing_is_heard() {
     let end = Instant::ZERO + STARTUP - dut.character * 2 - Duration::TICK;
     dut.run_until(end);
     dut.hear(b"R0");
-    assert_eq!(dut.out.noted(), [Note::Dropped { port: USB, why: Why::Starting }; 2]);
+    assert_eq!(dut.out.noted(), [LogEvent::Dropped { port: USB, why: DropReason::Starting }; 2]);
     dut.hear(b"\rR08\r");
     dut.wait(10.millis());
     let texts: Vec<_> = dut.texts().into_iter().map(|(_, text)| text).collect();
@@ -60,7 +60,7 @@ fn opening_the_port_resets_it() {
     let from = dut.out.levels.len();
     dut.run_until(1.secs());
     dut.texts();
-    dut.input(Instant::from(1.secs()), Input::Attached { port: USB, here: true });
+    dut.input(Instant::from(1.secs()), Input::HostPresence { port: USB, here: true });
     assert_eq!(dut.levels(DIO3, from), [(Instant::from(1.secs()), Level::Float)]);
     dut.run_until(2.secs());
     assert_eq!(
@@ -80,7 +80,7 @@ fn opening_the_port_resets_it() {
 fn leaving_the_port_changes_nothing() {
     let mut dut = Dut::ready(Qsb::s());
     dut.write("W0C5");
-    dut.tell(Input::Attached { port: USB, here: false });
+    dut.tell(Input::HostPresence { port: USB, here: false });
     assert_eq!(dut.ask("R0C"), "r 0C 00000005 !");
 }
 

@@ -76,7 +76,7 @@ fn a_reset_by_the_host_cuts_no_save() {
     let mut dut = Dut::ready(Qsb::m());
     dut.write("W0C7");
     dut.write("W163");
-    dut.tell(Input::Attached { port: USB, here: true });
+    dut.tell(Input::HostPresence { port: USB, here: true });
     dut.wait(10.millis());
     assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
 }
@@ -212,7 +212,7 @@ fn presets_before_power_are_saved() {
     ] {
         assert_eq!(dut.try_set(reg, value), Ok(()));
     }
-    assert_eq!(dut.try_set(Reg::TimeStamp, 1), Err(Refused::ReadOnly));
+    assert_eq!(dut.try_set(Reg::TimeStamp, 1), Err(PresetError::ReadOnly));
     assert_eq!(dut.try_set(Reg::Streams, 0x1F), Ok(()));
     assert_eq!(dut.try_set(Reg::MotorDrive, 1), Ok(()));
     dut.power_on(Boot { fast: true, ..Boot::default() });
@@ -247,7 +247,7 @@ fn an_older_memory_is_still_good() {
 fn a_bad_memory_is_that_of_a_new_adapter_and_refuses_presets() {
     let mut dut = Dut::off(Qsb::d());
     dut.out.memory.fill(0x55);
-    assert_eq!(dut.try_set(Reg::IntervalRate, 7), Err(Refused::BadMemory));
+    assert_eq!(dut.try_set(Reg::IntervalRate, 7), Err(PresetError::BadMemory));
     dut.power_on(Boot { fast: true, ..Boot::default() });
     assert_eq!(dut.ask("R03"), "r 03 0000004F !");
     // A rate is saved with the factory's values.

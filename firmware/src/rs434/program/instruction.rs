@@ -48,7 +48,7 @@ impl Instruction {
 
     /// Command of uCmd; `None` if there is no such command.
     #[must_use]
-    pub fn command(self) -> Option<Command> {
+    pub fn command(self) -> Option<Opcode> {
         COMMANDS.get(usize::from(self.code())).copied()
     }
 }
@@ -102,7 +102,7 @@ pub enum Operation {
 
 /// Fields that a command uses. Of two operands the first one is S1 and D, the second one S2.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Form {
+pub enum OperandForm {
     /// None.
     Bare,
     /// bTypeJmp and uData: a line, or how many lines further on.
@@ -136,22 +136,22 @@ pub enum Form {
 
 /// A command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Command {
+pub struct Opcode {
     /// Operation.
     pub operation: Operation,
     /// True with 32 bits, which lie in two registers, the low half in the first one.
     pub wide: bool,
     /// With what.
-    pub form: Form,
+    pub form: OperandForm,
 }
 
-impl Command {
+impl Opcode {
     /// Lines that it takes, its constant included: 1 or 2.
     #[must_use]
     pub const fn lines(self) -> u16 {
         match self.form {
-            Form::ModbusConstant | Form::ModbusShift => 2,
-            Form::RegisterConstant if self.wide => 2,
+            OperandForm::ModbusConstant | OperandForm::ModbusShift => 2,
+            OperandForm::RegisterConstant if self.wide => 2,
             _ => 1,
         }
     }
@@ -162,36 +162,36 @@ impl Command {
         use Instruction as I;
         I::COMMAND
             | match self.form {
-                Form::Bare => 0,
-                Form::Target => I::TYPE_JMP | I::DATA,
-                Form::Time | Form::Subroutine | Form::Loop => I::DATA,
-                Form::Register => I::REGISTER,
-                Form::RegisterConstant if self.wide => I::REGISTER,
-                Form::RegisterConstant | Form::RegisterRegister => I::REGISTER | I::DATA,
-                Form::Modbus | Form::ModbusConstant => I::SPACE | I::DATA,
-                Form::RegisterModbus | Form::ModbusRegister => I::REGISTER | I::SPACE | I::DATA,
-                Form::RegisterShift => I::REGISTER | I::DATA | I::TYPE_JMP,
-                Form::ModbusShift => I::SPACE | I::DATA | I::TYPE_JMP,
+                OperandForm::Bare => 0,
+                OperandForm::Target => I::TYPE_JMP | I::DATA,
+                OperandForm::Time | OperandForm::Subroutine | OperandForm::Loop => I::DATA,
+                OperandForm::Register => I::REGISTER,
+                OperandForm::RegisterConstant if self.wide => I::REGISTER,
+                OperandForm::RegisterConstant | OperandForm::RegisterRegister => I::REGISTER | I::DATA,
+                OperandForm::Modbus | OperandForm::ModbusConstant => I::SPACE | I::DATA,
+                OperandForm::RegisterModbus | OperandForm::ModbusRegister => I::REGISTER | I::SPACE | I::DATA,
+                OperandForm::RegisterShift => I::REGISTER | I::DATA | I::TYPE_JMP,
+                OperandForm::ModbusShift => I::SPACE | I::DATA | I::TYPE_JMP,
             }
     }
 }
 
 /// A command of 16 bits, or one without data, under the manual's name without CMD_.
-const fn word(name: &'static str, operation: Operation, form: Form) -> (&'static str, Command) {
-    (name, Command { operation, wide: false, form })
+const fn word(name: &'static str, operation: Operation, form: OperandForm) -> (&'static str, Opcode) {
+    (name, Opcode { operation, wide: false, form })
 }
 
 /// A command of 32 bits.
-const fn pair(name: &'static str, operation: Operation, form: Form) -> (&'static str, Command) {
-    (name, Command { operation, wide: true, form })
+const fn pair(name: &'static str, operation: Operation, form: OperandForm) -> (&'static str, Opcode) {
+    (name, Opcode { operation, wide: true, form })
 }
 
 /// Number of commands; the code of each is its place.
 const COUNT: usize = 0x67;
 
 #[rustfmt::skip]
-const TABLE: [(&str, Command); COUNT] = {
-    use Form::*;
+const TABLE: [(&str, Opcode); COUNT] = {
+    use OperandForm::*;
     use Operation::*;
     [
         // 0x00
@@ -309,7 +309,7 @@ const TABLE: [(&str, Command); COUNT] = {
 
 /// Commands by their codes. No board needs more of the table.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-pub static COMMANDS: [Command; COUNT] = {
+pub static COMMANDS: [Opcode; COUNT] = {
     let mut commands = [TABLE[0].1; COUNT];
     let mut code = 0;
     while code < COUNT {

@@ -16,7 +16,7 @@ use drivetwin_protocol::modbus::rtu::crc;
 use self::vm::{REGISTERS, Step, Vm, World};
 use super::saved::SAVE;
 use super::{LINES, SETTINGS};
-use crate::device::{Duration, Instant, Sink};
+use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
 /// Time of a line; that of a DELAY is longer.
@@ -93,7 +93,7 @@ impl Program {
 
     /// Power comes: registers, stacks and the buffer are empty. Whether the flash holds a program, be it that of
     /// a new drive, which ends at once (ERROR bit 7 if not).
-    pub(super) fn power_on(&mut self, out: &dyn Sink) -> bool {
+    pub(super) fn power_on(&mut self, out: &dyn Context) -> bool {
         // Not by way of `new`, which would need the stack of a board for the buffer.
         self.vm = Vm::new();
         self.buffer.fill([0; 4]);
@@ -143,20 +143,20 @@ impl Program {
 
     /// Begins to store the buffer in the flash: a CRC that is certainly wrong, the lines, and when the time of a
     /// save is over the right one. Not while lines are carried out.
-    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) {
         let save = Save::of_bytes(self.buffer.as_flattened(), SETTINGS as u16, at, SAVE, out);
         (self.flash, self.save) = (Content::Good, Some(save));
     }
 
     /// Ends a save that runs: its time is over, or a restart waits for it.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
     }
 
     /// Brings the flash into the buffer; whether it holds a program (ERROR bit 7 if not).
-    pub(super) fn load(&mut self, out: &dyn Sink) -> bool {
+    pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         // The lines of a save that runs are there already.
         if self.save.is_none() {
             self.judge(out);
@@ -185,7 +185,7 @@ impl Program {
     }
 
     /// Looks at the flash; whether it passes.
-    fn judge(&mut self, out: &dyn Sink) -> bool {
+    fn judge(&mut self, out: &dyn Context) -> bool {
         self.flash = memory::content(out.memory().get(SETTINGS..).unwrap_or(&[]), BYTES / 2);
         self.flash != Content::Bad
     }

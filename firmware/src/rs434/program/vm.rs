@@ -4,7 +4,7 @@ use drivetwin_protocol::registers::Space;
 use heapless::Vec;
 
 use super::Program;
-use super::instruction::{Command, Form, Instruction, Operation};
+use super::instruction::{Instruction, Opcode, OperandForm, Operation};
 use crate::rs434::{LINES, SETTINGS};
 
 /// The system registers, AX to JX.
@@ -102,42 +102,42 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
         // A new flash, all ones, is a program that ends at once.
         return world.program().is_new().then_some(Step::End);
     };
-    let Command { operation, wide, form } = command;
+    let Opcode { operation, wide, form } = command;
     let (register, data) = (instruction.register().into(), instruction.data());
     let bus = || Some((space(instruction.space())?, data));
     let (changed, second) = match form {
-        Form::Bare => match operation {
+        OperandForm::Bare => match operation {
             Operation::Return => return vm.come_back(),
             Operation::FullStop => return Some(Step::FullEnd),
             _ => return Some(Step::End),
         },
-        Form::Target => {
+        OperandForm::Target => {
             if vm.jumps(operation, wide) {
                 vm.next = vm.target(instruction)?;
             }
             return Some(Step::Next);
         }
-        Form::Time => return Some(Step::Delay(data)),
-        Form::Subroutine => return vm.call(data),
-        Form::Loop => return vm.repeat(data),
-        Form::Register => (register, 0),
-        Form::RegisterConstant if wide => (register, constant(world, wide)?),
-        Form::RegisterConstant | Form::RegisterShift => (register, data.into()),
-        Form::RegisterRegister if operation == Operation::Move => (data, vm.get(register, wide)?),
-        Form::RegisterRegister => (register, vm.get(data, wide)?),
-        Form::RegisterModbus => {
+        OperandForm::Time => return Some(Step::Delay(data)),
+        OperandForm::Subroutine => return vm.call(data),
+        OperandForm::Loop => return vm.repeat(data),
+        OperandForm::Register => (register, 0),
+        OperandForm::RegisterConstant if wide => (register, constant(world, wide)?),
+        OperandForm::RegisterConstant | OperandForm::RegisterShift => (register, data.into()),
+        OperandForm::RegisterRegister if operation == Operation::Move => (data, vm.get(register, wide)?),
+        OperandForm::RegisterRegister => (register, vm.get(data, wide)?),
+        OperandForm::RegisterModbus => {
             let (space, address) = bus()?;
             (register, world.read(space, address, wide)?)
         }
-        Form::ModbusRegister => {
+        OperandForm::ModbusRegister => {
             let second = vm.get(register, wide)?;
             return change(world, bus()?, command, instruction, second);
         }
-        Form::ModbusConstant | Form::ModbusShift => {
+        OperandForm::ModbusConstant | OperandForm::ModbusShift => {
             let second = constant(world, wide)?;
             return change(world, bus()?, command, instruction, second);
         }
-        Form::Modbus => return change(world, bus()?, command, instruction, 0),
+        OperandForm::Modbus => return change(world, bus()?, command, instruction, 0),
     };
     world.program().vm.change(changed, command, instruction, second)
 }
@@ -172,11 +172,11 @@ fn space(number: u8) -> Option<Space> {
 fn change(
     world: &mut impl World,
     (space, address): (Space, u16),
-    command: Command,
+    command: Opcode,
     instruction: Instruction,
     second: u32,
 ) -> Option<Step> {
-    let Command { operation, wide, .. } = command;
+    let Opcode { operation, wide, .. } = command;
     let bits = matches!(space, Space::Coil | Space::Discrete);
     let result = match operation {
         Operation::Move => second,
@@ -261,7 +261,7 @@ impl Vm {
     fn change(
         &mut self,
         number: u16,
-        command: Command,
+        command: Opcode,
         instruction: Instruction,
         second: u32,
     ) -> Option<Step> {

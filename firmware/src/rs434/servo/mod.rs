@@ -1,7 +1,7 @@
 //! The servo: ramps, moves, and the counts of its Hall sensors.
 //!
 //! While something moves, the servo runs every millisecond ([`TICK`]). The registers ([`Settings`]) and the way that is
-//! left give the speed that the motor is to have at the next tick ([`Rates`]); what the motor reports ([`Feedback`]),
+//! left give the speed that the motor is to have at the next tick ([`Limits`]); what the motor reports ([`Feedback`]),
 //! as its Hall sensors read it ([`Edges`]), gives the duty that brings it there. Speeds are in counts per tick,
 //! accelerations in those per tick.
 //!
@@ -20,11 +20,11 @@ use fixed::types::I40F24;
 
 use self::count::Counter;
 use self::held_back::HeldBack;
-use self::path::{FAR, Rates};
+use self::path::{FAR, Limits};
 use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::error;
-use crate::device::{Instant, Output, Rotation, Sink};
+use crate::device::{Context, Instant, Output, Rotation};
 use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK, scaled};
 
 /// The most and the least duty that is not 0: 0.98 and 0.01 of the supply (3).
@@ -55,9 +55,9 @@ enum Order {
     /// Turn on and on.
     Rotate { forward: bool },
     /// To the middle of that count.
-    Move { count: i64, rates: Rates },
+    Move { count: i64, rates: Limits },
     /// To standstill; how it slows down if it was a move.
-    Stop { rates: Option<Rates> },
+    Stop { rates: Option<Limits> },
     /// To standstill with shorted terminals.
     Halt,
 }
@@ -133,20 +133,20 @@ impl Servo {
     }
 
     /// Power has come, or comes again: tells the motor its terminals. The motor itself is the one it was.
-    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) {
+    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self::new(at, settings);
         if feedback.is_reported() {
             self.feedback = feedback;
         }
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
-        out.put(at, Output::Current { axis: AXIS, ma: self.limit_ma });
+        out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_ma });
     }
 
     /// Registers have been written. A move keeps the speed and the ramps that it began with; all else follows at
     /// once: continuous rotation, the sensors, the limit of the current, and the terminals of a motor that stands.
     /// Returns whether anything has changed.
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Sink) -> bool {
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
         if settings == self.settings {
             return false;
         }
@@ -177,7 +177,7 @@ impl Servo {
     }
 
     /// Continuous rotation, or the other way by way of standstill.
-    pub(super) fn rotate(&mut self, at: Instant, forward: bool, out: &mut dyn Sink) {
+    pub(super) fn rotate(&mut self, at: Instant, forward: bool, out: &mut dyn Context) {
         self.goal = None;
         self.begin(at, Order::Rotate { forward }, if forward { 1 } else { -1 }, out);
     }
@@ -185,7 +185,7 @@ impl Servo {
     /// So many counts on from where it is, with two Hall sensors. Where it stops lies `compensation` counts further
     /// along the motion, but never behind its beginning; what is left counts down to the `counts` themselves.
     /// Where there is no way to go there is no motion, and nothing left.
-    pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Sink) {
+    pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Context) {
         let sign = i64::from(counts.signum());
         let way = i64::from(counts) + sign * i64::from(compensation);
         if way.signum() != sign || sign == 0 {
@@ -220,7 +220,7 @@ impl Servo {
     }
 
     /// To standstill without a ramp.
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.is_moving() {
             return;
         }
@@ -229,7 +229,7 @@ impl Servo {
     }
 
     /// Begins what was ordered, with a tick at once if nothing has moved so far.
-    fn begin(&mut self, at: Instant, order: Order, facing: i8, out: &mut dyn Sink) {
+    fn begin(&mut self, at: Instant, order: Order, facing: i8, out: &mut dyn Context) {
         let moved = self.is_moving();
         self.order = order;
         if moved {
@@ -284,13 +284,13 @@ impl Servo {
     }
 
     /// The next tick may be due.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if at >= self.next {
             self.tick(at, out);
         }
     }
 
-    fn tick(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn tick(&mut self, at: Instant, out: &mut dyn Context) {
         self.next = at + TICK;
         if self.order == Order::Halt {
             self.brake_short(at, out);
@@ -310,7 +310,7 @@ impl Servo {
     }
 
     /// With shorted terminals, until the motor stands or is as slow as its load lets it.
-    fn brake_short(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn brake_short(&mut self, at: Instant, out: &mut dyn Context) {
         self.pace = self.speed_at(at);
         let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.pace));
         let motor = &self.feedback.motor;
@@ -322,7 +322,7 @@ impl Servo {
     }
 
     /// Without sensors: the duty follows the ramp, and the motor turns as its load lets it.
-    fn steer(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn steer(&mut self, at: Instant, out: &mut dyn Context) {
         let (target, rates) = self.target(at, I40F24::ZERO);
         self.pace = rates.ramped(self.pace, target);
         if self.pace == 0 && target == 0 {
@@ -340,7 +340,7 @@ impl Servo {
     }
 
     /// With sensors.
-    fn regulate(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn regulate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_miswired(at) {
             self.errors |= error::HALL;
         }
@@ -418,7 +418,7 @@ impl Servo {
     }
 
     /// The speed to go for, and the ramps to it.
-    fn target(&self, at: Instant, speed: I40F24) -> (I40F24, Rates) {
+    fn target(&self, at: Instant, speed: I40F24) -> (I40F24, Limits) {
         let rates = self.settings.rates();
         match self.order {
             Order::Rotate { forward: true } => (rates.speed, rates),
@@ -456,7 +456,7 @@ impl Servo {
     }
 
     /// Ends the motion at standstill.
-    fn rest(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn rest(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.order, Order::Move { .. }) {
             (self.goal, self.left) = (None, 0);
         }
@@ -477,7 +477,7 @@ impl Servo {
         }
     }
 
-    fn apply(&mut self, at: Instant, duty: i32, out: &mut dyn Sink) {
+    fn apply(&mut self, at: Instant, duty: i32, out: &mut dyn Context) {
         if duty != self.duty {
             self.duty = duty;
             out.put(at, Output::Duty { axis: AXIS, duty });
@@ -485,12 +485,12 @@ impl Servo {
     }
 
     /// Opens or closes the terminals, as it moves and as MODE_COIL says.
-    fn terminals(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn terminals(&mut self, at: Instant, out: &mut dyn Context) {
         let closed = self.is_moving() || self.settings.closed;
         let ma = if closed { self.settings.limit_ma } else { 0 };
         if ma != self.limit_ma {
             self.limit_ma = ma;
-            out.put(at, Output::Current { axis: AXIS, ma });
+            out.put(at, Output::CurrentLimit { axis: AXIS, ma });
         }
     }
 

@@ -16,13 +16,13 @@ const BRAKE_QUARTERS: i64 = 3;
 
 /// Speed and ramps, in counts, ticks and ticks².
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Rates {
+pub(super) struct Limits {
     pub(super) speed: I40F24,
     pub(super) up: I40F24,
     pub(super) down: I40F24,
 }
 
-impl Rates {
+impl Limits {
     /// The same motion of the shaft, where a turn has `to` counts and not `from` any more.
     pub(super) fn rescaled(self, to: i64, from: i64) -> Self {
         let [speed, up, down] = [self.speed, self.up, self.down].map(|rate| scaled(rate, to, from));

@@ -2,7 +2,7 @@
 
 use fixed::types::I40F24;
 
-use super::path::Rates;
+use super::path::Limits;
 use crate::motor::Parameters;
 
 /// Ticks of the servo in a second.
@@ -61,7 +61,7 @@ impl Settings {
     }
 
     /// Ramps and speeds.
-    pub(super) fn rates(&self) -> Rates {
-        Rates { speed: self.of_rpm(self.speed), up: self.of_ramp(self.acc), down: self.of_ramp(self.dec) }
+    pub(super) fn rates(&self) -> Limits {
+        Limits { speed: self.of_rpm(self.speed), up: self.of_ramp(self.acc), down: self.of_ramp(self.dec) }
     }
 }

@@ -6,15 +6,15 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Nowhere, Pin, Refused, Shaft, Spec, advance, feed,
+    Axis, Boot, Device, Duration, Fault, Input, NullContext, Pin, PresetError, Shaft, Spec, advance, feed,
 };
-use crate::motor::{Rig, Turns};
+use crate::motor::{DriveWithMotor, MotorDrive};
 use crate::testing::{Recorder, Treatment};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
 const HELD: Fault = Fault(0);
 
-static BARE: Spec = Spec { kind: "servo", ..Spec::BARE };
+static EMPTY: Spec = Spec { kind: "servo", ..Spec::EMPTY };
 
 /// What a test tells a drive that is nothing but a servo.
 mod tell {
@@ -48,7 +48,7 @@ struct Bare {
     servo: Option<Servo>,
 }
 
-impl Turns for Bare {
+impl MotorDrive for Bare {
     const HALLS: &'static [Pin] = &HALLS;
     const STALL: Option<Fault> = Some(HELD);
 
@@ -59,19 +59,19 @@ impl Turns for Bare {
 
 impl Device for Bare {
     fn spec(&self) -> &'static Spec {
-        &BARE
+        &EMPTY
     }
 
-    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
         let servo = self.servo.insert(Servo::new(at, self.settings));
         servo.power_on(at, self.settings, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Context) {
         let servo = self.servo.as_mut().unwrap();
         match input {
             Input::Edge { pin, high } => servo.edge(at, (pin == HALLS[0]) != self.swapped, high),
-            Input::Draws { ma, .. } => servo.draws(ma),
+            Input::MotorCurrent { ma, .. } => servo.draws(ma),
             Input::Motor { parameters, .. } => servo.motor(parameters),
             Input::Rotation { rotation, .. } => servo.turns(at, rotation),
             _ => {}
@@ -83,7 +83,7 @@ impl Device for Bare {
         self.servo.as_ref().map_or(Instant::NEVER, Servo::deadline)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let servo = self.servo.as_mut().unwrap();
         servo.timeout(at, out);
         self.errors |= servo.errors();
@@ -101,7 +101,13 @@ impl Device for Bare {
         }
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         let servo = self.servo.as_mut().unwrap();
         match row {
             tell::ROTATE => servo.rotate(at, value > 0, out),
@@ -148,7 +154,7 @@ fn edges_of_a() -> Recorder {
 
 /// A servo with its motor, and a clock.
 struct Bench {
-    rig: Rig<Bare>,
+    rig: DriveWithMotor<Bare>,
     now: Instant,
     edges: Recorder,
 }
@@ -170,8 +176,8 @@ impl Bench {
     }
 
     fn of(bare: Bare) -> Self {
-        let mut rig = Rig::new(bare);
-        rig.power_on(Instant::ZERO, Boot::default(), &mut Nowhere);
+        let mut rig = DriveWithMotor::new(bare);
+        rig.power_on(Instant::ZERO, Boot::default(), &mut NullContext);
         let mut bench = Self { rig, now: Instant::ZERO, edges: edges_of_a() };
         bench.run(TICK);
         bench

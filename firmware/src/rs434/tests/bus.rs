@@ -141,7 +141,7 @@ fn the_reply_leaves_after_the_silence() {
     assert!(dut.out.bytes.is_empty());
     dut.run_until(silence);
     assert_eq!(dut.out.sent(Port(0)), [(silence, rtu::frame(1, &[3, 2, 0x03, 0xE8]).to_vec())]);
-    assert_eq!(dut.out.noted(), [Note::Request { port: Port(0), unit: 1, function: 3 }]);
+    assert_eq!(dut.out.noted(), [LogEvent::Request { port: Port(0), unit: 1, function: 3 }]);
 }
 
 #[test]
@@ -169,7 +169,7 @@ fn a_new_random_number_at_each_read() {
 #[test]
 fn wrong_parity_is_bit_14() {
     let mut dut = ready();
-    dut.input(dut.now + CHARACTER, Input::Spoiled { port: Port(0) });
+    dut.input(dut.now + CHARACTER, Input::RxError { port: Port(0) });
     assert_eq!(dut.get(Reg::ERROR), 1 << 14);
     dut.wait(5.millis());
     assert_eq!(dut.read(0x5023), 1 << 14);

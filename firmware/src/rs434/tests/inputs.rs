@@ -3,11 +3,11 @@
 use super::*;
 
 /// A drive that its inputs control.
-fn by_inputs(way: i64) -> Fixture<Rig<Rs434>> {
+fn by_inputs(way: i64) -> Fixture<DriveWithMotor<Rs434>> {
     saved(&[(Reg::MODE_DEVICE, 2), (Reg::MODE_EXT_IN, way)])
 }
 
-impl Fixture<Rig<Rs434>> {
+impl Fixture<DriveWithMotor<Rs434>> {
     /// STATUS a while later.
     fn does(&mut self) -> i64 {
         self.wait(500.millis());

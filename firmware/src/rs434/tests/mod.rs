@@ -16,38 +16,38 @@ use drivetwin_protocol::time::Span;
 
 use super::{CLR_FLASH, GREEN, HARD_STOP, IN1, IN2, MEMORY, RED, Reg, Rs434, SETTINGS, rs434544, rs434546};
 use crate::device::{
-    Axis, Boot, Device, Duration, Input, Instant, Level, Note, Output, Pin, Port, Refused, Why,
+    Axis, Boot, Device, DropReason, Duration, Input, Instant, Level, LogEvent, Output, Pin, Port, PresetError,
 };
-use crate::motor::Rig;
+use crate::motor::DriveWithMotor;
 use crate::testing::{Fixture, Treatment};
 
 /// A character of 115,200 8E1: 11 bits, 1,527.8 ticks.
 const CHARACTER: Duration = Duration::from_ticks(1_528);
 
 /// A new drive with its motor, without power.
-fn without_power() -> Fixture<Rig<Rs434>> {
+fn without_power() -> Fixture<DriveWithMotor<Rs434>> {
     Fixture::new(rs434544()).ruled(|output| match output {
         Output::Bytes { .. }
         | Output::Level { .. }
         | Output::Line { .. }
-        | Output::Note(_)
+        | Output::Log(_)
         | Output::Store { .. } => Treatment::Keep,
         _ => Treatment::Refuse,
     })
 }
 
 /// A new drive that gets power at 0.
-fn booting() -> Fixture<Rig<Rs434>> {
+fn booting() -> Fixture<DriveWithMotor<Rs434>> {
     without_power().booting()
 }
 
 /// A new drive that is ready at 0.
-fn ready() -> Fixture<Rig<Rs434>> {
+fn ready() -> Fixture<DriveWithMotor<Rs434>> {
     without_power().ready()
 }
 
 /// A drive that is ready at 0 with these values saved before.
-fn saved(values: &[(Reg, i64)]) -> Fixture<Rig<Rs434>> {
+fn saved(values: &[(Reg, i64)]) -> Fixture<DriveWithMotor<Rs434>> {
     let mut dut = without_power();
     for (reg, value) in values {
         dut.set(*reg, *value);
@@ -55,7 +55,7 @@ fn saved(values: &[(Reg, i64)]) -> Fixture<Rig<Rs434>> {
     dut.ready()
 }
 
-impl Fixture<Rig<Rs434>> {
+impl Fixture<DriveWithMotor<Rs434>> {
     /// A frame from now on, ended by the line, and the reply that leaves for it; time goes on to its end.
     fn ask(&mut self, frame: &[u8]) -> Vec<u8> {
         let before = self.out.bytes.len();
@@ -70,7 +70,7 @@ impl Fixture<Rig<Rs434>> {
     /// A PDU to address 1, and that of the reply; empty if there is none.
     fn pdu(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.ask(&rtu::frame(1, pdu));
-        rtu::checked(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
+        rtu::verify_crc(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
     }
 
     /// Function 3 of one register.

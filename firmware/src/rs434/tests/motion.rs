@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Fixture<Rig<Rs434>> {
+impl Fixture<DriveWithMotor<Rs434>> {
     /// Time goes on until the motor stands.
     fn stand(&mut self) {
         for _ in 0..600_000 {
@@ -306,7 +306,7 @@ fn the_fault_current_limit_halves_the_limit() {
     let mut dut = saved(&[(Reg::REF_CURRENT, 4_000)]);
     dut.fault("stall", true);
     dut.coil(0x2000);
-    let held = |dut: &mut Fixture<Rig<Rs434>>| {
+    let held = |dut: &mut Fixture<DriveWithMotor<Rs434>>| {
         dut.wait(200.millis());
         dut.drive.shaft(dut.now, Axis(0)).unwrap().ma.abs()
     };
@@ -361,7 +361,7 @@ fn the_motor_warms_the_drive_a_little() {
 fn a_program_that_ends_leaves_the_motor_turning_and_one_that_ends_fully_stops_it() {
     // START, wait, and the end.
     let lines = |end| [0x0001_0001, 0x2000_1002, 0x01F4_0004, end];
-    let load = |dut: &mut Fixture<Rig<Rs434>>, lines: [u32; 4]| {
+    let load = |dut: &mut Fixture<DriveWithMotor<Rs434>>, lines: [u32; 4]| {
         let image = super::super::program::image(lines);
         dut.out.memory[SETTINGS..].copy_from_slice(&image);
         dut.cycle();

@@ -29,7 +29,7 @@ fn delay(ms: u16) -> u32 {
 /// To itself, for ever.
 const STAY: u32 = 0x05 | 1 << 7;
 
-impl Fixture<Rig<Rs434>> {
+impl Fixture<DriveWithMotor<Rs434>> {
     /// Loads a program over the bus and saves it.
     fn load(&mut self, lines: &[u32]) {
         for (n, line) in (0..).zip(lines) {
@@ -82,7 +82,7 @@ fn a_full_stop_brings_the_registers_back() {
     // What the master writes meanwhile returns, too; the line, ERROR and the buffer stay.
     dut.set(Reg::TARGET_POSITION4, 45);
     dut.set(Reg::TIMEOUT_BROADCAST_MODBUS, 6);
-    assert_eq!(dut.try_set(Reg::SPEED, 1), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Reg::SPEED, 1), Err(PresetError::OutOfRange));
     dut.try_write(0x500B, 1);
     dut.wait(10.millis());
     assert_eq!((dut.status(), dut.get(Reg::PC_REG)), (6, 0));
@@ -183,7 +183,7 @@ fn nothing_saves_the_program_while_it_runs() {
     dut.load(&[set(0, 0x8426), put(HOLDING, 0x5025, 0), STAY]);
     let stores = dut.out.stores.clone();
     dut.start();
-    assert_eq!(dut.try_set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426), Err(Refused::Busy));
+    assert_eq!(dut.try_set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426), Err(PresetError::Busy));
     dut.wait(1.millis());
     assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::ERROR)), (7, 1, 1 << 8));
     assert_eq!(dut.out.stores, stores);

@@ -62,11 +62,11 @@ fn settings_of_the_other_model_become_those_of_the_factory() {
 #[test]
 fn presets_go_into_the_memory_of_a_drive_without_power() {
     let mut dut = without_power();
-    assert_eq!(dut.try_set(Reg::TARGET_POSITION4, 1), Err(Refused::ReadOnly));
-    assert_eq!(dut.try_set(Reg::SPEED, 29), Err(Refused::OutOfRange));
+    assert_eq!(dut.try_set(Reg::TARGET_POSITION4, 1), Err(PresetError::ReadOnly));
+    assert_eq!(dut.try_set(Reg::SPEED, 29), Err(PresetError::OutOfRange));
     dut.set(Reg::SPEED, 30);
     dut.out.memory[0] ^= 1;
-    assert_eq!(dut.try_set(Reg::SPEED, 31), Err(Refused::BadMemory));
+    assert_eq!(dut.try_set(Reg::SPEED, 31), Err(PresetError::BadMemory));
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn presets_of_a_running_drive_act_as_the_bus_does() {
     for reg in
         [Reg::IN1_bit, Reg::STATUS, Reg::CURRENT_POSITION, Reg::PC_REG, Reg::HW_MAJOR, Reg::TASK_COUNTER]
     {
-        assert_eq!(dut.try_set(reg, 1), Err(Refused::ReadOnly), "{reg:?}");
+        assert_eq!(dut.try_set(reg, 1), Err(PresetError::ReadOnly), "{reg:?}");
     }
     dut.set(Reg::CMD_W, 0x1234_0004);
     dut.set(Reg::WRITE_CMD, 3);
@@ -85,5 +85,5 @@ fn presets_of_a_running_drive_act_as_the_bus_does() {
     assert_eq!(dut.get(Reg::CLR_POSITION_bit), 0);
     dut.set(Reg::HX_REG, 8);
     assert_eq!(dut.read(0x7008), 8);
-    assert_eq!(dut.drive.poke(dut.now, 1_000, 0, &mut dut.out), Err(Refused::NoSuchRegister));
+    assert_eq!(dut.drive.poke(dut.now, 1_000, 0, &mut dut.out), Err(PresetError::NoSuchRegister));
 }

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Lights as they changed: when, red or green, on.
-fn lights(dut: &Fixture<Rig<Rs434>>) -> Vec<(u64, &'static str, bool)> {
+fn lights(dut: &Fixture<DriveWithMotor<Rs434>>) -> Vec<(u64, &'static str, bool)> {
     let name = |pin| if pin == RED { "red" } else { "green" };
     let lit = dut.out.levels.iter().filter(|(_, pin, _)| [RED, GREEN].contains(pin));
     lit.map(|(at, pin, level)| (at.ticks() / 16_000, name(*pin), *level == Level::High)).collect()
@@ -14,7 +14,7 @@ fn it_is_deaf_for_half_a_second() {
     let mut dut = booting();
     dut.run_until(200.millis());
     assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
-    assert_eq!(dut.out.noted(), [Note::Dropped { port: Port(0), why: Why::Starting }]);
+    assert_eq!(dut.out.noted(), [LogEvent::Dropped { port: Port(0), why: DropReason::Starting }]);
     // The last character that is lost ends with the start.
     dut.run_until(Instant::from(500.millis()) - CHARACTER);
     assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());

@@ -1,6 +1,8 @@
 //! Lines of Modbus ASCII: a line feed ends a message, and silence means nothing.
 
-use drivetwin_firmware::device::{Boot, Ends, Input, Note, Output, PortSpec, Refused, Sink, Spec, Why};
+use drivetwin_firmware::device::{
+    Boot, Context, DropReason, Framing, Input, LogEvent, Output, PortSpec, PresetError, Spec,
+};
 use drivetwin_protocol::modbus::ascii;
 
 use super::*;
@@ -15,35 +17,37 @@ static SPEC: Spec = Spec {
     kind: "echo",
     product: "an echo",
     manual: "this file",
-    ports: &[PortSpec { name: "rs485", ends: Ends::Silence, line: Some(LINE) }],
-    ..Spec::BARE
+    ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(LINE) }],
+    ..Spec::EMPTY
 };
 
 /// Sends every message for its address back, the function `TWICE` twice at once.
 struct Echo {
     address: u8,
-    receiver: ascii::Receiver,
+    receiver: ascii::AsciiReceiver,
 }
 
 const TWICE: u8 = 2;
 
 impl Echo {
     fn at(address: u8) -> Self {
-        Self { address, receiver: ascii::Receiver::new(LINE) }
+        Self { address, receiver: ascii::AsciiReceiver::new(LINE) }
     }
 
-    fn serve(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         match self.receiver.take() {
             None => {}
-            Some(Err(why)) => out.put(at, Output::Note(Note::Dropped { port: RS485, why })),
+            Some(Err(why)) => out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why })),
             Some(Ok(&[unit, function])) if unit == self.address || unit == 0 => {
-                out.put(at, Output::Note(Note::Request { port: RS485, unit, function }));
+                out.put(at, Output::Log(LogEvent::Request { port: RS485, unit, function }));
                 let answers = ascii::encode(&[unit, function]).repeat(if function == TWICE { 2 } else { 1 });
                 if unit != 0 {
                     out.put(at, Output::Bytes { port: RS485, bytes: &answers });
                 }
             }
-            Some(Ok(_)) => out.put(at, Output::Note(Note::Dropped { port: RS485, why: Why::Address })),
+            Some(Ok(_)) => {
+                out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Address }))
+            }
         }
     }
 }
@@ -53,16 +57,16 @@ impl Device for Echo {
         &SPEC
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {}
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Bytes { bytes, .. } => {
                 let end = bytes.iter().position(|&byte| byte == b'\n');
                 assert!(end.is_none_or(|end| end + 1 == bytes.len()), "{}", bytes.escape_ascii());
                 self.receiver.bytes(at, bytes);
             }
-            Input::Spoiled { .. } => self.receiver.spoiled(at),
+            Input::RxError { .. } => self.receiver.spoiled(at),
             Input::Idle { .. } => self.serve(at, out),
             _ => {}
         }
@@ -72,7 +76,7 @@ impl Device for Echo {
         self.receiver.deadline()
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.serve(at, out);
     }
 
@@ -80,8 +84,14 @@ impl Device for Echo {
         0
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::NoSuchRegister)
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        _value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
     }
 }
 
@@ -91,9 +101,10 @@ fn ask(address: u8, function: u8) -> Vec<u8> {
 }
 
 /// Two echoes on one line, at addresses 1 and 2, and a client there.
-fn echoes(line: LineMode) -> (Bench, [Seat; 2], Client) {
+fn echoes(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
-    let mut echo = |name, address| bench.seat(name, Box::new(Echo::at(address)), Setup::default()).unwrap();
+    let mut echo =
+        |name, address| bench.add_with(name, Box::new(Echo::at(address)), Setup::default()).unwrap();
     let seats = [echo("x", 1), echo("y", 2)];
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
     let client = bench.connect(bus);
@@ -101,7 +112,7 @@ fn echoes(line: LineMode) -> (Bench, [Seat; 2], Client) {
 }
 
 /// Requests and drops that a port has seen.
-fn seen(bench: &Bench, seat: Seat) -> (u64, u64) {
+fn seen(bench: &Bench, seat: DriveId) -> (u64, u64) {
     let statistics = bench.statistics(seat, RS485);
     (statistics.requests, statistics.dropped())
 }
@@ -228,7 +239,7 @@ fn fast_takes_no_time() {
     assert!(bench.now() <= Instant::ZERO + Duration::TICK * 10);
     let make = |_: &str| Some(Box::new(Echo::at(2)) as Box<dyn Device>);
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
-    let seat = bench.seat("echo", make("echo").unwrap(), Setup::default()).unwrap();
+    let seat = bench.add_with("echo", make("echo").unwrap(), Setup::default()).unwrap();
     assert_eq!(bench.ask(seat, &ask(2, 65)), ask(2, 65));
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));

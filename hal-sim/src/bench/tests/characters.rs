@@ -9,8 +9,8 @@ const CHARACTER: Duration = Duration::from_ticks(1_389);
 /// Characters of its answer to `r`.
 const ANSWER: usize = 3;
 
-fn toy(line: LineMode) -> (Bench, Seat, Bus) {
-    let mut bench = Bench::with(Settings { line, trace: TraceKeep::All, ..Settings::default() });
+fn toy(line: LineMode) -> (Bench, DriveId, Bus) {
+    let mut bench = Bench::with(Settings { line, trace: Retention::All, ..Settings::default() });
     let toy = bench.add::<Toy>("toy");
     let bus = bench.bus(toy, toy::USB).unwrap();
     (bench, toy, bus)
@@ -41,13 +41,13 @@ fn characters_have_the_same_stamps_however_they_come() {
     let client = bench.connect(bus);
     bench.send(client, b"r0");
     bench.run_until(ends(2) - Duration::TICK);
-    assert_eq!(bench.level(Seat(0), toy::OUT), Level::High);
+    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::High);
     bench.run_until(ends(2));
-    assert_eq!(bench.level(Seat(0), toy::OUT), Level::Low, "heard while it sends");
+    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::Low, "heard while it sends");
     // A client goes on in the middle of an answer.
     bench.send(client, b"1");
     bench.run_until(ends(3));
-    assert_eq!(bench.level(Seat(0), toy::OUT), Level::High);
+    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::High);
     assert_eq!(received(&mut bench, client).len(), 2);
 }
 
@@ -162,7 +162,7 @@ fn clients_take_turns_in_the_order_of_arrival() {
 fn an_exchange_ends_with_its_answer() {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
     let bus = bench.bus(qsb, Port(0)).unwrap();
     let (client, other) = (bench.connect(bus), bench.connect(bus));
     bench.run_until(10.millis());
@@ -211,7 +211,7 @@ fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
     for manual in [false, true] {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
         let setup = Setup { boot_fast: true, ..Setup::default() };
-        let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+        let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
         bench.run_until(1.millis());
         let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
         let now = bench.now();
@@ -236,7 +236,7 @@ fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
 fn fast_lets_a_polled_drive_stream() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
     // A record every 5/512 s, whatever the count is.
     bench.send(client, b"W0B0\rW0C5\rS0E\r");
@@ -263,7 +263,7 @@ fn fast_lets_a_polled_drive_stream() {
 fn fast_leaves_a_stream_its_pace() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let qsb = bench.seat("qsb", Box::new(Qsb::d()), setup).unwrap();
+    let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
     // Every tick of 512 Hz, whatever the count is.
     bench.send(client, b"W0B0\rW0C1\rS0E\r");

@@ -1,12 +1,12 @@
 //! Contacts of which a drive knows whether they are wired: those of an MD controller.
 
 use drivetwin_firmware::mdrobot::mdrobot;
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 
 use super::*;
 
-fn controller(bench: &mut Bench) -> (Seat, impl Fn(&str) -> Pin + use<>) {
-    let seat = bench.seat("c", Box::new(mdrobot()), Setup::default()).unwrap();
+fn controller(bench: &mut Bench) -> (DriveId, impl Fn(&str) -> Pin + use<>) {
+    let seat = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
     let spec = bench.spec(seat);
     (seat, move |name: &str| spec.pin(name).unwrap())
 }
@@ -14,7 +14,8 @@ fn controller(bench: &mut Bench) -> (Seat, impl Fn(&str) -> Pin + use<>) {
 /// What the trace says of contacts from `from` on.
 fn contacts(bench: &Bench, from: Instant) -> Vec<String> {
     let entries = bench.trace().events().filter(|entry| {
-        entry.at >= from && matches!(entry.event, trace::Event::Fed(Fed::Edge { .. } | Fed::Open { .. }))
+        entry.at >= from
+            && matches!(entry.event, trace::Event::Input(InputRecord::Edge { .. } | InputRecord::Open { .. }))
     });
     let told = |entry: &trace::Entry| (bench.trace().words(entry), entry.at.since(from).ticks());
     entries.map(told).map(|(words, ticks)| format!("{ticks} {words}")).collect()
@@ -37,7 +38,13 @@ fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
     bench.run_until(1.secs());
     assert_eq!(bench.level(seat, pin("START_STOP")), Level::Float);
     assert_eq!(contacts(&bench, Instant::ZERO), [""; 0]);
-    for drive in [Driving::Low, Driving::Open, Driving::Open, Driving::High, Driving::Millivolts(1_400)] {
+    for drive in [
+        PinStimulus::Low,
+        PinStimulus::Open,
+        PinStimulus::Open,
+        PinStimulus::High,
+        PinStimulus::Millivolts(1_400),
+    ] {
         bench.set_pin(seat, pin("START_STOP"), drive);
         bench.run_until(bench.now() + 1.millis());
     }
@@ -51,8 +58,8 @@ fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
         ]
     );
     // Power does not make it news that nobody is there, but that somebody is.
-    bench.set_pin(seat, pin("START_STOP"), Driving::Open);
-    bench.set_pin(seat, pin("DIR"), Driving::High);
+    bench.set_pin(seat, pin("START_STOP"), PinStimulus::Open);
+    bench.set_pin(seat, pin("DIR"), PinStimulus::High);
     bench.run_until(2.secs());
     bench.power(seat, PowerAction::Cycle);
     bench.run_until(3.secs());
@@ -88,9 +95,9 @@ fn a_wire_pulls_up_what_it_does_not_drive() {
     bench.run_until(1.millis());
     assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR high"]);
     // Hands, then the wire.
-    bench.set_pin(seat, pin("DIR"), Driving::Low);
+    bench.set_pin(seat, pin("DIR"), PinStimulus::Low);
     bench.run_until(2.millis());
-    bench.set_pin(seat, pin("DIR"), Driving::Open);
+    bench.set_pin(seat, pin("DIR"), PinStimulus::Open);
     bench.run_until(3.millis());
     assert_eq!(contacts(&bench, Instant::from(1.millis())), ["1 pin DIR low", "16001 pin DIR high"]);
     bench.power(seat, PowerAction::Cycle);
@@ -115,7 +122,8 @@ fn a_switch_is_a_contact_that_is_wired() {
     let mut bench = Bench::new();
     let (seat, pin) = controller(&mut bench);
     let toy = bench.add::<Toy>("toy");
-    let motor = bench.fit("m", toy, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+    let motor =
+        bench.attach_motor("m", toy, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
     // The shaft is at 0.
     for (name, from) in [("DIR", -1.0), ("START_STOP", 1.0)] {
         let closed = Closed { above_rev: Some(from), below_rev: None };

@@ -10,14 +10,14 @@ const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
 const QUIET: LineFaults = LineFaults::NONE;
 
 /// MD3s at addresses 1 and 2 on one line disturbed so, at 1 ms, and a client there.
-fn disturbed(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [Seat; 2], Bus, Client) {
+fn line_faults(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [DriveId; 2], Bus, Client) {
     let settings =
-        Settings { seed, line, trace: TraceKeep::All, capture: TraceKeep::All, ..Settings::default() };
+        Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
     let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.run_until(start());
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
-    bench.disturb(bus, faults);
+    bench.set_line_faults(bus, faults);
     let client = bench.connect(bus);
     (bench, seats, bus, client)
 }
@@ -59,8 +59,8 @@ pub(super) fn any_faults() -> impl Strategy<Value = LineFaults> {
 
 #[test]
 fn an_undisturbed_line_is_as_it_is() {
-    let (mut bench, [x, _], bus, client) = disturbed(LineMode::Timed, 1, QUIET);
-    assert_eq!(bench.disturbed(bus), LineFaults::default());
+    let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    assert_eq!(bench.line_faults(bus), LineFaults::default());
     assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
     let answer = leaves().ticks();
     assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..]), (answer, Source::Drive(x), &ANSWER[..])]);
@@ -72,7 +72,7 @@ fn an_undisturbed_line_is_as_it_is() {
 #[test]
 fn a_lost_request_is_over_when_it_would_be_judged() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, [x, _], _, client) = disturbed(line, 1, LineFaults { drop: 1.0, ..QUIET });
+        let (mut bench, [x, _], _, client) = line_faults(line, 1, LineFaults { drop: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         if line == LineMode::Timed {
             assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
@@ -85,7 +85,7 @@ fn a_lost_request_is_over_when_it_would_be_judged() {
 #[test]
 fn a_reply_that_nobody_hears_takes_its_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, [x, y], bus, client) = disturbed(line, 1, LineFaults { mute: true, ..QUIET });
+        let (mut bench, [x, y], bus, client) = line_faults(line, 1, LineFaults { mute: true, ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         if line == LineMode::Timed {
             assert_eq!(bench.now(), start() + leaves() + SEVEN);
@@ -95,7 +95,7 @@ fn a_reply_that_nobody_hears_takes_its_time() {
         // Nor does the other drive: it has heard the request only.
         bench.run_until(1.secs());
         assert_eq!(bench.statistics(y, RS485).foreign, 1);
-        bench.disturb(bus, QUIET);
+        bench.set_line_faults(bus, QUIET);
         assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
     }
 }
@@ -105,13 +105,13 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
     // 7.22: 9,600 baud, no parity, one stop bit.
     for (configuration, count) in [(0x21, (1, 0)), (0x01, (0, 1))] {
         for seed in 0..50 {
-            let mut bench = Bench::with(Settings { seed, capture: TraceKeep::All, ..Settings::default() });
+            let mut bench = Bench::with(Settings { seed, capture: Retention::All, ..Settings::default() });
             let presets = vec![(Reg::SerialPortConfiguration as usize, configuration)];
             let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-            let x = bench.seat("x", Box::new(Md3::new()), setup).unwrap();
+            let x = bench.add_with("x", Box::new(Md3::new()), setup).unwrap();
             bench.run_until(start());
             let bus = bench.bus(x, RS485).unwrap();
-            bench.disturb(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            bench.set_line_faults(bus, LineFaults { corrupt: 1.0, ..QUIET });
             assert_eq!(bench.ask(x, &ASKED), [0; 0]);
             let Statistics { spoiled, crc, .. } = bench.statistics(x, RS485);
             assert_eq!((spoiled, crc), count);
@@ -119,10 +119,10 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
             let turned: u32 = seen.2.iter().zip(ASKED).map(|(seen, sent)| (seen ^ sent).count_ones()).sum();
             assert_eq!((seen.2.len(), turned), (8, 1));
             // A reply reaches a client with its wrong bit: there is no parity on a pty or in TCP.
-            bench.disturb(bus, QUIET);
+            bench.set_line_faults(bus, QUIET);
             let client = bench.connect(bus);
             bench.send(client, &ASKED);
-            bench.disturb(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            bench.set_line_faults(bus, LineFaults { corrupt: 1.0, ..QUIET });
             bench.settle();
             let heard = received(&mut bench, client);
             let turned: u32 = heard.iter().zip(ANSWER).map(|(heard, sent)| (heard ^ sent).count_ones()).sum();
@@ -136,7 +136,7 @@ fn a_frame_without_its_end_takes_all_its_time() {
     let mut lengths = [0; 8];
     for seed in 0..200 {
         let (mut bench, [x, _], _, client) =
-            disturbed(LineMode::Timed, seed, LineFaults { truncate: 1.0, ..QUIET });
+            line_faults(LineMode::Timed, seed, LineFaults { truncate: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
         let seen = frames(&bench);
@@ -153,7 +153,7 @@ fn a_frame_without_its_end_takes_all_its_time() {
 #[test]
 fn what_comes_twice_comes_again_behind_silence() {
     let (mut bench, [x, _], _, client) =
-        disturbed(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+        line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let write = rtu::write(1, 0x15, 7);
     let heard = exchange(&mut bench, client, &write);
     assert_eq!(heard, write.repeat(4), "the answer to a write is the write");
@@ -165,7 +165,7 @@ fn what_comes_twice_comes_again_behind_silence() {
     assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected);
     assert_eq!(bench.now(), start() + round + round - T3_5);
     // And for those who wait for the line.
-    let (mut bench, _, bus, client) = disturbed(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let other = bench.connect(bus);
     bench.send(client, &write);
     bench.send(other, &rtu::read(2, 0, 1));
@@ -176,7 +176,8 @@ fn what_comes_twice_comes_again_behind_silence() {
 
 #[test]
 fn what_comes_twice_comes_twice_where_characters_take_no_time() {
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let (mut bench, [x, _], _, client) =
+        line_faults(LineMode::Fast, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let write = rtu::write(1, 0x15, 7);
     assert_eq!(exchange(&mut bench, client, &write), write.repeat(4));
     assert_eq!(bench.statistics(x, RS485).requests, 2);
@@ -186,15 +187,15 @@ fn what_comes_twice_comes_twice_where_characters_take_no_time() {
 #[test]
 fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, _, _, client) = disturbed(line, 1, LineFaults { wrong_address: 1.0, ..QUIET });
+        let (mut bench, _, _, client) = line_faults(line, 1, LineFaults { wrong_address: 1.0, ..QUIET });
         let answer = exchange(&mut bench, client, &ASKED);
         // 2 is taken.
-        assert_eq!(rtu::checked(&answer), Some(&[3, 3, 2, 0, 1][..]));
+        assert_eq!(rtu::verify_crc(&answer), Some(&[3, 3, 2, 0, 1][..]));
     }
     let mut bench = Bench::new();
     let x = md3(&mut bench, "x", 247);
     bench.run_until(start());
-    bench.disturb(bench.bus(x, RS485).unwrap(), LineFaults { wrong_address: 1.0, ..QUIET });
+    bench.set_line_faults(bench.bus(x, RS485).unwrap(), LineFaults { wrong_address: 1.0, ..QUIET });
     assert_eq!(bench.ask(x, &rtu::read(247, 0, 1))[0], 1);
 }
 
@@ -202,10 +203,10 @@ fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
 fn a_refused_request_is_not_carried_out() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let faults = LineFaults { exception: 1.0, exception_code: 6, ..QUIET };
-        let (mut bench, [x, _], bus, client) = disturbed(line, 1, faults);
+        let (mut bench, [x, _], bus, client) = line_faults(line, 1, faults);
         let write = rtu::write(1, 0x15, 7);
         let answer = exchange(&mut bench, client, &write);
-        assert_eq!(rtu::checked(&answer), Some(&[1, 0x86, 6][..]));
+        assert_eq!(rtu::verify_crc(&answer), Some(&[1, 0x86, 6][..]));
         assert_eq!(bench.peek(x, Reg::Speed as usize), 5_000);
         if line == LineMode::Timed {
             // As long as any request and a refusal.
@@ -217,23 +218,23 @@ fn a_refused_request_is_not_carried_out() {
         assert_eq!(exchange(&mut bench, client, &rtu::write(0, 0x15, 7)), [0; 0]);
         assert_eq!(bench.peek(x, Reg::Speed as usize), 7);
         // The drive's own refusals stay its own.
-        bench.disturb(bus, QUIET);
+        bench.set_line_faults(bus, QUIET);
         let answer = exchange(&mut bench, client, &rtu::frame(1, &[110, 0]));
-        assert_eq!(rtu::checked(&answer), Some(&[1, 0x80 | 110, 1][..]));
+        assert_eq!(rtu::verify_crc(&answer), Some(&[1, 0x80 | 110, 1][..]));
     }
 }
 
 #[test]
 fn an_exception_that_there_is_not_acts_as_the_nearest() {
     let faults = LineFaults { exception: 1.0, exception_code: 0, ..QUIET };
-    let (mut bench, _, _, client) = disturbed(LineMode::Timed, 1, faults);
-    assert_eq!(rtu::checked(&exchange(&mut bench, client, &ASKED)), Some(&[1, 0x83, 1][..]));
+    let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, faults);
+    assert_eq!(rtu::verify_crc(&exchange(&mut bench, client, &ASKED)), Some(&[1, 0x83, 1][..]));
 }
 
 #[test]
 fn a_late_reply_occupies_the_line_later() {
     let delay = Duration::millis(5);
-    let (mut bench, [x, y], _, client) = disturbed(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
     bench.send(client, &[ASKED, ASKED].concat());
     bench.run_until(start() + leaves() + delay + CHARACTER - Duration::TICK);
     assert_eq!(received(&mut bench, client), [0; 0]);
@@ -246,7 +247,7 @@ fn a_late_reply_occupies_the_line_later() {
     bench.run_until(1.secs());
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).foreign), (2, 4));
 
-    let (mut bench, _, _, client) = disturbed(LineMode::Fast, 1, LineFaults { delay, ..QUIET });
+    let (mut bench, _, _, client) = line_faults(LineMode::Fast, 1, LineFaults { delay, ..QUIET });
     assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
     assert!(bench.now().since(start() + delay) <= Duration::TICK, "{:?}", bench.now());
 }
@@ -254,7 +255,7 @@ fn a_late_reply_occupies_the_line_later() {
 #[test]
 fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
     let delay = Duration::millis(100);
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
     bench.send(client, &ASKED);
     // Three characters have left, and come 100 ms later.
     bench.run_until(start() + leaves() + CHARACTER * 3);
@@ -266,7 +267,7 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
 #[test]
 fn power_that_fails_cuts_what_its_drive_says_and_nothing_else() {
     // Two with one address answer at once, and one of them loses power.
-    let (mut bench, [x, y], _, client) = disturbed(LineMode::Timed, 1, QUIET);
+    let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, QUIET);
     bench.poke(y, Reg::DeviceAddress as usize, 1).unwrap();
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
@@ -281,7 +282,7 @@ fn power_that_fails_cuts_what_its_drive_says_and_nothing_else() {
     assert_eq!(received(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
 
     // What comes behind an answer comes for whoever listens.
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
@@ -295,7 +296,7 @@ fn power_that_fails_cuts_what_its_drive_says_and_nothing_else() {
 #[test]
 fn noise_comes_behind_frames_and_spoils_none() {
     let faults = LineFaults { noise: 1.0, ..QUIET };
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Timed, 1, faults);
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, faults);
     let heard = exchange(&mut bench, client, &ASKED);
     let seen = frames(&bench);
     let [
@@ -327,48 +328,48 @@ fn noise_comes_behind_frames_and_spoils_none() {
 #[test]
 fn another_baud_rate_is_garbage_both_ways() {
     let faults = LineFaults { baud: Some(4_800), ..QUIET };
-    let (mut bench, [x, _], bus, client) = disturbed(LineMode::Timed, 1, faults);
+    let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, faults);
     assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
     assert_eq!(bench.statistics(x, RS485).spoiled, 1);
     let frame = bench.capture().since(0).next().unwrap();
     // 11 bits at 4,800 baud are 2,291.67 µs.
     assert_eq!((frame.line.unwrap().baud, frame.lasts), (4_800, Duration::from_ticks(8 * 36_667)));
     // In the time of seven characters there is room for three of half the rate.
-    bench.disturb(bus, QUIET);
+    bench.set_line_faults(bus, QUIET);
     bench.send(client, &ASKED);
-    bench.disturb(bus, faults);
+    bench.set_line_faults(bus, faults);
     bench.settle();
     let heard = received(&mut bench, client);
     assert_eq!(heard.len(), 3);
     assert_ne!(heard, ANSWER[..3]);
-    bench.disturb(bus, LineFaults { baud: Some(9_600), ..QUIET });
+    bench.set_line_faults(bus, LineFaults { baud: Some(9_600), ..QUIET });
     assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
 }
 
 #[test]
 fn characters_are_disturbed_by_what_was_written_at_once() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let mut bench = Bench::with(Settings { line, capture: TraceKeep::All, ..Settings::default() });
+        let mut bench = Bench::with(Settings { line, capture: Retention::All, ..Settings::default() });
         let toy = bench.add::<Toy>("t");
         let bus = bench.bus(toy, toy::USB).unwrap();
         let client = bench.connect(bus);
-        bench.disturb(bus, LineFaults { drop: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { drop: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"rrr"), [0; 0]);
         assert_eq!(bench.backlog(client), 0);
-        bench.disturb(bus, LineFaults { duplicate: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { duplicate: 1.0, ..QUIET });
         // Two of the request, and each answer of three characters twice.
         assert_eq!(exchange(&mut bench, client, b"r").len(), 12);
-        bench.disturb(bus, LineFaults { truncate: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"10");
         bench.settle();
         assert_eq!(bench.level(toy, toy::OUT), Level::High, "the 1 was heard, and the 0 was not");
-        bench.disturb(bus, LineFaults { mute: true, wrong_address: 1.0, exception: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { mute: true, wrong_address: 1.0, exception: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"0r"), [0; 0]);
         assert_eq!(bench.level(toy, toy::OUT), Level::Low);
-        bench.disturb(bus, LineFaults { wrong_address: 1.0, exception: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { wrong_address: 1.0, exception: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"r").len(), 3);
         let before = bench.capture().seen();
-        bench.disturb(bus, LineFaults { noise: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { noise: 1.0, ..QUIET });
         bench.send(client, b"x");
         bench.settle();
         let noise = bench.capture().since(before).filter(|frame| frame.from == Source::Noise).count();
@@ -383,12 +384,13 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
     let bus = bench.bus(toy, toy::USB).unwrap();
     let client = bench.connect(bus);
     bench.send(client, b"s");
-    bench.disturb(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
+    bench
+        .set_line_faults(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
     // A copy and noise behind it, each after 1.75 ms, and the next one comes after 3 ms: there is no room.
     bench.run_until(20.secs());
     let dots = received(&mut bench, client).iter().filter(|&&byte| byte == b'.').count();
     assert!((6_450..13_300).contains(&dots), "{dots}");
-    bench.disturb(bus, QUIET);
+    bench.set_line_faults(bus, QUIET);
     bench.send(client, b"s");
     bench.run_until(Instant::from(20.secs()) + 520.millis());
     received(&mut bench, client);
@@ -398,13 +400,13 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
 #[test]
 fn shares_are_what_they_say() {
     // Over 10,000 frames, within 4 σ = 4·√(n·p·(1 − p)); an answer needs two frames that are not lost.
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, LineFaults { drop: 0.3, ..QUIET });
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, LineFaults { drop: 0.3, ..QUIET });
     let answers = (0..10_000).filter(|_| !exchange(&mut bench, client, &ASKED).is_empty()).count();
     assert!(bench.statistics(x, RS485).requests.abs_diff(7_000) < 184);
     assert!(answers.abs_diff(4_900) < 200, "{answers}");
 
     let faults = LineFaults { wrong_address: 0.2, exception: 0.1, ..QUIET };
-    let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, faults);
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, faults);
     let answers: Vec<Vec<u8>> = (0..10_000).map(|_| exchange(&mut bench, client, &ASKED)).collect();
     let refused = answers.iter().filter(|answer| answer[1] == 0x83).count();
     let elsewhere = answers.iter().filter(|answer| answer[0] != 1).count();
@@ -415,7 +417,7 @@ fn shares_are_what_they_say() {
         ("corrupt", LineFaults { corrupt: 0.25, ..QUIET }, 0.25),
         ("truncate", LineFaults { truncate: 0.05, ..QUIET }, 0.05),
     ] {
-        let (mut bench, [x, _], _, client) = disturbed(LineMode::Fast, 1, faults);
+        let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, faults);
         for _ in 0..10_000 {
             exchange(&mut bench, client, &ASKED);
         }
@@ -424,7 +426,7 @@ fn shares_are_what_they_say() {
         assert!((good - 10_000.0 * (1.0 - ours)).abs() < 4.0 * sigma, "{name}: {good}");
     }
     for faults in [LineFaults { duplicate: 0.15, ..QUIET }, LineFaults { noise: 0.15, ..QUIET }] {
-        let (mut bench, _, _, client) = disturbed(LineMode::Fast, 1, faults);
+        let (mut bench, _, _, client) = line_faults(LineMode::Fast, 1, faults);
         let silent = rtu::write(0, 0x15, 1);
         for _ in 0..10_000 {
             exchange(&mut bench, client, &silent);
@@ -443,7 +445,7 @@ fn is_answered(bench: &mut Bench, client: Client) -> bool {
 
 /// Which of 300 requests are answered, and all that is to be seen of them.
 fn answered(seed: u64, faults: LineFaults) -> (Vec<bool>, String) {
-    let (mut bench, _, _, client) = disturbed(LineMode::Fast, seed, faults);
+    let (mut bench, _, _, client) = line_faults(LineMode::Fast, seed, faults);
     let answered = (0..300).map(|_| is_answered(&mut bench, client)).collect();
     (answered, format!("{:?}{}", frames(&bench), bench.trace().to_text()))
 }
@@ -458,7 +460,7 @@ fn the_same_seed_is_the_same_chance() {
 
 /// Which of 300 requests reach the line.
 fn sent(faults: LineFaults) -> Vec<bool> {
-    let (mut bench, _, _, client) = disturbed(LineMode::Fast, 5, faults);
+    let (mut bench, _, _, client) = line_faults(LineMode::Fast, 5, faults);
     let reaches = |bench: &mut Bench| {
         let before = bench.capture().seen();
         exchange(bench, client, &ASKED);
@@ -493,11 +495,11 @@ fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
 fn chances_go_by_the_number_of_a_frame() {
     // Broadcasts, so that there are no replies.
     let lost = |from: usize| {
-        let (mut bench, [x, _], bus, client) = disturbed(LineMode::Fast, 5, QUIET);
+        let (mut bench, [x, _], bus, client) = line_faults(LineMode::Fast, 5, QUIET);
         let mut lost = Vec::new();
         for n in 0..300 {
             if n == from {
-                bench.disturb(bus, LineFaults { drop: 0.2, ..QUIET });
+                bench.set_line_faults(bus, LineFaults { drop: 0.2, ..QUIET });
             }
             let before = bench.statistics(x, RS485).requests;
             exchange(&mut bench, client, &rtu::write(0, 0x15, 1));
@@ -516,7 +518,7 @@ fn chances_go_by_the_number_of_a_frame() {
 #[test]
 fn a_retry_loop_gets_every_answer_at_last() {
     let (mut bench, _, _, client) =
-        disturbed(LineMode::Timed, 1, LineFaults { drop: 0.3, corrupt: 0.1, ..QUIET });
+        line_faults(LineMode::Timed, 1, LineFaults { drop: 0.3, corrupt: 0.1, ..QUIET });
     let mut tries = 0;
     for value in 0..200_u16 {
         let write = rtu::write(1, 0x15, value);
@@ -544,7 +546,7 @@ fn a_disturbed_trace_replays_without_its_faults() {
     };
     for line in [LineMode::Timed, LineMode::Fast] {
         let (mut bench, _, _, client) =
-            disturbed(line, 3, LineFaults { delay: Duration::millis(3), ..faults });
+            line_faults(line, 3, LineFaults { delay: Duration::millis(3), ..faults });
         for value in 0..100 {
             exchange(&mut bench, client, &rtu::write(1 + (value % 2) as u8, 0x15, value));
         }
@@ -554,13 +556,13 @@ fn a_disturbed_trace_replays_without_its_faults() {
 }
 
 /// A colliding line of MD3s, at 1 ms, and two clients there.
-fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [Seat; N], [Client; 2]) {
-    let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Client; 2]) {
+    let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let mut names = ["x", "y", "z"].into_iter();
     let seats = addresses.map(|address| md3(&mut bench, names.next().unwrap(), address));
     bench.run_until(start());
     let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
-    bench.let_collide(bus, true);
+    bench.set_collisions(bus, true);
     let clients = [bench.connect(bus), bench.connect(bus)];
     (bench, seats, clients)
 }
@@ -648,7 +650,7 @@ fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 4, crc: 1, ..Statistics::default() });
     // Without collisions they wait for each other.
     let bus = bench.find_bus("line1").unwrap();
-    bench.let_collide(bus, false);
+    bench.set_collisions(bus, false);
     bench.run_until(1.secs());
     bench.send(a, &ASKED);
     bench.send(b, &ASKED);

@@ -43,14 +43,14 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
 }
 
 /// An MD3 at an address, that listens when the bench is at [`start`].
-fn md3(bench: &mut Bench, name: &str, address: i64) -> Seat {
+fn md3(bench: &mut Bench, name: &str, address: i64) -> DriveId {
     let presets = vec![(Reg::DeviceAddress as usize, address)];
     let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-    bench.seat(name, Box::new(Md3::new()), setup).unwrap()
+    bench.add_with(name, Box::new(Md3::new()), setup).unwrap()
 }
 
 /// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
-fn alone(line: LineMode) -> (Bench, Seat, Client) {
+fn alone(line: LineMode) -> (Bench, DriveId, Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seat = md3(&mut bench, "x", 1);
     bench.run_until(start());
@@ -59,7 +59,7 @@ fn alone(line: LineMode) -> (Bench, Seat, Client) {
 }
 
 /// Two MD3s on one line, at addresses 1 and 2, at 1 ms.
-fn pair(line: LineMode) -> (Bench, [Seat; 2], Bus) {
+fn pair(line: LineMode) -> (Bench, [DriveId; 2], Bus) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.run_until(start());
@@ -123,7 +123,7 @@ compare tx
 fn a_replay_seats_all_drives_of_an_instant_before_anything_happens_at_it() {
     let mut bench = Bench::new();
     let fast = || Setup { boot_fast: true, ..Setup::default() };
-    let seats = ["x", "y"].map(|name| bench.seat(name, Box::new(Md3::new()), fast()).unwrap());
+    let seats = ["x", "y"].map(|name| bench.add_with(name, Box::new(Md3::new()), fast()).unwrap());
     bench.fault(seats[0], Fault(0), true);
     bench.run_until(100.millis());
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
@@ -250,7 +250,7 @@ fn what_came_apart_is_apart_though_the_line_was_busy() {
         // The answer to the first client, and behind it that to the good frame of the other.
         let heard = received(&mut bench, other);
         assert_eq!(heard.len(), 69 + 9);
-        assert_eq!(rtu::checked(&heard[69..]), Some(&[1, 3, 4, 0x00, 0x00, 0x13, 0x88][..]));
+        assert_eq!(rtu::verify_crc(&heard[69..]), Some(&[1, 3, 4, 0x00, 0x00, 0x13, 0x88][..]));
     }
 }
 
@@ -258,7 +258,7 @@ fn what_came_apart_is_apart_though_the_line_was_busy() {
 fn a_drive_that_is_ready_at_once_answers_at_once() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let seat = bench.seat("x", Box::new(Md3::new()), setup).unwrap();
+    let seat = bench.add_with("x", Box::new(Md3::new()), setup).unwrap();
     assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
     assert!(bench.now() <= Instant::ZERO + Duration::TICK);
 }
@@ -284,11 +284,11 @@ fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
             let drive = crate::catalog::make("rs434544").unwrap();
             let address = drive.spec().find("SLAVE_ADDRESS_MODBUS").unwrap().row;
             let setup = Setup { boot_fast: true, presets: vec![(address, 48)], ..Setup::default() };
-            let seat = bench.seat("x", drive, setup).unwrap();
+            let seat = bench.add_with("x", drive, setup).unwrap();
             bench.run_until(5.secs());
             let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
             if paces_itself {
-                bench.let_pace_itself(client);
+                bench.set_self_paced(client);
             }
             bench.send(client, &request[..cut]);
             bench.run_until(bench.now() + 5.millis());
@@ -333,7 +333,7 @@ fn two_frames_written_at_once_are_two() {
     assert_eq!(received(&mut bench, client).len(), 14);
     assert_eq!(bench.statistics(seat, RS485).requests, 2);
     let reply_ends = start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7;
-    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Fed(_))).nth(1);
+    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Input(_))).nth(1);
     assert_eq!(second.unwrap().at, reply_ends + T3_5 + CHARACTER);
 }
 
@@ -344,7 +344,7 @@ fn after_a_broadcast_the_line_is_free_a_tick_later_than_t3_5() {
     bench.send(client, &both);
     bench.settle();
     assert_eq!(bench.statistics(seat, RS485).requests, 2);
-    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Fed(_))).nth(1);
+    let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Input(_))).nth(1);
     assert_eq!(second.unwrap().at, start() + EIGHT + T3_5 + CHARACTER + Duration::TICK);
 }
 
@@ -442,7 +442,7 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
 }
 
 /// Two ready drives with address 1 on one line, and a client there.
-fn two_of_one_address(line: LineMode) -> (Bench, [Seat; 2], Client) {
+fn two_of_one_address(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
     bench.run_until(start());
@@ -515,7 +515,7 @@ fn an_input_comes_before_a_deadline_of_its_instant() {
     bench.send(client, b"s");
     let first = Instant::ZERO + Duration::from_ticks(1_389) + toy::INTERVAL;
     bench.run_until(first - Duration::TICK);
-    bench.set_pin(toy, toy::IN, Driving::Low);
+    bench.set_pin(toy, toy::IN, PinStimulus::Low);
     bench.run_until(first);
     // What hands do when the deadline has passed comes after it.
     bench.fault(toy, toy::STALL, true);
@@ -617,7 +617,7 @@ fn without_power_nothing_is_heard_or_said() {
     // What had ended by then.
     assert_eq!(received(&mut bench, client), [1, 3]);
     assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)), [0; 0]);
-    assert_eq!(bench.poke(seat, 0, 1), Err(Refused::ReadOnly));
+    assert_eq!(bench.poke(seat, 0, 1), Err(PresetError::ReadOnly));
     bench.power(seat, PowerAction::On);
     bench.run_until(bench.now() + 1.millis());
     assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
@@ -643,8 +643,8 @@ fn what_is_not_at_rest_is_told_when_power_comes() {
     let toy = bench.add::<Toy>("toy");
     bench.power(toy, PowerAction::Off);
     bench.settle();
-    bench.set_pin(toy, toy::IN, Driving::Low);
-    bench.set_pin(toy, toy::LEVEL, Driving::Millivolts(2_500));
+    bench.set_pin(toy, toy::IN, PinStimulus::Low);
+    bench.set_pin(toy, toy::LEVEL, PinStimulus::Millivolts(2_500));
     bench.fault(toy, toy::STALL, true);
     bench.run_until(1.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR), Motion::default());
@@ -675,17 +675,17 @@ fn what_is_not_at_rest_is_told_when_power_comes() {
 fn a_pin_arrives_a_tick_later() {
     let mut bench = Bench::new();
     let toy = bench.add::<Toy>("toy");
-    bench.set_pin(toy, toy::IN, Driving::Low);
+    bench.set_pin(toy, toy::IN, PinStimulus::Low);
     assert_eq!(bench.level(toy, toy::IN), Level::Low);
     bench.run_until(Instant::ZERO);
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 0);
     bench.run_until(Instant::from_ticks(1));
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
     // No edge where the level stays.
-    bench.set_pin(toy, toy::IN, Driving::Millivolts(1_400));
+    bench.set_pin(toy, toy::IN, PinStimulus::Millivolts(1_400));
     bench.run_until(1.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
-    bench.set_pin(toy, toy::IN, Driving::Open);
+    bench.set_pin(toy, toy::IN, PinStimulus::Open);
     bench.run_until(2.millis());
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 3);
 }
@@ -707,7 +707,7 @@ fn pulses_are_made_edge_by_edge() {
     assert_eq!(bench.level(toy, toy::IN), Level::High);
     assert_eq!(bench.next(), Instant::NEVER);
     bench.pulse(toy, toy::IN, 1, f64::NAN).unwrap();
-    bench.set_pin(toy, toy::IN, Driving::High);
+    bench.set_pin(toy, toy::IN, PinStimulus::High);
     bench.pulse(toy, toy::IN, 250_000, 250_000.0).unwrap();
     bench.run_until(bench.now() + 1.secs() + Duration::TICK);
     assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 250_003);
@@ -754,7 +754,7 @@ fn characters_have_their_time() {
     let mut bench = Bench::new();
     let toy = bench.add::<Toy>("toy");
     bench.poke(toy, toy::Reg::Volume as usize, b'v'.into()).unwrap();
-    assert_eq!(bench.poke(toy, toy::Reg::Volume as usize, 7), Err(Refused::OutOfRange));
+    assert_eq!(bench.poke(toy, toy::Reg::Volume as usize, 7), Err(PresetError::OutOfRange));
     let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
     bench.send(client, b"1r");
     let character = Duration::from_ticks(1_389);
@@ -774,7 +774,7 @@ fn characters_have_their_time() {
 fn presets_are_in_the_memory_or_set_after_every_power_on() {
     let mut bench = Bench::new();
     let presets = vec![(toy::Reg::Volume as usize, 5), (toy::Reg::Number as usize, 9)];
-    let toy = bench.seat("toy", Box::new(Toy::default()), Setup { presets, ..Setup::default() }).unwrap();
+    let toy = bench.add_with("toy", Box::new(Toy::default()), Setup { presets, ..Setup::default() }).unwrap();
     assert_eq!(bench.memory(toy), [9, 255, 255, 255, 255, 255, 255, 255, 255, 255]);
     assert_eq!(bench.peek(toy, toy::Reg::Volume as usize), 5);
     bench.power(toy, PowerAction::Cycle);
@@ -791,16 +791,16 @@ fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
     bench.add::<Toy>("toy");
     let before = bench.trace().to_text();
     let presets = vec![(toy::Reg::Number as usize, 9), (toy::Reg::Volume as usize, 7)];
-    let refused = bench.seat("other", Box::new(Toy::default()), Setup { presets, ..Setup::default() });
-    assert_eq!(refused, Err(SeatError::Preset { row: 0, why: Refused::OutOfRange }));
-    let again = bench.seat("toy", Box::new(Toy::default()), Setup::default());
-    assert_eq!(again, Err(SeatError::Taken("toy".to_owned())));
+    let refused = bench.add_with("other", Box::new(Toy::default()), Setup { presets, ..Setup::default() });
+    assert_eq!(refused, Err(AddError::Preset { row: 0, why: PresetError::OutOfRange }));
+    let again = bench.add_with("toy", Box::new(Toy::default()), Setup::default());
+    assert_eq!(again, Err(AddError::Taken("toy".to_owned())));
     for name in ["", "two words", "#1", ">", "end", "1st"] {
-        let refused = bench.seat(name, Box::new(Toy::default()), Setup::default());
-        assert_eq!(refused, Err(SeatError::Name(name.to_owned())));
+        let refused = bench.add_with(name, Box::new(Toy::default()), Setup::default());
+        assert_eq!(refused, Err(AddError::Name(name.to_owned())));
     }
     assert_eq!(bench.trace().to_text(), before);
-    assert_eq!(bench.seats().len(), 1);
+    assert_eq!(bench.drives().len(), 1);
 }
 
 /// A toy with the power cut armed that begins to save at once: what its memory is when the power
@@ -809,12 +809,13 @@ fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     let mut bench = Bench::with(Settings { seed, ..Settings::default() });
     let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
     let keeper = Rc::clone(&kept);
-    let keep: Keep = Box::new(move |offset, bytes| {
+    let keep: PersistFn = Box::new(move |offset, bytes| {
         let from = usize::from(offset);
         keeper.borrow_mut()[from..from + bytes.len()].copy_from_slice(bytes);
     });
-    let toy =
-        bench.seat("toy", Box::new(Toy::default()), Setup { keep: Some(keep), ..Setup::default() }).unwrap();
+    let toy = bench
+        .add_with("toy", Box::new(Toy::default()), Setup { keep: Some(keep), ..Setup::default() })
+        .unwrap();
     bench.power(toy, PowerAction::Cut);
     let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
     bench.send(client, b"ww");
@@ -877,9 +878,11 @@ const STEP: Pin = Pin(9);
 const DIR: Pin = Pin(10);
 
 /// The edges that were fed to a device after `from`: ticks since then, pin, level.
-fn edges(bench: &Bench, seat: Seat, from: Instant) -> Vec<(u64, Pin, bool)> {
+fn edges(bench: &Bench, seat: DriveId, from: Instant) -> Vec<(u64, Pin, bool)> {
     let edge = |entry: &trace::Entry| match entry.event {
-        trace::Event::Fed(Fed::Edge { pin, high }) if entry.drive == seat.0 as usize && entry.at > from => {
+        trace::Event::Input(InputRecord::Edge { pin, high })
+            if entry.drive == seat.0 as usize && entry.at > from =>
+        {
             Some((entry.at.since(from).ticks(), pin, high))
         }
         _ => None,
@@ -889,7 +892,7 @@ fn edges(bench: &Bench, seat: Seat, from: Instant) -> Vec<(u64, Pin, bool)> {
 
 /// Two MD3s, STEP and DIR of the first wired to J2 pins 4 and 5 of the second, at 2 ms; the first is
 /// told to move, jog or stop by its MotionControl.
-fn geared() -> (Bench, [Seat; 2]) {
+fn geared() -> (Bench, [DriveId; 2]) {
     let (mut bench, [x, y], _) = pair(LineMode::Fast);
     bench.wire((x, STEP), (y, J2_4));
     bench.wire((x, DIR), (y, J2_5));
@@ -897,7 +900,7 @@ fn geared() -> (Bench, [Seat; 2]) {
     (bench, [x, y])
 }
 
-fn command(bench: &mut Bench, seat: Seat, bits: u16) {
+fn command(bench: &mut Bench, seat: DriveId, bits: u16) {
     bench.poke(seat, Reg::MotionControl as usize, i64::from(bits)).unwrap();
 }
 
@@ -1027,7 +1030,7 @@ fn a_power_cut_ends_the_pulses() {
 }
 
 /// An MD3 and a toy, BUSY of the one wired to the input of the other.
-fn busy() -> (Bench, Seat, Seat) {
+fn busy() -> (Bench, DriveId, DriveId) {
     let (mut bench, x, _) = alone(LineMode::Fast);
     let toy = bench.add::<Toy>("toy");
     bench.wire((x, BUSY), (toy, toy::IN));
@@ -1054,7 +1057,7 @@ fn hands_hold_an_input_until_they_let_go() {
     let from = bench.now();
     command(&mut bench, x, JOG);
     bench.run_until(3.millis());
-    bench.set_pin(toy, toy::IN, Driving::High);
+    bench.set_pin(toy, toy::IN, PinStimulus::High);
     bench.run_until(4.millis());
     command(&mut bench, x, STOP);
     bench.run_until(5.millis());
@@ -1064,7 +1067,7 @@ fn hands_hold_an_input_until_they_let_go() {
     // Pulses are made by hands, too.
     bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
     bench.run_until(7.millis());
-    bench.set_pin(toy, toy::IN, Driving::Open);
+    bench.set_pin(toy, toy::IN, PinStimulus::Open);
     assert_eq!(bench.level(toy, toy::IN), Level::Low);
     bench.run_until(8.millis());
     let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
@@ -1095,7 +1098,9 @@ fn direction_shows_the_last_step_whoever_made_it() {
     bench.run_until(1.secs());
     assert_eq!(bench.level(x, DIR), Level::High);
     // A step back on its step input (7.8), and one forward again.
-    for (direction, level, position) in [(Driving::Low, Level::Low, 2), (Driving::High, Level::High, 3)] {
+    for (direction, level, position) in
+        [(PinStimulus::Low, Level::Low, 2), (PinStimulus::High, Level::High, 3)]
+    {
         bench.set_pin(x, J2_5, direction);
         bench.run_until(bench.now() + 1.millis());
         bench.pulse(x, J2_4, 1, 1_000.0).unwrap();
@@ -1200,7 +1205,7 @@ fn one_thing_at_a_time_runs_on_a_pin() {
     bench.pulse(seat, Pin(4), 1, 1.0).unwrap();
     let from = bench.now();
     bench.run_until(from + 10.millis());
-    bench.set_pin(seat, ENCODER_B, Driving::Open);
+    bench.set_pin(seat, ENCODER_B, PinStimulus::Open);
     bench.run_until(from + 2.secs());
     let turned = edges(&bench, seat, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
     // Ten in 10 ms, the last of them up; B falls when it is let go, and no more come.
@@ -1224,7 +1229,7 @@ enum Act {
     Send(usize, Vec<u8>),
     Connect(usize),
     Disconnect(usize),
-    Pin(usize, Driving),
+    Pin(usize, PinStimulus),
     Pulse(usize, u32, u32),
     Encoder(usize, i32, u32),
     Move(usize, i64, u16),
@@ -1240,22 +1245,22 @@ const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
 /// A bench of three MD3s, two of them on one line, and two toys, added in that order.
 ///
 /// `twins`: the two answer to one address.
-fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [Seat; 5], Vec<Bus>) {
+fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5], Vec<Bus>) {
     let mut bench = Bench::with(Settings { seed: 7, line, ..Settings::default() });
-    let mut seats = [Seat(0); 5];
+    let mut seats = [DriveId(0); 5];
     for &place in order {
         seats[place] = if NAMES[place] < "x" {
             let setup = Setup { presets: vec![(toy::Reg::Volume as usize, 5)], ..Setup::default() };
-            bench.seat(NAMES[place], Box::new(Toy::default()), setup).unwrap()
+            bench.add_with(NAMES[place], Box::new(Toy::default()), setup).unwrap()
         } else {
             let address = if twins && place == 3 { 1 } else { place as i64 };
             let presets = vec![(Reg::DeviceAddress as usize, address)];
             let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-            bench.seat(NAMES[place], Box::new(Md3::new()), setup).unwrap()
+            bench.add_with(NAMES[place], Box::new(Md3::new()), setup).unwrap()
         };
     }
     // Which port is named first does not matter, either.
-    let shared: Vec<(Seat, Port)> =
+    let shared: Vec<(DriveId, Port)> =
         order.iter().filter(|&&place| place == 1 || place == 3).map(|&place| (seats[place], RS485)).collect();
     let line = bench.share("line1", &shared);
     // From a slow axis of its own to another MD3, and what else there is, in a ring.
@@ -1310,8 +1315,8 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
             Act::Power(n, action) => bench.power(seats[*n], *action),
             Act::Fault(n, on) => bench.fault(seats[*n], Fault(0), *on),
             Act::Poke(n, value) => drop(bench.poke(seats[*n], 0, *value)),
-            Act::Disturb(n, faults) => bench.disturb(buses[n % buses.len()], *faults),
-            Act::Collide(n, collide) => bench.let_collide(buses[n % buses.len()], *collide),
+            Act::Disturb(n, faults) => bench.set_line_faults(buses[n % buses.len()], *faults),
+            Act::Collide(n, collide) => bench.set_collisions(buses[n % buses.len()], *collide),
         }
         for client in &clients {
             heard.push(received(&mut bench, *client));
@@ -1329,10 +1334,10 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
 fn act() -> impl Strategy<Value = Act> {
     let seat = 0..NAMES.len();
     let drive = prop_oneof![
-        Just(Driving::Low),
-        Just(Driving::High),
-        Just(Driving::Open),
-        (0..5_000).prop_map(Driving::Millivolts)
+        Just(PinStimulus::Low),
+        Just(PinStimulus::High),
+        Just(PinStimulus::Open),
+        (0..5_000).prop_map(PinStimulus::Millivolts)
     ];
     let power = prop_oneof![
         Just(PowerAction::Off),

@@ -1,7 +1,7 @@
 //! Motors: whose they are, and that the order in which anything is put on a bench does not matter.
 
 use drivetwin_firmware::motor;
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_firmware::rs434::rs434544;
 
 use super::*;
@@ -9,13 +9,13 @@ use super::*;
 const NAMES: [&str; 3] = ["x", "a", "y"];
 
 /// A motor that stalls now and then.
-const WEAK: Parameters = Parameters {
+const WEAK: StepperParameters = StepperParameters {
     holding_unm: 200_000,
     rated_ma: 1_000,
     pull_out_rpm: 300,
     friction_unm: 30_000,
     load_unm: 20_000,
-    ..Parameters::NOMINAL
+    ..StepperParameters::NOMINAL
 };
 
 #[derive(Clone, Copy, Debug)]
@@ -30,16 +30,16 @@ enum Act {
 
 /// Three MD3s, each of which has a motor; each motor has an encoder at the next drive, and all have switches at the
 /// same pins.
-fn turning(seats: &[usize], motors: &[usize]) -> (Bench, [Seat; 3], [Motor; 3]) {
+fn turning(seats: &[usize], motors: &[usize]) -> (Bench, [DriveId; 3], [Motor; 3]) {
     let mut bench = Bench::with(Settings { seed: 7, ..Settings::default() });
-    let mut drives = [Seat(0); 3];
+    let mut drives = [DriveId(0); 3];
     for &place in seats {
         drives[place] = md3(&mut bench, NAMES[place], 1);
     }
     let mut fitted = [None; 3];
     for &place in motors {
-        let is = Fitting::Stepper(if place == 1 { WEAK } else { Parameters::NOMINAL });
-        let motor = bench.fit(["m", "l", "k"][place], drives[place], Axis(0), is).unwrap();
+        let is = MotorModel::Stepper(if place == 1 { WEAK } else { StepperParameters::NOMINAL });
+        let motor = bench.attach_motor(["m", "l", "k"][place], drives[place], Axis(0), is).unwrap();
         let next = drives[(place + 1) % 3];
         let index = Some((next, Pin(4)));
         bench.encode(motor, 50 + 50 * place as u32, [Some((next, ENCODER_A)), Some((next, Pin(6))), index]);
@@ -127,14 +127,14 @@ proptest! {
 fn a_motor_fits_its_drive() {
     let (mut bench, [x, ..], _) = turning(&[0, 1, 2], &[0, 1, 2]);
     let seat = |bench: &mut Bench, name: &str, apart| {
-        bench.seat(name, Box::new(rs434544()), Setup { apart, ..Setup::default() }).unwrap()
+        bench.add_with(name, Box::new(rs434544()), Setup { apart, ..Setup::default() }).unwrap()
     };
     let (rig, apart) = (seat(&mut bench, "rig", false), seat(&mut bench, "apart", true));
-    assert_eq!(bench.parted(rig), None);
-    let own = bench.parted(apart).unwrap();
-    let brush = Fitting::Brush(own);
-    let three = Fitting::Brush(motor::Parameters { hall_sensors: 3, ..own });
-    let stepper = Fitting::Stepper(Parameters::NOMINAL);
+    assert_eq!(bench.detached_motor(rig), None);
+    let own = bench.detached_motor(apart).unwrap();
+    let brush = MotorModel::Brush(own);
+    let three = MotorModel::Brush(motor::Parameters { hall_sensors: 3, ..own });
+    let stepper = MotorModel::Stepper(StepperParameters::NOMINAL);
     for (name, drive, axis, is, why) in [
         ("two words", rig, 0, stepper, "\"two words\" is no name for a motor: use one word without dots"),
         ("m", apart, 0, brush, "there are two things called m"),
@@ -145,9 +145,9 @@ fn a_motor_fits_its_drive() {
         ("n", apart, 0, stepper, "apart turns a brush motor, and n is a stepper motor"),
         ("n", apart, 0, three, "apart turns a motor with 2 Hall sensors, and n has 3"),
     ] {
-        assert_eq!(bench.fit(name, drive, Axis(axis), is), Err(why.to_owned()));
+        assert_eq!(bench.attach_motor(name, drive, Axis(axis), is), Err(why.to_owned()));
     }
-    let motor = bench.fit("n", apart, Axis(0), brush).unwrap();
+    let motor = bench.attach_motor("n", apart, Axis(0), brush).unwrap();
     assert_eq!((bench.motor_name(motor), bench.turned_by(motor)), ("n", (apart, Axis(0))));
     assert_eq!(bench.motors().len(), 4);
 }
@@ -156,7 +156,8 @@ fn a_motor_fits_its_drive() {
 fn a_switch_has_two_ends() {
     let mut bench = Bench::with(Settings::default());
     let drive = md3(&mut bench, "x", 1);
-    let motor = bench.fit("m", drive, Axis(0), Fitting::Stepper(Parameters::NOMINAL)).unwrap();
+    let motor =
+        bench.attach_motor("m", drive, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
     bench.switch(motor, Closed { above_rev: Some(0.05), below_rev: Some(0.1) }, (drive, J2_4));
     bench.run_until(start());
     bench.poke(drive, Reg::MoveSteps as usize, 1_600).unwrap();

@@ -1,10 +1,10 @@
 //! What drives, lines and motors are called.
 
-use drivetwin_firmware::motor::stepper::Parameters;
+use drivetwin_firmware::motor::stepper::StepperParameters;
 
 use super::*;
 
-fn toy(bench: &mut Bench, name: &str) -> Seat {
+fn toy(bench: &mut Bench, name: &str) -> DriveId {
     bench.add::<Toy>(name)
 }
 
@@ -72,20 +72,20 @@ fn drives_lines_and_motors_share_one_list_of_names() {
     let mut bench = Bench::new();
     let [x, y] = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.share("line1", &[(x, RS485), (y, RS485)]);
-    let stepper = || Fitting::Stepper(Parameters::NOMINAL);
-    bench.fit("m", x, Axis(0), stepper()).unwrap();
+    let stepper = || MotorModel::Stepper(StepperParameters::NOMINAL);
+    bench.attach_motor("m", x, Axis(0), stepper()).unwrap();
     for name in ["x", "line1", "m"] {
         assert!(bench.is_taken(name));
         let error = format!("there are two things called {name}");
-        let seat = bench.seat(name, Box::new(Md3::new()), Setup::default());
-        assert_eq!(seat, Err(SeatError::Taken(name.to_owned())));
+        let seat = bench.add_with(name, Box::new(Md3::new()), Setup::default());
+        assert_eq!(seat, Err(AddError::Taken(name.to_owned())));
         assert_eq!(seat.unwrap_err().to_string(), error);
-        assert_eq!(bench.fit(name, y, Axis(0), stepper()), Err(error));
+        assert_eq!(bench.attach_motor(name, y, Axis(0), stepper()), Err(error));
     }
     // Each part of the name of a drive's own line is one word.
     assert!(!bench.is_taken("x.rs485") && !bench.is_taken("rs485"));
-    let seat = bench.seat("x.rs485", Box::new(Md3::new()), Setup::default());
-    assert_eq!(seat, Err(SeatError::Name("x.rs485".to_owned())));
+    let seat = bench.add_with("x.rs485", Box::new(Md3::new()), Setup::default());
+    assert_eq!(seat, Err(AddError::Name("x.rs485".to_owned())));
     let error = "\"x.rs485\" is no name for a motor: use one word without dots".to_owned();
-    assert_eq!(bench.fit("x.rs485", y, Axis(0), stepper()), Err(error));
+    assert_eq!(bench.attach_motor("x.rs485", y, Axis(0), stepper()), Err(error));
 }

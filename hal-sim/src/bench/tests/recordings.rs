@@ -18,9 +18,9 @@ fn fast() -> Setup {
     Setup { boot_fast: true, ..Setup::default() }
 }
 
-fn bench(line: LineMode) -> (Bench, Seat, Bus) {
-    let mut bench = Bench::with(Settings { line, trace: TraceKeep::All, ..Settings::default() });
-    let qsb = bench.seat("q", Box::new(Qsb::d()), fast()).unwrap();
+fn bench(line: LineMode) -> (Bench, DriveId, Bus) {
+    let mut bench = Bench::with(Settings { line, trace: Retention::All, ..Settings::default() });
+    let qsb = bench.add_with("q", Box::new(Qsb::d()), fast()).unwrap();
     let bus = bench.bus(qsb, Port(0)).unwrap();
     (bench, qsb, bus)
 }
@@ -41,7 +41,7 @@ fn replays(bench: &Bench) -> String {
 #[test]
 fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
     let (mut bench, _, bus) = bench(LineMode::Timed);
-    let md3 = bench.seat("x", Box::new(Md3::new()), fast()).unwrap();
+    let md3 = bench.add_with("x", Box::new(Md3::new()), fast()).unwrap();
     let client = bench.connect(bus);
     let row = |name| bench.spec(md3).find(name).unwrap().row;
     let (steps, control) = (row("MoveSteps"), row("QuadratureEncoderCount"));
@@ -62,7 +62,7 @@ fn what_comes_at_one_instant_comes_in_its_order() {
     let (mut bench, qsb, bus) = bench(LineMode::Fast);
     bench.run_until(1.secs());
     let noise = LineFaults { noise: 1.0, ..LineFaults::default() };
-    bench.disturb(bus, noise);
+    bench.set_line_faults(bus, noise);
     let client = bench.connect(bus);
     for _ in 0..20 {
         bench.send(client, b"W0B5\rR0B\rR0E\r");
@@ -92,13 +92,13 @@ fn what_comes_at_one_instant_comes_in_its_order() {
 
 #[test]
 fn a_preset_at_the_beginning_leaves_other_drives_alone() {
-    let mut bench = Bench::with(Settings { trace: TraceKeep::All, ..Settings::default() });
+    let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
     let spec = Md3::new().spec();
     let unsaved = spec.find("QuadratureEncoderCount").unwrap().row;
     assert_eq!(spec.registers.rows[unsaved].saved, 0);
     let setup = Setup { presets: vec![(unsaved, 1)], ..fast() };
-    bench.seat("a", Box::new(Md3::new()), setup).unwrap();
-    let other = bench.seat("b", Box::new(Md3::new()), fast()).unwrap();
+    bench.add_with("a", Box::new(Md3::new()), setup).unwrap();
+    let other = bench.add_with("b", Box::new(Md3::new()), fast()).unwrap();
     for fault in 0..bench.spec(other).faults.len() {
         bench.fault(other, Fault(fault as u8), true);
     }
@@ -110,8 +110,8 @@ fn a_preset_at_the_beginning_leaves_other_drives_alone() {
 
 #[test]
 fn only_what_is_written_is_dropped() {
-    let mut bench = Bench::with(Settings { trace: TraceKeep::Written(0), ..Settings::default() });
-    let seat = bench.seat("x", Box::new(Md3::new()), fast()).unwrap();
+    let mut bench = Bench::with(Settings { trace: Retention::Written(0), ..Settings::default() });
+    let seat = bench.add_with("x", Box::new(Md3::new()), fast()).unwrap();
     let mut recording = Recording::new(bench.trace(), Vec::new()).unwrap();
     for n in 1..=100 {
         bench.ask(seat, &rtu::read(1, 0, 1));

@@ -13,14 +13,14 @@ fn adu(transaction: u8) -> [u8; 12] {
 }
 
 /// An echo at 1 ms.
-fn echo() -> (Bench, Seat) {
-    let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+fn echo() -> (Bench, DriveId) {
+    let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let seat = bench.add::<Echo>("echo");
     bench.run_until(start());
     (bench, seat)
 }
 
-fn connected(bench: &mut Bench, seat: Seat, port: Port) -> Client {
+fn connected(bench: &mut Bench, seat: DriveId, port: Port) -> Client {
     let client = bench.connect_to(seat, port).unwrap();
     bench.settle();
     if port == MCODE {
@@ -39,7 +39,7 @@ fn exchange(bench: &mut Bench, client: Client, bytes: &[u8]) -> Vec<u8> {
 /// What the drives were fed, without stamps.
 fn fed(bench: &Bench) -> Vec<String> {
     let trace = bench.trace();
-    let fed = trace.events().filter(|entry| matches!(entry.event, trace::Event::Fed(_)));
+    let fed = trace.events().filter(|entry| matches!(entry.event, trace::Event::Input(_)));
     fed.map(|entry| trace.words(entry)).collect()
 }
 

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use drivetwin_firmware::device::{Ends, Fault, Pin, Port, PortSpec, Spec};
+use drivetwin_firmware::device::{Fault, Framing, Pin, Port, PortSpec, Spec};
 
 use super::Reader;
-use super::table::{Said, Table, Wrong};
+use super::table::{Located, Table, Wrong};
 use crate::catalog;
-use crate::config::layout::{self, At, Bus, Drive};
+use crate::config::layout::{self, At, BusLayout, DriveLayout};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::{self, Number, Preset};
 use crate::rsasm;
@@ -46,7 +46,7 @@ impl Reader {
             }
             self.memories.push(nv.is.clone());
         }
-        let mut drive = Drive {
+        let mut drive = DriveLayout {
             name,
             kind: spec.kind,
             listen: Vec::new(),
@@ -89,7 +89,7 @@ impl Reader {
 
     pub(super) fn bus(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let name = self.name(table, "bus")?;
-        let mut bus = Bus {
+        let mut bus = BusLayout {
             name,
             listen: vec![Uri::Tcp("127.0.0.1:0".into())],
             drives: Vec::new(),
@@ -144,12 +144,12 @@ impl Reader {
         }
     }
 
-    fn listen(&self, text: &Said<&str>) -> Result<Listen, Wrong> {
+    fn listen(&self, text: &Located<&str>) -> Result<Listen, Wrong> {
         text.is.parse().map_err(|error| text.wrong(format!("'{}' cannot be listened on: {error}", text.is)))
     }
 
     /// A place to be reached, which may be taken.
-    fn place(&mut self, text: &Said<&str>, uri: &Uri) -> Result<(), Wrong> {
+    fn place(&mut self, text: &Located<&str>, uri: &Uri) -> Result<(), Wrong> {
         if self.places.iter().any(|other| layout::clash(other, uri)) {
             return Err(text.wrong(format!("{uri} is there twice")));
         }
@@ -169,7 +169,7 @@ impl Reader {
     }
 
     /// The bus that a port is on.
-    fn bus_of(&self, drive: usize, port: Port) -> Option<&Bus> {
+    fn bus_of(&self, drive: usize, port: Port) -> Option<&BusLayout> {
         self.layout.buses.iter().find(|bus| bus.drives.contains(&(drive, port)))
     }
 
@@ -178,7 +178,7 @@ impl Reader {
         let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
         let drive = self.drive_named(drive)?;
         let spec = self.spec(drive);
-        let fits = |port: &PortSpec| port.ends == Ends::Silence && !port.is_tcp();
+        let fits = |port: &PortSpec| port.ends == Framing::Silence && !port.is_tcp();
         let mut ports = (0..).map(Port).zip(spec.ports);
         let Some(name) = name else {
             let fit = ports.find(|(_, port)| fits(port)).map(|(port, _)| (drive, port));
@@ -291,24 +291,24 @@ fn unknown_port(spec: &Spec, name: &str) -> String {
 }
 
 /// A path, which is not empty.
-fn path(table: &Table<'_>, key: &str) -> Result<Option<Said<PathBuf>>, Wrong> {
+fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, Wrong> {
     let Some(text) = table.text(key)? else { return Ok(None) };
     if text.is.is_empty() {
         return Err(text.wrong(format!("{key} takes the name of a file")));
     }
-    Ok(Some(Said { is: Path::new(text.is).to_owned(), at: text.at }))
+    Ok(Some(Located { is: Path::new(text.is).to_owned(), at: text.at }))
 }
 
 /// Presets of `address` and `set`, in the order of the rows and halves behind the whole, so that the order in the file
 /// does not matter; each with the place of its value.
-fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
+fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Located<Preset>>, Wrong> {
     let mut presets = Vec::new();
     let address = spec.address.and_then(|row| spec.registers.rows.get(row));
     let told = table.integer("address")?;
     if let Some(value) = &told {
         let row = address.ok_or_else(|| value.wrong(format!("{} has no bus address", spec.kind)))?;
         let preset = Preset::new(spec, row.name, &value.is).map_err(Wrong::at(value.at))?;
-        presets.push(Said { is: preset, at: value.at });
+        presets.push(Located { is: preset, at: value.at });
     }
     if let Some(set) = table.any_table("set")? {
         for key in set.keys() {
@@ -316,7 +316,7 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
                 let Some(text) = set.text(key.is)? else { continue };
                 let told = Preset::text(spec, key.is, text.is).unwrap_or_else(|| Ok(Vec::new()));
                 let told = told.map_err(Wrong::at(text.at))?;
-                presets.extend(told.into_iter().map(|preset| Said { is: preset, at: text.at }));
+                presets.extend(told.into_iter().map(|preset| Located { is: preset, at: text.at }));
                 continue;
             }
             if spec.find(key.is).is_none() {
@@ -330,7 +330,7 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Said<Preset>>, Wrong> {
             if told.is_some() && spec.address == Some(preset.row) {
                 return Err(key.wrong(format!("{} is what 'address' says already", key.is)));
             }
-            presets.push(Said { is: preset, at: value.at });
+            presets.push(Located { is: preset, at: value.at });
         }
     }
     presets.sort_by_key(|preset| (preset.is.row, preset.is.is_half()));

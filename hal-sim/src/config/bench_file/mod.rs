@@ -20,7 +20,7 @@ use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
 use drivetwin_firmware::device::{Duration, Spec};
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
-use table::{Said, Table, Wrong};
+use table::{Located, Table, Wrong};
 
 /// An error in a bench file.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -177,7 +177,7 @@ impl Reader {
 
 /// Parses the string of a key, if it is there.
 fn read_as<T>(
-    text: Option<Said<&str>>,
+    text: Option<Located<&str>>,
     read: impl FnOnce(&str) -> Result<T, String>,
 ) -> Result<Option<T>, Wrong> {
     text.map(|text| read(text.is).map_err(Wrong::at(text.at))).transpose()

@@ -4,10 +4,10 @@ use drivetwin_firmware::device::{Axis, Pin, Role, Spec};
 use drivetwin_firmware::motor::{self, stepper};
 
 use super::Reader;
-use super::table::{Said, Table, Wrong};
+use super::table::{Located, Table, Wrong};
 use crate::bench::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use crate::catalog;
-use crate::config::layout::{At, BrushKeys, Encoder, Motor, MotorKind, Switch, Wire};
+use crate::config::layout::{At, BrushKeys, EncoderLayout, MotorKind, MotorLayout, SwitchLayout, WireLayout};
 use crate::suggest;
 
 /// The keys of `[[motor]]`.
@@ -44,7 +44,7 @@ enum Sort {
 
 impl Sort {
     fn of(spec: &Spec) -> Self {
-        let own = catalog::make(spec.kind).ok().and_then(|device| device.own_motor());
+        let own = catalog::make(spec.kind).ok().and_then(|device| device.internal_motor());
         own.map_or(Self::Stepper, |own| if own.is_brushless() { Self::Brushless } else { Self::Brush })
     }
 
@@ -109,7 +109,7 @@ impl Reader {
             Sort::Stepper => MotorKind::Stepper(stepper(table)?),
             Sort::Brush | Sort::Brushless => MotorKind::Brush(brush(table)?),
         };
-        self.layout.motors.push(Motor { name, drive, axis, is });
+        self.layout.motors.push(MotorLayout { name, drive, axis, is });
         Ok(())
     }
 
@@ -121,7 +121,7 @@ impl Reader {
             return (sort, format!("{} turns a {} motor", spec.kind, sort.name()));
         };
         let drive = &self.layout.drives[drive];
-        let is_of = |key: &&Said<&str>, sort| matches!(Sort::with(key.is), [first, ..] if *first == sort);
+        let is_of = |key: &&Located<&str>, sort| matches!(Sort::with(key.is), [first, ..] if *first == sort);
         if let Some(key) = table.keys().iter().find(|key| is_of(key, Sort::Brush)) {
             return (Sort::Brush, format!("{} is of a brush motor", key.is));
         }
@@ -152,7 +152,7 @@ impl Reader {
             Ok(Some(pin))
         };
         let [a, b, index] = [pin("a")?, pin("b")?, pin("index")?];
-        self.layout.encoders.push(Encoder { motor, cycles_per_rev: cycles.is, a, b, index });
+        self.layout.encoders.push(EncoderLayout { motor, cycles_per_rev: cycles.is, a, b, index });
         Ok(())
     }
 
@@ -173,13 +173,13 @@ impl Reader {
             }
         };
         let to = self.input(&table.needed_text("to")?)?;
-        self.layout.switches.push(Switch { motor, closed, to });
+        self.layout.switches.push(SwitchLayout { motor, closed, to });
         Ok(())
     }
 
     pub(super) fn wire(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
         let (from, to) = (table.needed_text("from")?, table.needed_text("to")?);
-        let wire = Wire { from: self.output(&from)?, to: self.input(&to)? };
+        let wire = WireLayout { from: self.output(&from)?, to: self.input(&to)? };
         if wire.from == wire.to {
             return Err(to.wrong(format!("'{}' is wired to itself", to.is)));
         }
@@ -190,28 +190,28 @@ impl Reader {
         Ok(())
     }
 
-    fn motor_named(&self, text: &Said<&str>) -> Result<usize, Wrong> {
+    fn motor_named(&self, text: &Located<&str>) -> Result<usize, Wrong> {
         let names = self.layout.motors.iter().map(|motor| motor.name.as_str());
         let place = names.clone().position(|name| name == text.is);
         place.ok_or_else(|| text.wrong(suggest::unknown("motor", text.is, names)))
     }
 
     /// A pin that a drive reads.
-    fn input(&self, text: &Said<&str>) -> Result<At, Wrong> {
+    fn input(&self, text: &Located<&str>) -> Result<At, Wrong> {
         let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
         match self.role(at) {
-            Role::Input | Role::Both | Role::Analogue | Role::Mixed => Ok(at),
+            Role::Input | Role::Both | Role::Analogue | Role::AnalogueOrDigital => Ok(at),
             Role::Output => Err(text.wrong(format!("'{}' is an output; an input is wanted here", text.is))),
             Role::Led => Err(text.wrong(format!("'{}' is a light; an input is wanted here", text.is))),
         }
     }
 
     /// A pin that a drive can drive.
-    fn output(&self, text: &Said<&str>) -> Result<At, Wrong> {
+    fn output(&self, text: &Located<&str>) -> Result<At, Wrong> {
         let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
         match self.role(at) {
             Role::Output | Role::Both | Role::Led => Ok(at),
-            Role::Input | Role::Analogue | Role::Mixed => {
+            Role::Input | Role::Analogue | Role::AnalogueOrDigital => {
                 Err(text.wrong(format!("'{}' is an input; an output is wanted here", text.is)))
             }
         }
@@ -223,15 +223,16 @@ impl Reader {
     }
 }
 
-fn stepper(table: &Table<'_>) -> Result<stepper::Parameters, Wrong> {
-    use stepper::Parameters;
-    let (least, most, nominal) = (Parameters::LEAST, Parameters::MOST, Parameters::NOMINAL);
+fn stepper(table: &Table<'_>) -> Result<stepper::StepperParameters, Wrong> {
+    use stepper::StepperParameters;
+    let (least, most, nominal) =
+        (StepperParameters::LEAST, StepperParameters::MOST, StepperParameters::NOMINAL);
     let whole =
         |key, least, most, nominal| Ok(table.whole(key, least, most)?.map_or(nominal, |number| number.is));
     let unsigned = |key, least, most, nominal| Ok(unsigned(table, key, least, most)?.unwrap_or(nominal));
     let steps_per_rev = table.whole("steps_per_rev", least.steps_per_rev, most.steps_per_rev)?;
     let load_unm = thousandths(table, "load_mnm", least.load_unm, most.load_unm)?;
-    Ok(Parameters {
+    Ok(StepperParameters {
         steps_per_rev: steps_per_rev.map_or(nominal.steps_per_rev, |steps| steps.is),
         holding_unm: unsigned("holding_mnm", least.holding_unm, most.holding_unm, nominal.holding_unm)?,
         rated_ma: whole("rated_ma", least.rated_ma, most.rated_ma, nominal.rated_ma)?,

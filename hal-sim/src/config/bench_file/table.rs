@@ -22,12 +22,12 @@ impl Wrong {
 
 /// A value, and where it is in the text.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Said<T> {
+pub(super) struct Located<T> {
     pub(super) is: T,
     pub(super) at: usize,
 }
 
-impl<T> Said<T> {
+impl<T> Located<T> {
     /// An error at this value.
     pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
         Wrong { at: self.at, what: what.into() }
@@ -80,15 +80,15 @@ impl<'a> Table<'a> {
     }
 
     /// All keys, in the order of the text.
-    pub(super) fn keys(&self) -> Vec<Said<&'a str>> {
-        let keys = self.keys.keys().map(|key| Said { is: key.get_ref().as_ref(), at: key.span().start });
+    pub(super) fn keys(&self) -> Vec<Located<&'a str>> {
+        let keys = self.keys.keys().map(|key| Located { is: key.get_ref().as_ref(), at: key.span().start });
         let mut keys: Vec<_> = keys.collect();
         keys.sort_by_key(|key| key.at);
         keys
     }
 
     /// The first of some keys that is there.
-    pub(super) fn any_of(&self, keys: &[&str]) -> Option<Said<&'a str>> {
+    pub(super) fn any_of(&self, keys: &[&str]) -> Option<Located<&'a str>> {
         self.keys().into_iter().find(|key| keys.contains(&key.is))
     }
 
@@ -103,45 +103,45 @@ impl<'a> Table<'a> {
         key: &str,
         wants: impl FnOnce() -> String,
         read: impl FnOnce(&'a DeValue<'a>) -> Option<T>,
-    ) -> Result<Option<Said<T>>, Wrong> {
+    ) -> Result<Option<Located<T>>, Wrong> {
         let Some(value) = self.keys.get(key) else { return Ok(None) };
         let at = value.span().start;
         let is = read(value.get_ref()).ok_or_else(|| Wrong {
             at,
             what: format!("{key} takes {}, not {}", wants(), shown(value.get_ref())),
         });
-        is.map(|is| Some(Said { is, at }))
+        is.map(|is| Some(Located { is, at }))
     }
 
     /// A string.
-    pub(super) fn text(&self, key: &str) -> Result<Option<Said<&'a str>>, Wrong> {
+    pub(super) fn text(&self, key: &str) -> Result<Option<Located<&'a str>>, Wrong> {
         self.get(key, || "a string".to_owned(), DeValue::as_str)
     }
 
     /// A string that has to be there.
-    pub(super) fn needed_text(&self, key: &str) -> Result<Said<&'a str>, Wrong> {
+    pub(super) fn needed_text(&self, key: &str) -> Result<Located<&'a str>, Wrong> {
         self.needs(key, self.text(key)?)
     }
 
     /// A list of strings.
-    pub(super) fn texts(&self, key: &str) -> Result<Option<Said<Vec<Said<&'a str>>>>, Wrong> {
+    pub(super) fn texts(&self, key: &str) -> Result<Option<Located<Vec<Located<&'a str>>>>, Wrong> {
         let wants = || "a list of strings".to_owned();
         let Some(list) = self.get(key, wants, DeValue::as_array)? else { return Ok(None) };
         let texts = list.is.iter().map(|value| {
             let at = value.span().start;
             let what = || format!("{key} takes {}, and {} is none", wants(), shown(value.get_ref()));
-            value.get_ref().as_str().map(|is| Said { is, at }).ok_or_else(|| Wrong { at, what: what() })
+            value.get_ref().as_str().map(|is| Located { is, at }).ok_or_else(|| Wrong { at, what: what() })
         });
-        Ok(Some(Said { is: texts.collect::<Result<_, _>>()?, at: list.at }))
+        Ok(Some(Located { is: texts.collect::<Result<_, _>>()?, at: list.at }))
     }
 
     /// `true` or `false`.
-    pub(super) fn flag(&self, key: &str) -> Result<Option<Said<bool>>, Wrong> {
+    pub(super) fn flag(&self, key: &str) -> Result<Option<Located<bool>>, Wrong> {
         self.get(key, || "true or false".to_owned(), DeValue::as_bool)
     }
 
     /// A whole number in a range, which includes its ends.
-    pub(super) fn whole<T>(&self, key: &str, least: T, greatest: T) -> Result<Option<Said<T>>, Wrong>
+    pub(super) fn whole<T>(&self, key: &str, least: T, greatest: T) -> Result<Option<Located<T>>, Wrong>
     where
         T: Copy + PartialOrd + TryFrom<i128> + std::fmt::Display,
     {
@@ -153,7 +153,7 @@ impl<'a> Table<'a> {
     }
 
     /// A number in a range, which includes its ends.
-    pub(super) fn number(&self, key: &str, least: f64, greatest: f64) -> Result<Option<Said<f64>>, Wrong> {
+    pub(super) fn number(&self, key: &str, least: f64, greatest: f64) -> Result<Option<Located<f64>>, Wrong> {
         let wants = || format!("a number from {least} to {greatest}");
         self.get(key, wants, |value| {
             let value = match value {
@@ -166,12 +166,12 @@ impl<'a> Table<'a> {
     }
 
     /// Any whole number.
-    pub(super) fn integer(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
+    pub(super) fn integer(&self, key: &str) -> Result<Option<Located<Number>>, Wrong> {
         self.get(key, || "a whole number".to_owned(), integer)
     }
 
     /// Any whole number, or a list of some.
-    pub(super) fn integers(&self, key: &str) -> Result<Option<Said<Number>>, Wrong> {
+    pub(super) fn integers(&self, key: &str) -> Result<Option<Located<Number>>, Wrong> {
         self.get(
             key,
             || "a whole number or a list of them".to_owned(),

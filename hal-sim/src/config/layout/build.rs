@@ -1,10 +1,10 @@
 //! The bench of a layout.
 
-use drivetwin_firmware::device::{Refused, Spec};
+use drivetwin_firmware::device::{PresetError, Spec};
 use drivetwin_firmware::motor::{self, stepper};
 
-use super::{At, BrushKeys, Drive, Layout, MotorKind};
-use crate::bench::{Bench, Bus, Fitting, Motor, Seat, SeatError, Settings, Setup};
+use super::{At, BrushKeys, DriveLayout, Layout, MotorKind};
+use crate::bench::{AddError, Bench, Bus, DriveId, Motor, MotorModel, Settings, Setup};
 use crate::catalog;
 use crate::config::preset::{self, Preset};
 
@@ -13,7 +13,7 @@ pub struct Built {
     /// The bench, at the beginning of time.
     pub bench: Bench,
     /// The seats of [`Layout::drives`].
-    pub seats: Vec<Seat>,
+    pub seats: Vec<DriveId>,
     /// The lines of [`Layout::buses`]; those of other ports are found by [`Bench::bus`].
     pub buses: Vec<Bus>,
     /// The motors of [`Layout::motors`].
@@ -43,12 +43,12 @@ impl Layout {
         let mut later = vec![Vec::new(); self.drives.len()];
         for &place in &by_name {
             let setup = std::mem::take(&mut given[place]);
-            let (seat, not_saved) = self.seat(&mut bench, place, setup)?;
+            let (seat, not_saved) = self.add_drive(&mut bench, place, setup)?;
             (seats[place], later[place]) = (Some(seat), not_saved);
         }
-        let seats: Vec<Seat> = seats.into_iter().flatten().collect();
+        let seats: Vec<DriveId> = seats.into_iter().flatten().collect();
         let buses = self.share(&mut bench, &seats);
-        let motors = self.fit(&mut bench, &seats, &later)?;
+        let motors = self.attach_motors(&mut bench, &seats, &later)?;
         self.put_up(&mut bench, &seats, &motors);
         // Once all are connected, since a preset makes a drive with a fast start ready.
         for place in by_name {
@@ -60,18 +60,18 @@ impl Layout {
         for disturbed in &self.faults {
             let bus = bench.find_bus(&disturbed.bus);
             let bus = bus.ok_or_else(|| format!("there is no bus '{}'", disturbed.bus))?;
-            bench.disturb(bus, disturbed.faults);
+            bench.set_line_faults(bus, disturbed.faults);
         }
         Ok(Built { bench, seats, buses, motors })
     }
 
     /// Seats a drive with what is saved of its presets, and returns the others.
-    fn seat(
+    fn add_drive(
         &self,
         bench: &mut Bench,
         place: usize,
         mut setup: Setup,
-    ) -> Result<(Seat, Vec<(usize, i64)>), String> {
+    ) -> Result<(DriveId, Vec<(usize, i64)>), String> {
         let drive = &self.drives[place];
         let device = catalog::make(drive.kind)?;
         let spec = device.spec();
@@ -88,7 +88,8 @@ impl Layout {
         let saved = |&(row, _): &(usize, i64)| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, later) = std::mem::take(&mut setup.presets).into_iter().partition(saved);
         setup.presets = now;
-        let seat = bench.seat(&drive.name, device, setup).map_err(|error| self.cannot_seat(place, &error))?;
+        let seat =
+            bench.add_with(&drive.name, device, setup).map_err(|error| self.cannot_seat(place, &error))?;
         let mut faults = drive.faults.clone();
         faults.sort_unstable();
         for fault in faults {
@@ -98,9 +99,9 @@ impl Layout {
     }
 
     /// The reason why a drive cannot be seated, in one sentence.
-    fn cannot_seat(&self, place: usize, error: &SeatError) -> String {
+    fn cannot_seat(&self, place: usize, error: &AddError) -> String {
         let drive = &self.drives[place];
-        let SeatError::Preset { row, why } = *error else { return error.to_string() };
+        let AddError::Preset { row, why } = *error else { return error.to_string() };
         let Some(spec) = catalog::specs().find(|spec| spec.kind == drive.kind) else {
             return error.to_string();
         };
@@ -111,29 +112,29 @@ impl Layout {
 
     /// Supply voltage by the motor of a drive, in 0.1 V.
     fn supply(&self, drive: usize) -> Option<i64> {
-        let of = |motor: &super::Motor| match motor.is {
+        let of = |motor: &super::MotorLayout| match motor.is {
             MotorKind::Brush(keys) if motor.drive == drive => keys.supply_mv,
             _ => None,
         };
         self.motors.iter().find_map(of).map(|mv| i64::from((mv + 50) / 100))
     }
 
-    fn share(&self, bench: &mut Bench, seats: &[Seat]) -> Vec<Bus> {
+    fn share(&self, bench: &mut Bench, seats: &[DriveId]) -> Vec<Bus> {
         let mut buses = vec![None; self.buses.len()];
         for place in sorted(&self.buses, |bus| bus.name.clone()) {
             let shared = &self.buses[place];
             let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (seats[drive], port)).collect();
             let bus = bench.share(&shared.name, &ports);
-            bench.let_collide(bus, shared.collisions);
+            bench.set_collisions(bus, shared.collisions);
             buses[place] = Some(bus);
         }
         buses.into_iter().flatten().collect()
     }
 
-    fn fit(
+    fn attach_motors(
         &self,
         bench: &mut Bench,
-        seats: &[Seat],
+        seats: &[DriveId],
         presets: &[Vec<(usize, i64)>],
     ) -> Result<Vec<Motor>, String> {
         let mut motors = vec![None; self.motors.len()];
@@ -141,13 +142,13 @@ impl Layout {
             let motor = &self.motors[place];
             let seat = seats[motor.drive];
             let is = match &motor.is {
-                MotorKind::Stepper(parameters) => Fitting::Stepper(*parameters),
+                MotorKind::Stepper(parameters) => MotorModel::Stepper(*parameters),
                 MotorKind::Brush(keys) => {
                     let own = self.described(bench, motor.drive, seat, &presets[motor.drive])?;
-                    Fitting::Brush(brush(bench, seat, own, keys)?)
+                    MotorModel::Brush(brush(bench, seat, own, keys)?)
                 }
             };
-            motors[place] = Some(bench.fit(&motor.name, seat, motor.axis, is)?);
+            motors[place] = Some(bench.attach_motor(&motor.name, seat, motor.axis, is)?);
         }
         Ok(motors.into_iter().flatten().collect())
     }
@@ -158,19 +159,19 @@ impl Layout {
         &self,
         bench: &Bench,
         place: usize,
-        seat: Seat,
+        seat: DriveId,
         presets: &[(usize, i64)],
     ) -> Result<Option<motor::Parameters>, String> {
         let drive = &self.drives[place];
         let mut other = Bench::new();
         let (memory, presets) = (Some(bench.memory(seat).to_vec()), presets.to_vec());
         let setup = Setup { boot_fast: true, apart: true, memory, presets, ..Setup::default() };
-        let seat = other.seat(&drive.name, catalog::make(drive.kind)?, setup);
-        Ok(other.parted(seat.map_err(|error| self.cannot_seat(place, &error))?))
+        let seat = other.add_with(&drive.name, catalog::make(drive.kind)?, setup);
+        Ok(other.detached_motor(seat.map_err(|error| self.cannot_seat(place, &error))?))
     }
 
     /// Encoders, switches and wires.
-    fn put_up(&self, bench: &mut Bench, seats: &[Seat], motors: &[Motor]) {
+    fn put_up(&self, bench: &mut Bench, seats: &[DriveId], motors: &[Motor]) {
         let at = |(drive, pin): At| (seats[drive], pin);
         // By name, since what happens first at one pin at one instant may matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
@@ -210,10 +211,10 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
 }
 
 /// A stepper motor to a drive that brings its own: the settings that describe that one.
-fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (usize, i64)> {
+fn own_stepper(is: &stepper::StepperParameters, spec: &Spec) -> impl Iterator<Item = (usize, i64)> {
     let mnm = |unm: i64| (unm + unm.signum() * 500) / 1_000;
     // The drive's motor is rated for another current.
-    let rated = i64::from(stepper::Parameters::NOMINAL.rated_ma);
+    let rated = i64::from(stepper::StepperParameters::NOMINAL.rated_ma);
     [
         ("HoldingTorque", mnm(i64::from(is.holding_unm) * rated / i64::from(is.rated_ma))),
         ("PullOutSpeed", is.pull_out_rpm.into()),
@@ -230,7 +231,7 @@ fn own_stepper(is: &stepper::Parameters, spec: &Spec) -> impl Iterator<Item = (u
 /// knows nothing of it.
 fn brush(
     bench: &Bench,
-    seat: Seat,
+    seat: DriveId,
     own: Option<motor::Parameters>,
     keys: &BrushKeys,
 ) -> Result<motor::Parameters, String> {
@@ -250,16 +251,16 @@ fn brush(
     })
 }
 
-impl Drive {
+impl DriveLayout {
     /// Checks that a new drive of the kind accepts its presets; the error has the row that it refuses, and the reason.
-    pub(crate) fn try_presets(&self) -> Result<(), (usize, Refused)> {
+    pub(crate) fn try_presets(&self) -> Result<(), (usize, PresetError)> {
         let Some(device) = catalog::make(self.kind).ok().filter(|_| !self.presets.is_empty()) else {
             return Ok(());
         };
         let presets = values(&self.presets, device.spec(), None);
         let setup = Setup { boot_fast: self.fast_boot, presets, ..Setup::default() };
-        match Bench::new().seat(self.kind, device, setup) {
-            Err(SeatError::Preset { row, why }) => Err((row, why)),
+        match Bench::new().add_with(self.kind, device, setup) {
+            Err(AddError::Preset { row, why }) => Err((row, why)),
             _ => Ok(()),
         }
     }
@@ -288,6 +289,6 @@ fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize,
 fn stored(spec: &Spec, memory: Option<&[u8]>, row: usize) -> i64 {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };
-    let seat = catalog::make(spec.kind).ok().and_then(|device| bench.seat(spec.kind, device, setup).ok());
+    let seat = catalog::make(spec.kind).ok().and_then(|device| bench.add_with(spec.kind, device, setup).ok());
     seat.map_or(0, |seat| bench.peek(seat, row))
 }

@@ -14,7 +14,7 @@ pub use self::build::Built;
 use crate::bench::{Closed, Settings};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::Preset;
-use crate::config::time_mode::Pace;
+use crate::config::time_mode::TimeMode;
 use crate::line::LineMode;
 use crate::line::faults::LineFaults;
 use crate::suggest;
@@ -25,21 +25,21 @@ pub struct Layout {
     /// Seed of every random choice.
     pub seed: Option<u64>,
     /// Time mode.
-    pub time: Option<Pace>,
+    pub time: Option<TimeMode>,
     /// Time that characters take.
     pub line: Option<LineMode>,
     /// Drives.
-    pub drives: Vec<Drive>,
+    pub drives: Vec<DriveLayout>,
     /// Lines that drives share. A serial port that is on none has one of its own.
-    pub buses: Vec<Bus>,
+    pub buses: Vec<BusLayout>,
     /// Motors.
-    pub motors: Vec<Motor>,
+    pub motors: Vec<MotorLayout>,
     /// Encoders on their shafts.
-    pub encoders: Vec<Encoder>,
+    pub encoders: Vec<EncoderLayout>,
     /// Switches beside them.
-    pub switches: Vec<Switch>,
+    pub switches: Vec<SwitchLayout>,
     /// Wires from pin to pin.
-    pub wires: Vec<Wire>,
+    pub wires: Vec<WireLayout>,
     /// Faults of lines from the beginning.
     pub faults: Vec<Disturbed>,
 }
@@ -52,7 +52,7 @@ impl Layout {
         Settings {
             seed: self.seed.unwrap_or(default.seed),
             line: self.line.unwrap_or(default.line),
-            patience: self.time.map_or(default.patience, Pace::patience),
+            patience: self.time.map_or(default.patience, TimeMode::patience),
             ..default
         }
     }
@@ -78,7 +78,7 @@ pub type At = (usize, Pin);
 
 /// A drive.
 #[derive(Clone, Debug)]
-pub struct Drive {
+pub struct DriveLayout {
     /// Name of the drive.
     pub name: String,
     /// Kind of the drive.
@@ -99,7 +99,7 @@ pub struct Drive {
 
 /// A line that drives share.
 #[derive(Clone, Debug)]
-pub struct Bus {
+pub struct BusLayout {
     /// Name of the line.
     pub name: String,
     /// Listening places of the line.
@@ -112,7 +112,7 @@ pub struct Bus {
 
 /// A motor.
 #[derive(Clone, Debug)]
-pub struct Motor {
+pub struct MotorLayout {
     /// Name of the motor.
     pub name: String,
     /// Drive that turns it: place in [`Layout::drives`].
@@ -127,7 +127,7 @@ pub struct Motor {
 #[derive(Clone, Debug)]
 pub enum MotorKind {
     /// A stepper motor, which follows the steps of its drive.
-    Stepper(motor::stepper::Parameters),
+    Stepper(motor::stepper::StepperParameters),
     /// A motor with brushes, or a brushless one. A key that is not given is as the drive's registers describe the motor
     /// when the drive has been powered on for the first time, with its memory and presets. From then on it is a motor
     /// of its own and follows no register.
@@ -149,7 +149,7 @@ pub struct BrushKeys {
 
 /// An encoder on the shaft of a motor.
 #[derive(Clone, Debug)]
-pub struct Encoder {
+pub struct EncoderLayout {
     /// Place in [`Layout::motors`].
     pub motor: usize,
     /// Cycles of A in a turn.
@@ -164,7 +164,7 @@ pub struct Encoder {
 
 /// A switch that the shaft of a motor closes.
 #[derive(Clone, Debug)]
-pub struct Switch {
+pub struct SwitchLayout {
     /// Place in [`Layout::motors`].
     pub motor: usize,
     /// Range in which it is closed.
@@ -175,7 +175,7 @@ pub struct Switch {
 
 /// A wire.
 #[derive(Clone, Debug)]
-pub struct Wire {
+pub struct WireLayout {
     /// An output.
     pub from: At,
     /// An input.

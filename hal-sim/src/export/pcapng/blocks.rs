@@ -75,7 +75,7 @@ pub enum Way {
     /// From a drive.
     Out,
     /// From nobody.
-    Nowhere,
+    NullContext,
 }
 
 /// A packet.
@@ -102,7 +102,7 @@ impl Packet<'_> {
     fn is_whole(&self) -> bool {
         match self.protocol {
             _ if self.collided => false,
-            Protocol::Rtu => rtu::checked(self.bytes).is_some(),
+            Protocol::Rtu => rtu::verify_crc(self.bytes).is_some(),
             Protocol::Ascii => ascii::decode(self.bytes).is_some(),
             Protocol::Tcp | Protocol::Text | Protocol::Noise => true,
         }
@@ -126,7 +126,7 @@ impl Packet<'_> {
         let way = match self.way {
             Way::In => INBOUND,
             Way::Out => OUTBOUND,
-            Way::Nowhere => 0,
+            Way::NullContext => 0,
         };
         if self.is_whole() { way } else { way | CHECK_SUM_ERROR }
     }
@@ -137,7 +137,7 @@ impl Packet<'_> {
         match self.way {
             Way::In => Some((client, DRIVE_PORT)),
             Way::Out => Some((DRIVE_PORT, client)),
-            Way::Nowhere => None,
+            Way::NullContext => None,
         }
     }
 }

@@ -19,7 +19,7 @@ mod blocks;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use drivetwin_firmware::device::{Duration, Ends, Instant, Line};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line};
 use drivetwin_protocol::modbus::ascii;
 
 pub use self::blocks::{Blocks, Packet, Protocol, Way};
@@ -87,7 +87,7 @@ impl Snapshot {
 struct About {
     name: String,
     /// End of a message there.
-    ends: Option<Ends>,
+    ends: Option<Framing>,
 }
 
 impl About {
@@ -117,7 +117,7 @@ fn outlet(on: Medium) -> Outlet {
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
     /// Number of each line or connection in the file, and the end of a message on it.
-    lines: BTreeMap<Medium, (u32, Option<Ends>)>,
+    lines: BTreeMap<Medium, (u32, Option<Framing>)>,
     /// Text that is not written yet.
     texts: BTreeMap<(Medium, Way), Text>,
     /// The first frame that is not taken, and those behind it that are.
@@ -218,7 +218,7 @@ impl<W: Write> Pcapng<W> {
         let way = match frame.from {
             Source::Client => Way::In,
             Source::Drive(_) => Way::Out,
-            Source::Noise => Way::Nowhere,
+            Source::Noise => Way::NullContext,
         };
         let over = frame.bytes.is_empty() && matches!(frame.on, Medium::Tcp(..));
         if over {
@@ -285,7 +285,7 @@ impl<W: Write> Pcapng<W> {
     }
 
     /// Number of a line or a connection in the file, and the end of a message on it.
-    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Ends>)> {
+    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Framing>)> {
         if let Some(&known) = self.lines.get(&on) {
             return Ok(known);
         }
@@ -318,13 +318,13 @@ fn ends_line(byte: u8) -> bool {
 }
 
 /// Protocol on a line.
-fn protocol(ends: Option<Ends>, frame: &Frame) -> Protocol {
+fn protocol(ends: Option<Framing>, frame: &Frame) -> Protocol {
     match ends {
         _ if frame.from == Source::Noise => Protocol::Noise,
-        Some(Ends::Silence) if frame.line.is_some_and(ascii::is_on) => Protocol::Ascii,
-        Some(Ends::Silence) => Protocol::Rtu,
-        Some(Ends::Mbap) => Protocol::Tcp,
-        Some(Ends::Character | Ends::Return) | None => Protocol::Text,
+        Some(Framing::Silence) if frame.line.is_some_and(ascii::is_on) => Protocol::Ascii,
+        Some(Framing::Silence) => Protocol::Rtu,
+        Some(Framing::Mbap) => Protocol::Tcp,
+        Some(Framing::Character | Framing::Return) | None => Protocol::Text,
     }
 }
 
@@ -334,12 +334,12 @@ mod tests {
     use drivetwin_protocol::modbus::rtu;
 
     use super::*;
-    use crate::bench::{Seat, Settings};
-    use crate::record::trace::TraceKeep;
+    use crate::bench::{DriveId, Settings};
+    use crate::record::trace::Retention;
     use crate::testing::echo_device::{Echo, MCODE, MODBUS};
 
     /// A bench that keeps so much of its lines, and has been asked as often.
-    fn asked(keep: TraceKeep, times: usize) -> (Bench, Seat) {
+    fn asked(keep: Retention, times: usize) -> (Bench, DriveId) {
         let mut bench = Bench::with(Settings { capture: keep, ..Settings::default() });
         let md3 = bench.add::<Md3>("md3");
         bench.run_until(Instant::ZERO + Duration::secs(3));
@@ -357,7 +357,7 @@ mod tests {
 
     #[test]
     fn each_connection_has_an_interface_and_its_text_lines_of_its_own() {
-        let mut bench = Bench::with(Settings { capture: TraceKeep::All, ..Settings::default() });
+        let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
         let echo = bench.add::<Echo>("echo");
         let [a, b, c] = [MCODE, MCODE, MODBUS].map(|port| bench.connect_to(echo, port).unwrap());
         for (client, text) in [(a, "PR"), (b, "MR 10\r\n"), (a, " P\r\n"), (b, "SL")] {
@@ -384,7 +384,7 @@ mod tests {
 
     #[test]
     fn a_copy_in_pieces_is_what_was_there_when_it_was_begun() {
-        let (mut bench, md3) = asked(TraceKeep::All, 10);
+        let (mut bench, md3) = asked(Retention::All, 10);
         let mut whole = Vec::new();
         write(&bench, &mut whole).unwrap();
         let mut copy = Snapshot::begin(&bench);
@@ -400,7 +400,7 @@ mod tests {
 
     #[test]
     fn what_the_ring_drops_meanwhile_is_lost() {
-        let (mut bench, md3) = asked(TraceKeep::Ring(2_000), 30);
+        let (mut bench, md3) = asked(Retention::Ring(2_000), 30);
         let mut copy = Snapshot::begin(&bench);
         assert!(copy.go_on(&bench, 1));
         bench.ask(md3, &rtu::read(1, 0, 1));

@@ -1,6 +1,6 @@
 //! Copies that are made piece by piece, so that nobody has to wait for the whole of a long trace.
 
-use super::{Entry, Trace, TraceKeep};
+use super::{Entry, Retention, Trace};
 
 impl Trace {
     /// The events that are kept of those after the first `mark`, in the order in which they happened.
@@ -13,7 +13,7 @@ impl Trace {
     #[must_use]
     pub fn outline(&self) -> Self {
         let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
-        Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, TraceKeep::All) }
+        Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, Retention::All) }
     }
 
     /// Brings at most `most` more events of what this is an [outline](Self::outline) of, the newest first, until
@@ -38,16 +38,16 @@ mod tests {
     use drivetwin_protocol::time::Span;
 
     use super::*;
-    use crate::bench::{Bench, Driving, Settings};
+    use crate::bench::{Bench, PinStimulus, Settings};
     use crate::testing::toy::{LEVEL, Toy};
 
     /// A bench whose trace is that short, and something that happens on it again and again.
-    fn bench(keep: TraceKeep) -> (Bench, impl Fn(&mut Bench, i32)) {
+    fn bench(keep: Retention) -> (Bench, impl Fn(&mut Bench, i32)) {
         let mut bench = Bench::with(Settings { trace: keep, ..Settings::default() });
         let toy = bench.add::<Toy>("toy");
         let happen = move |bench: &mut Bench, times: i32| {
             for mv in 0..times {
-                bench.set_pin(toy, LEVEL, Driving::Millivolts(mv));
+                bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(mv));
                 bench.run_until(bench.now() + 1.millis());
             }
         };
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn in_pieces_it_is_what_it_was_at_the_beginning() {
-        let (mut bench, happen) = bench(TraceKeep::All);
+        let (mut bench, happen) = bench(Retention::All);
         happen(&mut bench, 20);
         let text = bench.trace().to_text();
         let mut copy = bench.trace().outline();
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn what_the_ring_drops_meanwhile_is_lost() {
-        let (mut bench, happen) = bench(TraceKeep::Ring(1_000));
+        let (mut bench, happen) = bench(Retention::Ring(1_000));
         happen(&mut bench, 20);
         let mut copy = bench.trace().outline();
         let mark = copy.mark();
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn of_more_than_there_is_room_for_it_is_the_end() {
-        let (mut bench, happen) = bench(TraceKeep::All);
+        let (mut bench, happen) = bench(Retention::All);
         happen(&mut bench, 20);
         let newest: Vec<_> = bench.trace().since(bench.trace().mark() - 5).collect();
         let room = newest.iter().map(|entry| entry.size()).sum();

@@ -76,7 +76,7 @@ pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
 
 /// Retention of a trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum TraceKeep {
+pub enum Retention {
     /// No events.
     Off,
     /// The last so many bytes, in memory.
@@ -87,13 +87,13 @@ pub enum TraceKeep {
     All,
 }
 
-impl TraceKeep {
+impl Retention {
     /// Bytes of the ring that is kept by default: 64 MiB.
     pub const RING: usize = 64 << 20;
 }
 
-/// The default: [`TraceKeep::RING`].
-impl Default for TraceKeep {
+/// The default: [`Retention::RING`].
+impl Default for Retention {
     fn default() -> Self {
         Self::Ring(Self::RING)
     }
@@ -105,7 +105,7 @@ pub struct Trace {
     /// Seed of every random choice.
     pub seed: u64,
     /// Drives on the bench.
-    pub drives: Vec<Drive>,
+    pub drives: Vec<TraceDrive>,
     /// Which outputs count when it is replayed.
     pub compare: Vec<Group>,
     /// Events that a full ring has dropped; a trace without its beginning cannot be replayed.
@@ -117,14 +117,14 @@ pub struct Trace {
     /// Number of events written, of those that wait for it.
     written: u64,
     events: VecDeque<Entry>,
-    keep: TraceKeep,
+    keep: Retention,
     /// Bytes that `events` holds on to.
     bytes: usize,
 }
 
 /// A drive that takes part.
 #[derive(Clone, Debug)]
-pub struct Drive {
+pub struct TraceDrive {
     /// Name of the drive.
     pub name: String,
     /// Description of its kind.
@@ -158,15 +158,15 @@ pub struct Entry {
 #[derive(Clone, PartialEq, Debug)]
 pub enum Event {
     /// Fed to a drive.
-    Fed(Fed),
+    Input(InputRecord),
     /// Done by a drive.
-    Did(Did),
+    Output(OutputRecord),
 }
 
 /// An input of a drive: an [`Input`] that owns its bytes, a change of power, or a preset.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[expect(missing_docs, reason = "the fields are those of `Input`")]
-pub enum Fed {
+pub enum InputRecord {
     /// Change of power.
     Power(Power),
     /// [`Input::Fault`]
@@ -179,10 +179,10 @@ pub enum Fed {
     Millivolts { pin: Pin, mv: i32 },
     /// [`Input::Count`]
     Count { encoder: Encoder, steps: i32, a: bool, b: bool },
-    /// [`Input::Slipped`]
-    Slipped { axis: Axis, steps: i32 },
-    /// [`Input::Draws`]
-    Draws { axis: Axis, ma: i32 },
+    /// [`Input::StepsCorrection`]
+    StepsCorrection { axis: Axis, steps: i32 },
+    /// [`Input::MotorCurrent`]
+    MotorCurrent { axis: Axis, ma: i32 },
     /// [`Input::Motor`]
     Motor { axis: Axis, parameters: Box<Parameters> },
     /// [`Input::Rotation`]
@@ -190,12 +190,12 @@ pub enum Fed {
     /// [`Input::Bytes`]; on a port where each character has its time, of several those after the
     /// first follow back to back.
     Bytes { port: Port, bytes: Vec<u8> },
-    /// [`Input::Spoiled`]
-    Spoiled { port: Port },
+    /// [`Input::RxError`]
+    RxError { port: Port },
     /// [`Input::Idle`]
     Idle { port: Port },
-    /// [`Input::Attached`]
-    Attached { port: Port, here: bool },
+    /// [`Input::HostPresence`]
+    HostPresence { port: Port, here: bool },
     /// [`Input::Opened`]
     Opened { port: Port, link: Link },
     /// [`Input::Message`]
@@ -206,7 +206,7 @@ pub enum Fed {
     Poke { row: usize, value: i64 },
 }
 
-impl Fed {
+impl InputRecord {
     /// The input as the drive gets it; `None` for power and presets.
     #[must_use]
     pub fn input(&self) -> Option<Input<'_>> {
@@ -217,14 +217,14 @@ impl Fed {
             Self::Open { pin } => Input::Open { pin },
             Self::Millivolts { pin, mv } => Input::Millivolts { pin, mv },
             Self::Count { encoder, steps, a, b } => Input::Count { encoder, steps, a, b },
-            Self::Slipped { axis, steps } => Input::Slipped { axis, steps },
-            Self::Draws { axis, ma } => Input::Draws { axis, ma },
+            Self::StepsCorrection { axis, steps } => Input::StepsCorrection { axis, steps },
+            Self::MotorCurrent { axis, ma } => Input::MotorCurrent { axis, ma },
             Self::Motor { axis, ref parameters } => Input::Motor { axis, parameters },
             Self::Rotation { axis, rotation } => Input::Rotation { axis, rotation },
             Self::Bytes { port, ref bytes } => Input::Bytes { port, bytes },
-            Self::Spoiled { port } => Input::Spoiled { port },
+            Self::RxError { port } => Input::RxError { port },
             Self::Idle { port } => Input::Idle { port },
-            Self::Attached { port, here } => Input::Attached { port, here },
+            Self::HostPresence { port, here } => Input::HostPresence { port, here },
             Self::Opened { port, link } => Input::Opened { port, link },
             Self::Message { port, link, ref bytes } => Input::Message { port, link, bytes },
             Self::Closed { port, link } => Input::Closed { port, link },
@@ -255,7 +255,7 @@ pub struct Cut {
 /// An output of a drive: an [`Output`] that owns its data.
 #[derive(Clone, PartialEq, Debug)]
 #[expect(missing_docs, reason = "the fields are those of `Output`")]
-pub enum Did {
+pub enum OutputRecord {
     /// [`Output::Bytes`]
     Bytes { port: Port, bytes: Vec<u8> },
     /// [`Output::Message`]
@@ -274,8 +274,8 @@ pub enum Did {
     Course { axis: Axis, course: Box<Course> },
     /// [`Output::Step`]
     Step { axis: Axis, steps: i32 },
-    /// [`Output::Current`]
-    Current { axis: Axis, ma: u32 },
+    /// [`Output::CurrentLimit`]
+    CurrentLimit { axis: Axis, ma: u32 },
     /// [`Output::Duty`]: 1/65536 of full on, signed.
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
@@ -284,7 +284,7 @@ pub enum Did {
     PowerOff,
 }
 
-impl Did {
+impl OutputRecord {
     /// The record of `output`; `None` for a note, and for reports of a motor to its drive.
     #[must_use]
     pub fn of(output: Output<'_>) -> Option<Self> {
@@ -297,10 +297,10 @@ impl Did {
             Output::Wave { pin, period, high } => Self::Wave { pin, period, high },
             Output::Plan { axis, plan } => Self::Plan { axis, plan: Box::new(*plan) },
             Output::Step { axis, steps } => Self::Step { axis, steps },
-            Output::Current { axis, ma } => Self::Current { axis, ma },
+            Output::CurrentLimit { axis, ma } => Self::CurrentLimit { axis, ma },
             Output::Duty { axis, duty } => Self::Duty { axis, duty },
             Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
-            Output::Note(_) | Output::Draws { .. } | Output::Motor { .. } | Output::Rotation { .. } => {
+            Output::Log(_) | Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {
                 return None;
             }
         })
@@ -327,7 +327,7 @@ impl Did {
             Self::Plan { .. }
             | Self::Course { .. }
             | Self::Step { .. }
-            | Self::Current { .. }
+            | Self::CurrentLimit { .. }
             | Self::Duty { .. } => Group::Motion,
             Self::Store { .. } | Self::PowerOff => Group::Stores,
         }
@@ -414,15 +414,19 @@ impl Entry {
     /// Bytes of memory that it takes.
     fn size(&self) -> usize {
         let owned = match &self.event {
-            Event::Fed(Fed::Bytes { bytes, .. } | Fed::Message { bytes, .. }) => allocated(bytes.len()),
-            Event::Did(Did::Bytes { bytes, .. } | Did::Message { bytes, .. } | Did::Store { bytes, .. }) => {
+            Event::Input(InputRecord::Bytes { bytes, .. } | InputRecord::Message { bytes, .. }) => {
                 allocated(bytes.len())
             }
-            Event::Did(Did::Plan { .. }) => allocated(size_of::<Plan>()),
-            Event::Did(Did::Course { course, .. }) => {
+            Event::Output(
+                OutputRecord::Bytes { bytes, .. }
+                | OutputRecord::Message { bytes, .. }
+                | OutputRecord::Store { bytes, .. },
+            ) => allocated(bytes.len()),
+            Event::Output(OutputRecord::Plan { .. }) => allocated(size_of::<Plan>()),
+            Event::Output(OutputRecord::Course { course, .. }) => {
                 allocated(size_of::<Course>()) + allocated(course.legs.len() * size_of::<Leg>())
             }
-            Event::Fed(_) | Event::Did(_) => 0,
+            Event::Input(_) | Event::Output(_) => 0,
         };
         size_of::<Self>() + owned
     }
@@ -430,7 +434,7 @@ impl Entry {
 
 impl Trace {
     /// A recording that has not begun.
-    pub(crate) fn new(seed: u64, keep: TraceKeep) -> Self {
+    pub(crate) fn new(seed: u64, keep: Retention) -> Self {
         Self {
             seed,
             drives: Vec::new(),
@@ -451,32 +455,32 @@ impl Trace {
     }
 
     /// Records what was fed to a drive.
-    pub(crate) fn fed(&mut self, at: Instant, drive: u32, fed: &Fed) {
-        if self.keep != TraceKeep::Off {
-            self.record(at, drive, Event::Fed(fed.clone()));
+    pub(crate) fn fed(&mut self, at: Instant, drive: u32, fed: &InputRecord) {
+        if self.keep != Retention::Off {
+            self.record(at, drive, Event::Input(fed.clone()));
         }
     }
 
     /// Records what a drive did.
     pub(crate) fn did(&mut self, at: Instant, drive: u32, output: Output<'_>) {
-        if self.keep == TraceKeep::Off {
+        if self.keep == Retention::Off {
             return;
         }
-        if let Some(did) = Did::of(output) {
-            self.record(at, drive, Event::Did(did));
+        if let Some(did) = OutputRecord::of(output) {
+            self.record(at, drive, Event::Output(did));
         }
     }
 
     /// Records that power fails in a store.
     pub(crate) fn power_fails(&mut self, at: Instant, drive: u32) {
-        if self.keep != TraceKeep::Off {
-            self.record(at, drive, Event::Did(Did::PowerOff));
+        if self.keep != Retention::Off {
+            self.record(at, drive, Event::Output(OutputRecord::PowerOff));
         }
     }
 
     /// Returns whether no event is missing.
     pub(crate) fn is_whole(&self) -> bool {
-        self.keep != TraceKeep::Off && self.lost == 0
+        self.keep != Retention::Off && self.lost == 0
     }
 
     // Where it is inlined an entry is written once, and not copied about on its way to its place.
@@ -485,9 +489,9 @@ impl Trace {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();
         let bound = match self.keep {
-            TraceKeep::Ring(most) => Some((most, u64::MAX)),
-            TraceKeep::Written(most) => Some((most, self.written)),
-            TraceKeep::Off | TraceKeep::All => None,
+            Retention::Ring(most) => Some((most, u64::MAX)),
+            Retention::Written(most) => Some((most, self.written)),
+            Retention::Off | Retention::All => None,
         };
         if let Some((most, droppable)) = bound {
             while self.bytes > most

@@ -39,7 +39,7 @@ impl<W: Write> Recording<W> {
     /// Writes what has happened since the last time.
     ///
     /// # Errors
-    /// Errors of the writer; or the trace has dropped some of that, which [`TraceKeep::Written`](super::TraceKeep)
+    /// Errors of the writer; or the trace has dropped some of that, which [`Retention::Written`](super::Retention)
     /// does not.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
         if trace.lost > self.taken {
@@ -47,11 +47,11 @@ impl<W: Write> Recording<W> {
         }
         for entry in trace.since(self.taken) {
             match entry.event {
-                Event::Fed(_) => {
+                Event::Input(_) => {
                     self.put_until(entry.at)?;
                     self.put(&trace.entry_text(entry))?;
                 }
-                Event::Did(_) => {
+                Event::Output(_) => {
                     self.ahead.insert((entry.at, self.taken), trace.entry_text(entry));
                     if self.ahead.len() > MOST_AHEAD {
                         self.put_first()?;

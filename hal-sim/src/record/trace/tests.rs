@@ -1,6 +1,6 @@
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::mdrobot::mdrobot;
-use drivetwin_firmware::motion::Rates;
+use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::line::Parity;
 use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
@@ -79,7 +79,7 @@ fn every_word_is_read_and_written() {
     assert_eq!(trace.events().len(), WORDS.lines().count() - 8);
     assert_eq!(trace.drives[0].memory[7..], [0xFF, 0, 0xFF]);
     let line = trace.events().find_map(|entry| match entry.event {
-        Event::Did(Did::Line { line, .. }) => Some(line),
+        Event::Output(OutputRecord::Line { line, .. }) => Some(line),
         _ => None,
     });
     assert_eq!(line, Some(Line::new(19_200, 7, Parity::Odd, 2)));
@@ -91,7 +91,7 @@ fn what_people_write_by_hand_is_read() {
     assert_eq!(trace.unwrap_err(), "line 7: \"2.\" is no time in milliseconds with up to six decimals");
     let trace = parse("  1 >  rx \"r\" 0d   # a comment\n1.5 t < tx 61\n").unwrap();
     let entries: Vec<&Entry> = trace.events().collect();
-    assert_eq!(entries[0].event, Event::Fed(Fed::Bytes { port: Port(0), bytes: vec![b'r', 13] }));
+    assert_eq!(entries[0].event, Event::Input(InputRecord::Bytes { port: Port(0), bytes: vec![b'r', 13] }));
     assert_eq!((entries[0].at, entries[0].line), (Instant::from(Duration::millis(1)), 3));
     assert_eq!(trace.end, Instant::from(Duration::micros(1_500)));
 }
@@ -227,25 +227,30 @@ fn a_trace_without_its_beginning_cannot_be_replayed() {
 
 #[test]
 fn a_full_ring_drops_the_oldest() {
-    let size =
-        Entry { at: Instant::ZERO, drive: 0, event: Event::Fed(Fed::Idle { port: Port(0) }), line: 0 }.size();
-    let mut trace = Trace::new(1, TraceKeep::Ring(10 * size));
+    let size = Entry {
+        at: Instant::ZERO,
+        drive: 0,
+        event: Event::Input(InputRecord::Idle { port: Port(0) }),
+        line: 0,
+    }
+    .size();
+    let mut trace = Trace::new(1, Retention::Ring(10 * size));
     for n in 0..25 {
-        trace.fed(Instant::from_ticks(n), 0, &Fed::Idle { port: Port(0) });
+        trace.fed(Instant::from_ticks(n), 0, &InputRecord::Idle { port: Port(0) });
     }
     assert_eq!((trace.lost, trace.events().len()), (15, 10));
     assert_eq!(trace.events().next().unwrap().at, Instant::from_ticks(15));
     trace.rewind(trace.mark() - 2);
     assert_eq!((trace.events().len(), trace.mark()), (8, 23));
-    let mut off = Trace::new(1, TraceKeep::Off);
-    off.fed(Instant::ZERO, 0, &Fed::Idle { port: Port(0) });
+    let mut off = Trace::new(1, Retention::Off);
+    off.fed(Instant::ZERO, 0, &InputRecord::Idle { port: Port(0) });
     assert_eq!(off.events().len(), 0);
 }
 
 #[test]
 fn a_plan_is_told_by_its_stretches() {
     let start = Instant::from_ticks(5);
-    let plan = Plan::profile(start, 100, -10_000, Rates::even(U24F8::from_num(5_000), 10_000));
+    let plan = Plan::profile(start, 100, -10_000, Limits::even(U24F8::from_num(5_000), 10_000));
     let leg = |ms, speed| Leg { time: Duration::millis(ms), speed };
     let legs = vec![leg(500, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
     assert_eq!(Course::of(&plan, start), Course { from: 100, legs, to: Some(-9_900) });

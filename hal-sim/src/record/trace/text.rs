@@ -4,13 +4,16 @@ use std::fmt::{self, Write as _};
 use std::io;
 
 use drivetwin_firmware::device::{
-    Axis, Encoder, Ends, Fault, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Rotation, Spec,
+    Axis, Encoder, Fault, Framing, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Rotation, Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::time::Duration;
 
-use super::{Course, Cut, Did, Drive, Entry, Event, Fed, Group, Leg, Make, Power, Trace, TraceKeep};
+use super::{
+    Course, Cut, Entry, Event, Group, InputRecord, Leg, Make, OutputRecord, Power, Retention, Trace,
+    TraceDrive,
+};
 
 /// The version of the format.
 const VERSION: &str = "1";
@@ -153,8 +156,8 @@ impl Trace {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
         let sign = match entry.event {
-            Event::Fed(_) => '>',
-            Event::Did(_) => '<',
+            Event::Input(_) => '>',
+            Event::Output(_) => '<',
         };
         format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
     }
@@ -164,8 +167,8 @@ impl Trace {
     pub fn words(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         match &entry.event {
-            Event::Fed(fed) => fed_text(drive.spec, fed),
-            Event::Did(did) => did_text(drive.spec, entry.at, did),
+            Event::Input(fed) => fed_text(drive.spec, fed),
+            Event::Output(did) => did_text(drive.spec, entry.at, did),
         }
     }
 }
@@ -210,7 +213,7 @@ fn hex(bytes: &[u8]) -> String {
 
 /// Bytes as the port's language writes them: text between quotes where characters end a message.
 fn payload(port: Option<&PortSpec>, bytes: &[u8]) -> String {
-    let spoken = port.is_some_and(|port| matches!(port.ends, Ends::Character | Ends::Return));
+    let spoken = port.is_some_and(|port| matches!(port.ends, Framing::Character | Framing::Return));
     let plain = |&byte: &u8| byte == b'\r' || byte == b'\n' || (b' '..=b'~').contains(&byte);
     if !spoken || bytes.is_empty() || !bytes.iter().all(plain) {
         return hex(bytes);
@@ -257,41 +260,45 @@ fn on_off(on: bool) -> &'static str {
 }
 
 /// An input in words.
-fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
+fn fed_text(spec: &'static Spec, fed: &InputRecord) -> String {
     match fed {
-        Fed::Power(Power::On) => "power on".to_owned(),
-        Fed::Power(Power::Off) => "power off".to_owned(),
-        Fed::Power(Power::Cut(None)) => "power cut".to_owned(),
-        Fed::Power(Power::Cut(Some(cut))) => format!("power cut {} {}", cut.stores, cut.bytes),
-        Fed::Fault { fault, on } => {
+        InputRecord::Power(Power::On) => "power on".to_owned(),
+        InputRecord::Power(Power::Off) => "power off".to_owned(),
+        InputRecord::Power(Power::Cut(None)) => "power cut".to_owned(),
+        InputRecord::Power(Power::Cut(Some(cut))) => format!("power cut {} {}", cut.stores, cut.bytes),
+        InputRecord::Fault { fault, on } => {
             let name = spec.faults.get(usize::from(fault.0)).copied().unwrap_or("?");
             format!("fault {name} {}", on_off(*on))
         }
-        Fed::Edge { pin, high } => format!("pin {} {}", pin_name(spec, *pin), high_low(*high)),
-        Fed::Open { pin } => format!("pin {} open", pin_name(spec, *pin)),
-        Fed::Millivolts { pin, mv } => format!("millivolts {} {mv}", pin_name(spec, *pin)),
-        Fed::Count { encoder, steps, a, b } => {
+        InputRecord::Edge { pin, high } => format!("pin {} {}", pin_name(spec, *pin), high_low(*high)),
+        InputRecord::Open { pin } => format!("pin {} open", pin_name(spec, *pin)),
+        InputRecord::Millivolts { pin, mv } => format!("millivolts {} {mv}", pin_name(spec, *pin)),
+        InputRecord::Count { encoder, steps, a, b } => {
             format!("count {} {steps} {} {}", encoder.0, high_low(*a), high_low(*b))
         }
-        Fed::Slipped { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
-        Fed::Draws { axis, ma } => format!("draws {} {ma}", axis_name(spec, *axis)),
-        Fed::Motor { axis, parameters } => format!("motor {} {}", axis_name(spec, *axis), motor(parameters)),
-        Fed::Rotation { axis, rotation: Rotation { angle, speed, acceleration } } => {
+        InputRecord::StepsCorrection { axis, steps } => format!("slipped {} {steps}", axis_name(spec, *axis)),
+        InputRecord::MotorCurrent { axis, ma } => format!("draws {} {ma}", axis_name(spec, *axis)),
+        InputRecord::Motor { axis, parameters } => {
+            format!("motor {} {}", axis_name(spec, *axis), motor(parameters))
+        }
+        InputRecord::Rotation { axis, rotation: Rotation { angle, speed, acceleration } } => {
             format!("rotation {} {angle} {speed} {acceleration}", axis_name(spec, *axis))
         }
-        Fed::Bytes { port, bytes } => {
+        InputRecord::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "rx", *port), payload(port_of(spec, *port), bytes))
         }
-        Fed::Spoiled { port } => at_port(spec, "spoiled", *port),
-        Fed::Idle { port } => at_port(spec, "idle", *port),
-        Fed::Attached { port, here } => format!("{} {}", at_port(spec, "attached", *port), on_off(*here)),
-        Fed::Opened { port, link } => format!("{} {}", at_port(spec, "opened", *port), link.0),
-        Fed::Message { port, link, bytes } => {
+        InputRecord::RxError { port } => at_port(spec, "spoiled", *port),
+        InputRecord::Idle { port } => at_port(spec, "idle", *port),
+        InputRecord::HostPresence { port, here } => {
+            format!("{} {}", at_port(spec, "attached", *port), on_off(*here))
+        }
+        InputRecord::Opened { port, link } => format!("{} {}", at_port(spec, "opened", *port), link.0),
+        InputRecord::Message { port, link, bytes } => {
             let word = at_port(spec, "message", *port);
             format!("{word} {}{}", link.0, payload(port_of(spec, *port), bytes))
         }
-        Fed::Closed { port, link } => format!("{} {}", at_port(spec, "closed", *port), link.0),
-        Fed::Poke { row, value } => {
+        InputRecord::Closed { port, link } => format!("{} {}", at_port(spec, "closed", *port), link.0),
+        InputRecord::Poke { row, value } => {
             let name = spec.registers.rows.get(*row).map_or("?", |row| row.name);
             format!("poke {name} {value}")
         }
@@ -299,18 +306,18 @@ fn fed_text(spec: &'static Spec, fed: &Fed) -> String {
 }
 
 /// An output at `at` in words.
-fn did_text(spec: &'static Spec, at: Instant, did: &Did) -> String {
+fn did_text(spec: &'static Spec, at: Instant, did: &OutputRecord) -> String {
     match did {
-        Did::Bytes { port, bytes } => {
+        OutputRecord::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "tx", *port), payload(port_of(spec, *port), bytes))
         }
-        Did::Message { port, link, bytes } => {
+        OutputRecord::Message { port, link, bytes } => {
             let word = at_port(spec, "message", *port);
             format!("{word} {}{}", link.0, payload(port_of(spec, *port), bytes))
         }
-        Did::Close { port, link } => format!("{} {}", at_port(spec, "close", *port), link.0),
-        Did::Line { port, line } => format!("{} {line}", at_port(spec, "line", *port)),
-        Did::Level { pin, level } => {
+        OutputRecord::Close { port, link } => format!("{} {}", at_port(spec, "close", *port), link.0),
+        OutputRecord::Line { port, line } => format!("{} {line}", at_port(spec, "line", *port)),
+        OutputRecord::Level { pin, level } => {
             let level = match level {
                 Level::Low => "low",
                 Level::High => "high",
@@ -318,16 +325,16 @@ fn did_text(spec: &'static Spec, at: Instant, did: &Did) -> String {
             };
             format!("pin {} {level}", pin_name(spec, *pin))
         }
-        Did::Wave { pin, period, high } => {
+        OutputRecord::Wave { pin, period, high } => {
             format!("wave {} {} of {}", pin_name(spec, *pin), millis(high.ticks()), millis(period.ticks()))
         }
-        Did::Plan { axis, plan } => course_text(spec, *axis, &Course::of(plan, at)),
-        Did::Course { axis, course } => course_text(spec, *axis, course),
-        Did::Step { axis, steps } => format!("step {} {steps}", axis_name(spec, *axis)),
-        Did::Current { axis, ma } => format!("current {} {ma}", axis_name(spec, *axis)),
-        Did::Duty { axis, duty } => format!("duty {} {duty}", axis_name(spec, *axis)),
-        Did::Store { offset, bytes } => format!("store 0x{offset:04X}{}", hex(bytes)),
-        Did::PowerOff => "power off".to_owned(),
+        OutputRecord::Plan { axis, plan } => course_text(spec, *axis, &Course::of(plan, at)),
+        OutputRecord::Course { axis, course } => course_text(spec, *axis, course),
+        OutputRecord::Step { axis, steps } => format!("step {} {steps}", axis_name(spec, *axis)),
+        OutputRecord::CurrentLimit { axis, ma } => format!("current {} {ma}", axis_name(spec, *axis)),
+        OutputRecord::Duty { axis, duty } => format!("duty {} {duty}", axis_name(spec, *axis)),
+        OutputRecord::Store { offset, bytes } => format!("store 0x{offset:04X}{}", hex(bytes)),
+        OutputRecord::PowerOff => "power off".to_owned(),
     }
 }
 
@@ -363,7 +370,7 @@ struct Reader {
 
 impl Reader {
     fn new() -> Self {
-        let trace = Trace { ended: false, ..Trace::new(1, TraceKeep::All) };
+        let trace = Trace { ended: false, ..Trace::new(1, Retention::All) };
         Self { trace, begun: false, fed: Instant::ZERO, last: Instant::ZERO }
     }
 
@@ -446,7 +453,7 @@ impl Reader {
             return Err(format!("there are two drives called {name}"));
         }
         let spec = make(kind).ok_or_else(|| format!("there is no kind \"{kind}\""))?.spec();
-        let mut drive = Drive {
+        let mut drive = TraceDrive {
             name,
             spec,
             boot_fast: false,
@@ -503,9 +510,9 @@ impl Reader {
                 }
                 self.fed = at;
                 self.trace.end = self.trace.end.max(at);
-                Event::Fed(fed(spec, words)?)
+                Event::Input(fed(spec, words)?)
             }
-            "<" => Event::Did(did(spec, words)?),
+            "<" => Event::Output(did(spec, words)?),
             _ => return Err(format!("after the stamp comes \">\", \"<\" or \"end\", not \"{word}\"")),
         };
         words.end()?;
@@ -523,39 +530,45 @@ pub(crate) fn is_name(name: &str) -> bool {
 }
 
 /// Parses an input.
-fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
+fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
-        "rx" => Fed::Bytes { port, bytes: words.some_bytes()? },
-        "spoiled" => Fed::Spoiled { port },
-        "idle" => Fed::Idle { port },
-        "attached" => Fed::Attached { port, here: words.either("on", "off")? },
-        "opened" => Fed::Opened { port, link: Link(words.number("a connection")?) },
-        "message" => {
-            Fed::Message { port, link: Link(words.number("a connection")?), bytes: words.some_bytes()? }
-        }
-        "closed" => Fed::Closed { port, link: Link(words.number("a connection")?) },
+        "rx" => InputRecord::Bytes { port, bytes: words.some_bytes()? },
+        "spoiled" => InputRecord::RxError { port },
+        "idle" => InputRecord::Idle { port },
+        "attached" => InputRecord::HostPresence { port, here: words.either("on", "off")? },
+        "opened" => InputRecord::Opened { port, link: Link(words.number("a connection")?) },
+        "message" => InputRecord::Message {
+            port,
+            link: Link(words.number("a connection")?),
+            bytes: words.some_bytes()?,
+        },
+        "closed" => InputRecord::Closed { port, link: Link(words.number("a connection")?) },
         "pin" => {
             let pin = words.pin(spec)?;
-            let open = spec.pins.get(usize::from(pin.0)).is_some_and(PinSpec::tells_open);
+            let open = spec.pins.get(usize::from(pin.0)).is_some_and(PinSpec::reports_open);
             match words.next() {
-                "open" if open => Fed::Open { pin },
-                "high" => Fed::Edge { pin, high: true },
-                "low" => Fed::Edge { pin, high: false },
+                "open" if open => InputRecord::Open { pin },
+                "high" => InputRecord::Edge { pin, high: true },
+                "low" => InputRecord::Edge { pin, high: false },
                 word if open => return Err(format!("\"high\", \"low\" or \"open\", not \"{word}\"")),
                 word => return Err(format!("\"high\" or \"low\", not \"{word}\"")),
             }
         }
-        "millivolts" => Fed::Millivolts { pin: words.pin(spec)?, mv: words.number("a voltage in mV")? },
-        "count" => Fed::Count {
+        "millivolts" => {
+            InputRecord::Millivolts { pin: words.pin(spec)?, mv: words.number("a voltage in mV")? }
+        }
+        "count" => InputRecord::Count {
             encoder: Encoder(words.number("an encoder")?),
             steps: words.number("quarter cycles")?,
             a: words.either("high", "low")?,
             b: words.either("high", "low")?,
         },
-        "slipped" => Fed::Slipped { axis: words.axis(spec)?, steps: words.number("steps")? },
-        "draws" => Fed::Draws { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
-        "motor" => Fed::Motor {
+        "slipped" => InputRecord::StepsCorrection { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "draws" => {
+            InputRecord::MotorCurrent { axis: words.axis(spec)?, ma: words.number("a current in mA")? }
+        }
+        "motor" => InputRecord::Motor {
             axis: words.axis(spec)?,
             parameters: Box::new(Parameters {
                 supply_mv: words.number("a supply in mV")?,
@@ -576,21 +589,21 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<Fed, String> {
                 speed: words.number("a speed")?,
                 acceleration: words.number("an acceleration")?,
             };
-            Fed::Rotation { axis, rotation: rotation.limited() }
+            InputRecord::Rotation { axis, rotation: rotation.limited() }
         }
         "fault" => {
             let names = spec.faults.iter().copied();
-            Fed::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
+            InputRecord::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
         }
         "poke" => {
             let name = words.next();
             let row = spec.registers.rows.iter().position(|row| row.name == name);
-            Fed::Poke {
+            InputRecord::Poke {
                 row: row.ok_or_else(|| format!("there is no register \"{name}\""))?,
                 value: words.number("a value")?,
             }
         }
-        "power" => Fed::Power(match words.next() {
+        "power" => InputRecord::Power(match words.next() {
             "on" => Power::On,
             "off" => Power::Off,
             "cut" if words.rest.is_empty() => Power::Cut(None),
@@ -642,15 +655,17 @@ fn motor(parameters: &Parameters) -> String {
 }
 
 /// Parses an output.
-fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
+fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
-        "tx" => Did::Bytes { port, bytes: words.some_bytes()? },
-        "message" => {
-            Did::Message { port, link: Link(words.number("a connection")?), bytes: words.some_bytes()? }
-        }
-        "close" => Did::Close { port, link: Link(words.number("a connection")?) },
-        "line" => Did::Line { port, line: words.line()? },
+        "tx" => OutputRecord::Bytes { port, bytes: words.some_bytes()? },
+        "message" => OutputRecord::Message {
+            port,
+            link: Link(words.number("a connection")?),
+            bytes: words.some_bytes()?,
+        },
+        "close" => OutputRecord::Close { port, link: Link(words.number("a connection")?) },
+        "line" => OutputRecord::Line { port, line: words.line()? },
         "pin" => {
             let pin = words.pin(spec)?;
             let level = match words.next() {
@@ -659,27 +674,29 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<Did, String> {
                 "float" => Level::Float,
                 other => return Err(format!("a pin is \"low\", \"high\" or \"float\", not \"{other}\"")),
             };
-            Did::Level { pin, level }
+            OutputRecord::Level { pin, level }
         }
         "wave" => {
             let pin = words.pin(spec)?;
             let high = Duration::from_ticks(words.millis()?);
             match words.next() {
-                "of" => Did::Wave { pin, high, period: Duration::from_ticks(words.millis()?) },
+                "of" => OutputRecord::Wave { pin, high, period: Duration::from_ticks(words.millis()?) },
                 other => return Err(format!("\"of\" and a period are missing before \"{other}\"")),
             }
         }
-        "plan" => Did::Course { axis: words.axis(spec)?, course: Box::new(words.course()?) },
-        "step" => Did::Step { axis: words.axis(spec)?, steps: words.number("steps")? },
-        "current" => Did::Current { axis: words.axis(spec)?, ma: words.number("a current in mA")? },
-        "duty" => Did::Duty { axis: words.axis(spec)?, duty: words.number("a duty in 1/65536")? },
+        "plan" => OutputRecord::Course { axis: words.axis(spec)?, course: Box::new(words.course()?) },
+        "step" => OutputRecord::Step { axis: words.axis(spec)?, steps: words.number("steps")? },
+        "current" => {
+            OutputRecord::CurrentLimit { axis: words.axis(spec)?, ma: words.number("a current in mA")? }
+        }
+        "duty" => OutputRecord::Duty { axis: words.axis(spec)?, duty: words.number("a duty in 1/65536")? },
         "store" => {
             let offset = words.address()?;
             let offset = u16::try_from(offset).map_err(|_| "the memory ends before that".to_owned())?;
-            Did::Store { offset, bytes: words.bytes()? }
+            OutputRecord::Store { offset, bytes: words.bytes()? }
         }
         "power" => match words.next() {
-            "off" => Did::PowerOff,
+            "off" => OutputRecord::PowerOff,
             other => return Err(format!("by itself power goes \"off\", not \"{other}\"")),
         },
         _ => {

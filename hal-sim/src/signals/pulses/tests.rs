@@ -1,6 +1,6 @@
 //! Scripts with times.
 
-use drivetwin_firmware::motion::Rates;
+use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::time::Span;
 use fixed::types::{I24F8, U24F8};
 use proptest::prelude::*;
@@ -30,7 +30,7 @@ fn jog(from: Instant, steps_per_second: i32) -> Plan {
 
 #[test]
 fn a_pulse_is_high_for_2_us_and_the_direction_comes_5_us_before() {
-    let plan = Plan::profile(at(0), 0, 2, Rates::even(U24F8::from_num(1_000), 200));
+    let plan = Plan::profile(at(0), 0, 2, Limits::even(U24F8::from_num(1_000), 200));
     let mut shaper = Shaper::new(at(0), &plan, false);
     assert_eq!(shaper.due(), at(99_995));
     // Up for one step in sqrt(2/200) s, down for the other in as much.
@@ -65,7 +65,7 @@ fn fast() -> (Shaper, Instant) {
 fn a_fast_reversal_changes_direction_half_an_interval_before() {
     let (mut shaper, rise) = fast();
     let back = jog(rise, -250_000);
-    let first = Walker::new(&back, rise).next().expect("a jog has steps").at;
+    let first = StepIterator::new(&back, rise).next().expect("a jog has steps").at;
     let interval = first.since(rise);
     assert!(interval <= 4.micros(), "{interval:?}");
     shaper.plan(rise, &back, Lent::default());
@@ -90,7 +90,7 @@ fn nobody_knew_of_a_reversal_before_its_plan() {
     let known = rise + 3.micros();
     while shaper.take(known).is_some() {}
     let back = jog(known, -400_000);
-    let first = Walker::new(&back, known).next().expect("a jog has steps").at;
+    let first = StepIterator::new(&back, known).next().expect("a jog has steps").at;
     assert!(first <= known + 3.micros(), "{first:?}");
     shaper.plan(known, &back, Lent::default());
     let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
@@ -106,7 +106,7 @@ fn nobody_knew_of_a_reversal_before_its_plan() {
 #[test]
 fn a_new_plan_lets_a_high_pulse_fall_and_makes_no_step_of_its_own_instant() {
     let plan = jog(at(1_000), 1_000);
-    let second = Walker::new(&plan, at(2_500)).next().expect("a jog has steps").at;
+    let second = StepIterator::new(&plan, at(2_500)).next().expect("a jog has steps").at;
     for after in [Duration::ZERO, Duration::TICK, 1.micros(), 2.micros()] {
         let mut shaper = Shaper::new(at(1_000), &plan, true);
         let change = second + after;
@@ -211,7 +211,7 @@ proptest! {
             plan = match act {
                 Act::Jog(speed) => plan.towards(change, I24F8::from_num(speed), 2_000_000_000),
                 Act::Profile(steps) => {
-                    Plan::profile(change, position, steps, Rates::even(U24F8::from_num(90_000), 900_000_000))
+                    Plan::profile(change, position, steps, Limits::even(U24F8::from_num(90_000), 900_000_000))
                 }
                 Act::Halt => plan.halt(change),
                 Act::Steps(steps) => {

@@ -9,7 +9,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m_rt::entry;
 use counted::{count, done, group, opaque};
 use drivetwin_firmware::device::{Instant, Plan};
-use drivetwin_firmware::motion::{Follower, Rates, StepDir, StepTimer, Stepper, Walker};
+use drivetwin_firmware::motion::{Limits, PlanLoader, StepDir, StepGenerator, StepIterator, StepTimer};
 use fixed::types::{I24F8, U24F8};
 
 /// State that an interrupt and the loop share on a board.
@@ -30,8 +30,8 @@ impl<T> Shared<T> {
     }
 }
 
-static WALKER: Shared<Walker> = Shared::new(Walker::done());
-static STEPPER: Shared<Stepper<Pins>> = Shared::new(Stepper::new(Pins));
+static WALKER: Shared<StepIterator> = Shared::new(StepIterator::done());
+static STEPPER: Shared<StepGenerator<Pins>> = Shared::new(StepGenerator::new(Pins));
 
 /// The registers of a timer and of two pins.
 static COMPARE: AtomicU32 = AtomicU32::new(0);
@@ -41,14 +41,14 @@ static DIRECTION: AtomicBool = AtomicBool::new(false);
 #[entry]
 fn main() -> ! {
     let fast = || towards(800_000_000);
-    WALKER.with(|walker| *walker = Walker::new(&towards(10_000), Instant::ZERO));
+    WALKER.with(|walker| *walker = StepIterator::new(&towards(10_000), Instant::ZERO));
     steps(c"step, one of the first 100 at 10,000 steps/s²", walk, 0, 100);
     steps(c"step in a ramp at 10,000 steps/s²", walk, 900, 10_000);
-    WALKER.with(|walker| *walker = Walker::new(&towards(500_000), Instant::ZERO));
+    WALKER.with(|walker| *walker = StepIterator::new(&towards(500_000), Instant::ZERO));
     steps(c"step in a ramp at 500,000 steps/s²", walk, 200, 1_000);
-    WALKER.with(|walker| *walker = Walker::new(&fast(), Instant::ZERO));
+    WALKER.with(|walker| *walker = StepIterator::new(&fast(), Instant::ZERO));
     steps(c"step in a cruise", walk, 10, 1_000);
-    WALKER.with(|walker| *walker = Walker::new(&profile(), Instant::ZERO));
+    WALKER.with(|walker| *walker = StepIterator::new(&profile(), Instant::ZERO));
     steps(c"step of a move of 10,000", walk, 0, 10_000);
 
     follow(&towards(500_000));
@@ -97,14 +97,14 @@ fn walk() {
 /// An interrupt that makes a pulse.
 #[inline(never)]
 fn fire() {
-    let due = STEPPER.with(Stepper::fire);
+    let due = STEPPER.with(StepGenerator::fire);
     COMPARE.store(due.ticks() as u32, Ordering::Relaxed);
 }
 
 /// A plan and its first step, as the loop prepares them.
 #[inline(never)]
 fn plan(plan: impl FnOnce() -> Plan) {
-    let mut walker = Walker::new(&opaque(plan()), Instant::ZERO);
+    let mut walker = StepIterator::new(&opaque(plan()), Instant::ZERO);
     opaque(walker.next());
 }
 
@@ -115,12 +115,12 @@ fn towards(acceleration: u32) -> Plan {
 
 /// The move of a new MD3, but longer.
 fn profile() -> Plan {
-    let rates = Rates::even(opaque(U24F8::from_num(5_000)), opaque(10_000));
+    let rates = Limits::even(opaque(U24F8::from_num(5_000)), opaque(10_000));
     Plan::profile(Instant::ZERO, 0, opaque(10_000), rates)
 }
 
 fn follow(plan: &Plan) {
-    opaque(Follower::new().follow(&mut Timer, plan));
+    opaque(PlanLoader::new().follow(&mut Timer, plan));
 }
 
 struct Pins;
@@ -148,7 +148,7 @@ impl StepTimer for Timer {
         Instant::ZERO
     }
 
-    fn with<R>(&mut self, act: impl FnOnce(&mut Stepper<Pins>, Instant) -> R) -> Option<R> {
+    fn with<R>(&mut self, act: impl FnOnce(&mut StepGenerator<Pins>, Instant) -> R) -> Option<R> {
         Some(STEPPER.with(|stepper| act(stepper, Instant::ZERO)))
     }
 }

@@ -9,8 +9,8 @@ use core::ffi::CStr;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
-use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Output, Sink};
-use drivetwin_firmware::motor::Rig;
+use drivetwin_firmware::device::{Boot, Context, Device, Duration, Instant, Output};
+use drivetwin_firmware::motor::DriveWithMotor;
 use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
 use programs::{BUS, JMP_1, MIXED, MOV_AX_0, Program, SYSTEM};
 
@@ -48,7 +48,7 @@ fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
 
 /// As the loop of a board calls it.
 #[inline(never)]
-fn carry_out(drive: &mut Rig<Rs434>, out: &mut Hands) {
+fn carry_out(drive: &mut DriveWithMotor<Rs434>, out: &mut Hands) {
     drive.timeout(drive.deadline(), out);
 }
 
@@ -86,7 +86,7 @@ const fn crc_with(mut crc: u16, byte: u8) -> u16 {
 /// A board that has just that memory.
 struct Hands(&'static Flash);
 
-impl Sink for Hands {
+impl Context for Hands {
     fn put(&mut self, _at: Instant, _output: Output<'_>) {}
 
     fn memory(&self) -> &[u8] {

@@ -6,7 +6,7 @@ use core::ffi::CStr;
 
 use cortex_m_rt::entry;
 use counted::{count, done, group};
-use drivetwin_firmware::device::{Axis, Boot, Device, Duration, Instant, Output, Sink, advance};
+use drivetwin_firmware::device::{Axis, Boot, Context, Device, Duration, Instant, Output, advance};
 use drivetwin_firmware::mdrobot::{Pid, mdrobot};
 use drivetwin_firmware::rs434::{Reg, rs434544};
 
@@ -53,7 +53,7 @@ fn pass(drive: &mut impl Device, now: &mut Instant, out: &mut Hands) {
 /// A board that does nothing.
 struct Hands;
 
-impl Sink for Hands {
+impl Context for Hands {
     fn put(&mut self, _at: Instant, _output: Output<'_>) {}
 
     fn memory(&self) -> &[u8] {

@@ -3,7 +3,7 @@
 #![no_main]
 
 use drivetwin_firmware::device::{Instant, Plan};
-use drivetwin_firmware::motion::{Rates, Walker};
+use drivetwin_firmware::motion::{Limits, StepIterator};
 use panic_free::{opaque, perhaps_panic};
 
 /// Entry point for the linker.
@@ -12,12 +12,12 @@ extern "C" fn start() -> ! {
     loop {
         let at: Instant = opaque(Instant::ZERO);
         let [start, speed] = opaque([Default::default(); 2]);
-        let rates = Rates { start, speed, up: opaque(0), down: opaque(0) };
+        let rates = Limits { start, speed, up: opaque(0), down: opaque(0) };
         let plan = opaque(Plan::profile(at, opaque(0), opaque(0), rates));
         let plan = opaque(plan.towards(at, opaque(Default::default()), opaque(0)));
         let plan = opaque(plan.resumed(at, opaque(0)));
         opaque((plan.start(), plan.end(), plan.segments(), plan.position_at(at), plan.speed_at(at)));
-        let mut walker = opaque(Walker::new(&plan, at));
+        let mut walker = opaque(StepIterator::new(&plan, at));
         while let Some(step) = walker.next() {
             opaque((step, &mut walker));
         }

@@ -4,10 +4,10 @@
 
 use drivetwin_protocol::line::Line;
 use drivetwin_protocol::modbus::pdu::{Exception, Request};
-use drivetwin_protocol::modbus::rtu::{self, Receiver, Timing};
-use drivetwin_protocol::modbus::server::{Map, Rules, Values, serve_rtu, serve_serial, serve_tcp};
+use drivetwin_protocol::modbus::rtu::{self, RtuReceiver, Timing};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules, Values, serve_rtu, serve_serial, serve_tcp};
 use drivetwin_protocol::modbus::tcp::{self, Adu, Header, Splitter};
-use drivetwin_protocol::modbus::{Frame, Reply, Voices, ascii, front, identification};
+use drivetwin_protocol::modbus::{Expect, Frame, Reply, ascii, identification, scan};
 use drivetwin_protocol::registers::{Bank, Register, Space};
 use drivetwin_protocol::time::{Duration, Instant};
 use panic_free::{opaque, perhaps_panic};
@@ -28,7 +28,7 @@ drivetwin_protocol::registers! {
 
 struct Slave(Bank<Reg, { Reg::WORDS }>);
 
-impl Map for Slave {
+impl RequestHandler for Slave {
     type Register = Reg;
 
     fn words(&self) -> &[u16] {
@@ -56,7 +56,7 @@ impl Map for Slave {
         opaque(register) != opaque(Reg::Words)
     }
 
-    fn serve_other(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         identification::answer(pdu, opaque(0x82), opaque(&[(0, b"")]), reply)
     }
 }
@@ -131,15 +131,15 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
 
 fn receive(bytes: &[u8], at: Instant) {
     let line: Line = opaque(Line::new(9_600, 8, drivetwin_protocol::line::Parity::Even, 1));
-    opaque((line.character(), Timing::of(line), front(line, bytes, opaque(Voices::All))));
-    let mut receiver = opaque(Receiver::new(line));
+    opaque((line.character(), Timing::of(line), scan(line, bytes, opaque(Expect::Both))));
+    let mut receiver = opaque(RtuReceiver::new(line));
     receiver.bytes(at, bytes);
     receiver.spoiled(at);
     receiver.set_line(at, line);
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();
-    let mut receiver = opaque(ascii::Receiver::new(line));
+    let mut receiver = opaque(ascii::AsciiReceiver::new(line));
     receiver.bytes(at, bytes);
     receiver.spoiled(at);
     opaque((receiver.deadline(), receiver.is_over(at)));

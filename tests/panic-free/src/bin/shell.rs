@@ -5,10 +5,11 @@
 use core::convert::Infallible;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, Duration, Input, Instant, Line, Link, Output, Pin, Plan, Port, Refused, Sink, Spec,
+    Axis, Boot, Context, Device, Duration, Input, Instant, Line, Link, Output, Pin, Plan, Port, PresetError,
+    Spec,
 };
 use drivetwin_firmware::md3::Reg;
-use drivetwin_firmware::shell::{Came, Caught, Inputs, Links, ONE_ANSWER, Outputs, Shell};
+use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Links, ONE_ANSWER, Outputs, Shell};
 use drivetwin_protocol::modbus::tcp::Adu;
 use drivetwin_protocol::registers::Register;
 use embedded_hal::digital::{self, OutputPin};
@@ -33,19 +34,19 @@ extern "C" fn start() -> ! {
     }
 }
 
-static SPEC: Spec = Spec { registers: Reg::TABLE, ..Spec::BARE };
+static SPEC: Spec = Spec { registers: Reg::TABLE, ..Spec::EMPTY };
 
 impl Device for Anything {
     fn spec(&self) -> &'static Spec {
         opaque(&SPEC)
     }
 
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         opaque(boot);
         self.timeout(at, out);
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         opaque(input);
         self.timeout(at, out);
     }
@@ -54,7 +55,7 @@ impl Device for Anything {
         opaque(Instant::NEVER)
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         opaque(out.memory());
         out.put(opaque(at), opaque(Output::Bytes { port: Port(0), bytes: &[] }));
     }
@@ -63,7 +64,13 @@ impl Device for Anything {
         opaque(0)
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _value: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        _at: Instant,
+        _row: usize,
+        _value: i64,
+        _out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         opaque(Ok(()))
     }
 }
@@ -73,7 +80,7 @@ impl Inputs for Anything {
         opaque(Instant::ZERO)
     }
 
-    fn caught(&mut self, _until: Instant) -> Option<(Instant, Caught)> {
+    fn caught(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
         opaque(None)
     }
 }
@@ -120,7 +127,7 @@ impl Links for Anything {
         now: Instant,
         device: &dyn Device,
         message: &mut Adu,
-    ) -> Result<(Instant, Port, Link, Came), Instant> {
+    ) -> Result<(Instant, Port, Link, LinkEvent), Instant> {
         opaque((message, device.accepts(Port(0)), device.takes(Port(0))));
         opaque(Err(now))
     }

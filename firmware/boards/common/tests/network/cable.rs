@@ -6,9 +6,9 @@ use std::rc::Rc;
 
 use drivetwin_board::network::{BYTES, FRAME_BYTES, Frames, LINKS, Network, PIECES, PLACES, Piece, Places};
 use drivetwin_firmware::device::{
-    Boot, Duration, Ends, Input, Instant, Link, Port, PortSpec, Refused, Sink, Spec,
+    Boot, Context, Duration, Framing, Input, Instant, Link, Port, PortSpec, PresetError, Spec,
 };
-use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_firmware::shell::{LinkEvent, Links};
 use drivetwin_protocol::modbus::tcp::{Adu, Header, Splitter, read};
 use smoltcp::iface::{Config, Interface, SocketHandle, SocketSet, SocketStorage};
 use smoltcp::phy::{Device, DeviceCapabilities, RxToken, TxToken};
@@ -18,10 +18,10 @@ use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 
 pub(crate) static SPEC: Spec = Spec {
     ports: &[
-        PortSpec { name: "modbus", ends: Ends::Mbap, line: None },
-        PortSpec { name: "mcode", ends: Ends::Return, line: None },
+        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
+        PortSpec { name: "mcode", ends: Framing::Return, line: None },
     ],
-    ..Spec::BARE
+    ..Spec::EMPTY
 };
 pub(crate) const MODBUS: Port = Port(0);
 pub(crate) const MCODE: Port = Port(1);
@@ -100,9 +100,9 @@ impl drivetwin_firmware::device::Device for Drive {
         &SPEC
     }
 
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Sink) {}
+    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {}
 
-    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Sink) {}
+    fn input(&mut self, _at: Instant, _input: Input<'_>, _out: &mut dyn Context) {}
 
     fn accepts(&self, _port: Port) -> bool {
         self.accepts
@@ -116,19 +116,19 @@ impl drivetwin_firmware::device::Device for Drive {
         Instant::NEVER
     }
 
-    fn timeout(&mut self, _at: Instant, _out: &mut dyn Sink) {}
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Context) {}
 
     fn peek(&self, _at: Instant, _row: usize) -> i64 {
         0
     }
 
-    fn poke(&mut self, _at: Instant, _row: usize, _: i64, _out: &mut dyn Sink) -> Result<(), Refused> {
-        Err(Refused::NoSuchRegister)
+    fn poke(&mut self, _at: Instant, _row: usize, _: i64, _out: &mut dyn Context) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
     }
 }
 
 /// What the drive was told: where, and a message.
-pub(crate) type Told = (Port, Link, Came, Vec<u8>);
+pub(crate) type Told = (Port, Link, LinkEvent, Vec<u8>);
 
 /// A board, and a machine with clients.
 pub(crate) struct Cable {
@@ -252,7 +252,7 @@ impl Cable {
         loop {
             match self.board.next(self.now, &self.drive, &mut message) {
                 Ok((_, port, link, came)) => {
-                    let bytes = if came == Came::Message { message.to_vec() } else { Vec::new() };
+                    let bytes = if came == LinkEvent::Message { message.to_vec() } else { Vec::new() };
                     let told = (port, link, came, bytes);
                     answer(&mut self.board, &told);
                     self.told.push(told);
@@ -266,7 +266,7 @@ impl Cable {
     /// Somebody who is connected, as that link.
     pub(crate) fn connected(&mut self, port: Port, link: u8) -> SocketHandle {
         let client = self.call(port);
-        assert_eq!(self.pass(20), [(port, Link(link), Came::Opened, Vec::new())]);
+        assert_eq!(self.pass(20), [(port, Link(link), LinkEvent::Opened, Vec::new())]);
         client
     }
 }
@@ -277,7 +277,7 @@ pub(crate) fn request(transaction: u16) -> Adu {
 
 /// The drive says what it hears.
 pub(crate) fn echo(board: &mut Network<'static, End>, (port, link, came, bytes): &Told) {
-    if *came == Came::Message {
+    if *came == LinkEvent::Message {
         assert!(board.send(*port, *link, bytes), "there is room");
     }
 }

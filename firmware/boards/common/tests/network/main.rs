@@ -6,8 +6,8 @@ mod noise;
 use std::collections::VecDeque;
 
 use drivetwin_board::network::{LINKS, Network, PORTS};
-use drivetwin_firmware::device::{Device as _, Duration, Ends, Link};
-use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_firmware::device::{Device as _, Duration, Framing, Link};
+use drivetwin_firmware::shell::{LinkEvent, Links};
 use drivetwin_protocol::modbus::tcp::Adu;
 use smoltcp::iface::SocketHandle;
 use smoltcp::socket::tcp::State;
@@ -22,7 +22,7 @@ fn whole_requests_however_they_are_cut() {
     cable.say(client, &one[..3]);
     assert_eq!(cable.pass(20), []);
     cable.say(client, &[&one[3..], &two[..], &one[..1]].concat());
-    let message = |bytes: &[u8]| (MODBUS, Link(0), Came::Message, bytes.to_vec());
+    let message = |bytes: &[u8]| (MODBUS, Link(0), LinkEvent::Message, bytes.to_vec());
     assert_eq!(cable.pass_with(20, echo), [message(&one), message(&two)]);
     assert_eq!(cable.hear(client), [&one[..], &two[..]].concat());
     cable.say(client, &one[1..]);
@@ -34,7 +34,7 @@ fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     let mut cable = Cable::new();
     let client = cable.connected(MCODE, 0);
     cable.say(client, b"PR V\rPR P\r\nVM");
-    let message = |bytes: &[u8]| (MCODE, Link(0), Came::Message, bytes.to_vec());
+    let message = |bytes: &[u8]| (MCODE, Link(0), LinkEvent::Message, bytes.to_vec());
     assert_eq!(cable.pass(20), [message(b"PR V\r"), message(b"PR P\r"), message(b"\nVM")]);
     cable.say(client, b"\nSL 0\nPS");
     assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
@@ -55,10 +55,10 @@ fn connections_wait_until_the_drive_accepts_them() {
     assert_eq!(
         cable.pass(20),
         [
-            told(MODBUS, Came::Opened, b""),
-            told(MCODE, Came::Opened, b""),
-            told(MODBUS, Came::Message, &request(1)),
-            told(MCODE, Came::Message, b"PR V\r"),
+            told(MODBUS, LinkEvent::Opened, b""),
+            told(MCODE, LinkEvent::Opened, b""),
+            told(MODBUS, LinkEvent::Message, &request(1)),
+            told(MCODE, LinkEvent::Message, b"PR V\r"),
         ]
     );
 }
@@ -76,14 +76,14 @@ fn while_the_drive_takes_nothing_its_connections_wait() {
     cable.client(client).close();
     cable.say(other, b"PR V\r");
     cable.say(master, &request(1));
-    let message = |port, link, bytes: &[u8]| (port, Link(link), Came::Message, bytes.to_vec());
+    let message = |port, link, bytes: &[u8]| (port, Link(link), LinkEvent::Message, bytes.to_vec());
     assert_eq!(cable.pass_with(100, echo), [message(MODBUS, 0, &request(1))]);
     cable.drive.takes = true;
     let told = cable.pass(2_000);
     let said = |link| told.iter().filter(move |told| told.1 == Link(link));
     let text = |link| said(link).flat_map(|told| told.3.clone()).collect::<Vec<_>>();
     assert_eq!((text(0), text(1)), (line.repeat(10), b"PR V\r".to_vec()));
-    assert_eq!(said(0).next_back(), Some(&(MCODE, Link(0), Came::Closed, Vec::new())));
+    assert_eq!(said(0).next_back(), Some(&(MCODE, Link(0), LinkEvent::Closed, Vec::new())));
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn every_tcp_port_of_every_drive_has_places() {
     for spec in drivetwin_firmware::devices!(specs) {
         let ports = || spec.ports.iter().filter(|port| port.is_tcp());
         assert!(ports().count() <= PORTS, "{}", spec.kind);
-        assert!(ports().filter(|port| port.ends == Ends::Mbap).count() <= 1, "{}", spec.kind);
+        assert!(ports().filter(|port| port.ends == Framing::Mbap).count() <= 1, "{}", spec.kind);
     }
 }
 
@@ -109,7 +109,7 @@ fn a_connection_has_the_lowest_free_number_and_the_fifth_is_refused() {
     cable.connected(MODBUS, 0);
     for link in [2, 1] {
         cable.client(clients[link]).close();
-        assert_eq!(cable.pass(20), [(MCODE, Link(link as u8), Came::Closed, Vec::new())]);
+        assert_eq!(cable.pass(20), [(MCODE, Link(link as u8), LinkEvent::Closed, Vec::new())]);
     }
     cable.connected(MCODE, 1);
     cable.connected(MCODE, 2);
@@ -122,7 +122,7 @@ fn a_wrong_header_closes_its_connection_behind_what_was_answered() {
     cable.say(wrong, &[&request(1)[..], &[0, 2, 0, 7]].concat());
     let told = cable.pass_with(20, echo);
     let told: Vec<_> = told.iter().map(|(_, link, came, _)| (*link, *came)).collect();
-    assert_eq!(told, [(Link(0), Came::Message), (Link(0), Came::Closed)]);
+    assert_eq!(told, [(Link(0), LinkEvent::Message), (Link(0), LinkEvent::Closed)]);
     assert_eq!(cable.hear(wrong), request(1)[..]);
     assert!(!cable.client(wrong).may_recv(), "there comes no more");
     cable.say(right, &request(3));
@@ -137,7 +137,7 @@ fn who_has_said_all_hears_what_is_due_before_he_is_closed() {
     cable.say(client, &request(1));
     cable.client(client).close();
     let told = cable.pass_with(20, echo);
-    assert_eq!(told.last(), Some(&(MODBUS, Link(0), Came::Closed, Vec::new())));
+    assert_eq!(told.last(), Some(&(MODBUS, Link(0), LinkEvent::Closed, Vec::new())));
     assert_eq!(cable.hear(client), request(1)[..]);
     cable.connected(MODBUS, 0);
 }
@@ -217,7 +217,7 @@ fn long_answers_share_their_room() {
     // There is not room for two of the longest: who asks later loses his connection, and nobody else.
     assert!(list(&mut cable.board, 0, LISTING), "it has room");
     assert!(!list(&mut cable.board, 1, LISTING), "there is no room");
-    assert_eq!(cable.pass(20), [(MCODE, Link(1), Came::Closed, Vec::new())]);
+    assert_eq!(cable.pass(20), [(MCODE, Link(1), LinkEvent::Closed, Vec::new())]);
     assert_eq!(cable.client(clients[1]).state(), State::Closed);
     reads(&mut cable, clients[0], LISTING);
     // What was his is free.
@@ -254,7 +254,7 @@ fn who_is_there_stays_and_who_is_gone_is_forgotten() {
     assert_eq!(cable.pass(100_000), [], "he is there");
     // The cable is cut.
     cable.here = End { from: Way::default(), to: Way::default(), came: cable.came.clone() };
-    assert_eq!(cable.pass(60_000), [(MODBUS, Link(0), Came::Closed, Vec::new())]);
+    assert_eq!(cable.pass(60_000), [(MODBUS, Link(0), LinkEvent::Closed, Vec::new())]);
 }
 
 #[test]
@@ -262,7 +262,7 @@ fn a_reset_closes() {
     let mut cable = Cable::new();
     let client = cable.connected(MODBUS, 0);
     cable.client(client).abort();
-    assert_eq!(cable.pass(20), [(MODBUS, Link(0), Came::Closed, Vec::new())]);
+    assert_eq!(cable.pass(20), [(MODBUS, Link(0), LinkEvent::Closed, Vec::new())]);
     cable.connected(MODBUS, 0);
 }
 
@@ -286,5 +286,5 @@ fn what_comes_is_stamped_with_its_frame() {
     // The loop is late.
     cable.now += Duration::millis(5);
     let next = cable.board.next(cable.now, &cable.drive, &mut Adu::new());
-    assert_eq!(next, Ok((came, MODBUS, Link(0), Came::Message)));
+    assert_eq!(next, Ok((came, MODBUS, Link(0), LinkEvent::Message)));
 }

@@ -2,7 +2,7 @@
 
 use drivetwin_board::network::{FRAME_BYTES, LINKS};
 use drivetwin_firmware::device::Link;
-use drivetwin_firmware::shell::{Came, Links};
+use drivetwin_firmware::shell::{LinkEvent, Links};
 use drivetwin_protocol::modbus::tcp::Adu;
 use smoltcp::socket::tcp::State;
 
@@ -29,7 +29,7 @@ fn noise_is_nobodys_and_clients_are_served_beside_it() {
         cable.here.to.borrow_mut().extend(noise());
         cable.say(client, &request(n));
         let told = cable.pass_with(20, echo);
-        assert_eq!(told, [(MODBUS, Link(0), Came::Message, request(n).to_vec())]);
+        assert_eq!(told, [(MODBUS, Link(0), LinkEvent::Message, request(n).to_vec())]);
         assert_eq!(cable.hear(client), request(n)[..]);
     }
 }
@@ -58,7 +58,7 @@ fn what_was_spoiled_on_the_way_comes_again() {
     }
     // Its check sum is wrong; it is sent again after a second at most.
     assert_eq!(cable.pass(1), []);
-    assert_eq!(cable.pass(2_000), [(MODBUS, Link(0), Came::Message, request(1).to_vec())]);
+    assert_eq!(cable.pass(2_000), [(MODBUS, Link(0), LinkEvent::Message, request(1).to_vec())]);
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn who_only_knocks_has_a_place_for_three_seconds() {
     assert_eq!(cable.pass(2_500), [], "all places are taken");
     assert_eq!(cable.client(refused).state(), State::Closed);
     cable.say(served, b"PR V\r");
-    assert_eq!(cable.pass(20), [(MCODE, Link(0), Came::Message, b"PR V\r".to_vec())]);
+    assert_eq!(cable.pass(20), [(MCODE, Link(0), LinkEvent::Message, b"PR V\r".to_vec())]);
     cable.pass(1_000);
     for link in 1..LINKS {
         cable.connected(MCODE, link as u8);

@@ -4,7 +4,7 @@ use heapless::{Deque, Vec};
 
 use crate::device::{Duration, Instant, Link};
 use crate::mdrive::mcode::program::LINE_BYTES;
-use crate::mdrive::mcode::serial::{Called, Party};
+use crate::mdrive::mcode::serial::{Party, PartyAddress};
 
 /// Most connections.
 pub(in crate::mdrive) const MOST: usize = 4;
@@ -22,13 +22,13 @@ pub(super) struct Console {
     pub(super) refused: bool,
     /// CR was the last character: LF belongs to it.
     pub(super) returned: bool,
-    pub(super) called: Called,
+    pub(super) called: PartyAddress,
     /// Address of the next line, in program mode.
     pub(super) programming: Option<u16>,
 }
 
 impl Console {
-    pub(super) const fn new(link: Link, called: Called) -> Self {
+    pub(super) const fn new(link: Link, called: PartyAddress) -> Self {
         Self { link, line: Vec::new(), refused: false, returned: false, called, programming: None }
     }
 }
@@ -80,7 +80,7 @@ impl Consoles {
         self.executing = None;
         self.waiting.clear();
         for console in &mut self.list {
-            *console = Console::new(console.link, Called::Plain);
+            *console = Console::new(console.link, PartyAddress::Plain);
         }
     }
 
@@ -97,8 +97,8 @@ impl Consoles {
     }
 
     /// Whom the first character of a line is for.
-    pub(super) fn first_called(&self) -> Called {
-        if self.party == Party::Off { Called::Plain } else { Called::Next }
+    pub(super) fn first_called(&self) -> PartyAddress {
+        if self.party == Party::Off { PartyAddress::Plain } else { PartyAddress::Next }
     }
 
     /// All connections.

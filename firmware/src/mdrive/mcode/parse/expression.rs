@@ -78,18 +78,22 @@ impl<'a> Scanner<'a> {
         };
         let mut is_compared = false;
         self.chain(kind, |step| {
-            let permits = !is_compared || step.is_logic();
+            let validate = !is_compared || step.is_logic();
             is_compared |= matches!(step, Step::Compare(..));
-            permits
+            validate
         })
     }
 
-    /// As many steps as there are, and as `permits` permits.
-    fn chain(&mut self, kind: Kind, mut permits: impl FnMut(&Step) -> bool) -> Result<Expression<'a>, Error> {
+    /// As many steps as there are, and as `validate` permits.
+    fn chain(
+        &mut self,
+        kind: Kind,
+        mut validate: impl FnMut(&Step) -> bool,
+    ) -> Result<Expression<'a>, Error> {
         let begin = self.rest;
         self.first_step(kind)?;
         let mut rest = self.rest;
-        while self.step(kind)?.is_some_and(|step| permits(&step)) {
+        while self.step(kind)?.is_some_and(|step| validate(&step)) {
             rest = self.rest;
         }
         self.rest = rest;

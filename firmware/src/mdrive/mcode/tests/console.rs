@@ -416,8 +416,8 @@ fn a_line_is_noted_with_its_error() {
     assert_eq!(
         notes[notes.len() - 2..],
         [
-            Note::Request { port: MCODE, unit: 0, function: b'P' },
-            Note::Refused { port: MCODE, function: b'H', code: 20 }
+            LogEvent::Request { port: MCODE, unit: 0, function: b'P' },
+            LogEvent::Refused { port: MCODE, function: b'H', code: 20 }
         ]
     );
 }

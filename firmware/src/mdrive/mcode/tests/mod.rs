@@ -12,7 +12,7 @@ use std::vec;
 use std::vec::Vec;
 
 use super::super::{MCODE, MEMORY, Mdrive, Reg};
-use crate::device::{Boot, Device, Input, Link, Note, Output, Port, advance};
+use crate::device::{Boot, Device, Input, Link, LogEvent, Output, Port, advance};
 use crate::testing::{Fixture, Rule, Treatment};
 use drivetwin_protocol::text::next_line;
 
@@ -27,7 +27,7 @@ const NO_TEXT: Rule = |output| match output {
     Output::Message { port: MCODE, bytes: [], .. } => Treatment::Refuse,
     Output::Message { port: MCODE, .. }
     | Output::Close { port: MCODE, .. }
-    | Output::Note(_)
+    | Output::Log(_)
     | Output::Store { .. } => Treatment::Keep,
     _ => Treatment::Ignore,
 };

@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::{LINE, Mode, Phase};
-use crate::device::{Instant, Sink};
+use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::names::Meaning;
@@ -69,7 +69,7 @@ impl Drive {
     }
 
     /// PS: the program stands still, and motion stops with its ramp.
-    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &mut self.mcode.vm;
         if !vm.is_paused() && (vm.is_running() || self.motion.is_moving()) {
             vm.paused = Some(at);
@@ -78,7 +78,7 @@ impl Drive {
     }
 
     /// RS: both go on.
-    pub(in crate::mdrive) fn resume_program(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn resume_program(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(since) = self.mcode.vm.paused.take() {
             self.mcode.vm.shift(at.since(since));
             self.motion.resume(at, out);
@@ -88,7 +88,7 @@ impl Drive {
 
     /// An error has come: the handler of OE is called, if there is one, also without a program, but not while one is
     /// typed (MC 5-52).
-    pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Context) {
         if self.calls_error_handler() {
             self.mcode.vm.handler_is_due = true;
             self.interrupt_program(at, out);
@@ -101,13 +101,13 @@ impl Drive {
     }
 
     /// A trip calls its subroutine.
-    pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
         self.mcode.vm.trips_due |= trip.bit();
         self.interrupt_program(at, out);
     }
 
     /// The next line is due, or what it waits for has come.
-    pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         match self.mcode.vm.phase {
             Phase::Until(_) => self.mcode.vm.begin(at),
             Phase::Line(_) => self.carry_out_line(at, out),
@@ -122,7 +122,7 @@ impl Drive {
         }
     }
 
-    fn carry_out_line(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn carry_out_line(&mut self, at: Instant, out: &mut dyn Context) {
         let address = self.mcode.vm.address;
         let mut line = Vec::<u8, LINE_BYTES>::new();
         match self.mcode.program.line(out.memory(), address) {
@@ -156,7 +156,7 @@ impl Drive {
     }
 
     /// Calls what interrupts at once, but for a line that is being carried out, or a pause.
-    fn interrupt_program(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn interrupt_program(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &self.mcode.vm;
         if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
             self.call_next_interrupt(at, out);
@@ -164,7 +164,7 @@ impl Drive {
     }
 
     /// Calls one of the subroutines that are to be called: OE's handler first, then trips in the order of TE.
-    fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &mut self.mcode.vm;
         let handles = core::mem::take(&mut vm.handler_is_due);
         let place = if handles {
@@ -188,7 +188,7 @@ impl Drive {
 
     /// A line, or a call, of the program has gone wrong. That may end it, but not where OE's handler is called:
     /// "program execution continues with the instruction after the one that caused the error" (MC 5-52).
-    fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Sink) {
+    fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         let handles = self.mcode.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {
             self.end_program();

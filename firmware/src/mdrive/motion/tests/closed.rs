@@ -185,7 +185,7 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
 fn with_sm_a_slew_goes_on_after_a_stall() {
     // 1 N·m by 25 % takes 4·10⁻⁵ kg·m² along at 4.4 turns/s, 9,000 counts/s (two full steps are 0.0628 rad), with
     // friction at somewhat less.
-    let machine = Parameters { holding_unm: 1_000_000, ..Parameters::NOMINAL };
+    let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
     for (speed, goes_on) in [(2_048, true), (-8_000, true), (10_000, false), (-10_000, false)] {
         for goes_on_stalled in [false, true] {
             let mut bench = Bench::new(Settings { goes_on_stalled, machine, ..COUNTS });
@@ -345,14 +345,19 @@ fn escape_while_it_settles_leaves_it_where_it_is() {
 /// 1 N·m at 3 A, and no pull but of what is said. 100 rpm of 3,000 take a thirtieth of it.
 const LOADED: Settings = Settings {
     run_percent: 25,
-    machine: Parameters { holding_unm: 1_000_000, friction_unm: 0, inertia_gcm2: 1, ..Parameters::NOMINAL },
+    machine: StepperParameters {
+        holding_unm: 1_000_000,
+        friction_unm: 0,
+        inertia_gcm2: 1,
+        ..StepperParameters::NOMINAL
+    },
     ..COUNTS
 };
 
 /// 40 % of 1 N·m, less a third at 750 rpm of 3,000, which are 12.5 turns/s of 2,048 counts.
 #[test]
 fn friction_stalls_a_motor_that_is_too_fast() {
-    let machine = Parameters { friction_unm: 300_000, ..LOADED.machine };
+    let machine = StepperParameters { friction_unm: 300_000, ..LOADED.machine };
     let settings = Settings { run_percent: 40, machine, ..LOADED };
     for (speed, stalls) in [(25_500, false), (25_700, true)] {
         let mut bench = Bench::new(settings);
@@ -374,7 +379,7 @@ fn inertia_stalls_a_motor_that_speeds_up() {
         start: 1,
         up,
         down: up,
-        machine: Parameters { inertia_gcm2, ..LOADED.machine },
+        machine: StepperParameters { inertia_gcm2, ..LOADED.machine },
         ..LOADED
     };
     for (inertia_gcm2, up, stalls) in
@@ -392,7 +397,7 @@ fn inertia_stalls_a_motor_that_speeds_up() {
 #[test]
 fn a_load_loses_steps_in_open_loop() {
     // Up 300 of 250 mN·m; what is held are 350.
-    let machine = Parameters { load_unm: 200_000, friction_unm: 100_000, ..LOADED.machine };
+    let machine = StepperParameters { load_unm: 200_000, friction_unm: 100_000, ..LOADED.machine };
     let settings = Settings { machine, closed: false, hold_percent: 25, ..FACTORY };
     let mut bench = Bench::new(settings);
     bench.does(by(-51_200));
@@ -413,7 +418,7 @@ fn a_load_loses_steps_in_open_loop() {
 
 /// All that lets a shaft at rest go, and what holds it then, in µN·m: of 1 N·m at 3 A with 10 mN·m of friction.
 fn releases() -> [(Settings, u32); 4] {
-    let machine = Parameters { holding_unm: 1_000_000, ..Parameters::NOMINAL };
+    let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
     let rests = Settings { machine, ..COUNTS };
     [
         (Settings { hold_percent: 5, ..rests }, 60_000),
@@ -431,7 +436,10 @@ fn a_load_turns_a_shaft_at_rest_that_nothing_holds() {
             for way in [1, -1] {
                 let mut bench = Bench::new(settings);
                 let load_unm = way * (holds.cast_signed() + load * 1_000);
-                bench.set(Settings { machine: Parameters { load_unm, ..settings.machine }, ..settings });
+                bench.set(Settings {
+                    machine: StepperParameters { load_unm, ..settings.machine },
+                    ..settings
+                });
                 bench.run(100.millis());
                 // 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s²; in 0.1 s 40.7 of 2,048 counts.
                 let expected =
@@ -463,7 +471,8 @@ fn position_maintenance_brings_back_what_a_load_has_turned() {
         (false, true, 15, false, false),
     ] {
         for load_unm in [50_000, -50_000] {
-            let machine = Parameters { holding_unm: 1_000_000, load_unm, ..Parameters::NOMINAL };
+            let machine =
+                StepperParameters { holding_unm: 1_000_000, load_unm, ..StepperParameters::NOMINAL };
             let settings =
                 Settings { machine, maintains, goes_on_stalled, stall_factor, start: 1_000, ..COUNTS };
             let settings = Settings { hold_percent: 20, ..settings };
@@ -500,12 +509,13 @@ fn position_maintenance_brings_back_what_a_load_has_turned() {
 #[test]
 fn position_maintenance_takes_rc_against_a_load() {
     for way in [1, -1] {
-        let machine = Parameters { holding_unm: 1_000_000, ..Parameters::NOMINAL };
+        let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
         let settings =
             Settings { machine, maintains: true, goes_on_stalled: true, run_percent: 25, ..COUNTS };
         let mut bench = Bench::new(settings);
         bench.run(1.secs());
-        let pushed = Settings { machine: Parameters { load_unm: way * 70_000, ..machine }, ..settings };
+        let pushed =
+            Settings { machine: StepperParameters { load_unm: way * 70_000, ..machine }, ..settings };
         bench.set(pushed);
         bench.run(50.millis());
         assert_eq!(bench.out.currents.last().map(|(.., ma)| *ma), Some(750), "RC");
@@ -521,7 +531,7 @@ fn position_maintenance_takes_rc_against_a_load() {
 #[test]
 fn other_full_steps_have_other_steps_in_a_turn() {
     for (steps_per_rev, steps_per_count) in [(400, 50), (100, 12), (48, 6)] {
-        let machine = Parameters { steps_per_rev, ..Parameters::NOMINAL };
+        let machine = StepperParameters { steps_per_rev, ..StepperParameters::NOMINAL };
         let mut bench = Bench::new(FACTORY);
         bench.set(Settings { machine, ..FACTORY });
         bench.does(by(i32::from(steps_per_rev) * 256));

@@ -16,9 +16,9 @@ use std::vec::Vec;
 use drivetwin_protocol::time::Span;
 
 use super::{Contact, Event, Motion, Order, Settings};
-use crate::device::{Axis, Duration, Instant, Output, Plan, Sink};
+use crate::device::{Axis, Context, Duration, Instant, Output, Plan};
 use crate::mdrive::error::Error;
-use crate::motor::stepper::Parameters;
+use crate::motor::stepper::StepperParameters;
 use crate::testing::{Recorder, Treatment};
 
 /// The factory's (FB 5).
@@ -46,7 +46,7 @@ const FACTORY: Settings = Settings {
     stall_factor: 15,
     goes_on_stalled: false,
     maintains: false,
-    machine: Parameters::NOMINAL,
+    machine: StepperParameters::NOMINAL,
 };
 
 /// What steps so slowly that it can be told by hand: 10,000 steps/s², from 1,000 to 5,000 steps/s in 400 ms and
@@ -71,7 +71,7 @@ struct Bench {
 /// Plans, currents and steps: the motion puts nothing else.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
-        Output::Plan { .. } | Output::Current { .. } | Output::Step { .. } => Treatment::Keep,
+        Output::Plan { .. } | Output::CurrentLimit { .. } | Output::Step { .. } => Treatment::Keep,
         _ => Treatment::Refuse,
     })
 }
@@ -97,7 +97,7 @@ impl Bench {
     }
 
     /// Something happens now.
-    fn tell<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Sink) -> T) -> T {
+    fn tell<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Context) -> T) -> T {
         let before = self.out.plans.len();
         let answer = does(&mut self.motion, self.now, &mut self.out);
         for (at, _, plan) in &self.out.plans[before..] {

@@ -78,13 +78,20 @@ fn settings() -> impl Strategy<Value = Settings> {
 }
 
 /// A motor that follows whatever comes, or one with some load.
-fn machine() -> impl Strategy<Value = Parameters> {
+fn machine() -> impl Strategy<Value = StepperParameters> {
     let steps_per_rev = prop_oneof![Just(200_u16), 4..=10_000_u16];
     let loads = (steps_per_rev, 0..2_000_000_u32, 1..100_000_u32, 0..500_000_u32, -500_000..500_000_i32);
     let loads = loads.prop_map(|(steps_per_rev, holding_unm, inertia_gcm2, friction_unm, load_unm)| {
-        Parameters { steps_per_rev, holding_unm, inertia_gcm2, friction_unm, load_unm, ..Parameters::NOMINAL }
+        StepperParameters {
+            steps_per_rev,
+            holding_unm,
+            inertia_gcm2,
+            friction_unm,
+            load_unm,
+            ..StepperParameters::NOMINAL
+        }
     });
-    prop_oneof![Just(Parameters::NOMINAL), loads]
+    prop_oneof![Just(StepperParameters::NOMINAL), loads]
 }
 
 fn does() -> impl Strategy<Value = Does> {

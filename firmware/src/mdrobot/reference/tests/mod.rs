@@ -10,7 +10,7 @@ mod speed_input;
 
 use drivetwin_protocol::time::Span;
 
-use crate::device::{Boot, Duration, Instant, Nowhere, Pin};
+use crate::device::{Boot, Duration, Instant, NullContext, Pin};
 use crate::mdrobot::drive::Drive;
 use crate::mdrobot::registers::Pid;
 use crate::mdrobot::servo::Order;
@@ -38,7 +38,7 @@ impl Dut {
     /// A new drive that has got power at 0.
     fn starting(fast: bool) -> Self {
         let mut dut = Self { drive: Drive::new(), now: Instant::ZERO, counts: 0 };
-        dut.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut Nowhere);
+        dut.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut NullContext);
         dut.halls();
         dut
     }
@@ -46,7 +46,7 @@ impl Dut {
     /// Its start is over.
     fn start(&mut self) {
         self.now = self.drive.startup_due();
-        self.drive.timeout(self.now, &mut Nowhere);
+        self.drive.timeout(self.now, &mut NullContext);
     }
 
     /// One that the bus commands, and that it lets move.
@@ -69,7 +69,7 @@ impl Dut {
         let end = self.now + span;
         while self.drive.sources_due() <= end {
             let due = self.drive.sources_due();
-            self.drive.sources_timeout(due, &mut Nowhere);
+            self.drive.sources_timeout(due, &mut NullContext);
             assert!(self.drive.sources_due() > due, "it wants to be woken for ever");
         }
         self.now = end;
@@ -77,7 +77,7 @@ impl Dut {
 
     /// A write that the bus may make.
     fn set(&mut self, pid: Pid, value: i64) {
-        self.drive.poke(self.now, pid, value, &mut Nowhere).unwrap();
+        self.drive.poke(self.now, pid, value, &mut NullContext).unwrap();
     }
 
     fn get(&self, pid: Pid) -> i64 {
@@ -85,7 +85,7 @@ impl Dut {
     }
 
     fn edge(&mut self, pin: Pin, high: bool) {
-        self.drive.edge(self.now, pin, high, &mut Nowhere);
+        self.drive.edge(self.now, pin, high, &mut NullContext);
     }
 
     /// A contact closes to ground.
@@ -100,11 +100,11 @@ impl Dut {
 
     /// A wire is taken off.
     fn unwire(&mut self, pin: Pin) {
-        self.drive.opened(self.now, pin, &mut Nowhere);
+        self.drive.opened(self.now, pin, &mut NullContext);
     }
 
     fn volts(&mut self, mv: i32) {
-        self.drive.voltage(self.now, mv, &mut Nowhere);
+        self.drive.voltage(self.now, mv, &mut NullContext);
     }
 
     /// Pulses of a width, one after the other.

@@ -30,7 +30,7 @@ const MOTOR: Parameters = Parameters {
 enum Wire {
     Duty(i32),
     Current(u32),
-    Draws(i32),
+    MotorCurrent(i32),
     Motor(Parameters),
     Rotation(Rotation),
     Sensor(Sensor, bool),
@@ -38,12 +38,12 @@ enum Wire {
 
 struct Wires<'a>(&'a mut Vec<(Instant, Wire)>);
 
-impl Sink for Wires<'_> {
+impl Context for Wires<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let wire = match output {
             Output::Duty { duty, .. } => Wire::Duty(duty),
-            Output::Current { ma, .. } => Wire::Current(ma),
-            Output::Draws { ma, .. } => Wire::Draws(ma),
+            Output::CurrentLimit { ma, .. } => Wire::Current(ma),
+            Output::MotorCurrent { ma, .. } => Wire::MotorCurrent(ma),
             Output::Motor { parameters, .. } => Wire::Motor(*parameters),
             Output::Rotation { rotation, .. } => Wire::Rotation(rotation),
             Output::Level { pin, level } => {
@@ -103,8 +103,8 @@ impl Bench {
         for (at, wire) in wires {
             match wire {
                 Wire::Duty(duty) => self.motor.input(at, Input::Duty { axis: AXIS, duty }, &mut out),
-                Wire::Current(ma) => self.motor.input(at, Input::Current { axis: AXIS, ma }, &mut out),
-                Wire::Draws(ma) => {
+                Wire::Current(ma) => self.motor.input(at, Input::CurrentLimit { axis: AXIS, ma }, &mut out),
+                Wire::MotorCurrent(ma) => {
                     self.most_ma = self.most_ma.max(ma.unsigned_abs());
                     self.servo.draws(ma);
                 }

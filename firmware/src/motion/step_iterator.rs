@@ -1,8 +1,8 @@
 //! The instants of a plan's steps, one after the other.
 //!
-//! Planning is for the main loop, walking for an interrupt. [`Walker::new`] finds out with wide
+//! Planning is for the main loop, walking for an interrupt. [`StepIterator::new`] finds out with wide
 //! arithmetic how many steps each segment of the plan makes, and when its first one is due. Then
-//! [`Walker::next`] neither divides nor looks beyond a segment, because it knows that another step is
+//! [`StepIterator::next`] neither divides nor looks beyond a segment, because it knows that another step is
 //! there. From step to step it keeps the exact phase and speed, in the units of
 //! [the plan](super::plan): a step is exact whatever the ones before it were, and nothing adds up.
 //!
@@ -10,7 +10,7 @@
 //! phase there tells. If it misses, the phase that is left, divided by the mean speed of a step in that
 //! interval, says by how much. Between the speeds *h* and *h'* that leaves (h' − h)/(h' + h) of the miss:
 //! at most 0.17 when there is another step between this one and standstill. There may not be for the
-//! first two steps of a ramp, and for the last one: those are known from [`Walker::new`].
+//! first two steps of a ramp, and for the last one: those are known from [`StepIterator::new`].
 //!
 //! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every
 //! step of a fast ramp multiplies few bits at a time. Intervals too long for that leave time for more.
@@ -37,17 +37,17 @@ pub struct Step {
 /// Limits are those of the plan: steps two ticks apart or more, intervals up to 2³² ticks (1/256
 /// step/s), any length.
 #[derive(Clone, Debug)]
-pub struct Walker {
-    leg: Leg,
+pub struct StepIterator {
+    leg: StepRun,
     others: Legs,
 }
 
 /// A plan has three segments and at most one standstill at the end of one.
-type Legs = Deque<Leg, 4>;
+type Legs = Deque<StepRun, 4>;
 
 /// Steps of a segment that follow each other in one way.
 #[derive(Clone, Copy, Debug)]
-struct Leg {
+struct StepRun {
     /// Tick of the first step.
     first: u64,
     /// Tick from which the next one is counted: that of the last, were it not for the seam before the first.
@@ -58,19 +58,19 @@ struct Leg {
     laps: u32,
     /// True if the position grows.
     forward: bool,
-    pace: Pace,
+    pace: Intervals,
 }
 
 const LAP: u32 = u32::MAX;
 
 /// Intervals of the steps of a leg.
 #[derive(Clone, Copy, Debug)]
-enum Pace {
+enum Intervals {
     Ramp(Ramp),
     Cruise(Cruise),
 }
 
-impl Walker {
+impl StepIterator {
     /// A walker of `plan`, from its first step later than `after`; one before the plan's start acts as that.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
@@ -82,13 +82,13 @@ impl Walker {
     /// Without any step.
     #[must_use]
     pub const fn done() -> Self {
-        Self { leg: Leg::single(0, true), others: Legs::new() }
+        Self { leg: StepRun::single(0, true), others: Legs::new() }
     }
 
     /// Forgets what it had; now it is that of `plan`, as [`new`](Self::new). A walker takes a few hundred
     /// bytes, and boards have small stacks.
     pub fn follow(&mut self, plan: &Plan, after: Instant) {
-        self.leg = Leg::single(0, true);
+        self.leg = StepRun::single(0, true);
         self.others.clear();
         let after = after.max(plan.start()).ticks();
         let mut end = plan.start().ticks();
@@ -101,7 +101,7 @@ impl Walker {
             if end <= after {
                 continue;
             }
-            let stretch = Stretch::of(segment, begin, after, position);
+            let stretch = SegmentCursor::of(segment, begin, after, position);
             let stand = match segments.peek() {
                 Some(next) if next.back == segment.back => None,
                 Some(next) => Some(next.from),
@@ -127,7 +127,7 @@ impl Walker {
     }
 }
 
-impl Iterator for Walker {
+impl Iterator for StepIterator {
     type Item = Step;
 
     // Always, because an interrupt asks for every step, and a call costs it ten instructions.
@@ -139,8 +139,8 @@ impl Iterator for Walker {
         }
         leg.more -= 1;
         let interval = match &mut leg.pace {
-            Pace::Ramp(ramp) => ramp.next(),
-            Pace::Cruise(cruise) => cruise.next(),
+            Intervals::Ramp(ramp) => ramp.next(),
+            Intervals::Cruise(cruise) => cruise.next(),
         };
         leg.base = leg.base.wrapping_add(u64::from(interval));
         Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
@@ -148,7 +148,7 @@ impl Iterator for Walker {
 }
 
 /// A segment, and from where on it is walked.
-struct Stretch<'a> {
+struct SegmentCursor<'a> {
     segment: &'a Segment,
     begin: u64,
     /// Time that it has run then.
@@ -157,7 +157,7 @@ struct Stretch<'a> {
     made: i64,
 }
 
-impl<'a> Stretch<'a> {
+impl<'a> SegmentCursor<'a> {
     /// The stretch of `segment`, which begins at the tick `begin`: its part later than `after`, and, if that is before
     /// it, beyond `position`.
     fn of(segment: &'a Segment, begin: u64, after: u64, position: i32) -> Self {
@@ -204,30 +204,30 @@ impl<'a> Stretch<'a> {
             push(self.leg(others));
         }
         if let Some(tick) = closing {
-            push(Leg::single(tick, !segment.back));
+            push(StepRun::single(tick, !segment.back));
         }
         stand.unwrap_or(position)
     }
 
     /// The next step, and `others` after it.
-    fn leg(&self, others: u64) -> Leg {
+    fn leg(&self, others: u64) -> StepRun {
         let Self { segment, begin, since, made } = *self;
         let start = begin.saturating_add(since);
         let motion = Motion::of(segment, since, made + 1);
         let (ticks, pace) = if segment.a == 0 {
             let (ticks, cruise) = Cruise::of(motion);
-            (ticks, Pace::Cruise(cruise))
+            (ticks, Intervals::Cruise(cruise))
         } else {
             let ticks = motion.ticks();
-            (ticks, Pace::Ramp(Ramp::from(motion.after(ticks).next_step())))
+            (ticks, Intervals::Ramp(Ramp::from(motion.after(ticks).next_step())))
         };
         let base = start.wrapping_add_signed(ticks);
         let (laps, more) = ((others / u64::from(LAP)) as u32, (others % u64::from(LAP)) as u32);
-        Leg { first: base.max(start), base, more, laps, forward: !segment.back, pace }
+        StepRun { first: base.max(start), base, more, laps, forward: !segment.back, pace }
     }
 }
 
-impl Leg {
+impl StepRun {
     /// Begins the next lap, if there is one.
     #[cold]
     fn begin_lap(&mut self) -> bool {
@@ -239,7 +239,7 @@ impl Leg {
 
     /// A single step.
     const fn single(tick: u64, forward: bool) -> Self {
-        Self { first: tick, base: tick, more: 0, laps: 0, forward, pace: Pace::Cruise(Cruise::STANDING) }
+        Self { first: tick, base: tick, more: 0, laps: 0, forward, pace: Intervals::Cruise(Cruise::STANDING) }
     }
 }
 
@@ -464,7 +464,7 @@ impl Cruise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{MAX_ACCELERATION, MAX_SPEED, Rates};
+    use crate::motion::{Limits, MAX_ACCELERATION, MAX_SPEED};
     use drivetwin_protocol::time::Span;
     use fixed::types::{I24F8, U24F8};
     use proptest::prelude::*;
@@ -476,7 +476,7 @@ mod tests {
     /// A plan's steps after `after` are the ticks at which its position changes: `most` of them, or all.
     fn check(plan: &Plan, after: Instant, most: usize) {
         let (mut position, mut made) = (plan.position_at(after), 0);
-        for step in Walker::new(plan, after).take(most) {
+        for step in StepIterator::new(plan, after).take(most) {
             assert_eq!(plan.position_at(at(step.at.ticks() - 1)), position, "{step:?} of {plan:?}");
             position = position.wrapping_add(if step.forward { 1 } else { -1 });
             assert_eq!(plan.position_at(step.at), position, "{step:?} of {plan:?}");
@@ -491,7 +491,7 @@ mod tests {
     fn a_leg_of_several_laps_goes_on() {
         let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(8_000_000), MAX_ACCELERATION);
         let later = at(1 << 36);
-        let mut all = Walker::new(&plan, later);
+        let mut all = StepIterator::new(&plan, later);
         let mut lap = all.clone();
         assert_eq!((all.leg.more, all.others.len()), (0, 1), "the cruise is left");
         all.next();
@@ -544,23 +544,23 @@ mod tests {
     #[test]
     fn the_last_steps_of_a_ramp_are_those_of_its_mirror() {
         for a in 1..=3_000 {
-            let plan = Plan::profile(at(0), 0, 8, Rates::even(U24F8::from_num(MAX_SPEED), a));
+            let plan = Plan::profile(at(0), 0, 8, Limits::even(U24F8::from_num(MAX_SPEED), a));
             // Twice the way of 4 steps takes as long as 16 from standstill.
             let end = due(16, a, 1);
             let down = [3, 2, 1, 0].map(|n| at(end - due(n, a, 1)));
-            assert!(Walker::new(&plan, at(0)).skip(4).map(|step| step.at).eq(down), "{a} steps/s²");
+            assert!(StepIterator::new(&plan, at(0)).skip(4).map(|step| step.at).eq(down), "{a} steps/s²");
         }
     }
 
     #[test]
     fn a_step_is_found_though_the_guess_is_off() {
         for a in 1..=3_000 {
-            let plan = Plan::profile(at(0), 0, 8, Rates::even(U24F8::from_num(MAX_SPEED), a));
-            let mut walker = Walker::new(&plan, at(0));
+            let plan = Plan::profile(at(0), 0, 8, Limits::even(U24F8::from_num(MAX_SPEED), a));
+            let mut walker = StepIterator::new(&plan, at(0));
             // From the third step before the end to the second, and on to the first: intervals of the ramp up.
             for (skipped, last, next) in [(4, 3, 2), (0, 2, 1)] {
                 walker.nth(skipped);
-                let Pace::Ramp(ramp) = walker.leg.pace else { panic!("a ramp") };
+                let Intervals::Ramp(ramp) = walker.leg.pace else { panic!("a ramp") };
                 let interval = (due(last, a, 1) - due(next, a, 1)) as u32;
                 for off in [-1_000, -2, -1, 0, 1, 2, 1_000] {
                     let guess = interval.cast_signed() + off;
@@ -574,7 +574,7 @@ mod tests {
     fn a_ramp_that_has_begun_knows_its_interval_and_guesses_the_next() {
         for (a, first, last) in [(10_000, 200, 1_250), (500_000, 40, 1_600)] {
             let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(MAX_SPEED), a);
-            let mut walker = Walker::new(&plan, at(0));
+            let mut walker = StepIterator::new(&plan, at(0));
             let mut misses = 0;
             for step in 1..last {
                 let at = walker.next().unwrap().at.ticks();
@@ -582,7 +582,7 @@ mod tests {
                 if step < first {
                     continue;
                 }
-                let Pace::Ramp(ramp) = &walker.leg.pace else { panic!("a ramp") };
+                let Intervals::Ramp(ramp) = &walker.leg.pace else { panic!("a ramp") };
                 // Both are rounded, down or up.
                 let part = due(step, a, 64).cast_signed() - 64 * at.cast_signed();
                 assert!((i64::from(ramp.part) - part).abs() <= 1, "step {step}: {} for {part}", ramp.part);
@@ -598,43 +598,43 @@ mod tests {
     #[test]
     fn the_factory_move_of_an_md3_is_walked_step_by_step() {
         // 1250 steps and 0.5 s up at 10,000 steps/s², 1.5 s at 5,000 steps/s, and the ramp up seen from the end.
-        let rates = Rates::even(U24F8::from_num(5_000), 10_000);
+        let rates = Limits::even(U24F8::from_num(5_000), 10_000);
         for (steps, forward) in [(10_000, true), (-10_000, false)] {
             let plan = Plan::profile(at(0), 0, steps, rates);
             let up = (1..=1_250).map(|n| due(n, 10_000, 1));
             let cruise = (1..=7_500).map(|n| 8_000_000 + n * 3_200);
             let down = (0..1_250).rev().map(|n| 40_000_000 - due(n, 10_000, 1));
             let steps = up.chain(cruise).chain(down).map(|ticks| Step { at: at(ticks), forward });
-            assert!(Walker::new(&plan, at(0)).eq(steps));
+            assert!(StepIterator::new(&plan, at(0)).eq(steps));
         }
     }
 
     #[test]
     fn a_step_at_which_an_axis_turns_round_is_made_there() {
         let ms = |ms: u64| at(ms * 16_000);
-        let rates = Rates {
+        let rates = Limits {
             start: U24F8::from_num(MAX_SPEED),
             down: 7_500,
-            ..Rates::even(U24F8::from_num(4_000), 10_000)
+            ..Limits::even(U24F8::from_num(4_000), 10_000)
         };
         let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), rates);
         // At 250 ms it has made 1,000 steps. 400 ms from 4,000 steps/s down to 1,000 are another 1,000 steps.
-        let rates = Rates { start: U24F8::from_num(1_000), ..rates };
+        let rates = Limits { start: U24F8::from_num(1_000), ..rates };
         let back = cruise.slew(ms(250), I24F8::from_num(-500), rates);
         let turn =
             [(650, true), (652, false), (654, false)].map(|(at, forward)| Step { at: ms(at), forward });
-        assert!(Walker::new(&back, ms(250)).skip(999).take(3).eq(turn));
+        assert!(StepIterator::new(&back, ms(250)).skip(999).take(3).eq(turn));
     }
 
     #[test]
     fn the_longest_interval_of_a_ramp_is_walked() {
         // One step in 256 s. Just before the first it begins to speed up at 1 step/s²: the next one is √2 s later.
         let creep = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, MAX_ACCELERATION);
-        let first = Walker::new(&creep, at(0)).next().unwrap().at;
+        let first = StepIterator::new(&creep, at(0)).next().unwrap().at;
         let turn = first - Duration::TICK;
         let jog = creep.towards(turn, I24F8::from_num(9), 1);
         check(&jog, turn, 20);
-        let second = Walker::new(&jog, first).next().unwrap().at;
+        let second = StepIterator::new(&jog, first).next().unwrap().at;
         assert!((1_400_u64.millis()..1_415_u64.millis()).contains(&second.since(first)));
     }
 
@@ -656,7 +656,7 @@ mod tests {
             steps in -3_000..3_000_i32, speed in 1_u32..1_000_000_000, start in 0_u32..1_000_000,
             up in 0_u32..31, down in 0_u32..31, fine in any::<u32>(),
         ) {
-            let rates = Rates {
+            let rates = Limits {
                 start: U24F8::from_bits(start),
                 speed: U24F8::from_bits(speed),
                 up: (1 << up) | (fine & ((1 << up) - 1)),
@@ -664,7 +664,7 @@ mod tests {
             };
             let plan = Plan::profile(at(5), 7, steps, rates);
             check(&plan, at(5), usize::MAX);
-            prop_assert_eq!(Walker::new(&plan, at(5)).count(), steps.unsigned_abs() as usize);
+            prop_assert_eq!(StepIterator::new(&plan, at(5)).count(), steps.unsigned_abs() as usize);
         }
 
         #[test]

@@ -1,8 +1,8 @@
 //! Outputs of a board for its drive.
 
 use drivetwin_firmware::device::{self, Duration, Line, Pin, Plan, Port};
-use drivetwin_firmware::motion::{Followed, Follower, StepTimer};
-use drivetwin_firmware::shell::{Links, NoLinks, Outputs};
+use drivetwin_firmware::motion::{HandOff, PlanLoader, StepTimer};
+use drivetwin_firmware::shell::{Links, NoNetwork, Outputs};
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Write, WriteReady};
 use embedded_storage::Storage;
@@ -24,7 +24,7 @@ pub trait Release: OutputPin {
 }
 
 /// The outputs of a board with one bus, one axis and `PINS` wires.
-pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, L = NoLinks> {
+pub struct BoardOutputs<B, P, M, T: Timer + 'static, const PINS: usize, L = NoNetwork> {
     /// The bus.
     pub bus: B,
     /// Target of each pin; `None` if the drive has no such name.
@@ -36,12 +36,12 @@ pub struct Hands<B, P, M, T: Timer + 'static, const PINS: usize, L = NoLinks> {
     /// STEP and DIR.
     pub axis_pins: AxisPins,
     /// Loader of its plans.
-    pub follower: Follower,
+    pub follower: PlanLoader,
     /// The network, if the drive has a port there.
     pub links: Option<L>,
 }
 
-impl<B, P, M, T, const PINS: usize, L> Outputs for Hands<B, P, M, T, PINS, L>
+impl<B, P, M, T, const PINS: usize, L> Outputs for BoardOutputs<B, P, M, T, PINS, L>
 where
     B: Bus,
     P: Release,
@@ -92,7 +92,7 @@ where
         if self.axis_pins == AxisPins::None {
             return Duration::ZERO;
         }
-        let Followed { slipped, late } = self.follower.follow(&mut self.axis, plan);
+        let HandOff { slipped, late } = self.follower.follow(&mut self.axis, plan);
         slips::add(slipped);
         late
     }

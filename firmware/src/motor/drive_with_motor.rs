@@ -2,11 +2,12 @@
 
 use super::{AXIS, HALL_PINS, Motor, Parameters, Rotation};
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Refused, Shaft, Sink, Spec,
+    Axis, Boot, Context, Device, Duration, Fault, Input, Instant, Level, Output, Pin, PresetError, Shaft,
+    Spec,
 };
 
 /// A drive that turns a motor.
-pub trait Turns: Device {
+pub trait MotorDrive: Device {
     /// The pins of its Hall sensors, which the motor drives.
     const HALLS: &'static [Pin];
     /// The fault of its list that holds the motor's shaft.
@@ -24,10 +25,10 @@ pub trait Turns: Device {
 /// A drive with its motor, joined by wires that take a tick. What it carries on them stays inside, but for the
 /// Hall sensors, whose levels are those of the drive's pins.
 ///
-/// [Parted](Device::part) from its motor it is only the drive: it says what it does to a motor elsewhere, and is
+/// [Parted](Device::detach_motor) from its motor it is only the drive: it says what it does to a motor elsewhere, and is
 /// told what that does.
 #[derive(Clone, Debug)]
-pub struct Rig<D> {
+pub struct DriveWithMotor<D> {
     drive: D,
     parted: bool,
     motor: Motor,
@@ -64,17 +65,17 @@ impl Wires {
 }
 
 /// The drive's outputs: those that go to the motor, and all others.
-struct OfDrive<'a> {
+struct DriveOutputs<'a> {
     wires: &'a mut Wires,
     /// All of them go elsewhere.
     parted: bool,
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Sink for OfDrive<'_> {
+impl Context for DriveOutputs<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
-            Output::Current { axis: AXIS, ma } if !self.parted => self.wires.current = Some(ma),
+            Output::CurrentLimit { axis: AXIS, ma } if !self.parted => self.wires.current = Some(ma),
             Output::Duty { axis: AXIS, duty } if !self.parted => self.wires.duty = Some(duty),
             _ => return self.out.put(at, output),
         }
@@ -87,16 +88,16 @@ impl Sink for OfDrive<'_> {
 }
 
 /// The motor's outputs: they go to the drive, and its Hall sensors outside, too.
-struct OfMotor<'a> {
+struct MotorOutputs<'a> {
     wires: &'a mut Wires,
     halls: &'static [Pin],
-    out: &'a mut dyn Sink,
+    out: &'a mut dyn Context,
 }
 
-impl Sink for OfMotor<'_> {
+impl Context for MotorOutputs<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
-            Output::Draws { ma, .. } => self.wires.draws = Some(ma),
+            Output::MotorCurrent { ma, .. } => self.wires.draws = Some(ma),
             Output::Rotation { rotation, .. } => self.wires.rotation = Some(rotation),
             Output::Motor { .. } => self.wires.other_motor = true,
             Output::Level { pin, level } => {
@@ -117,7 +118,7 @@ impl Sink for OfMotor<'_> {
     }
 }
 
-impl<D: Turns> Rig<D> {
+impl<D: MotorDrive> DriveWithMotor<D> {
     /// `drive` and the motor that its registers describe, which stands.
     // Where it will be: a copy of a drive takes kilobytes of a board's stack.
     #[inline(always)]
@@ -128,13 +129,13 @@ impl<D: Turns> Rig<D> {
     }
 
     /// Delivers the signals that have arrived by `at`.
-    fn arrive(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn arrive(&mut self, at: Instant, out: &mut dyn Context) {
         if self.wires.arrives > at {
             return;
         }
         let wires = core::mem::replace(&mut self.wires, Wires::EMPTY);
         let Wires { current, duty, halls, draws, rotation, other_motor, .. } = wires;
-        let current = current.map(|ma| Input::Current { axis: AXIS, ma });
+        let current = current.map(|ma| Input::CurrentLimit { axis: AXIS, ma });
         let duty = duty.map(|duty| Input::Duty { axis: AXIS, duty });
         for input in current.into_iter().chain(duty) {
             self.with_motor(out, |motor, out| motor.input(at, input, out));
@@ -154,7 +155,7 @@ impl<D: Turns> Rig<D> {
                 *edge = D::HALLS.get(place).map(|&pin| Input::Edge { pin, high });
             }
         }
-        let draws = draws.map(|ma| Input::Draws { axis: AXIS, ma });
+        let draws = draws.map(|ma| Input::MotorCurrent { axis: AXIS, ma });
         for input in motor.into_iter().chain(rotation).chain(edges.into_iter().flatten()).chain(draws) {
             self.with_drive(at, out, |drive, out| drive.input(at, input, out));
         }
@@ -162,26 +163,26 @@ impl<D: Turns> Rig<D> {
 
     /// The wires are due, or the motor.
     #[inline(never)]
-    fn turn(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn turn(&mut self, at: Instant, out: &mut dyn Context) {
         self.arrive(at, out);
         if self.motor.deadline() <= at {
             self.with_motor(out, |motor, out| motor.timeout(at, out));
         }
     }
 
-    fn with_motor(&mut self, out: &mut dyn Sink, does: impl FnOnce(&mut Motor, &mut dyn Sink)) {
-        does(&mut self.motor, &mut OfMotor { wires: &mut self.wires, halls: D::HALLS, out });
+    fn with_motor(&mut self, out: &mut dyn Context, does: impl FnOnce(&mut Motor, &mut dyn Context)) {
+        does(&mut self.motor, &mut MotorOutputs { wires: &mut self.wires, halls: D::HALLS, out });
     }
 
     /// Lets the drive do something; the motor becomes the one that its registers describe then.
     fn with_drive<T>(
         &mut self,
         at: Instant,
-        out: &mut dyn Sink,
-        does: impl FnOnce(&mut D, &mut dyn Sink) -> T,
+        out: &mut dyn Context,
+        does: impl FnOnce(&mut D, &mut dyn Context) -> T,
     ) -> T {
         let parted = self.parted;
-        let done = does(&mut self.drive, &mut OfDrive { wires: &mut self.wires, parted, out });
+        let done = does(&mut self.drive, &mut DriveOutputs { wires: &mut self.wires, parted, out });
         if let Some(parameters) = self.drive.new_motor()
             && !parted
         {
@@ -192,7 +193,7 @@ impl<D: Turns> Rig<D> {
 
     /// The wire of a Hall sensor is pulled to ground outside, or let go.
     #[inline(never)]
-    fn pull(&mut self, at: Instant, pin: Pin, pulled: bool, out: &mut dyn Sink) {
+    fn pull(&mut self, at: Instant, pin: Pin, pulled: bool, out: &mut dyn Context) {
         let Some(place) = D::HALLS.iter().position(|hall| *hall == pin) else { return };
         let Some(was) = self.pulled.get_mut(place) else { return };
         if core::mem::replace(was, pulled) != pulled && self.halls.get(place) == Some(&true) {
@@ -201,18 +202,18 @@ impl<D: Turns> Rig<D> {
     }
 
     #[inline(never)]
-    fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Sink) {
+    fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
         self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
     }
 }
 
-impl<D: Turns> Device for Rig<D> {
+impl<D: MotorDrive> Device for DriveWithMotor<D> {
     fn spec(&self) -> &'static Spec {
         self.drive.spec()
     }
 
     /// The motor had no power since it was last looked at, and turned on as it was.
-    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Sink) {
+    fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.wires = Wires::EMPTY;
         (self.halls, self.pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
         if !self.parted {
@@ -221,7 +222,7 @@ impl<D: Turns> Device for Rig<D> {
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Sink) {
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         self.arrive(at, out);
         match input {
             // That of a motor elsewhere is held there.
@@ -234,9 +235,9 @@ impl<D: Turns> Device for Rig<D> {
                 self.pull(at, pin, !high, out);
             }
             // What the motor is told and what it tells is its own.
-            Input::Current { axis: AXIS, .. }
+            Input::CurrentLimit { axis: AXIS, .. }
             | Input::Duty { axis: AXIS, .. }
-            | Input::Draws { axis: AXIS, .. }
+            | Input::MotorCurrent { axis: AXIS, .. }
             | Input::Motor { axis: AXIS, .. }
             | Input::Rotation { axis: AXIS, .. }
                 if !self.parted => {}
@@ -249,7 +250,7 @@ impl<D: Turns> Device for Rig<D> {
         self.wires.arrives.min(self.drive.deadline()).min(self.motor.deadline())
     }
 
-    fn timeout(&mut self, at: Instant, out: &mut dyn Sink) {
+    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.wires.arrives <= at || self.motor.deadline() <= at {
             self.turn(at, out);
         }
@@ -264,7 +265,13 @@ impl<D: Turns> Device for Rig<D> {
         self.drive.peek_word(at, row, word)
     }
 
-    fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Sink) -> Result<(), Refused> {
+    fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
         self.arrive(at, out);
         self.with_drive(at, out, |drive, out| drive.poke(at, row, value, out))
     }
@@ -273,11 +280,11 @@ impl<D: Turns> Device for Rig<D> {
         if axis == AXIS && !self.parted { self.motor.shaft(at, axis) } else { None }
     }
 
-    fn own_motor(&self) -> Option<Parameters> {
+    fn internal_motor(&self) -> Option<Parameters> {
         Some(self.drive.motor())
     }
 
-    fn part(&mut self) -> Option<&'static [Pin]> {
+    fn detach_motor(&mut self) -> Option<&'static [Pin]> {
         self.parted = true;
         Some(D::HALLS)
     }

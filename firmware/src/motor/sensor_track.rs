@@ -2,8 +2,8 @@
 
 use fixed::types::I48F16;
 
-use super::{Parameters, Stretch};
-use crate::device::{Duration, Instant, Level, Output, Pin, Sink};
+use super::{MotionInterval, Parameters};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Sensors on a shaft. A count lasts from an edge of any of them to the next one: four or six a period.
@@ -11,7 +11,7 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 /// Of two both are high in count 0, and going forward A changes first. Of three (A, B, C) are 101 in count 0, and
 /// going forward 100, 110, 010, 011, 001.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Wheel {
+pub(super) struct SensorTrack {
     /// In a turn; 0 if there are no sensors.
     counts: u32,
     /// Three sensors, not two.
@@ -20,7 +20,7 @@ pub(super) struct Wheel {
     at: i64,
 }
 
-impl Wheel {
+impl SensorTrack {
     /// Channels A and B of an encoder of so many cycles a turn, at count 0.
     pub(super) fn encoder(cycles: u16) -> Self {
         Self { counts: 4 * u32::from(cycles), three: false, at: 0 }
@@ -69,7 +69,7 @@ impl Wheel {
     }
 
     /// The first tick from `from` on at which the shaft is at another count than they show.
-    pub(super) fn next_edge(self, stretch: &Stretch, from: Instant) -> Instant {
+    pub(super) fn next_edge(self, stretch: &MotionInterval, from: Instant) -> Instant {
         let is_here = |at: Instant| self.count(stretch.angle_at(at)) == self.at;
         if self.counts == 0 || is_here(stretch.end()) {
             return Instant::NEVER;
@@ -89,7 +89,7 @@ impl Wheel {
 
     /// Puts what sensor A, sensor B and sensor C or an index show, where there are pins for them and it is not what
     /// they showed `before`. The index is high in the third count of every turn, where A and B are low.
-    pub(super) fn show(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Sink) {
+    pub(super) fn show(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
         let before = before.map(Self::shown);
         let shown = self.shown().into_iter().enumerate();
         for ((place, high), &pin) in shown.zip(pins).filter(|_| self.counts > 0) {

@@ -1,6 +1,6 @@
 //! A time in which a shaft has one acceleration.
 
-use super::{Pace, Rotation};
+use super::{Kinematics, Rotation};
 use crate::device::{Duration, Instant};
 
 /// The greatest speed: 234,375 rpm. No motor is meant to come there; what a load turns without power, or a winding of
@@ -9,7 +9,7 @@ pub(super) const MOST: i64 = 1 << 44;
 
 /// Motion of a shaft from an instant on. It never reverses inside: the speed ends at 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Stretch {
+pub(super) struct MotionInterval {
     since: Instant,
     /// In 2⁻³² turns; wraps.
     pub(super) angle: i64,
@@ -21,7 +21,7 @@ pub(super) struct Stretch {
     length: Duration,
 }
 
-impl Stretch {
+impl MotionInterval {
     /// The longest one in which something moves. With it and [`Constants`](super::Constants)' limits nothing
     /// here exceeds 63 bits.
     pub(super) const LONGEST: Duration = Duration::from_ticks(1 << 16);
@@ -106,8 +106,14 @@ impl Stretch {
     }
 
     /// Motion to compute with.
-    pub(super) fn pace(&self) -> Pace {
-        Pace { since: self.since, angle: self.angle, h: self.speed << 8, a: self.acceleration, turn: 1 << 65 }
+    pub(super) fn pace(&self) -> Kinematics {
+        Kinematics {
+            since: self.since,
+            angle: self.angle,
+            h: self.speed << 8,
+            a: self.acceleration,
+            turn: 1 << 65,
+        }
     }
 
     /// The angle at `at`, not after its end.
