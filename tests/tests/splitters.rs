@@ -4,7 +4,7 @@
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
 use drivetwin_firmware::testing::Recorder;
-use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::rtu::{self, verify_crc, crc};
 use drivetwin_protocol::modbus::tcp;
 use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
 use drivetwin_sim::catalog;
@@ -127,7 +127,7 @@ fn by_chance(unit: u8, function: u8, bytes: u8, seed: u16) -> Vec<u8> {
     let value = crc(&begin).to_le_bytes()[1];
     let values: Vec<u8> = (0..bytes).map(|n| if n == 0 { value } else { n ^ (seed & 0xFF) as u8 }).collect();
     let frame = rtu::frame(unit, &[&begin[1..], &[bytes], &values].concat()).to_vec();
-    assert!(checked(&frame[..8]).is_some() && checked(&frame).is_some());
+    assert!(verify_crc(&frame[..8]).is_some() && verify_crc(&frame).is_some());
     frame
 }
 
