@@ -6,7 +6,7 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::line::{Line, Parity};
-use drivetwin_protocol::modbus::rtu::{self, checked, crc};
+use drivetwin_protocol::modbus::rtu::{self, verify_crc, crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
 use drivetwin_protocol::modbus::{DropReason, Expect, Scan, ascii, ended, scan};
 use drivetwin_protocol::text::{Lines, next_line};
@@ -126,7 +126,7 @@ impl Shape {
             }
         }
         reseal(&mut frame);
-        assert!(checked(&frame).is_some() && checked(&frame[..length]).is_some());
+        assert!(verify_crc(&frame).is_some() && verify_crc(&frame[..length]).is_some());
         Some(frame)
     }
 }
