@@ -7,7 +7,7 @@ use drivetwin_firmware::device::{Device, Framing, Spec};
 use drivetwin_protocol::registers::Space;
 use xshell::{Shell, cmd};
 
-use crate::checks::{EMPTY, host, target_dir};
+use crate::checks::{BARE, host, target_dir};
 use crate::image::Image;
 use crate::tools::{Tool, Tools};
 
@@ -71,7 +71,7 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
         let others = BOARDS.iter().map(|board| board.package).filter(|other| other != package);
         let others: Vec<&str> = others.collect();
         let packages =
-            EMPTY.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
+            BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
         cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target} -- -D warnings").run()?;
         let logs = cmd!(
             sh,

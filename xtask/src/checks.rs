@@ -13,13 +13,13 @@ use crate::tools::{self, Tool, Tools};
 use crate::{board, crates, docs, panic_free, pico, size, swarm};
 
 /// The crates that only a board, or a linker, can build.
-pub(crate) const EMPTY: [&str; 5] =
+pub(crate) const BARE: [&str; 5] =
     ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
 
 /// The arguments of cargo that choose every crate that the host can build. Always the same ones: with others cargo may
 /// choose other features of what they use, and build that again.
 pub(crate) fn host() -> Vec<&'static str> {
-    ["--workspace"].into_iter().chain(EMPTY.iter().flat_map(|bare| ["--exclude", bare])).collect()
+    ["--workspace"].into_iter().chain(BARE.iter().flat_map(|bare| ["--exclude", bare])).collect()
 }
 
 /// Checks that are run together.
