@@ -1,7 +1,7 @@
 //! The log on stderr.
 //!
 //! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench. So a
-//! separate thread writes there, and lines that it cannot keep up with are lost.
+//! separate thread writes there, and lines that it cannot keep up with are lost (HOST-22).
 
 use std::ffi::OsStr;
 use std::io::{self, IsTerminal as _, Write as _};

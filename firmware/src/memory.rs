@@ -20,7 +20,7 @@ pub const fn bytes(words: usize) -> u16 {
 /// Content of a memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Content {
-    /// New: nothing was ever saved.
+    /// New: nothing was ever saved (PROJECT-5).
     New,
     /// An image that passes.
     Good,

@@ -8,7 +8,7 @@
 //! A board takes its time. A move that it begins late is made later as a whole, and the drive, which goes
 //! by its own clock, must not believe that it is over before it is. So the shell puts the drive's time
 //! behind the board's by as much. The same helps where a drive asks for more than the board can do, say an
-//! endless row of moves shorter than planning one takes: its time waits, and the bus is still served.
+//! endless row of moves shorter than planning one takes: its time waits, and the bus is still served (BOARD-1).
 
 use core::convert::Infallible;
 

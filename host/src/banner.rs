@@ -196,8 +196,7 @@ impl Banner {
 }
 
 impl Reached {
-    /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (decision 2 of the
-    /// host).
+    /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (HOST-2).
     fn without_parity(&self) -> Option<String> {
         let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
         let uris = self.uris();

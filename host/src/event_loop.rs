@@ -299,8 +299,9 @@ impl EventLoop {
         }
     }
 
-    /// Takes inputs from the ports, also while the clock is advanced. Each is answered before the next is taken, if a
-    /// drive answers at once: a client that waits for the first of many answers is woken once, and not again by each.
+    /// Takes inputs from the ports, also while the clock is advanced (HOST-19). Each is answered before the next is taken,
+    /// if a drive answers at once: a client that waits for the first of many answers is woken once, and not again by
+    /// each.
     fn take(&mut self) {
         while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
             if self.clock.is_none() {

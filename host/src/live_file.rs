@@ -1,7 +1,7 @@
 //! `--record`, `--vcd` and `--pcap`: files that are written while the bench runs.
 //!
 //! The bench's thread writes them, so it waits for a slow disk, or for the slow reader of a pipe: signals and
-//! the control API wait, too.
+//! the control API wait, too (HOST-10).
 
 use std::fs::File;
 use std::io;
@@ -66,7 +66,7 @@ pub(crate) struct LiveFile {
 }
 
 impl LiveFile {
-    /// Begins a recording.
+    /// Begins a recording (HOST-8).
     pub(crate) fn recording(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Recording::new(bench.trace(), file)?)))
     }

@@ -54,7 +54,7 @@ impl Nv {
     /// drive finds in it.
     ///
     /// A file that is too short ends in erased bytes, so an empty one is a new drive. One that is too
-    /// long belongs to something else: the drive gets bytes whose check sum cannot hold.
+    /// long belongs to something else: the drive gets bytes whose check sum cannot hold (HOST-7).
     ///
     /// # Errors
     /// The file cannot be made, read or written.

@@ -48,7 +48,7 @@ impl Line {
     }
 
     /// The time of a character: a whole number of ticks, rounded once, so that a burst has the same
-    /// stamps wherever it is split.
+    /// stamps wherever it is split (PROJECT-2).
     #[must_use]
     pub const fn character(self) -> Duration {
         Duration::of_bits(self.bits(), self.baud)

@@ -3,7 +3,7 @@
 //! A drive writes its map as one table, in the order and with the names of its manual, with
 //! [`registers!`](crate::registers!). From it come the enum that the drive matches on, the storage
 //! ([`Bank`]), what the bus may do, the generated reference, and the names users type. A bad table
-//! (two rows at one address, a factory value that the row itself refuses) does not compile.
+//! (two rows at one address, a factory value that the row itself refuses) does not compile (PROJECT-9).
 //!
 //! *The table decides what is legal; one `match` in the drive decides what it means.*
 

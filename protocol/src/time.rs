@@ -1,4 +1,4 @@
-//! Time as every part of drivetwin knows it: whole ticks of 1/16 µs.
+//! Time as every part of drivetwin knows it: whole ticks of 1/16 µs (PROJECT-1).
 //!
 //! 16 MHz is the rate of a common timer, it divides every baud rate well enough (a character of
 //! 9,600 8E1 is 18,333⅓ ticks), and 64 bits of it last 36,000 years. All arithmetic saturates:

@@ -6,7 +6,7 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::line::{Line, Parity};
-use drivetwin_protocol::modbus::rtu::{self, verify_crc, crc};
+use drivetwin_protocol::modbus::rtu::{self, crc, verify_crc};
 use drivetwin_protocol::modbus::tcp::{self, Splitter};
 use drivetwin_protocol::modbus::{DropReason, Expect, Scan, ascii, ended, scan};
 use drivetwin_protocol::text::{Lines, next_line};

@@ -1,5 +1,5 @@
 //! What tests say to an RS 434544 or 434546: its registers as the manual has them, requests over the bus, a
-//! hand on every pin. "Decision 9" is the ninth under "RS 434544 / 434546" in docs/decisions.md.
+//! hand on every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_firmware::rs434::{rs434544, rs434546};
@@ -11,13 +11,13 @@ use drivetwin_sim::line::LineMode;
 /// Both models, as users type them.
 pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];
 
-/// From power-on, or a restart, to the first request that is heard (decision 9).
+/// From power-on, or a restart, to the first request that is heard (RS434-9).
 pub const BOOT: Duration = Duration::millis(500);
 
-/// Longer than any save takes (10 ms, decision 11).
+/// Longer than any save takes (10 ms, RS434-11).
 pub const SAVE: Duration = Duration::millis(20);
 
-/// An instruction's time (decision 25).
+/// An instruction's time (RS434-25).
 pub const LINE: Duration = Duration::micros(100);
 
 /// Addresses as chapter 6 prints them; of 32 bits the low word's.

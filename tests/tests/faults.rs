@@ -15,7 +15,7 @@ use drivetwin_sim::record::capture::{Frame, Medium, Source};
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::{md3, rs434};
 
-/// When all drives are ready: an RS takes half a second (RS, decision 9).
+/// When all drives are ready: an RS takes half a second (RS434-9).
 const READY: Duration = Duration::secs(1);
 
 const PORT: Port = Port(0);
@@ -91,7 +91,7 @@ fn ascii_messages_are_disturbed_with_good_sums() {
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
 }
 
-/// A message in ASCII is over with its LF, and answered then (RS, decision 4): no silence, no patience.
+/// A message in ASCII is over with its LF, and answered then (RS434-4): no silence, no patience.
 #[test]
 fn times_on_an_ascii_line() {
     let (mut bench, x, client) = rs_ascii();
@@ -131,7 +131,7 @@ fn what_collides_is_still_of_the_line() {
     }
 }
 
-/// "A character of wrong parity sets bit 14" (RS, decision 5), on its factory line of 115,200 8E1.
+/// "A character of wrong parity sets bit 14" (RS434-5), on its factory line of 115,200 8E1.
 #[test]
 fn an_rs_finds_a_wrong_parity() {
     let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);

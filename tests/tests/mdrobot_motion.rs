@@ -65,7 +65,7 @@ proptest! {
     }
 }
 
-/// Motors for which the gains are (decision 30), and their HALL_TYPE.
+/// Motors for which the gains are (MDROBOT-30), and their HALL_TYPE.
 fn motors() -> impl Strategy<Value = (i64, Parameters)> {
     (2_u16..11, 2_000..10_001_u32, 5_000..60_001_u32, 200..601_u32).prop_map(
         |(hall_pulses, inertia_gcm2, friction_unm, resistance_mohm)| {

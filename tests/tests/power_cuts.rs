@@ -21,7 +21,7 @@ struct Kind {
 enum Bad {
     /// Nothing else.
     Never,
-    /// The factory's values; a QSB cannot say so (its decision 8).
+    /// The factory's values; a QSB cannot say so (QSB-8).
     Silent,
     /// The same, and bits of a register that say it: which, and what they are then.
     Said { register: &'static str, mask: i64, is: i64 },

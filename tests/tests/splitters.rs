@@ -4,7 +4,7 @@
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
 use drivetwin_firmware::testing::Recorder;
-use drivetwin_protocol::modbus::rtu::{self, verify_crc, crc};
+use drivetwin_protocol::modbus::rtu::{self, crc, verify_crc};
 use drivetwin_protocol::modbus::tcp;
 use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
 use drivetwin_sim::catalog;

@@ -70,8 +70,7 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
         // A board's crate builds for its processor only.
         let others = BOARDS.iter().map(|board| board.package).filter(|other| other != package);
         let others: Vec<&str> = others.collect();
-        let packages =
-            BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
+        let packages = BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
         cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target} -- -D warnings").run()?;
         let logs = cmd!(
             sh,

@@ -23,7 +23,7 @@ fn assert_replays(file: &str) {
 
 #[test]
 fn old_recordings_replay() {
-    // It is read to its end. An MDrive has taken no time for a typed line then (decision 34 of the MDrive).
+    // It is read to its end. An MDrive has taken no time for a typed line then (MDRIVE-34).
     let bench = drivetwin(&["replay", &old("bench.trace")]);
     let said = String::from_utf8(bench.stdout).unwrap();
     assert!(bench.status.code() == Some(1) && said.contains("mdrive < message:mcode"), "{said}");

@@ -301,7 +301,7 @@ fn a_bad_memory_is_what_the_manual_says_and_stays_as_it_is_until_a_save() {
         let said = refused(&["run", "md3", "--nv", &memory, "--address", "2"]);
         assert!(said.contains("memory is bad"), "{said}");
         let md3 = started(&memory, &[]);
-        // 5 s of red flashes come first (decision 13).
+        // 5 s of red flashes come first (MD3-13).
         md3.advance(5.0);
         assert_eq!(register(&md3, "EEPROMControl") >> 8, 0xF1, "{bad:?}");
         assert_eq!(std::fs::read(&memory).unwrap(), bad);

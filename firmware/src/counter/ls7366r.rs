@@ -4,11 +4,11 @@
 //!
 //! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A, x1 those of
 //!   A while B is low. Every edge of A or B tells U/D, whether or not it counts; in non-quadrature mode U/D
-//!   follows B.
+//!   follows B (QSB-21).
 //! - The filter lets in a level that has lasted two of its clocks (t5), in whole ticks: its clock is 24 MHz.
-//!   It looks at INDEX/ in the asynchronous mode, too.
+//!   It looks at INDEX/ in the asynchronous mode, too (QSB-20).
 //! - INDEX/ acts when it becomes active; in the synchronous mode, when it and A and B both high or both low
-//!   come together, so twice a cycle while it stays low. Function 00 acts, too, but on IDX alone.
+//!   come together, so twice a cycle while it stays low. Function 00 acts, too, but on IDX alone (QSB-19).
 //! - Only edges act: what a write of MDR0 means for the present levels shows at the next one.
 //! - A counter made narrower loses its upper bytes.
 //! - S goes with BW and CY.

@@ -28,7 +28,7 @@ impl Drive {
         }
     }
 
-    /// Clears a fault, unless the drive is still too hot (7.15). Any other cause went with the
+    /// Clears a fault, unless the drive is still too hot (7.15; MD3-14). Any other cause went with the
     /// current. What pins ask for acts again.
     pub(super) fn clear_fault(&mut self, at: Instant) {
         self.causes &= 1 << OVER_TEMPERATURE.0;
@@ -39,7 +39,7 @@ impl Drive {
         }
     }
 
-    /// A command, an input change, or a motion that begins or ends: the cutback waits anew (7.3).
+    /// A command, an input change, or a motion that begins or ends: the cutback waits anew (7.3; MD3-31).
     pub(super) fn restart_cutback(&mut self, at: Instant) {
         self.quiet_since = at;
         self.cut_back = false;
@@ -62,7 +62,7 @@ impl Drive {
         if self.state != State::Ready {
             return;
         }
-        // LOWCURRENT lowers it whatever the timeout.
+        // LOWCURRENT lowers it whatever the timeout (MD3-39).
         let lowered = self.cut_back || self.pins.pin_2 == Pin2::LowCurrent && self.active & J2_2 != 0;
         let lights = match (self.fault, lowered) {
             (true, _) => Lights::Fault,

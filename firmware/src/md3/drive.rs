@@ -152,7 +152,7 @@ impl Drive {
         }
     }
 
-    /// The start-up delay is over.
+    /// The start-up delay is over. A cause that is there now is a fault (MD3-15).
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.restart_cutback(at);
@@ -249,7 +249,7 @@ impl Drive {
     fn value(&self, reg: Reg) -> i64 {
         match reg {
             Reg::IOPortData => {
-                // Inputs show their pins, outputs what was written.
+                // Inputs show their pins, outputs what was written (MD3-11).
                 let gpio = if self.gpio_outputs() { 0 } else { io_port::GPIO };
                 let pins = io_port::INPUTS | gpio;
                 i64::from(self.latch & !pins | self.levels & pins)
@@ -333,7 +333,7 @@ impl Drive {
         self.show(at, out);
     }
 
-    /// Microsteps in a full step (7.2).
+    /// Microsteps in a full step (7.2). Counts are microsteps whatever this is (MD3-17).
     pub(super) fn microsteps(&self) -> u16 {
         microsteps(self.bank.word(Reg::MotorCurrentAndMicrostepping))
     }
@@ -404,11 +404,11 @@ impl Drive {
         self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
     }
 
-    /// Shows what has become of the drive: current, lights, BUSY, and the registers of its state.
+    /// Shows what has become of the drive: current, lights, BUSY, and the registers of its state (MD3-2).
     pub(super) fn show(&mut self, at: Instant, out: &mut dyn Context) {
         self.show_current(at, out);
         self.cutback_at = self.cutback_due();
-        // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2).
+        // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2; MD3-36).
         let moves = if self.motor.is_dc() { self.motor.is_driven() } else { self.motion != Motion::None };
         let busy = moves || self.fault;
         if self.busy != busy {

@@ -7,7 +7,7 @@ use super::registers::{Reg, eeprom_control};
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save (7.20 does not give it).
+/// Time of a save (7.20 does not give it; MD3-12).
 pub(super) const SAVE: Duration = Duration::millis(20);
 
 /// State of the EEPROM as the drive knows it.

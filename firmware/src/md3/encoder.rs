@@ -1,7 +1,7 @@
 //! The quadrature counter of J2 pins 9 (index), 10 (A) and 12 (B), sections 7.11 to 7.14.
 //!
 //! QuadratureEncoderConfiguration has, bit for bit, the fields of the quadrature unit in Microchip's
-//! dsPIC30F and 33F, so that is what counts where the guide is silent:
+//! dsPIC30F and 33F, so that is what counts where the guide is silent (MD3-33):
 //!
 //! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A; SWAP
 //!   exchanges the two before anything looks at them. Every edge of A or B tells the direction, whether
@@ -9,11 +9,11 @@
 //! - Modes 0 and 2 count through 0xFFFF and 0. An index event loads 0 on the way up and MaxCount on the
 //!   way down, if Enable Index is set. In modes 1 and 3 MaxCount is followed by 0 and 0 by MaxCount, and
 //!   an index event clears nothing. A count written above MaxCount goes on up to 0xFFFF and then 0, or
-//!   down to MaxCount and on.
+//!   down to MaxCount and on (MD3-35).
 //! - An index event is the first moment of an index pulse at which A and B are in the gated state (7.11);
 //!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
 //!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
-//!   pulse that is over before it met the gate was none.
+//!   pulse that is over before it met the gate was none (MD3-34).
 //! - At one instant the pins change in the order in which they are told; behind the filter a rising index comes after
 //!   A and B and a falling one before them, so that an index as wide as a state of A and B meets that state only.
 //! - Only edges do something. What a new configuration makes of the present levels shows with the next
@@ -271,7 +271,7 @@ impl Decoding {
 const FILTER_HZ: [u32; 8] =
     [40_000_000, 20_000_000, 10_000_000, 2_500_000, 1_250_000, 625_000, 312_500, 156_250];
 
-/// Three clock periods of the filter, in whole ticks, rounded up; zero if it is disabled (7.11).
+/// Three clock periods of the filter, in whole ticks, rounded up; zero if it is disabled (7.11; MD3-40).
 fn lasting(configuration: u16) -> Duration {
     if configuration & FILTER == 0 {
         return Duration::ZERO;

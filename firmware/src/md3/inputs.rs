@@ -9,7 +9,7 @@ use super::registers::io_port::{J2_2, J2_3, J2_4, J2_5, J2_9, J2_10, J2_12};
 use crate::counter::Channel;
 use crate::device::{Context, Duration, Instant, Pin};
 
-/// Step pulses that follow each other faster are lost: 250 kHz (7.8).
+/// Step pulses that follow each other faster are lost: 250 kHz (7.8; MD3-25).
 const STEP_INTERVAL: Duration = Duration::micros(4);
 
 impl Drive {
@@ -50,7 +50,7 @@ impl Drive {
     }
 
     /// Does what pins 2 to 5 ask for after a change of their levels, polarities or functions. A new
-    /// polarity is an edge when it changes what is active.
+    /// polarity is an edge when it changes what is active (MD3-19).
     pub(super) fn look(&mut self, at: Instant, out: &mut dyn Context) {
         let active = self.pins.active(self.levels);
         let edges = active ^ self.active;
@@ -106,7 +106,7 @@ impl Drive {
         }
         self.inhibited = inhibited;
         if bus_inhibited && !self.bus_inhibited {
-            // "Currently running motion is stopped."
+            // "Currently running motion is stopped" (MD3-29).
             self.stop(at, out);
         }
         self.bus_inhibited = bus_inhibited;
@@ -115,11 +115,12 @@ impl Drive {
         }
     }
 
-    /// Edges on pins 4 and 5: what a mode does with them while nothing moves.
+    /// Edges on pins 4 and 5: what a mode does with them while nothing moves (MD3-24).
     fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Context) {
         let fell = |pin| edges & self.active & pin != 0;
         let rose = |pin| edges & !self.active & pin != 0;
         let (fell_4, rose_4, fell_5) = (fell(J2_4), rose(J2_4), fell(J2_5));
+        // Inactive is the sign of the register (MD3-20).
         let pin_5 = self.active & J2_5 != 0;
         match self.pins.mode {
             Mode::StepDirection if fell_4 => self.step(pin_5, at, out),

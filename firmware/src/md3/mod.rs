@@ -120,7 +120,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
     }
 }
 
-/// Exceptions are 01 and 02 only (6.1, 6.2).
+/// Exceptions are 01 and 02 only (6.1, 6.2; MD3-1).
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER],
     broadcast: Some(0),
@@ -181,7 +181,7 @@ impl Md3 {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
         if self.drive.serial_port() != setting {
-            // The reply leaves with the old line, the next frame comes with the new one.
+            // The reply leaves with the old line, the next frame comes with the new one (MODBUS-5).
             self.follow_line(at + character * reply.len() as u64, out);
         }
     }

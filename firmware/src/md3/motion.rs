@@ -9,7 +9,7 @@ use super::registers::{Reg, homing, motion_control};
 use crate::device::{Context, Duration, Instant};
 use crate::motion::Limits;
 
-/// Interval at which the flag is sampled (7.5).
+/// Interval at which the flag is sampled (7.5; MD3-26).
 const FLAG_SAMPLE: Duration = Duration::micros(4);
 
 /// Present motion.
@@ -65,7 +65,7 @@ impl Motion {
 
 impl Drive {
     /// A write of MotionControl (7.15): the fault first, then Disable, which is a level and forbids the
-    /// rest, then the first bit that is set. INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
+    /// rest, then the first bit that is set (MD3-3). INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
     pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         let has = |bit| word & bit != 0 && !self.bus_inhibited;
         let (clear, stop, decelerate) =
@@ -102,7 +102,7 @@ impl Drive {
         self.may_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
     }
 
-    /// A move from standstill, as `motion`; whether that takes any time.
+    /// A move from standstill, as `motion`; whether that takes any time (MD3-7).
     fn start_profile(
         &mut self,
         motion: Motion,
@@ -119,7 +119,7 @@ impl Drive {
         moves
     }
 
-    /// A jog from standstill; one that runs ramps to the present speed.
+    /// A jog from standstill; one that runs ramps to the present speed (MD3-4).
     fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
             Motion::Jog(jog) if !jog.ends => self.jog(jog.by_pins, jog.reversed, at, out),
@@ -157,7 +157,7 @@ impl Drive {
         }
     }
 
-    /// Jogs as pins 4 and 5 ask for it, or no longer.
+    /// Jogs as pins 4 and 5 ask for it, or no longer (MD3-22).
     pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Context) {
         match (self.jog_wanted(), self.motion) {
             (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, ends: false, .. }))
@@ -172,7 +172,7 @@ impl Drive {
         }
     }
 
-    /// A home cycle, from standstill only; whether it moves.
+    /// A home cycle, from standstill only (MD3-37); whether it moves.
     pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let known = homing::mode(self.homing()).is_some();
         known
@@ -207,7 +207,7 @@ impl Drive {
     /// Returns whether the flag that a home cycle searches for is present.
     fn flag(&self) -> bool {
         match homing::mode(self.homing()) {
-            // "Active high encoder index pulse on J2 pin 9"
+            // "Active high encoder index pulse on J2 pin 9" (MD3-27)
             Some(homing::Mode { by_index: true, .. }) => self.levels & J2_9 != 0 && !self.gpio_outputs(),
             Some(_) => self.active & J2_2 != 0,
             None => false,
@@ -245,7 +245,7 @@ impl Drive {
     /// Time of the next work for the present motion.
     pub(super) fn motion_due(&self) -> Instant {
         match self.motion {
-            // A jog goes on when its ramp has reached standstill: the speed may rise again.
+            // A jog goes on when its ramp has reached standstill: the speed may rise again (MD3-5).
             Motion::None | Motion::Jog(Jog { ends: false, .. }) | Motion::Home(Part::Search) => {
                 Instant::NEVER
             }
@@ -289,14 +289,14 @@ impl Drive {
         self.resume(at, out);
     }
 
-    /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves.
+    /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves (MD3-21).
     pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.armed || self.motion != Motion::None {
             return;
         }
         match self.pins.mode {
             Mode::JogDirection | Mode::JogEitherWay => self.jog_by_pins(at, out),
-            // A part that takes no time is left out, lest the two follow each other for ever.
+            // A part that takes no time is left out, lest the two follow each other for ever (MD3-23).
             Mode::EndlessMoves => {
                 self.profile(false, at, out);
             }
@@ -329,7 +329,7 @@ impl Drive {
         }
     }
 
-    /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it.
+    /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it (MD3-30).
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, ends: false });
@@ -337,7 +337,7 @@ impl Drive {
     }
 
     /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
-    /// profile move. A jog takes it for its next ramp, be it one that waited for an acceleration.
+    /// profile move. A jog takes it for its next ramp, be it one that waited for an acceleration (MD3-6).
     pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion == Motion::Profile {
             self.stop(at, out);
@@ -346,7 +346,7 @@ impl Drive {
         self.speed_changed(at, out);
     }
 
-    /// Ends any motion with a ramp.
+    /// Ends any motion with a ramp; bit 4 reads 1 until standstill (MD3-8).
     fn decelerate(&mut self, at: Instant, out: &mut dyn Context) {
         self.armed = false;
         if self.motion != Motion::None {
@@ -406,7 +406,7 @@ impl Drive {
         self.bank.limited(Reg::AccelDecel) as u32
     }
 
-    /// Speed (7.17) in steps/s, or in counts of a DC motor, with its sign.
+    /// Speed (7.17) in steps/s, or in counts of a DC motor, with its sign; limited when it is used (MD3-38).
     fn normal_speed(&self) -> I24F8 {
         self.in_range(self.bank.limited(Reg::Speed) as i32)
     }

@@ -14,7 +14,7 @@ const FULL: i32 = 1 << 16;
 
 /// A stepper motor, or the brush motor on its phase B.
 ///
-/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): while it has no current the
+/// A plan runs on whether or not the motor follows it (7.8, INHIBIT; MD3-28): while it has no current the
 /// motor stands, and what went by is lost. Of a brush motor the plan's speed is the duty in counts,
 /// and the steps never move.
 #[derive(Clone, Debug)]
@@ -189,7 +189,7 @@ impl Motor {
         self.schedule(at);
     }
 
-    /// Schedules the next change of duty: with a period, never within one.
+    /// Schedules the next change of duty: with a period, never within one (MD3-32).
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
             Some(Pwm { period, .. }) if self.has_current && self.duty != self.duty_of(self.aim.into()) => {

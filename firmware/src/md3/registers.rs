@@ -101,7 +101,7 @@ pub(super) mod eeprom_control {
 }
 
 /// The line that a value of [`Reg::SerialPortConfiguration`] means (7.22). Parity 3 is not in the
-/// table and acts as none; parity and stop bits are independent.
+/// table and acts as none; parity and stop bits are independent (MD3-9).
 #[must_use]
 pub const fn line(configuration: u16) -> Line {
     let baud = match configuration & 7 {
@@ -204,7 +204,7 @@ pub(super) enum Version {
 }
 
 impl Version {
-    /// The factory value of ProductInformation.
+    /// The factory value of ProductInformation (MD3-16).
     pub(super) const fn product(self) -> i64 {
         match self {
             Self::HighCurrent => 0xbd01,
@@ -219,7 +219,7 @@ impl Version {
 }
 
 /// Peak phase current in mA of a current code (7.2). The steps of the high current version change at
-/// 2 A. Codes beyond the table act as its last row.
+/// 2 A. Codes beyond the table act as its last row (MD3-10).
 pub(super) fn current_ma(version: Version, code: u16) -> u32 {
     let code = u32::from(code & 0xFF);
     match (version, code) {

@@ -1,4 +1,4 @@
-//! The MD3's two lights, and its start (sections 2, 4 and 7.20).
+//! The MD3's two lights, and its start (sections 2, 4 and 7.20; MD3-13).
 
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output};

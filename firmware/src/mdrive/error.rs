@@ -108,7 +108,7 @@ impl Error {
     }
 
     /// Exception of the bus when this error refuses a request: 04 where the drive's state forbids a request that is
-    /// legal otherwise, 03 for all others.
+    /// legal otherwise, 03 for all others (MDRIVE-4).
     pub(super) fn exception(self) -> Exception {
         match self {
             Self::NoOutput

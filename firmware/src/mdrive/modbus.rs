@@ -1,4 +1,4 @@
-//! Requests on port 502: the functions of FB 4.
+//! Requests on port 502: the functions of FB 4, without its misprints (MDRIVE-1).
 //!
 //! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
 //! is an error of MCode, too.
@@ -23,7 +23,8 @@ const READ_SPECIFIC: u8 = 65;
 /// Write manufacturer specific (FB 4.3.3).
 const WRITE_SPECIFIC: u8 = 66;
 
-/// Up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2); half of a value cannot be written.
+/// Up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2); half of a value cannot be written
+/// (MDRIVE-2).
 static RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, ENCAPSULATED_INTERFACE, READ_SPECIFIC, WRITE_SPECIFIC],
     broadcast: None,
@@ -36,7 +37,7 @@ static RULES: Rules = Rules {
     read_only: Exception::IllegalDataAddress,
 };
 
-/// Conformity of the identification: regular objects, also one by one.
+/// Conformity of the identification: regular objects, also one by one (MDRIVE-6).
 const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
 /// The most of a parameter string (FB 4.3.3).
@@ -44,7 +45,7 @@ const MOST_STRING: usize = 28;
 /// A mnemonic in a request: backwards, behind blanks.
 const MNEMONIC: usize = 4;
 
-/// Targets of functions 65 and 66 (FB 4.3.1).
+/// Targets of functions 65 and 66 (FB 4.3.1; MDRIVE-7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Specific {
     /// Values to read and to write.
@@ -305,7 +306,7 @@ impl RequestHandler for Bus<'_> {
 
     fn out_of_range(&mut self, register: Reg, value: i64) {
         let judged = self.drive.judge_together(register, narrow(value), &|other| self.drive.held(other));
-        // The bus has narrower ranges of some than MCode has.
+        // The bus has narrower ranges of some than MCode has (MDRIVE-3).
         let error = judged.err().unwrap_or_else(|| illegal(register));
         self.drive.fail(self.at, error, self.out);
     }

@@ -18,6 +18,7 @@ const MOST_LINES: i64 = u16::MAX as i64;
 /// Motor and load of a new drive.
 const LOAD: StepperParameters = StepperParameters::NOMINAL;
 
+// Where the defaults of the manuals differ, those of FB hold (MDRIVE-25).
 drivetwin_protocol::registers! {
     /// Sections are those of FB, with the page of MC where that says more.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]

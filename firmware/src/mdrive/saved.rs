@@ -27,7 +27,7 @@ pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;
 /// Bytes of the non-volatile memory.
 pub(super) const MEMORY: usize = PROGRAM + program::BYTES;
 
-/// Time of a save; the manuals do not give it.
+/// Time of a save; the manuals do not give it (MDRIVE-12).
 pub(super) const SAVE: Duration = Duration::millis(10);
 
 /// A save that runs.

@@ -14,7 +14,7 @@ pub(super) const SIGN_ON: &[u8] = b"Copyright 2001-2010 by Schneider Electric Mo
 /// The program that runs when it is ready (MC 5-71).
 const START_UP: Place = Place::Label(*b"SU");
 
-/// From power-on to the first request that is answered; the manuals do not say.
+/// From power-on to the first request that is answered; the manuals do not say (MDRIVE-7).
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {

@@ -68,7 +68,7 @@ impl Alarms {
         if self.has(fault) { bits } else { 0 }
     }
 
-    /// Alarms that somebody injects, and that are true whatever the motor does.
+    /// Alarms that somebody injects, and that are true whatever the motor does (MDROBOT-32).
     fn at_once(self) -> u16 {
         let supply = if self.supply() > MOST_SUPPLY { status::OVER_VOLT } else { 0 };
         supply
@@ -155,7 +155,7 @@ impl Drive {
         }
     }
 
-    /// ALARM is low while there is one, or while there is none with INV_ALARM.
+    /// ALARM is low while there is one, or while there is none with INV_ALARM (MDROBOT-26).
     pub(super) fn show_alarm(&mut self, at: Instant, out: &mut dyn Context) {
         let low = self.state == State::Ready && self.alarms.any() != (self.bank.word(Pid::INV_ALARM) != 0);
         if low != self.alarms.low {

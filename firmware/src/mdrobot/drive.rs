@@ -22,7 +22,7 @@ use super::servo::{Servo, Settings};
 use crate::device::{Boot, Context, Instant, Line, PresetError};
 use crate::motor::Parameters;
 
-/// The most that RPM_DATA shows, either way (p. 12).
+/// The most that RPM_DATA shows, either way (p. 12; MDROBOT-18).
 const MOST_RPM: i32 = 5_000;
 /// Unit of MAX_LOAD and TQ_DATA, in mA.
 const MA_PER_UNIT: u32 = 100;
@@ -31,7 +31,8 @@ pub(super) const MOST_WORDS: usize = 9;
 /// Unit of VOLT_IN, in mV.
 const MV_PER_UNIT: u32 = 100;
 
-/// The motor of a drive's own: 0.06 V·s, which is 0.06 Nm for an ampere. How many poles it has HALL_TYPE says.
+/// The motor of a drive's own: 0.06 V·s, which is 0.06 Nm for an ampere. How many poles it has HALL_TYPE says
+/// (MDROBOT-27).
 pub(super) const MOTOR: Parameters = Parameters {
     supply_mv: SUPPLY as u32 * MV_PER_UNIT,
     no_load_rpm: 3_820,
@@ -60,7 +61,7 @@ pub(super) enum State {
 pub(super) struct Drive {
     pub(super) state: State,
     pub(super) bank: Bank<Pid, { Pid::WORDS }>,
-    /// The address on which it answers: as it was saved when power came.
+    /// The address on which it answers: as it was saved when power came (MDROBOT-4).
     pub(super) unit: u8,
     pub(super) alarms: Alarms,
     pub(super) inputs: Inputs,
@@ -364,7 +365,7 @@ fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
     registers::poles(bank.word(Pid::HALL_TYPE))
 }
 
-/// Settings of the servo.
+/// Settings of the servo (MDROBOT-8).
 fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {
@@ -381,12 +382,12 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     }
 }
 
-/// DH of a value written to ID or BAUDRATE, if DL is the key.
+/// DH of a value written to ID or BAUDRATE, if DL is the key (MDROBOT-5).
 fn keyed(value: i64) -> Option<i64> {
     (value & 0xFF == registers::WRITE_CHECK).then_some(value >> 8 & 0xFF)
 }
 
-/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15).
+/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15; MDROBOT-3).
 pub(super) fn kept(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }

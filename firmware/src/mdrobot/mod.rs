@@ -129,7 +129,7 @@ static MD400: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02.
+/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02 (MDROBOT-2).
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER, WRITE_MULTIPLE_REGISTERS],
     broadcast: Some(0xFE),

@@ -134,7 +134,7 @@ impl Drive {
         }
     }
 
-    /// Command of a PID other than of a position; `None` if it may not command now.
+    /// Command of a PID other than of a position; `None` if it may not command now (MDROBOT-13).
     fn asked(&self, pid: Pid) -> Option<Command> {
         let drives = self.reference.who == Source::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
@@ -221,7 +221,7 @@ impl Drive {
     }
 
     /// Updates the source that commands; returns whether it is another one. The motor stops, and waits for a command of
-    /// that source; a dropped command stays dropped.
+    /// that source; a dropped command stays dropped (MDROBOT-12).
     fn take_who(&mut self) -> bool {
         let who = Source::of(&self.bank);
         let another = who != core::mem::replace(&mut self.reference.who, who);
@@ -273,7 +273,7 @@ impl Drive {
         match self.reference.who {
             who if who.is_function() && on => self.start_function(at, out),
             who if who.is_function() => self.release_function(),
-            // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes.
+            // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes (MDROBOT-14).
             Source::CONNECTORS if on || connectors => {
                 self.reference.command = Command::Connectors { started: on };
             }
@@ -329,8 +329,9 @@ impl Drive {
         self.reference.reverses
     }
 
-    /// An open limit switch forbids an order that turns the motor towards it. When it opens it also stops a shaft that
-    /// an order of speed or position would still have to slow down; a later order of the way back is carried out.
+    /// An open limit switch forbids an order that turns the motor towards it (MDROBOT-23). When it opens it also stops a
+    /// shaft that an order of speed or position would still have to slow down; a later order of the way back is carried
+    /// out.
     fn judge_by_limits(&mut self, at: Instant, order: Order) -> Verdict {
         let now = [self.limit_forbids(1), self.limit_forbids(-1)];
         let before = core::mem::replace(&mut self.reference.forbidden, now);
@@ -389,7 +390,7 @@ impl Drive {
         }
     }
 
-    /// Order of the connectors to the motor.
+    /// Order of the connectors to the motor, a torque with TQ_CTRL 1 (MDROBOT-25).
     fn connected(&self, started: bool) -> Order {
         if self.is_braked() {
             return Order::Brake;
@@ -422,7 +423,7 @@ impl Drive {
         self.servo.position().saturating_add(counts)
     }
 
-    /// Reference with the sign that INV_SIGN_CMD gives it.
+    /// Reference with the sign that INV_SIGN_CMD gives it (MDROBOT-15).
     pub(super) fn turned(&self, reference: i32) -> i32 {
         if self.flag(Pid::INV_SIGN_CMD) { reference.saturating_neg() } else { reference }
     }

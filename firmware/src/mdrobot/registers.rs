@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::line::{Line, Parity};
 
-/// In place of a page, of what public clients of later controllers show (decisions, MDROBOT 10).
+/// In place of a page, of what public clients of later controllers show (MDROBOT-10).
 pub(super) const LATER: &str = "not in V1.1";
 
 /// The supply, in 0.1 V.
@@ -235,7 +235,7 @@ pub(super) mod function {
     pub(in crate::mdrobot) const SPEED_ADD: u16 = 4;
 }
 
-/// The line of a code of BAUDRATE (p. 12).
+/// The line of a code of BAUDRATE (p. 12; MDROBOT-1).
 pub(super) const fn line(code: u16) -> Line {
     let baud = match code {
         1 => 9_600,

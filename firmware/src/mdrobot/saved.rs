@@ -15,7 +15,8 @@ const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 
 impl Drive {
     /// Loads what is saved: the younger copy, or the one image of the memories before there were two, also where its
-    /// save did not come to its end. Any other memory is a new one, since the drive cannot say that it is bad.
+    /// save did not come to its end. Any other memory is a new one, since the drive cannot say that it is bad
+    /// (MDROBOT-6).
     pub(super) fn load(&mut self, out: &dyn Context) {
         self.bank = Bank::factory();
         let later = LATER.map(Register::row);

@@ -3,7 +3,7 @@
 use super::drive::{Drive, State};
 use crate::device::{Boot, Context, Duration, Instant};
 
-/// From power-on to the first character that is heard; the manual does not say.
+/// From power-on to the first character that is heard; the manual does not say (MDROBOT-11).
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {

@@ -1,4 +1,4 @@
-//! Plans of motion: the position and speed of an axis at any instant.
+//! Plans of motion: the position and speed of an axis at any instant (PROJECT-7).
 //!
 //! A plan is a short list of segments of constant acceleration. All numbers are integers in units
 //! chosen so that nothing is ever rounded on the way: with *f* ticks in a second, speed *v* (steps/s)
@@ -74,6 +74,7 @@ impl Limits {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Plan {
     start: Instant,
+    /// Up, cruise, down; or down, up, cruise (PROJECT-8).
     segments: [Segment; 3],
     /// Segments in use, at least one.
     count: u8,

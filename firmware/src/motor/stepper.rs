@@ -7,7 +7,7 @@
 //!
 //! The torque of the motor is its holding torque times the share of the rated current, and falls evenly to nothing
 //! at the pull-out speed. Load, friction and what accelerates the inertia may not take more. Where they do the shaft is
-//! out of step, and stops. So it does when it is held, and when the current goes.
+//! out of step, and stops. So it does when it is held, and when the current goes (BENCH-7).
 //!
 //! A shaft out of step is turned by its load. Friction resists that; so does the whole torque of a field that is slow,
 //! since it pulls back at every full step. The mean torque of a fast field is nothing. A field is slow if its torque

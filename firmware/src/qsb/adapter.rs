@@ -16,7 +16,7 @@ use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
 use crate::memory::Save;
 
-/// From a reset to the banner; the list does not say.
+/// From a reset to the banner; the list does not say (QSB-6).
 const STARTUP: Duration = Duration::millis(50);
 
 /// State of the adapter, from power-on to ready.
@@ -233,7 +233,7 @@ impl Adapter {
         self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
     }
 
-    /// Brings the counter up to date, and does what MDR1 wants of what has happened there.
+    /// Brings the counter up to date, and does what MDR1 wants of what has happened there (QSB-22).
     pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Context) {
         let_in(&mut self.counter, at);
         let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;

@@ -81,7 +81,7 @@ impl Adapter {
     }
 }
 
-/// The answer to what is not understood.
+/// The answer to what is not understood (QSB-2).
 fn unsupported(register: u8) -> Response {
     Response { letter: b'x', register, data: 0 }
 }

@@ -35,7 +35,7 @@ impl Clock {
         (self.ticks(at) as u32).wrapping_sub(self.zero)
     }
 
-    /// Sets TIME STAMP, and leaves the phase.
+    /// Sets TIME STAMP, and leaves the phase (QSB-10).
     pub(super) fn set_number(&mut self, at: Instant, number: u32) {
         self.zero = (self.ticks(at) as u32).wrapping_sub(number);
     }

@@ -46,7 +46,7 @@ pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     }
 }
 
-/// The number of up to eight hexadecimal digits.
+/// The number of up to eight hexadecimal digits (QSB-3).
 fn number(digits: &[u8]) -> Option<u32> {
     if digits.len() > 8 {
         return None;
@@ -72,7 +72,7 @@ pub(super) struct Response {
 }
 
 impl Response {
-    /// As it leaves under this EOR, with a time stamp if that asks for one.
+    /// As it leaves under this EOR, with a time stamp if that asks for one (QSB-5).
     pub(super) fn text(self, eor: u16, time_stamp: u32) -> Text {
         let mut text = Text { characters: Vec::new(), spaces: eor & eor::SPACES != 0 };
         text.put(self.letter);

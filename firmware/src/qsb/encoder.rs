@@ -55,7 +55,7 @@ impl Pwm {
         self.seen.is_some_and(|(_, period)| period > TWELVE_BIT)
     }
 
-    /// The position, by the formula of the encoder's data sheet (US Digital MA3).
+    /// The position, by the formula of the encoder's data sheet (US Digital MA3; QSB-14).
     fn value(self) -> u32 {
         let (range, highest) = if self.is_twelve_bit() { (4_098, 4_095) } else { (1_026, 1_023) };
         let value = self.seen.map_or(0, |(on, period)| on * range / period);
@@ -78,7 +78,7 @@ impl Adapter {
         self.bank.get(Reg::Mode) & 3 | twelve_bit
     }
 
-    /// A voltage at A, whichever of its names was used.
+    /// A voltage at A, whichever of its names was used (QSB-16).
     pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
         self.pins.mv = mv;
         self.contact(at, mv > HIGH_MV);
@@ -113,7 +113,7 @@ impl Adapter {
         }
     }
 
-    /// READ ENCODER as it reads.
+    /// READ ENCODER as it reads (QSB-15).
     pub(super) fn encoder_register(&self, at: Instant) -> u32 {
         let value = self.encoder_value();
         if self.mode() != Mode::Analogue {

@@ -192,7 +192,7 @@ impl Adapter {
     }
 }
 
-/// Value that a register keeps of a written one.
+/// Value that a register keeps of a written one (QSB-9).
 fn kept(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,

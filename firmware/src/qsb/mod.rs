@@ -45,7 +45,7 @@ const DIO3: Pin = Pin(6);
 /// The digital port, from bit 0 on.
 const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
 
-/// Empties what has come of a command.
+/// Empties what has come of a command (QSB-1).
 const BACKSPACE: u8 = 0x08;
 
 /// The registers of a QSB.

@@ -130,7 +130,7 @@ impl Motor {
 
     /// Carries out an order. Returns whether it was allowed. To stop, pause or resume what is not there is
     /// nothing to do, and no fault. Only an active motor starts, a move only while nothing else runs or is
-    /// paused, a jog also in place of another, be that paused or slowing down.
+    /// paused, a jog also in place of another, be that paused or slowing down (QSB-27).
     pub(super) fn order(
         &mut self,
         at: Instant,
@@ -177,7 +177,7 @@ impl Motor {
         true
     }
 
-    /// MD STATUS.
+    /// MD STATUS (QSB-28).
     pub(super) fn status(&self, at: Instant) -> u8 {
         let bits = match if self.over() <= at { self.next() } else { self.state } {
             State::Inactive => return status::READY,
@@ -261,7 +261,7 @@ impl Motor {
     }
 
     /// A ramp to standstill as `state`, a slowing one. A move never goes beyond its last step: where the
-    /// acceleration has become too small for that, the ramp stays as it was.
+    /// acceleration has become too small for that, the ramp stays as it was (QSB-29).
     fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Context) {
         self.state = state;
         let from = self.position(at);
@@ -300,7 +300,7 @@ impl Motor {
         }
     }
 
-    /// Time at which DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once.
+    /// Time at which DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once (QSB-30).
     fn next_turn(&self, at: Instant) -> Instant {
         let same = self.plan.segments().iter().take_while(|segment| segment.back != self.forward);
         let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));

@@ -28,7 +28,7 @@ impl Adapter {
         if !self.motor.is_active() {
             return bits;
         }
-        // A step pulse is too short to be met.
+        // A step pulse is too short to be met (QSB-26).
         bits & !MOTOR_LINES | if self.motor.is_forward(at) { DIRECTION } else { 0 }
     }
 
@@ -51,14 +51,14 @@ impl Adapter {
         }
     }
 
-    /// The count with the edges of A and B that have come by `at`, though the filter still holds them back.
+    /// The count with the edges of A and B that have come by `at`, though the filter still holds them back (QSB-24).
     fn count_with_edges(&self, at: Instant) -> u32 {
         let mut counter = self.counter.clone();
         let_in(&mut counter, at + FILTER);
         counter.cntr()
     }
 
-    /// Handles an event of the counter that MDR1 selects.
+    /// Handles an event of the counter that MDR1 selects (QSB-25).
     pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Context) {
         const PULSE: u16 = config::PULSE | 1 << config::OUTPUTS;
         if self.bank.word(Reg::DigIOConfig) & PULSE != PULSE {
@@ -97,7 +97,7 @@ impl Adapter {
         self.put_lines(MOTOR_LINES, at, out);
     }
 
-    /// Lets all lines go, whatever they were.
+    /// Lets all lines go, whatever they were (QSB-23).
     pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulled = 0;
         self.put_lines(self.variant.lines, at, out);

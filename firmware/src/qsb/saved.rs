@@ -8,7 +8,7 @@ use super::{MEMORY, Words};
 use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save; the list does not give it.
+/// Time of a save; the list does not give it (QSB-8).
 const SAVE: Duration = Duration::millis(10);
 
 /// Rows of one word each that the first memories did not have: such a memory is still good.
@@ -41,7 +41,7 @@ impl Adapter {
         self.store(at, &words, out);
     }
 
-    /// Command A: the rate, and nothing with it.
+    /// Command A: the rate, and nothing with it (QSB-7).
     pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Context) {
         self.bank.set(Reg::BaudRate, rate);
         let mut words = self.stored(out);

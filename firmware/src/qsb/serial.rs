@@ -1,4 +1,4 @@
-//! Output on the line: one text behind the other.
+//! Output on the line: one text behind the other (QSB-4).
 
 use super::USB;
 use super::registers::{FACTORY_LINE, line};

@@ -89,7 +89,7 @@ impl Streams {
 }
 
 impl Adapter {
-    /// The streams that were saved, as if they had been asked for now.
+    /// The streams that were saved, as if they had been asked for now (QSB-13).
     pub(super) fn resume_streams(&mut self, at: Instant) {
         let saved = self.bank.word(Reg::Streams) as u8;
         for reg in STREAMS.into_iter().filter(|reg| saved & bit(*reg) != 0) {
@@ -121,7 +121,7 @@ impl Adapter {
         if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
     }
 
-    /// Schedules the next measurement: an interval after the last one, but not in the past.
+    /// Schedules the next measurement: an interval after the last one, but not in the past (QSB-11).
     pub(super) fn schedule(&mut self, at: Instant) {
         let measured = self.streams.measured;
         self.streams.next = match self.bank.word(Reg::IntervalRate) {
@@ -143,7 +143,8 @@ impl Adapter {
         if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
     }
 
-    /// Sends one record if one is due. Those that wait for the line take turns, the lowest register first.
+    /// Sends one record if one is due. Those that wait for the line take turns, the lowest register first
+    /// (QSB-12).
     pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Context) {
         if at < self.serial.free_at() {
             return;

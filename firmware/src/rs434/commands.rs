@@ -12,7 +12,7 @@ use super::registers::{Reg, Word};
 use crate::device::{Context, Instant};
 
 impl Drive {
-    /// MODE_USER_PROGRAM was written: 3 is only kept.
+    /// MODE_USER_PROGRAM was written: 3 is only kept (RS434-26).
     pub(super) fn command_program(&mut self, at: Instant, out: &mut dyn Context) {
         match self.bank.word(Reg::MODE_USER_PROGRAM) {
             1 => self.program.stop(),
@@ -53,7 +53,7 @@ impl Drive {
         true
     }
 
-    /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops.
+    /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops (RS434-27).
     fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Context) {
         let mode = self.bank.word(Reg::MODE_USER_PROGRAM);
         let place = |reg: Reg| Reg::ENTRIES.place(reg.row());
@@ -68,7 +68,7 @@ impl Drive {
         self.brake();
     }
 
-    /// Handles a line that cannot be carried out, or a missing one.
+    /// Handles a line that cannot be carried out, or a missing one (RS434-33).
     fn program_failed(&mut self, at: Instant, out: &mut dyn Context) {
         self.raise(at, error::PROGRAM, out);
         self.stop();

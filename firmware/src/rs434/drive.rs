@@ -183,7 +183,7 @@ impl Drive {
         line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
     }
 
-    /// The address on which it answers from its next start on (6.4).
+    /// The address on which it answers from its next start on (6.4; RS434-3).
     pub(super) fn unit(&self) -> u8 {
         (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
     }
@@ -202,7 +202,7 @@ impl Drive {
         wanted
     }
 
-    /// The motor that the registers describe.
+    /// The motor that the registers describe (RS434-12).
     pub(super) fn motor(&self) -> Parameters {
         self.servo_settings().motor()
     }
@@ -270,7 +270,7 @@ impl Drive {
 
     /// Checks that a value that its row accepts may be written now: it is refused while the drive is busy.
     pub(super) fn validate(&self, reg: Reg, value: i64) -> Result<(), Exception> {
-        // What runs is read from the flash.
+        // What runs is read from the flash (RS434-28).
         let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
         if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
     }
@@ -335,7 +335,7 @@ impl Drive {
         true
     }
 
-    /// The value of a key register, which reads 0 again.
+    /// The value of a key register, which reads 0 again (RS434-2).
     fn take_key(&mut self, reg: Reg) -> i64 {
         let key = self.bank.get(reg);
         self.bank.set(reg, 0);
@@ -347,7 +347,7 @@ impl Drive {
         self.errors.warn(error::OUT_OF_RANGE);
     }
 
-    /// A character had the wrong parity, or nobody could read it.
+    /// A character had the wrong parity, or nobody could read it (RS434-5).
     pub(super) fn spoiled(&mut self) {
         self.errors.warn(error::PARITY);
     }

@@ -35,11 +35,11 @@ pub(super) mod error {
         | EMERGENCY_STOP
         | MCU_OVERHEAT
         | SWITCHES;
-    /// These stay until a restart. The others are warnings, and a write may clear them.
+    /// These stay until a restart. The others are warnings, and a write may clear them (RS434-23).
     pub(in crate::rs434) const STAYS: u16 = STOPS | PROGRAM_TEST | SETTINGS;
 }
 
-/// Bits that each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults).
+/// Bits that each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults) (RS434-24).
 const CAUSES: [u16; 8] = [
     error::SUPPLY_VOLTAGE,
     error::SHORT_CIRCUIT,

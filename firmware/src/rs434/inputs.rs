@@ -133,7 +133,7 @@ impl Drive {
         if (!first && !second) || !self.is_by_inputs() {
             return;
         }
-        // A pulse is over when its contact has opened.
+        // A pulse is over when its contact has opened (RS434-21).
         let pulse_1 = first && !self.inputs.in1.on;
         let pulse_2 = second && !self.inputs.in2.on;
         match self.bank.word(Reg::MODE_EXT_IN) {
@@ -158,7 +158,7 @@ impl Drive {
         }
     }
 
-    /// Does what levels ask for: when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is written.
+    /// Does what levels ask for: when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is written (RS434-22).
     pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready || !self.is_by_inputs() {
             return;

@@ -59,7 +59,7 @@ const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
 }
 
 // A contact to ground is closed while it is low (6.1). One that nobody uses is open; that of the emergency stop is
-// closed until somebody uses it, or nothing would ever move.
+// closed until somebody uses it, or nothing would ever move (RS434-8).
 #[rustfmt::skip]
 static PINS: [PinSpec; 8] = [
     pin("IN1", Role::Input, Level::High),
@@ -122,7 +122,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
     }
 }
 
-/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02.
+/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02 (RS434-1).
 static RULES: Rules = Rules {
     functions: &[
         READ_COILS,

@@ -73,7 +73,7 @@ impl Drive {
         settings(&self.bank, self.errors)
     }
 
-    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2).
+    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2; RS434-6).
     pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Context) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;
@@ -232,12 +232,12 @@ impl Drive {
         }
     }
 
-    /// Returns whether there are too few Hall sensors to know the place of a move.
+    /// Returns whether there are too few Hall sensors to know the place of a move (RS434-18).
     fn has_too_few_halls(&self) -> bool {
         self.bank.word(Reg::USE_HALL) < 2
     }
 
-    /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise.
+    /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise (RS434-16).
     pub(super) fn offset(&self) -> i64 {
         match self.motion {
             Motion::Moves { way: Way::Offset, .. } => self.servo.left().into(),

@@ -84,7 +84,8 @@ impl Serial {
         (at + self.character * lost, heard)
     }
 
-    /// Time at which a message is over, should no more come: in RTU after a silence, in ASCII with its line feed.
+    /// Time at which a message is over, should no more come: in RTU after a silence, in ASCII with its line feed
+    /// (RS434-4).
     /// [`Instant::NEVER`] otherwise.
     pub(super) fn deadline(&self) -> Instant {
         match &self.ears {

@@ -18,6 +18,7 @@ pub(super) enum Model {
 pub(super) const SUPPLY: u16 = 240;
 
 const LAST_LINE: i64 = LINES as i64 - 1;
+/// Reason why a version has no value of the manual (RS434-7).
 const NOT_KNOWN: &str = "the manual prints x";
 
 drivetwin_protocol::registers! {
@@ -182,7 +183,7 @@ pub(super) mod key {
     pub(in crate::rs434) const RESTART: i64 = 0x95AF;
 }
 
-/// The versions that a preset sets: they stay as they are whatever becomes of the settings.
+/// The versions that a preset sets: they stay as they are whatever becomes of the settings (HOST-21).
 pub(super) const VERSIONS: [Reg; 3] = [Reg::HW_MINOR, Reg::FW_MAJOR, Reg::FW_MINOR];
 
 /// The rows of the RS 434546.

@@ -8,7 +8,7 @@ use super::registers::{Reg, VERSIONS};
 use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save, of the settings or of the user program; the manual does not give it.
+/// Time of a save, of the settings or of the user program; the manual does not give it (RS434-11).
 pub(super) const SAVE: Duration = Duration::millis(10);
 
 impl Drive {

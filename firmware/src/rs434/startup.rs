@@ -6,9 +6,9 @@ use super::registers::Reg;
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
-/// From power-on to the first character that is heard.
+/// From power-on to the first character that is heard (RS434-9).
 const BOOT: Duration = Duration::millis(500);
-/// Time for which CLR_FLASH must be closed (7).
+/// Time for which CLR_FLASH must be closed (7; RS434-10).
 const RESET: Duration = Duration::secs(5);
 /// Time that each light is on meanwhile.
 const TURN: Duration = Duration::millis(250);

@@ -9,7 +9,7 @@ use crate::line::faults::Text;
 use crate::line::{LineState, PendingFrame, Request, SerialLine};
 use crate::scheduler::Phase;
 
-/// Longest time by which a drive's output may lie ahead before a client has to wait.
+/// Longest time by which a drive's output may lie ahead before a client has to wait (HOST-14).
 const AHEAD: Duration = Duration::secs(1);
 
 /// Turns.
@@ -162,7 +162,7 @@ impl Bench {
     }
 
     /// Ends a turn on a line where silence ends a message: it lasts until all drives have judged that, and answered,
-    /// and what follows it is over.
+    /// and what follows it is over (HOST-4).
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
         // Once: drives may answer each other's answers for ever.
         if self.buses[bus as usize].turn == LineState::Asked && self.answers(bus, at) {
@@ -184,8 +184,8 @@ impl Bench {
 
     /// Ends a turn on a line where each character has its time: the client goes on; or, held back, tries again; or it
     /// has said all. Then it keeps the line for as long as silence would take to end a message: programs write a
-    /// command in pieces, and those of two clients must not mix. An answer that begins at once ends the exchange before
-    /// that.
+    /// command in pieces, and those of two clients must not mix (HOST-13). An answer that begins at once ends the exchange
+    /// before that.
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
         let wire = &mut self.buses[bus as usize];
         let spoke = wire.turn == LineState::Asked && wire.free == at;

@@ -7,7 +7,7 @@ use crate::line::{CharFlags, ClientState, Sender};
 
 /// Clients.
 impl Bench {
-    /// Sets the longest wait for the rest of half a message, in time of the bench.
+    /// Sets the longest wait for the rest of half a message, in time of the bench (HOST-3).
     pub fn set_patience(&mut self, patience: Duration) {
         self.settings.patience = patience;
     }

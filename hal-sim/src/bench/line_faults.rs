@@ -12,7 +12,7 @@ use crate::record::capture::Source;
 use crate::record::trace::InputRecord;
 use crate::slot::Sent;
 
-/// Longest delay of replies by what comes between them: a stream without a pause leaves no room for more.
+/// Longest delay of replies by what comes between them: a stream without a pause leaves no room for more (BENCH-14).
 const ROOM: Duration = Duration::millis(500);
 
 /// Faults of lines.

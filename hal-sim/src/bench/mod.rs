@@ -441,7 +441,7 @@ impl Bench {
     }
 
     /// Runs until every complete request is answered to its end, or judged, and what was done to
-    /// pins and power has arrived.
+    /// pins and power has arrived; so a typed line has its effect before the next one is taken (MDRIVE-36).
     pub fn settle(&mut self) {
         let settling = self.begin_to_settle();
         self.settle_until(settling, Instant::NEVER);

@@ -1,7 +1,8 @@
 //! Motors of their own.
 //!
 //! A motor hears what its drive does a tick later, and what it does arrives a tick later: at its drive the edges of
-//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::shaft_sensors) on its shaft show.
+//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::shaft_sensors) on its shaft show
+//! (BENCH-6).
 
 use std::collections::VecDeque;
 
@@ -243,7 +244,7 @@ impl Bench {
     }
 
     /// The motor that a drive has parted from when it was seated [`apart`](super::Setup::apart): as its registers
-    /// described it when it had been powered on for the first time, with its memory and its presets.
+    /// described it when it had been powered on for the first time, with its memory and its presets (BENCH-5).
     #[must_use]
     pub fn detached_motor(&self, drive: DriveId) -> Option<motor::Parameters> {
         self.at(drive).parted

@@ -56,7 +56,7 @@ impl Bench {
     /// wave, each step pulse and each change of direction; an output that floats leaves the input to its pull-up. Edges
     /// are made only while a wire is there.
     ///
-    /// Several outputs may be wired to one input: low wins over high. An input that
+    /// Several outputs may be wired to one input: low wins over high (BENCH-9). An input that
     /// [hands](Self::set_pin) hold sees only them, until they let go.
     ///
     /// # Panics

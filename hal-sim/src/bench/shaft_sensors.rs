@@ -265,7 +265,7 @@ impl Bench {
         }
     }
 
-    /// Puts a switch beside a motor's shaft that pulls a pin to ground while it is closed. A bound beyond
+    /// Puts a switch beside a motor's shaft that pulls a pin to ground while it is closed (BENCH-8). A bound beyond
     /// [`FURTHEST_REV`] acts as that; one that is not a number is none.
     ///
     /// # Panics

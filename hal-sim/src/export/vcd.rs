@@ -25,7 +25,7 @@ use crate::scheduler::Tournament;
 use crate::signals::pin_waveform::{PinOutput, level_of};
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 
-/// The unit of a file, and how many of it make a tick.
+/// The unit of a file, and how many of it make a tick (HOST-11).
 const TIMESCALE: &str = "100 ps";
 const UNITS_PER_TICK: u128 = 625;
 

@@ -13,7 +13,7 @@ pub(crate) struct Air {
     spans: Vec<Span>,
     /// Count of transmissions.
     count: u32,
-    /// Clients that have spoken since the line was free.
+    /// Clients that have spoken since the line was free (BENCH-15).
     pub(crate) spoke: Vec<u32>,
     /// Last time at which the line was free.
     pub(crate) free: Instant,

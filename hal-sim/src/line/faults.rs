@@ -20,7 +20,7 @@ pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 pub struct LineFaults {
     /// Frames that are lost.
     pub drop: f64,
-    /// Frames in which a data bit is turned over. Drives on a line with parity notice it in that character.
+    /// Frames in which a data bit is turned over (BENCH-11). Drives on a line with parity notice it in that character.
     pub corrupt: f64,
     /// Frames that come twice: a reply again when the line has been silent behind it, a request again when its
     /// answer is over; what was written to a line on which each character has its time, at once. Replies that lag
@@ -196,7 +196,7 @@ pub(crate) struct Fate {
 }
 
 impl Fate {
-    /// Random numbers that a frame takes, whatever the faults are: so no rate changes what another one does.
+    /// Random numbers that a frame takes, whatever the faults are: so no rate changes what another one does (BENCH-10).
     const THROWS: u64 = 11;
 
     fn throw(faults: &LineFaults, dice: &mut Rng) -> Self {
@@ -280,7 +280,7 @@ pub(crate) struct Refusal {
 }
 
 impl Refusal {
-    /// A user-defined function (application, 5) that no drive has.
+    /// A user-defined function (application, 5) that no drive has (BENCH-12).
     const NOBODYS: u8 = 110;
 
     /// Refusal of a request on a line of Modbus, and what the drives get instead. `None` where it cannot be refused: a
@@ -302,7 +302,7 @@ impl Refusal {
 }
 
 /// A reply from another address, with a good check sum: the next one up of 1 to 247 that is free, or where none is
-/// one of those that are reserved (serial, 2.2). `None` where even they are taken.
+/// one of those that are reserved (serial, 2.2; BENCH-13). `None` where even they are taken.
 pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec<u8>> {
     let (unit, pdu) = opened(line, reply)?;
     let others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);

@@ -22,7 +22,7 @@ pub enum LineMode {
     /// Their time at the line's rate.
     #[default]
     Timed,
-    /// None, for load tests: a frame and its end come at one instant, replies leave at once.
+    /// None, for load tests (HOST-5): a frame and its end come at one instant, replies leave at once.
     Fast,
 }
 

@@ -1,5 +1,5 @@
 //! Captures of lines and TCP connections: frames as a probe on the wires sees them, with their faults. Of frames that
-//! collided it keeps the bytes of each sender, and that no receiver could read them.
+//! collided it keeps the bytes of each sender, and that no receiver could read them (BENCH-16).
 
 use std::collections::VecDeque;
 

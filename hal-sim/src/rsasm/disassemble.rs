@@ -1,7 +1,7 @@
 //! Lines of a program to text that assembles to the same lines.
 //!
 //! What a command would not say itself, like bits in fields that it does not use, or a system register that there
-//! is none of, makes its line a number.
+//! is none of, makes its line a number (RS434-34).
 
 use std::fmt::Write as _;
 

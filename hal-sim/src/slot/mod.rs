@@ -224,7 +224,7 @@ impl Slot {
         Ok(())
     }
 
-    /// Puts a value into its memory before its first power-on.
+    /// Puts a value into its memory before its first power-on (PROJECT-6).
     pub(crate) fn preset(
         &mut self,
         at: Instant,
@@ -327,7 +327,7 @@ impl Slot {
         self.device.peek_word(at, row, word)
     }
 
-    /// A pin as it is seen from outside.
+    /// A pin as it is seen from outside (HOST-12).
     pub(crate) fn level(&self, at: Instant, pin: Pin) -> Level {
         match self.pulses_at(at, pin) {
             Some(level) => level,

@@ -1,4 +1,4 @@
-//! A web page must not be able to drive a bench.
+//! A web page must not be able to drive a bench (HOST-6).
 //!
 //! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So the `Host` of a
 //! request must be a loopback one, or the very address that the API was told to listen on, or a name that the user

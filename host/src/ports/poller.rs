@@ -2,7 +2,7 @@
 //!
 //! The system keeps the list of what is waited for, so a wake-up costs what is ready and not what is
 //! there. The alarm is one of them, because a timer counts in nanoseconds, which `epoll_wait` does not
-//! everywhere, and needs no word while it stays.
+//! everywhere, and needs no word while it stays (HOST-1).
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};

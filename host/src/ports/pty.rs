@@ -6,7 +6,7 @@
 //! clear, wait there to be changed: `ECHOE` and `IEXTEN`. They are set when nobody has the pty open,
 //! and again a moment after somebody has cleared them, together with the other value of a third one
 //! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
-//! that takes its second step within that moment still gets `EINVAL`.
+//! that takes its second step within that moment still gets `EINVAL` (HOST-2).
 //!
 //! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with
 //! what the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it

@@ -1,4 +1,4 @@
-//! A line reached by a serial port of this machine.
+//! A line reached by a serial port of this machine (HOST-16).
 //!
 //! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time itself:
 //! what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at 300 baud

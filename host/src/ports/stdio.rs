@@ -1,4 +1,4 @@
-//! A line reached by standard input and output.
+//! A line reached by standard input and output (HOST-17).
 //!
 //! They may be shared with other programs, a shell for one, which non-blocking descriptors would surprise. So two
 //! threads copy between them and a pair of sockets, of which the bench's thread has the other end. The bench ends

@@ -12,7 +12,7 @@ use super::READ_BYTES;
 /// that a test may move the standing clock on so far before it reads.
 pub(super) const MOST_MIB: usize = 16;
 
-/// MiB that may wait for all clients of a port together.
+/// MiB that may wait for all clients of a port together (HOST-15).
 const MOST_MIB_OF_PORT: usize = 64;
 
 /// MiB that may wait for each of so many clients of a port.

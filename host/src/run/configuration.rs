@@ -91,7 +91,7 @@ impl Configuration {
     }
 }
 
-/// Options that speak of one drive have no place beside a bench file.
+/// Options that speak of one drive have no place beside a bench file (BENCH-4).
 fn of_one_drive(options: &RunOptions, file: &Path) -> Result<(), String> {
     let given = [
         ("--listen", !options.listen.is_empty(), "listen = [\"tcp:127.0.0.1:5020\"]"),

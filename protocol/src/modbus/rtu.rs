@@ -11,7 +11,7 @@ use super::{DropReason, Expect, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
-/// 512 bytes, or with the feature `large-crc-table` 8 KiB for twice the speed.
+/// 512 bytes, or with the feature `large-crc-table` 8 KiB for twice the speed (PROJECT-10).
 #[cfg(not(feature = "large-crc-table"))]
 type Table = crc::Table<1>;
 #[cfg(feature = "large-crc-table")]
@@ -75,7 +75,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// 1.5 and 3.5 characters, rounded up; above 19,200 baud 750 µs and 1.75 ms (serial 2.5.1.1).
+    /// 1.5 and 3.5 characters, rounded up; above 19,200 baud 750 µs and 1.75 ms (serial 2.5.1.1; MODBUS-1).
     #[must_use]
     pub const fn of(line: Line) -> Self {
         let character = line.character();
@@ -105,7 +105,7 @@ enum State {
 /// The receiving half of a slave: characters in, frames out.
 ///
 /// A stamp is the *end* of a character. That a character began within 3.5 characters of the last
-/// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline).
+/// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline; PROJECT-3).
 #[derive(Clone, Debug)]
 pub struct RtuReceiver {
     timing: Timing,
@@ -219,7 +219,7 @@ impl RtuReceiver {
 
 /// Judges the front of a burst of which more may come, split into reads by chance. The CRC of a prefix may hold by
 /// chance, too: so a frame is whole where its CRC holds at the longest length that its function may have for those who
-/// are heard, or at another one with a whole frame right behind it.
+/// are heard, or at another one with a whole frame right behind it (PROJECT-4).
 #[must_use]
 pub fn scan(burst: &[u8], expect: Expect) -> Scan {
     let Some(&function) = burst.get(1) else { return Scan::Incomplete };

@@ -2,7 +2,7 @@
 //!
 //! Checks come in the order of the specification (application, figures 9 to 21): function,
 //! structure, address, value, execution, each for the whole request before the next. What is refused changes
-//! nothing; a write of several registers is all or nothing.
+//! nothing; a write of several registers is all or nothing (MODBUS-4).
 
 use core::marker::PhantomData;
 
@@ -19,7 +19,7 @@ use crate::registers::{Entries, Register, Shape, Space};
 pub struct Rules {
     /// The functions it knows; others are [`Exception::IllegalFunction`].
     pub functions: &'static [u8],
-    /// The address that every slave obeys and none answers.
+    /// The address that every slave obeys and none answers (MODBUS-3).
     pub broadcast: Option<u8>,
     /// Words that one read may cover.
     pub most_read: u16,
@@ -181,7 +181,7 @@ pub fn serve_rtu<M: RequestHandler>(
 }
 
 /// Carries out what a frame of a serial line holds, an address and a PDU, for the slave `unit`, and leaves
-/// the same of the reply in `reply`, which stays empty for a broadcast and for what is dropped.
+/// the same of the reply in `reply`, which stays empty for a broadcast and for what is dropped (MODBUS-2).
 pub fn serve_serial<M: RequestHandler>(
     body: &[u8],
     unit: u8,
@@ -216,7 +216,7 @@ pub fn serve_serial<M: RequestHandler>(
 
 /// Carries out a whole ADU of a connection, whatever its unit, and leaves the reply in `reply`, which stays empty
 /// only for what is no ADU. A client waits for its reply: what a serial line would drop for its length is refused
-/// with the rules' `bad_quantity`, and there is no broadcast.
+/// with the rules' `bad_quantity`, and there is no broadcast (MDRIVE-5).
 pub fn serve_tcp<M: RequestHandler>(adu: &[u8], rules: &Rules, map: &mut M, reply: &mut Adu) -> Outcome {
     reply.clear();
     let Some((header, pdu @ &[function, ..])) = tcp::parse(adu) else {
@@ -402,7 +402,7 @@ fn write<M: RequestHandler>(
     let mut permitted = Ok(());
     for part in values.parts().flatten() {
         let row = entries.list.get(part.row).ok_or(Exception::IllegalDataAddress)?;
-        // Halves are judged when the value is used.
+        // Halves are judged when the value is used (MODBUS-6).
         if part.words != row.shape.words() {
             continue;
         }

@@ -90,7 +90,7 @@ impl Family {
     }
 
     /// Factory values of the first block, where a save that power has cut may bring them back; an MDROBOT keeps two
-    /// copies (decision 6).
+    /// copies (MDROBOT-6).
     pub(crate) fn factory(self) -> Option<&'static [u32]> {
         match self {
             Self::Md3 => Some(&[0; 4]),
@@ -129,11 +129,11 @@ impl Family {
         }
     }
 
-    /// Longer than the drive takes from power-on to its first answer: MD3 4, RS 434 decision 9, MDROBOT decision 11, QSB
-    /// decision 6; a Hybrid calibrates for 3.12 s (MC 5-9).
+    /// Longer than the drive takes from power-on to its first answer: MD3 4, RS434-9, MDROBOT-11, QSB-6; a
+    /// Hybrid calibrates for 3.12 s (MC 5-9).
     pub(crate) fn boot(self) -> Duration {
         match self {
-            // Behind a bad memory 5 s later (MD3 7.4, decision 13).
+            // Behind a bad memory 5 s later (MD3 7.4, MD3-13).
             Self::Md3 => 7_600.millis(),
             Self::Qsb => 100.millis(),
             Self::Rs434 => 1.secs(),

@@ -104,7 +104,7 @@ fn command(bench: &mut Bench, client: Client, command: &str) -> i32 {
     u32::from_str_radix(data, 16).unwrap().cast_signed()
 }
 
-/// 1,000 rpm and a DEC of 100, which is 545 rps² (decision 14 of "RS 434544 / 434546"): the switch opens at ten turns,
+/// 1,000 rpm and a DEC of 100, which is 545 rps² (RS434-14): the switch opens at ten turns,
 /// for 10 ms (WAITED_INPUTS_EXTERN) it may bounce, then the motor brakes.
 #[test]
 fn the_limit_switch_stops_the_motor() {

@@ -67,7 +67,7 @@ fn section_6_1_read_holding_register() {
     assert_eq!((five[2], five.len()), (0x0a, 15));
 }
 
-/// Decision 1: 02 for a quantity of 0, over 32, or past 0x1f; the function with its high bit set.
+/// MD3-1: 02 for a quantity of 0, over 32, or past 0x1f; the function with its high bit set.
 #[test]
 fn section_6_1_what_cannot_be_read() {
     let mut rig = Rig::ready();
@@ -101,7 +101,7 @@ fn section_6_2_write_single_register() {
     assert_eq!(rig.read(at::STARTUP_DELAY), 250);
 }
 
-/// Decision 1: 02 for what is read only, and for what is not there.
+/// MD3-1: 02 for what is read only, and for what is not there.
 #[test]
 fn section_6_2_what_cannot_be_written() {
     let mut rig = Rig::ready();
@@ -111,7 +111,7 @@ fn section_6_2_what_cannot_be_written() {
     assert_eq!(rtu::frame(1, &[0x86, 0x02])[..], [0x01, 0x86, 0x02, 0xC3, 0xA1]);
 }
 
-/// Decision 1, and decision 2 of all Modbus drives: every other function is 01, those of the modern
+/// MD3-1, and MODBUS-2: every other function is 01, those of the modern
 /// Modbus as well as what a reset or a firmware update might use.
 #[test]
 fn section_6_other_functions() {

@@ -40,7 +40,7 @@ const OTHERS: [(u16, u16); 26] = [
     (0x1d, 0xbeef),
 ];
 
-/// 0x0e to 0x10, which are not saved (decision 12).
+/// 0x0e to 0x10, which are not saved (MD3-12).
 fn is_counter(address: u16) -> bool {
     (0x0e..=0x10).contains(&address)
 }
@@ -65,7 +65,7 @@ fn section_7_20_what_was_not_saved_is_forgotten() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// Decision 12: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Commands may be answered
+/// MD3-12: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Commands may be answered
 /// meanwhile.
 #[test]
 fn section_7_20_a_save_takes_its_time() {
@@ -91,7 +91,7 @@ fn section_7_20_a_write_during_a_save_comes_too_late() {
     assert_eq!(rig.read(at::USER), 1);
 }
 
-/// Decision 12: a save while one runs is ignored: it is over after 20 ms all the same.
+/// MD3-12: a save while one runs is ignored: it is over after 20 ms all the same.
 #[test]
 fn section_7_20_a_save_while_one_runs() {
     let mut rig = Rig::ready();
@@ -106,7 +106,7 @@ fn section_7_20_a_save_while_one_runs() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// Decision 12: a read brings back what was saved, at once, with 0x9a; the CRC status cannot be
+/// MD3-12: a read brings back what was saved, at once, with 0x9a; the CRC status cannot be
 /// written.
 #[test]
 fn section_7_20_read_registers_from_eeprom() {
@@ -120,8 +120,8 @@ fn section_7_20_read_registers_from_eeprom() {
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 0x1111));
 }
 
-/// Decision 12: it acts as if all had been written: current, pins, Disable, address, line. The reply
-/// leaves with the old address (decision 5 of all Modbus drives).
+/// MD3-12: it acts as if all had been written: current, pins, Disable, address, line. The reply
+/// leaves with the old address (MODBUS-5).
 #[test]
 fn section_7_20_a_read_acts() {
     let mut rig = Rig::ready();
@@ -149,7 +149,7 @@ fn section_7_20_a_read_acts() {
     assert_eq!(rig.bench.line(bus), Line::new(19_200, 8, Parity::Even, 1));
 }
 
-/// Decision 12: also what the pins do. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
+/// MD3-12: also what the pins do. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
 #[test]
 fn section_7_20_a_read_changes_pin_modes() {
     let mut rig = Rig::ready();
@@ -163,7 +163,7 @@ fn section_7_20_a_read_changes_pin_modes() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// Decision 12: also Disable, either way, whatever runs.
+/// MD3-12: also Disable, either way, whatever runs.
 #[test]
 fn section_7_20_a_read_disables_and_enables() {
     let mut rig = Rig::ready();
@@ -180,7 +180,7 @@ fn section_7_20_a_read_disables_and_enables() {
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
 }
 
-/// Decision 12: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
+/// MD3-12: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
 #[test]
 fn section_7_20_a_read_in_a_motion() {
     let mut rig = Rig::ready();
@@ -198,7 +198,7 @@ fn section_7_20_a_read_in_a_motion() {
     assert_eq!((rig.speed(), rig.motion_control()), (5_000.0, bit::JOG));
 }
 
-/// Decision 12: bits 0 and 1 together are a save.
+/// MD3-12: bits 0 and 1 together are a save.
 #[test]
 fn section_7_20_both_bits_save() {
     let mut rig = Rig::ready();
@@ -211,7 +211,7 @@ fn section_7_20_both_bits_save() {
     assert_eq!(rig.read(at::USER), 3);
 }
 
-/// Decision 12: Disable is saved; nothing moves after power-up.
+/// MD3-12: Disable is saved; nothing moves after power-up.
 #[test]
 fn section_7_20_disable_is_saved() {
     let mut rig = Rig::restarted(&[(at::MOTION, bit::DISABLE)]);
@@ -236,7 +236,7 @@ fn with_bad_memory() -> Rig {
     rig
 }
 
-/// Decision 12: power lost in a save leaves bad memory; 0xf1, and the defaults, which are not saved.
+/// MD3-12: power lost in a save leaves bad memory; 0xf1, and the defaults, which are not saved.
 #[test]
 fn section_7_20_bad_memory() {
     let mut rig = with_bad_memory();
@@ -255,7 +255,7 @@ fn section_7_20_bad_memory() {
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 1));
 }
 
-/// Decision 13: red flashes ten times in five seconds, then come the 2.5 s; first answer after 7.5 s.
+/// MD3-13: red flashes ten times in five seconds, then come the 2.5 s; first answer after 7.5 s.
 #[test]
 fn section_7_20_bad_memory_at_power_up() {
     let mut rig = with_bad_memory();
@@ -300,7 +300,7 @@ fn section_7_20_the_crc_covers_every_byte() {
     }
 }
 
-/// An empty memory is a new drive (decision 5 of the house).
+/// An empty memory is a new drive (PROJECT-5).
 #[test]
 fn section_7_20_a_new_drive() {
     let mut rig = Rig::new("md3", Setup { memory: Some(Vec::new()), ..Setup::default() });
@@ -308,7 +308,7 @@ fn section_7_20_a_new_drive() {
     assert_eq!(rig.read(at::EEPROM), 0x9a00);
 }
 
-/// Decision 16.
+/// MD3-16.
 #[test]
 fn section_7_21_product_information() {
     for (kind, product) in [("md3", 0xbd01), ("md3-low", 0x3d01)] {
@@ -338,7 +338,7 @@ fn line_after(value: u16) -> (Bench, DriveId, Line) {
     (bench, seat, line)
 }
 
-/// Decision 9: parity and stop bits are independent, parity 3 is none. Unused bits are kept (decision 2).
+/// MD3-9: parity and stop bits are independent, parity 3 is none. Unused bits are kept (MD3-2).
 #[test]
 fn section_7_22_serial_port_configuration() {
     let bauds = [4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
@@ -388,8 +388,7 @@ fn section_7_22_other_settings_are_not_heard() {
     }
 }
 
-/// Decisions 3 and 5 of all Modbus drives: a broadcast of 0x1c is executed by all, and holds from the
-/// next frame.
+/// MODBUS-3 and MODBUS-5: a broadcast of 0x1c is executed by all, and holds from the next frame.
 #[test]
 fn section_7_22_broadcast() {
     let (mut bench, seat) = timed();
@@ -408,7 +407,7 @@ fn section_7_23_user_register() {
     }
 }
 
-/// Decision 16: from a preset, 1 without; read only.
+/// MD3-16: from a preset, 1 without; read only.
 #[test]
 fn section_7_24_serial_number() {
     let mut rig = Rig::ready();

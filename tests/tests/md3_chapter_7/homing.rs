@@ -40,7 +40,7 @@ fn section_7_5_mode_0_switch() {
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
     rig.after(1.secs());
-    rig.assert_stands(stopped_at); // decision 17: and stays the count from power-on
+    rig.assert_stands(stopped_at); // MD3-17: and stays the count from power-on
 }
 
 /// Mode 1: with a ramp, another 0.5 s and 1,250 steps.
@@ -89,7 +89,7 @@ fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
     assert!((rig.position() - 5_000).abs() <= 1, "{}", rig.position());
 }
 
-/// Modes 2 and 3: the index, active high; decision 27: its level, whatever the gating, and even if the
+/// Modes 2 and 3: the index, active high; MD3-27: its level, whatever the gating, and even if the
 /// counter ignores it.
 #[test]
 fn section_7_5_mode_2_index() {
@@ -126,7 +126,7 @@ fn section_7_5_mode_3_index_with_a_ramp() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// Decision 18: codes that nobody prints.
+/// MD3-18: codes that nobody prints.
 #[test]
 fn section_7_5_modes_4_to_7_complete_at_once() {
     for mode in 4..8 {
@@ -154,7 +154,7 @@ fn section_7_5_an_inverted_flag() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Decision 26: a flag that is active when the search starts ends it at once.
+/// MD3-26: a flag that is active when the search starts ends it at once.
 #[test]
 fn section_7_5_a_flag_that_is_active_already() {
     for mode in [0, 1] {
@@ -193,7 +193,7 @@ fn section_7_5_the_flag_is_sampled_every_4_us() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Direction 1 is the negative one; |Speed| counts (decision 26).
+/// Direction 1 is the negative one; |Speed| counts (MD3-26).
 #[test]
 fn section_7_5_direction() {
     for (direction, speed, goes) in
@@ -218,7 +218,7 @@ fn section_7_5_speed_divisor() {
     }
 }
 
-/// Decision 26: the quotient is kept as a fraction. 100/128 steps/s are 78.125 steps in 100 s.
+/// MD3-26: the quotient is kept as a fraction. 100/128 steps/s are 78.125 steps in 100 s.
 #[test]
 fn section_7_5_slow_searches() {
     let mut rig = rig(homing(0) | 7 << 5);
@@ -330,7 +330,7 @@ fn section_7_7_home_offset() {
     }
 }
 
-/// Decision 26: both offsets run at the undivided speed, and their ramps. 5,000 steps: 0.5 s, 0.5 s at
+/// MD3-26: both offsets run at the undivided speed, and their ramps. 5,000 steps: 0.5 s, 0.5 s at
 /// 5,000/s, 0.5 s.
 #[test]
 fn section_7_6_and_7_7_offsets_run_at_the_undivided_speed() {
@@ -352,7 +352,7 @@ fn section_7_6_and_7_7_offsets_run_at_the_undivided_speed() {
     assert!((rig.position() - 9_961).abs() <= 1);
 }
 
-/// Decision 26: an active flag ends the search at once; the offsets are made all the same.
+/// MD3-26: an active flag ends the search at once; the offsets are made all the same.
 #[test]
 fn section_7_6_and_7_7_offsets_with_an_active_flag() {
     let mut rig = rig(homing(0));
@@ -365,7 +365,7 @@ fn section_7_6_and_7_7_offsets_with_an_active_flag() {
     rig.assert_stands(500);
 }
 
-/// Decision 26: an acceleration written in a home cycle is for its next part. −400 steps in 0.4 s as
+/// MD3-26: an acceleration written in a home cycle is for its next part. −400 steps in 0.4 s as
 /// begun, then the search ramps with 5,000/s² in 1 s.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_home_cycle() {
@@ -400,7 +400,7 @@ fn section_7_17_a_speed_written_in_a_home_cycle() {
     rig.assert_on_its_way(-400 + 1_950, 1_000.0);
 }
 
-/// Decision 4: Stop and Decel-stop end a home cycle with all that would have followed.
+/// MD3-4: Stop and Decel-stop end a home cycle with all that would have followed.
 #[test]
 fn section_7_15_stops_end_a_home_cycle() {
     for (seconds, begun) in [(300, "pre-home offset"), (1_400, "search")] {
@@ -435,7 +435,7 @@ fn section_7_15_stops_end_a_home_offset() {
     assert!((rig.position() - 100).abs() <= 1, "{}", rig.position());
 }
 
-/// Decision 26: SPEEDSEL does not matter while homing.
+/// MD3-26: SPEEDSEL does not matter while homing.
 #[test]
 fn section_7_5_speedsel_does_not_matter() {
     let mut rig = rig(homing(2));
@@ -458,7 +458,7 @@ fn section_7_8_commands_work_during_a_home_cycle() {
     rig.after(1.secs());
     rig.write(at::USER, 0x1234);
     assert_eq!(rig.read(at::USER), 0x1234);
-    rig.command(bit::MOVE); // another kind of motion: ignored (decision 4)
+    rig.command(bit::MOVE); // another kind of motion: ignored (MD3-4)
     rig.after(1.secs());
     rig.assert_on_its_way(8_750, 5_000.0);
     assert_eq!(rig.motion_control(), bit::HOME);

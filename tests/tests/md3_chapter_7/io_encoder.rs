@@ -66,7 +66,7 @@ impl Encoder {
     }
 }
 
-/// Decision 11: raw levels of pins 2, 3, 4, 5 in bits 3:0; they cannot be written.
+/// MD3-11: raw levels of pins 2, 3, 4, 5 in bits 3:0; they cannot be written.
 #[test]
 fn section_7_9_inputs() {
     let mut rig = Rig::ready();
@@ -94,7 +94,7 @@ fn section_7_9_encoder_pins_as_inputs() {
         assert_eq!(rig.read(at::IO_PORT), 0xf | 1 << bit, "{pin}");
         rig.open(pin);
     }
-    // Decision 11: a write sets the latch, not what is read of inputs.
+    // MD3-11: a write sets the latch, not what is read of inputs.
     rig.write(at::IO_PORT, 0x70);
     assert_eq!(rig.read(at::IO_PORT), 0xf);
     assert_eq!(rig.level("J2.9"), Level::Low);
@@ -113,7 +113,7 @@ fn section_7_9_outputs() {
     assert_eq!(levels(&rig), [Level::Low, Level::High, Level::Low]);
 }
 
-/// What is saved is the latch, also while the pins are inputs and read otherwise (decision 12).
+/// What is saved is the latch, also while the pins are inputs and read otherwise (MD3-12).
 #[test]
 fn section_7_9_the_latch_is_saved() {
     let mut rig = Rig::ready();
@@ -127,7 +127,7 @@ fn section_7_9_the_latch_is_saved() {
     assert_eq!(rig.read(at::IO_PORT), 0x5f);
 }
 
-/// Decision 11: J3 pin 8 is bit 7; 1 switches it to ground.
+/// MD3-11: J3 pin 8 is bit 7; 1 switches it to ground.
 #[test]
 fn section_7_9_j3_pin_8() {
     let mut rig = Rig::ready();
@@ -138,7 +138,7 @@ fn section_7_9_j3_pin_8() {
     assert_eq!((rig.level("J3.8"), rig.read(at::IO_PORT)), (Level::Float, 0x0f));
 }
 
-/// It reads 0, also in a read of many (decision 2), and cannot be written (decision 1).
+/// It reads 0, also in a read of many (MD3-2), and cannot be written (MD3-1).
 #[test]
 fn section_7_10_reserved() {
     let mut rig = Rig::ready();
@@ -147,7 +147,7 @@ fn section_7_10_reserved() {
     assert_eq!(rig.words(0x0a, 3), [0x000f, 0x0000, 0x0005]);
 }
 
-/// Decision 33: A leads B counts up, each edge of both.
+/// MD3-33: A leads B counts up, each edge of both.
 #[test]
 fn section_7_11_x4() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -163,7 +163,7 @@ fn section_7_11_x4() {
     assert_eq!(encoder.count(), 0xFFFF); // 16 bits
 }
 
-/// Decision 33: x2 counts the edges of A only.
+/// MD3-33: x2 counts the edges of A only.
 #[test]
 fn section_7_11_x2() {
     let mut encoder = Encoder::new(X2_INDEX);
@@ -188,7 +188,7 @@ fn section_7_11_swpab() {
     }
 }
 
-/// Swapped before gating, as in Microchip's unit (decision 33). Gating 1 is B = 0, A = 1 of the swapped
+/// Swapped before gating, as in Microchip's unit (MD3-33). Gating 1 is B = 0, A = 1 of the swapped
 /// inputs: B's pin high.
 #[test]
 fn section_7_11_swpab_before_gating() {
@@ -211,7 +211,7 @@ fn index_is_valid_at(configuration: u16, valid: [bool; 4]) {
     }
 }
 
-/// Decision 34: an event outside the gate neither clears nor counts.
+/// MD3-34: an event outside the gate neither clears nor counts.
 #[test]
 fn section_7_11_index_gating_x4() {
     let x4 = CLEAR | X4_INDEX;
@@ -231,7 +231,7 @@ fn section_7_11_index_gating_x2() {
     index_is_valid_at(x2 | 3 << 4, [false, false, true, true]); // B=1
 }
 
-/// Decision 34: a wide index clears when A and B get there, once for each index pulse.
+/// MD3-34: a wide index clears when A and B get there, once for each index pulse.
 #[test]
 fn section_7_11_a_wide_index() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);
@@ -260,7 +260,7 @@ fn section_7_11_enable_index_0() {
     }
 }
 
-/// Going down the index loads MaxCount (decision 34): 7.12's 4·CPR − 1 makes sense only so.
+/// Going down the index loads MaxCount (MD3-34): 7.12's 4·CPR − 1 makes sense only so.
 #[test]
 fn section_7_11_the_index_going_down() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);
@@ -273,7 +273,7 @@ fn section_7_11_the_index_going_down() {
     assert_eq!(encoder.count(), 3_995);
 }
 
-/// Modes 1 and 3: "index ignored"; decision 34: it counts, and does not clear.
+/// Modes 1 and 3: "index ignored"; MD3-34: it counts, and does not clear.
 #[test]
 fn section_7_11_max_count_modes_ignore_the_index() {
     for configuration in [X2_MAX | CLEAR, X4_MAX | CLEAR] {
@@ -394,7 +394,7 @@ fn section_7_13_index_count() {
     assert_eq!((encoder.indices(), encoder.rig.words(at::INDEX_COUNT, 2)), (-2, vec![0xFFFF, 0xFFFE]));
 }
 
-/// Decision 33: the counters can be written; they go on from there.
+/// MD3-33: the counters can be written; they go on from there.
 #[test]
 fn section_7_13_and_7_14_counters_can_be_written() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -408,7 +408,7 @@ fn section_7_13_and_7_14_counters_can_be_written() {
     assert_eq!(encoder.count(), 0);
 }
 
-/// Decision 33: writing 0x0c or 0x0d does not touch the count.
+/// MD3-33: writing 0x0c or 0x0d does not touch the count.
 #[test]
 fn section_7_14_configuration_does_not_touch_the_count() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -421,7 +421,7 @@ fn section_7_14_configuration_does_not_touch_the_count() {
     }
 }
 
-/// Decision 33: with bit 12 of 0x09 = 1 the counter stands still.
+/// MD3-33: with bit 12 of 0x09 = 1 the counter stands still.
 #[test]
 fn section_7_14_no_count_while_the_pins_are_outputs() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);

@@ -2,9 +2,8 @@
 //! over the bus and the pins, as a master meets them. Values and times are typed from the guide or come
 //! from the arithmetic of constant acceleration in the comments.
 //!
-//! Where the guide is silent or contradicts itself the project has decided. In comments "decision 5" is
-//! the fifth on the MD3 in docs/decisions.md; those of its other lists are named with their list. Numbers
-//! like 7.8 are the guide's sections.
+//! Where the guide is silent or contradicts itself docs/decisions holds what the project has decided
+//! (`MD3-5`, `MODBUS-2`). Numbers like 7.8 are the guide's sections.
 #![allow(missing_docs, reason = "a test")]
 
 mod agreement;
@@ -59,7 +58,7 @@ fn section_7_all_registers_can_be_written_but_four() {
     }
 }
 
-/// Decisions 2 and 18: unused bits and codes nobody prints included.
+/// MD3-2 and MD3-18: unused bits and codes nobody prints included.
 #[test]
 fn section_7_values_read_back_as_written() {
     let mut rig = Rig::ready();

@@ -70,7 +70,7 @@ fn section_7_16_halves_in_any_order() {
     rig.assert_stands(65_536);
 }
 
-/// Decision 7: without speed or acceleration a command completes at once without motion.
+/// MD3-7: without speed or acceleration a command completes at once without motion.
 #[test]
 fn section_7_15_without_speed_or_acceleration_nothing_moves() {
     for register in [at::SPEED, at::ACCEL_DECEL] {
@@ -90,7 +90,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     let mut rig = Rig::ready();
     rig.command(bit::MOVE);
     rig.after(1.secs());
-    // Decision 4: Move and Jog are ignored; Home is, too.
+    // MD3-4: Move and Jog are ignored; Home is, too.
     for command in [bit::MOVE, bit::JOG, bit::HOME] {
         rig.command(command);
         assert_eq!(rig.motion_control(), bit::MOVE);
@@ -99,7 +99,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 3: writing 0 while moving changes nothing.
+/// MD3-3: writing 0 while moving changes nothing.
 #[test]
 fn section_7_15_writing_0_stops_nothing() {
     let mut rig = Rig::ready();
@@ -130,7 +130,7 @@ fn section_7_15_jog_with_a_negative_speed() {
     rig.assert_on_its_way(-1_800, -2_000.0);
 }
 
-/// Decision 4: Move while jogging is ignored. Home is, too.
+/// MD3-4: Move while jogging is ignored. Home is, too.
 #[test]
 fn section_7_15_a_jog_goes_on_whatever_else_is_commanded() {
     for command in [bit::MOVE, bit::HOME] {
@@ -194,7 +194,7 @@ fn section_7_15_stops_from_a_stop_do_nothing() {
     }
 }
 
-/// Disable takes the current and clears the other bits; it is a level (decision 3).
+/// Disable takes the current and clears the other bits; it is a level (MD3-3).
 #[test]
 fn section_7_15_disable() {
     let mut rig = Rig::ready();
@@ -204,7 +204,7 @@ fn section_7_15_disable() {
     let stopped_at = rig.position();
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
-    // Decision 3: with bit 5 the rest is ignored.
+    // MD3-3: with bit 5 the rest is ignored.
     rig.command(bit::DISABLE | bit::MOVE);
     assert_eq!(rig.motion_control(), bit::DISABLE);
     rig.after(1.secs());
@@ -215,7 +215,7 @@ fn section_7_15_disable() {
     rig.assert_stands(stopped_at);
 }
 
-/// Decision 3: a command with bit 5 = 0 enables and runs.
+/// MD3-3: a command with bit 5 = 0 enables and runs.
 #[test]
 fn section_7_15_a_move_enables() {
     let mut rig = Rig::ready();
@@ -226,7 +226,7 @@ fn section_7_15_a_move_enables() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 3: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
+/// MD3-3: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
 #[test]
 fn section_7_15_several_bits_at_once() {
     let mut rig = Rig::ready();
@@ -244,7 +244,7 @@ fn section_7_15_several_bits_at_once() {
     rig.assert_stands(5_000);
 }
 
-/// Decision 2: unused bits of other registers read back as written, but not these.
+/// MD3-2: unused bits of other registers read back as written, but not these.
 #[test]
 fn section_7_15_unused_bits_read_0() {
     let mut rig = Rig::ready();
@@ -253,7 +253,7 @@ fn section_7_15_unused_bits_read_0() {
     rig.assert_stands(0);
 }
 
-/// Decision 14: what heats cools by itself, but the fault stays until it is cleared after that.
+/// MD3-14: what heats cools by itself, but the fault stays until it is cleared after that.
 #[test]
 fn section_7_15_a_thermal_fault() {
     let mut rig = Rig::ready();
@@ -278,15 +278,15 @@ fn section_7_15_another_fault_is_cleared_by_its_bit() {
     rig.fault("over_current", true);
     rig.fault("over_current", false);
     rig.after(1.secs());
-    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // decision 14: until cleared
-    // Decision 3: bit 15 first, then the rest of the same write.
+    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // MD3-14: until cleared
+    // MD3-3: bit 15 first, then the rest of the same write.
     rig.command(bit::FAULT | bit::MOVE);
     assert_eq!((rig.motion_control(), rig.current()), (bit::MOVE, 1_000));
     assert_eq!(rig.until_idle(), 2_500.millis());
     rig.assert_stands(10_000);
 }
 
-/// Decision 14: "all serial port commands will appear to work normally, except that the motor will
+/// MD3-14: "all serial port commands will appear to work normally, except that the motor will
 /// not move".
 #[test]
 fn section_7_15_in_a_fault_every_command_is_answered() {
@@ -389,7 +389,7 @@ fn section_7_17_speed_changes_in_a_move_are_ignored() {
     assert_eq!(rig.until_idle(), 1_010.millis());
 }
 
-/// Decision 6: either half, even with the value it had.
+/// MD3-6: either half, even with the value it had.
 #[test]
 fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     for (half, value) in [(0, 0), (1, 10_000)] {
@@ -404,7 +404,7 @@ fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     }
 }
 
-/// Decision 6: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
+/// MD3-6: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_jog_is_for_its_next_ramp() {
     let mut rig = Rig::ready();
@@ -467,7 +467,7 @@ fn section_7_17_a_jog_at_speed_0() {
     rig.assert_stands(7_500);
 }
 
-/// Decision 4: Jog while jogging ramps to the present registers, at the present acceleration. From
+/// MD3-4: Jog while jogging ramps to the present registers, at the present acceleration. From
 /// 5,000/s to 8,000/s in 1 s at 3,000/s².
 #[test]
 fn section_7_15_jog_while_jogging() {
@@ -579,7 +579,7 @@ fn section_7_18_a_move_reads_the_pin_when_it_starts() {
     rig.assert_stands(10_000);
 }
 
-/// 7.8 says that pin changes in a move are ignored, 7.18 that they make it a jog. Decision 30: 7.8.
+/// 7.8 says that pin changes in a move are ignored, 7.18 that they make it a jog. MD3-30: 7.8.
 #[test]
 fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     let mut rig = with_speedsel();
@@ -596,7 +596,7 @@ fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 30, the other one: with SpeedselJogsProfile a change turns the move into a jog at the
+/// MD3-30, the other one: with SpeedselJogsProfile a change turns the move into a jog at the
 /// selected speed with the sign of Speed.
 #[test]
 fn section_7_18_against_7_8_or_makes_the_move_a_jog() {

@@ -70,7 +70,7 @@ fn section_7_8_pin_2_polarity() {
     assert_eq!(rig.current(), 500);
 }
 
-/// Decision 18: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
+/// MD3-18: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
 #[test]
 fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
     for mode in [0, 1] {
@@ -121,7 +121,7 @@ fn section_7_8_pin_2_speedsel_inverted() {
     assert_eq!(rig.speed(), 5_000.0);
 }
 
-/// Decision 18: functions 2 and 3 are none.
+/// MD3-18: functions 2 and 3 are none.
 #[test]
 fn section_7_8_pin_2_invalid_functions() {
     for function in [2, 3] {
@@ -134,7 +134,7 @@ fn section_7_8_pin_2_invalid_functions() {
     }
 }
 
-/// Decision 28: the profile runs on without current and without steps; what went by is lost. At
+/// MD3-28: the profile runs on without current and without steps; what went by is lost. At
 /// 1 s the motor is at 3,750, the profile of 10,000 goes on to 6,250 at 1.5 s; then 3,750 are left.
 #[test]
 fn section_7_8_pin_3_inhibit() {
@@ -154,7 +154,7 @@ fn section_7_8_pin_3_inhibit() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// Decision 28: bit 0 stays 1 for the whole time of the profile, 2.5 s.
+/// MD3-28: bit 0 stays 1 for the whole time of the profile, 2.5 s.
 #[test]
 fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
     let mut rig = pin_3(0);
@@ -226,7 +226,7 @@ fn section_7_8_pin_3_inhibit_twice() {
     assert!((rig.position() - 7_500).abs() <= 2, "{}", rig.position());
 }
 
-/// Decision 19: one write of 0x09 can inhibit the drive.
+/// MD3-19: one write of 0x09 can inhibit the drive.
 #[test]
 fn section_7_8_pin_3_inhibit_by_polarity() {
     let mut rig = pin_3(0);
@@ -238,7 +238,7 @@ fn section_7_8_pin_3_inhibit_by_polarity() {
     assert_eq!(rig.current(), 0);
 }
 
-/// Decision 19: it acts as a level, at power-up too.
+/// MD3-19: it acts as a level, at power-up too.
 #[test]
 fn section_7_8_pin_3_inhibit_at_power_up() {
     let mut rig = pin_3(0);
@@ -289,7 +289,7 @@ fn section_7_8_pin_3_home_inverted() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Decision 19: a change of polarity that makes the pin active is an edge like any other.
+/// MD3-19: a change of polarity that makes the pin active is an edge like any other.
 #[test]
 fn section_7_8_pin_3_home_by_polarity() {
     let mut rig = pin_3(1);
@@ -297,7 +297,7 @@ fn section_7_8_pin_3_home_by_polarity() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Decision 29: commands are answered and ignored, the current stays, Disable works.
+/// MD3-29: commands are answered and ignored, the current stays, Disable works.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion() {
     let mut rig = pin_3(2);
@@ -338,7 +338,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_lets_pins_work() {
     rig.assert_stands(10_000);
 }
 
-/// Decision 19: by polarity alone.
+/// MD3-19: by polarity alone.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     let mut rig = pin_3(2);
@@ -348,7 +348,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     assert_eq!((rig.speed(), rig.motion_control(), rig.current()), (0.0, 0, 1_000));
 }
 
-/// Decision 18: function 3 is none.
+/// MD3-18: function 3 is none.
 #[test]
 fn section_7_8_pin_3_invalid_function() {
     let mut rig = pin_3(3);
@@ -377,7 +377,7 @@ fn section_7_8_pin_3_clears_a_fault() {
     }
 }
 
-/// Decision 14: a thermal one only when it has cooled.
+/// MD3-14: a thermal one only when it has cooled.
 #[test]
 fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     for function in [0, 1, 2] {

@@ -45,7 +45,7 @@ fn section_7_8_mode_0000_step_dir() {
     assert_eq!(rig.position(), 1);
     rig.pulses("J2.4", 99, 10_000.0);
     assert_eq!(rig.position(), 100);
-    // Decision 20: open is forward, low is backward.
+    // MD3-20: open is forward, low is backward.
     rig.low("J2.5");
     rig.pulses("J2.4", 150, 10_000.0);
     assert_eq!(rig.position(), -50);
@@ -81,7 +81,7 @@ fn section_7_8_mode_0000_rising_edges() {
     assert_eq!(rig.position(), 2);
 }
 
-/// Decision 19: a change of polarity that makes the pin active is an edge.
+/// MD3-19: a change of polarity that makes the pin active is an edge.
 #[test]
 fn section_7_8_mode_0000_step_by_polarity() {
     let mut rig = mode(0b0000);
@@ -99,7 +99,7 @@ fn section_7_8_mode_0000_inverted_direction() {
     assert_eq!(rig.position(), -1);
 }
 
-/// "Maximum step frequency is 250 kHz"; decision 25: faster edges are lost, here every other one.
+/// "Maximum step frequency is 250 kHz"; MD3-25: faster edges are lost, here every other one.
 #[test]
 fn section_7_8_mode_0000_at_most_250_khz() {
     let mut rig = mode(0b0000);
@@ -124,7 +124,7 @@ fn section_7_8_mode_0000_is_never_busy() {
     rig.assert_stands(100);
 }
 
-/// Decision 25: no steps while disabled; nor without current, nor in a fault.
+/// MD3-25: no steps while disabled; nor without current, nor in a fault.
 #[test]
 fn section_7_8_mode_0000_no_steps_without_current() {
     let mut rig = mode(0b0000);
@@ -141,7 +141,7 @@ fn section_7_8_mode_0000_no_steps_without_current() {
     assert_eq!(rig.position(), 0);
 }
 
-/// Decisions 24 and 25: pins 4 and 5 are ignored during a home cycle, step pulses too.
+/// MD3-24 and MD3-25: pins 4 and 5 are ignored during a home cycle, step pulses too.
 #[test]
 fn section_7_8_pins_are_ignored_during_a_home_cycle() {
     let mut rig = mode(0b0000);
@@ -164,7 +164,7 @@ fn section_7_8_pins_are_ignored_during_a_home_cycle() {
         rig.assert_on_its_way(3_750, 5_000.0);
         rig.low("J2.2");
         rig.after(1.secs());
-        // Decision 24: and are not remembered.
+        // MD3-24: and are not remembered.
         assert_eq!((rig.moving(), rig.motion_control()), (false, 0), "mode {code:04b}");
     }
 }
@@ -173,17 +173,17 @@ fn section_7_8_pins_are_ignored_during_a_home_cycle() {
 fn section_7_8_mode_0001_move_profile_dir() {
     let mut rig = mode(0b0001);
     rig.low("J2.4");
-    assert_eq!(rig.motion_control(), bit::MOVE); // decision 3
+    assert_eq!(rig.motion_control(), bit::MOVE); // MD3-3
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
-    // Pin 5 counts only at the edge (7.8); further edges are ignored (decision 24).
+    // Pin 5 counts only at the edge (7.8); further edges are ignored (MD3-24).
     rig.low("J2.5");
     rig.open("J2.4");
     rig.low("J2.4");
     rig.until_idle();
     rig.assert_stands(10_000);
     rig.after(5.secs());
-    rig.assert_stands(10_000); // decision 24
+    rig.assert_stands(10_000); // MD3-24
     rig.open("J2.4");
     rig.after(1.secs());
     rig.assert_stands(10_000);
@@ -194,7 +194,7 @@ fn section_7_8_mode_0001_move_profile_dir() {
     rig.assert_stands(0);
 }
 
-/// Decision 20: high is the sign of MoveSteps.
+/// MD3-20: high is the sign of MoveSteps.
 #[test]
 fn section_7_8_mode_0001_negative_steps() {
     let mut rig = short(0b0001);
@@ -221,7 +221,7 @@ fn section_7_8_mode_0001_rising_edge() {
     rig.open("J2.4");
     rig.until_idle();
     rig.assert_stands(800);
-    // Decision 19: and by polarity alone.
+    // MD3-19: and by polarity alone.
     rig.write(at::PINS, 0b0001 << 4);
     rig.write(at::PINS, 0b0001 << 4 | HIGH_4);
     assert_eq!(rig.until_idle(), 400.millis());
@@ -243,7 +243,7 @@ fn section_7_8_mode_0010_move_profile_forward_backward() {
     assert_eq!(rig.until_idle(), 300.millis());
     rig.assert_stands(0);
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
-    // Decision 24: an edge during the move is not remembered.
+    // MD3-24: an edge during the move is not remembered.
     rig.low("J2.4");
     rig.after(100.millis());
     rig.open("J2.4");
@@ -267,7 +267,7 @@ fn section_7_8_mode_0010_inverted() {
     rig.assert_stands(0);
 }
 
-/// Decision 19: a change of polarity is an edge like any other, either way.
+/// MD3-19: a change of polarity is an edge like any other, either way.
 #[test]
 fn section_7_8_mode_0010_by_polarity() {
     let mut rig = short(0b0010);
@@ -327,7 +327,7 @@ fn section_7_8_mode_0101_move_profile_forward_and_home() {
 fn section_7_8_mode_0110_jog_dir() {
     let mut rig = mode(0b0110);
     rig.low("J2.4");
-    assert_eq!(rig.motion_control(), bit::JOG); // decision 3
+    assert_eq!(rig.motion_control(), bit::JOG); // MD3-3
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
     rig.low("J2.5"); // 0.5 s down, 0.5 s up, 1,250 steps each
@@ -343,7 +343,7 @@ fn section_7_8_mode_0110_jog_dir() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// The speed comes from its register (7.17), with its sign; decision 20: pin 5 low is the other way.
+/// The speed comes from its register (7.17), with its sign; MD3-20: pin 5 low is the other way.
 #[test]
 fn section_7_8_mode_0110_negative_speed() {
     let mut rig = mode(0b0110);
@@ -360,7 +360,7 @@ fn section_7_8_mode_0110_negative_speed() {
     assert!((rig.speed() - 3_000.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// Decision 21: one write of 0x09 can start a jog; it looks at the levels.
+/// MD3-21: one write of 0x09 can start a jog; it looks at the levels.
 #[test]
 fn section_7_8_mode_0110_starts_by_its_write() {
     let mut rig = mode(0b1111);
@@ -413,7 +413,7 @@ fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     assert_eq!(rig.until_idle(), 500.millis());
 }
 
-/// Decision 24 speaks of a jog of the pins: one that the bus began goes on in any mode.
+/// MD3-24 speaks of a jog of the pins: one that the bus began goes on in any mode.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -471,7 +471,7 @@ fn section_7_8_mode_0111_jog_forward_and_backward() {
     rig.assert_stands(0);
 }
 
-/// Decision 22: with both pins low the direction that runs stays; from rest it is that of pin 4.
+/// MD3-22: with both pins low the direction that runs stays; from rest it is that of pin 4.
 #[test]
 fn section_7_8_mode_0111_both_pins() {
     let mut rig = mode(0b0111);
@@ -511,7 +511,7 @@ fn section_7_8_jog_levels_when_the_drive_becomes_ready() {
     }
 }
 
-/// Decision 21: jog levels are looked at again when a home cycle ends, or a profile move.
+/// MD3-21: jog levels are looked at again when a home cycle ends, or a profile move.
 #[test]
 fn section_7_8_jog_levels_when_a_motion_ends() {
     for code in [0b0110, 0b0111] {
@@ -635,7 +635,7 @@ fn section_7_8_pins_start_nothing_while_disabled() {
     assert_eq!(rig.motion_control(), bit::DISABLE);
 }
 
-/// Decision 24: a change of the field ramps a jog by pins down, but leaves a move and a home cycle.
+/// MD3-24: a change of the field ramps a jog by pins down, but leaves a move and a home cycle.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode() {
     let mut rig = mode(0b0110);
@@ -661,7 +661,7 @@ fn section_7_8_a_change_of_the_motion_mode() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// Decision 21: the motion starts when the mode is written. Decision 23: no pause between
+/// MD3-21: the motion starts when the mode is written. MD3-23: no pause between
 /// the parts, and the drive itself writes MoveSteps. Forward until 0.4 s, back until 0.8 s, and so on.
 #[test]
 fn section_7_8_mode_1000_forward_and_backward() {
@@ -694,7 +694,7 @@ fn section_7_8_mode_1000_is_busy_all_the_time() {
     assert!(rig.now() > end - 1.secs());
 }
 
-/// Decision 23: leaving it stops at once; MoveSteps is negative if it went back.
+/// MD3-23: leaving it stops at once; MoveSteps is negative if it went back.
 #[test]
 fn section_7_8_mode_1000_stopped() {
     let mut rig = short(0b1000);
@@ -785,7 +785,7 @@ fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// INHIBIT: the parts go on, the motor stands (decision 28).
+/// INHIBIT: the parts go on, the motor stands (MD3-28).
 #[test]
 fn section_7_8_mode_1000_goes_on_while_inhibited() {
     let mut rig = short(0b1000);
@@ -797,7 +797,7 @@ fn section_7_8_mode_1000_goes_on_while_inhibited() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), -400);
 }
 
-/// Decision 21: saved it starts by itself after the start-up delay.
+/// MD3-21: saved it starts by itself after the start-up delay.
 #[test]
 fn section_7_8_endless_modes_start_after_power_up() {
     for code in [0b1000, 0b1001] {
@@ -836,7 +836,7 @@ fn section_7_8_mode_1001_forward_and_home() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Decision 18: codes that nobody prints, and 1111, have no function.
+/// MD3-18: codes that nobody prints, and 1111, have no function.
 #[test]
 fn section_7_8_modes_1010_to_1111_have_no_function() {
     for code in 0b1010..=0b1111 {
@@ -920,7 +920,7 @@ fn section_7_8_dc_motor_directions() {
     assert_eq!(rig.duty(), 8_192);
 }
 
-/// Pins that a register makes inputs are read with their raw levels, whatever polarity (decision 11).
+/// Pins that a register makes inputs are read with their raw levels, whatever polarity (MD3-11).
 #[test]
 fn section_7_8_polarity_does_not_change_what_is_read() {
     let mut rig = mode(0b1111);

@@ -138,7 +138,7 @@ impl Rig {
         self.bench.peek(self.seat, self.row(name)) as u16
     }
 
-    /// Saves the registers, and waits until they are saved (decision 12: 20 ms).
+    /// Saves the registers, and waits until they are saved (MD3-12: 20 ms).
     pub(crate) fn save(&mut self) {
         self.write(at::EEPROM, 1);
         self.after(20.millis());

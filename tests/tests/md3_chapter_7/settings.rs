@@ -20,7 +20,7 @@ fn section_7_1_device_address() {
     assert_eq!(words(&rig.ask(&rtu::read(247, 0x00, 1))), [247]);
 }
 
-/// Decision 3 of all Modbus drives: all drives on the line get it.
+/// MODBUS-3: all drives on the line get it.
 #[test]
 fn section_7_1_the_address_can_be_broadcast() {
     let mut rig = Rig::ready();
@@ -45,7 +45,7 @@ const LOW: [u32; 37] = [
     1_500, 1_550, 1_600, 1_650, 1_700, 1_750, 1_800, // 0x1e … 0x24
 ];
 
-/// Each code gives the current of its row, and what is beyond (decision 10) that of the last one.
+/// Each code gives the current of its row, and what is beyond (MD3-10) that of the last one.
 fn codes_give_currents(kind: &str, table: &[u32]) {
     let mut rig = Rig::ready_kind(kind);
     for code in 0..=0xFF {
@@ -73,7 +73,7 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// Decision 10: code 0, full step, has 71 % of the current. The codes that nobody prints act as 8.
+/// MD3-10: code 0, full step, has 71 % of the current. The codes that nobody prints act as 8.
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();
@@ -83,7 +83,7 @@ fn section_7_2_full_step_gives_71_percent() {
     }
 }
 
-/// Decision 17: all steps are microsteps. A change leaves the position alone.
+/// MD3-17: all steps are microsteps. A change leaves the position alone.
 #[test]
 fn section_7_2_microstepping_changes_no_counts() {
     let mut rig = Rig::ready();
@@ -116,7 +116,7 @@ const PWM: [(u64, i32); 9] = [
     (40_000, 2_000),
 ];
 
-/// Decision 32: duty = Speed / full scale, clamped.
+/// MD3-32: duty = Speed / full scale, clamped.
 #[test]
 fn section_7_2_dc_duties() {
     for (code, (hz, full)) in (0..).zip(PWM) {
@@ -161,7 +161,7 @@ fn section_7_17_dc_example() {
     assert_eq!(rig.duty(), 32_768);
 }
 
-/// Decision 32: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
+/// MD3-32: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
 /// at 2 kHz 0.5 ms, 5 counts, 8 of 65,536.
 #[test]
 fn section_7_2_dc_ramps() {
@@ -243,7 +243,7 @@ fn section_7_2_dc_only_jogs() {
     }
 }
 
-/// Decision 32: AlternateSpeed is a count, too.
+/// MD3-32: AlternateSpeed is a count, too.
 #[test]
 fn section_7_2_dc_alternate_speed() {
     let mut rig = dc(2);
@@ -259,7 +259,7 @@ fn section_7_2_dc_alternate_speed() {
     assert_eq!(rig.duty(), -8_192);
 }
 
-/// Decision 32: a change of Motor Mode stops at once, either way.
+/// MD3-32: a change of Motor Mode stops at once, either way.
 #[test]
 fn section_7_2_a_change_of_the_motor_mode_stops() {
     let mut rig = dc(2);
@@ -331,7 +331,7 @@ fn section_7_3_full_step() {
     assert_eq!(rig.current(), 355);
 }
 
-/// Decision 31: the light comes on even if the current stays the same.
+/// MD3-31: the light comes on even if the current stays the same.
 #[test]
 fn section_7_3_red_lights_at_the_same_current() {
     let mut rig = with_cutback(10);
@@ -368,7 +368,7 @@ fn section_7_3_levels() {
     }
 }
 
-/// Decision 31: any edge on J2 pins 2 to 5 is an input change and restores the current.
+/// MD3-31: any edge on J2 pins 2 to 5 is an input change and restores the current.
 #[test]
 fn section_7_3_an_input_change_restores_the_current() {
     for pin in ["J2.2", "J2.4", "J2.5"] {
@@ -397,7 +397,7 @@ fn section_7_3_a_change_of_pin_3_restores_the_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Decision 31: the encoder's pins do not count, nor what is said to others.
+/// MD3-31: the encoder's pins do not count, nor what is said to others.
 #[test]
 fn section_7_3_other_pins_restore_nothing() {
     let mut rig = with_cutback(10);
@@ -413,7 +413,7 @@ fn section_7_3_other_pins_restore_nothing() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// Decision 31: step pulses, too.
+/// MD3-31: step pulses, too.
 #[test]
 fn section_7_3_step_pulses_restore_the_current() {
     let mut rig = with_cutback(10);
@@ -423,7 +423,7 @@ fn section_7_3_step_pulses_restore_the_current() {
     assert_eq!((rig.current(), rig.position()), (1_000, 1));
 }
 
-/// Decision 31: what counts as a command is a write of 0x11; reads and other writes do not.
+/// MD3-31: what counts as a command is a write of 0x11; reads and other writes do not.
 #[test]
 fn section_7_3_what_counts_as_a_command() {
     let mut rig = with_cutback(10);
@@ -439,7 +439,7 @@ fn section_7_3_what_counts_as_a_command() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Decision 31: not while moving; the end of a motion starts the timeout anew, and a motion restores
+/// MD3-31: not while moving; the end of a motion starts the timeout anew, and a motion restores
 /// the current before its first step.
 #[test]
 fn section_7_3_not_while_moving() {
@@ -518,7 +518,7 @@ fn section_7_4_without_any_delay() {
     assert_eq!(rig.until_idle(), 2_500.millis());
 }
 
-/// Frames that come during the start-up delay are counted and not heard (decision 13).
+/// Frames that come during the start-up delay are counted and not heard (MD3-13).
 #[test]
 fn section_7_4_nothing_is_heard_before() {
     let mut rig = Rig::new("md3", Setup::default());

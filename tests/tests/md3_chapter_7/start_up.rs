@@ -12,7 +12,7 @@ fn lights(rig: &Rig) -> (bool, bool) {
     (rig.lit(RED), rig.lit(GREEN))
 }
 
-/// Decision 13: both flash twice, 0.25 s on and 0.25 s off, inside the 2.5 s; then they
+/// MD3-13: both flash twice, 0.25 s on and 0.25 s off, inside the 2.5 s; then they
 /// alternate every half second.
 #[test]
 fn section_2_lights_at_power_up() {
@@ -61,7 +61,7 @@ fn flashes(rig: &mut Rig, light: &str) -> (u32, u32) {
     (flashes, lit)
 }
 
-/// Decision 13: the heartbeat's period is 1.5 s. It is green, which is D6 in the table of section 2.
+/// MD3-13: the heartbeat's period is 1.5 s. It is green, which is D6 in the table of section 2.
 #[test]
 fn section_2_heartbeat() {
     let mut rig = Rig::ready();
@@ -195,5 +195,5 @@ fn section_4_without_power() {
     assert!(rig.ask(&rtu::read(1, 0, 1)).is_empty());
     rig.bench.power(rig.seat, drivetwin_sim::bench::PowerAction::On);
     rig.after(3.secs());
-    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // decision 17: from power-on
+    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // MD3-17: from power-on
 }

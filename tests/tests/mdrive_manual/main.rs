@@ -2,7 +2,8 @@
 //! Reference* R062812 (MC), both ports and the pins, as a master, a program and a machine meet them. Values are typed
 //! from the manuals or come from the arithmetic in the comments; "FB 4.2" is a section, "MC 5-31" a page.
 //!
-//! Where the manuals are silent or contradict each other the project has decided: docs/decisions.md, "MDrive".
+//! Where the manuals are silent or contradict each other docs/decisions holds what the project has decided
+//! (`MDRIVE-5`).
 #![allow(missing_docs, reason = "a test")]
 
 mod connections;

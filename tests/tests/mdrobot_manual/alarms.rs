@@ -1,4 +1,4 @@
-//! Alarms (p. 9; decisions 31, 32): cause, effect, reset.
+//! Alarms (p. 9; MDROBOT-31, MDROBOT-32): cause, effect, reset.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::{Duration, Span};
@@ -143,7 +143,7 @@ fn page_9_several() {
     assert_none(&mut rig);
 }
 
-/// 61 V, in tenths (decision 32).
+/// 61 V, in tenths (MDROBOT-32).
 #[test]
 fn page_13_volt_in() {
     let mut rig = Rig::default();
@@ -153,7 +153,7 @@ fn page_13_volt_in() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
-/// What VOLT_IN shows is what turns the motor, and over 60 V an alarm (decisions 31, 32).
+/// What VOLT_IN shows is what turns the motor, and over 60 V an alarm (MDROBOT-31, MDROBOT-32).
 #[test]
 fn page_13_the_supply() {
     let mut rig = Rig::armed(&[]);
@@ -260,7 +260,7 @@ fn page_9_inv_vel() {
     assert_alarm(&mut rig, INV_VEL, 0);
 }
 
-/// Two wires of the motor swapped (decision 32).
+/// Two wires of the motor swapped (MDROBOT-32).
 #[test]
 fn page_9_inverse_velocity() {
     for rpm in [500, -500] {
@@ -307,7 +307,7 @@ fn page_9_hall_fail() {
     assert_eq!(rig.read(pid::CTRL_STATUS) & ALARM, ALARM);
 }
 
-/// An alarm ends a function, and what pins want: START/STOP has to be off first (decision 14).
+/// An alarm ends a function, and what pins want: START/STOP has to be off first (MDROBOT-14).
 #[test]
 fn page_9_pins_after_an_alarm() {
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500), (pid::STOP_STATUS, 2)]);

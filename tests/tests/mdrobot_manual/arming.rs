@@ -1,4 +1,4 @@
-//! Sources of commands (decisions 12 to 15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
+//! Sources of commands (MDROBOT-12 to MDROBOT-15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
 
 use drivetwin_protocol::time::Span;
 
@@ -26,7 +26,7 @@ fn page_12_velocity_wants_78_and_100() {
     }
 }
 
-/// So do open loop and torque (decision 13).
+/// So do open loop and torque (MDROBOT-13).
 #[test]
 fn page_12_open_loop_and_torque_want_them_too() {
     for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
@@ -81,7 +81,7 @@ fn page_12_com_tar_speed() {
     assert_eq!(rig.position(), 0, "without UI_COM");
 }
 
-/// TAR_VEL is no source for 100 (decision 13).
+/// TAR_VEL is no source for 100 (MDROBOT-13).
 #[test]
 fn page_12_tar_vel_is_for_pins() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1), (pid::TAR_VEL, 500), (pid::START_STOP, 1)]);
@@ -89,7 +89,7 @@ fn page_12_tar_vel_is_for_pins() {
     assert_eq!(rig.position(), 0);
 }
 
-/// 0 takes the reference to zero and disarms (decision 13).
+/// 0 takes the reference to zero and disarms (MDROBOT-13).
 #[test]
 fn page_12_start_stop_0() {
     // SLOW_DOWN 682 is 10 s from 3,000 rpm, so 2 s from 600.
@@ -112,7 +112,7 @@ fn page_12_start_stop_0() {
     rig.assert_turns(600.0);
 }
 
-/// Positions need UI_COM alone (decision 13).
+/// Positions need UI_COM alone (MDROBOT-13).
 #[test]
 fn page_16_positions_want_78() {
     let moves: [(u16, &[u16]); 4] = [
@@ -138,7 +138,7 @@ fn page_16_positions_want_78() {
     }
 }
 
-/// The last command decides, whatever there was before (decision 13).
+/// The last command decides, whatever there was before (MDROBOT-13).
 #[test]
 fn page_12_the_last_command() {
     let mut rig = Rig::armed(&[]);
@@ -167,7 +167,7 @@ fn page_12_the_last_command() {
     rig.assert_turns(-900.0);
 }
 
-/// "If PC sending data is X -> Controller gets -X" (p. 7): every reference, no measurement (decision 15).
+/// "If PC sending data is X -> Controller gets -X" (p. 7): every reference, no measurement (MDROBOT-15).
 #[test]
 fn page_7_inv_sign() {
     let mut rig = Rig::armed(&[(pid::INV_SIGN_CMD, 1)]);
@@ -205,7 +205,7 @@ fn page_7_inv_sign_of_a_running_velocity() {
     rig.assert_turns(-400.0);
 }
 
-/// Of a position from the next command on (decision 15).
+/// Of a position from the next command on (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_positions() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);
@@ -228,7 +228,7 @@ fn page_7_inv_sign_of_positions() {
     }
 }
 
-/// Switching over stops the motor (decision 12).
+/// Switching over stops the motor (MDROBOT-12).
 #[test]
 fn page_7_ui_com_stops() {
     let mut rig = Rig::armed(&[]);
@@ -241,7 +241,7 @@ fn page_7_ui_com_stops() {
     rig.assert_stands();
     rig.velocity(600);
     rig.assert_turns(600.0);
-    // To the pins, which run: it stops all the same, and START/STOP has to be off first (decision 14).
+    // To the pins, which run: it stops all the same, and START/STOP has to be off first (MDROBOT-14).
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500)]);
     rig.open("START_STOP");
     rig.close("RUN_BRAKE");
@@ -263,7 +263,7 @@ fn page_7_ui_com_again() {
     rig.assert_turns(600.0);
 }
 
-/// References of the bus while the pins command: echoed, kept, no motion (decision 12).
+/// References of the bus while the pins command: echoed, kept, no motion (MDROBOT-12).
 #[test]
 fn page_7_ui_com_0_ignores_the_bus() {
     let mut rig = Rig::with(&[(pid::START_STOP, 1)]);

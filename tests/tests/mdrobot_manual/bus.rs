@@ -1,4 +1,4 @@
-//! The line: 19,200 8N1; silences, noise, others' traffic, two controllers (2.1 to 2.6; decisions 1 to 5).
+//! The line: 19,200 8N1; silences, noise, others' traffic, two controllers (2.1 to 2.6; MDROBOT-1 to MDROBOT-5).
 
 use drivetwin_firmware::device::{Boot, Device, Input, Instant, Pin, Port, advance};
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -20,7 +20,7 @@ const T35: Duration = Duration::from_ticks(29_166);
 fn two() -> (Bench, [DriveId; 2]) {
     let mut bench = Bench::new();
     let seats = [1_i64, 2].map(|id| {
-        // The name that users preset it by (decision 5).
+        // The name that users preset it by (MDROBOT-5).
         let row = mdrobot().spec().find("CONTROLLER_ID").expect("a setting").row;
         let setup = Setup { presets: vec![(row, id)], ..Setup::default() };
         bench.add_with(if id == 1 { "left" } else { "right" }, Box::new(mdrobot()), setup).expect("a drive")

@@ -14,7 +14,7 @@ fn image(rig: &mut Rig) -> Vec<Vec<u16>> {
 }
 
 /// "Tq-off, motor free state": by CMD 2, by PID 5 with any word. It coasts without current, and the next command
-/// drives (decision 14).
+/// drives (MDROBOT-14).
 #[test]
 fn page_6_tq_off() {
     for (pid, word) in [(pid::COMMAND, 2), (pid::TQ_OFF, 0), (pid::TQ_OFF, 1), (pid::TQ_OFF, 0xFFFF)] {
@@ -55,7 +55,7 @@ fn page_6_brake() {
     }
 }
 
-/// They work whoever commands (decision 12).
+/// They work whoever commands (MDROBOT-12).
 #[test]
 fn page_6_tq_off_and_brake_of_the_other_side() {
     for code in [2, 4] {
@@ -66,7 +66,7 @@ fn page_6_tq_off_and_brake_of_the_other_side() {
         rig.assert_turns(500.0);
         rig.command(code);
         rig.after(20.secs());
-        // START/STOP is still ON, and nothing drives before it has been off (decision 14).
+        // START/STOP is still ON, and nothing drives before it has been off (MDROBOT-14).
         rig.assert_stands();
         rig.open("START_STOP");
         rig.after(100.millis());
@@ -75,7 +75,7 @@ fn page_6_tq_off_and_brake_of_the_other_side() {
     }
 }
 
-/// CMD 10, PID 13: zero here; a held position moves along (decision 19).
+/// CMD 10, PID 13: zero here; a held position moves along (MDROBOT-19).
 #[test]
 fn page_6_posi_reset() {
     for (pid, word) in [(pid::COMMAND, 10), (pid::POSI_RESET, 0), (pid::POSI_RESET, 0xABCD)] {
@@ -110,7 +110,7 @@ fn page_6_posi_reset_while_it_turns() {
     assert!((rig.rpm() - 1_000.0).abs() <= 10.0);
 }
 
-/// FAN 15, 16; CLUTCH 17, 18: outputs (decision 26).
+/// FAN 15, 16; CLUTCH 17, 18: outputs (MDROBOT-26).
 #[test]
 fn page_6_fan_and_clutch() {
     let mut rig = Rig::default();
@@ -132,7 +132,7 @@ fn page_6_fan_and_clutch() {
     assert_eq!(look(&rig), [false, false]);
 }
 
-/// 20 to 22, 25 to 29, 32, 46, 47: "erase", "cancel": they bring a PID back, for good (decision 10).
+/// 20 to 22, 25 to 29, 32, 46, 47: "erase", "cancel": they bring a PID back, for good (MDROBOT-10).
 #[test]
 fn page_6_what_is_erased() {
     let filled: [(u16, u16); 10] = [
@@ -176,7 +176,7 @@ fn page_6_what_is_erased() {
     }
 }
 
-/// 44 and 45 are UI_COM off and on (decision 10): with 45 a position goes, with 44 it does not.
+/// 44 and 45 are UI_COM off and on (MDROBOT-10): with 45 a position goes, with 44 it does not.
 #[test]
 fn page_7_uicom() {
     let mut rig = Rig::default();
@@ -196,7 +196,7 @@ fn page_7_uicom() {
 }
 
 /// The others: broadcasting (5, 6, 11 to 14), CAN (23, 24), curves (31), a second motor (50 to 55), and codes without a
-/// row: echoed, nothing changes, nothing is said unasked (decision 10).
+/// row: echoed, nothing changes, nothing is said unasked (MDROBOT-10).
 #[test]
 fn page_6_codes_without_effect() {
     let effective = [2, 4, 8, 10, 15, 16, 17, 18, 20, 21, 22, 25, 26, 27, 28, 29, 32, 44, 45, 46, 47];

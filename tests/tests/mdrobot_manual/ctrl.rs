@@ -1,4 +1,4 @@
-//! The CTRL connector (p. 8 to 11; decisions 21, 22, 24): contacts, PID_DI, START/STOP, RUN/BRAKE, DIR.
+//! The CTRL connector (p. 8 to 11; MDROBOT-21, MDROBOT-22, MDROBOT-24): contacts, PID_DI, START/STOP, RUN/BRAKE, DIR.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::Span;
@@ -28,7 +28,7 @@ pub(crate) fn at_500(settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// 1 is closed to ground, of ENC_A and ENC_B 1 is open; not wired is 0; 36 and 37 do not matter (decision 22).
+/// 1 is closed to ground, of ENC_A and ENC_B 1 is open; not wired is 0; 36 and 37 do not matter (MDROBOT-22).
 #[test]
 fn page_11_di() {
     for inversions in [0, 1] {
@@ -87,7 +87,7 @@ fn page_13_tar_vel() {
     rig.assert_turns(600.0);
 }
 
-/// RUN/BRAKE OFF is electric brake (decision 21).
+/// RUN/BRAKE OFF is electric brake (MDROBOT-21).
 #[test]
 fn page_9_run_brake() {
     let mut rig = at_500(&[]);
@@ -128,7 +128,7 @@ fn page_9_inversions() {
     }
 }
 
-/// Not wired: START/STOP and DIR are OFF whatever 36 says; RUN/BRAKE is as an open contact (decision 21).
+/// Not wired: START/STOP and DIR are OFF whatever 36 says; RUN/BRAKE is as an open contact (MDROBOT-21).
 #[test]
 fn page_9_not_wired() {
     for inversion in [0, 1] {
@@ -152,7 +152,7 @@ fn page_9_not_wired() {
     rig.assert_turns(500.0);
 }
 
-/// With UI_COM 1 they do nothing (decision 12); limit switches are another matter.
+/// With UI_COM 1 they do nothing (MDROBOT-12); limit switches are another matter.
 #[test]
 fn page_7_contacts_while_the_bus_commands() {
     let mut rig = at_500(&[(pid::USE_LIMIT_SW, 0), (pid::UI_COM, 1), (pid::START_STOP, 1)]);
@@ -170,7 +170,7 @@ fn page_7_contacts_while_the_bus_commands() {
     }
 }
 
-/// A stop by START/STOP goes as STOP_STATUS says (decision 17), by SLOW_DOWN.
+/// A stop by START/STOP goes as STOP_STATUS says (MDROBOT-17), by SLOW_DOWN.
 #[test]
 fn page_8_stop_by_a_contact() {
     for (stop_status, free) in [(0, true), (1, false), (2, false), (3, true)] {
@@ -192,7 +192,7 @@ fn page_8_stop_by_a_contact() {
     assert!((rig.rpm() - 250.0).abs() <= 40.0, "{}", rig.rpm());
 }
 
-/// SLOW_START and SLOW_DOWN hold for contacts, too: a reversal by DIR goes through zero (decision 16).
+/// SLOW_START and SLOW_DOWN hold for contacts, too: a reversal by DIR goes through zero (MDROBOT-16).
 #[test]
 fn page_13_a_reversal_by_dir() {
     // 5 s for 3,000 rpm: 0.83 s for 500.
@@ -209,7 +209,7 @@ fn page_13_a_reversal_by_dir() {
     rig.assert_turns(-500.0);
 }
 
-/// INV_SIGN turns what the pins want, too (decision 15).
+/// INV_SIGN turns what the pins want, too (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_contacts() {
     let mut rig = at_500(&[(pid::INV_SIGN_CMD, 1)]);
@@ -219,7 +219,7 @@ fn page_7_inv_sign_of_contacts() {
     rig.assert_turns(500.0);
 }
 
-/// ALARM is low while there is an alarm, with INV_ALARM while there is none (decision 26).
+/// ALARM is low while there is an alarm, with INV_ALARM while there is none (MDROBOT-26).
 #[test]
 fn page_8_inv_alarm() {
     for (inverted, normal, alarm) in [(0, Level::High, Level::Low), (1, Level::Low, Level::High)] {
@@ -241,7 +241,7 @@ fn page_8_inv_alarm() {
     }
 }
 
-/// Nothing moves in the 300 ms after power-on (decision 11), and what was closed meanwhile is known.
+/// Nothing moves in the 300 ms after power-on (MDROBOT-11), and what was closed meanwhile is known.
 #[test]
 fn page_11_contacts_at_power_on() {
     let mut rig = at_500(&[]);

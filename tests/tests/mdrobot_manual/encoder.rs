@@ -1,4 +1,4 @@
-//! ENC_PPR (p. 14; decisions 27, 29): "The controller uses encoder signals as a speed sensor."
+//! ENC_PPR (p. 14; MDROBOT-27, MDROBOT-29): "The controller uses encoder signals as a speed sensor."
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::Span;
@@ -43,7 +43,7 @@ fn page_14_enc_ppr() {
     }
 }
 
-/// A number too large by a factor turns the motor faster by it, unseen in RPM_DATA (HW).
+/// A number too large by a factor turns the motor faster by it, unseen in RPM_DATA (MDROBOT-29).
 #[test]
 fn page_14_a_wrong_enc_ppr() {
     for (ppr, shaft) in [(1_000, 1_000.0), (250, 250.0), (1_500, 1_500.0)] {
@@ -59,7 +59,7 @@ fn page_14_a_wrong_enc_ppr() {
     }
 }
 
-/// Positions stay those of the Halls (decision 27).
+/// Positions stay those of the Halls (MDROBOT-27).
 #[test]
 fn page_14_positions_with_an_encoder() {
     let (mut rig, motor) = with_encoder(500, 500);
@@ -81,7 +81,7 @@ fn page_6_enc_off() {
     rig.assert_turns(500.0);
 }
 
-/// ENC_PPR and no encoder: HALL_FAIL and status2 bit 1 after 0.6 s of turning (decision 31), not at rest.
+/// ENC_PPR and no encoder: HALL_FAIL and status2 bit 1 after 0.6 s of turning (MDROBOT-31), not at rest.
 #[test]
 fn page_14_no_encoder() {
     let mut rig = Rig::armed(&[(pid::ENC_PPR, 1_000)]);

@@ -1,4 +1,4 @@
-//! Special functions (p. 17, p. 18; decision 20).
+//! Special functions (p. 17, p. 18; MDROBOT-20).
 
 use drivetwin_protocol::time::{Duration, Span};
 
@@ -116,7 +116,7 @@ fn page_18_speed_add() {
     assert_rests(&rig);
 }
 
-/// "Motor moves to the target position when the signal is ON from OFF": by an increment, signed (decision 20).
+/// "Motor moves to the target position when the signal is ON from OFF": by an increment, signed (MDROBOT-20).
 #[test]
 fn page_18_position() {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, POSITION)]);
@@ -141,7 +141,7 @@ fn page_18_position() {
     }
 }
 
-/// Its speed has the limit of all (decision 18).
+/// Its speed has the limit of all (MDROBOT-18).
 #[test]
 fn page_16_function_speeds_and_max_rpm() {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, POSITION), (pid::MAX_RPM, 500)]);
@@ -227,7 +227,7 @@ fn page_15_nothing_else_drives() {
     assert_eq!(rig.position(), 0);
 }
 
-/// Another type, or none, ends what runs (decision 20).
+/// Another type, or none, ends what runs (MDROBOT-20).
 #[test]
 fn page_17_another_type() {
     for (from, to) in [(SPEED, 0), (SPEED_MOMENTARY, 0), (SPEED_ADD, SPEED), (SPEED_MOMENTARY, POSITION)] {
@@ -243,7 +243,7 @@ fn page_17_another_type() {
     }
 }
 
-/// Negative speeds, INV_SIGN, SLOW_START and SLOW_DOWN hold for them (decisions 15, 16).
+/// Negative speeds, INV_SIGN, SLOW_START and SLOW_DOWN hold for them (MDROBOT-15, MDROBOT-16).
 #[test]
 fn page_17_direction_and_ramps() {
     let mut rig = function(SPEED_MOMENTARY);

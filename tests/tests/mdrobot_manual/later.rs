@@ -1,4 +1,4 @@
-//! PIDs that V1.1 does not have, as public clients use them (decision 10): 66, 176, 178, 179, 210, 216.
+//! PIDs that V1.1 does not have, as public clients use them (MDROBOT-10): 66, 176, 178, 179, 210, 216.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;

@@ -1,4 +1,4 @@
-//! Limit switches (p. 7, p. 9; decision 23): with UI_COM 1 and USE_LIMIT_SW 1 DIR permits CW and START/STOP permits
+//! Limit switches (p. 7, p. 9; MDROBOT-23): with UI_COM 1 and USE_LIMIT_SW 1 DIR permits CW and START/STOP permits
 //! CCW while closed.
 
 use drivetwin_protocol::time::Span;

@@ -2,9 +2,8 @@
 //! and what stops it, over the bus and the pins, as a master meets them. Values are typed from the manual or come from
 //! the arithmetic in the comments.
 //!
-//! Where the manual is silent or contradicts itself the project has decided. In comments "decision 5" is the fifth
-//! under "MDROBOT MD series" in docs/decisions.md, where also the tolerances of motion have their reasons; numbers like
-//! p. 6 are the manual's pages.
+//! Where the manual is silent or contradicts itself docs/decisions holds what the project has decided (`MDROBOT-5`),
+//! and the reasons for the tolerances of motion. Numbers like p. 6 are the manual's pages.
 #![allow(missing_docs, reason = "a test")]
 
 mod alarms;

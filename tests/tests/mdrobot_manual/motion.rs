@@ -1,5 +1,6 @@
-//! Gains, currents, open loop, torque, poles, what MONITOR says (p. 8, p. 12 to 16; decisions 18, 27 to 30), with the
-//! tolerances of a controller of this size: with factory gains, without load, at 24 V.
+//! Gains, currents, open loop, torque, poles, what MONITOR says (p. 8, p. 12 to 16; MDROBOT-18,
+//! MDROBOT-27 to MDROBOT-30), with the tolerances of a controller of this size: with factory gains, without load, at
+//! 24 V.
 
 use drivetwin_protocol::time::{Duration, Span};
 
@@ -55,7 +56,7 @@ fn page_15_max_load() {
             assert!(rig.amperes() <= limit * 1.1 + 0.1, "{} A of {limit}", rig.amperes());
         });
     }
-    // Beyond 20 A it is 20 A (decision 8).
+    // Beyond 20 A it is 20 A (MDROBOT-8).
     let mut rig = Rig::armed(&[(pid::MAX_LOAD, 1_000)]);
     assert_eq!(rig.read(pid::MAX_LOAD), 1_000);
     rig.velocity(2_500);
@@ -106,7 +107,7 @@ fn page_15_gains_against_a_load() {
     assert!(alone < rig.rpm() - 10.0, "{alone} with a load, {} without", rig.rpm());
 }
 
-/// "Range: -1023~1023": 1,023 is the supply (decision 28): mirrored, twice the output 1.6 to 2.6 times the speed.
+/// "Range: -1023~1023": 1,023 is the supply (MDROBOT-28): mirrored, twice the output 1.6 to 2.6 times the speed.
 #[test]
 fn page_12_open_loop() {
     let speed = |output: i16| {
@@ -139,7 +140,7 @@ fn page_12_open_loop() {
     assert!(rig.rpm() > 800.0);
 }
 
-/// TQ_CMD 1,023 is MAX_LOAD (decision 28); TQ_DATA in 0.1 A, with the sign of the torque (p. 12).
+/// TQ_CMD 1,023 is MAX_LOAD (MDROBOT-28); TQ_DATA in 0.1 A, with the sign of the torque (p. 12).
 #[test]
 fn page_12_torque() {
     let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
@@ -169,7 +170,7 @@ fn page_12_torque() {
     }
 }
 
-/// Speeds beyond MAX_RPM are read back as written and limited at use (decision 18).
+/// Speeds beyond MAX_RPM are read back as written and limited at use (MDROBOT-18).
 #[test]
 fn page_16_max_rpm() {
     let mut rig = Rig::armed(&[(pid::MAX_RPM, 1_000)]);
@@ -207,7 +208,7 @@ fn page_8_poles() {
     }
 }
 
-/// The motor stays what it was: HALL_TYPE is what the drive believes until the power comes again (decision 27).
+/// The motor stays what it was: HALL_TYPE is what the drive believes until the power comes again (MDROBOT-27).
 #[test]
 fn page_8_a_wrong_hall_type() {
     let mut rig = Rig::armed(&[]);
@@ -235,7 +236,7 @@ fn page_8_a_motor_of_the_bench() {
     assert!((rig.position() - counts - 60 * 24).abs() <= 30);
 }
 
-/// MONITOR: speed, current, output, position low and high, status (HW): what the single PIDs say.
+/// MONITOR: speed, current, output, position low and high, status (reported from real controllers): what the single PIDs say.
 #[test]
 fn page_21_monitor() {
     let mut rig = Rig::armed(&[]);
@@ -263,7 +264,7 @@ fn page_21_monitor() {
     assert!((position + 100_000).abs() <= 2_500, "{position}");
 }
 
-/// RPM_DATA saturates at ±5,000 (decision 18): a load drives the motor faster than the drive can show.
+/// RPM_DATA saturates at ±5,000 (MDROBOT-18): a load drives the motor faster than the drive can show.
 #[test]
 fn page_12_rpm_data_saturates() {
     for load in [-2_000_000, 2_000_000] {

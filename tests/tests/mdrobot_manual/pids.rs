@@ -50,7 +50,7 @@ fn page_6_what_a_new_controller_reads() {
     }
 }
 
-/// Decision 2: 0 and more than 125 before the PID is looked up; then whether it is there and can be read; then its own
+/// MDROBOT-2: 0 and more than 125 before the PID is looked up; then whether it is there and can be read; then its own
 /// length.
 #[test]
 fn page_3_quantities_of_a_read() {
@@ -79,7 +79,7 @@ fn page_3_quantities_of_a_read() {
     }
 }
 
-/// Decision 2: 02, with any quantity that Modbus has, and for all functions. PID_H counts.
+/// MDROBOT-2: 02, with any quantity that Modbus has, and for all functions. PID_H counts.
 #[test]
 fn page_3_pids_that_are_not_there() {
     let mut rig = Rig::default();
@@ -162,7 +162,7 @@ fn assert_reads(rig: &mut Rig, row: &Row, words: &[u16]) {
     assert_eq!(rig.try_words(row.pid, row.count()), expected, "PID {} {}", row.pid, row.name);
 }
 
-/// Decision 2 and 3: 03, and nothing has changed.
+/// MDROBOT-2 and MDROBOT-3: 03, and nothing has changed.
 #[test]
 fn page_6_what_is_beyond() {
     for row in rows(|row| row.is_written() && row.pid != FUNC_CMD_TYPE) {
@@ -198,7 +198,7 @@ fn image(rig: &mut Rig) -> Vec<(u16, Vec<u16>)> {
     rows(|row| row.kind == Type::RW).map(|row| (row.pid, rig.words(row.pid, row.count()))).collect()
 }
 
-/// Decision 2: function 6 on more than one word, function 16 with another quantity.
+/// MDROBOT-2: function 6 on more than one word, function 16 with another quantity.
 #[test]
 fn page_5_quantities_of_a_write() {
     for row in rows(Row::is_written) {
@@ -222,7 +222,7 @@ fn page_5_quantities_of_a_write() {
     }
 }
 
-/// Decision 2: 0 and more than 123 are 03, whatever the PID.
+/// MDROBOT-2: 0 and more than 123 are 03, whatever the PID.
 #[test]
 fn page_5_structure_of_function_16() {
     let mut rig = Rig::default();
@@ -267,7 +267,7 @@ fn page_15_func_cmd_type_keeps_dl() {
     }
 }
 
-/// MAX_LOAD twice, SPEED_LIMIT in one and in two (decision 8).
+/// MAX_LOAD twice, SPEED_LIMIT in one and in two (MDROBOT-8).
 #[test]
 fn page_14_what_has_two_pids() {
     let mut rig = Rig::default();
@@ -281,7 +281,7 @@ fn page_14_what_has_two_pids() {
     assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [100, 900]);
     rig.write_words(pid::SPEED_LIMIT, &[512, 1_023]);
     assert_eq!((rig.read(pid::LOW_SPEED_LIMIT), rig.read(pid::HIGH_SPEED_LIMIT)), (512, 1_023));
-    // All or nothing (decision 4 of all Modbus drives), also where nothing is set yet.
+    // All or nothing (MODBUS-4), also where nothing is set yet.
     let mut rig = Rig::default();
     for words in [[0, 0], [100, 511], [513, 600], [100, 1_024]] {
         assert_eq!(rig.try_write_words(pid::SPEED_LIMIT, &words), Err(3), "{words:?}");
@@ -291,7 +291,7 @@ fn page_14_what_has_two_pids() {
     assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [0, 0]);
 }
 
-/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is somebody else's (decision 4).
+/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is somebody else's (MDROBOT-4).
 #[test]
 fn page_3_id_all() {
     let mut rig = Rig::default();
@@ -310,7 +310,7 @@ fn page_3_id_all() {
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::UI_COM)), (2_000, 0));
 }
 
-/// Decision 11: 300 ms, in which nothing is heard.
+/// MDROBOT-11: 300 ms, in which nothing is heard.
 #[test]
 fn page_3_power_on() {
     let mut rig = Rig::new(LineMode::Fast, Setup::default());

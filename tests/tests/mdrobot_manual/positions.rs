@@ -1,4 +1,4 @@
-//! Position control (p. 11, p. 15, p. 16; decision 19): 243, 244, 219, 220, 230, 171, 49, 167.
+//! Position control (p. 11, p. 15, p. 16; MDROBOT-19): 243, 244, 219, 220, 230, 171, 49, 167.
 
 use drivetwin_protocol::time::{Duration, Span};
 
@@ -83,7 +83,7 @@ fn page_16_moves_without_a_speed() {
     }
 }
 
-/// "Real target posi. = Current posi. + Incremental": from where it is, also while it moves (decision 19).
+/// "Real target posi. = Current posi. + Incremental": from where it is, also while it moves (MDROBOT-19).
 #[test]
 fn page_16_increments() {
     let mut rig = Rig::armed(&[]);
@@ -125,7 +125,7 @@ fn page_16_distances() {
     assert_moves(&mut rig, -66_000, 2_500.0);
 }
 
-/// A speed of 219 has no sign (decision 19), and none beyond MAX_RPM.
+/// A speed of 219 has no sign (MDROBOT-19), and none beyond MAX_RPM.
 #[test]
 fn page_16_speeds() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1), (pid::MAX_RPM, 1_000)]);
@@ -171,7 +171,7 @@ fn page_15_pv_gain() {
 }
 
 /// "If motor position control error is in IN_POSITION, then the result is 1, else 0" (p. 11), live; 0 where position
-/// is not controlled (decision 19).
+/// is not controlled (MDROBOT-19).
 #[test]
 fn page_11_in_position_ok() {
     let mut rig = Rig::armed(&[(pid::IN_POSITION, 50)]);
@@ -220,7 +220,7 @@ fn page_17_counts_are_turns() {
     }
 }
 
-/// A position is held whatever STOP_STATUS says (decision 17), also against a load, for good.
+/// A position is held whatever STOP_STATUS says (MDROBOT-17), also against a load, for good.
 #[test]
 fn page_16_it_is_held() {
     for stop_status in 0..=3 {
@@ -264,7 +264,7 @@ fn page_16_another_target_on_the_way() {
     assert_eq!((way.goal, rig.long(pid::TAR_POSI)), (-240, -240));
 }
 
-/// Position is 0 after power-on (decision 6).
+/// Position is 0 after power-on (MDROBOT-6).
 #[test]
 fn page_16_position_after_power_on() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);

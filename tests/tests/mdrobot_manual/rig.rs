@@ -12,7 +12,7 @@ use drivetwin_sim::line::LineMode;
 
 use crate::pid;
 
-/// From power-on to the first request that is heard (decision 11).
+/// From power-on to the first request that is heard (MDROBOT-11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
 /// The answer where no reply comes.
@@ -29,7 +29,7 @@ pub(crate) type Exception = u8;
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
-    /// Poles of the motor; a turn is 3 counts a pole (decision 27).
+    /// Poles of the motor; a turn is 3 counts a pole (MDROBOT-27).
     pub(crate) poles: f64,
 }
 
@@ -56,7 +56,7 @@ impl Rig {
         rig
     }
 
-    /// A rig that the bus may move by velocity, with these PIDs written (decision 13).
+    /// A rig that the bus may move by velocity, with these PIDs written (MDROBOT-13).
     pub(crate) fn armed(settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(settings);
         rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
@@ -131,7 +131,7 @@ impl Rig {
         self.after(Duration::TICK);
     }
 
-    /// Closes a contact to ground: ON (decision 21).
+    /// Closes a contact to ground: ON (MDROBOT-21).
     pub(crate) fn close(&mut self, name: &str) {
         self.drive(name, PinStimulus::Low);
     }
@@ -159,7 +159,7 @@ impl Rig {
         self.after(2.millis());
     }
 
-    /// Sets the internal volume (decision 24): 0 to 1,023.
+    /// Sets the internal volume (MDROBOT-24): 0 to 1,023.
     pub(crate) fn volume(&mut self, value: i64) {
         let row = self.bench.spec(self.seat).find("INT_VOLUME").expect("a setting").row;
         assert_eq!(self.bench.poke(self.seat, row, value), Ok(()));
@@ -249,7 +249,7 @@ impl Rig {
         self.long(pid::POSI_DATA)
     }
 
-    /// CTRL_STATUS, and status2, which only MONITOR has (decision 4 of the header: 196).
+    /// CTRL_STATUS, and status2, which only MONITOR (196) has.
     #[track_caller]
     pub(crate) fn status(&mut self) -> (u16, u16) {
         let word = self.words(pid::MONITOR, 6)[5];

@@ -35,7 +35,7 @@ fn change_everything(rig: &mut Rig) {
     }
 }
 
-/// Decision 6: saved at once, all but 78, 100, 130, 180.
+/// MDROBOT-6: saved at once, all but 78, 100, 130, 180.
 #[test]
 fn page_6_what_outlives_the_power() {
     let mut rig = Rig::default();
@@ -57,7 +57,7 @@ fn page_6_what_outlives_the_power() {
     }
 }
 
-/// Decision 6: the writes of a master come faster than saves; the last one counts.
+/// MDROBOT-6: the writes of a master come faster than saves; the last one counts.
 #[test]
 fn page_6_one_write_after_the_other() {
     let mut rig = Rig::default();
@@ -70,7 +70,7 @@ fn page_6_one_write_after_the_other() {
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::P_GAIN)), (1_099, 99));
 }
 
-/// Decision 6: power fails between the values and their check sum.
+/// MDROBOT-6: power fails between the values and their check sum.
 #[test]
 fn page_6_power_lost_in_a_save() {
     let mut rig = Rig::default();
@@ -110,7 +110,7 @@ fn page_6_default_set() {
     }
 }
 
-/// "DL = 0xAA, DH = ID of controller to set (1~253)" (p. 12); decision 5: saved at once, from the next power-on on.
+/// "DL = 0xAA, DH = ID of controller to set (1~253)" (p. 12); MDROBOT-5: saved at once, from the next power-on on.
 #[test]
 fn page_12_id() {
     for id in [1, 2, 100, 247, 248, 253] {

@@ -1,4 +1,5 @@
-//! User input types (p. 8, p. 10), their limits (p. 14), the internal volume (p. 11), torque (p. 10); decisions 24, 25.
+//! User input types (p. 8, p. 10), their limits (p. 14), the internal volume (p. 11), torque (p. 10);
+//! MDROBOT-24, MDROBOT-25.
 
 use drivetwin_protocol::time::Span;
 
@@ -154,7 +155,7 @@ fn page_10_rc() {
     }
 }
 
-/// 5: seven steps by INT_SPEED, RUN/BRAKE, START/STOP: floors of sevenths (decision 24), of 400 rpm those that were seen.
+/// 5: seven steps by INT_SPEED, RUN/BRAKE, START/STOP: floors of sevenths (MDROBOT-24), of 400 rpm those that were seen.
 #[test]
 fn page_10_steps() {
     let of_400 = [0.0, 57.0, 114.0, 171.0, 228.0, 285.0, 342.0, 400.0];
@@ -212,7 +213,7 @@ fn page_16_max_rpm_while_it_turns() {
     rig.assert_turns(800.0);
 }
 
-/// TQ_CTRL 1: "current control (torque)": full scale is MAX_LOAD (decision 25).
+/// TQ_CTRL 1: "current control (torque)": full scale is MAX_LOAD (MDROBOT-25).
 #[test]
 fn page_10_tq_ctrl() {
     let mut rig = by_pins(0, &[(pid::TQ_CTRL, 1), (pid::MAX_LOAD, 40)]);

@@ -1,5 +1,5 @@
 //! The table of PIDs (p. 6 to 17), typed by hand, with those of the header that are known from real controllers
-//! (2.4, decision 8), and the rest of the header.
+//! (2.4, MDROBOT-8), and the rest of the header.
 
 /// Type, as the manual calls it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -15,7 +15,7 @@ pub(crate) enum Type {
 /// Legal values of a word.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Word {
-    /// No range is printed, so every word is legal (decision 3).
+    /// No range is printed, so every word is legal (MDROBOT-3).
     Any,
     /// From, to; with a sign where the first is negative.
     Range(i32, i32),
@@ -32,7 +32,7 @@ pub(crate) struct Row {
     pub(crate) words: &'static [Word],
     /// Factory values, or what a new controller at rest shows.
     pub(crate) reset: &'static [u16],
-    /// Comes back after a power failure (decision 6).
+    /// Comes back after a power failure (MDROBOT-6).
     pub(crate) saved: bool,
 }
 
@@ -48,7 +48,7 @@ const fn rw(pid: u16, name: &'static str, words: &'static [Word], reset: &'stati
     Row { pid, name, kind: Type::RW, words, reset, saved: true }
 }
 
-/// Read and written, and gone with the power (decision 6).
+/// Read and written, and gone with the power (MDROBOT-6).
 const fn fleeting(pid: u16, name: &'static str, words: &'static [Word]) -> Row {
     Row { pid, name, kind: Type::RW, words, reset: &[0], saved: false }
 }
@@ -66,12 +66,12 @@ const OUTPUT: &[Word] = &[Range(-1_023, 1_023)];
 
 #[rustfmt::skip]
 pub(crate) static TABLE: &[Row] = &[
-    // Version 8.1 (decision 1).
+    // Version 8.1 (MDROBOT-1).
     r(1, "VERSION", BYTE, &[81]),
     w(3, "DEFAULT_SET", WORD),
     w(5, "TQ_OFF", WORD),
     w(6, "BRAKE", WORD),
-    // "DL = Command": above a byte it is none (decision 10).
+    // "DL = Command": above a byte it is none (MDROBOT-10).
     w(10, "COMMAND", BYTE),
     w(12, "ALARM_RESET", WORD),
     w(13, "POSI_RESET", WORD),
@@ -87,10 +87,10 @@ pub(crate) static TABLE: &[Row] = &[
     rw(40, "LIMIT_STOP_COND", BIT, &[0]),
     rw(44, "TQ_CTRL", BIT, &[0]),
     rw(45, "BLUETOOTH", BIT, &[0]),
-    // Nothing is wired; ENC_A and ENC_B are open, which is 1 (decision 22).
+    // Nothing is wired; ENC_A and ENC_B are open, which is 1 (MDROBOT-22).
     r(48, "DI", BYTE, &[0b110_0000]),
     r(49, "IN_POSITION_OK", BYTE, &[0]),
-    // 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (decision 10).
+    // 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (MDROBOT-10).
     fleeting(66, "TQ_RATIO", BYTE),
     fleeting(78, "UI_COM", BIT),
     fleeting(100, "START_STOP", &[Range(0, 2)]),
@@ -191,7 +191,7 @@ impl Word {
         }
     }
 
-    /// Illegal values: just beyond, far off, and DH beside a legal DL: the whole word is judged (decision 3).
+    /// Illegal values: just beyond, far off, and DH beside a legal DL: the whole word is judged (MDROBOT-3).
     fn illegal(&self) -> Vec<u16> {
         match *self {
             Any => vec![],

@@ -1,4 +1,4 @@
-//! Velocity, ramps, stopping (p. 8, p. 12, p. 13; decisions 16 to 18), with the tolerances of a controller of this
+//! Velocity, ramps, stopping (p. 8, p. 12, p. 13; MDROBOT-16 to MDROBOT-18), with the tolerances of a controller of this
 //! size: with factory gains, without load, at 24 V.
 
 use drivetwin_protocol::time::{Duration, Span};
@@ -118,7 +118,7 @@ struct Ramps {
 
 impl Ramps {
     /// The reference so many seconds after the command, and how long it moves. The magnitude has ramps, so a reversal
-    /// goes down by SLOW_DOWN and up by SLOW_START (decision 16).
+    /// goes down by SLOW_DOWN and up by SLOW_START (MDROBOT-16).
     fn reference(&self, from: f64, to: f64, t: f64) -> (f64, f64) {
         let way = (to - from).signum();
         if from * to < 0.0 {
@@ -169,7 +169,7 @@ impl Ramps {
     }
 }
 
-/// Ramps are for the velocity reference: not for open loop, torque and positions (decision 16).
+/// Ramps are for the velocity reference: not for open loop, torque and positions (MDROBOT-16).
 #[test]
 fn page_13_what_has_no_ramp() {
     let settings = [(pid::SLOW_START, 1_023), (pid::SLOW_DOWN, 1_023)];
@@ -202,7 +202,7 @@ fn page_8_servo_lock() {
     }
 }
 
-/// "Set the stop status" (p. 8, decision 17), at the end of a ramp and without one.
+/// "Set the stop status" (p. 8, MDROBOT-17), at the end of a ramp and without one.
 #[test]
 fn page_8_stop_status() {
     for status in 0..=3 {

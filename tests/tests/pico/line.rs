@@ -99,7 +99,7 @@ fn the_transceiver_is_turned_around_in_time() {
     let (begins, reply) = run.sent(asked, asked + TURN);
     assert_eq!(reply, rtu::frame(1, &[3, 2, 0x27, 0x10]).as_slice());
 
-    // docs/decisions.md, the house, 3: 4.5 characters after the last one of the request.
+    // PROJECT-3: 4.5 characters after the last one of the request.
     let last = asked + 7 * CHARACTER;
     let due = last + 4_500 * CHARACTER / 1_000;
     println!("reply {} ns late", begins - due);

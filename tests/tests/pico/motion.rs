@@ -53,7 +53,7 @@ fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
 }
 
 /// Time at which the drive takes a request whose first character's stop bit ends at `asked`: 4.5 characters after its
-/// eighth, in ticks of 1/16 µs (docs/decisions.md, the house, 2 and 3).
+/// eighth, in ticks of 1/16 µs (PROJECT-2, PROJECT-3).
 fn taken(asked: Nanos) -> Nanos {
     let stamp = (asked + 7 * CHARACTER).div_ceil(US) * US;
     stamp + (64_166 + 18_333) * 125 / 2

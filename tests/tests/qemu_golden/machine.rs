@@ -1,4 +1,4 @@
-//! The board as a machine of virtual time, which stands whenever its processor sleeps.
+//! The board as a machine of virtual time, which stands whenever its processor sleeps (BOARD-10).
 //!
 //! With `-icount shift=…,sleep=off` QEMU's time is counted: a power of two of ns an instruction, and while
 //! the processor has nothing to do, time hops to the next timer. A breakpoint on the one WFI of the image stops the

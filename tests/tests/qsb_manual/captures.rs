@@ -31,7 +31,7 @@ fn each_input_captures_at_its_edge() {
     }
 }
 
-/// An input that is not enabled does not, nor does an output (decision 24).
+/// An input that is not enabled does not, nor does an output (QSB-24).
 #[test]
 fn what_does_not_capture() {
     for config in ["W0200F", "W02EEE", "W021FF"] {
@@ -69,7 +69,7 @@ fn all_inputs_at_once() {
     }
 }
 
-/// Decision 24: CNTR, in every MODE.
+/// QSB-24: CNTR, in every MODE.
 #[test]
 fn inputs_capture_in_every_mode() {
     for mode in ["W000", "W001", "W002"] {
@@ -83,7 +83,7 @@ fn inputs_capture_in_every_mode() {
     }
 }
 
-/// Step pulses of the own motor do not, at either edge (decision 24).
+/// Step pulses of the own motor do not, at either edge (QSB-24).
 #[test]
 fn steps_of_the_motor_do_not_capture() {
     for config in ["W02060", "W02066"] {
@@ -98,7 +98,7 @@ fn steps_of_the_motor_do_not_capture() {
     }
 }
 
-/// Example 5.2: on the index, whose function is disabled as the factory sets it (decision 19).
+/// Example 5.2: on the index, whose function is disabled as the factory sets it (QSB-19).
 #[test]
 fn the_index_captures() {
     let mut rig = Rig::ready("qsb-s");
@@ -115,7 +115,7 @@ fn the_index_captures() {
     rig.says(&[("R05", "r 05 000000C8 !"), ("R0E", "r 0E 000000CC !")]);
 }
 
-/// Decision 19: before the same index resets or loads.
+/// QSB-19: before the same index resets or loads.
 #[test]
 fn the_index_captures_before_it_resets() {
     for (function, left) in [("W0363", 0), ("W0353", 0x1F3), ("W0373", 100)] {
@@ -187,7 +187,7 @@ fn a_match_makes_a_pulse() {
         assert_eq!(dio0(&mut rig), rest);
         rig.turn(1);
         assert_pulses(&mut rig, rest);
-        // Never downward (decision 17).
+        // Never downward (QSB-17).
         rig.turn(5);
         rig.turn(-5);
         assert_eq!(dio0(&mut rig), rest);
@@ -211,7 +211,7 @@ fn the_index_an_overflow_and_an_underflow_make_pulses() {
     assert_pulses(&mut rig, true);
 }
 
-/// Without bit 12 of 02, without the flag, or on an input: none (decision 25).
+/// Without bit 12 of 02, without the flag, or on an input: none (QSB-25).
 #[test]
 fn what_makes_no_pulse() {
     for script in [["W02100", "W04020"], ["W021100", "W040D0"], ["W021000", "W04020"]] {
@@ -239,7 +239,7 @@ fn interval_0_toggles() {
     }
 }
 
-/// A wrap is two events, since CY comes at the count before it and at its own (decision 25).
+/// A wrap is two events, since CY comes at the count before it and at its own (QSB-25).
 #[test]
 fn a_wrap_toggles_twice() {
     let mut rig = triggered(&["W04080", "W0C0", "W08FFFFFFFE", "W0A0"]);

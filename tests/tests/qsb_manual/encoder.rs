@@ -27,7 +27,7 @@ fn reads(kind: &str, pin: &str, on: u64, period: u64) -> (u32, u32) {
     (rig.read("0E"), rig.read("00"))
 }
 
-/// Decision 14: floor(on × 1026 / period) − 1, clamped; about 1 kHz is 10 bits.
+/// QSB-14: floor(on × 1026 / period) − 1, clamped; about 1 kHz is 10 bits.
 #[test]
 fn pwm_of_10_bits() {
     // An MA3's cycle is 1,026 µs: 1 µs is 0, 1,025 µs is 1,024 and reads 1,023.
@@ -55,7 +55,7 @@ fn pwm_of_12_bits() {
     assert_eq!(reads("qsb-s", "A", 1_234 * 16, 64_000), (1_263, 0x11));
 }
 
-/// Decision 14: what is slower than 500 Hz has 12 bits. 1,000 × 1026 / 2000 = 513; 1,000 × 4098 / 2001 =
+/// QSB-14: what is slower than 500 Hz has 12 bits. 1,000 × 1026 / 2000 = 513; 1,000 × 4098 / 2001 =
 /// 2047.98.
 #[test]
 fn pwm_between_10_and_12_bits() {
@@ -63,7 +63,7 @@ fn pwm_between_10_and_12_bits() {
     assert_eq!(reads("qsb-s", "A", 1_000 * 16, 2_001 * 16), (2_046, 0x11));
 }
 
-/// Decision 14: another period is waited for after a write of MODE.
+/// QSB-14: another period is waited for after a write of MODE.
 #[test]
 fn a_write_of_mode_begins_anew() {
     let mut rig = Rig::ready("qsb-s");
@@ -85,7 +85,7 @@ fn pwm_at_either_pin() {
     }
 }
 
-/// Decision 14: 0 before the first full period; a signal that stops keeps value and resolution.
+/// QSB-14: 0 before the first full period; a signal that stops keeps value and resolution.
 #[test]
 fn pwm_begins_and_stops() {
     let mut rig = Rig::ready("qsb-s");
@@ -150,7 +150,7 @@ fn analogue(kind: &str, pin: &str, mv: i32) -> Rig {
     rig
 }
 
-/// Decision 15: floor(V × 1024 / 5), at most 1,023, in bits 9:0 of the packet.
+/// QSB-15: floor(V × 1024 / 5), at most 1,023, in bits 9:0 of the packet.
 #[test]
 fn volts() {
     for (mv, value) in [
@@ -172,7 +172,7 @@ fn volts() {
     }
 }
 
-/// On every variant, at A or by its other name; open it is pulled up (decision 16).
+/// On every variant, at A or by its other name; open it is pulled up (QSB-16).
 #[test]
 fn volts_at_either_pin() {
     for kind in KINDS {
@@ -225,7 +225,7 @@ fn packets_without_a_port() {
     rig.says(&[("R0E", "r 0E 00C8E200 !")]);
 }
 
-/// The packet is streamed; THRESHOLD acts on the value (decision 15).
+/// The packet is streamed; THRESHOLD acts on the value (QSB-15).
 #[test]
 fn volts_are_streamed() {
     let mut rig = analogue("qsb-m", "A", 1_000);

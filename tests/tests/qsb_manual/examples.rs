@@ -77,7 +77,7 @@ fn the_examples_of_the_command_list() {
 }
 
 /// Register 14: five digits of the serial number, one of the product, two of the firmware, which is 0E
-/// (decision 6).
+/// (QSB-6).
 #[test]
 fn the_example_of_version() {
     Rig::ready("qsb-d").says(&[("R14", "r 14 0000100E !")]);
@@ -104,7 +104,7 @@ fn the_application_examples_of_the_digital_port() {
         ("R01", "r 01 0000000A !"),
         ("S01", "s 01 0000000A !"), // 6.5
     ]);
-    // One line; the others read 1 (decision 23).
+    // One line; the others read 1 (QSB-23).
     Rig::ready("qsb-d").says(&[
         ("W02011", "w 02 00000011 !"),
         ("W02F00", "w 02 00000F00 !"),
@@ -145,7 +145,7 @@ fn the_application_examples_of_the_motor() {
 }
 
 /// The commands of the motor on the others: registers are unsupported, COMMAND refuses the numbers
-/// (decision 2).
+/// (QSB-2).
 #[test]
 fn the_application_examples_of_the_motor_where_there_is_none() {
     for kind in ["qsb-d", "qsb-s"] {

@@ -76,7 +76,7 @@ fn figure_9_single_cycle() {
     rig.says(&[("W092", "w 09 00000002 !"), ("R06", "r 06 00000008 !")]);
 }
 
-/// "Re-enabled with reset or load"; leaving the mode does, too (decision 18).
+/// "Re-enabled with reset or load"; leaving the mode does, too (QSB-18).
 #[test]
 fn what_ends_the_stop_of_single_cycle() {
     for (commands, enabled) in [
@@ -182,7 +182,7 @@ fn figure_8_free_running() {
     }
 }
 
-/// S: set with BW, cleared with CY; load and reset leave it (decision 17).
+/// S: set with BW, cleared with CY; load and reset leave it (QSB-17).
 #[test]
 fn the_sign() {
     let mut rig = Rig::ready("qsb-s");

@@ -68,7 +68,7 @@ fn every_rate() {
     }
 }
 
-/// Decision 7: nothing else is saved by it, and what was saved before stays.
+/// QSB-7: nothing else is saved by it, and what was saved before stays.
 #[test]
 fn only_the_rate_is_saved() {
     let mut rig = Rig::ready("qsb-m");
@@ -129,7 +129,7 @@ fn characters_at_another_rate() {
     assert_eq!(rig.texts(REPLY), ["r 08 000001F3 !"]);
 }
 
-/// Decision 6: what was put on the line before a reset by DTR leaves, whole.
+/// QSB-6: what was put on the line before a reset by DTR leaves, whole.
 #[test]
 fn a_reset_cuts_no_answer() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);

@@ -2,8 +2,8 @@
 //! register and each limit, over the port and the pins, as a host program meets them. What counts is held
 //! against a slow model of the LS7366R's data sheet.
 //!
-//! Where the manuals are silent or contradict themselves the project has decided: "decision 5" in a
-//! comment is number 5 under "QSB" in docs/decisions.md. Registers are named by their numbers, in hex.
+//! Where the manuals are silent or contradict themselves docs/decisions holds what the project has
+//! decided (`QSB-5`). Registers are named by their numbers, in hex.
 #![allow(missing_docs, reason = "a test")]
 
 mod captures;

@@ -1,5 +1,5 @@
 //! The motor drive of the QSB-M on DIO1 (step) and DIO2 (direction). Times come from the arithmetic of
-//! constant acceleration; rates and accelerations are used in steps of 16 (decision 27): 1,000 steps/s is
+//! constant acceleration; rates and accelerations are used in steps of 16 (QSB-27): 1,000 steps/s is
 //! 992.
 
 use drivetwin_firmware::device::Level;
@@ -221,7 +221,7 @@ fn what_is_paused_can_be_ended() {
     }
 }
 
-/// Decision 27: refused without the motor drive, and while something runs or is paused.
+/// QSB-27: refused without the motor drive, and while something runs or is paused.
 #[test]
 fn refused_commands() {
     let mut rig = Rig::ready("qsb-m");
@@ -292,7 +292,7 @@ fn a_paused_jog() {
     assert!((rig.speed() - 992.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// Decision 29: a jog below 16 stands, and no steps are done at once.
+/// QSB-29: a jog below 16 stands, and no steps are done at once.
 #[test]
 fn nothing_to_do() {
     let mut rig = active(&["W12F"]);
@@ -320,7 +320,7 @@ fn writes_on_the_way() {
     assert_eq!((rig.status(), rig.position()), (READY, 2_000));
 }
 
-/// Writes of the digital port must not disturb a move, and its other lines work on (decision 26).
+/// Writes of the digital port must not disturb a move, and its other lines work on (QSB-26).
 #[test]
 fn the_port_during_a_move() {
     let mut rig = active(&["W0F3E8", "W10186A0", "W117D0"]);
@@ -379,7 +379,7 @@ fn reset_on_the_way() {
         assert!(rig.is_high("DIO1") && rig.is_high("DIO2"));
         let made = pulses(&rig);
         assert!((986..=988).contains(&made.0) && made.1 == 0, "{made:?}");
-        // DTR does not turn the motor back (decision 6).
+        // DTR does not turn the motor back (QSB-6).
         assert!(cut || rig.position() == made.0 as i32, "at {}", rig.position());
         rig.after(2.secs());
         assert_eq!(pulses(&rig), made);

@@ -87,7 +87,7 @@ fn some_of_each() {
     assert!(rig.is_high("DIO1"));
 }
 
-/// -D has one line; the others read 1 (decision 23).
+/// -D has one line; the others read 1 (QSB-23).
 #[test]
 fn one_line() {
     let mut rig = Rig::ready("qsb-d");

@@ -34,12 +34,12 @@ const fn shown(number: u8, letters: &'static str, on: &'static str, default: u32
 /// The table of factory defaults and the command list. VERSION's default is told in examples.rs; the last
 /// value that a register takes is the one that is saved.
 const REGISTERS: [Register; 22] = [
-    // Decision 9: bits 1:0 = 3 is no mode; bits 2 to 4 of a write are ignored.
+    // QSB-9: bits 1:0 = 3 is no mode; bits 2 to 4 of a write are ignored.
     Register {
         refuses: &[0x03, 0x07, 0x0B, 0x0F, 0x13, 0x20, 0xFFFF_FFFF],
         ..plain(0x00, "DMS", 0x00, &[(0x12, 2), (0x10, 0), (0x0E, 2), (0x04, 0), (0x00, 0), (0x01, 1)])
     },
-    // Reads pins, which are inputs here, not the latches: decision 23.
+    // Reads pins, which are inputs here, not the latches: QSB-23.
     Register {
         letters: "RWS",
         refuses: &[0x10, 0xFFFF_FFFF],
@@ -50,7 +50,7 @@ const REGISTERS: [Register; 22] = [
         ..plain(0x02, "DM", 0, &[(0, 0), (0x1FFF, 0x1FFF), (0x0A5A, 0x0A5A)])
     },
     Register { refuses: &[0x100], ..plain(0x03, "DMS", 0x4F, &[(0, 0), (0xFF, 0xFF), (0xA5, 0xA5)]) },
-    // Decision 9: bits 1:0 read 0.
+    // QSB-9: bits 1:0 read 0.
     Register {
         refuses: &[0x200],
         ..plain(0x04, "DMS", 0, &[(0, 0), (0x1FF, 0x1FC), (0x003, 0), (0x154, 0x154)])
@@ -127,7 +127,7 @@ fn factory_defaults() {
     }
 }
 
-/// Decision 2: a register that is not there, not on this variant or not for this letter is unsupported,
+/// QSB-2: a register that is not there, not on this variant or not for this letter is unsupported,
 /// whatever the data.
 #[test]
 fn letters() {
@@ -218,7 +218,7 @@ fn commands() {
     for kind in KINDS {
         for number in 0..=9 {
             let mut rig = Rig::ready(kind);
-            // Nothing to move: 8 and 9 are refused without the motor drive (decision 27).
+            // Nothing to move: 8 and 9 are refused without the motor drive (QSB-27).
             let taken = match number {
                 1 | 3 => true,
                 8 | 9 => false,
@@ -288,7 +288,7 @@ fn what_is_never_saved() {
     rig.assert_time_stamp(0);
 }
 
-/// CLEAR 0 and 1 clear to 0, which is not MDR0's factory value (decision 9).
+/// CLEAR 0 and 1 clear to 0, which is not MDR0's factory value (QSB-9).
 #[test]
 fn clear_mdr0_and_mdr1() {
     let mut rig = Rig::ready("qsb-s");
@@ -302,7 +302,7 @@ fn clear_mdr0_and_mdr1() {
     ]);
 }
 
-/// CLEAR 2 and 3, LOAD 0 and 1; decision 17: neither sets a flag.
+/// CLEAR 2 and 3, LOAD 0 and 1; QSB-17: neither sets a flag.
 #[test]
 fn clear_and_load() {
     let mut rig = Rig::ready("qsb-s");
@@ -324,11 +324,11 @@ fn clear_and_load() {
         ("R07", "r 07 000001F3 !"),
     ]);
     rig.turn(-1);
-    // A snapshot now, not the one of W0A1 (decision 9).
+    // A snapshot now, not the one of W0A1 (QSB-9).
     rig.says(&[("R07", "r 07 000001F2 !"), ("R0E", "r 0E 000001F2 !")]);
 }
 
-/// Register 0D: 512 Hz, only 1 clears it, and the phase stays (decision 10).
+/// Register 0D: 512 Hz, only 1 clears it, and the phase stays (QSB-10).
 #[test]
 fn time_stamp() {
     let mut rig = Rig::ready("qsb-s");
@@ -380,7 +380,7 @@ fn serial_numbers() {
     }
 }
 
-/// Decision 8: what is preset while it has power lasts until a reset, unless command 3 saves it.
+/// QSB-8: what is preset while it has power lasts until a reset, unless command 3 saves it.
 #[test]
 fn presets_with_power() {
     for save in [false, true] {

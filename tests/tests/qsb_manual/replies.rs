@@ -7,7 +7,7 @@ use drivetwin_sim::line::LineMode;
 use crate::rig::{Rig, START_UP, TICK};
 
 /// Register 15: bit 0 LF, 1 CR, 2 time stamp, 3 spaces; CR is sent before LF. The reply to its own write
-/// is in the new format (decision 5).
+/// is in the new format (QSB-5).
 #[test]
 fn all_formats() {
     const FORMATS: [(&str, &str, &str); 16] = [
@@ -41,7 +41,7 @@ fn all_formats() {
     }
 }
 
-/// Decision 5.
+/// QSB-5.
 #[test]
 fn formats_apply_to_errors_too() {
     let mut rig = Rig::ready("qsb-d");
@@ -62,7 +62,7 @@ fn formats_apply_to_errors_too() {
 }
 
 /// "The command termination is any single or dual combination of CR and LF"; an empty line is ignored
-/// (decision 1).
+/// (QSB-1).
 #[test]
 fn line_ends() {
     for end in ["\r", "\n", "\r\n", "\n\r", "\r\r", "\n\n", "\r\n\r\n\n\r\r"] {
@@ -76,7 +76,7 @@ fn line_ends() {
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// Decision 2: whatever is not understood is one `x`; its register as typed if it is two hex digits.
+/// QSB-2: whatever is not understood is one `x`; its register as typed if it is two hex digits.
 #[test]
 fn lines_that_are_not_understood() {
     let mut rig = Rig::ready("qsb-m");
@@ -125,7 +125,7 @@ fn lines_that_are_too_long() {
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// "A backspace character will erase a partially entered command", all of it (decision 1).
+/// "A backspace character will erase a partially entered command", all of it (QSB-1).
 #[test]
 fn backspace() {
     let mut rig = Rig::ready("qsb-m");
@@ -184,7 +184,7 @@ fn half_commands_wait() {
     rig.says(&[("", "w 08 00000055 !")]);
 }
 
-/// Decision 6: the type, two spaces, firmware 0E, CR and LF, 50 ms after power.
+/// QSB-6: the type, two spaces, firmware 0E, CR and LF, 50 ms after power.
 #[test]
 fn banner() {
     for (kind, banner) in
@@ -199,7 +199,7 @@ fn banner() {
     }
 }
 
-/// Decision 5: the banner does not depend on register 15.
+/// QSB-5: the banner does not depend on register 15.
 #[test]
 fn banner_in_any_format() {
     let mut rig = Rig::ready("qsb-d");
@@ -220,7 +220,7 @@ fn characters_during_the_start_are_lost() {
     rig.says(&[("8", "x 00 00000000 !"), ("R08", "r 08 000001F3 !")]);
 }
 
-/// A rise of DTR resets: as at power-up, the partial line emptied (decision 6). Its fall does nothing.
+/// A rise of DTR resets: as at power-up, the partial line emptied (QSB-6). Its fall does nothing.
 #[test]
 fn reset_by_dtr() {
     let mut rig = Rig::ready("qsb-m");

@@ -6,7 +6,7 @@ use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Bus, Client, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::line::{LineMode, Sender};
 
-/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (decision 10): 1.953125 ms.
+/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (QSB-10): 1.953125 ms.
 pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
 
 /// From power-up to the banner.

@@ -28,7 +28,7 @@ fn outputs_are_restored() {
     assert_eq!(levels, [false, true, false, true]);
 }
 
-/// Decision 13: command 0 brings the saved port back, not the factory's.
+/// QSB-13: command 0 brings the saved port back, not the factory's.
 #[test]
 fn command_0_restores_the_saved_port() {
     let mut rig = Rig::ready("qsb-m");

@@ -1,4 +1,4 @@
-//! A slow LS7366R as the QSB wires it: the data sheet and decisions 17 to 21 in words, one edge at a time.
+//! A slow LS7366R as the QSB wires it: the data sheet and QSB-17 to QSB-21 in words, one edge at a time.
 //! Shares no code with the drive.
 
 /// The order of (A, B) while A leads B, which counts up (data sheet, Figure 7).
@@ -101,7 +101,7 @@ impl Slow {
         if counted && self.counts() {
             self.clock(up);
         }
-        // Counted or not, it tells the direction (decision 21).
+        // Counted or not, it tells the direction (QSB-21).
         self.up = Some(up);
         self.look_at_index();
     }
@@ -148,7 +148,7 @@ impl Slow {
         self.i != inverted && (!synchronous || self.a == self.b)
     }
 
-    /// The index acts once, when its gated level becomes active (decision 19).
+    /// The index acts once, when its gated level becomes active (QSB-19).
     fn look_at_index(&mut self) {
         let gate = self.is_gated();
         if gate && !self.gate {
@@ -175,7 +175,7 @@ impl Slow {
         if self.mode() != 1 {
             self.stopped = false;
         }
-        // A write opens the gate without effect (decision 19).
+        // A write opens the gate without effect (QSB-19).
         self.gate = self.is_gated();
     }
 

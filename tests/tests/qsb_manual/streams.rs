@@ -27,7 +27,7 @@ fn assert_consecutive(stamps: &[u64]) {
     }
 }
 
-/// 512 records a second for 10 s: each tick one, whose stamp is that tick (decision 11).
+/// 512 records a second for 10 s: each tick one, whose stamp is that tick (QSB-11).
 #[test]
 fn ten_seconds_without_a_gap() {
     for kind in KINDS {
@@ -106,7 +106,7 @@ fn intervals() {
     }
 }
 
-/// W0D1 zeroes the number and leaves the phase (decision 10): records go on at each tick.
+/// W0D1 zeroes the number and leaves the phase (QSB-10): records go on at each tick.
 #[test]
 fn the_time_stamp_is_cleared_in_a_stream() {
     let mut rig = Rig::ready("qsb-s");
@@ -146,7 +146,7 @@ fn a_stream_is_started_again() {
 }
 
 /// FFFF: none, the factory's; written during a stream it pauses it, and another interval counts from the
-/// last record (decision 11).
+/// last record (QSB-11).
 #[test]
 fn interval_ffff_pauses() {
     let mut rig = Rig::ready("qsb-s");
@@ -279,8 +279,8 @@ fn interval_0_with_a_threshold_analogue() {
     assert!(latest > 150.micros() && latest <= 201.micros(), "{latest:?} at the latest");
 }
 
-/// "Multiple registers can be streamed simultaneously"; 01, 05, 06 and 13 on change at once (decision
-/// 12), whatever the interval.
+/// "Multiple registers can be streamed simultaneously"; 01, 05, 06 and 13 on change at once (QSB-12),
+/// whatever the interval.
 #[test]
 fn several_at_once() {
     let mut rig = Rig::ready("qsb-m");
@@ -350,7 +350,7 @@ fn a_read_ends_a_stream() {
     assert!(rig.hear(1.secs()).len() > 500);
 }
 
-/// Commands 0 and 1 end 0E, 01 and 13; 05 and 06 go on (decision 12).
+/// Commands 0 and 1 end 0E, 01 and 13; 05 and 06 go on (QSB-12).
 #[test]
 fn commands_0_and_1_end_three_streams() {
     for command in ["W161", "W160"] {
@@ -386,7 +386,7 @@ fn command_1_on_all() {
 }
 
 /// At 9,600 baud a record in format F takes 26 × 16,667 / 16 µs, or nearly 14 ticks: each is measured when
-/// the one before has left, and stamped with the tick that is past by then (decision 11).
+/// the one before has left, and stamped with the tick that is past by then (QSB-11).
 #[test]
 fn a_line_slower_than_the_stream() {
     let mut rig = Rig::ready_on("qsb-s", LineMode::Timed);

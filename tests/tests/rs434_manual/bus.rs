@@ -1,4 +1,4 @@
-//! The eight functions (decision 1), and what is refused.
+//! The eight functions (RS434-1), and what is refused.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -46,7 +46,7 @@ fn section_6_other_functions() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// Decision 4 of all Modbus drives: structure before address. Application 6: 2,000 bits, 125 words to read;
+/// MODBUS-4: structure before address. Application 6: 2,000 bits, 125 words to read;
 /// 1,968 bits, 123 words to write; FF00h and 0000h of a coil.
 #[test]
 fn section_6_structure() {
@@ -66,7 +66,7 @@ fn section_6_structure() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::STATUS)), (1_000, 0));
 }
 
-/// All or nothing: decision 4 of all Modbus drives.
+/// All or nothing: MODBUS-4.
 #[test]
 fn section_6_all_or_nothing() {
     let mut rig = Rig::default();
@@ -84,7 +84,7 @@ fn section_6_all_or_nothing() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// Decision 4 of all Modbus drives: address before value. A block that runs past 5026h has a value out of range
+/// MODBUS-4: address before value. A block that runs past 5026h has a value out of range
 /// before its end.
 #[test]
 fn section_6_address_before_value() {
@@ -114,7 +114,7 @@ fn section_6_2_coils_read_0() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Decision 6: HARD_STOP, else STOP, else START; CLR_POSITION besides.
+/// RS434-6: HARD_STOP, else STOP, else START; CLR_POSITION besides.
 #[test]
 fn section_6_2_several_coils_at_once() {
     for (coils, status) in [
@@ -131,7 +131,7 @@ fn section_6_2_several_coils_at_once() {
 }
 
 /// 6.4: "0 - broadcast address, no reply message". A broadcast is carried out; a broadcast read, a foreign
-/// address and a bad CRC do nothing (decision 3 of all Modbus drives).
+/// address and a bad CRC do nothing (MODBUS-3).
 #[test]
 fn section_6_4_broadcasts_and_others() {
     let mut rig = Rig::default();
@@ -147,7 +147,7 @@ fn section_6_4_broadcasts_and_others() {
     let mut bad = rtu::write(1, at::SPEED, 700).to_vec();
     bad[7] ^= 1;
     silent(&mut rig, &bad);
-    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0), "decision 5: a bad CRC sets nothing");
+    assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0), "RS434-5: a bad CRC sets nothing");
 }
 
 /// Both models on one line, 1 and 2.

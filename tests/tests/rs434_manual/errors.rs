@@ -12,7 +12,7 @@ fn turning() -> Rig {
     rig
 }
 
-/// Decision 23: 0 to 6 and 10 stop the motor and stay until a restart: a write does not clear them, START does
+/// RS434-23: 0 to 6 and 10 stop the motor and stay until a restart: a write does not clear them, START does
 /// nothing, even when the cause is gone.
 #[test]
 fn section_6_5_faults_that_stop() {
@@ -37,7 +37,7 @@ fn section_6_5_faults_that_stop() {
         assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1 << bit), "{fault}");
         rig.restart();
         assert_eq!(rig.read(at::ERROR), 0, "{fault}");
-        // Decision 6: the START under the fault is not remembered.
+        // RS434-6: the START under the fault is not remembered.
         assert_eq!(rig.read(at::STATUS), 0);
         rig.write(at::START, 1);
         rig.after(1.secs());
@@ -107,7 +107,7 @@ fn section_6_5_a_fault_at_rest() {
     assert_eq!(rig.read(at::ERROR), 2);
 }
 
-/// Bit 11, decision 24: limits and does not stop; a write clears it.
+/// Bit 11, RS434-24: limits and does not stop; a write clears it.
 #[test]
 fn section_6_5_current_limit() {
     let mut rig = turning();
@@ -120,7 +120,7 @@ fn section_6_5_current_limit() {
     assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (0, 1));
 }
 
-/// Decision 24: while the fault is there the limit is half of REF_CURRENT. A shaft that is held takes all of it.
+/// RS434-24: while the fault is there the limit is half of REF_CURRENT. A shaft that is held takes all of it.
 #[test]
 fn section_6_5_current_limit_halves_the_limit() {
     let mut rig = Rig::default();
@@ -136,7 +136,7 @@ fn section_6_5_current_limit_halves_the_limit() {
     }
 }
 
-/// Temperatures in 0.1 °C; their limits are 85 °C of the processor, 100 °C of switches and brake (decision 24).
+/// Temperatures in 0.1 °C; their limits are 85 °C of the processor, 100 °C of switches and brake (RS434-24).
 #[test]
 fn section_6_3_temperatures() {
     for (name, address, limit, bit) in [
@@ -176,7 +176,7 @@ fn section_6_3_an_injected_current() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Decision 23: a write clears where it has a 0, never sets a bit, is never refused.
+/// RS434-23: a write clears where it has a 0, never sets a bit, is never refused.
 #[test]
 fn section_6_5_writes_of_error() {
     let mut rig = Rig::default();

@@ -30,7 +30,7 @@ fn assert_turns(rig: &mut Rig, status: u16, direction: u16) {
     assert_eq!(sign, [0, 1, -1][usize::from(status)], "the shaft");
 }
 
-/// "1 - input shorted to output GND, 0 - input open", before debouncing (decision 21).
+/// "1 - input shorted to output GND, 0 - input open", before debouncing (RS434-21).
 #[test]
 fn section_6_1_contacts() {
     let mut rig = Rig::default();
@@ -66,8 +66,7 @@ fn section_6_5_mode_ext_in_1() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (decision
-/// 22).
+/// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (RS434-22).
 #[test]
 fn section_6_5_mode_ext_in_2() {
     let mut rig = by_inputs(2);
@@ -115,7 +114,7 @@ fn section_6_5_mode_ext_in_4() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 5: IN1 forward, IN2 backward, by level; both: stop (decision 22).
+/// 5: IN1 forward, IN2 backward, by level; both: stop (RS434-22).
 #[test]
 fn section_6_5_mode_ext_in_5() {
     let mut rig = by_inputs(5);
@@ -136,7 +135,7 @@ fn section_6_5_mode_ext_in_5() {
     assert_eq!(status(&mut rig), 2);
 }
 
-/// Decision 22: in way 5 IN2 moves the negative offset.
+/// RS434-22: in way 5 IN2 moves the negative offset.
 #[test]
 fn section_6_5_mode_ext_in_5_and_offsets() {
     for (contact, position) in [("IN1", 200), ("IN2", -200)] {
@@ -149,7 +148,7 @@ fn section_6_5_mode_ext_in_5_and_offsets() {
     }
 }
 
-/// Decision 22: in way 5 DIRECTION is neither read nor written: a master that writes it, as it is or otherwise,
+/// RS434-22: in way 5 DIRECTION is neither read nor written: a master that writes it, as it is or otherwise,
 /// does not turn the motor against its input.
 #[test]
 fn section_6_5_mode_ext_in_5_and_direction() {
@@ -193,7 +192,7 @@ fn section_6_5_mode_ext_in_5_changes_over() {
     }
 }
 
-/// Decision 22: both go to the same position.
+/// RS434-22: both go to the same position.
 #[test]
 fn section_6_5_mode_ext_in_5_and_positions() {
     for contact in ["IN1", "IN2"] {
@@ -229,7 +228,7 @@ fn section_6_1_pressed() {
     }
 }
 
-/// WAITED: the opening behind it must last, and only then the pulse is over (decision 21).
+/// WAITED: the opening behind it must last, and only then the pulse is over (RS434-21).
 #[test]
 fn section_6_1_waited() {
     let mut rig = by_inputs(1);
@@ -243,7 +242,7 @@ fn section_6_1_waited() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// Decision 21: two closures with a short opening are one pulse.
+/// RS434-21: two closures with a short opening are one pulse.
 #[test]
 fn section_6_1_contact_bounce() {
     let mut rig = by_inputs(1);
@@ -269,7 +268,7 @@ fn section_6_1_contact_bounce() {
 }
 
 /// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal; STOP
-/// works in both (decision 6).
+/// works in both (RS434-6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();
@@ -296,7 +295,7 @@ fn section_6_5_mode_device() {
     }
 }
 
-/// Decision 22: levels act at power-up and when the mode is written, edges do not.
+/// RS434-22: levels act at power-up and when the mode is written, edges do not.
 #[test]
 fn section_6_5_levels_at_power_up() {
     for (mode, status) in [(1, 0), (2, 0), (3, 1), (4, 2), (5, 0)] {
@@ -324,8 +323,8 @@ fn section_6_5_levels_at_power_up() {
     assert_turns(&mut rig, 2, 2);
 }
 
-/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (decision
-/// 20), whatever MODE_DEVICE says.
+/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (RS434-20),
+/// whatever MODE_DEVICE says.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {
@@ -353,7 +352,7 @@ fn section_6_hard_stop() {
     }
 }
 
-/// Also at power-up: it is a level (decision 20).
+/// Also at power-up: it is a level (RS434-20).
 #[test]
 fn section_6_hard_stop_at_power_up() {
     let mut rig = Rig::default();
@@ -365,7 +364,7 @@ fn section_6_hard_stop_at_power_up() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Closed while nobody uses it (decision 8); open as soon as somebody lets it go, whatever was done to it before.
+/// Closed while nobody uses it (RS434-8); open as soon as somebody lets it go, whatever was done to it before.
 #[test]
 fn section_6_hard_stop_that_is_let_go() {
     for before in [None, Some(PinStimulus::Low), Some(PinStimulus::High)] {

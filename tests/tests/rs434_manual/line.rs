@@ -111,7 +111,7 @@ fn section_6_4_addresses() {
     }
 }
 
-/// Decision 3: 0 obeys broadcasts and never answers.
+/// RS434-3: 0 obeys broadcasts and never answers.
 #[test]
 fn section_6_4_address_0() {
     let mut rig = restarted(&[(at::SLAVE_ADDRESS, 0)]);
@@ -141,7 +141,7 @@ fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     took
 }
 
-/// "An additional delay between the received packet and the reply message", in ms (decision 3), from the
+/// "An additional delay between the received packet and the reply message", in ms (RS434-3), from the
 /// restart on as the other three.
 #[test]
 fn section_6_4_timeout() {
@@ -216,7 +216,7 @@ fn section_6_4_ascii_noise() {
     for noise in ["xyz", ":0103", ":0106500B", ":::", "\r\n:01", "\u{7f}\u{1}"] {
         assert_eq!(ask_ascii(&mut rig, format!("{noise}{good}").as_bytes()), reply, "after {noise:?}");
     }
-    // Decision 5: none of this sets an error.
+    // RS434-5: none of this sets an error.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 3, 0x50, 0x23, 0, 1])), ":0103020000FA\r\n");
 }
 
@@ -239,7 +239,7 @@ fn section_6_4_ascii_pauses() {
     }
 }
 
-/// Characters of another rate or parity: silence. Decision 5: wrong parity sets bit 14; a write clears it.
+/// Characters of another rate or parity: silence. RS434-5: wrong parity sets bit 14; a write clears it.
 #[test]
 fn section_6_5_parity() {
     let mut rig = timed();

@@ -2,8 +2,8 @@
 //! prints, over the bus and the pins, as a master meets them. Values and times are typed from the manual or
 //! come from the arithmetic in the comments. The instructions of 6.9 have a test of their own.
 //!
-//! Where the manual is silent or contradicts itself the project has decided. In comments "decision 5" is the
-//! fifth under "RS 434544 / 434546" in docs/decisions.md; numbers like 6.5 are the manual's sections.
+//! Where the manual is silent or contradicts itself docs/decisions holds what the project has decided
+//! (`RS434-5`). Numbers like 6.5 are the manual's sections.
 #![allow(missing_docs, reason = "a test")]
 
 mod bus;

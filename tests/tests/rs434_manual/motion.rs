@@ -6,7 +6,7 @@ use drivetwin_tests::rs434::{Rig, at};
 /// Hall edges of a turn: 4 pulses of 2 edges ("both leading and trailing", 6.3) from each of 2 sensors.
 const COUNTS: f64 = 16.0;
 
-/// Turns a second², by the two points that 6.5 prints: 10 is 100, 1,000 is 5,000, linear between (decision 14).
+/// Turns a second², by the two points that 6.5 prints: 10 is 100, 1,000 is 5,000, linear between (RS434-14).
 fn rps2(value: u16) -> f64 {
     100.0 + (f64::from(value) - 10.0) * (5_000.0 - 100.0) / (1_000.0 - 10.0)
 }
@@ -69,7 +69,7 @@ fn section_6_5_speed() {
     }
 }
 
-/// Decision 19: a higher SPEED is accepted and the motor turns as fast as it can: with 0.98 of the supply (3)
+/// RS434-19: a higher SPEED is accepted and the motor turns as fast as it can: with 0.98 of the supply (3)
 /// not faster than 0.98 of RATED_SPEED.
 #[test]
 fn section_6_5_more_than_the_motor_can() {
@@ -122,7 +122,7 @@ fn section_6_5_acc_and_dec() {
     }
 }
 
-/// Decision 15: SPEED and DIRECTION at once, reversing by way of 0.
+/// RS434-15: SPEED and DIRECTION at once, reversing by way of 0.
 #[test]
 fn section_6_5_changes_on_the_way() {
     let mut rig = turning(&[(at::ACC, 10), (at::DEC, 10)]);
@@ -143,13 +143,13 @@ fn section_6_5_changes_on_the_way() {
     rig.after(1.secs());
     assert_near(rpm(&rig), -1_000.0, 2.0, "backward");
     assert_eq!(rig.read(at::STATUS), 2);
-    // Decision 15: a START changes nothing.
+    // RS434-15: a START changes nothing.
     rig.write(at::START, 1);
     rig.after(10.millis());
     assert_near(rpm(&rig), -1_000.0, 2.0, "still backward");
 }
 
-/// "Abrupt emergency stop": without the ramp that STOP has. No ERROR bit, and START works again (decision 20).
+/// "Abrupt emergency stop": without the ramp that STOP has. No ERROR bit, and START works again (RS434-20).
 #[test]
 fn section_6_2_stop_and_hard_stop() {
     let slow = [(at::DEC, 10), (at::SPEED, 2_500)];
@@ -200,7 +200,7 @@ fn section_6_5_pulses_and_sensors() {
     }
 }
 
-/// Decision 18: with one Hall sensor the direction counted is the one commanded.
+/// RS434-18: with one Hall sensor the direction counted is the one commanded.
 #[test]
 fn section_6_5_one_sensor_backward() {
     let mut rig = turning(&[(at::USE_HALL, 1), (at::DIRECTION, 2)]);
@@ -211,7 +211,7 @@ fn section_6_5_one_sensor_backward() {
     assert_near(turned, -500.0 * 8.0, 3.0, "backward");
 }
 
-/// Decision 18: without sensors duty = SPEED / RATED_SPEED, at most 0.98; the position stands, and
+/// RS434-18: without sensors duty = SPEED / RATED_SPEED, at most 0.98; the position stands, and
 /// SPEED_VALID shows the speed computed.
 #[test]
 fn section_6_5_without_sensors() {
@@ -228,8 +228,8 @@ fn section_6_5_without_sensors() {
     }
 }
 
-/// REF_CURRENT limits: a shaft that is held draws no more; bit 11 is a warning and does not stop (decisions 23
-/// and 24).
+/// REF_CURRENT limits: a shaft that is held draws no more; bit 11 is a warning and does not stop (RS434-23
+/// and RS434-24).
 #[test]
 fn section_6_5_ref_current() {
     for limit in [1_000, 3_000] {

@@ -48,7 +48,7 @@ fn section_6_5_offsets() {
     }
 }
 
-/// Decision 16: its sign alone decides; DIRECTION is for continuous rotation.
+/// RS434-16: its sign alone decides; DIRECTION is for continuous rotation.
 #[test]
 fn section_6_5_offset_and_direction() {
     let mut rig = mover(2);
@@ -91,7 +91,7 @@ fn section_6_5_offset_counts_down() {
     assert_at(&mut rig, 400);
 }
 
-/// Decision 16: STOP keeps the rest, also of what it braked over, and the next START goes on
+/// RS434-16: STOP keeps the rest, also of what it braked over, and the next START goes on
 /// with it.
 #[test]
 fn section_6_5_stop_in_an_offset() {
@@ -153,7 +153,7 @@ fn section_6_5_offset_const() {
     assert_at(&mut rig, -100);
 }
 
-/// Decision 15: a START while a move runs is nothing; a move keeps what it started with.
+/// RS434-15: a START while a move runs is nothing; a move keeps what it started with.
 #[test]
 fn section_6_5_what_a_move_does_not_care_for() {
     let mut rig = mover(2);
@@ -219,7 +219,7 @@ fn section_6_5_positions_after_clr_position() {
     assert_eq!(rig.motion().position, 200);
 }
 
-/// Decision 17: it moves the stopping point along the motion; OFFSET is 0 all the same.
+/// RS434-17: it moves the stopping point along the motion; OFFSET is 0 all the same.
 #[test]
 fn section_6_5_offset_compensation() {
     for (offset, compensation, end) in
@@ -249,7 +249,7 @@ fn section_6_5_more_compensation_than_way() {
     }
 }
 
-/// Decision 15: a move keeps the speed that it began with, also where its sensors have other pulses on the way.
+/// RS434-15: a move keeps the speed that it began with, also where its sensors have other pulses on the way.
 #[test]
 fn section_6_5_other_pulses_in_a_move() {
     for pulses in [1, 12] {
@@ -267,7 +267,7 @@ fn section_6_5_other_pulses_in_a_move() {
     }
 }
 
-/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (decision 18).
+/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (RS434-18).
 #[test]
 fn section_6_5_moves_want_two_sensors() {
     for mode in [2, 3] {
@@ -284,7 +284,7 @@ fn section_6_5_moves_want_two_sensors() {
     }
 }
 
-/// Decision 15: a move that loses a sensor on its way ends there, with the same bit.
+/// RS434-15: a move that loses a sensor on its way ends there, with the same bit.
 #[test]
 fn section_6_5_a_move_that_loses_its_sensors() {
     for mode in [2, 3] {

@@ -11,7 +11,7 @@ fn answers(rig: &mut Rig) -> bool {
     !rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)).is_empty()
 }
 
-/// Decision 9: 500 ms without ears.
+/// RS434-9: 500 ms without ears.
 #[test]
 fn section_6_power_on() {
     let mut rig = Rig::new("rs434544", LineMode::Fast, Setup::default());
@@ -22,7 +22,7 @@ fn section_6_power_on() {
     assert_eq!([at::STATUS, at::ERROR, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [0, 0, 1]);
 }
 
-/// "Causes the controller reboot": answered, then the same 500 ms (decision 9); the
+/// "Causes the controller reboot": answered, then the same 500 ms (RS434-9); the
 /// position is 0, the motor stands, what was not saved is gone.
 #[test]
 fn section_6_5_restart() {
@@ -56,7 +56,7 @@ fn section_6_5_restart_clears_the_position() {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), 0);
 }
 
-/// Decision 11: power fails in a save: factory values run, bit 9, and the memory
+/// RS434-11: power fails in a save: factory values run, bit 9, and the memory
 /// stays as it is; a save and a restart mend it.
 #[test]
 fn section_6_5_power_lost_in_a_save() {
@@ -74,7 +74,7 @@ fn section_6_5_power_lost_in_a_save() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (1_000, 1 << 9));
     assert_eq!(rig.bench.memory(rig.seat), memory);
     rig.write(at::ERROR, 0);
-    assert_eq!(rig.read(at::ERROR), 1 << 9, "decision 23: until a restart");
+    assert_eq!(rig.read(at::ERROR), 1 << 9, "RS434-23: until a restart");
     rig.write(at::SPEED, 700);
     rig.save();
     rig.restart();
@@ -114,7 +114,7 @@ fn section_7_lights() {
 }
 
 /// "Keep CLR_FLASH_CON and GND closed for 5s. After that, the controller parameters will be reset to the
-/// factory values." The user program stays (decision 10).
+/// factory values." The user program stays (RS434-10).
 #[test]
 fn section_7_factory_reset() {
     let mut rig = with_clr_flash_closed();
@@ -156,7 +156,7 @@ fn section_7_the_motor_after_a_factory_reset() {
     assert_eq!((rig.read(at::STATUS), rig.read(at::SPEED_VALID).abs_diff(1_000) < 30), (1, true));
 }
 
-/// Decision 10: opened earlier, it boots unchanged.
+/// RS434-10: opened earlier, it boots unchanged.
 #[test]
 fn section_7_opened_too_early() {
     let mut rig = with_clr_flash_closed();

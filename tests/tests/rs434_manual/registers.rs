@@ -184,7 +184,7 @@ fn section_6_no_others() {
     assert_eq!(rig.read(at::ERROR), 0, "bit 13 is for values");
 }
 
-/// "This group of registers is read-only" (6.1, 6.3, 6.8), and PC (decision 2): functions 05, 06, 15 and 16
+/// "This group of registers is read-only" (6.1, 6.3, 6.8), and PC (RS434-2): functions 05, 06, 15 and 16
 /// do not find them.
 #[test]
 fn section_6_what_cannot_be_written() {
@@ -200,7 +200,7 @@ fn section_6_what_cannot_be_written() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// The edges of each range, and one beyond: exception 03, ERROR bit 13, nothing written (decision 1), with
+/// The edges of each range, and one beyond: exception 03, ERROR bit 13, nothing written (RS434-1), with
 /// functions 06 and 16 alike.
 #[test]
 fn section_6_ranges() {
@@ -255,7 +255,7 @@ fn section_6_pairs() {
     }
 }
 
-/// What a save keeps: 5000h to 5020h, and nothing else (decision 9).
+/// What a save keeps: 5000h to 5020h, and nothing else (RS434-9).
 #[test]
 fn section_6_5_what_a_save_keeps() {
     for kind in KINDS {
@@ -311,7 +311,7 @@ fn section_6_5_what_was_not_saved_is_forgotten() {
     }
 }
 
-/// A key register reads 0 and takes 0 (decision 2).
+/// A key register reads 0 and takes 0 (RS434-2).
 #[test]
 fn section_6_5_keys() {
     let mut rig = Rig::default();

@@ -84,7 +84,7 @@ fn section_6_6_the_buffer() {
         assert_eq!(rig.read_long(at::CMD_R).cast_unsigned(), word, "line {line}");
         assert_eq!(rig.try_words(3, at::READ_CMD, 3), Ok(vec![line, word as u16, (word >> 16) as u16]));
     }
-    // Decision 2: they read the last address.
+    // RS434-2: they read the last address.
     assert_eq!(rig.read(at::WRITE_CMD), 1_023);
     for port in [at::WRITE_CMD, at::READ_CMD] {
         assert_eq!(rig.try_write(port, 1_024), Err(3));
@@ -93,7 +93,7 @@ fn section_6_6_the_buffer() {
     }
 }
 
-/// Decision 1: one request loads a line, whatever stood in CMD_W before.
+/// RS434-1: one request loads a line, whatever stood in CMD_W before.
 #[test]
 fn section_6_6_a_line_in_one_request() {
     let mut rig = Rig::default();
@@ -104,12 +104,12 @@ fn section_6_6_a_line_in_one_request() {
     // The two ports in one request: line 9 is written, then read.
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[9, 0xBEEF, 0xDEAD, 9]), Ok(()));
     assert_eq!(rig.read_long(at::CMD_R).cast_unsigned(), 0xDEAD_BEEF);
-    // An address out of range loads nothing, and all is as before (decision 4 of all Modbus drives).
+    // An address out of range loads nothing, and all is as before (MODBUS-4).
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[1_024, 1, 2]), Err(3));
     assert_eq!(rig.read_long(at::CMD_W).cast_unsigned(), 0xDEAD_BEEF);
 }
 
-/// 8426h: buffer to flash; 9346h: flash to buffer. The buffer is not the program (decision 28).
+/// 8426h: buffer to flash; 9346h: flash to buffer. The buffer is not the program (RS434-28).
 #[test]
 fn section_6_6_flash_and_buffer() {
     let mut rig = Rig::default();
@@ -127,12 +127,12 @@ fn section_6_6_flash_and_buffer() {
     rig.after(1.millis());
     assert_eq!(rig.read(at::AX), 7);
     assert_eq!(rig.read(at::SAVE_PROGRAM), 0);
-    // Another key (decision 2).
+    // Another key (RS434-2).
     assert_eq!(rig.try_write(at::SAVE_PROGRAM, 0x8427), Err(3));
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// "Rewriting the buffer while it runs must not corrupt the running program"; decision 28: 8426h is refused
+/// "Rewriting the buffer while it runs must not corrupt the running program"; RS434-28: 8426h is refused
 /// then, 9346h is not.
 #[test]
 fn section_6_6_the_buffer_while_a_program_runs() {
@@ -156,7 +156,7 @@ fn section_6_6_the_buffer_while_a_program_runs() {
     assert_eq!(rig.read(at::STATUS_USER_PROGRAM), status::RUNS);
 }
 
-/// Decision 11: power fails in a save; then ERROR bit 7, and a start gives status 7. A save mends it.
+/// RS434-11: power fails in a save; then ERROR bit 7, and a start gives status 7. A save mends it.
 #[test]
 fn section_6_6_power_lost_in_a_save() {
     let mut rig = Rig::default();
@@ -198,13 +198,13 @@ fn section_6_3_status_of_a_program() {
         rig.after(LINE);
     }
     assert_eq!(seen, [[2, 0, 0], [4, 1, 0], [4, 2, 1], [5, 2, 2], [5, 2, 2]]);
-    assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2, "decision 26");
-    // Decisions 26 and 27: it starts again, at line 0, and AX is what it was.
+    assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2, "RS434-26");
+    // RS434-26 and RS434-27: it starts again, at line 0, and AX is what it was.
     rig.write(at::MODE_USER_PROGRAM, 2);
     assert_eq!([at::STATUS_USER_PROGRAM, at::AX, at::PC].map(|address| rig.read(address)), [2, 2, 0]);
 }
 
-/// An instruction takes 100 µs (decision 25): 10,000 of them a second.
+/// An instruction takes 100 µs (RS434-25): 10,000 of them a second.
 #[test]
 fn section_6_9_an_instruction_takes_100_us() {
     let mut rig = Rig::default();
@@ -215,7 +215,7 @@ fn section_6_9_an_instruction_takes_100_us() {
     assert_eq!(rig.read(at::AX), 5_001);
 }
 
-/// Decision 26: 1 stops, with status 1, and registers stay; 2 does nothing to a program that runs; 3 is only
+/// RS434-26: 1 stops, with status 1, and registers stay; 2 does nothing to a program that runs; 3 is only
 /// kept.
 #[test]
 fn section_6_5_mode_user_program() {
@@ -241,7 +241,7 @@ fn section_6_5_mode_user_program() {
     assert_eq!((rig.read(at::AX), rig.read(at::SPEED)), (before + 5, 500));
 }
 
-/// 3, saved: at power-on, by way of status 3. Decision 26: it keeps reading 3.
+/// 3, saved: at power-on, by way of status 3. RS434-26: it keeps reading 3.
 #[test]
 fn section_6_5_start_at_power_on() {
     let mut rig = Rig::default();
@@ -267,11 +267,11 @@ fn section_6_5_start_at_power_on() {
     assert!(seen.ends_with(&[3, 4]), "{seen:?}");
     rig.after(1.secs());
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 3);
-    // Decision 9: a boot makes AX 0.
+    // RS434-9: a boot makes AX 0.
     assert!((5_000..10_000).contains(&rig.read(at::AX)));
 }
 
-/// Decision 26: a saved 2 starts nothing.
+/// RS434-26: a saved 2 starts nothing.
 #[test]
 fn section_6_5_a_saved_start() {
     let mut rig = Rig::default();
@@ -284,7 +284,7 @@ fn section_6_5_a_saved_start() {
     assert_eq!([at::STATUS_USER_PROGRAM, at::AX].map(|address| rig.read(address)), [1, 0]);
 }
 
-/// A new drive holds ENDs (decision 28).
+/// A new drive holds ENDs (RS434-28).
 #[test]
 fn section_6_6_a_new_drive() {
     let mut rig = Rig::default();
@@ -293,7 +293,7 @@ fn section_6_6_a_new_drive() {
     assert_ended(&mut rig, status::END, 0);
 }
 
-/// Decision 27: a start clears bit 8 and nothing else, empties the stacks, and keeps AX..JX.
+/// RS434-27: a start clears bit 8 and nothing else, empties the stacks, and keeps AX..JX.
 #[test]
 fn section_6_5_a_start_after_an_error() {
     let mut rig = Rig::default();
@@ -321,7 +321,7 @@ fn section_6_7_a_master_and_a_program() {
     rig.run();
     rig.after(1.secs());
     assert_eq!([at::STATUS_USER_PROGRAM, at::PC, CX].map(|address| rig.read(address)), [4, 0, 0]);
-    assert_eq!(rig.try_write(at::PC, 1), Err(2), "decision 2");
+    assert_eq!(rig.try_write(at::PC, 1), Err(2), "RS434-2");
     rig.write(BX, 5);
     rig.after(1.millis());
     assert_eq!(rig.read(CX), 1);
@@ -337,7 +337,7 @@ fn section_6_9_a_program_sees_itself() {
 
 // DELAY.
 
-/// A pause in ms, exactly; PC stays at it (decision 25).
+/// A pause in ms, exactly; PC stays at it (RS434-25).
 #[test]
 fn section_6_9_delay() {
     for (ms, lasts) in [(1, 1.millis()), (0, LINE), (250, 250.millis()), (65_535, 65_535.millis())] {
@@ -372,7 +372,7 @@ fn section_6_9_a_stop_ends_a_delay() {
 
 // Jumps.
 
-/// Decision 29: from its own line; back, too. A target before line 0 is an error.
+/// RS434-29: from its own line; back, too. A target before line 0 is an error.
 #[test]
 fn section_6_9_relative_jumps() {
     let mut rig = ran(&[jump(3), mov(0, 1), END, skip(-2), END]);
@@ -385,7 +385,7 @@ fn section_6_9_relative_jumps() {
     assert_ended(&mut ran(&[jump(1_000)]), status::END, 1_000);
 }
 
-/// Decision 31: a jump onto a constant carries it out.
+/// RS434-31: a jump onto a constant carries it out.
 #[test]
 fn section_6_9_a_jump_onto_a_constant() {
     let mut rig = ran(&[jump(2), put(3, at::SPEED), mov(0, 9), END]);
@@ -393,7 +393,7 @@ fn section_6_9_a_jump_onto_a_constant() {
     assert_ended(&mut rig, status::END, 3);
 }
 
-/// Decision 29: PC past line 1,023, also in search of a constant.
+/// RS434-29: PC past line 1,023, also in search of a constant.
 #[test]
 fn section_6_9_past_the_last_line() {
     for last in
@@ -420,7 +420,7 @@ fn section_6_9_call_and_return() {
     assert_ended(&mut rig, status::END, 2);
 }
 
-/// Sixteen deep (decision 30), not one more: AX counts them.
+/// Sixteen deep (RS434-30), not one more: AX counts them.
 #[test]
 fn section_6_9_calls_nest_16_deep() {
     let mut rig = ran(&[add(0, 1), call(0)]);
@@ -456,7 +456,7 @@ fn assert_counts(lines: &[u32], counts: [u16; 3], pc: u16) {
     assert_ended(&mut rig, status::END, pc);
 }
 
-/// Decision 30.
+/// RS434-30.
 #[test]
 fn section_6_9_loops() {
     let [a, b, c] = [0, 1, 2].map(|register| add(register, 1));
@@ -479,11 +479,11 @@ fn section_6_9_loops() {
     assert_counts(&[repeat(5, 2), repeat(2, 5), a, skip(2), b, b, c, END], [2, 2, 1], 7);
     // A loop that is not carried out, at the end of another.
     assert_counts(&[repeat(2, 3), a, repeat(0, 0), b, END], [3, 1, 0], 4);
-    // Constants count as lines (decision 30).
+    // Constants count as lines (RS434-30).
     assert_counts(&[repeat(2, 3), cmd::fields(0x3E, 0, 0, 0), 1, b, END], [3, 1, 0], 4);
 }
 
-/// The CALL level counts, too (decision 30): a subroutine may lie anywhere, also in the body or right behind it.
+/// The CALL level counts, too (RS434-30): a subroutine may lie anywhere, also in the body or right behind it.
 #[test]
 fn section_6_9_loops_and_subroutines() {
     let [a, b, c] = [0, 1, 2].map(|register| add(register, 1));
@@ -495,7 +495,7 @@ fn section_6_9_loops_and_subroutines() {
     assert_ended(&mut rig, status::ERROR, 3);
 }
 
-/// RETURN ends the loops of its subroutine (decision 30).
+/// RETURN ends the loops of its subroutine (RS434-30).
 #[test]
 fn section_6_9_return_ends_loops() {
     let [a, b, _] = [0, 1, 2].map(|register| add(register, 1));
@@ -504,7 +504,7 @@ fn section_6_9_return_ends_loops() {
     assert_counts(&[repeat(1, 20), call(4), b, END, repeat(9, 9), repeat(7, 7), a, RETURN], [20, 1, 0], 3);
 }
 
-/// Eight deep (decision 30), not one more.
+/// Eight deep (RS434-30), not one more.
 #[test]
 fn section_6_9_loops_nest_8_deep() {
     let mut lines: Vec<u32> = (1..=8).rev().map(|left| repeat(left, 2)).collect();
@@ -534,7 +534,7 @@ fn section_6_9_end_leaves_the_motor_turning() {
 }
 
 /// Every way of writing a 1 to START: a constant, NOT of the 0 it reads, a shift to nowhere, a subtraction
-/// (decision 32: what is not 0 is 1), a pair of which the other is STOP's 0.
+/// (RS434-32: what is not 0 is 1), a pair of which the other is STOP's 0.
 #[test]
 fn section_6_9_ways_to_start() {
     let starts: [&[u32]; 6] = [
@@ -549,7 +549,7 @@ fn section_6_9_ways_to_start() {
         let mut rig = ran(&[start, &[END]].concat());
         assert_eq!(rig.read(at::STATUS), 1, "{start:08X?}");
     }
-    // 0 does nothing; of START and STOP in one write STOP holds (decision 6).
+    // 0 does nothing; of START and STOP in one write STOP holds (RS434-6).
     let idles: [&[u32]; 4] = [
         &[put(1, at::START), 0],
         &[cmd::fields(0x2F, 0, 1, at::START), 1],
@@ -563,7 +563,7 @@ fn section_6_9_ways_to_start() {
     }
 }
 
-/// A stop by the bus leaves the motion, too (decision 27).
+/// A stop by the bus leaves the motion, too (RS434-27).
 #[test]
 fn section_6_5_a_stop_by_the_bus_leaves_the_motor_turning() {
     let mut rig = ran(&[put(1, at::START), 1, skip(0)]);
@@ -573,7 +573,7 @@ fn section_6_5_a_stop_by_the_bus_leaves_the_motor_turning() {
 }
 
 /// "All registers and the state of the motor return to their original values, and the motor stops."
-/// Decision 27: which registers.
+/// RS434-27: which registers.
 #[test]
 fn section_6_9_full_stop() {
     let mut rig = Rig::default();
@@ -614,7 +614,7 @@ fn section_6_9_full_stop() {
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2);
 }
 
-/// The motor stops with the DEC that was, also in a move that began with another one (decision 27).
+/// The motor stops with the DEC that was, also in a move that began with another one (RS434-27).
 #[test]
 fn section_6_9_full_stop_in_a_move() {
     let mut rig = Rig::default();
@@ -631,7 +631,7 @@ fn section_6_9_full_stop_in_a_move() {
     assert_eq!(registers, [status::ENDF, 100, 0]);
 }
 
-/// An error stops the motor (decision 33).
+/// An error stops the motor (RS434-33).
 #[test]
 fn section_6_9_an_error_stops_the_motor() {
     let mut rig = Rig::default();
@@ -642,7 +642,7 @@ fn section_6_9_an_error_stops_the_motor() {
     rig.after(1.secs());
     assert_ended(&mut rig, status::ERROR, 3);
     assert_eq!(rig.read(at::STATUS), 0);
-    // Bit 8 is a warning: the bus may start the motor (decision 23).
+    // Bit 8 is a warning: the bus may start the motor (RS434-23).
     rig.write(at::START, 1);
     rig.after(1.secs());
     assert_eq!(rig.read(at::STATUS), 1);
@@ -650,7 +650,7 @@ fn section_6_9_an_error_stops_the_motor() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// A program cannot save itself over: one that writes 8426h fails (decision 28), and the flash is as it was.
+/// A program cannot save itself over: one that writes 8426h fails (RS434-28), and the flash is as it was.
 #[test]
 fn section_6_9_a_program_that_saves_programs() {
     let mut rig = Rig::default();

@@ -1,7 +1,7 @@
 //! A user program as the manual tells it (6.9), one line after the other, with no regard to speed.
 //!
 //! The drive around it is one that cannot move: its contact HARD_STOP was open at power-on, so that START
-//! does nothing (decision 6) and STATUS, SPEED_VALID and the like stand still. All contacts are open. What a program
+//! does nothing (RS434-6) and STATUS, SPEED_VALID and the like stand still. All contacts are open. What a program
 //! does with a motor that turns is shown by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
 
 use drivetwin_tests::rs434::at;
@@ -22,7 +22,7 @@ pub(crate) mod status {
 const EMERGENCY_STOP: u16 = 1 << 5;
 const PROGRAM: u16 = 1 << 8;
 const RANGE: u16 = 1 << 13;
-/// Those that a write of 0 clears: 8 and 11 to 15 (decision 23).
+/// Those that a write of 0 clears: 8 and 11 to 15 (RS434-23).
 const WARNINGS: u16 = 0xF900;
 
 /// Of 5000h to 5014h, and then one by one: what a write may bring and what a new RS 434544 holds.
@@ -149,7 +149,7 @@ impl Oracle {
         if how == status::ENDF {
             let (system, settings) = self.before;
             self.system = system;
-            // MODE_USER_PROGRAM and the line settings stay (decision 27).
+            // MODE_USER_PROGRAM and the line settings stay (RS434-27).
             self.settings[0x04] = settings[0x04];
             self.settings[0x06..].copy_from_slice(&settings[0x06..]);
             self.pc = 0;
@@ -308,7 +308,7 @@ impl Oracle {
         Ok(next)
     }
 
-    /// Where it goes on if the loops that run have a say in it (decision 30).
+    /// Where it goes on if the loops that run have a say in it (RS434-30).
     fn end_of_rounds(&mut self, mut next: i32) -> i32 {
         while let Some(innermost) = self.loops.last_mut() {
             if innermost.level != self.calls.len() {
@@ -425,7 +425,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Stores all, then acts (decision 1).
+    /// Stores all, then acts (RS434-1).
     fn write_holding(&mut self, written: &[(u16, u16)]) {
         for &(address, word) in written {
             match address {
@@ -439,7 +439,7 @@ impl Oracle {
         }
         for &(address, word) in written {
             match address {
-                // IN2 is open: forward (decision 22).
+                // IN2 is open: forward (RS434-22).
                 at::MODE_DEVICE | at::MODE_EXT_IN
                     if self.settings[4] == 2 && [2, 4].contains(&self.settings[7]) =>
                 {

@@ -13,7 +13,7 @@ const TABLE: &[&str] = &[
     // END, DELAY.
     "00 . . . .               |                            | PC=0000",
     "04 . . . 0000            |                            | PC=0001",
-    // JMP: absolute, relative to its own line (decision 29); 1,024 is too far.
+    // JMP: absolute, relative to its own line (RS434-29); 1,024 is too far.
     "05 0 . . 0005            |                            | PC=0005",
     "05 0 . . 03FF            |                            | PC=03FF",
     "05 0 . . 0400            |                            | 7",
@@ -23,7 +23,7 @@ const TABLE: &[&str] = &[
     "05 1 . . 03FF            |                            | PC=03FF",
     "05 1 . . 0400            |                            | 7",
     "05 1 . . FFFF            |                            | 7",
-    // JMP_AX_PARI_BX, NOPARI, MORE, LESS: unsigned (decision 32).
+    // JMP_AX_PARI_BX, NOPARI, MORE, LESS: unsigned (RS434-32).
     "06 0 . . 0005            | AX=8000 BX=8000            | PC=0005",
     "06 1 . . 0006            | AX=0000 BX=0000            | PC=0006",
     "06 0 . . 0005            | AX=8000 BX=8001            | PC=0001",
@@ -94,7 +94,7 @@ const TABLE: &[&str] = &[
     "0E . . 3 5004 00000003   |                            | ERROR=2000",
     "0E . . 3 5023 0000FFFF   |                            | ERROR=0000",
     "0E . . 1 2003 00000000   |                            | 2003=0000",
-    // MOV_SYSREG_SYSREG: from uAdrSysReg to uData (decision 31).
+    // MOV_SYSREG_SYSREG: from uAdrSysReg to uData (RS434-31).
     "0F . 0 . 0001            | AX=1111 BX=2222            | BX=1111",
     "0F . 9 . 0000            | AX=1111 JX=2222            | AX=2222",
     "0F . 3 . 0003            | DX=1111                    | DX=1111",
@@ -193,7 +193,7 @@ const TABLE: &[&str] = &[
     "35 . 5 3 500B            | FX=0013                    | 500B=03FB",
     "36 . 6 3 500B            | GX=00FF                    | 500B=0317",
     "36 . 6 3 7007            | GX=1234                    | GX=0000",
-    // ..._SYSREG_SYSREG: the result goes to uAdrSysReg (decision 31).
+    // ..._SYSREG_SYSREG: the result goes to uAdrSysReg (RS434-31).
     "37 . 0 . 0001            | AX=FFFF BX=0002            | AX=0001",
     "37 . 9 . 0009            | JX=8001                    | JX=0002",
     "38 . 0 . 0001            | AX=0001 BX=0002            | AX=FFFF",
@@ -458,7 +458,7 @@ fn outcome(code: u16, system: u16, kind: u16, data: u16) -> [u16; 3] {
 /// An error in line 0.
 const FAILED: [u16; 3] = [status::ERROR, 0x0100, 0];
 
-/// "Addresses of system registers 0..9"; a pair needs both (decision 32).
+/// "Addresses of system registers 0..9"; a pair needs both (RS434-32).
 #[test]
 fn section_6_9_system_registers_that_do_not_exist() {
     for (numbers, codes) in [(&[10, 15][..], &with::SYSTEM[..]), (&[9, 10, 15], &with::PAIR)] {
@@ -473,7 +473,7 @@ fn section_6_9_system_registers_that_do_not_exist() {
     }
 }
 
-/// Decisions 32 and 33: a register that does not exist, in any space.
+/// RS434-32 and RS434-33: a register that does not exist, in any space.
 #[test]
 fn section_6_9_modbus_registers_that_do_not_exist() {
     let missing = [(0, 0x0FFF), (0, 0x1003), (1, 0x2004), (2, 0x300A), (2, 0x8000), (3, 0x4FFF), (3, 0x5027)];
@@ -488,7 +488,7 @@ fn section_6_9_modbus_registers_that_do_not_exist() {
     }
 }
 
-/// Decision 33: a register that cannot be written: inputs of both kinds, and PC.
+/// RS434-33: a register that cannot be written: inputs of both kinds, and PC.
 #[test]
 fn section_6_9_modbus_registers_that_cannot_be_written() {
     for &code in with::WRITTEN.iter().copied().flatten() {
@@ -498,7 +498,7 @@ fn section_6_9_modbus_registers_that_cannot_be_written() {
     }
 }
 
-/// Decision 33: the codes that the table does not have.
+/// RS434-33: the codes that the table does not have.
 #[test]
 fn section_6_9_unknown_instructions() {
     for code in 0x67..=0x7F {

@@ -166,7 +166,7 @@ pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
     const NAP: Duration = Duration::millis(250);
     while B::past() < deadline && !is_awake::<B>() {
         B::feed();
-        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep.
+        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep (BOARD-6).
         critical_section::with(|_| {
             if !is_awake::<B>() {
                 doze(deadline.min(B::past() + NAP));

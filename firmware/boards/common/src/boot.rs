@@ -2,7 +2,7 @@
 
 /// Places where the processor begins, in flash, the stack pointer and the address to jump to, and a few instructions
 /// that copy the image to RAM and start it there. From then on flash holds nothing but saved registers, so it can be
-/// erased and programmed, when nothing in it can be fetched, while interrupts go on.
+/// erased and programmed, when nothing in it can be fetched, while interrupts go on (BOARD-3).
 ///
 /// The linker script says where the image lies and where it is loaded.
 #[macro_export]

@@ -86,7 +86,7 @@ impl<U: Uart> SerialBus<U> {
         self.full_duplex.store(full_duplex, Ordering::Relaxed);
     }
 
-    /// `true` if the drive hears what comes: behind a transceiver not while it sends.
+    /// `true` if the drive hears what comes: behind a transceiver not while it sends (BOARD-8).
     #[inline]
     pub fn hears(&self) -> bool {
         !self.sends() || self.full_duplex.load(Ordering::Relaxed)

@@ -37,7 +37,7 @@ impl Pl011 {
     pub const ERRORS: u32 = 0xF00;
 
     /// For a clock of so many `mhz`, and a line of as many baud at least: the divisor has 16 bits. It is rounded
-    /// down, so that no character takes longer than the drive reckons.
+    /// down, so that no character takes longer than the drive reckons (BOARD-12).
     #[must_use]
     pub fn new(mhz: u32, line: Line) -> Self {
         // A sixteenth of a bit, in 64ths of a cycle. A character is in ticks, 16 in a microsecond.

@@ -6,7 +6,7 @@ use critical_section::Mutex;
 use heapless::Deque;
 
 /// A queue that interrupts and the loop share. `heapless::spsc` would do without critical sections,
-/// but divides by a length that it learns at run time, and that can panic.
+/// but divides by a length that it learns at run time, and that can panic (PROJECT-12).
 #[derive(Debug)]
 pub struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
 

@@ -1,4 +1,4 @@
-//! Registers of the hardware: the one place that touches them.
+//! Registers of the hardware: the one place that touches them (BOARD-4).
 
 use core::marker::PhantomData;
 use core::ptr::{read_volatile, write_volatile};

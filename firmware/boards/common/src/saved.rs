@@ -3,7 +3,7 @@
 //! A drive stores bytes here and there. Its memory is kept in pieces, an item each: those that a store changes are
 //! written behind what is there, one after the other. So a power cut leaves the pieces from some place on as they
 //! were before that store, and all sectors wear alike. Only where a store fails is everything erased for another
-//! try. Each kind of drive has items of its own.
+//! try. Each kind of drive has items of its own (BOARD-5).
 
 use core::ops::Range;
 use core::pin::pin;
@@ -91,6 +91,7 @@ fn open<F: NorFlash, const SECTORS: usize>(flash: F, place: Range<u32>) -> Map<F
 /// done.
 pub struct Saved<'a, F: NorFlash, const SECTORS: usize> {
     items: Items<F, SECTORS>,
+    /// The memory as the drive reads it (PROJECT-11).
     bytes: &'a mut [u8],
 }
 

@@ -1,4 +1,4 @@
-//! STEP and DIR, whose levels last as long as a step driver needs.
+//! STEP and DIR, whose levels last as long as a step driver needs (BOARD-2).
 
 use core::marker::PhantomData;
 

@@ -8,10 +8,10 @@ use drivetwin_firmware::shell::BoardEvent;
 pub enum End {
     /// A pin.
     Pin(Pin),
-    /// The cause of a fault, there while the wire is low.
+    /// The cause of a fault, there while the wire is low (BOARD-7).
     Fault(Fault),
     /// DTR of the host at a port, which is there while the wire is low, as it is behind an RS-232 receiver or a
-    /// USB adapter.
+    /// USB adapter (BOARD-11).
     Dtr(Port),
 }
 

@@ -29,7 +29,7 @@ impl Halt {
 }
 
 /// CNTR, and the registers that say how it counts. Limits are compared for equality, so a count beyond
-/// DTR goes on to the end of the counter.
+/// DTR goes on to the end of the counter (QSB-18).
 #[derive(Clone, Debug)]
 pub(super) struct Count {
     /// CNTR.
@@ -91,7 +91,7 @@ impl Count {
         self.halts != 0
     }
 
-    /// A count. Returns its flags (figures 8 to 11).
+    /// A count. Returns its flags (figures 8 to 11; QSB-17).
     #[inline]
     pub(super) fn clock(&mut self, up: bool) -> u8 {
         if self.is_halted() {

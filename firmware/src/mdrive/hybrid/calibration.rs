@@ -12,7 +12,8 @@ use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
-/// Full steps of the moves of a calibration, and what they take: with three times a CT of 250 ms 3.12 s (MC 5-9).
+/// Full steps of the moves of a calibration, and what they take: with three times a CT of 250 ms 3.12 s (MC 5-9;
+/// MDRIVE-26).
 const FORTH: i32 = 6;
 const FORTH_TAKES: Duration = Duration::millis(1_580);
 const BACK: i32 = 3;

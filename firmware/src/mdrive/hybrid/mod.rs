@@ -10,7 +10,7 @@
 //!
 //! The rotor lags while its shaft is held (a fault) or its load is too heavy, or when it has fallen in elsewhere after
 //! that. It does not creep on at the bounds then, but stands until the motion does or the load changes. Make-up steps
-//! are not interleaved with those of a move, but made behind it.
+//! are not interleaved with those of a move, but made behind it (MDRIVE-27).
 
 mod calibration;
 mod heat;
@@ -27,7 +27,7 @@ use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
 
-/// Text printed where WT is exceeded; MC 5-81 does not give the text.
+/// Text printed where WT is exceeded; MC 5-81 does not give the text (MDRIVE-31).
 const WARNING: &[u8] = b"Error 71\r\n";
 
 /// Values of AS.
@@ -36,7 +36,7 @@ mod mode {
     pub(super) const TORQUE: u16 = 3;
 }
 
-/// Frequency that SS and TS divide (FB 5.1), in Hz.
+/// Frequency that SS and TS divide (FB 5.1; MDRIVE-23), in Hz.
 const OSCILLATOR: i32 = 10_000_000;
 
 /// The speed of SS and TS, 0 to 255, in steps/s.

@@ -15,7 +15,7 @@ use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// Accelerations here are in full steps of so many in a turn.
 const STEPS_PER_REV: u32 = 200;
-/// Acceleration of the rotor by full torque, in full steps/s²: the manual gives no load.
+/// Acceleration of the rotor by full torque, in full steps/s²: the manual gives no load (MDRIVE-28).
 const TORQUE_ACCELERATION: u32 = 39_062;
 /// The least that slows it down without a current, in full steps/s².
 const LEAST_DECELERATION: u64 = 390;
@@ -269,7 +269,8 @@ impl Drive {
         }
     }
 
-    /// The rotor is locked: but in torque mode the bridge is switched off, and the motion ends as with a stall.
+    /// The rotor is locked: but in torque mode the bridge is switched off, and the motion ends as with a stall
+    /// (MDRIVE-30).
     pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.is_locked = true;
         if self.is_in_torque_mode() {

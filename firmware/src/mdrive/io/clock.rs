@@ -70,7 +70,7 @@ impl Point {
 /// I/O 7 and 8.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
-    /// Function of both: they are set up in pairs (MC 5-66).
+    /// Function of both: they are set up in pairs (MC 5-66; MDRIVE-32).
     kind: Kind,
     seven: Point,
     eight: Point,

@@ -171,7 +171,8 @@ impl Point {
         self.held.level
     }
 
-    /// The level at the pin. Where neither side drives it, what sinks is pulled up and what sources is pulled down.
+    /// The level at the pin. Where neither side drives it, what sinks is pulled up and what sources is pulled down
+    /// (MDRIVE-24).
     pub(super) fn level(&self) -> bool {
         match self.driven {
             Level::Low => false,

@@ -2,7 +2,7 @@
 //!
 //! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
 //! hears nothing before it speaks, but for what is said to all. The drive executes one line at a time, whoever has
-//! typed it, and takes nothing else from its connections meanwhile.
+//! typed it, and takes nothing else from its connections meanwhile (MDRIVE-35).
 
 mod line;
 mod time;
@@ -43,7 +43,7 @@ mod echo {
 }
 
 impl Drive {
-    /// Opens a connection; a fifth one is closed.
+    /// Opens a connection; a fifth one is closed (MDRIVE-8).
     pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.mcode.consoles.close(link);
         if self.mcode.consoles.open(link).is_err() {
@@ -177,7 +177,7 @@ impl Drive {
             }
             (PartyAddress::Next, name) if active => {
                 self.call(link, self.whom(name));
-                // Table 7.2 shows no name there; hardware sends it.
+                // Table 7.2 shows no name there; hardware sends it (MDRIVE-40).
                 if self.echo_mode() == echo::FULL {
                     self.answer(at, link, &[name], out);
                 }
@@ -212,7 +212,8 @@ impl Drive {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let (mut line, name) = (mem::take(&mut console.line), console.called.name());
         let stores = console.programming.is_some();
-        // Hardware sends no CR LF before what is printed while a program runs, though table 7.1 does not tell it apart.
+        // Hardware sends no CR LF before what is printed while a program runs, though table 7.1 does not tell it apart
+        // (MDRIVE-39).
         let is_half = self.echo_mode() == echo::HALF;
         let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
         if !prints_alone {
@@ -256,7 +257,7 @@ impl Drive {
             self.end_echo(at, link, b"", out);
             return self.answer(at, link, self.prompt(), out);
         }
-        // On hardware all drives of a party answer the key that is for all of them.
+        // On hardware all drives of a party answer the key that is for all of them (MDRIVE-38).
         let is_addressed = self.bank.word(Reg::ES) & 2 != 0;
         let answer: &[u8] = match self.echo_mode() {
             echo::FULL => b"#\r\n",
@@ -415,7 +416,7 @@ impl Drive {
         if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
     }
 
-    /// Prompt in EM 0: a question mark while there is an error (MC 9).
+    /// Prompt in EM 0: a question mark while there is an error (MC 9; MDRIVE-10).
     fn prompt(&self) -> &'static [u8] {
         match (self.echo_mode(), self.errors.is_set()) {
             (echo::FULL, false) => b">",

@@ -15,7 +15,7 @@ pub(in crate::mdrive) enum Meaning {
     Label(u16),
     /// VA outside of a program: saved by S.
     Global(i32),
-    /// VA within one: there until the next start.
+    /// VA within one: there until the next start (MDRIVE-16).
     Local(i32),
 }
 

@@ -1,5 +1,5 @@
 //! Parser of lines: `=`, a blank or nothing separates name and value, either case will do, blanks may be anywhere
-//! between words.
+//! between words (MDRIVE-9).
 
 mod expression;
 mod scanner;

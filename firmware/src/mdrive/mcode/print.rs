@@ -81,7 +81,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Items behind PR, up to the first that is none; each line of AL and UV is one.
+    /// Items behind PR, up to the first that is none; each line of AL and UV is one (MDRIVE-14).
     pub(super) fn count_items(&self, mut items: &[u8]) -> u32 {
         let mut count = 0;
         while let Ok(Some(item)) = self.item(&mut items) {

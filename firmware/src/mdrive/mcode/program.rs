@@ -28,7 +28,7 @@ use crate::device::{Context, Instant, Output};
 /// Bytes of the log.
 pub(in crate::mdrive) const BYTES: usize = 12 * 1024;
 /// Addresses are below this; the first one is 1. MC 4.4 ends with 767, programs of real machines do not: there are as
-/// many as the log has room for lines of one character.
+/// many as the log has room for lines of one character (MDRIVE-12).
 pub(in crate::mdrive) const ADDRESSES: usize = BYTES / (FRAME + 1);
 /// The longest line (MC 3.3.1).
 pub(in crate::mdrive) const LINE_BYTES: usize = 64;

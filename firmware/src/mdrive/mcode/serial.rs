@@ -18,7 +18,8 @@ const QUEUED: u8 = b'^';
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Party {
     Off,
-    /// On since power-up, or since PY = 1: the first Ctrl-J activates it, on whatever connection (MC 5-59).
+    /// On since power-up, or since PY = 1: the first Ctrl-J activates it, on whatever connection (MC 5-59;
+    /// MDRIVE-37).
     Waiting,
     Active,
 }

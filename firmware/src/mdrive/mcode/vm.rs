@@ -12,10 +12,11 @@ use super::super::registers::Reg;
 use super::statement::{Name, Operand, Place};
 use crate::device::{Duration, Instant};
 
-/// Time of a line, that of a label, too; it is carried out at the end.
+/// Time of a line, that of a label, too; it is carried out at the end (MDRIVE-13).
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
-/// Depth to which CL and trips may nest. Neither manual says it. OE's handler has a place of its own.
+/// Depth to which CL and trips may nest. Neither manual says it. OE's handler has a place of its own
+/// (MDRIVE-15).
 const DEPTH: usize = 16;
 
 /// Phase of the program.

@@ -6,7 +6,7 @@ use crate::device::{Duration, Instant};
 /// The encoder, which counts as C2 does, but is never preset.
 ///
 /// The built-in encoder is at count 0, on its index, at angle 0. A remote one counts instead once something drives its
-/// channels, from the same count on; forward its channel A is before B.
+/// channels, from the same count on; forward its channel A is before B (MDRIVE-21).
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
     /// Counts of the built-in encoder in a turn.

@@ -109,7 +109,7 @@ impl Motion {
         }
     }
 
-    /// CM has changed, or whether there are ramps.
+    /// CM has changed, or whether there are ramps (MDRIVE-33).
     pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Context) {
         if self.activity == Activity::Follows {
             self.slow(at, false, out);

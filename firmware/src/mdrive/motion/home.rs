@@ -1,4 +1,4 @@
-//! Homing to a switch (HM) and to the encoder's index (HI) (MC 5-29 to 5-31, 5-43).
+//! Homing to a switch (HM) and to the encoder's index (HI) (MC 5-29 to 5-31, 5-43; MDRIVE-20).
 //!
 //! [`Homing`] is a machine of its own. It is informed of the mark (the switch or the index), of limits and of the end
 //! of its motions, and answers with the [`Course`] that follows.

@@ -65,7 +65,7 @@ impl Motion {
     }
 
     /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a
-    /// step could leave the limit again.
+    /// step could leave the limit again (MDRIVE-20).
     pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Context) {
         self.forget_what_waits();
         if self.stands() {

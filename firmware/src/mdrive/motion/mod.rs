@@ -218,7 +218,8 @@ impl Motion {
         }
     }
 
-    /// The variables may have changed. A move that runs keeps the speed and the ramps that it began with.
+    /// The variables may have changed. A move that runs keeps the speed and the ramps that it began with
+    /// (MDRIVE-17).
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.settings, settings);
         if settings == before {
@@ -370,7 +371,8 @@ impl Motion {
         enabled.then_some(percent)
     }
 
-    /// Time at which the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32).
+    /// Time at which the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32;
+    /// MDRIVE-19).
     fn hold_due(&self) -> Instant {
         match (self.activity, self.settings.hold_delay_ms) {
             (Activity::Rest, 1..) if !self.holds => {

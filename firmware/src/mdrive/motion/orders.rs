@@ -146,7 +146,7 @@ impl Motion {
     }
 
     /// MA and MR. One that comes while another runs waits for its end, and takes the place of one that waits; a slew
-    /// stops for it.
+    /// stops for it (MDRIVE-18).
     fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
         let way = self.way(at, order)?;
         let task = Task::Order(order, at + RECKONING);

@@ -1,4 +1,5 @@
-//! SS: the fastest that a rotor responds (FB 5.1). What the plan has beyond that it does not make.
+//! SS: the fastest that a rotor responds (FB 5.1). What the plan has beyond that it does not make
+//! (MDRIVE-29).
 
 use core::num::NonZero;
 

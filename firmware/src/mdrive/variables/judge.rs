@@ -88,7 +88,7 @@ impl Drive {
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
             Reg::AS => self.held(reg) == 0 && value != 0,
-            // "Bridge is re-enabled after being disabled" (MC 5-9), also by heat or a locked rotor.
+            // "Bridge is re-enabled after being disabled" (MC 5-9), also by heat or a locked rotor (MDRIVE-31).
             Reg::DE => !self.has_bridge() && value != 0,
             Reg::MS => value != self.held(reg),
             // It takes MS to 256.

@@ -1,4 +1,4 @@
-//! Steps and counts: EE changes the units of A, D, VI and VM, and their ranges (MC 7.3.7).
+//! Steps and counts: EE changes the units of A, D, VI and VM, and their ranges (MC 7.3.7; MDRIVE-22).
 
 use drivetwin_protocol::registers::Legal;
 

@@ -52,7 +52,7 @@ impl Contacts {
         }
     }
 
-    /// DI (p. 11): 1 is closed to ground, of the encoder high (decisions, MDROBOT 22).
+    /// DI (p. 11): 1 is closed to ground, of the encoder high (MDROBOT-22).
     pub(super) fn bits(self, enc_a: bool, enc_b: bool) -> u8 {
         let contacts = [self.int_speed, self.alarm_reset, self.dir, self.run_brake, self.start_stop];
         let bits = contacts.map(|contact| contact == Contact::Closed).into_iter().chain([enc_b, enc_a]);

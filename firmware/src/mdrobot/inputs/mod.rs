@@ -114,7 +114,7 @@ impl Drive {
         self.inputs.contacts.start_stop.is_on(self.flag(Pid::START_INV_SIGN))
     }
 
-    /// RUN/BRAKE as RUN_INV_SIGN has it. One that is not wired is as open (decisions, MDROBOT 21).
+    /// RUN/BRAKE as RUN_INV_SIGN has it. One that is not wired is as open (MDROBOT-21).
     fn run_contact(&self) -> bool {
         (self.inputs.contacts.run_brake == Contact::Closed) != self.flag(Pid::RUN_INV_SIGN)
     }
@@ -148,7 +148,7 @@ impl Drive {
         way != 0 && self.flag(Pid::USE_LIMIT_SW) && switch == Contact::Open
     }
 
-    /// Speed that the connectors ask for, positive CCW.
+    /// Speed that the connectors ask for, positive CCW (MDROBOT-24).
     pub(super) fn speed_input(&self) -> Ratio {
         // Those that know two ways need no DIR.
         let one_way = |share: Ratio| if self.is_clockwise() { -share } else { share };
@@ -171,7 +171,7 @@ impl Drive {
         }
     }
 
-    /// Speed that a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14).
+    /// Speed that a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14; MDROBOT-9).
     fn analogue(&self, digit: u16) -> Ratio {
         let high = match self.bank.word(Pid::HIGH_SPEED_LIMIT) {
             0 => FULL_SCALE,

@@ -1,4 +1,4 @@
-//! The functions that START/STOP and FUNC_CMD start (p. 17, 18).
+//! The functions that START/STOP and FUNC_CMD start (p. 17, 18; MDROBOT-20).
 
 use super::{Command, Rest};
 use crate::device::{Context, Duration, Instant};

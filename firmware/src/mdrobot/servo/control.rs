@@ -57,7 +57,8 @@ impl Servo {
         self.see(at, output, Some((wanted, emf)));
     }
 
-    /// Returns whether the speed reference is 0 for good, and the motor is released: if so, whether it is shorted.
+    /// Returns whether the speed reference is 0 for good, and the motor is released: if so, whether it is shorted
+    /// (MDROBOT-17).
     pub(super) fn is_over(&self, at: Instant) -> Option<bool> {
         if self.goal() != Some(0) {
             return None;
@@ -103,7 +104,7 @@ impl Servo {
     }
 }
 
-/// The duty of an output in 1/1023 of the supply.
+/// The duty of an output in 1/1023 of the supply (MDROBOT-28).
 fn of_output(output: i16) -> I40F24 {
     let output = i64::from(output).clamp(-i64::from(OUTPUTS), OUTPUTS.into());
     I40F24::from_num(output * i64::from(FULL_DUTY)) / i64::from(OUTPUTS)

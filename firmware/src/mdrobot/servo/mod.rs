@@ -97,7 +97,7 @@ impl Settings {
         3 * i64::from(self.poles.max(1))
     }
 
-    /// Counts of the encoder in a turn.
+    /// Counts of the encoder in a turn (MDROBOT-29).
     fn encoder_counts(&self) -> i64 {
         4 * i64::from(self.enc_ppr)
     }

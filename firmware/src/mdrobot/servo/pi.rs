@@ -1,4 +1,4 @@
-//! The loop of the speed: P_GAIN and I_GAIN (p. 15).
+//! The loop of the speed: P_GAIN and I_GAIN (p. 15; MDROBOT-30).
 
 use fixed::types::I40F24;
 

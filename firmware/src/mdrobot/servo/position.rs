@@ -1,4 +1,4 @@
-//! Position control: present position, target, and the speed towards it (p. 15).
+//! Position control: present position, target, and the speed towards it (p. 15; MDROBOT-19).
 
 use fixed::types::I40F24;
 

@@ -1,4 +1,4 @@
-//! SLOW_START and SLOW_DOWN (p. 13): how the reference of the speed gets where it is to be.
+//! SLOW_START and SLOW_DOWN (p. 13; MDROBOT-16): how the reference of the speed gets where it is to be.
 
 use fixed::types::I40F24;
 

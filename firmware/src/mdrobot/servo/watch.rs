@@ -1,4 +1,4 @@
-//! Fault detection of a motor that is driven (p. 9).
+//! Fault detection of a motor that is driven (p. 9; MDROBOT-31).
 
 use fixed::types::I40F24;
 

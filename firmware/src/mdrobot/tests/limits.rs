@@ -1,4 +1,4 @@
-//! Limit switches and a shaft that turns (decisions, MDROBOT 23).
+//! Limit switches and a shaft that turns (MDROBOT-23).
 
 use super::super::{DIR, START_STOP};
 use super::*;

@@ -146,7 +146,7 @@ pub struct Opcode {
 }
 
 impl Opcode {
-    /// Lines that it takes, its constant included: 1 or 2.
+    /// Lines that it takes, its constant included: 1 or 2 (RS434-31).
     #[must_use]
     pub const fn lines(self) -> u16 {
         match self.form {

@@ -19,7 +19,7 @@ use super::{LINES, SETTINGS};
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
-/// Time of a line; that of a DELAY is longer.
+/// Time of a line; that of a DELAY is longer (RS434-25).
 pub(super) const LINE: Duration = Duration::micros(100);
 
 /// Bytes of all lines, which lie behind the settings. Their CRC lies behind them, high byte first.

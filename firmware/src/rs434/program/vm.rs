@@ -190,7 +190,7 @@ fn change(
     Some(if acted { Step::Acted } else { Step::Next })
 }
 
-/// D of S1 and S2; of 16 bits its low half counts.
+/// D of S1 and S2; of 16 bits its low half counts (RS434-32).
 fn calculate(operation: Operation, instruction: Instruction, first: u32, second: u32) -> Option<u32> {
     Some(match operation {
         Operation::Add => first.wrapping_add(second),
@@ -291,7 +291,7 @@ impl Vm {
         }
     }
 
-    /// Target of a jump.
+    /// Target of a jump (RS434-29).
     fn target(&self, instruction: Instruction) -> Option<u16> {
         let data = instruction.data();
         if instruction.type_jmp() {
@@ -317,7 +317,7 @@ impl Vm {
         Some(Step::Next)
     }
 
-    /// CMD_FOR: the high byte says how many lines, the low one how often.
+    /// CMD_FOR: the high byte says how many lines, the low one how often (RS434-30).
     fn repeat(&mut self, data: u16) -> Option<Step> {
         let [length, rounds] = data.to_be_bytes().map(u16::from);
         match (length, rounds) {

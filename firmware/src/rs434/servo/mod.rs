@@ -7,7 +7,7 @@
 //!
 //! There is no plan with a clock of its own: the reference grows from tick to tick, never far from the speed of the
 //! motor, and a move is braked by the way that is left. So a motor that is held back is waited for, and nothing winds
-//! up meanwhile.
+//! up meanwhile (RS434-13).
 
 mod count;
 mod held_back;
@@ -145,7 +145,7 @@ impl Servo {
 
     /// Registers have been written. A move keeps the speed and the ramps that it began with; all else follows at
     /// once: continuous rotation, the sensors, the limit of the current, and the terminals of a motor that stands.
-    /// Returns whether anything has changed.
+    /// Returns whether anything has changed (RS434-15).
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
         if settings == self.settings {
             return false;
@@ -184,7 +184,7 @@ impl Servo {
 
     /// So many counts on from where it is, with two Hall sensors. Where it stops lies `compensation` counts further
     /// along the motion, but never behind its beginning; what is left counts down to the `counts` themselves.
-    /// Where there is no way to go there is no motion, and nothing left.
+    /// Where there is no way to go there is no motion, and nothing left (RS434-17).
     pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Context) {
         let sign = i64::from(counts.signum());
         let way = i64::from(counts) + sign * i64::from(compensation);
@@ -309,7 +309,7 @@ impl Servo {
         if self.feedback.is_limited(self.limit_ma) { self.feedback.ma.signum() } else { 0 }
     }
 
-    /// With shorted terminals, until the motor stands or is as slow as its load lets it.
+    /// With shorted terminals, until the motor stands or is as slow as its load lets it (RS434-20).
     fn brake_short(&mut self, at: Instant, out: &mut dyn Context) {
         self.pace = self.speed_at(at);
         let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.pace));

@@ -19,7 +19,7 @@ pub(in crate::rs434) struct Settings {
     pub(in crate::rs434) acc: u16,
     /// DEC, as the register holds it.
     pub(in crate::rs434) dec: u16,
-    /// RATED_SPEED, in rpm.
+    /// RATED_SPEED, in rpm: MAX_SPEED of the manual (RS434-19).
     pub(in crate::rs434) rated: u16,
     /// PULSES_PER_REVOLUTION.
     pub(in crate::rs434) pulses: u16,
@@ -52,7 +52,7 @@ impl Settings {
         I40F24::from_bits(((i64::from(rpm) * self.counts()) << 24) / RPM)
     }
 
-    /// ACC or DEC: 10 is 100 rps², 1,000 is 5,000 rps² (6.5).
+    /// ACC or DEC: 10 is 100 rps², 1,000 is 5,000 rps² (6.5; RS434-14).
     fn of_ramp(&self, ramp: u16) -> I40F24 {
         let over = i64::from(ramp) - 10;
         let rps2_times_990 = 100 * 990 + over * (5_000 - 100);

@@ -131,7 +131,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Ports of which the file does not say where they are reached get a loopback TCP port each.
+    /// Ports of which the file does not say where they are reached get a loopback TCP port each (HOST-18).
     pub(super) fn reach_the_others(&mut self) {
         for drive in 0..self.layout.drives.len() {
             let ports = (0..self.spec(drive).ports.len()).map(|port| Port(port as u8));
@@ -257,7 +257,7 @@ impl Reader {
         self.port_of(line).map_or("", |port| port.name)
     }
 
-    /// The name of a line that no other one has.
+    /// The name of a line that no other one has (BENCH-3).
     pub(super) fn name_of(&self, line: Line) -> String {
         match line {
             Line::Shared(bus) => self.layout.buses[bus].name.clone(),

@@ -1,7 +1,7 @@
 //! The configuration of a bench as plain data: from a bench file, or from the options of a single drive.
 //!
 //! What makes a [`Layout`] checks it: names are there once, places are those of something, pins and registers exist,
-//! values are legal. One function makes the [bench](Layout::build) of it, and relies on that.
+//! values are legal. One function makes the [bench](Layout::build) of it, and relies on that (BENCH-1).
 
 mod build;
 
@@ -57,7 +57,7 @@ impl Layout {
         }
     }
 
-    /// Takes its paths, which a bench file has relative to its folder, as relative to `folder`.
+    /// Takes its paths, which a bench file has relative to its folder, as relative to `folder` (BENCH-2).
     pub fn relative_to(&mut self, folder: &Path) {
         for drive in &mut self.drives {
             for path in [&mut drive.nv, &mut drive.program].into_iter().flatten() {

@@ -2,7 +2,7 @@
 //!
 //! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`), and each frame a packet,
 //! stamped with the bench's time (from the epoch on, in whole nanoseconds) at which its first character begins. A
-//! packet says what dissects it (`WIRESHARK_UPPER_PDU`), so nothing has to be set:
+//! packet says what dissects it (`WIRESHARK_UPPER_PDU`), so nothing has to be set (BENCH-17):
 //!
 //! | on the line | shown as |
 //! |---|---|

@@ -88,7 +88,7 @@ pub enum Retention {
 }
 
 impl Retention {
-    /// Bytes of the ring that is kept by default: 64 MiB.
+    /// Bytes of the ring that is kept by default: 64 MiB (HOST-20).
     pub const RING: usize = 64 << 20;
 }
 
@@ -243,7 +243,7 @@ pub enum Power {
     Cut(Option<Cut>),
 }
 
-/// Place in a save at which power fails.
+/// Place in a save at which power fails (HOST-9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cut {
     /// So many stores go through.

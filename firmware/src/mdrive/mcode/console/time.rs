@@ -1,4 +1,5 @@
-//! Command execution times: "this varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1).
+//! Command execution times: "this varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1;
+//! MDRIVE-34).
 
 use crate::device::Duration;
 use crate::mdrive::drive::Drive;

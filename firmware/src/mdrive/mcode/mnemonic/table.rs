@@ -38,7 +38,7 @@ const KEYWORDS: &[Item] = &[
     prints(b"VR", Keyword::VR),
 ];
 
-/// Commands of the serial sisters (MC 5-4 to 5-60).
+/// Commands of the serial sisters (MC 5-4 to 5-60; MDRIVE-11).
 const SERIAL_COMMANDS: &[Word] = &[*b"BD ", *b"CK ", *b"DG ", *b"DN ", *b"PY ", *b"QD "];
 
 /// Reserved names (MC 5-3, 5-27, 5-34, 5-35), I/O points that the models with Ethernet do not have (FB 1.2.1), and

@@ -1,4 +1,5 @@
-//! Values and conditions: operands with operators between them, which are carried out from left to right.
+//! Values and conditions: operands with operators between them, which are carried out from left to right
+//! (MDRIVE-9).
 
 use core::iter::from_fn;
 use core::mem;

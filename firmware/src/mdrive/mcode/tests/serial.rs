@@ -64,7 +64,7 @@ fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
     assert_eq!(dut.types("PY=1\r"), "PY=1\r\n>");
     // It begins with a Ctrl-J.
     assert_eq!(dut.types("aR1=5\n"), "");
-    // Its name is part of the echo (hardware only).
+    // Its name is part of the echo (MDRIVE-40).
     assert_eq!(dut.types("aR1=7\n"), "aR1=7\r\n>");
     assert_eq!(dut.types("aPR R1\n"), "aPR R1\r\n7\r\n>");
     assert_eq!(dut.types("aPR R1\r\n"), "aPR R1\r\n7\r\n>", "CR is nothing");
@@ -115,7 +115,7 @@ fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     assert_eq!(dut.types("!PR R1\n!PR R1\n").matches("6\r\n").count(), 1);
 }
 
-/// Hardware only: what dvg-devices waits for.
+/// Bytes that dvg-devices waits for (MDRIVE-38).
 #[test]
 fn escape_in_a_party_is_answered() {
     for (mode, answer, with_error) in
@@ -135,7 +135,7 @@ fn escape_in_a_party_is_answered() {
     }
 }
 
-/// Hardware only: what dvg-devices waits for.
+/// Bytes that dvg-devices waits for (MDRIVE-39).
 #[test]
 fn in_mode_1_a_value_stands_alone_while_a_program_runs() {
     let mut dut = Dut::sister(1);

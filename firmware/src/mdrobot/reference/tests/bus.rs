@@ -1,4 +1,4 @@
-//! Commands of the bus (decisions, MDROBOT 12 to 18).
+//! Commands of the bus (MDROBOT-12 to MDROBOT-18).
 
 use super::*;
 
@@ -65,7 +65,7 @@ fn without_a_speed_start_stop_arms_and_no_more() {
     dut.set(Pid::COM_TAR_SPEED, 0);
     dut.set(Pid::START_STOP, 2);
     assert_eq!(dut.order(), Order::Velocity(500));
-    // TAR_VEL is no source for it (HW).
+    // TAR_VEL is no source for it (MDROBOT-13).
     dut.set(Pid::TAR_VEL, 900);
     dut.set(Pid::START_STOP, 1);
     assert_eq!(dut.order(), Order::Velocity(500));

@@ -1,4 +1,4 @@
-//! The contacts of CTRL (decisions, MDROBOT 14, 20 to 22).
+//! The contacts of CTRL (MDROBOT-14, MDROBOT-20 to MDROBOT-22).
 
 use super::*;
 
@@ -221,7 +221,7 @@ fn seven_steps() {
     dut.set(Pid::MAX_RPM, 400);
     dut.set(Pid::INPUT_TYPE, 5);
     dut.set(Pid::TAR_VEL, 123);
-    // Floors of sevenths (HW), in the manual's order: INT_SPEED, RUN/BRAKE, START/STOP.
+    // Floors of sevenths (MDROBOT-24), in the manual's order: INT_SPEED, RUN/BRAKE, START/STOP.
     for (step, rpm) in [0, 57, 114, 171, 228, 285, 342, 400].into_iter().enumerate() {
         for (bit, pin) in [INT_SPEED, RUN_BRAKE, START_STOP].into_iter().enumerate() {
             dut.edge(pin, step >> bit & 1 == 0);

@@ -1,4 +1,4 @@
-//! Functions (p. 17, 18; decisions, MDROBOT 20).
+//! Functions (p. 17, 18; MDROBOT-20).
 
 use super::*;
 

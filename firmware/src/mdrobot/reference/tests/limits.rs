@@ -1,4 +1,4 @@
-//! Limit switches (p. 7; decisions, MDROBOT 23): DIR permits CW, START/STOP CCW.
+//! Limit switches (p. 7; MDROBOT-23): DIR permits CW, START/STOP CCW.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! SPEED_IN, PULSE_IN and what takes their place (p. 10, 13, 14; decisions, MDROBOT 24, 25).
+//! SPEED_IN, PULSE_IN and what takes their place (p. 10, 13, 14; MDROBOT-24, MDROBOT-25).
 
 use super::*;
 
