@@ -37,12 +37,13 @@ pub(crate) enum Command {
     },
     /// Show a kind's ports, pins, registers, and what is not modelled
     Describe {
-        /// Which kind (see `drivetwin list`)
-        kind: String,
-        /// As JSON
+        /// Which kind (see `drivetwin list`); several one after the other
+        #[arg(required = true, value_name = "KIND")]
+        kinds: Vec<String>,
+        /// As JSON, a line for each kind
         #[arg(long, conflicts_with = "markdown")]
         json: bool,
-        /// As the reference in docs/
+        /// As the reference in docs/, several kinds on one page with a table of what differs
         #[arg(long)]
         markdown: bool,
     },
@@ -58,6 +59,9 @@ pub(crate) enum Command {
         /// An assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
+    /// Print docs/reference/cli.md
+    #[command(hide = true)]
+    Reference,
 }
 
 #[derive(Args)]

@@ -41,13 +41,14 @@ fn execute(command: Command) -> Result<ExitCode, String> {
     match command {
         Command::Run(run) => commands::run::run(*run)?,
         Command::List { json } => commands::list::list(json)?,
-        Command::Describe { kind, json, markdown } => commands::describe::describe(&kind, json, markdown)?,
+        Command::Describe { kinds, json, markdown } => commands::describe::describe(&kinds, json, markdown)?,
         Command::Replay { file } => {
             let same = commands::replay::replay(&file)?;
             return Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) });
         }
         Command::Asm(asm) => commands::asm::asm(&asm)?,
         Command::Disasm { file } => commands::disasm::disasm(&file)?,
+        Command::Reference => commands::reference::reference()?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -2,6 +2,8 @@
 //!
 //! All of it comes from the drive's [`Spec`]; the same kind always gives the same text.
 
+mod family;
+
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
@@ -186,8 +188,15 @@ pub fn text(spec: &Spec) -> String {
     text
 }
 
-/// The reference in docs/.
-pub fn markdown(spec: &Spec) -> String {
+/// The reference in docs/: of one kind, or of a family that shares most of its tables.
+pub fn markdown(specs: &[&Spec]) -> String {
+    match specs {
+        [spec] => of_one(spec),
+        _ => family::markdown(specs),
+    }
+}
+
+fn of_one(spec: &Spec) -> String {
     let mut text = format!(
         "<!-- Made by `drivetwin describe {kind} --markdown`; not to be edited. -->\n\n# {product} (`{kind}`)\n\n\
          After {manual}. The column § names its sections.\n",
@@ -246,6 +255,9 @@ impl Section {
         }
     }
 }
+
+/// Title of the list of gaps.
+const NOT_MODELLED: &str = "Beside the rows that say so, not modelled";
 
 /// Columns of rows that have no address.
 const NAMED: &[&str] = &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"];
@@ -313,7 +325,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
             columns: NAMED,
             rows: by_name(Space::Setting).collect(),
         },
-        Section { title: "Beside the rows that say so, not modelled", columns: &[], rows: missing.collect() },
+        Section { title: NOT_MODELLED, columns: &[], rows: missing.collect() },
     ];
     sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
 }

@@ -1,5 +1,5 @@
 //! How far from its exact instant the worst step of a move is, and the last one: the table of
-//! docs/motion.md.
+//! docs/explanation/motion.md.
 
 use drivetwin_tests::ramps::{rows, table};
 

@@ -154,3 +154,14 @@ def ask(sock, request, length):
     """The reply of that many bytes to a request."""
     sock.sendall(request)
     return receive(sock, length)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Says how many commands of the documents were run, and which blocks were not, with the reason."""
+    properties = [entry for report in terminalreporter.getreports("passed") for entry in report.user_properties]
+    ran = sum(value for name, value in properties if name == "ran")
+    marked = [entry for name, value in properties if name == "marked" for entry in value]
+    if ran:
+        terminalreporter.write_line(f"commands in documents: {ran} run; {len(marked)} blocks shown and not run")
+        for place, reason in marked:
+            terminalreporter.write_line(f"  {place}: {reason}")

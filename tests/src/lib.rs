@@ -2,6 +2,7 @@
 
 /// The README's examples are tests, too.
 #[cfg(doctest)]
+#[allow(rustdoc::invalid_codeblock_attributes, reason = "fences tell tests/foreign/documents.py what to do")]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
 

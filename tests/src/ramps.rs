@@ -56,7 +56,7 @@ impl std::fmt::Display for Error {
     }
 }
 
-/// The rows as they are in docs/motion.md.
+/// The rows as they are in docs/explanation/motion.md.
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let mut table = String::from(

@@ -514,7 +514,7 @@ fn the_table_of_errors_is_the_printed_one() {
             assert!((0.9 * lost..2.6 * lost).contains(&others), "{}: {others} ticks, not {lost}", row.name);
         }
     }
-    let document = include_str!("../../docs/motion.md");
+    let document = include_str!("../../docs/explanation/motion.md");
     let table = ramps::table(&rows);
-    assert!(document.contains(&table), "docs/motion.md does not show this:\n{table}");
+    assert!(document.contains(&table), "docs/explanation/motion.md does not show this:\n{table}");
 }

@@ -1,4 +1,4 @@
-//! The user programs in `examples/`, each on a drive with a motor, and what `docs/rs434-programs.md` says of the
+//! The user programs in `examples/`, each on a drive with a motor, and what `docs/reference/rs434-programs.md` says of the
 //! language.
 
 use drivetwin_firmware::device::{Device, Instant};
@@ -171,7 +171,7 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
     assert_eq!(rig.get("ERROR"), 0);
 }
 
-const LANGUAGE: &str = include_str!("../../docs/rs434-programs.md");
+const LANGUAGE: &str = include_str!("../../docs/reference/rs434-programs.md");
 
 #[test]
 fn what_the_language_is_shown_by_assembles() {

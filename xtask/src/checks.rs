@@ -58,7 +58,7 @@ const fn check(
 }
 
 /// Every check, in the order of its lane.
-const CHECKS: [Check; 23] = [
+const CHECKS: [Check; 25] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -83,10 +83,17 @@ const CHECKS: [Check; 23] = [
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
-        let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS].map(|test| ["--ignore", test]).concat();
+        let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS, DOCUMENTS].map(|test| ["--ignore", test]).concat();
         foreign(sh, &[&["tests/foreign"], &others[..]].concat())
     }),
     check(Group::Foreign, "mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| foreign(sh, &[MBPOLL])),
+    check(Group::Foreign, "commands in documents", &[Tool::Python, Tool::Mbpoll, Tool::Curl], |sh| {
+        foreign(sh, &[DOCUMENTS])
+    }),
+    check(Group::Foreign, "typos", &[Tool::Python], |sh| {
+        let typos = tools::python(sh).with_file_name("typos");
+        Ok(cmd!(sh, "{typos}").run()?)
+    }),
     check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
@@ -216,6 +223,7 @@ const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
 const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
+const DOCUMENTS: &str = "tests/foreign/test_documents.py";
 
 /// Builds the binary, and lets masters that we did not write talk to it.
 fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {

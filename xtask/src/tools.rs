@@ -38,6 +38,8 @@ pub(crate) enum Tool {
     Counting,
     /// A Modbus master.
     Mbpoll,
+    /// Calls the control API, as the documents do.
+    Curl,
     /// Wireshark without its windows.
     Tshark,
     /// Python with `venv`, and in it what `tests/foreign/requirements.txt` names: masters, and what tries the
@@ -106,6 +108,7 @@ impl Tool {
             Self::Qemu => "qemu-system-arm",
             Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
             Self::Mbpoll => "mbpoll",
+            Self::Curl => "curl",
             Self::Tshark => "tshark",
             Self::Python => "a Python environment for foreign masters and the control API",
             Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
@@ -125,6 +128,7 @@ impl Tool {
             }
             Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
+            Self::Curl => "apt-get install curl",
             Self::Tshark => "apt-get install tshark",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
@@ -140,6 +144,7 @@ impl Tool {
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Counting => counted::takes_plugin(sh),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
+            Self::Curl => runs(sh, "curl"),
             Self::Tshark => runs(sh, "tshark"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
@@ -155,6 +160,7 @@ impl Tool {
             Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
             Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
+            Self::Curl => apt.install(sh, "curl"),
             Self::Tshark => apt.install(sh, "tshark"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()

@@ -5,16 +5,16 @@ use drivetwin_sim::catalog;
 
 use super::print;
 
-/// Describes a kind of drive: as JSON, as the reference in docs/, or as text.
+/// Describes kinds of drive: as JSON, as the reference in docs/, or as text.
 ///
 /// # Errors
 /// One sentence: there is no such kind.
-pub(crate) fn describe(kind: &str, json: bool, markdown: bool) -> Result<(), String> {
-    let device = catalog::make(kind)?;
-    let spec = device.spec();
+pub(crate) fn describe(kinds: &[String], json: bool, markdown: bool) -> Result<(), String> {
+    let specs: Vec<_> =
+        kinds.iter().map(|kind| Ok(catalog::make(kind)?.spec())).collect::<Result<_, String>>()?;
     print(&match (json, markdown) {
-        (true, _) => describe::json(spec) + "\n",
-        (_, true) => describe::markdown(spec),
-        _ => describe::text(spec),
+        (true, _) => specs.iter().map(|spec| describe::json(spec) + "\n").collect(),
+        (_, true) => describe::markdown(&specs),
+        _ => specs.iter().map(|spec| describe::text(spec)).collect::<Vec<_>>().join("\n"),
     })
 }

@@ -4,6 +4,7 @@ pub(crate) mod asm;
 pub(crate) mod describe;
 pub(crate) mod disasm;
 pub(crate) mod list;
+pub(crate) mod reference;
 pub(crate) mod replay;
 pub(crate) mod run;
 

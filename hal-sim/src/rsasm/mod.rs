@@ -1,6 +1,6 @@
 //! User programs of the RS 434544 and 434546 as text: assembler and disassembler.
 //!
-//! The language is described in `docs/rs434-programs.md`. Commands, what they work with and how many lines they
+//! The language is described in `docs/reference/rs434-programs.md`. Commands, what they work with and how many lines they
 //! take come from the drive's own table, names of registers from its map.
 //!
 //! | module | what it holds |

@@ -4,7 +4,7 @@ use drivetwin_firmware::motor::{self, stepper};
 use drivetwin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
 use drivetwin_sim::catalog;
 
-const REFERENCE: &str = include_str!("../../../docs/bench-files.md");
+const REFERENCE: &str = include_str!("../../../docs/reference/bench-files.md");
 
 /// A number as people write it: 10,000,000.
 fn written(number: f64) -> String {

@@ -1,4 +1,4 @@
-//! Bench files: a [`Layout`] as TOML, as `docs/bench-files.md` describes it.
+//! Bench files: a [`Layout`] as TOML, as `docs/reference/bench-files.md` describes it.
 //!
 //! The order of tables and of keys does not matter: what a table names may stand behind it.
 
@@ -198,7 +198,7 @@ mod tests {
     /// The reference has a heading for every table, and a row for every key of it.
     #[test]
     fn the_reference_has_every_key() {
-        let reference = include_str!("../../../../docs/bench-files.md");
+        let reference = include_str!("../../../../docs/reference/bench-files.md");
         let section = |heading: &str| {
             let (_, rest) = reference.split_once(heading).unwrap_or_else(|| panic!("no {heading}"));
             rest.split("\n## ").next().unwrap_or_default()
