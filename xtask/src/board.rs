@@ -58,35 +58,43 @@ pub(crate) const BOARDS: [Board; 3] = [
     },
 ];
 
+/// Target of lints.
+const LINTED: &str = BOARDS[2].target;
+
 /// The board that QEMU emulates.
 pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
 
-/// Lints the crates that only a board, or a linker, can build. The profile is theirs: the lock of another's folder
-/// would be waited for.
+/// The arguments of cargo that choose what runs on a processor. Always the same packages: with others cargo may choose
+/// other features of what they use, and build that again.
+pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
+    let board = BOARDS.iter().filter(|board| board.target == target).map(|board| board.package);
+    let packages = board.chain(["panic-free", "counted"]);
+    ["--profile", PROFILE, "--target", target]
+        .into_iter()
+        .chain(packages.flat_map(|package| ["--package", package]))
+        .collect()
+}
+
+/// Lints the crates that only a board, or a linker, can build: all for one processor, which has every instruction of the
+/// others. The profile is theirs: the lock of another's folder would be waited for.
 pub(crate) fn clippy(sh: &Shell) -> Result<()> {
-    for Board { package, target, .. } in &BOARDS {
-        // A board's crate builds for its processor only.
-        let others = BOARDS.iter().map(|board| board.package).filter(|other| other != package);
-        let others: Vec<&str> = others.collect();
-        let packages = BARE.iter().filter(|bare| !others.contains(bare)).flat_map(|bare| ["--package", bare]);
-        cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target} -- -D warnings").run()?;
-        let logs = cmd!(
-            sh,
-            "cargo clippy --profile {PROFILE} --package {package} --features defmt --target {target}"
-        );
-        logs.args(["--", "-D", "warnings"]).run()?;
-    }
-    Ok(())
+    let packages = BARE.iter().flat_map(|bare| ["--package", bare]);
+    let lint = || {
+        let packages = packages.clone();
+        cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {LINTED}")
+    };
+    let logging = BOARDS.map(|board| format!("{}/defmt", board.package)).join(",");
+    lint().args(["--", "-D", "warnings"]).run()?;
+    Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
 }
 
 /// Builds the images that log, one of each board: their linker scripts are others.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
-        let Board { package, target, .. } = board;
-        let build = cmd!(sh, "cargo build --profile {PROFILE} --package {package} --features defmt");
-        build.args(["--bin", "md3", "--target", target]).run()?;
+        let (bare, package) = (bare(board.target), board.package);
+        cmd!(sh, "cargo build {bare...} --features {package}/defmt --bin md3").run()?;
         // The name belongs to the image that is silent: cargo, which has kept it, only links it to the name again.
         board.build(sh, "md3")?;
     }
@@ -112,9 +120,8 @@ impl Board {
 
     /// Builds the image with a kind of drive.
     pub(crate) fn build(&self, sh: &Shell, kind: &str) -> Result<PathBuf> {
-        let Self { package, target, .. } = self;
-        let build = cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --bin {kind}");
-        build.args(["--target", target]).run()?;
+        let bare = bare(self.target);
+        cmd!(sh, "cargo build --quiet {bare...} --bin {kind}").run()?;
         Ok(self.images(sh).join(kind))
     }
 
@@ -149,11 +156,10 @@ impl Board {
 
     /// Builds every image, at once.
     pub(crate) fn all(&self, sh: &Shell) -> Result<PathBuf> {
-        let Self { package, target, .. } = self;
         let kinds = kinds().into_iter().filter(|kind| self.carries(kind));
         let bins = kinds.flat_map(|kind| ["--bin", kind]);
-        cmd!(sh, "cargo build --quiet --profile {PROFILE} --package {package} --target {target} {bins...}")
-            .run()?;
+        let bare = bare(self.target);
+        cmd!(sh, "cargo build --quiet {bare...} {bins...}").run()?;
         Ok(self.images(sh))
     }
 }

@@ -37,8 +37,7 @@ const GROUPS: [(&str, Group); 3] =
     [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards)];
 
 /// Groups that run one after the other, beside those of the other lane. Cargo locks the folder of a profile while it
-/// builds there: the first lane builds in `debug`, and last in `release`; the second one in those of the targets, and in
-/// `release` at first.
+/// builds there: the first lane builds in `debug`, the second one in `firmware` and those of the targets.
 const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards]];
 
 struct Check {
@@ -58,7 +57,7 @@ const fn check(
 }
 
 /// Every check, in the order of its lane.
-const CHECKS: [Check; 25] = [
+const CHECKS: [Check; 26] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -83,9 +82,12 @@ const CHECKS: [Check; 25] = [
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
-        let others = [MBPOLL, MODBUS_SERIAL, PCAP, BOARDS, DOCUMENTS].map(|test| ["--ignore", test]).concat();
-        foreign(sh, &[&["tests/foreign"], &others[..]].concat())
+        let others = [MBPOLL, MODBUS_SERIAL, PARTY, PCAP, BOARDS, DOCUMENTS];
+        // Most of the time they wait for a drive's time to pass.
+        let side_by_side = ["--numprocesses", "4", "--dist", "worksteal", "tests/foreign"];
+        foreign(sh, &[&side_by_side[..], &others.map(|test| ["--ignore", test]).concat()].concat())
     }),
+    check(Group::Foreign, "party line", &[Tool::Python], |sh| foreign(sh, &[PARTY])),
     check(Group::Foreign, "mbpoll", &[Tool::Python, Tool::Mbpoll], |sh| foreign(sh, &[MBPOLL])),
     check(Group::Foreign, "commands in documents", &[Tool::Python, Tool::Mbpoll, Tool::Curl], |sh| {
         foreign(sh, &[DOCUMENTS])
@@ -214,13 +216,16 @@ fn other_systems(sh: &Shell) -> Result<()> {
     Ok(cmd!(sh, "cargo check --package drivetwin-sim {targets...}").run()?)
 }
 
-/// Builds the binary as `cargo run --release` does.
+/// Builds the binary as `cargo test` does: with overflow checks, and in the time that the tests have taken already.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
-    Ok(cmd!(sh, "cargo build --release --bin drivetwin").run()?)
+    let host = host();
+    Ok(cmd!(sh, "cargo build {host...} --tests --bin drivetwin").run()?)
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
 const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
+/// Its client takes the first piece of a reply for all of it, so it wants the machine for itself.
+const PARTY: &str = "tests/foreign/test_mdrive_party.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 const DOCUMENTS: &str = "tests/foreign/test_documents.py";
@@ -233,13 +238,15 @@ fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
 
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
-    let pytest = cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider {which...}");
+    // Most of the time they wait for a drive's time to pass.
+    let pytest =
+        cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider --numprocesses 4 --dist worksteal {which...}");
     Ok(pytest.env("DRIVETWIN", drivetwin(sh)).run()?)
 }
 
-/// The binary as users get it.
+/// The binary.
 pub(crate) fn drivetwin(sh: &Shell) -> PathBuf {
-    target_dir(sh).join("release/drivetwin")
+    target_dir(sh).join("debug/drivetwin")
 }
 
 /// Folder in which cargo builds.

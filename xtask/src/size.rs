@@ -3,7 +3,7 @@
 use anyhow::{Result, bail, ensure};
 use xshell::Shell;
 
-use crate::board::{BOARDS, PROFILE, kinds};
+use crate::board::{BOARDS, kinds};
 use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
 use crate::counted::{self, Counting, Group, PROCESSORS, PROGRAMS, Processor};
 use crate::image::Sizes;
@@ -27,7 +27,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         board.all(sh)?;
     }
     for Processor { target, .. } in &PROCESSORS {
-        panic_free::link(sh, target, PROFILE)?;
+        panic_free::link(sh, target)?;
     }
     let counting = Counting::build(sh)?;
     counting.check()?;
