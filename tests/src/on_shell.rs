@@ -111,13 +111,13 @@ fn run_with<D: Device, const CHARACTERS: usize>(
             InputRecord::RxError { port } => player.catch(entry.at, BoardEvent::RxError(*port)),
             InputRecord::Idle { port } => player.catch(entry.at, BoardEvent::Idle(*port)),
             InputRecord::HostPresence { port, here } => {
-                player.catch(entry.at, BoardEvent::HostPresence(*port, *here))
+                player.catch(entry.at, BoardEvent::HostPresence(*port, *here));
             }
             InputRecord::Edge { pin, high } => player.catch(entry.at, BoardEvent::Edge(*pin, *high)),
             InputRecord::Millivolts { pin, mv } => player.catch(entry.at, BoardEvent::Millivolts(*pin, *mv)),
             InputRecord::Fault { fault, on } => player.catch(entry.at, BoardEvent::Fault(*fault, *on)),
             InputRecord::StepsCorrection { axis, steps } => {
-                player.catch(entry.at, BoardEvent::StepsCorrection(*axis, *steps))
+                player.catch(entry.at, BoardEvent::StepsCorrection(*axis, *steps));
             }
             InputRecord::Opened { port, link } => {
                 player.sleep_before(entry.at);

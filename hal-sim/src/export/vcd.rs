@@ -220,7 +220,7 @@ impl<W: Write> Waves<W> {
                     motor.shaper.plan(at, plan, std::mem::take(&mut motor.lent));
                 }),
                 OutputRecord::Step { axis, steps } => {
-                    self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps))
+                    self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps));
                 }
                 OutputRecord::Course { axis, .. } => self.lose(drive, *axis),
                 _ => {}

@@ -39,7 +39,7 @@ impl Echo {
     fn answer(&mut self, at: Instant, link: Link, text: &[u8], out: &mut dyn Context) {
         for byte in text {
             let say = |bytes: &[u8], out: &mut dyn Context| {
-                out.put(at, Output::Message { port: MCODE, link, bytes })
+                out.put(at, Output::Message { port: MCODE, link, bytes });
             };
             match byte {
                 b'x' => out.put(at, Output::Close { port: MCODE, link }),

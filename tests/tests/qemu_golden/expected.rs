@@ -99,7 +99,7 @@ impl Expected {
                     expected.replies.push(Reply { to, at, earliest: at, bytes });
                 }
                 Event::Output(OutputRecord::Level { pin, .. }) => {
-                    expected.given[usize::from(pin.0)].push(entry.at)
+                    expected.given[usize::from(pin.0)].push(entry.at);
                 }
                 _ => {}
             }

@@ -46,7 +46,7 @@ impl Echo {
                 }
             }
             Some(Ok(_)) => {
-                out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Address }))
+                out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Address }));
             }
         }
     }
