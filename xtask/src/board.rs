@@ -70,7 +70,7 @@ pub(crate) const RP2040: &Board = &BOARDS[1];
 /// other features of what they use, and build that again.
 pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
     let board = BOARDS.iter().filter(|board| board.target == target).map(|board| board.package);
-    let packages = board.chain(["panic-free", "counted"]);
+    let packages = board.chain(["panic-free"]);
     ["--profile", PROFILE, "--target", target]
         .into_iter()
         .chain(packages.flat_map(|package| ["--package", package]))

@@ -73,8 +73,8 @@ impl<'a> Counting<'a> {
         for Processor { target, .. } in &PROCESSORS {
             let programs = PROGRAMS.into_iter().chain([KNOWN]).chain(kinds());
             let bins = programs.flat_map(|program| ["--bin".to_owned(), name(program)]);
-            let bare = board::bare(target);
-            cmd!(sh, "cargo build --quiet {bare...} {bins...}").run()?;
+            cmd!(sh, "cargo build --quiet --profile {PROFILE} --package counted --target {target} {bins...}")
+                .run()?;
         }
         let plugin = target_dir(sh).join(PROFILE).join("libinsncount.so");
         let plugin = plugin.into_os_string().into_string().ok().context("a path that is no text")?;

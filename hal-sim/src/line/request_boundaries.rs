@@ -1,7 +1,7 @@
 //! Request boundaries: where a request ends in the bytes of a client, and when it is complete.
 //!
 //! The gaps between bytes on a pty or TCP connection say nothing, so the check sum and the length of the function
-//! decide ([`modbus::front`]), and after them patience.
+//! decide ([`modbus::scan`]), and after them patience.
 
 use drivetwin_firmware::device::{Duration, Instant, Line};
 use drivetwin_protocol::modbus::{self, Expect, Scan};
