@@ -1,9 +1,64 @@
 //! The contract between a drive and the world. Read this first.
 //!
-//! A drive is a pure function from stamped inputs to stamped outputs: it owns no clock, no port and
-//! no pin. Whoever runs it (the simulator's bench, the [shell](crate::shell) of a board, a test)
-//! tells it what happens and when, wakes it at its [deadline](Device::deadline), and does what it
-//! puts into the [`Context`]. [`advance`] is the one place where inputs and deadlines are merged.
+//! A drive is a pure function from stamped inputs to stamped outputs: it owns no clock, no port and no pin. Its caller
+//! (the simulator's bench, the [shell](crate::shell) of a board, a test) passes inputs with their time, wakes the drive
+//! at its [deadline](Device::deadline), and carries out the outputs that the drive puts into the [`Context`].
+//! [`advance`] is the one place where inputs and deadlines are merged.
+//!
+//! # Example
+//!
+//! An MD3 without a board and without the simulator: the caller is the clock, the line and the EEPROM.
+//!
+//! ```
+//! use drivetwin_firmware::device::{Boot, Context, Device, Input, Instant, Output, Plan, Port, advance};
+//! use drivetwin_firmware::md3::Md3;
+//! use drivetwin_protocol::modbus::rtu;
+//!
+//! struct World {
+//!     eeprom: Vec<u8>,
+//!     sent: Vec<(Instant, Vec<u8>)>,
+//!     plan: Option<Plan>,
+//! }
+//!
+//! impl Context for World {
+//!     fn put(&mut self, at: Instant, output: Output<'_>) {
+//!         match output {
+//!             Output::Bytes { bytes, .. } => self.sent.push((at, bytes.to_vec())),
+//!             Output::Plan { plan, .. } => self.plan = Some(*plan),
+//!             Output::Store { offset, bytes } => {
+//!                 self.eeprom[usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+//!             }
+//!             _ => {} // Lights, motor current, log.
+//!         }
+//!     }
+//!
+//!     fn memory(&self) -> &[u8] {
+//!         &self.eeprom
+//!     }
+//! }
+//!
+//! let mut drive = Md3::new();
+//! let eeprom = vec![0xFF; usize::from(drive.spec().memory)];
+//! let mut world = World { eeprom, sent: Vec::new(), plan: None };
+//! // `fast` leaves out the start-up delay.
+//! drive.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() }, &mut world);
+//!
+//! // At 1 s the first character of "MotionControl = move" ends: 10,000 steps at up to 5,000 steps/s, 10,000 steps/s².
+//! let request = rtu::write(1, 0x11, 1);
+//! let at = Instant::from_ticks(16_000_000);
+//! let input = Input::Bytes { port: Port(0), bytes: &request };
+//! let next = advance(&mut drive, at, [(at, input)].into_iter(), &mut world);
+//! // The frame is complete after 7 more characters of 18,333 ticks, 3.5 characters of silence and one more.
+//! assert_eq!(next, Instant::from_ticks(16_000_000 + 7 * 18_333 + 64_166 + 18_333));
+//! assert_eq!(world.sent, []);
+//!
+//! advance(&mut drive, next, core::iter::empty(), &mut world);
+//! // The reply echoes the request, and the move takes 0.5 s + 1.5 s + 0.5 s.
+//! assert_eq!(world.sent, [(next, request.to_vec())]);
+//! let plan = world.plan.expect("the axis moves");
+//! assert_eq!(plan.end(), Instant::from_ticks(next.ticks() + 40_000_000));
+//! assert_eq!(plan.position_at(plan.end()), 10_000);
+//! ```
 
 pub use drivetwin_protocol::line::Line;
 pub use drivetwin_protocol::modbus::DropReason;
@@ -16,7 +71,7 @@ pub use crate::motion::Plan;
 use crate::motor::Parameters;
 pub use crate::motor::Rotation;
 
-macro_rules! places {
+macro_rules! newtype_index {
     ($($(#[$doc:meta])* $Name:ident,)*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -25,7 +80,7 @@ macro_rules! places {
     )*};
 }
 
-places! {
+newtype_index! {
     /// Place in [`Spec::ports`].
     Port,
     /// Place in [`Spec::pins`].
@@ -54,29 +109,28 @@ pub enum Level {
     Low,
     /// Driven high.
     High,
-    /// Let go: whatever is wired there decides.
+    /// Not driven: the wiring outside decides.
     Float,
 }
 
 /// An input of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Input<'a> {
-    /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others
-    /// follow back to back. More than one only where silence ends a frame ([`Framing::Silence`]), and
-    /// nothing behind a line feed where 7 data bits tell that Modbus ASCII is spoken there; splitting
-    /// them anywhere changes nothing.
+    /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others follow back to back.
+    /// More than one only where silence ends a frame ([`Framing::Silence`]), and nothing behind a line feed on a line
+    /// of 7 data bits (Modbus ASCII); splitting them anywhere changes nothing.
     Bytes {
         /// Port.
         port: Port,
         /// The characters.
         bytes: &'a [u8],
     },
-    /// A character that nobody could read: parity, framing, overrun, collision, another baud rate.
+    /// A character with an error: parity, framing, overrun, collision, another baud rate.
     RxError {
         /// Port.
         port: Port,
     },
-    /// The line itself says that the frame is over (`--line fast`, a UART's idle interrupt).
+    /// The line has been silent long enough to end a frame (`--line fast`, a UART's idle interrupt).
     Idle {
         /// Port.
         port: Port,
@@ -119,8 +173,8 @@ pub enum Input<'a> {
         /// To high.
         high: bool,
     },
-    /// An input whose [rest](PinSpec::rest) is [`Level::Float`] is let go, and no wire leads there. Until
-    /// its first event such a pin is open.
+    /// An input whose [idle level](PinSpec::idle) is [`Level::Float`] is no longer driven and not wired. Until its
+    /// first event such a pin is open.
     Open {
         /// Which.
         pin: Pin,
@@ -178,8 +232,8 @@ pub enum Input<'a> {
         /// Winding, rotor, supply and load.
         parameters: &'a Parameters,
     },
-    /// The motor on an axis turns like this from the stamp on: what the drive's control loop goes by between two edges
-    /// of its sensors.
+    /// Rotation of the motor on an axis from the stamp on. The drive's control loop uses it between two edges of its
+    /// sensors.
     Rotation {
         /// Which axis.
         axis: Axis,
@@ -200,8 +254,7 @@ pub enum Input<'a> {
         /// Number of steps, signed.
         steps: i32,
     },
-    /// A board took a plan late, so that many more steps were made than the plan says; never in the
-    /// simulator.
+    /// A board started a plan late, so that it made this many steps more than the plan; never in the simulator.
     StepsCorrection {
         /// Which axis.
         axis: Axis,
@@ -213,8 +266,8 @@ pub enum Input<'a> {
 /// An output of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Output<'a> {
-    /// Characters leave from the stamp on, back to back at the line's rate; whoever runs the drive
-    /// paces them. The stamp may lie ahead: a reply delay.
+    /// Characters to send from the stamp on, back to back at the line's rate; the caller paces them. The stamp may lie
+    /// ahead: a reply delay.
     Bytes {
         /// Port.
         port: Port,
@@ -251,8 +304,8 @@ pub enum Output<'a> {
         /// The level.
         level: Level,
     },
-    /// An output pin repeats from the stamp on, until told otherwise: high for `high`, low for the
-    /// rest of `period`. LEDs, PWM, clocks; nobody is woken for an edge.
+    /// An output pin repeats from the stamp on, until its next output: high for `high`, low for the rest of `period`.
+    /// LEDs, PWM, clocks; no edge wakes the drive.
     Wave {
         /// Which.
         pin: Pin,
@@ -368,8 +421,8 @@ impl LogEvent {
 
 /// Destination of a drive's outputs, and its non-volatile memory.
 pub trait Context {
-    /// `output` holds from `at` on. Stamps are those of the call they are put in, except where
-    /// [`Output`] says that they may lie ahead.
+    /// `output` holds from `at` on. Stamps are those of the call they are put in, except where the docs of [`Output`]
+    /// allow them to lie ahead.
     fn put(&mut self, at: Instant, output: Output<'_>);
 
     /// The non-volatile memory, [`Spec::memory`] bytes, as every `Store` so far left it. A new one is
@@ -396,7 +449,7 @@ pub struct Boot {
     pub seed: u64,
     /// No start-up delay.
     pub fast: bool,
-    /// Characters take no time on its serial lines (`--line fast`): what it sends has left at once.
+    /// Characters take no time on its serial lines (`--line fast`): they have left as soon as they are sent.
     pub fast_line: bool,
 }
 
@@ -435,7 +488,7 @@ pub struct PortSpec {
     /// Name, as users type it.
     pub name: &'static str,
     /// End of its messages.
-    pub ends: Framing,
+    pub framing: Framing,
     /// The factory line of a serial port; `None` for TCP.
     pub line: Option<Line>,
 }
@@ -455,12 +508,12 @@ pub enum Role {
     Input,
     /// The drive drives it.
     Output,
-    /// Input or output, as the registers say.
+    /// Input or output, as the registers select.
     Both,
     /// An analogue input.
     Analogue,
-    /// The drive reads it as a level or as a voltage: it is told edges of what is driven low, high or
-    /// not at all, and the voltage of what is driven to one.
+    /// Read as a level or as a voltage: the drive gets edges of a pin that is driven low, high or not at all, and the
+    /// voltage of a pin that is driven to one.
     AnalogueOrDigital,
     /// A light.
     Led,
@@ -475,25 +528,25 @@ pub struct PinSpec {
     pub role: Role,
     /// Idle level, while the pin is not driven. With `Float` the drive distinguishes a contact that is not wired
     /// ([`Input::Open`]) from an open contact (high, once a wire leads there).
-    pub rest: Level,
-    /// The pin rests high, whatever `rest` says, as soon as a wire or a switch leads there or a hand has been there: a
-    /// contact that counts as closed until somebody uses it.
+    pub idle: Level,
+    /// The pin idles high, whatever `idle` is, once a wire or a switch is connected or a user has set it: a contact
+    /// that counts as closed until it is used.
     pub high_once_used: bool,
     /// Shunt of an analogue input that can measure a current, in Ω; 0 of one that cannot.
     pub shunt_ohm: u16,
 }
 
 impl PinSpec {
-    /// A pin that measures no current and rests as it says.
+    /// A pin that measures no current, with the idle level `idle`.
     #[must_use]
-    pub const fn new(name: &'static str, role: Role, rest: Level) -> Self {
-        Self { name, role, rest, high_once_used: false, shunt_ohm: 0 }
+    pub const fn new(name: &'static str, role: Role, idle: Level) -> Self {
+        Self { name, role, idle, high_once_used: false, shunt_ohm: 0 }
     }
 
     /// Returns whether the drive distinguishes a contact that is not wired, by [`Input::Open`].
     #[must_use]
     pub fn reports_open(&self) -> bool {
-        self.rest == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::AnalogueOrDigital)
+        self.idle == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::AnalogueOrDigital)
     }
 }
 
@@ -570,15 +623,14 @@ pub struct Spec {
     pub address: Option<usize>,
     /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
     pub supply: Option<usize>,
-    /// The row, and its bit, that says that the motor is one with brushes, and not a stepper; `None` if it has no
-    /// choice.
+    /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
     /// Limits of the model that no row states.
     pub not_modelled: &'static [&'static str],
 }
 
 impl Spec {
-    /// A device of which there is nothing to tell.
+    /// A device without ports, pins, axes and registers.
     pub const EMPTY: Self = Self {
         kind: "",
         product: "",
@@ -704,9 +756,9 @@ pub trait Device {
         None
     }
 
-    /// Parts from [its own motor](Self::internal_motor), before its first power-on: from then on it says what it does to
-    /// its motor and is told what that does. Returns its pins for the Hall sensors, A first; `None` if it brings no
-    /// motor.
+    /// Detaches [the internal motor](Self::internal_motor). Call before the first power-on. Afterwards current limit
+    /// and duty are outputs, and the motor's feedback is an input. Returns the pins for its Hall sensors, A first;
+    /// `None` if there is no internal motor.
     fn detach_motor(&mut self) -> Option<&'static [Pin]> {
         None
     }

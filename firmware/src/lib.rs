@@ -46,8 +46,8 @@ pub mod shell;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 
-/// The one list of drives: hands a constructor of each kind, of type `fn() -> impl Device`, to a
-/// macro of the caller. The simulator boxes them all, a board picks one.
+/// The list of all drives: passes a constructor of each kind, of type `fn() -> impl Device`, to a macro of the caller.
+/// The simulator boxes them all, a board picks one.
 #[macro_export]
 macro_rules! devices {
     ($then:ident) => {

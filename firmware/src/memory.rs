@@ -188,7 +188,7 @@ fn wrong(crc: [u8; 2]) -> [u8; 2] {
 fn saved_words<'a>(entries: &'a Entries, without: &'a [usize]) -> impl Iterator<Item = (usize, u16)> + 'a {
     let rows = entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0);
     rows.filter(|(index, _)| !without.contains(index)).flat_map(|(index, row)| {
-        let place = entries.place(index);
+        let place = entries.offset(index);
         (0..usize::from(row.shape.words())).map(move |n| (place + n, row.saved))
     })
 }

@@ -1,14 +1,147 @@
 //! The main loop of a board: one drive over embedded-hal, embedded-io, embedded-storage and nb.
 //!
-//! Interrupts catch what happens and stamp it; the loop calls [`Shell::turn`] until it would block,
-//! arms a timer at [`Shell::deadline`] and sleeps. What a board must plug in is [`Inputs`] and
-//! [`Outputs`], and [`Links`] where a drive has TCP ports; the simulator plugs in virtual wires, so that the
-//! very same loop runs on a host.
+//! Interrupts record events with their time; the loop calls [`Shell::poll`] until it would block, arms a timer at
+//! [`Shell::deadline`] and sleeps. A board implements [`Inputs`] and [`Outputs`], and [`Links`] where a drive has TCP
+//! ports. The simulator implements them with virtual wires, so that the same loop runs on a host.
 //!
-//! A board takes its time. A move that it begins late is made later as a whole, and the drive, which goes
-//! by its own clock, must not believe that it is over before it is. So the shell puts the drive's time
-//! behind the board's by as much. The same helps where a drive asks for more than the board can do, say an
-//! endless row of moves shorter than planning one takes: its time waits, and the bus is still served (BOARD-1).
+//! A board may be late. A move that it begins late is delayed as a whole. The drive has a clock of its own and must not
+//! consider the move finished too early, so the shell delays the drive's clock by the same time. The same applies where
+//! a drive asks for more than the board can do, for example an endless sequence of moves that are shorter than planning
+//! one takes: the drive's clock waits, and the bus is still served (BOARD-1).
+//!
+//! # Example
+//!
+//! ```
+//! # use std::cell::RefCell;
+//! # use std::collections::VecDeque;
+//! # use std::convert::Infallible;
+//! # use std::rc::Rc;
+//! # use embedded_hal::digital::{self, OutputPin};
+//! # use embedded_io::{ErrorType, Write, WriteReady};
+//! # use embedded_storage::{ReadStorage, Storage};
+//! use drivetwin_firmware::device::{Boot, Duration, Instant, Line, Pin, Port};
+//! use drivetwin_firmware::md3::Md3;
+//! use drivetwin_firmware::shell::{BoardEvent, Inputs, NoNetwork, Outputs, Shell};
+//! use drivetwin_protocol::modbus::rtu;
+//!
+//! /// The clock, and the events that interrupts have recorded.
+//! #[derive(Clone, Default)]
+//! struct Interrupts(Rc<RefCell<(Instant, VecDeque<(Instant, BoardEvent)>)>>);
+//!
+//! impl Inputs for Interrupts {
+//!     fn now(&self) -> Instant {
+//!         self.0.borrow().0
+//!     }
+//!
+//!     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
+//!         let queue = &mut self.0.borrow_mut().1;
+//!         if queue.front()?.0 <= until { queue.pop_front() } else { None }
+//!     }
+//! }
+//!
+//! # impl Default for Hardware {
+//! #     fn default() -> Self {
+//! #         Self { uart: Uart::default(), eeprom: Eeprom(vec![0xFF; 256]) }
+//! #     }
+//! # }
+//! /// A UART and an EEPROM; no pin is wired.
+//! struct Hardware {
+//!     uart: Uart,
+//!     eeprom: Eeprom,
+//! }
+//!
+//! impl Outputs for Hardware {
+//!     type Serial = Uart;
+//!     type Pin = NoPin;
+//!     type Memory = Eeprom;
+//!     type Links = NoNetwork;
+//!
+//!     fn serial(&mut self, _port: Port) -> Option<&mut Uart> {
+//!         Some(&mut self.uart)
+//!     }
+//!
+//!     fn set_line(&mut self, _port: Port, _line: Line) {}
+//!
+//!     fn pin(&mut self, _pin: Pin) -> Option<&mut NoPin> {
+//!         None
+//!     }
+//!
+//!     fn memory(&mut self) -> &mut Eeprom {
+//!         &mut self.eeprom
+//!     }
+//!
+//!     fn stored(&self) -> &[u8] {
+//!         &self.eeprom.0
+//!     }
+//! }
+//! # #[derive(Clone, Default)]
+//! # struct Uart(Rc<RefCell<Vec<u8>>>);
+//! # impl ErrorType for Uart {
+//! #     type Error = Infallible;
+//! # }
+//! # impl Write for Uart {
+//! #     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+//! #         self.0.borrow_mut().extend_from_slice(bytes);
+//! #         Ok(bytes.len())
+//! #     }
+//! #     fn flush(&mut self) -> Result<(), Infallible> {
+//! #         Ok(())
+//! #     }
+//! # }
+//! # impl WriteReady for Uart {
+//! #     fn write_ready(&mut self) -> Result<bool, Infallible> {
+//! #         Ok(true)
+//! #     }
+//! # }
+//! # enum NoPin {}
+//! # impl digital::ErrorType for NoPin {
+//! #     type Error = Infallible;
+//! # }
+//! # impl OutputPin for NoPin {
+//! #     fn set_low(&mut self) -> Result<(), Infallible> {
+//! #         match *self {}
+//! #     }
+//! #     fn set_high(&mut self) -> Result<(), Infallible> {
+//! #         match *self {}
+//! #     }
+//! # }
+//! # struct Eeprom(Vec<u8>);
+//! # impl ReadStorage for Eeprom {
+//! #     type Error = Infallible;
+//! #     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+//! #         bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
+//! #         Ok(())
+//! #     }
+//! #     fn capacity(&self) -> usize {
+//! #         self.0.len()
+//! #     }
+//! # }
+//! # impl Storage for Eeprom {
+//! #     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+//! #         self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
+//! #         Ok(())
+//! #     }
+//! # }
+//!
+//! let (interrupts, hardware) = (Interrupts::default(), Hardware::default());
+//! let sent = hardware.uart.0.clone();
+//! let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), interrupts.clone(), hardware);
+//! shell.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() });
+//!
+//! // The UART receives a request to read CommandVersion, a character of 18,333 ticks each.
+//! for (n, byte) in (1..).zip(rtu::read(1, 0x00, 1)) {
+//!     let at = Instant::from_ticks(n * 18_333);
+//!     interrupts.0.borrow_mut().1.push_back((at, BoardEvent::Byte(Port(0), byte)));
+//! }
+//! // The loop of a board: poll until nothing is left to do, then sleep until the deadline.
+//! while sent.borrow().is_empty() {
+//!     while shell.poll().is_ok() {}
+//!     let wake_up = shell.deadline().min(interrupts.now() + Duration::millis(1));
+//!     interrupts.0.borrow_mut().0 = wake_up;
+//! }
+//! assert_eq!(sent.borrow().as_slice(), rtu::frame(1, &[3, 2, 0, 1]).as_slice());
+//! assert_eq!(shell.failures(), 0);
+//! ```
 
 use core::convert::Infallible;
 
@@ -30,26 +163,26 @@ const MESSAGES: usize = 4;
 
 /// Characters that may wait to be sent, where a drive is asked again when it has answered: those of the
 /// longest message, and of a short one.
-pub const ONE_ANSWER: usize = 272;
+pub const TX_ONE_REPLY: usize = 272;
 /// Characters that may wait to be sent, where a drive may be asked many things at once. What does not fit is
 /// lost as a whole and counted.
-pub const ANSWERS: usize = 1_024;
+pub const TX_REPLIES: usize = 1_024;
 
 /// An event that an interrupt caught.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BoardEvent {
-    /// A character; its stamp is the end of its stop bit, or when the UART hands it over within that.
+    /// A character; its stamp is the end of its stop bit, or the time of the UART's interrupt within that.
     Byte(Port, u8),
     /// A character that could not be read.
     RxError(Port),
-    /// The UART says that the line fell silent.
+    /// The UART has detected an idle line.
     Idle(Port),
     /// The host opened or left a port: its DTR.
     HostPresence(Port, bool),
-    /// An input pin changed, to high or low. No interrupt can tell [`Input::Open`]: a pin whose
-    /// [rest](crate::device::PinSpec::rest) is [`Level::Float`] counts as not wired, whatever is wired there, until it
-    /// is low for the first time since power-on; from then on high is an open contact.
+    /// An input pin changed, to high or low. An interrupt cannot detect [`Input::Open`]: a pin whose [idle
+    /// level](crate::device::PinSpec::idle) is [`Level::Float`] counts as not wired until it is low for the first time
+    /// since power-on; from then on high is an open contact.
     Edge(Pin, bool),
     /// A converter measured another voltage at an input pin, in mV.
     Millivolts(Pin, i32),
@@ -67,7 +200,7 @@ pub trait Inputs {
     fn now(&self) -> Instant;
 
     /// The oldest input that is not after `until`. Stamps ascend.
-    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)>;
+    fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)>;
 }
 
 /// An event of a TCP connection.
@@ -86,10 +219,10 @@ pub enum LinkEvent {
 /// The network of a board: TCP connections at the drive's ports. Each has a number that no other open one of its
 /// port has.
 pub trait Links {
-    /// Does what is due on the network at `now` and returns what came on one of the connections, and when, with the
-    /// bytes of a [`LinkEvent::Message`] in `message`. Where an interrupt stamps frames, that is before `now`. Where
-    /// `device` does not [accept](Device::accepts) connections they wait, and where it does not [take](Device::takes)
-    /// more nothing but openings is returned.
+    /// Does the network work that is due at `now` and returns the next event of a connection with its time; the bytes
+    /// of a [`LinkEvent::Message`] are in `message`. Where an interrupt stamps frames, the time is before `now`. While
+    /// `device` does not [accept](Device::accepts) connections they wait, and while it does not [take](Device::takes)
+    /// messages only openings are returned.
     ///
     /// # Errors
     /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.
@@ -100,9 +233,9 @@ pub trait Links {
         message: &mut Adu,
     ) -> Result<(Instant, Port, Link, LinkEvent), Instant>;
 
-    /// Sends all of `bytes`, or loses all of them and returns `false`: where there is no room for them the
-    /// connection is closed, since behind a gap nobody knows what he reads. What was just closed by the other side
-    /// takes everything.
+    /// Sends all of `bytes`, or drops all of them and returns `false`. Without room for them the connection is closed,
+    /// because a client cannot find the next message behind a gap. A connection that the other side has just closed
+    /// accepts everything.
     fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool;
 
     /// Closes a connection once all that was sent on it has left.
@@ -188,8 +321,7 @@ pub trait Outputs {
     /// `0xFF` where nothing was ever stored. The shell keeps no copy.
     fn stored(&self) -> &[u8];
 
-    /// The motion of an axis from now on; nothing where no steps are made. Returns how much later than
-    /// planned all of it will be made.
+    /// The motion of an axis from now on; nothing where no steps are made. Returns the delay of the whole plan.
     fn plan(&mut self, _axis: Axis, _plan: &Plan) -> Duration {
         Duration::ZERO
     }
@@ -208,18 +340,18 @@ pub trait Outputs {
 }
 
 /// Longest delay of a wake-up, before the drive's time waits: longer than a board's flash takes to erase a sector.
-const PATIENCE: Duration = Duration::millis(60);
+const MAX_LATENESS: Duration = Duration::millis(60);
 
 /// A drive on a board. `CHARACTERS` is how many characters may wait to be sent.
 #[derive(Debug)]
-pub struct Shell<D, I, O, const CHARACTERS: usize = ONE_ANSWER> {
+pub struct Shell<D, I, O, const CHARACTERS: usize = TX_ONE_REPLY> {
     device: D,
     /// The device's deadline, which takes a while to ask for.
     due: Instant,
-    /// The last thing that it was told, in its time.
-    past: Instant,
+    /// Time of the last call of the drive, on its clock.
+    last_event: Instant,
     inputs: I,
-    hands: OutputState<O, CHARACTERS>,
+    state: OutputState<O, CHARACTERS>,
 }
 
 /// Everything that a drive's outputs need.
@@ -232,21 +364,21 @@ struct OutputState<O, const CHARACTERS: usize> {
     characters: Characters<CHARACTERS>,
     /// Time of a character on the line, as the drive set it last.
     character: Duration,
-    /// Time on the line of all messages that did not fit: the drive reckons with it, the line does not.
-    lost: Duration,
+    /// Time on the line of all dropped messages: the drive counts it, the line does not.
+    dropped_time: Duration,
     /// Next poll of the network.
     network: Instant,
     /// Delay of the drive's time behind the board's.
-    behind: Duration,
+    clock_offset: Duration,
     failures: u32,
 }
 
 /// Characters in a row, taken from the front.
 #[derive(Debug)]
 struct Characters<const N: usize> {
-    kept: Vec<u8, N>,
+    buffer: Vec<u8, N>,
     /// Number of characters that have left.
-    gone: usize,
+    sent: usize,
 }
 
 /// A pin that repeats.
@@ -279,36 +411,36 @@ struct Message {
 impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, CHARACTERS> {
     /// `device` on a board, without power.
     pub const fn new(device: D, inputs: I, outputs: O) -> Self {
-        let hands = OutputState {
+        let state = OutputState {
             outputs,
             waves: Vec::new(),
             messages: Deque::new(),
-            characters: Characters { kept: Vec::new(), gone: 0 },
+            characters: Characters { buffer: Vec::new(), sent: 0 },
             character: Duration::ZERO,
-            lost: Duration::ZERO,
+            dropped_time: Duration::ZERO,
             network: Instant::NEVER,
-            behind: Duration::ZERO,
+            clock_offset: Duration::ZERO,
             failures: 0,
         };
-        Self { device, due: Instant::NEVER, past: Instant::ZERO, inputs, hands }
+        Self { device, due: Instant::NEVER, last_event: Instant::ZERO, inputs, state }
     }
 
     /// Gives the drive power at `at`, once. A board has power since its clock began to count.
     pub fn power_on(&mut self, at: Instant, boot: Boot) {
-        self.past = at;
-        self.device.power_on(self.past, boot, &mut self.hands);
+        self.last_event = at;
+        self.device.power_on(self.last_event, boot, &mut self.state);
         self.due = self.device.deadline();
     }
 
-    /// Does what is due up to one deadline of the drive, in the order of its stamps.
+    /// Does the work that is due, up to one deadline of the drive, in the order of stamps.
     ///
     /// # Errors
     /// [`nb::Error::WouldBlock`] if nothing was: sleep until the [`deadline`](Self::deadline), or
     /// until something is caught.
-    pub fn turn(&mut self) -> nb::Result<(), Infallible> {
+    pub fn poll(&mut self) -> nb::Result<(), Infallible> {
         let now = self.inputs.now();
         let mut idle = true;
-        while let Some((at, caught)) = self.inputs.caught(now.min(self.due())) {
+        while let Some((at, caught)) = self.inputs.next_event(now.min(self.due())) {
             idle = false;
             let character;
             let input = match caught {
@@ -325,30 +457,30 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
                 BoardEvent::Fault(fault, on) => Input::Fault { fault, on },
                 BoardEvent::StepsCorrection(axis, steps) => Input::StepsCorrection { axis, steps },
             };
-            self.tell(at, input);
+            self.deliver(at, input);
         }
-        idle &= !self.hear(now);
+        idle &= !self.poll_network(now);
         if self.due() <= now {
             idle = false;
-            self.hands.wait_for(self.due, now);
-            self.past = self.due;
-            self.device.timeout(self.due, &mut self.hands);
+            self.state.wait_for(self.due, now);
+            self.last_event = self.due;
+            self.device.timeout(self.due, &mut self.state);
             self.due = self.device.deadline();
         }
-        idle &= !self.hands.wave(now);
-        idle &= !self.hands.send(now);
+        idle &= !self.state.wave(now);
+        idle &= !self.state.send(now);
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 
-    /// Tells the drive what came first on the network; whether anything did. It is told at its instant, or at the
-    /// deadline that comes first.
-    fn hear(&mut self, now: Instant) -> bool {
-        let Some(links) = self.hands.outputs.links() else { return false };
+    /// Delivers the next network event, at its time or at the drive's deadline if that is earlier. Returns whether
+    /// there was one.
+    fn poll_network(&mut self, now: Instant) -> bool {
+        let Some(links) = self.state.outputs.links() else { return false };
         let mut message = Adu::new();
         let (at, port, link, came) = match links.next(now, &self.device, &mut message) {
             Ok(came) => came,
             Err(again) => {
-                self.hands.network = again;
+                self.state.network = again;
                 return false;
             }
         };
@@ -357,25 +489,25 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
             LinkEvent::Message => Input::Message { port, link, bytes: &message },
             LinkEvent::Closed => Input::Closed { port, link },
         };
-        self.tell(at.min(self.due()), input);
+        self.deliver(at.min(self.due()), input);
         true
     }
 
-    /// Tells the drive what happened at an instant of the board's clock.
-    fn tell(&mut self, at: Instant, input: Input<'_>) {
-        self.past = self.past.max(at - self.hands.behind);
-        self.due = feed(&mut self.device, self.due, self.past, input, &mut self.hands);
+    /// Delivers an input at an instant of the board's clock.
+    fn deliver(&mut self, at: Instant, input: Input<'_>) {
+        self.last_event = self.last_event.max(at - self.state.clock_offset);
+        self.due = feed(&mut self.device, self.due, self.last_event, input, &mut self.state);
     }
 
     /// Time of the next work, should no input come before.
     #[must_use]
     pub fn deadline(&self) -> Instant {
-        self.due().min(self.hands.deadline())
+        self.due().min(self.state.deadline())
     }
 
     /// The drive's deadline, as the board's clock shows it.
     fn due(&self) -> Instant {
-        self.due + self.hands.behind
+        self.due + self.state.clock_offset
     }
 
     /// The drive.
@@ -387,7 +519,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     /// Failures of a pin, a port, a connection or the memory.
     #[must_use]
     pub fn failures(&self) -> u32 {
-        self.hands.failures
+        self.state.failures
     }
 }
 
@@ -396,7 +528,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         let waves = self.waves.iter().map(|wave| wave.due);
         let first = waves.fold(self.network, Instant::min);
         match self.messages.front() {
-            // One that has begun waits for room in the port's buffer, and its interrupt tells.
+            // A message that has begun waits for room in the port's buffer; its interrupt wakes the loop.
             Some(Message { from, begun: false, .. }) => first.min(*from),
             _ => first,
         }
@@ -404,9 +536,9 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
 
     /// The drive asks for more than the board can do: it gets less time.
     fn wait_for(&mut self, due: Instant, now: Instant) {
-        let late = now.since(due + self.behind);
-        if late > PATIENCE {
-            self.behind = self.behind + late;
+        let late = now.since(due + self.clock_offset);
+        if late > MAX_LATENESS {
+            self.clock_offset = self.clock_offset + late;
             self.outputs.wait(late);
         }
     }
@@ -417,7 +549,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
     }
 
     /// Gives a pin a level, and no wave.
-    fn hold(&mut self, pin: Pin, level: Level) {
+    fn set_level(&mut self, pin: Pin, level: Level) {
         self.waves.retain(|wave| wave.pin != pin);
         self.outputs.release(pin, level == Level::Float);
         self.level(pin, level != Level::Low);
@@ -447,8 +579,8 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         changed
     }
 
-    /// Queues what leaves a port from `from` on; `false` if it does not fit. What begins before the message
-    /// ahead of it has left goes on with that, so that only characters need room.
+    /// Queues a message that leaves a port from `from` on; `false` if it does not fit. A message that begins before the
+    /// one ahead of it has left is appended to that, so that only characters need room.
     fn queue(&mut self, port: Port, from: Instant, bytes: &[u8]) -> bool {
         let takes = self.character * bytes.len() as u64;
         let joins = |last: &&mut Message| last.port == port && last.then.is_none() && from <= last.until;
@@ -465,7 +597,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         !self.messages.is_full() && self.characters.push(bytes) && self.messages.push_back(message).is_ok()
     }
 
-    /// Hands what may leave by `now` to the ports; whether anything left.
+    /// Writes the characters that may leave by `now` to the ports; returns whether any left.
     fn send(&mut self, now: Instant) -> bool {
         let mut moved = false;
         while let Some(message) = self.messages.front_mut().filter(|message| message.from <= now) {
@@ -480,15 +612,15 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
                 _ => Ok(next.len()),
             };
             moved = true;
-            // What a port refuses is lost: the rest of a message would only be half of it.
+            // If a port reports an error the whole message is dropped: half a message would be of no use.
             self.failures = self.failures.saturating_add(u32::from(written.is_err()));
-            let gone = written.unwrap_or(message.left).min(message.left);
-            if gone == 0 && message.left > 0 {
+            let sent = written.unwrap_or(message.left).min(message.left);
+            if sent == 0 && message.left > 0 {
                 break;
             }
-            message.left -= gone;
+            message.left -= sent;
             let Message { port, left, then, .. } = *message;
-            self.characters.take(gone);
+            self.characters.take(sent);
             if left == 0 {
                 self.messages.pop_front();
                 if let Some(line) = then {
@@ -503,50 +635,50 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
 impl<const N: usize> Characters<N> {
     /// Puts some at the end; `false` if they do not fit.
     fn push(&mut self, bytes: &[u8]) -> bool {
-        if bytes.len() > N.saturating_sub(self.kept.len()) {
-            self.close_up();
+        if bytes.len() > N.saturating_sub(self.buffer.len()) {
+            self.compact();
         }
-        self.kept.extend_from_slice(bytes).is_ok()
+        self.buffer.extend_from_slice(bytes).is_ok()
     }
 
     /// Moves those that have not left to the beginning, one by one: all at once would take as much of the stack.
-    fn close_up(&mut self) {
-        let left = self.kept.len().saturating_sub(self.gone);
+    fn compact(&mut self) {
+        let left = self.buffer.len().saturating_sub(self.sent);
         for place in 0..left {
-            if let Some(byte) = self.kept.get(self.gone + place).copied()
-                && let Some(to) = self.kept.get_mut(place)
+            if let Some(byte) = self.buffer.get(self.sent + place).copied()
+                && let Some(to) = self.buffer.get_mut(place)
             {
                 *to = byte;
             }
         }
-        self.kept.truncate(left);
-        self.gone = 0;
+        self.buffer.truncate(left);
+        self.sent = 0;
     }
 
     /// Characters at the front, at most that many.
     fn front(&self, most: usize) -> &[u8] {
-        let rest = self.kept.get(self.gone..).unwrap_or(&[]);
+        let rest = self.buffer.get(self.sent..).unwrap_or(&[]);
         rest.get(..most).unwrap_or(rest)
     }
 
     /// Removes characters that have left.
     fn take(&mut self, count: usize) {
-        self.gone += count;
-        if self.gone >= self.kept.len() {
-            self.kept.clear();
-            self.gone = 0;
+        self.sent += count;
+        if self.sent >= self.buffer.len() {
+            self.buffer.clear();
+            self.sent = 0;
         }
     }
 }
 
 impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
-        let at = at + self.behind;
+        let at = at + self.clock_offset;
         match output {
             Output::Bytes { port, bytes } => {
                 // What a drive puts behind an answer that was lost would wait for nothing.
-                if !self.queue(port, at - self.lost, bytes) {
-                    self.lost = self.lost + self.character * bytes.len() as u64;
+                if !self.queue(port, at - self.dropped_time, bytes) {
+                    self.dropped_time = self.dropped_time + self.character * bytes.len() as u64;
                     self.failures = self.failures.saturating_add(1);
                 }
             }
@@ -557,9 +689,9 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
                     None => self.outputs.set_line(port, line),
                 }
             }
-            Output::Level { pin, level } => self.hold(pin, level),
+            Output::Level { pin, level } => self.set_level(pin, level),
             Output::Wave { pin, period, high } => {
-                self.hold(pin, Level::High);
+                self.set_level(pin, Level::High);
                 let period = period.max(Duration::TICK);
                 let wave = Wave { pin, period, high, due: at + high, rises: false };
                 let result = self.waves.push(wave);
@@ -570,13 +702,13 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
                 self.count(result);
             }
             Output::Plan { axis, plan } => {
-                let late = self.outputs.plan(axis, &plan.delayed(self.behind));
-                self.behind = self.behind + late;
+                let late = self.outputs.plan(axis, &plan.delayed(self.clock_offset));
+                self.clock_offset = self.clock_offset + late;
             }
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::CurrentLimit { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
-            // Only a motor that is there would tell.
+            // Outputs of motors only, not of drives.
             Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
             Output::Log(note) => log(note),
             Output::Message { port, link, bytes } => {

@@ -218,7 +218,7 @@ impl Drive {
     /// A command that reads the drive's registers, or opens a terminal where somebody may type: by a pty of
     /// `port`, or where that is one of Modbus/TCP by its address.
     fn command(&self, port: Port, reached: &Reached) -> Option<String> {
-        let ends = self.spec.ports.get(usize::from(port.0))?.ends;
+        let ends = self.spec.ports.get(usize::from(port.0))?.framing;
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
         let pty = reached.addresses.iter().find_map(|address| match address {
             Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display()),

@@ -23,7 +23,7 @@ pub fn json(spec: &Spec) -> String {
             .iter()
             .map(|port| Port {
                 name: port.name,
-                message_ends: ends(port.ends),
+                message_ends: ends(port.framing),
                 line: port.line.map(|line| line.to_string()),
             })
             .collect(),
@@ -34,7 +34,7 @@ pub fn json(spec: &Spec) -> String {
                 name: pin.name,
                 aliases: aliases(spec, pin.name),
                 role: role(pin),
-                rest: level(pin.rest),
+                rest: level(pin.idle),
             })
             .collect(),
         axes: spec
@@ -267,7 +267,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
     let pin = |pin: Pin| pin_name(spec, pin).to_owned();
     let ports = spec.ports.iter().map(|port| {
         let line = port.line.map_or("TCP".into(), |line| line.to_string());
-        vec![port.name.into(), line, ends(port.ends).into()]
+        vec![port.name.into(), line, ends(port.framing).into()]
     });
     let pins = spec.pins.iter().map(|pin| {
         let mut names = vec![pin.name];
@@ -455,7 +455,7 @@ fn role(pin: &PinSpec) -> &'static str {
 
 fn rest(pin: &PinSpec) -> String {
     let once_used = if pin.high_once_used { ", high once used" } else { "" };
-    format!("{}{once_used}", level(pin.rest))
+    format!("{}{once_used}", level(pin.idle))
 }
 
 fn level(level: Level) -> &'static str {

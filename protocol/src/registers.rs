@@ -67,7 +67,7 @@ pub enum Access {
     ReadOnly,
     /// Write only.
     WriteOnly,
-    /// The manual names it and says no more: neither.
+    /// Named in the manual without any detail: neither read nor written.
     Known,
 }
 
@@ -251,7 +251,7 @@ pub struct Row {
     pub section: &'static str,
     /// Reason why it is not modelled; empty if it is.
     pub missing: &'static str,
-    /// The factory value says that nothing is set; a write cannot bring it.
+    /// The factory value means that nothing is set; a write cannot bring it.
     pub unset: bool,
     /// All else.
     pub entry: Entry,
@@ -332,19 +332,19 @@ impl Row {
         Self::new(Space::Discrete, Access::ReadOnly, address, section)
     }
 
-    /// A variable of the drive's own language; `number` only tells it from others.
+    /// A variable of the drive's own language; `number` only makes it unique.
     #[must_use]
     pub const fn variable(number: u16, section: &'static str) -> Self {
         Self::new(Space::Variable, Access::ReadWrite, number, section)
     }
 
-    /// A variable of the drive's own language that can only be read; `number` only tells it from others.
+    /// A variable of the drive's own language that can only be read; `number` only makes it unique.
     #[must_use]
     pub const fn fact(number: u16, section: &'static str) -> Self {
         Self::new(Space::Variable, Access::ReadOnly, number, section)
     }
 
-    /// A choice of the stand-in; `number` only tells it from others.
+    /// A choice of the stand-in; `number` only makes it unique.
     #[must_use]
     pub const fn setting(number: u16, section: &'static str) -> Self {
         Self::new(Space::Setting, Access::ReadWrite, number, section)
@@ -422,7 +422,7 @@ impl Row {
         self.shaped(Shape::Words(4))
     }
 
-    /// The factory value says that nothing is set, and lies outside of what a write may bring.
+    /// The factory value means that nothing is set, and lies outside the range of a write.
     #[must_use]
     pub const fn unset(mut self) -> Self {
         self.unset = true;
@@ -477,7 +477,7 @@ impl Row {
         self
     }
 
-    /// Which is there only at times: the drive says when.
+    /// Present only at times, which the drive decides.
     #[must_use]
     pub const fn optional(mut self) -> Self {
         self.entry.optional = true;
@@ -543,7 +543,7 @@ impl Entry {
 
     /// `value` as it acts.
     #[must_use]
-    pub const fn limited(&self, value: i64) -> i64 {
+    pub const fn clamped_value(&self, value: i64) -> i64 {
         match self.clamp {
             Some((least, _)) if value < least => least,
             Some((_, greatest)) if value > greatest => greatest,
@@ -569,15 +569,15 @@ impl Entry {
     }
 }
 
-/// A run of readable addresses whose words stand side by side in the bank.
+/// A contiguous range of readable addresses whose words are adjacent in the bank.
 #[derive(Clone, Copy, Debug)]
 #[doc(hidden)]
-pub struct Run {
+pub struct AddressRange {
     space: Space,
     first: u16,
     addresses: u16,
     words: u16,
-    place: u16,
+    offset: u16,
 }
 
 /// A whole register map.
@@ -605,16 +605,16 @@ pub struct Entries {
     /// Use of addresses.
     pub layout: Layout,
     /// Place of each row's first word in the bank.
-    places: &'static [u16],
+    offsets: &'static [u16],
     /// Runs that one read may cover.
-    runs: &'static [Run],
+    ranges: &'static [AddressRange],
     /// True if any row is live.
     live: bool,
     /// True if a drive may lack a row.
     conditional: bool,
 }
 
-/// A place in a map that somebody named.
+/// A row, or one word of it, found by its name.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Named {
     /// Index of the row.
@@ -665,8 +665,8 @@ impl Entries {
     pub const fn new(
         list: &'static [Entry],
         layout: Layout,
-        places: &'static [u16],
-        runs: &'static [Run],
+        offsets: &'static [u16],
+        ranges: &'static [AddressRange],
     ) -> Self {
         let (mut live, mut conditional, mut i) = (false, false, 0);
         while i < list.len() {
@@ -674,27 +674,27 @@ impl Entries {
             conditional |= list[i].is_conditional();
             i += 1;
         }
-        Self { list, layout, places, runs, live, conditional }
+        Self { list, layout, offsets, ranges, live, conditional }
     }
 
     /// Place of a row's first word in the bank.
     #[must_use]
-    pub fn place(&self, row: usize) -> usize {
-        self.places.get(row).copied().map_or(usize::MAX, usize::from)
+    pub fn offset(&self, row: usize) -> usize {
+        self.offsets.get(row).copied().map_or(usize::MAX, usize::from)
     }
 
     /// Places in the bank of the words that a read of `count` addresses from `first` brings; `None`
     /// if one of them cannot be read, or is half of something.
     #[must_use]
     pub fn readable(&self, space: Space, first: u16, count: u16) -> Option<Range<usize>> {
-        for run in self.runs {
-            let skipped = first.wrapping_sub(run.first);
-            if skipped < run.addresses && run.space == space {
+        for range in self.ranges {
+            let skipped = first.wrapping_sub(range.first);
+            if skipped < range.addresses && range.space == space {
                 // Of an object the count is its words, of anything else its addresses.
                 let (skipped, room) =
-                    if self.layout.objects { (0, run.words) } else { (skipped, run.addresses - skipped) };
+                    if self.layout.objects { (0, range.words) } else { (skipped, range.addresses - skipped) };
                 let whole = if self.layout.objects { count == room } else { count <= room };
-                let start = usize::from(run.place) + usize::from(skipped);
+                let start = usize::from(range.offset) + usize::from(skipped);
                 return whole.then_some(start..start + usize::from(count));
             }
         }
@@ -717,15 +717,15 @@ impl Entries {
     #[must_use]
     pub fn value(&self, words: &[u16], row: usize) -> i64 {
         let Some(shape) = self.list.get(row).map(|row| row.shape) else { return 0 };
-        let place = self.place(row);
-        self.assemble(shape, |n| words.get(place.wrapping_add(n)).copied().unwrap_or(0))
+        let offset = self.offset(row);
+        self.assemble(shape, |n| words.get(offset.wrapping_add(n)).copied().unwrap_or(0))
     }
 
     /// The value of a shape of which `word` gives the words, in bus order. Of more than four words
     /// the first four count.
     #[must_use]
     pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
-        let value = self.downward(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));
+        let value = self.words_from_high(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));
         match shape {
             Shape::I16 => i64::from(value as i16),
             Shape::I32 => i64::from(value as i32),
@@ -736,17 +736,17 @@ impl Entries {
     /// The word of a shape's value that comes `n`-th on the bus; 0 for one that it does not hold.
     #[must_use]
     pub fn word(&self, shape: Shape, value: i64, n: usize) -> u16 {
-        let upward = self.downward(shape).rev().position(|place| place == n);
-        upward.map_or(0, |place| (value >> (16 * place) & 0xFFFF).cast_unsigned() as u16)
+        let upward = self.words_from_high(shape).rev().position(|offset| offset == n);
+        upward.map_or(0, |offset| (value >> (16 * offset) & 0xFFFF).cast_unsigned() as u16)
     }
 
     /// Puts `value` into a row's words in the bank, cut to its shape.
     pub fn put(&self, words: &mut [u16], row: usize, value: i64) {
         let Some(shape) = self.list.get(row).map(|row| row.shape) else { return };
-        let place = self.place(row);
+        let offset = self.offset(row);
         let mut rest = value;
-        for n in self.downward(shape).rev() {
-            if let Some(word) = words.get_mut(place.wrapping_add(n)) {
+        for n in self.words_from_high(shape).rev() {
+            if let Some(word) = words.get_mut(offset.wrapping_add(n)) {
                 *word = (rest & 0xFFFF).cast_unsigned() as u16;
             }
             rest >>= 16;
@@ -754,7 +754,7 @@ impl Entries {
     }
 
     /// Places in bus order of a value's words, the highest one first.
-    fn downward(&self, shape: Shape) -> impl DoubleEndedIterator<Item = usize> {
+    fn words_from_high(&self, shape: Shape) -> impl DoubleEndedIterator<Item = usize> {
         let count = usize::from(shape.words()).min(4);
         let low_first = self.layout.order == Order::LowFirst;
         (0..count).map(move |n| if low_first { count - 1 - n } else { n })
@@ -767,8 +767,8 @@ impl Entries {
     }
 
     /// The live rows with words at these places of the bank.
-    pub fn live_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
-        self.rows_at(places, |row| row.live)
+    pub fn live_rows_at(&self, offsets: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
+        self.rows_at(offsets, |row| row.live)
     }
 
     /// Returns whether a drive may lack a row.
@@ -778,22 +778,22 @@ impl Entries {
     }
 
     /// The rows with words at these places of the bank that a drive may be without.
-    pub fn conditional_rows_at(&self, places: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
-        self.rows_at(places, Entry::is_conditional)
+    pub fn conditional_rows_at(&self, offsets: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
+        self.rows_at(offsets, Entry::is_conditional)
     }
 
     fn rows_at<F: Fn(&Entry) -> bool>(
         &self,
-        places: &Range<usize>,
+        offsets: &Range<usize>,
         which: F,
     ) -> impl Iterator<Item = usize> + use<'_, F> {
-        let (start, end) = (places.start, places.end);
+        let (start, end) = (offsets.start, offsets.end);
         // Places ascend, so the first of these rows is the last one that begins at `start` or before.
-        let first = self.places.partition_point(|&place| usize::from(place) <= start).saturating_sub(1);
+        let first = self.offsets.partition_point(|&offset| usize::from(offset) <= start).saturating_sub(1);
         let rows = self.list.iter().enumerate().skip(first);
-        let rows = rows.take_while(move |&(index, _)| self.place(index) < end);
+        let rows = rows.take_while(move |&(index, _)| self.offset(index) < end);
         rows.filter_map(move |(index, row)| {
-            let touched = start < self.place(index) + usize::from(row.shape.words());
+            let touched = start < self.offset(index) + usize::from(row.shape.words());
             (which(row) && touched).then_some(index)
         })
     }
@@ -851,15 +851,15 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
 
     /// The value of a register as it acts: within the limits of its row.
     #[must_use]
-    pub fn limited(&self, register: R) -> i64 {
+    pub fn clamped_value(&self, register: R) -> i64 {
         let value = self.get(register);
-        R::ENTRIES.list.get(register.row()).map_or(value, |row| row.limited(value))
+        R::ENTRIES.list.get(register.row()).map_or(value, |row| row.clamped_value(value))
     }
 
-    /// The first word of a register: all of it where it has one.
+    /// The first word of a register: the whole value if it has one word.
     #[must_use]
     pub fn word(&self, register: R) -> u16 {
-        self.words.get(R::ENTRIES.place(register.row())).copied().unwrap_or(0)
+        self.words.get(R::ENTRIES.offset(register.row())).copied().unwrap_or(0)
     }
 
     /// Sets a register, past all rules.
@@ -989,26 +989,26 @@ pub const fn saved_word_count(rows: &[Row]) -> usize {
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-pub const fn places<const N: usize>(rows: &[Row; N]) -> [u16; N] {
-    let mut places = [0; N];
-    let (mut place, mut i) = (0, 0);
+pub const fn offsets<const N: usize>(rows: &[Row; N]) -> [u16; N] {
+    let mut offsets = [0; N];
+    let (mut offset, mut i) = (0, 0);
     while i < N {
-        places[i] = place;
-        place += rows[i].entry.shape.words();
+        offsets[i] = offset;
+        offset += rows[i].entry.shape.words();
         i += 1;
     }
-    places
+    offsets
 }
 
 /// Number of contiguous readable ranges of a map.
 #[doc(hidden)]
 #[must_use]
-pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
+pub const fn range_count(rows: &[Row], layout: Layout) -> usize {
     let (mut count, mut views) = (0, VIEWS);
     while let [view, more @ ..] = views {
         let mut i = 0;
         while i < rows.len() {
-            if begins_a_run(rows, i, *view, layout) {
+            if starts_range(rows, i, *view, layout) {
                 count += 1;
             }
             i += 1;
@@ -1022,27 +1022,28 @@ pub const fn run_count(rows: &[Row], layout: Layout) -> usize {
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-pub const fn runs<const N: usize>(rows: &[Row], layout: Layout) -> [Run; N] {
-    let mut runs = [Run { space: Space::Holding, first: 0, addresses: 0, words: 0, place: 0 }; N];
+pub const fn ranges<const N: usize>(rows: &[Row], layout: Layout) -> [AddressRange; N] {
+    let mut ranges = [AddressRange { space: Space::Holding, first: 0, addresses: 0, words: 0, offset: 0 }; N];
     let (mut count, mut views) = (0, VIEWS);
     while let [view, more @ ..] = views {
-        let (mut place, mut i) = (0, 0);
+        let (mut offset, mut i) = (0, 0);
         while i < rows.len() {
             let row = &rows[i].entry;
-            if let Some(space) = seen(row, *view) {
-                if begins_a_run(rows, i, *view, layout) {
-                    runs[count] = Run { space, first: row.address, addresses: 0, words: 0, place };
+            if let Some(space) = readable_space(row, *view) {
+                if starts_range(rows, i, *view, layout) {
+                    ranges[count] =
+                        AddressRange { space, first: row.address, addresses: 0, words: 0, offset };
                     count += 1;
                 }
-                runs[count - 1].addresses += row.addresses(layout);
-                runs[count - 1].words += row.shape.words();
+                ranges[count - 1].addresses += row.addresses(layout);
+                ranges[count - 1].words += row.shape.words();
             }
-            place += row.shape.words();
+            offset += row.shape.words();
             i += 1;
         }
         views = more;
     }
-    runs
+    ranges
 }
 
 /// Spaces in which rows are looked up: their own, and bits.
@@ -1056,7 +1057,7 @@ enum View {
 const VIEWS: &[View] = &[View::Own, View::Also];
 
 /// Space in which a bus may read a row.
-const fn seen(row: &Entry, view: View) -> Option<Space> {
+const fn readable_space(row: &Entry, view: View) -> Option<Space> {
     if !row.access.reads() {
         return None;
     }
@@ -1069,18 +1070,18 @@ const fn seen(row: &Entry, view: View) -> Option<Space> {
 
 /// Returns whether row `i` starts a new contiguous readable range.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
-const fn begins_a_run(rows: &[Row], i: usize, view: View, layout: Layout) -> bool {
+const fn starts_range(rows: &[Row], i: usize, view: View, layout: Layout) -> bool {
     let row = &rows[i].entry;
-    let Some(space) = seen(row, view) else { return false };
+    let Some(space) = readable_space(row, view) else { return false };
     if i == 0 || layout.objects {
         return true;
     }
     let last = &rows[i - 1].entry;
-    let goes_on = match seen(last, view) {
+    let is_contiguous = match readable_space(last, view) {
         Some(other) => other as u8 == space as u8,
         None => false,
     };
-    !goes_on || last.address as u32 + last.shape.words() as u32 != row.address as u32
+    !is_contiguous || last.address as u32 + last.shape.words() as u32 != row.address as u32
 }
 
 /// Declares a register map: an enum with a variant a row, and its [`Table`].
@@ -1191,12 +1192,12 @@ macro_rules! registers {
             const ENTRIES: &'static $crate::registers::Entries = {
                 static LIST: [$crate::registers::Entry; $Reg::ROWS.len()] =
                     $crate::registers::entries(&$Reg::ROWS);
-                static PLACES: [u16; $Reg::ROWS.len()] = $crate::registers::places(&$Reg::ROWS);
-                static RUNS: [$crate::registers::Run;
-                    $crate::registers::run_count(&$Reg::ROWS, $Reg::LAYOUT)] =
-                    $crate::registers::runs(&$Reg::ROWS, $Reg::LAYOUT);
+                static OFFSETS: [u16; $Reg::ROWS.len()] = $crate::registers::offsets(&$Reg::ROWS);
+                static RANGES: [$crate::registers::AddressRange;
+                    $crate::registers::range_count(&$Reg::ROWS, $Reg::LAYOUT)] =
+                    $crate::registers::ranges(&$Reg::ROWS, $Reg::LAYOUT);
                 static ENTRIES: $crate::registers::Entries =
-                    $crate::registers::Entries::new(&LIST, $Reg::LAYOUT, &PLACES, &RUNS);
+                    $crate::registers::Entries::new(&LIST, $Reg::LAYOUT, &OFFSETS, &RANGES);
                 &ENTRIES
             };
 

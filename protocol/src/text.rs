@@ -25,8 +25,8 @@ pub struct TextLine<const N: usize> {
     pub flaw: Option<LineError>,
 }
 
-/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, all of it. `None`
-/// of an empty text. An LF at the front ends nothing: it belongs to the CR before it.
+/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, the whole text.
+/// `None` for an empty text. An LF at the front belongs to the CR before it and ends no line.
 pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
     let ends = |(n, &character): (usize, &u8)| character == CR || (character == LF && n > 0);
     let last = text.iter().enumerate().position(ends);
@@ -63,13 +63,13 @@ impl<const N: usize> Lines<N> {
         None
     }
 
-    /// A character has come that nobody could read.
-    pub fn spoil(&mut self) {
+    /// A character with an error has come.
+    pub fn rx_error(&mut self) {
         self.text.clear();
         self.flaw = Some(LineError::RxError);
     }
 
-    /// Forgets what has come of a line, and what was wrong with it.
+    /// Drops the part of a line received so far, and its error.
     pub fn clear(&mut self) {
         *self = Self::new();
     }
@@ -124,7 +124,7 @@ mod tests {
     fn a_spoiled_character_spoils_its_line_only() {
         let mut lines = Lines::<4>::new();
         assert_eq!(lines.push(b'R'), None);
-        lines.spoil();
+        lines.rx_error();
         assert_eq!(lines.push(b'E'), None);
         let spoiled = lines.push(b'\r').unwrap();
         assert_eq!((&spoiled.text[..], spoiled.flaw), (&b""[..], Some(LineError::RxError)));
@@ -140,7 +140,7 @@ mod tests {
         }
         lines.clear();
         assert_eq!(lines.push(b'\r'), None, "nothing is left of it");
-        lines.spoil();
+        lines.rx_error();
         lines.clear();
         lines.push(b'R');
         let line = lines.push(b'\n').unwrap();

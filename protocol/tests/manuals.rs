@@ -171,10 +171,10 @@ impl<R: Register, const WORDS: usize> RequestHandler for Keeper<R, WORDS> {
 const RULES: Rules = Rules {
     functions: &[1, 2, 3, 4, 5, 6, 15, 16],
     broadcast: Some(0),
-    most_read: 125,
-    most_written: 123,
+    max_read: 125,
+    max_written: 123,
     bits_per_word: 16,
-    writes_halves: true,
+    partial_writes: true,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -187,7 +187,7 @@ fn md3_pairs_read_high_word_first() {
     assert_eq!(md3.ask(&RULES, &[3, 0, 0x15, 0, 1]), [3, 2, 0x13, 0x88]);
     assert_eq!(md3.ask(&RULES, &[6, 0, 0x14, 0xFF, 0xFF]), [6, 0, 0x14, 0xFF, 0xFF]);
     assert_eq!(md3.bank.get(md3::Reg::Speed), -60_536);
-    assert_eq!(md3.bank.limited(md3::Reg::Speed), -40_000);
+    assert_eq!(md3.bank.clamped_value(md3::Reg::Speed), -40_000);
     assert_eq!(md3.written, [md3::Reg::Speed]);
     assert_eq!(md3.ask(&RULES, &[3, 0, 0x0e, 0, 2]).len(), 6);
     assert_eq!(md3.refreshed, [md3::Reg::EncoderIndexCount]);

@@ -74,10 +74,10 @@ drivetwin_protocol::registers! {
 const RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, 43, 65, 66],
     broadcast: None,
-    most_read: 4,
-    most_written: 4,
+    max_read: 4,
+    max_written: 4,
     bits_per_word: 1,
-    writes_halves: false,
+    partial_writes: false,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -148,7 +148,7 @@ impl RequestHandler for Mdrive {
         self.written.push(register);
     }
 
-    fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
+    fn write_multiple(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
         let outcome = |register| values.get(register).unwrap_or_else(|| self.bank.get(register));
         if outcome(Reg::VI) >= outcome(Reg::VM) {
             self.error = if values.get(Reg::VI).is_some() { 22 } else { 23 };
@@ -164,11 +164,11 @@ impl RequestHandler for Mdrive {
         Some(Ok(()))
     }
 
-    fn out_of_range(&mut self, _register: Reg, _value: i64) {
+    fn on_out_of_range(&mut self, _register: Reg, _value: i64) {
         self.error = 21;
     }
 
-    fn is_there(&self, register: Reg) -> bool {
+    fn is_present(&self, register: Reg) -> bool {
         match register {
             Reg::V1 => self.declared >= 1,
             Reg::V2 => self.declared >= 2,
@@ -459,7 +459,7 @@ fn of_any_words_those_rows_are_live_or_optional_that_a_search_of_all_finds() {
     for start in 0..=Reg::WORDS {
         for end in start..=Reg::WORDS {
             let touched = |row: &usize| {
-                let (place, words) = (entries.place(*row), usize::from(entries.list[*row].shape.words()));
+                let (place, words) = (entries.offset(*row), usize::from(entries.list[*row].shape.words()));
                 place < end && start < place + words
             };
             let all = || (0..entries.list.len()).filter(touched);

@@ -23,7 +23,7 @@ const STRETCHES: [(&str, u64, u64); 3] =
 fn walk(name: &str, steps: u64) {
     // 80,000 steps of ramp, or one.
     let acceleration = if name == "cruise" { 800_000_000 } else { 10_000 };
-    let plan = Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, I24F8::from_num(40_000), acceleration);
+    let plan = Plan::at_rest(Instant::ZERO, 0).ramp_to(Instant::ZERO, I24F8::from_num(40_000), acceleration);
     let mut walker = black_box(StepIterator::new(&plan, Instant::ZERO));
     let mut last = None;
     for _ in 0..steps {

@@ -35,9 +35,9 @@ impl Move {
     /// Of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
     #[must_use]
     pub fn of(steps: u32, rates: Limits) -> Self {
-        let speed = h(rates.speed.to_bits());
-        let start = h(rates.start.to_bits()).min(speed);
-        let (up, down) = (u128::from(rates.up), u128::from(rates.down));
+        let speed = h(rates.max_speed.to_bits());
+        let start = h(rates.start_speed.to_bits()).min(speed);
+        let (up, down) = (u128::from(rates.acceleration), u128::from(rates.deceleration));
         let way = u128::from(steps) * STEP;
         let gained = speed * speed - start * start;
         let (mut first, mut last) = (gained / up, gained / down);

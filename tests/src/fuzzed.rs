@@ -270,7 +270,7 @@ fn memory(mut bytes: &[u8]) {
 
 /// Port of a drive where messages end so.
 fn port(drive: &dyn Device, ends: Framing) -> Option<Port> {
-    let place = drive.spec().ports.iter().position(|port| port.ends == ends)?;
+    let place = drive.spec().ports.iter().position(|port| port.framing == ends)?;
     u8::try_from(place).ok().map(Port)
 }
 
@@ -421,7 +421,7 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
 fn characters(drive: &dyn Device, mut at: Instant, line: Option<Line>, text: &[u8]) -> Vec<Event> {
     let port = drive.spec().ports[0];
     let line = line.or(port.line).unwrap_or(Line::new(115_200, 8, Parity::None, 1));
-    let most = if port.ends == Framing::Silence { text.len().max(1) } else { 1 };
+    let most = if port.framing == Framing::Silence { text.len().max(1) } else { 1 };
     let bursts = text.split_inclusive(|&byte| byte == b'\n').flat_map(|burst| burst.chunks(most));
     let events = bursts.map(|burst| {
         let begins = at;

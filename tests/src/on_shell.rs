@@ -1,7 +1,7 @@
 //! A golden trace on the shell of a board, over the simulated hardware.
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Framing, Instant, Level, Line, Pin};
-use drivetwin_firmware::shell::{ANSWERS, BoardEvent, Inputs, LinkEvent, ONE_ANSWER, Shell};
+use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Shell, TX_ONE_REPLY, TX_REPLIES};
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
 use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
@@ -82,9 +82,9 @@ pub fn motion<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant,
 /// The board on which a trace was played to its end, with as much room for answers as the images have.
 fn run<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
-    match drive.spec.ports[0].ends {
-        Framing::Silence => run_with::<D, ONE_ANSWER>(trace, drive, device),
-        _ => run_with::<D, ANSWERS>(trace, drive, device),
+    match drive.spec.ports[0].framing {
+        Framing::Silence => run_with::<D, TX_ONE_REPLY>(trace, drive, device),
+        _ => run_with::<D, TX_REPLIES>(trace, drive, device),
     }
 }
 
@@ -250,7 +250,7 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
 
     fn turn(&mut self) {
         if let Some(shell) = &mut self.shell {
-            while shell.turn().is_ok() {}
+            while shell.poll().is_ok() {}
         }
     }
 }

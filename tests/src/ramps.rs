@@ -99,10 +99,10 @@ fn row(name: &'static str, steps: u32, acceleration: u32, speed: u32) -> Row {
 fn jog() -> Error {
     let acceleration = 10_000;
     let (mut made, mut due) = (Vec::new(), Vec::new());
-    let (mut plan, mut exact) = (Plan::rest(Instant::ZERO, 0), Jog::default());
+    let (mut plan, mut exact) = (Plan::at_rest(Instant::ZERO, 0), Jog::default());
     for (speed, from, until) in [(5_000, 0, 1), (20_000, 1, 4), (-5_000, 4, 8)] {
         let [from, until] = [from, until].map(|seconds| Instant::from_ticks(seconds * TICKS_PER_SECOND));
-        plan = plan.towards(from, I24F8::from_num(speed), acceleration);
+        plan = plan.ramp_to(from, I24F8::from_num(speed), acceleration);
         made.extend(StepIterator::new(&plan, from).take_while(|step| step.at <= until));
         exact.order(I24F8::from_num(speed), acceleration);
         exact.walk(until.ticks(), &mut due);

@@ -22,7 +22,7 @@ static SPEC: Spec = Spec {
     manual: "tests/src/toy.rs",
     ports: &[PortSpec {
         name: "usb",
-        ends: Framing::Character,
+        framing: Framing::Character,
         line: Some(Line::new(115_200, 8, Parity::None, 1)),
     }],
     pins: &[PinSpec::new("IN", Role::Input, Level::High), PinSpec::new("OUT", Role::Output, Level::Low)],

@@ -184,7 +184,7 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
     let elsewhere = LineFaults { wrong_address: 0.5, ..QUIET };
     for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
         let port = &device.spec().ports[0];
-        let modbus = port.ends == Framing::Silence;
+        let modbus = port.framing == Framing::Silence;
         assert_eq!(forced.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
         assert_eq!(elsewhere.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
     }

@@ -63,7 +63,12 @@ fn twenty_thousand_moves_make_each_step_as_near_as_promised() {
         let up = random.any_size(24);
         let down = if random.below(2) == 0 { up } else { random.any_size(24) };
         let start = if random.below(2) == 0 { 0 } else { random.below(u64::from(speed) + 100) as u32 };
-        let rates = Limits { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits {
+            start_speed: U24F8::from_bits(start),
+            max_speed: U24F8::from_bits(speed),
+            acceleration: up,
+            deceleration: down,
+        };
         let back = random.below(2) == 0;
         let begin = random.below(1 << 40);
         let signed = if back { -steps.cast_signed() } else { steps.cast_signed() };
@@ -101,7 +106,12 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
         let speed = 256 + random.any_size(30);
         // The oracle's 128 bits hold a way·a·b/(a + b) of so much.
         let [up, down] = [random.any_size(16), random.any_size(16)];
-        let rates = Limits { start: U24F8::ZERO, speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits {
+            start_speed: U24F8::ZERO,
+            max_speed: U24F8::from_bits(speed),
+            acceleration: up,
+            deceleration: down,
+        };
         let plan = Plan::profile(at(0), 0, steps.cast_signed(), rates);
         let exact = Move::of(steps, rates);
         let [first, second] = exact.seams();
@@ -138,7 +148,7 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
         // A triangle: no cruise at any acceleration.
         let plan = Plan::profile(at(0), 0, 4_000, Limits::even(U24F8::MAX, a));
         let [up, stop] = plan.segments() else { panic!("no triangle: {plan:?}") };
-        assert_eq!((up.a.unsigned_abs(), stop.a.unsigned_abs()), (a, a));
+        assert_eq!((up.acceleration.unsigned_abs(), stop.acceleration.unsigned_abs()), (a, a));
         let steps: Vec<u64> = StepIterator::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         assert_eq!(steps.len(), 4_000);
         for (n, &ticks) in (1..=1_999).zip(&steps) {
@@ -176,10 +186,10 @@ fn orders(random: &mut Random) -> Vec<Order> {
 
 /// What the walkers of all orders make, one after the other, up to a tick after the end.
 fn walked(orders: &[Order]) -> Vec<Step> {
-    let mut plan = Plan::rest(at(0), 0);
+    let mut plan = Plan::at_rest(at(0), 0);
     let (mut now, mut steps) = (0, Vec::new());
     for (n, order) in orders.iter().enumerate() {
-        plan = plan.towards(at(now), order.speed, order.acceleration);
+        plan = plan.ramp_to(at(now), order.speed, order.acceleration);
         let from = at(now);
         now += order.ticks;
         let last = if n + 1 == orders.len() { at(now + 1) } else { at(now) };
@@ -225,7 +235,12 @@ fn profile(random: &mut Random, most: u64) -> Plan {
     let [start, speed] = [random.any_size(24), random.any_size(27)].map(U24F8::from_bits);
     let [up, down] = [random.any_size(31), random.any_size(31)];
     let start = if random.below(2) == 0 { U24F8::ZERO } else { start };
-    Plan::profile(at(random.below(1 << 33)), -3, steps, Limits { start, speed, up, down })
+    Plan::profile(
+        at(random.below(1 << 33)),
+        -3,
+        steps,
+        Limits { start_speed: start, max_speed: speed, acceleration: up, deceleration: down },
+    )
 }
 
 /// An instant of a plan: somewhere in its first hour, or close to a seam.
@@ -309,9 +324,9 @@ fn positions_agree_with_the_walker_around_every_step() {
         let plan = profile(&mut random, 200);
         agrees(&plan, plan.start(), usize::MAX);
         let mut now = 0;
-        let mut plan = Plan::rest(at(0), 0);
+        let mut plan = Plan::at_rest(at(0), 0);
         for order in orders(&mut random) {
-            plan = plan.towards(at(now), order.speed, order.acceleration);
+            plan = plan.ramp_to(at(now), order.speed, order.acceleration);
             let after = somewhere(&mut random, &plan);
             agrees(&plan, at(now), 100);
             agrees(&plan, after, 100);
@@ -322,9 +337,10 @@ fn positions_agree_with_the_walker_around_every_step() {
 
 #[test]
 fn positions_agree_with_the_walker_at_every_tick() {
-    let fast = Limits { up: 2_147_483_647, ..Limits::even(U24F8::MAX, 1_500_000_000) };
-    let started = Limits { start: U24F8::from_num(700_000), speed: U24F8::from_num(900_000), ..fast };
-    let one_speed = Limits { start: U24F8::MAX, speed: U24F8::from_num(5_000_000), ..fast };
+    let fast = Limits { acceleration: 2_147_483_647, ..Limits::even(U24F8::MAX, 1_500_000_000) };
+    let started =
+        Limits { start_speed: U24F8::from_num(700_000), max_speed: U24F8::from_num(900_000), ..fast };
+    let one_speed = Limits { start_speed: U24F8::MAX, max_speed: U24F8::from_num(5_000_000), ..fast };
     for rates in [fast, started, one_speed] {
         for steps in [-1, 1, 2, 3, 40, -400] {
             let plan = Plan::profile(at(9), 0, steps, rates);
@@ -349,7 +365,7 @@ fn steps(plan: &Plan, after: u64) -> impl Iterator<Item = u64> {
 #[test]
 fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
     // 40,000 s, 6.4·10¹¹ ticks, 800 million steps.
-    let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(40_000), 1);
+    let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(40_000), 1);
     assert_eq!(plan.segments()[1].ticks, 40_000 * TICKS_PER_SECOND);
     let mut random = Random(3);
     for _ in 0..300 {
@@ -367,7 +383,7 @@ fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
 fn a_day_of_cruise_is_as_exact_as_a_second() {
     // 40,000.25 steps/s: a step every 399.9975 ticks, never the same for long.
     let bits = 40_000 * 256 + 64;
-    let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_bits(bits), 400_000);
+    let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_bits(bits), 400_000);
     let h = h(bits.cast_unsigned());
     // The way is 2h·t − h²/a, so step n is due at (n·STEP + h²/a)/2h: a number, and by what to divide it.
     let due = |n: u128| (n * STEP * 400_000 + h * h, 2 * h * 400_000);
@@ -389,7 +405,7 @@ fn a_day_of_cruise_is_as_exact_as_a_second() {
 
 #[test]
 fn the_slowest_cruise_steps_every_256_seconds() {
-    let plan = Plan::rest(at(0), 0).towards(at(0), -I24F8::DELTA, 1);
+    let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), -I24F8::DELTA, 1);
     // The ramp of 1/256 s takes 1/512 s more than no ramp.
     let late = TICKS_PER_SECOND / 512;
     let due: Vec<u64> = (1..=50).map(|n| n * 256 * TICKS_PER_SECOND + late).collect();
@@ -402,8 +418,8 @@ fn the_slowest_cruise_steps_every_256_seconds() {
 fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
     // 200 ticks before the first step at 1/256 step/s: 67 steps/s, in half a tick.
     let due = 256 * TICKS_PER_SECOND + TICKS_PER_SECOND / 512;
-    let slow = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, 1);
-    let plan = slow.towards(at(due - 200), I24F8::from_num(67), i32::MAX.cast_unsigned());
+    let slow = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::DELTA, 1);
+    let plan = slow.ramp_to(at(due - 200), I24F8::from_num(67), i32::MAX.cast_unsigned());
     let ticks: Vec<u64> = steps(&plan, due - 200).take(1_000).collect();
     assert_eq!((ticks.len(), ticks[0]), (1_000, due - 199));
     for (n, ticks) in (0..).zip(&ticks) {
@@ -429,7 +445,7 @@ fn the_longest_move_ends_with_its_last_step() {
 
 #[test]
 fn a_start_speed_above_the_speed_acts_as_the_speed() {
-    let rates = Limits { start: U24F8::from_num(7_000), ..Limits::even(U24F8::from_num(4_000), 10) };
+    let rates = Limits { start_speed: U24F8::from_num(7_000), ..Limits::even(U24F8::from_num(4_000), 10) };
     let plan = Plan::profile(at(0), 0, 25, rates);
     assert_eq!(steps(&plan, 0).collect::<Vec<_>>(), (1..=25).map(|n| n * 4_000).collect::<Vec<_>>());
     assert_eq!(plan.speed_at(at(1)), 4_000);
@@ -439,8 +455,12 @@ fn a_start_speed_above_the_speed_acts_as_the_speed() {
 #[test]
 fn a_start_speed_is_also_the_speed_of_the_last_step() {
     // Up from 1,000 to 3,000 steps/s in 0.2 s and 400 steps, down in 0.1 s and 200, 600 between.
-    let rates =
-        Limits { start: U24F8::from_num(1_000), speed: U24F8::from_num(3_000), up: 10_000, down: 20_000 };
+    let rates = Limits {
+        start_speed: U24F8::from_num(1_000),
+        max_speed: U24F8::from_num(3_000),
+        acceleration: 10_000,
+        deceleration: 20_000,
+    };
     let plan = Plan::profile(at(0), 0, 1_200, rates);
     assert_eq!(plan.end().ticks(), 5 * TICKS_PER_SECOND / 10);
     let ticks: Vec<u64> = steps(&plan, 0).collect();
@@ -455,28 +475,28 @@ fn a_reversal_that_is_pending_takes_orders_in_each_of_its_parts() {
     // 1,000 steps/s forward; at 2 s back; standstill at 2.1 s, −1,000 steps/s at 2.2 s.
     let ms = |ms: u64| at(ms * TICKS_PER_SECOND / 1_000);
     let thousand = I24F8::from_num(1_000);
-    let jog = Plan::rest(at(0), 0).towards(at(0), thousand, 10_000);
-    let back = jog.towards(ms(2_000), -thousand, 10_000);
+    let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), thousand, 10_000);
+    let back = jog.ramp_to(ms(2_000), -thousand, 10_000);
     assert_eq!(back.position_at(ms(2_100)), 2_000);
     // At 2.05 s, 37½ steps after the order, at 500 steps/s.
-    let on = back.towards(ms(2_050), thousand, 10_000);
+    let on = back.ramp_to(ms(2_050), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_050)), on.position_at(ms(2_100))), (1_987, 2_025));
-    let stop = back.towards(ms(2_050), I24F8::ZERO, 5_000);
+    let stop = back.ramp_to(ms(2_050), I24F8::ZERO, 5_000);
     assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_150), 2_012));
     assert_eq!(back.halt(ms(2_050)).position_at(Instant::NEVER), 1_987);
     // At standstill.
-    let on = back.towards(ms(2_100), thousand, 10_000);
+    let on = back.ramp_to(ms(2_100), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_100)), on.position_at(ms(2_200))), (2_000, 2_050));
-    let stop = back.towards(ms(2_100), I24F8::ZERO, 10_000);
+    let stop = back.ramp_to(ms(2_100), I24F8::ZERO, 10_000);
     assert_eq!((stop.end(), stop.position_at(Instant::NEVER)), (ms(2_100), 2_000));
     // At 2.15 s, 12½ steps back, at −500 steps/s: 12½ more to a stop.
-    let on = back.towards(ms(2_150), thousand, 10_000);
+    let on = back.ramp_to(ms(2_150), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_150)), on.position_at(ms(2_200))), (1_988, 1_975));
     assert_eq!(on.position_at(ms(2_300)), 1_975 + 50);
-    let stop = back.towards(ms(2_150), I24F8::ZERO, 10_000);
+    let stop = back.ramp_to(ms(2_150), I24F8::ZERO, 10_000);
     assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_200), 1_975));
     // In the cruise back.
-    let on = back.towards(ms(2_300), thousand, 10_000);
+    let on = back.ramp_to(ms(2_300), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_300)), on.position_at(ms(2_400))), (1_850, 1_800));
     for plan in [on, stop, back] {
         agrees(&plan, plan.start(), 1_000);
@@ -488,12 +508,12 @@ fn a_step_on_the_vertex_is_made_there() {
     // The factory move of an MD3: 1250 steps of ramp. Its stop, ordered in the cruise, ends on one, too.
     let second = TICKS_PER_SECOND;
     let speed = I24F8::from_num(5_000);
-    let stop = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), I24F8::ZERO, 10_000);
+    let stop = Plan::at_rest(at(0), 0).ramp_to(at(0), speed, 10_000).ramp_to(at(second), I24F8::ZERO, 10_000);
     assert_eq!(stop.end(), at(3 * second / 2));
     let ticks: Vec<u64> = steps(&stop, second).collect();
     assert_eq!((ticks.len(), ticks.last()), (1_250, Some(&(3 * second / 2))));
     // In a reversal the step on the vertex still goes forward.
-    let back = Plan::rest(at(0), 0).towards(at(0), speed, 10_000).towards(at(second), -speed, 10_000);
+    let back = Plan::at_rest(at(0), 0).ramp_to(at(0), speed, 10_000).ramp_to(at(second), -speed, 10_000);
     let turn: Vec<Step> = StepIterator::new(&back, at(second)).skip(1_249).take(2).collect();
     assert_eq!((turn[0].at, turn[0].forward, turn[1].forward), (at(3 * second / 2), true, false));
 }

@@ -406,12 +406,13 @@ fn run(
     let spec = drive.spec();
     let mut log = Transcript::new(spec.memory.into()).without_notes();
     let port = spec.ports.first().expect("every drive here has a port");
-    let silence = port.ends == Framing::Silence;
+    let silence = port.framing == Framing::Silence;
     let longest = longest(&*drive);
     let events = if spec.is_on_network() { on_network } else { on_line };
     // One without such a port does not know where that is.
-    let tcp =
-        |ends| Port(spec.ports.iter().position(|port| port.ends == ends).unwrap_or(spec.ports.len()) as u8);
+    let tcp = |ends| {
+        Port(spec.ports.iter().position(|port| port.framing == ends).unwrap_or(spec.ports.len()) as u8)
+    };
     // The line of one that judges silence is among what could be preset.
     let (piece, presets) = if silence { (piece, [].as_slice()) } else { (1, presets.as_slice()) };
     if let Some((name, value)) = subject.saved {

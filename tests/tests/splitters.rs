@@ -21,7 +21,7 @@ const SERIAL: Port = Port(0);
 /// Kinds of drive with a port where messages end so.
 fn kinds_of(ends: Framing) -> Vec<&'static str> {
     let kinds: Vec<_> = catalog::specs()
-        .filter(|spec| spec.ports.iter().any(|port| port.ends == ends))
+        .filter(|spec| spec.ports.iter().any(|port| port.framing == ends))
         .map(|spec| spec.kind)
         .collect();
     assert!(!kinds.is_empty());
@@ -61,7 +61,7 @@ fn bench(kind: &str) -> Bench {
 /// A client of its only port where messages end so.
 fn client(bench: &mut Bench, ends: Framing) -> Client {
     let seat = bench.find_drive("x").expect("the drive");
-    let place = bench.spec(seat).ports.iter().position(|port| port.ends == ends).expect("a port");
+    let place = bench.spec(seat).ports.iter().position(|port| port.framing == ends).expect("a port");
     let port = Port(u8::try_from(place).expect("few ports"));
     match bench.bus(seat, port) {
         Some(bus) => bench.connect(bus),

@@ -185,7 +185,7 @@ pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
 /// Commands by which a person talks to a kind of drive whose line is at `address` of this machine.
 pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = spec(kind);
-    match spec.and_then(|spec| spec.ports.first()).map(|port| port.ends) {
+    match spec.and_then(|spec| spec.ports.first()).map(|port| port.framing) {
         Some(Framing::Character) => {
             format!("what it counts, with socat:\n  (printf 'R0E\\r'; sleep 1) | socat - tcp:{address}")
         }

@@ -40,7 +40,7 @@ const RS434: &str = "what has been reached, with two framings, a program that ru
 const PROGRAM: &str = "a program of 1,024 lines takes 4 KiB, twice: in the buffer and in the memory";
 const RAM: &str =
     "the aim; the others have more, and wait for their flash: 256 and 512 things may be caught meanwhile";
-const ANSWERS: &str = "1,024 characters of answers may wait on the stack, three times as many as an MD3's";
+const TX_REPLIES: &str = "1,024 characters of answers may wait on the stack, three times as many as an MD3's";
 const BEGIN: &str =
     "the reserve, less what another interrupt would take; deepest before the first interrupt may come";
 const DEPTH: &str = "the reserve, less what another interrupt would take";
@@ -69,19 +69,19 @@ pub(crate) const BUDGETS: &[Budget] = &[
     most("md3-low without a board: flash, bytes", [37_376, 39_680], REACHED),
     most("md3-low without a board: RAM, bytes", [768, 768], REACHED),
     image("qsb-d: flash, bytes", [47_872, 60_672, 58_880], FLASH),
-    image("qsb-d: RAM with its stack, bytes", [9_216, 12_288, 17_920], ANSWERS),
+    image("qsb-d: RAM with its stack, bytes", [9_216, 12_288, 17_920], TX_REPLIES),
     image("qsb-d: stack, bytes", [6_656, 7_168, 8_192], RESERVED),
     image("qsb-d: calls of a panic", [0, 36, 36], NO_PANIC),
     most("qsb-d without a board: flash, bytes", [36_352, 38_656], REACHED),
     most("qsb-d without a board: RAM, bytes", [640, 640], REACHED),
     image("qsb-m: flash, bytes", [47_872, 60_672, 58_880], FLASH),
-    image("qsb-m: RAM with its stack, bytes", [9_216, 12_288, 17_920], ANSWERS),
+    image("qsb-m: RAM with its stack, bytes", [9_216, 12_288, 17_920], TX_REPLIES),
     image("qsb-m: stack, bytes", [6_656, 7_168, 8_192], RESERVED),
     image("qsb-m: calls of a panic", [0, 36, 36], NO_PANIC),
     most("qsb-m without a board: flash, bytes", [36_352, 38_656], REACHED),
     most("qsb-m without a board: RAM, bytes", [640, 640], REACHED),
     image("qsb-s: flash, bytes", [47_872, 60_672, 58_880], FLASH),
-    image("qsb-s: RAM with its stack, bytes", [9_216, 12_288, 17_920], ANSWERS),
+    image("qsb-s: RAM with its stack, bytes", [9_216, 12_288, 17_920], TX_REPLIES),
     image("qsb-s: stack, bytes", [6_656, 7_168, 8_192], RESERVED),
     image("qsb-s: calls of a panic", [0, 36, 36], NO_PANIC),
     most("qsb-s without a board: flash, bytes", [36_352, 38_656], REACHED),

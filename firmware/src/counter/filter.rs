@@ -60,7 +60,7 @@ impl Filter {
         Some(channel)
     }
 
-    /// Lets go of what it holds back of A and B.
+    /// Drops the pending changes of A and B.
     pub(crate) fn forget_a_and_b(&mut self) {
         let [a, b, _] = &mut self.due;
         (*a, *b) = (Instant::NEVER, Instant::NEVER);

@@ -2,9 +2,8 @@
 //!
 //! What the data sheet leaves open:
 //!
-//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A, x1 those of
-//!   A while B is low. Every edge of A or B tells U/D, whether or not it counts; in non-quadrature mode U/D
-//!   follows B (QSB-21).
+//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A, x1 those of A while B
+//!   is low. Every edge of A or B sets U/D, whether or not it counts; in non-quadrature mode U/D follows B (QSB-21).
 //! - The filter lets in a level that has lasted two of its clocks (t5), in whole ticks: its clock is 24 MHz.
 //!   It looks at INDEX/ in the asynchronous mode, too (QSB-20).
 //! - INDEX/ acts when it becomes active; in the synchronous mode, when it and A and B both high or both low
@@ -24,7 +23,7 @@ use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 pub use spi::Transmission;
 
-/// Bits of the status register, and of what [`Ls7366r::take_events`] tells.
+/// Bits of the status register and of [`Ls7366r::take_events`].
 pub mod status {
     /// Carry: the counter overflowed.
     pub const CY: u8 = 1 << 7;
@@ -347,7 +346,7 @@ impl Ls7366r {
             && matches!(self.decoding.function, Function::LoadCntr | Function::ResetCntr)
     }
 
-    /// Takes over what levels say without an edge.
+    /// Takes over the levels without counting an edge.
     fn settle(&mut self) {
         self.gated = self.gate();
         if !self.decoding.quadrature {
@@ -377,7 +376,7 @@ const ANY: u8 = 0b1111;
 #[derive(Clone, Debug)]
 struct Decoding {
     quadrature: bool,
-    /// Edges that count, and edges that tell up: places as in [`FORWARD`].
+    /// Edges that count, and edges that count up: bits as in [`FORWARD`].
     counts: u8,
     up: u8,
     gate: u8,

@@ -14,7 +14,7 @@ const TIMEOUT_UNIT: Duration = Duration::millis(100);
 
 impl Drive {
     /// The cause of a fault comes or goes. A fault stays when its cause has gone (7.15).
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let bit = 1_u8.checked_shl(u32::from(fault.0)).unwrap_or(0);
         if on {
             self.causes |= bit;
@@ -24,7 +24,7 @@ impl Drive {
         if self.state == State::Ready && self.causes != 0 && !self.fault {
             self.fault = true;
             self.halt(at, out);
-            self.show(at, out);
+            self.update_outputs(at, out);
         }
     }
 
@@ -58,7 +58,7 @@ impl Drive {
     }
 
     /// Gives the motor its current, and shows it on the lights.
-    pub(super) fn show_current(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn update_current(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }
@@ -72,7 +72,7 @@ impl Drive {
         self.lights.change(lights, at, out);
         let setting = self.bank.word(Reg::MotorCurrentAndMicrostepping);
         let code = if lowered { self.bank.word(Reg::CurrentCutbackSettings) } else { setting };
-        let ma = if self.may_move() && !self.inhibited {
+        let ma = if self.can_move() && !self.inhibited {
             current_ma(self.version, code) * microstepping_percent(setting) / 100
         } else {
             0

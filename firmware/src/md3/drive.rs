@@ -61,7 +61,7 @@ pub(super) struct Drive {
     /// SPEEDSEL selects AlternateSpeed.
     pub(super) alternate: bool,
     /// Step pulses before this instant come too fast.
-    pub(super) steps_from: Instant,
+    pub(super) next_step_allowed: Instant,
     /// Value that was last written to IOPortData.
     latch: u16,
     pub(super) encoder: Encoder,
@@ -73,7 +73,7 @@ pub(super) struct Drive {
 
     /// No motor current until it is enabled (7.15).
     pub(super) disabled: bool,
-    /// Faults whose cause is there, a bit each.
+    /// Faults whose cause is present, a bit each.
     pub(super) causes: u8,
     pub(super) fault: bool,
     /// The last command, input change or end of a motion.
@@ -105,7 +105,7 @@ impl Drive {
             inhibited: false,
             bus_inhibited: false,
             alternate: false,
-            steps_from: Instant::ZERO,
+            next_step_allowed: Instant::ZERO,
             latch: 0,
             encoder: Encoder::new(),
             motor: Motor::new(Instant::ZERO),
@@ -133,17 +133,17 @@ impl Drive {
         out.put(at, Output::CurrentLimit { axis: super::AXIS, ma: 0 });
         out.put(at, Output::Level { pin: BUSY, level: open_drain(false) });
         self.configure(at, out);
-        self.show_port(at, out);
-        self.show(at, out);
+        self.update_port(at, out);
+        self.update_outputs(at, out);
         self.state = if boot.fast {
             State::Waking(at)
         } else {
-            let delay = self.bank.limited(Reg::StartupDelay).unsigned_abs();
+            let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
             State::Starting(Startup::begin(at, passed, delay, out))
         };
     }
 
-    /// Characters come: of this instant all else has been told.
+    /// Ends the start-up before the first character: all other inputs of this instant have been handled.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if let State::Waking(due) = self.state
             && due <= at
@@ -157,16 +157,16 @@ impl Drive {
         self.state = State::Ready;
         self.restart_cutback(at);
         self.fault = self.causes != 0;
-        // What was active before is no edge now; what holds as long as a pin is active, holds.
-        self.take_active();
-        self.encoder.settle();
+        // A pin that was active before is no edge now; functions that depend on its level apply.
+        self.latch_inputs();
+        self.encoder.flush_filter();
         self.configure(at, out);
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
             self.home(at, out);
         }
         self.armed = true;
         self.resume(at, out);
-        self.show(at, out);
+        self.update_outputs(at, out);
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -205,10 +205,10 @@ impl Drive {
             self.cut_back = true;
         }
         self.eeprom.timeout(at, out);
-        self.show(at, out);
+        self.update_outputs(at, out);
     }
 
-    /// The last instant at which the drive hears nothing; `None` once it listens.
+    /// The last instant at which the drive receives nothing; `None` once it receives.
     pub(super) fn deaf_until(&self) -> Option<Instant> {
         match self.state {
             State::Off => Some(Instant::NEVER),
@@ -249,7 +249,7 @@ impl Drive {
     fn value(&self, reg: Reg) -> i64 {
         match reg {
             Reg::IOPortData => {
-                // Inputs show their pins, outputs what was written (MD3-11).
+                // Inputs read their pins, outputs the written value (MD3-11).
                 let gpio = if self.gpio_outputs() { 0 } else { io_port::GPIO };
                 let pins = io_port::INPUTS | gpio;
                 i64::from(self.latch & !pins | self.levels & pins)
@@ -313,11 +313,11 @@ impl Drive {
                 // The endless modes start when they are written (7.8).
                 self.armed = true;
                 self.configure(at, out);
-                self.show_port(at, out);
+                self.update_port(at, out);
             }
             Reg::IOPortData => {
                 self.latch = self.bank.word(reg);
-                self.show_port(at, out);
+                self.update_port(at, out);
             }
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
             Reg::QuadratureEncoderCount => self.encoder.set_count(self.bank.word(reg)),
@@ -330,7 +330,7 @@ impl Drive {
             // looked at when they are used.
             _ => {}
         }
-        self.show(at, out);
+        self.update_outputs(at, out);
     }
 
     /// Microsteps in a full step (7.2). Counts are microsteps whatever this is (MD3-17).
@@ -358,14 +358,14 @@ impl Drive {
         self.pins = Pins::new(function, homing, self.motor.is_dc());
         if ready {
             self.mode_changed(before, at, out);
-            self.look(at, out);
+            self.poll_inputs(at, out);
         }
     }
 
     /// A write of EEPROMControl (7.20); with both bits it is a save.
     fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         if word & eeprom_control::WRITE != 0 {
-            // What the pins show is not what was written to them.
+            // The value read from the pins, not the one written to them.
             self.bank.set(Reg::IOPortData, i64::from(self.latch));
             self.stale = true;
             self.eeprom.save(at, self.bank.words(), out);
@@ -395,8 +395,8 @@ impl Drive {
     }
 
     /// A board has made so many steps more than planned.
-    pub(super) fn slipped(&mut self, steps: i32) {
-        self.motor.slipped(steps);
+    pub(super) fn correct_steps(&mut self, steps: i32) {
+        self.motor.correct_steps(steps);
     }
 
     /// Returns whether J2 pins 9, 10 and 12 are outputs.
@@ -404,9 +404,9 @@ impl Drive {
         self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
     }
 
-    /// Shows what has become of the drive: current, lights, BUSY, and the registers of its state (MD3-2).
-    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Context) {
-        self.show_current(at, out);
+    /// Updates current, lights, BUSY, and the registers of the drive's state (MD3-2).
+    pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
+        self.update_current(at, out);
         self.cutback_at = self.cutback_due();
         // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2; MD3-36).
         let moves = if self.motor.is_dc() { self.motor.is_driven() } else { self.motion != Motion::None };
@@ -422,7 +422,7 @@ impl Drive {
     }
 
     /// Drives the outputs of IOPortData (7.9).
-    fn show_port(&mut self, at: Instant, out: &mut dyn Context) {
+    fn update_port(&mut self, at: Instant, out: &mut dyn Context) {
         self.stale = true;
         out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & io_port::J3_8 != 0) });
         for (pin, bit) in [(J2_9, io_port::J2_9), (J2_10, io_port::J2_10), (J2_12, io_port::J2_12)] {

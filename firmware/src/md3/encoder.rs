@@ -3,9 +3,8 @@
 //! QuadratureEncoderConfiguration has, bit for bit, the fields of the quadrature unit in Microchip's
 //! dsPIC30F and 33F, so that is what counts where the guide is silent (MD3-33):
 //!
-//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A; SWAP
-//!   exchanges the two before anything looks at them. Every edge of A or B tells the direction, whether
-//!   or not it counts.
+//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A; SWAP exchanges the two
+//!   before decoding. Every edge of A or B sets the direction, whether or not it counts.
 //! - Modes 0 and 2 count through 0xFFFF and 0. An index event loads 0 on the way up and MaxCount on the
 //!   way down, if Enable Index is set. In modes 1 and 3 MaxCount is followed by 0 and 0 by MaxCount, and
 //!   an index event clears nothing. A count written above MaxCount goes on up to 0xFFFF and then 0, or
@@ -13,9 +12,9 @@
 //! - An index event is the first moment of an index pulse at which A and B are in the gated state (7.11);
 //!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
 //!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
-//!   pulse that is over before it met the gate was none (MD3-34).
-//! - At one instant the pins change in the order in which they are told; behind the filter a rising index comes after
-//!   A and B and a falling one before them, so that an index as wide as a state of A and B meets that state only.
+//!   pulse that is over before it met the gate was none.
+//! - Edges of one instant are handled in the order of the calls; behind the filter a rising index comes after A and B
+//!   and a falling one before them, so that an index as wide as a state of A and B meets that state only (MD3-34).
 //! - Only edges do something. What a new configuration makes of the present levels shows with the next
 //!   one. While pins 9, 10 and 12 are outputs (7.8), both counters stand still; levels and direction are
 //!   followed.
@@ -70,7 +69,7 @@ impl Encoder {
     }
 
     /// The drive is ready: a level that the filter still holds back was there before, and is no edge.
-    pub(super) fn settle(&mut self) {
+    pub(super) fn flush_filter(&mut self) {
         self.timeout(Instant::NEVER);
     }
 
@@ -111,7 +110,7 @@ impl Encoder {
     /// Takes what a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading B,
     /// after which A and B have these levels. The same as so many edges while the index keeps its level, but past the
     /// filter. Levels to which the steps do not lead are taken over uncounted.
-    pub(super) fn take_steps(&mut self, steps: i32, a: bool, b: bool) {
+    pub(super) fn add_counts(&mut self, steps: i32, a: bool, b: bool) {
         self.filter.forget_a_and_b();
         let forward = steps > 0;
         let steps = steps.unsigned_abs();
@@ -148,7 +147,7 @@ impl Encoder {
         self.index_count = count;
     }
 
-    /// The channel whose edge comes next when the shaft goes on, `forward` with A leading B.
+    /// The channel whose edge comes next if the shaft turns on, `forward` with A leading B.
     fn next(&self, forward: bool) -> Channel {
         if (self.a == self.b) == forward { Channel::A } else { Channel::B }
     }
@@ -158,11 +157,11 @@ impl Encoder {
         match channel {
             Channel::A => {
                 self.a = !self.a;
-                self.turn(self.a != self.b, self.decoding.counts_a);
+                self.count_edge(self.a != self.b, self.decoding.counts_a);
             }
             Channel::B => {
                 self.b = !self.b;
-                self.turn(self.a == self.b, self.decoding.counts_b);
+                self.count_edge(self.a == self.b, self.decoding.counts_b);
             }
             Channel::Index => {
                 self.index = !self.index;
@@ -175,7 +174,7 @@ impl Encoder {
     }
 
     /// A quarter cycle, `forward` with A leading B at the pins.
-    fn turn(&mut self, forward: bool, counts: bool) {
+    fn count_edge(&mut self, forward: bool, counts: bool) {
         self.up = forward != self.decoding.swapped;
         if counts {
             self.count = match (self.up, self.count) {
@@ -187,7 +186,7 @@ impl Encoder {
         }
     }
 
-    /// `edges` that count, in the direction of the last one: [`Encoder::turn`] so many times.
+    /// `edges` that count, in the direction of the last one: [`Encoder::count_edge`] so many times.
     fn add(&mut self, edges: u32) {
         let (count, top) = (u32::from(self.count), u32::from(self.decoding.top));
         let before_wrap = match self.up {

@@ -26,32 +26,32 @@ impl Drive {
             J2_9 => {
                 self.encoder.edge(at, Channel::Index, high);
                 if self.state == State::Ready {
-                    self.look_for_flag(at, out);
+                    self.check_flag(at, out);
                     self.resume(at, out);
-                    self.show(at, out);
+                    self.update_outputs(at, out);
                 }
             }
             J2_10 => self.encoder.edge(at, Channel::A, high),
             J2_12 => self.encoder.edge(at, Channel::B, high),
             _ if self.state == State::Ready => {
-                self.look(at, out);
-                self.show(at, out);
+                self.poll_inputs(at, out);
+                self.update_outputs(at, out);
             }
             _ => {}
         }
     }
 
     /// A counter of a board has seen quarter cycles.
-    pub(super) fn take_count(&mut self, steps: i32, a: bool, b: bool) {
-        self.encoder.take_steps(steps, a, b);
+    pub(super) fn on_count(&mut self, steps: i32, a: bool, b: bool) {
+        self.encoder.add_counts(steps, a, b);
         let channels = if a { J2_10 } else { 0 } | if b { J2_12 } else { 0 };
         self.levels = self.levels & !(J2_10 | J2_12) | channels;
         self.stale = true;
     }
 
-    /// Does what pins 2 to 5 ask for after a change of their levels, polarities or functions. A new
-    /// polarity is an edge when it changes what is active (MD3-19).
-    pub(super) fn look(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Carries out the functions of pins 2 to 5 after a change of their levels, polarities or functions. A new polarity
+    /// is an edge if it changes whether the pin is active (MD3-19).
+    pub(super) fn poll_inputs(&mut self, at: Instant, out: &mut dyn Context) {
         let active = self.pins.active(self.levels);
         let edges = active ^ self.active;
         let moves = edges & (J2_4 | J2_5) != 0;
@@ -60,20 +60,20 @@ impl Drive {
         if edges != 0 {
             self.restart_cutback(at);
         }
-        self.look_at_pin_2(at, out);
-        self.look_at_pin_3(edges & active, at, out);
+        self.update_pin_2(at, out);
+        self.update_pin_3(edges & active, at, out);
         if moves {
             if lowered || edges & (J2_2 | J2_3) != 0 {
                 // The current comes or goes before a step is made.
-                self.show_current(at, out);
+                self.update_current(at, out);
             }
-            self.look_at_pins_4_and_5(edges, at, out);
+            self.update_pins_4_and_5(edges, at, out);
         }
         self.resume(at, out);
     }
 
-    fn look_at_pin_2(&mut self, at: Instant, out: &mut dyn Context) {
-        self.look_for_flag(at, out);
+    fn update_pin_2(&mut self, at: Instant, out: &mut dyn Context) {
+        self.check_flag(at, out);
         let alternate = self.pins.pin_2 == Pin2::SpeedSelect && self.active & J2_2 != 0;
         if alternate != self.alternate {
             self.alternate = alternate;
@@ -85,8 +85,8 @@ impl Drive {
         }
     }
 
-    /// Takes what is active as it is: whether pin 3 inhibits or not, it did so before.
-    pub(super) fn take_active(&mut self) {
+    /// Takes over the present state of the inputs without an edge, INHIBIT included.
+    pub(super) fn latch_inputs(&mut self) {
         self.active = self.pins.active(self.levels);
         (self.inhibited, self.bus_inhibited) = self.inhibits();
     }
@@ -98,7 +98,7 @@ impl Drive {
         (is(Pin3::Inhibit), is(Pin3::InhibitModbus))
     }
 
-    fn look_at_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Context) {
+    fn update_pin_3(&mut self, activated: u16, at: Instant, out: &mut dyn Context) {
         let (inhibited, bus_inhibited) = self.inhibits();
         let homes = activated & J2_3 != 0 && self.pins.pin_3 == Pin3::Home;
         if homes || inhibited && !self.inhibited || bus_inhibited && !self.bus_inhibited {
@@ -116,7 +116,7 @@ impl Drive {
     }
 
     /// Edges on pins 4 and 5: what a mode does with them while nothing moves (MD3-24).
-    fn look_at_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Context) {
+    fn update_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Context) {
         let fell = |pin| edges & self.active & pin != 0;
         let rose = |pin| edges & !self.active & pin != 0;
         let (fell_4, rose_4, fell_5) = (fell(J2_4), rose(J2_4), fell(J2_5));
@@ -148,8 +148,8 @@ impl Drive {
 
     /// A step pulse.
     fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Context) {
-        if at >= self.steps_from && self.may_step() {
-            self.steps_from = at + STEP_INTERVAL;
+        if at >= self.next_step_allowed && self.can_step() {
+            self.next_step_allowed = at + STEP_INTERVAL;
             self.motor.step(at, if backward { -1 } else { 1 }, out);
         }
     }

@@ -58,8 +58,8 @@ const PORT_BITS: [u16; 7] = [
 /// Bytes of the EEPROM that hold the registers.
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
-const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec::new(name, role, rest)
+const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
+    PinSpec::new(name, role, idle)
 }
 
 #[rustfmt::skip]
@@ -106,7 +106,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         kind,
         product,
         manual: "MD3 User Guide V1.7",
-        ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "rs485", framing: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: Some((STEP, DIR)) }],
         encoders: &[EncoderSpec { a: J2_10, b: J2_12, index: Some(J2_9) }],
@@ -124,10 +124,10 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER],
     broadcast: Some(0),
-    most_read: 32,
-    most_written: 1,
+    max_read: 32,
+    max_written: 1,
     bits_per_word: 16,
-    writes_halves: true,
+    partial_writes: true,
     bad_quantity: Exception::IllegalDataAddress,
     bad_value: Exception::IllegalDataAddress,
     read_only: Exception::IllegalDataAddress,
@@ -171,9 +171,9 @@ impl Md3 {
         let setting = self.drive.serial_port();
         let unit = self.drive.address();
         let mut reply = Frame::new();
-        let mut map = Bus { drive: &mut self.drive, at, out };
+        let mut bus = Bus { drive: &mut self.drive, at, out };
         let outcome = match frame {
-            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
+            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut bus, &mut reply),
             Err(why) => Outcome::Dropped(why),
         };
         out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
@@ -182,27 +182,27 @@ impl Md3 {
         }
         if self.drive.serial_port() != setting {
             // The reply leaves with the old line, the next frame comes with the new one (MODBUS-5).
-            self.follow_line(at + character * reply.len() as u64, out);
+            self.apply_line(at + character * reply.len() as u64, out);
         }
     }
 
     /// From `from` on the line is what the registers ask for (7.22).
-    fn follow_line(&mut self, from: Instant, out: &mut dyn Context) {
+    fn apply_line(&mut self, from: Instant, out: &mut dyn Context) {
         let line = registers::line(self.drive.serial_port());
         self.receiver.set_line(from, line);
         out.put(from, Output::Line { port: RS485, line });
     }
 
     /// Characters; those that end before the drive listens are lost.
-    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
+    fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at <= *deaf_until) else {
             self.receiver.bytes(at, bytes);
             return;
         };
         let character = self.receiver.timing().character;
-        let lost = deaf_until.since(at) / character + 1;
-        let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
-        self.receiver.bytes(at + character * lost, heard);
+        let missed = deaf_until.since(at) / character + 1;
+        let received = usize::try_from(missed).ok().and_then(|missed| bytes.get(missed..)).unwrap_or(&[]);
+        self.receiver.bytes(at + character * missed, received);
         out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
     }
 }
@@ -218,7 +218,7 @@ impl Device for Md3 {
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
         self.receiver.clear();
-        self.follow_line(at, out);
+        self.apply_line(at, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
@@ -230,15 +230,15 @@ impl Device for Md3 {
             self.serve(at, out);
         }
         match input {
-            Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
+            Input::Bytes { bytes, .. } => self.on_bytes(at, bytes, out),
             Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at > deaf_until) => {
-                self.receiver.spoiled(at);
+                self.receiver.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
-            Input::Count { steps, a, b, .. } => self.drive.take_count(steps, a, b),
-            Input::StepsCorrection { steps, .. } => self.drive.slipped(steps),
+            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
+            Input::Count { steps, a, b, .. } => self.drive.on_count(steps, a, b),
+            Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
             // It has no such ports, and the motor's inputs are its outputs.
             Input::RxError { .. }
             | Input::HostPresence { .. }
@@ -285,7 +285,7 @@ impl Device for Md3 {
         let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
         if self.drive.serial_port() != setting {
-            self.follow_line(at, out);
+            self.apply_line(at, out);
         }
         Ok(())
     }

@@ -19,7 +19,7 @@ pub(super) enum Motion {
     Profile,
     Jog(Jog),
     DecelStop,
-    Home(Part),
+    Home(HomePhase),
 }
 
 /// A jog.
@@ -31,18 +31,18 @@ pub(super) struct Jog {
     reversed: bool,
     /// Speed that it ramps to and keeps.
     speed: I24F8,
-    /// True while it slows down, and ends when it stands.
-    ends: bool,
+    /// True while it slows down to standstill, where it ends.
+    is_ending: bool,
 }
 
 /// A part of a home cycle (7.8, figure 4).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Part {
+pub(super) enum HomePhase {
     PreOffset,
     /// On the way to the flag or the index.
     Search,
     /// The flag is active, and will be sampled.
-    Seen {
+    FlagDetected {
         sample: Instant,
     },
     /// Flag found: to a standstill.
@@ -99,7 +99,7 @@ impl Drive {
         let steps = self.bank.get(Reg::MoveSteps) as i32;
         let steps = if reversed { steps.wrapping_neg() } else { steps };
         let rates = Limits::even(magnitude(self.speed()), self.acceleration());
-        self.may_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
+        self.can_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
     }
 
     /// A move from standstill, as `motion`; whether that takes any time (MD3-7).
@@ -111,7 +111,7 @@ impl Drive {
         at: Instant,
         out: &mut dyn Context,
     ) -> bool {
-        let moves = steps != 0 && rates.speed > 0 && rates.up > 0;
+        let moves = steps != 0 && rates.max_speed > 0 && rates.acceleration > 0;
         if moves {
             self.start(motion, at, out);
             self.motor.profile(at, steps, rates, out);
@@ -122,7 +122,7 @@ impl Drive {
     /// A jog from standstill; one that runs ramps to the present speed (MD3-4).
     fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
-            Motion::Jog(jog) if !jog.ends => self.jog(jog.by_pins, jog.reversed, at, out),
+            Motion::Jog(jog) if !jog.is_ending => self.jog(jog.by_pins, jog.reversed, at, out),
             _ => self.jog(false, false, at, out),
         }
     }
@@ -130,11 +130,11 @@ impl Drive {
     /// Starts a jog; without effect while another motion runs, and without an acceleration, which would take for ever.
     fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Context) {
         let speed = self.jog_speed(reversed);
-        let starts = self.motion == Motion::None && self.may_move() && speed != 0;
+        let starts = self.motion == Motion::None && self.can_move() && speed != 0;
         let acceleration = self.acceleration();
         if (starts || matches!(self.motion, Motion::Jog(_))) && acceleration > 0 {
-            self.start(Motion::Jog(Jog { by_pins, reversed, speed, ends: false }), at, out);
-            self.motor.towards(at, speed, acceleration, out);
+            self.start(Motion::Jog(Jog { by_pins, reversed, speed, is_ending: false }), at, out);
+            self.motor.ramp_to(at, speed, acceleration, out);
         }
     }
 
@@ -160,13 +160,13 @@ impl Drive {
     /// Jogs as pins 4 and 5 ask for it, or no longer (MD3-22).
     pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Context) {
         match (self.jog_wanted(), self.motion) {
-            (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, ends: false, .. }))
+            (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, is_ending: false, .. }))
                 if wanted == reversed => {}
             (Some(reversed), Motion::None | Motion::Jog(_)) if self.armed => {
                 self.jog(true, reversed, at, out);
             }
-            (None, Motion::Jog(jog)) if jog.by_pins && !jog.ends => {
-                self.slow_down(Motion::Jog(Jog { ends: true, ..jog }), at, out);
+            (None, Motion::Jog(jog)) if jog.by_pins && !jog.is_ending => {
+                self.slow_down(Motion::Jog(Jog { is_ending: true, ..jog }), at, out);
             }
             _ => {}
         }
@@ -176,15 +176,15 @@ impl Drive {
     pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let known = homing::mode(self.homing()).is_some();
         known
-            && self.may_step()
-            && (self.home_by(Part::PreOffset, Reg::PreHomeOffset, at, out) || self.search_on(at, out))
+            && self.can_step()
+            && (self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, at, out) || self.search_on(at, out))
     }
 
-    /// The move of an offset, as `part` of a home cycle; whether that takes any time.
-    fn home_by(&mut self, part: Part, offset: Reg, at: Instant, out: &mut dyn Context) -> bool {
+    /// The move of an offset, as `phase` of a home cycle; whether that takes any time.
+    fn home_by(&mut self, phase: HomePhase, offset: Reg, at: Instant, out: &mut dyn Context) -> bool {
         // SPEEDSEL does not matter here.
         let rates = Limits::even(magnitude(self.normal_speed()), self.acceleration());
-        self.start_profile(Motion::Home(part), self.bank.get(offset) as i32, rates, at, out)
+        self.start_profile(Motion::Home(phase), self.bank.get(offset) as i32, rates, at, out)
     }
 
     /// The search, or what follows it if there is nothing to search for; whether that takes any time.
@@ -194,13 +194,13 @@ impl Drive {
             return false;
         }
         if self.flag() {
-            return self.home_by(Part::Offset, Reg::HomeOffset, at, out);
+            return self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out);
         }
         // "The acceleration is not divided down" (7.5).
         let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(self.homing()));
         let backward = self.homing() & homing::BACKWARD != 0;
-        self.start(Motion::Home(Part::Search), at, out);
-        self.motor.towards(at, if backward { -search } else { search }, acceleration, out);
+        self.start(Motion::Home(HomePhase::Search), at, out);
+        self.motor.ramp_to(at, if backward { -search } else { search }, acceleration, out);
         true
     }
 
@@ -215,13 +215,14 @@ impl Drive {
     }
 
     /// Pin 2 or 9 has changed: an index is seen at once, the flag at the next sample.
-    pub(super) fn look_for_flag(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.motion != Motion::Home(Part::Search) || !self.flag() {
+    pub(super) fn check_flag(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.motion != Motion::Home(HomePhase::Search) || !self.flag() {
             return;
         }
         if self.pins.pin_2 == Pin2::Flag {
             let samples = (at.since(Instant::ZERO) + FLAG_SAMPLE - Duration::TICK) / FLAG_SAMPLE;
-            self.motion = Motion::Home(Part::Seen { sample: Instant::ZERO + FLAG_SAMPLE * samples });
+            self.motion =
+                Motion::Home(HomePhase::FlagDetected { sample: Instant::ZERO + FLAG_SAMPLE * samples });
         } else {
             self.flag_found(at, out);
         }
@@ -230,11 +231,11 @@ impl Drive {
     /// Stops the search: at once, or with a ramp.
     fn flag_found(&mut self, at: Instant, out: &mut dyn Context) {
         if homing::mode(self.homing()).is_some_and(|mode| mode.with_ramp) {
-            self.motor.towards(at, I24F8::ZERO, self.acceleration(), out);
+            self.motor.ramp_to(at, I24F8::ZERO, self.acceleration(), out);
         } else {
             self.motor.halt(at, out);
         }
-        self.motion = Motion::Home(Part::Slowing);
+        self.motion = Motion::Home(HomePhase::Slowing);
     }
 
     /// HomingConfiguration (7.5).
@@ -246,10 +247,10 @@ impl Drive {
     pub(super) fn motion_due(&self) -> Instant {
         match self.motion {
             // A jog goes on when its ramp has reached standstill: the speed may rise again (MD3-5).
-            Motion::None | Motion::Jog(Jog { ends: false, .. }) | Motion::Home(Part::Search) => {
+            Motion::None | Motion::Jog(Jog { is_ending: false, .. }) | Motion::Home(HomePhase::Search) => {
                 Instant::NEVER
             }
-            Motion::Home(Part::Seen { sample }) => sample,
+            Motion::Home(HomePhase::FlagDetected { sample }) => sample,
             Motion::Profile | Motion::Jog(_) | Motion::DecelStop | Motion::Home(_) => self.motor.end(),
         }
     }
@@ -257,23 +258,23 @@ impl Drive {
     /// Handles the end of a motion, or a sample of the flag.
     pub(super) fn motion_over(&mut self, at: Instant, out: &mut dyn Context) {
         let over = self.motion;
-        let goes_on = match over {
-            Motion::Home(Part::Seen { .. }) => {
+        let continues = match over {
+            Motion::Home(HomePhase::FlagDetected { .. }) => {
                 if self.flag() {
                     self.flag_found(at, out);
                 } else {
-                    self.motion = Motion::Home(Part::Search);
+                    self.motion = Motion::Home(HomePhase::Search);
                 }
                 true
             }
-            Motion::Home(Part::PreOffset) => self.search_on(at, out),
-            Motion::Home(Part::Slowing) => self.home_by(Part::Offset, Reg::HomeOffset, at, out),
+            Motion::Home(HomePhase::PreOffset) => self.search_on(at, out),
+            Motion::Home(HomePhase::Slowing) => self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out),
             _ => false,
         };
-        if goes_on {
+        if continues {
             return;
         }
-        self.motor.over(at, out);
+        self.motor.finish(at, out);
         self.enter(Motion::None, at);
         match (self.pins.mode, over) {
             // "The sign of MoveSteps will be negative if the motor is moving backward" (7.8).
@@ -320,7 +321,7 @@ impl Drive {
     /// profile move (7.17).
     pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
-            Motion::Jog(jog) if !jog.ends => {
+            Motion::Jog(jog) if !jog.is_ending => {
                 if jog.speed != self.jog_speed(jog.reversed) {
                     self.jog(jog.by_pins, jog.reversed, at, out);
                 }
@@ -329,10 +330,10 @@ impl Drive {
         }
     }
 
-    /// SPEEDSEL has changed in a profile move: 7.8 ignores that, 7.18 makes a jog of it (MD3-30).
+    /// SPEEDSEL has changed in a profile move: by 7.8 this is ignored, by 7.18 the move becomes a jog (MD3-30).
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
-        self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, ends: false });
+        self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, is_ending: false });
         self.jog(false, false, at, out);
     }
 
@@ -357,14 +358,14 @@ impl Drive {
     /// A ramp to standstill, as `motion`.
     fn slow_down(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         let acceleration = self.acceleration();
-        if acceleration > 0 && self.motor.towards(at, I24F8::ZERO, acceleration, out) {
+        if acceleration > 0 && self.motor.ramp_to(at, I24F8::ZERO, acceleration, out) {
             self.enter(motion, at);
         } else {
             self.halt(at, out);
         }
     }
 
-    /// Stops at once, whoever moves the motor, and stays so.
+    /// Stops any motion at once and disarms the pins.
     pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.armed = false;
         self.halt(at, out);
@@ -382,7 +383,7 @@ impl Drive {
     /// hold the motor back (7.3).
     fn start(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         self.enter(motion, at);
-        self.show_current(at, out);
+        self.update_current(at, out);
     }
 
     /// A motion begins or ends: either way the cutback waits anew (7.3).
@@ -392,23 +393,23 @@ impl Drive {
     }
 
     /// Returns whether a command may start motion.
-    pub(super) fn may_move(&self) -> bool {
+    pub(super) fn can_move(&self) -> bool {
         self.state == State::Ready && !self.fault && !self.disabled
     }
 
     /// Returns whether steps may begin: a DC motor only jogs (7.2).
-    pub(super) fn may_step(&self) -> bool {
-        self.may_move() && self.motion == Motion::None && !self.motor.is_dc()
+    pub(super) fn can_step(&self) -> bool {
+        self.can_move() && self.motion == Motion::None && !self.motor.is_dc()
     }
 
     /// Acceleration, in steps/s².
     fn acceleration(&self) -> u32 {
-        self.bank.limited(Reg::AccelDecel) as u32
+        self.bank.clamped_value(Reg::AccelDecel) as u32
     }
 
     /// Speed (7.17) in steps/s, or in counts of a DC motor, with its sign; limited when it is used (MD3-38).
     fn normal_speed(&self) -> I24F8 {
-        self.in_range(self.bank.limited(Reg::Speed) as i32)
+        self.in_range(self.bank.clamped_value(Reg::Speed) as i32)
     }
 
     /// The speed that SPEEDSEL selects; the alternate one has the other one's sign (7.18).
@@ -416,7 +417,7 @@ impl Drive {
         if !self.alternate {
             return self.normal_speed();
         }
-        let speed = self.bank.limited(Reg::AlternateSpeed) as i32;
+        let speed = self.bank.clamped_value(Reg::AlternateSpeed) as i32;
         self.in_range(if self.bank.get(Reg::Speed) < 0 { -speed } else { speed })
     }
 

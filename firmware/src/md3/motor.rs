@@ -14,22 +14,21 @@ const FULL: i32 = 1 << 16;
 
 /// A stepper motor, or the brush motor on its phase B.
 ///
-/// A plan runs on whether or not the motor follows it (7.8, INHIBIT; MD3-28): while it has no current the
-/// motor stands, and what went by is lost. Of a brush motor the plan's speed is the duty in counts,
-/// and the steps never move.
+/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): without current the motor stands still and the
+/// steps of that time are lost. For a brush motor the plan's speed is the duty in counts, and no steps are made (MD3-28).
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
     plan: Plan,
     /// Steps made beside the plan since it was made.
-    beside: i32,
+    step_offset: i32,
     /// Position of the motor while it does not follow the plan.
-    stands: Option<i32>,
+    held_position: Option<i32>,
     has_current: bool,
     pwm: Option<Pwm>,
     /// Duty of the brush motor, in 1/65536 of full on, signed.
     duty: i32,
     /// The counts that it will have in the end.
-    aim: I24F8,
+    target_counts: I24F8,
     /// Start of the next period with another duty.
     next_period: Instant,
 }
@@ -37,13 +36,13 @@ pub(super) struct Motor {
 impl Motor {
     pub(super) fn new(at: Instant) -> Self {
         Self {
-            plan: Plan::rest(at, 0),
-            beside: 0,
-            stands: Some(0),
+            plan: Plan::at_rest(at, 0),
+            step_offset: 0,
+            held_position: Some(0),
             has_current: false,
             pwm: None,
             duty: 0,
-            aim: I24F8::ZERO,
+            target_counts: I24F8::ZERO,
             next_period: Instant::NEVER,
         }
     }
@@ -53,7 +52,7 @@ impl Motor {
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
     }
 
-    /// Time at which the plan stands.
+    /// End of the plan.
     pub(super) fn end(&self) -> Instant {
         self.plan.end()
     }
@@ -73,66 +72,66 @@ impl Motor {
         self.duty != 0
     }
 
-    /// A stepper, or a brush motor with these periods: its counts are of the new range from the next
-    /// period on. The drive has stopped what was the other.
+    /// Sets a stepper (`None`), or a brush motor with these periods: its counts are of the new range from the next
+    /// period on. The drive has stopped the motor before.
     pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Context) {
         self.pwm = pwm;
-        self.follow(at, out);
+        self.update_output(at, out);
     }
 
     /// Takes its current, or gives it again.
     pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Context) {
         if self.has_current != on {
             self.has_current = on;
-            self.follow(at, out);
+            self.update_output(at, out);
         }
     }
 
     /// From standstill `steps` steps.
     pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Limits, out: &mut dyn Context) {
         let from = self.planned(at);
-        self.go(at, Plan::profile(at, from, steps, rates), out);
+        self.start(at, Plan::profile(at, from, steps, rates), out);
     }
 
     /// A ramp to the signed `speed`, and on; whether that goes beyond this instant.
-    pub(super) fn towards(
+    pub(super) fn ramp_to(
         &mut self,
         at: Instant,
         speed: I24F8,
         acceleration: u32,
         out: &mut dyn Context,
     ) -> bool {
-        let plan = self.plan.resumed(at, self.planned(at)).towards(at, speed, acceleration);
-        self.aim = speed;
-        self.go(at, plan, out);
+        let plan = self.plan.continued_from(at, self.planned(at)).ramp_to(at, speed, acceleration);
+        self.target_counts = speed;
+        self.start(at, plan, out);
         self.end() > at
     }
 
     /// Stops at once.
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
-        self.aim = I24F8::ZERO;
+        self.target_counts = I24F8::ZERO;
         self.set_duty(at, 0, out);
         let position = self.planned(at);
-        self.go(at, Plan::rest(at, position), out);
+        self.start(at, Plan::at_rest(at, position), out);
     }
 
     /// The plan has come to its end: so does a brush motor's duty, before its period is over.
-    pub(super) fn over(&mut self, at: Instant, out: &mut dyn Context) {
-        self.set_duty(at, self.duty_of(self.aim.into()), out);
+    pub(super) fn finish(&mut self, at: Instant, out: &mut dyn Context) {
+        self.set_duty(at, self.duty_of(self.target_counts.into()), out);
         self.schedule(at);
     }
 
     /// A step without a ramp.
     pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
-        if self.stands.is_none() {
-            self.beside = self.beside.wrapping_add(steps);
+        if self.held_position.is_none() {
+            self.step_offset = self.step_offset.wrapping_add(steps);
             out.put(at, Output::Step { axis: AXIS, steps });
         }
     }
 
     /// A board has made so many steps more than planned.
-    pub(super) fn slipped(&mut self, steps: i32) {
-        self.beside = self.beside.wrapping_add(steps);
+    pub(super) fn correct_steps(&mut self, steps: i32) {
+        self.step_offset = self.step_offset.wrapping_add(steps);
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -148,37 +147,37 @@ impl Motor {
         }
     }
 
-    /// Position of the plan, with the steps beside it.
+    /// Position of the plan, plus the steps made without it.
     fn planned(&self, at: Instant) -> i32 {
-        self.plan.position_at(at).wrapping_add(self.beside)
+        self.plan.position_at(at).wrapping_add(self.step_offset)
     }
 
-    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
-        (self.plan, self.beside) = (plan, 0);
-        if self.stands.is_none() {
+    fn start(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
+        (self.plan, self.step_offset) = (plan, 0);
+        if self.held_position.is_none() {
             out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
         }
         self.schedule(at);
     }
 
-    /// Follows the plan from here on, or stands still.
-    fn follow(&mut self, at: Instant, out: &mut dyn Context) {
-        let stands = !self.has_current || self.pwm.is_some();
-        let rests = self.end() <= at;
-        match self.stands {
-            None if stands => {
+    /// Starts or stops following the plan, as current and motor type require.
+    fn update_output(&mut self, at: Instant, out: &mut dyn Context) {
+        let is_held = !self.has_current || self.pwm.is_some();
+        let is_over = self.end() <= at;
+        match self.held_position {
+            None if is_held => {
                 let position = self.planned(at);
-                self.stands = Some(position);
-                if !rests {
-                    out.put(at, Output::Plan { axis: AXIS, plan: &Plan::rest(at, position) });
+                self.held_position = Some(position);
+                if !is_over {
+                    out.put(at, Output::Plan { axis: AXIS, plan: &Plan::at_rest(at, position) });
                 }
             }
-            Some(position) if !stands => {
-                self.stands = None;
-                if rests {
-                    (self.plan, self.beside) = (Plan::rest(at, position), 0);
+            Some(position) if !is_held => {
+                self.held_position = None;
+                if is_over {
+                    (self.plan, self.step_offset) = (Plan::at_rest(at, position), 0);
                 } else {
-                    self.go(at, self.plan.resumed(at, position), out);
+                    self.start(at, self.plan.continued_from(at, position), out);
                 }
             }
             _ => {}
@@ -192,7 +191,9 @@ impl Motor {
     /// Schedules the next change of duty: with a period, never within one (MD3-32).
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
-            Some(Pwm { period, .. }) if self.has_current && self.duty != self.duty_of(self.aim.into()) => {
+            Some(Pwm { period, .. })
+                if self.has_current && self.duty != self.duty_of(self.target_counts.into()) =>
+            {
                 let begun = at.since(Instant::ZERO) / period;
                 Instant::ZERO + period * (begun + 1)
             }

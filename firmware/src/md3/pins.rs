@@ -68,10 +68,10 @@ pub(super) struct Pins {
 }
 
 impl Pins {
-    /// As PinFunctionAndPolarity and HomingConfiguration say, for a stepper or a DC motor.
+    /// The functions that PinFunctionAndPolarity and HomingConfiguration select, for a stepper or a DC motor.
     pub(super) fn new(function: u16, homing: u16, dc: bool) -> Self {
         let pin_2 = match (homing::mode(homing), function >> pin_function::PIN_2_AT & 3) {
-            // Homing by the flag takes the pin, whatever its function says (MD3-18).
+            // Homing by the flag uses the pin, whatever its function (MD3-18).
             (Some(Homing { by_index: false, .. }), _) => Pin2::Flag,
             (_, 0) => Pin2::LowCurrent,
             (_, 1) => Pin2::SpeedSelect,

@@ -17,7 +17,7 @@ const FLASH: Duration = Duration::millis(500);
 const BRIGHT: Duration = Duration::millis(250);
 /// Time that each light is on when they alternate.
 const TURN: Duration = Duration::millis(500);
-/// Heartbeat, and flash of a fault (section 2 says about 1.5 s).
+/// Heartbeat, and flash of a fault (about 1.5 s by section 2).
 const HEARTBEAT: Duration = Duration::millis(1_500);
 
 /// A drive that starts.
@@ -32,7 +32,7 @@ pub(super) struct Startup {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
-    /// Flashes that tell what the EEPROM held.
+    /// Flashes that show whether the EEPROM was good.
     Flashes,
     /// Green has its first turn.
     Green,
@@ -79,7 +79,7 @@ impl Startup {
 /// States of the lights (section 2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Lights {
-    /// As [`Startup`] says.
+    /// The next phase, see [`Startup`].
     Starting,
     /// Green beats.
     Normal,

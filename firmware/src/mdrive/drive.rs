@@ -12,8 +12,7 @@
 //! | `hybrid` | what a Hybrid does beyond that |
 //! | `io` | its I/O points |
 //!
-//! Motion and I/O know nothing of the rest: what they have to tell they keep as events, which are taken here after
-//! everything that happens.
+//! Motion and I/O do not depend on the rest: they queue events, which are handled here after every input and timeout.
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
@@ -103,7 +102,7 @@ impl Drive {
             saving: None,
             bank,
             errors: Errors::NONE,
-            io: Io::REST,
+            io: Io::OPEN,
             motion,
             hybrid: Hybrid::NONE,
             mcode: Mcode::new(),
@@ -134,20 +133,20 @@ impl Drive {
         if self.hybrid.deadline() <= at {
             self.hybrid_timeout(at, out);
         }
-        self.settle(at, out);
+        self.dispatch_events(at, out);
         if self.mcode.consoles.deadline() <= at {
             self.console_timeout(at, out);
         }
         if self.mcode.vm.deadline() <= at {
             self.program_timeout(at, out);
-            self.settle(at, out);
+            self.dispatch_events(at, out);
         }
     }
 
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         match fault {
-            STALL => self.hold_shaft(at, on, out),
-            _ => self.set_hybrid_cause(at, fault, on, out),
+            STALL => self.block_shaft(at, on, out),
+            _ => self.set_hybrid_fault(at, fault, on, out),
         }
     }
 
@@ -191,8 +190,8 @@ impl Drive {
         if row.space == Space::Setting && row.accepts(value) {
             self.bank.set(reg, value);
             self.set_motion(at, out);
-            self.take_rotor_on(at, out);
-            self.settle(at, out);
+            self.apply_rotor_settings(at, out);
+            self.dispatch_events(at, out);
             return Ok(());
         }
         let outcome = match i32::try_from(value) {
@@ -200,7 +199,7 @@ impl Drive {
             Err(_) if is_number(reg) => Err(Error::IllegalValue),
             _ => self.set_up(at, reg, words(reg, value), out),
         };
-        self.settle(at, out);
+        self.dispatch_events(at, out);
         outcome.map_err(|error| match error {
             Error::Unknown => PresetError::NoSuchRegister,
             Error::ReadOnly => PresetError::ReadOnly,
@@ -215,32 +214,32 @@ impl Drive {
         self.call_error_handler(at, out);
     }
 
-    /// Takes what motion and I/O have to tell, until they have nothing more, and shows what is so.
-    pub(super) fn settle(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Handles the events of motion and I/O until none is left, and updates the outputs.
+    pub(super) fn dispatch_events(&mut self, at: Instant, out: &mut dyn Context) {
         loop {
-            if let Some(event) = self.io.take_event() {
-                self.io_tells(at, event, out);
-            } else if let Some(event) = self.motion.take_event() {
-                self.motion_tells(at, event, out);
+            if let Some(event) = self.io.next_event() {
+                self.on_io_event(at, event, out);
+            } else if let Some(event) = self.motion.next_event() {
+                self.on_motion_event(at, event, out);
             } else {
                 break;
             }
         }
-        self.look_at_hybrid(at, out);
-        self.look_for_party();
-        let moves_otherwise = self.motion.has_changed();
-        if moves_otherwise || self.io.wants_plan() {
+        self.update_hybrid(at, out);
+        self.update_party();
+        let plan_changed = self.motion.has_changed();
+        if plan_changed || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);
         }
-        if moves_otherwise || self.hybrid.deadline() <= at {
+        if plan_changed || self.hybrid.deadline() <= at {
             self.watch_position(at, out);
         }
-        if moves_otherwise || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
-            self.look_for_trips(at, out);
+        if plan_changed || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
+            self.check_trips(at, out);
         }
-        self.look_for_standstill(at);
+        self.check_standstill(at);
         self.sign_on(at, out);
-        let shown = io::Shown {
+        let flags = io::StateFlags {
             moving: self.motion.is_moving(),
             fault: self.errors.is_set(),
             stall: self.motion.has_stalled(),
@@ -248,18 +247,18 @@ impl Drive {
             locked_rotor: self.hybrid.is_locked(),
             positioning: self.motion.is_positioning(),
             hybrid: self.corrects_rotor(),
-            makes_up: self.hybrid.makes_up(),
+            is_making_up: self.hybrid.is_making_up(),
         };
-        self.io.show(at, shown, out);
+        self.io.update_outputs(at, flags, out);
     }
 
-    fn io_tells(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
+    fn on_io_event(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
-            // What is held while it starts does nothing, but for limits and the home switch.
-            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.hears() => {}
+            // Inputs that are active during the start have no effect, except limits and the home switch.
+            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.is_started() => {}
             io::Event::Channel(channel, level) => self.motion.channel(at, channel, level, out),
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
-            _ if !self.hears() => {}
+            _ if !self.is_started() => {}
             io::Event::Clock(steps) => {
                 let from = self.motion.steps(at);
                 self.motion.follow(at, steps, out);
@@ -294,11 +293,11 @@ impl Drive {
         }
     }
 
-    fn motion_tells(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
+    fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
             motion::Event::Failed(error) => self.fail(at, error, out),
             motion::Event::StopsProgram => self.end_program(),
-            motion::Event::Announce => self.say_name(at, out),
+            motion::Event::Announce => self.send_name(at, out),
         }
     }
 }

@@ -56,15 +56,15 @@ const CALIBRATION: Fault = Fault(5);
 /// Bytes of the non-volatile memory.
 pub const MEMORY: usize = saved::MEMORY;
 
-/// Across it a current into ANALOG is a voltage: 20 mA are 5 V. The manuals do not say.
+/// Shunt of a current into ANALOG: 20 mA are 5 V. The manuals do not specify it.
 const SHUNT_OHM: u16 = 250;
 
-const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec::new(name, role, rest)
+const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
+    PinSpec::new(name, role, idle)
 }
 
-// An open input floats high if it sinks and low if it sources, so it tells that it is open. A remote encoder counts
-// once something drives it.
+// An open input floats high if it sinks and low if it sources, so the drive needs to know that it is open. A remote
+// encoder counts once its channels are driven.
 #[rustfmt::skip]
 static PINS: [PinSpec; 11] = [
     pin("IO1", Role::Both, Level::Float),
@@ -141,8 +141,8 @@ const fn spec(
         product,
         manual: "MODBUS/TCP Fieldbus Manual R040611, MCode Programming and Software Reference R062812",
         ports: &[
-            PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
-            PortSpec { name: "mcode", ends: Framing::Return, line: None },
+            PortSpec { name: "modbus", framing: Framing::Mbap, line: None },
+            PortSpec { name: "mcode", framing: Framing::Return, line: None },
         ],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: None }],
@@ -198,7 +198,9 @@ impl Device for Mdrive {
         let drive = &mut self.drive;
         match input {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
-            Input::Message { link, bytes, .. } if drive.hears() => drive.console_heard(at, link, bytes, out),
+            Input::Message { link, bytes, .. } if drive.is_started() => {
+                drive.console_received(at, link, bytes, out)
+            }
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
@@ -206,9 +208,9 @@ impl Device for Mdrive {
             Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
             // A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
             Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
-            Input::Fault { fault, on } => drive.set_cause(at, fault, on, out),
-            // It does not hear yet; it has no serial port, and its motor is its own: without pins of steps no board
-            // makes pulses for it that could slip.
+            Input::Fault { fault, on } => drive.set_fault(at, fault, on, out),
+            // Not started yet; there is no serial port, and the motor is internal: without step pins no board makes
+            // pulses that could deviate.
             Input::Message { .. }
             | Input::Opened { .. }
             | Input::Closed { .. }
@@ -226,7 +228,7 @@ impl Device for Mdrive {
             | Input::Step { .. }
             | Input::StepsCorrection { .. } => {}
         }
-        drive.settle(at, out);
+        drive.dispatch_events(at, out);
     }
 
     fn accepts(&self, _port: Port) -> bool {

@@ -28,10 +28,10 @@ const WRITE_SPECIFIC: u8 = 66;
 static RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, ENCAPSULATED_INTERFACE, READ_SPECIFIC, WRITE_SPECIFIC],
     broadcast: None,
-    most_read: 4,
-    most_written: 4,
+    max_read: 4,
+    max_written: 4,
     bits_per_word: 1,
-    writes_halves: false,
+    partial_writes: false,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -41,7 +41,7 @@ static RULES: Rules = Rules {
 const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
 /// The most of a parameter string (FB 4.3.3).
-const MOST_STRING: usize = 28;
+const MAX_STRING: usize = 28;
 /// A mnemonic in a request: backwards, behind blanks.
 const MNEMONIC: usize = 4;
 
@@ -87,10 +87,10 @@ impl Drive {
     /// Answers a request.
     pub(super) fn serve(&mut self, at: Instant, link: Link, adu: &[u8], out: &mut dyn Context) {
         let mut reply = Adu::new();
-        let outcome = if self.hears() {
+        let outcome = if self.is_started() {
             serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
         } else {
-            // The Ethernet controller hears before the drive does.
+            // The Ethernet controller receives before the drive does.
             refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
         };
         out.put(at, Output::Log(LogEvent::of(MODBUS, outcome)));
@@ -99,13 +99,13 @@ impl Drive {
         }
     }
 
-    /// Tells MCode of an error, and says what the bus is told.
+    /// Reports an error to MCode, and returns the exception for the bus.
     fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Context) -> Exception {
         self.fail(at, error, out);
         error.exception()
     }
 
-    /// Judges all that a write brings on its outcome, then does all of it.
+    /// Validates all values of a write with their combined result, then applies all of them.
     ///
     /// # Errors
     /// The first that is refused; nothing has changed then.
@@ -127,7 +127,9 @@ impl Drive {
             if switches_on && self.model == Model::Hybrid && self.is_in_motion() {
                 return Err(Error::CalibrationInMotion);
             }
-            self.judge(at, reg, narrow(value), &|other| brought(other).unwrap_or_else(|| self.held(other)))?;
+            self.validate(at, reg, narrow(value), &|other| {
+                brought(other).unwrap_or_else(|| self.stored(other))
+            })?;
         }
         // An order may be refused all the same, so it comes first. There is one of these at most in four registers.
         for ordered in [true, false] {
@@ -166,7 +168,7 @@ impl Drive {
         };
         let fits = match specific {
             Specific::Command(_) => string.is_empty(),
-            Specific::Values | Specific::Execute => (1..=MOST_STRING).contains(&string.len()),
+            Specific::Values | Specific::Execute => (1..=MAX_STRING).contains(&string.len()),
         };
         if !fits {
             return Err(Exception::IllegalDataValue);
@@ -253,7 +255,7 @@ fn narrow(value: i64) -> i32 {
 }
 
 /// Two texts in one; there is room for a mnemonic and the longest string.
-fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MOST_STRING }> {
+fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MAX_STRING }> {
     let mut text = heapless::Vec::new();
     let _ = text.extend_from_slice(first).and_then(|()| text.extend_from_slice(second));
     text
@@ -263,7 +265,7 @@ fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MOST_ST
 struct Answer<'a>(&'a mut Reply);
 
 impl Text for Answer<'_> {
-    fn say(&mut self, text: &[u8]) {
+    fn write(&mut self, text: &[u8]) {
         let _ = self.0.extend_from_slice(text);
     }
 }
@@ -292,27 +294,28 @@ impl RequestHandler for Bus<'_> {
         self.drive.has_read(register);
     }
 
-    /// All is done by [`RequestHandler::carry_out`].
+    /// All is done by [`RequestHandler::write_multiple`].
     fn written(&mut self, _register: Reg) {}
 
     fn entries(&self) -> &'static Entries {
         self.drive.model.entries()
     }
 
-    fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
+    fn write_multiple(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
         let written = self.drive.write_all(self.at, values, self.out);
         Some(written.map_err(|error| self.drive.note_refusal(self.at, error, self.out)))
     }
 
-    fn out_of_range(&mut self, register: Reg, value: i64) {
-        let judged = self.drive.judge_together(register, narrow(value), &|other| self.drive.held(other));
+    fn on_out_of_range(&mut self, register: Reg, value: i64) {
+        let validated =
+            self.drive.validate_together(register, narrow(value), &|other| self.drive.stored(other));
         // The bus has narrower ranges of some than MCode has (MDRIVE-3).
-        let error = judged.err().unwrap_or_else(|| illegal(register));
+        let error = validated.err().unwrap_or_else(|| illegal(register));
         self.drive.fail(self.at, error, self.out);
     }
 
-    fn is_there(&self, register: Reg) -> bool {
-        self.drive.is_there(register)
+    fn is_present(&self, register: Reg) -> bool {
+        self.drive.is_present(register)
     }
 
     fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {

@@ -1,8 +1,8 @@
 //! Content of the non-volatile memory beside programs: variables and flags, set-up of I/O, global user variables (S,
 //! IP, FD).
 //!
-//! Variables come first, global user variables behind them, each with a check sum. Both are bad while they are
-//! stored, so power lost meanwhile leaves what was, what is to be, or a memory that does not pass (70).
+//! Variables come first, global user variables behind them, each with a check sum. Both are invalid while they are
+//! stored, so after a power cut the memory holds the old values, the new ones, or fails its test (70).
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -19,7 +19,7 @@ use crate::memory::{self, Content, Save};
 pub(super) const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 /// Bytes of a global user variable: two of its name and four of its value.
 const GLOBAL: usize = 6;
-const GLOBAL_BYTES: usize = GLOBAL * names::MOST;
+const GLOBAL_BYTES: usize = GLOBAL * names::MAX;
 /// Bytes of global user variables behind the variables, with a CRC.
 pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
 /// Offset of the program's log.
@@ -38,12 +38,12 @@ pub(super) struct Saving {
 }
 
 impl Drive {
-    /// Power comes: loads variables, global user variables and the program. Whether the memory was good (70 if not);
-    /// what is bad is as the factory made it.
+    /// Power comes: loads variables, global user variables and the program. Returns whether the memory was good (70 if
+    /// not); the factory's values replace bad parts.
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         let saved = self.load_variables(out) && self.load_globals(out);
         if !saved {
-            self.renew();
+            self.factory_reset();
             self.mcode.names = names::Names::new();
         }
         self.load_program(out) && saved
@@ -52,20 +52,20 @@ impl Drive {
     /// Loads the variables, those of a new drive from the factory. Whether they were good.
     fn load_variables(&mut self, out: &dyn Context) -> bool {
         let entries = self.model.entries();
-        self.renew();
+        self.factory_reset();
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
             let [method, mode] = self.bank.word(Reg::CA).to_be_bytes();
             self.bank.set(Reg::CalibrationMethod, (method & 1).into());
             self.bank.set(Reg::CA, mode.into());
-            self.mend();
+            self.sanitize();
         }
         content != Content::Bad
     }
 
     /// Resets values that no save could have stored, as a memory of the other model may have.
-    fn mend(&mut self) {
+    fn sanitize(&mut self) {
         let entries = self.model.entries();
         for (row, entry) in entries.list.iter().enumerate() {
             let value = entries.value(self.bank.words(), row);
@@ -76,17 +76,19 @@ impl Drive {
         // Each is possible now; they must go together, too.
         let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
         let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
-        let held = |reg| self.held(reg);
+        let stored = |reg| self.stored(reg);
         let conflicts = |reg| {
-            self.has(reg) && !self.is_in_counts(reg) && self.judge_together(reg, held(reg), &held).is_err()
+            self.has(reg)
+                && !self.is_in_counts(reg)
+                && self.validate_together(reg, stored(reg), &stored).is_err()
         };
-        if held(Reg::VI) >= held(Reg::VM) || numbers.any(conflicts) {
-            self.renew();
+        if stored(Reg::VI) >= stored(Reg::VM) || numbers.any(conflicts) {
+            self.factory_reset();
         }
     }
 
-    /// All variables are the factory's. What is not the drive's to change stays.
-    fn renew(&mut self) {
+    /// Resets all variables to the factory's, except those that the drive itself never changes.
+    fn factory_reset(&mut self) {
         let lasting = LASTING.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(self.model.entries());
         for (reg, value) in LASTING.into_iter().zip(lasting) {
@@ -144,8 +146,7 @@ impl Drive {
         self.saving = Some(Saving { variables, globals });
     }
 
-    /// LK is 0 for good: "this will clear the program and reset LK to 0" (MC 5-42). Of what is saved nothing else
-    /// changes.
+    /// Resets LK in the memory: "this will clear the program and reset LK to 0" (MC 5-42). Other saved values stay.
     pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Context) {
         self.finish_save(at, out);
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
@@ -175,15 +176,15 @@ impl Drive {
     /// IP: variables and flags as they are saved.
     ///
     /// # Errors
-    /// 70 if what is saved is bad, 74 in motion.
+    /// 70 if the saved values are bad, 74 in motion.
     pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::ClearInMotion);
         }
-        // What is said comes in order.
+        // A save in progress is finished first: the order of the commands counts.
         self.finish_save(at, out);
         let good = self.load_variables(out);
-        self.take_variables(at, out);
+        self.apply_variables(at, out);
         if good { Ok(()) } else { Err(Error::Flash) }
     }
 
@@ -196,30 +197,30 @@ impl Drive {
         if self.is_in_motion() {
             return Err(Error::SaveInMotion);
         }
-        self.forget();
+        self.clear_activity();
         let serial = self.bank.get(Reg::SerialCommands);
-        self.renew();
+        self.factory_reset();
         self.bank.set(Reg::SerialCommands, serial);
         self.mcode.names = names::Names::new();
-        self.take_variables(at, out);
+        self.apply_variables(at, out);
         self.motion.set_steps(at, 0);
         self.motion.set_counts(at, 0);
-        // The memory does not pass from here on until all of it is as new.
+        // The memory fails its test from here on until all of it is reset.
         self.begin_save(at, out);
         self.mcode.program.clear(at, 1, out);
         self.greet(at, out);
         Ok(())
     }
 
-    /// All variables may be others: who goes by them hears of it.
-    pub(super) fn take_variables(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Applies all variables to I/O and motion.
+    pub(super) fn apply_variables(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_filters(at, out);
-        self.take_set_ups(at, out);
+        self.apply_set_ups(at, out);
         self.set_motion(at, out);
     }
 
     /// All I/O points may be others; one that cannot be so is as the factory made it.
-    fn take_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
+    fn apply_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.begin_load();
         for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
             if self.has(reg) && self.set_up(at, reg, self.set_up_of(reg), out).is_err() {
@@ -243,16 +244,16 @@ impl Drive {
         }
         match i32::try_from(value) {
             _ if !is_number(reg) => {
-                // The points say whether they can be so; power finds them as new.
-                self.take_set_ups(at, &mut NullContext);
-                let judged = self.set_up(at, reg, words(reg, value), &mut NullContext);
-                self.io = Io::REST;
-                judged.map_err(|_| PresetError::OutOfRange)?;
+                // The points decide whether the set-up is possible; power-on starts with new ones.
+                self.apply_set_ups(at, &mut NullContext);
+                let validated = self.set_up(at, reg, words(reg, value), &mut NullContext);
+                self.io = Io::OPEN;
+                validated.map_err(|_| PresetError::OutOfRange)?;
             }
             Ok(value) => {
-                let judged = self.judge(at, reg, value, &|other| self.held(other));
-                judged.map_err(|_| PresetError::OutOfRange)?;
-                self.hold(reg, value);
+                let validated = self.validate(at, reg, value, &|other| self.stored(other));
+                validated.map_err(|_| PresetError::OutOfRange)?;
+                self.store(reg, value);
             }
             Err(_) => return Err(PresetError::OutOfRange),
         }

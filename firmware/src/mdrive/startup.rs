@@ -14,11 +14,11 @@ pub(super) const SIGN_ON: &[u8] = b"Copyright 2001-2010 by Schneider Electric Mo
 /// The program that runs when it is ready (MC 5-71).
 const START_UP: Place = Place::Label(*b"SU");
 
-/// From power-on to the first request that is answered; the manuals do not say (MDRIVE-7).
+/// From power-on to the first request that is answered; the manuals do not specify it (MDRIVE-7).
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {
-    /// Power comes: nobody is connected, and what is around the drive will be told anew.
+    /// Power comes: no connection is open, and all inputs follow.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.boot = boot;
         self.saving = None;
@@ -28,14 +28,14 @@ impl Drive {
 
     /// As power-on, but the connections stay (the Ethernet controller is another processor), and levels are known.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
-        // What is said comes in order.
+        // A save in progress is finished first: the order of the commands counts.
         self.finish_save(at, out);
         self.mcode.consoles.restart();
         self.start(at, false, out);
     }
 
     fn start(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
-        self.forget();
+        self.clear_activity();
         self.hybrid.restart(whole);
         let good = self.load(out);
         self.io.power_on(at, whole, out);
@@ -43,7 +43,7 @@ impl Drive {
             self.motion.unplug(at);
         }
         self.motion.power_on(at, motion_settings(&self.bank, Some(&self.io)), out);
-        self.take_variables(at, out);
+        self.apply_variables(at, out);
         if !good {
             self.errors.set(Error::Flash);
         }
@@ -51,7 +51,7 @@ impl Drive {
     }
 
     /// Ends all activity: errors, the program that runs, trips.
-    pub(super) fn forget(&mut self) {
+    pub(super) fn clear_activity(&mut self) {
         self.errors = Errors::NONE;
         self.end_program();
         self.mcode.vm = Vm::new();
@@ -59,7 +59,7 @@ impl Drive {
     }
 
     /// Returns whether input on its ports reaches it.
-    pub(super) fn hears(&self) -> bool {
+    pub(super) fn is_started(&self) -> bool {
         matches!(self.state, State::Calibrating | State::Ready)
     }
 

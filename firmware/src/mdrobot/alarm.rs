@@ -23,11 +23,11 @@ pub(super) mod status {
 }
 
 /// A supply above this is OVER_VOLT, in 0.1 V.
-const MOST_SUPPLY: u16 = 600;
+const MAX_SUPPLY: u16 = 600;
 /// The supply of `over_voltage`.
 const TOO_MUCH_SUPPLY: u16 = 610;
 
-/// Alarms that are latched, and causes that somebody injected.
+/// Alarms that are latched, and injected causes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Alarms {
     /// As in MONITOR, without bit 0.
@@ -68,9 +68,9 @@ impl Alarms {
         if self.has(fault) { bits } else { 0 }
     }
 
-    /// Alarms that somebody injects, and that are true whatever the motor does (MDROBOT-32).
-    fn at_once(self) -> u16 {
-        let supply = if self.supply() > MOST_SUPPLY { status::OVER_VOLT } else { 0 };
+    /// Injected alarms that are active whatever the motor does (MDROBOT-32).
+    fn immediate(self) -> u16 {
+        let supply = if self.supply() > MAX_SUPPLY { status::OVER_VOLT } else { 0 };
         supply
             | self.of(OVER_TEMPERATURE, status::OVER_TEMP)
             | self.of(OVERLOAD, status::OVER_LOAD)
@@ -86,7 +86,7 @@ const fn mask(fault: Fault) -> u16 {
 
 impl Drive {
     /// The cause of a fault comes or goes.
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let faults = &mut self.alarms.faults;
         *faults = if on { *faults | mask(fault) } else { *faults & !mask(fault) };
         match fault {
@@ -97,41 +97,41 @@ impl Drive {
             OVER_VOLTAGE => self.supply_changed(at, out),
             _ => {}
         }
-        self.look_for_alarms(at, out);
+        self.check_alarms(at, out);
     }
 
     /// The supply becomes another one, in 0.1 V.
     pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.alarms.supply = supply;
         self.supply_changed(at, out);
-        self.look_for_alarms(at, out);
+        self.check_alarms(at, out);
     }
 
     /// Alarms that are true whatever the motor does.
-    fn at_once(&self) -> u16 {
+    fn immediate(&self) -> u16 {
         let halls = if self.servo.halls_are_broken() { status::HALL_FAIL } else { 0 };
-        self.alarms.at_once() | halls
+        self.alarms.immediate() | halls
     }
 
     /// Alarms that cannot be cleared: also those that the servo finds when the motor turns.
     fn causes(&self) -> u16 {
         let alarms = self.alarms;
-        // Nobody misses an encoder that is not the sensor of speed.
+        // A broken encoder is no alarm unless it is the sensor of speed.
         let encoder = match self.bank.word(Pid::ENC_PPR) {
             0 => 0,
             _ => alarms.of(ENCODER_FAIL, status::HALL_FAIL | status::ENCODER_FAIL),
         };
-        self.at_once()
+        self.immediate()
             | encoder
             | alarms.of(HALL_FAIL, status::HALL_FAIL)
             | alarms.of(INVERSE_VELOCITY, status::INV_VEL)
     }
 
-    /// Raises what is wrong now: at the end of the start, and after anything that may be.
-    pub(super) fn look_for_alarms(&mut self, at: Instant, out: &mut dyn Context) {
-        let seen = self.servo.alarms();
+    /// Raises the present alarms: at the end of the start, and after any change of their causes.
+    pub(super) fn check_alarms(&mut self, at: Instant, out: &mut dyn Context) {
+        let found = self.servo.alarms();
         if self.state == State::Ready {
-            self.raise(at, seen | self.at_once(), out);
+            self.raise(at, found | self.immediate(), out);
         }
     }
 
@@ -142,21 +142,21 @@ impl Drive {
         }
         self.alarms.latched |= alarms;
         self.drop_reference(at, out);
-        self.show_alarm(at, out);
+        self.update_alarm_pin(at, out);
     }
 
     /// Clears the alarms whose cause is gone.
     pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) {
         let any = self.alarms.any();
         self.alarms.latched &= self.causes();
-        self.show_alarm(at, out);
+        self.update_alarm_pin(at, out);
         if any && !self.alarms.any() {
             self.alarms_cleared(at, out);
         }
     }
 
     /// ALARM is low while there is one, or while there is none with INV_ALARM (MDROBOT-26).
-    pub(super) fn show_alarm(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn update_alarm_pin(&mut self, at: Instant, out: &mut dyn Context) {
         let low = self.state == State::Ready && self.alarms.any() != (self.bank.word(Pid::INV_ALARM) != 0);
         if low != self.alarms.low {
             self.alarms.low = low;

@@ -50,7 +50,7 @@ const fn page(code: u16) -> &'static str {
     }
 }
 
-/// The rows of the manual, under the header's names where it has them (MDROBOT-7), and two that public clients know.
+/// The rows of the manual, under the header's names where it has them, and two more that public clients use (MDROBOT-7).
 #[rustfmt::skip]
 const ROWS: [(CommandSpec, Act); 38] = [
     does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),

@@ -31,8 +31,7 @@ pub(super) const MOST_WORDS: usize = 9;
 /// Unit of VOLT_IN, in mV.
 const MV_PER_UNIT: u32 = 100;
 
-/// The motor of a drive's own: 0.06 V·s, which is 0.06 Nm for an ampere. How many poles it has HALL_TYPE says
-/// (MDROBOT-27).
+/// The internal motor: 0.06 V·s, which is 0.06 Nm for an ampere. HALL_TYPE selects its poles (MDROBOT-27).
 pub(super) const MOTOR: Parameters = Parameters {
     supply_mv: SUPPLY as u32 * MV_PER_UNIT,
     no_load_rpm: 3_820,
@@ -91,7 +90,7 @@ impl Drive {
         }
     }
 
-    /// Power comes: what is around the drive will be told anew.
+    /// Power comes: all inputs follow.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.load(out);
         self.unit = (self.bank.word(Pid::CONTROLLER_ID) & 0xFF) as u8;
@@ -118,7 +117,7 @@ impl Drive {
             self.servo.timeout(at, out);
             self.reverse_when_slow(at, out);
         }
-        self.look_for_alarms(at, out);
+        self.check_alarms(at, out);
     }
 
     /// Carries out what is due before a character of this instant.
@@ -155,7 +154,7 @@ impl Drive {
         core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
 
-    /// The servo goes by what has been written.
+    /// Passes the settings to the servo.
     fn set_servo(&mut self, at: Instant, out: &mut dyn Context) {
         self.servo.set(at, servo_settings(&self.bank), out);
     }
@@ -223,7 +222,7 @@ impl Drive {
             let (entries, row) = (Pid::ENTRIES, pid.row());
             let count = entries.list.get(row).map_or(0, |entry| entry.shape.words());
             let words = self.report(at, pid).into_iter().take(count.into());
-            let places = self.bank.words_mut().iter_mut().skip(entries.place(row));
+            let places = self.bank.words_mut().iter_mut().skip(entries.offset(row));
             for (place, word) in places.zip(words) {
                 *place = word;
             }
@@ -237,8 +236,8 @@ impl Drive {
     /// FUNC_CMD_TYPE only DL.
     pub(super) fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
         let legal = match pid {
-            Pid::ID => keyed(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
-            Pid::BAUDRATE => keyed(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
+            Pid::ID => unlocked(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
+            Pid::BAUDRATE => unlocked(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
             Pid::FUNC_CMD_TYPE => value & 0xFF <= i64::from(function::SPEED_ADD),
             _ => true,
         };
@@ -253,13 +252,13 @@ impl Drive {
                 self.restore();
                 self.set_servo(at, out);
                 self.reference_changed(at, out);
-                self.show_alarm(at, out);
+                self.update_alarm_pin(at, out);
                 self.save(at, out);
             }
             Pid::COMMAND => self.command(at, self.bank.word(pid), out),
             Pid::ALARM_RESET => self.reset_alarms(at, out),
             Pid::POSI_RESET => self.servo.clear_position(),
-            Pid::INV_ALARM => self.show_alarm(at, out),
+            Pid::INV_ALARM => self.update_alarm_pin(at, out),
             Pid::TQ_OFF
             | Pid::BRAKE
             | Pid::UI_COM
@@ -285,12 +284,12 @@ impl Drive {
             | Pid::HIGH_SPEED_LIMIT
             | Pid::INT_VOLUME => self.reference_changed(at, out),
             Pid::ID => {
-                if let Some(id) = keyed(value) {
+                if let Some(id) = unlocked(value) {
                     self.set(at, Pid::CONTROLLER_ID, id, out);
                 }
             }
             Pid::BAUDRATE => {
-                if let Some(code) = keyed(value) {
+                if let Some(code) = unlocked(value) {
                     self.set(at, Pid::CONTROLLER_BAUD, code, out);
                 }
             }
@@ -304,7 +303,7 @@ impl Drive {
             | Pid::I_GAIN => self.set_servo(at, out),
             Pid::MAX_LOAD_181 => self.set(at, Pid::MAX_LOAD, value, out),
             Pid::FUNC_CMD_TYPE => {
-                self.bank.set(pid, kept(pid, value));
+                self.bank.set(pid, stored_value(pid, value));
                 self.command_written(at, pid, out);
             }
             Pid::MAX_LOAD | Pid::MAX_RPM => {
@@ -369,8 +368,8 @@ fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
 fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {
-        max_rpm: bank.limited(Pid::MAX_RPM) as u16,
-        limit_ma: bank.limited(Pid::MAX_LOAD) as u32 * MA_PER_UNIT,
+        max_rpm: bank.clamped_value(Pid::MAX_RPM) as u16,
+        limit_ma: bank.clamped_value(Pid::MAX_LOAD) as u32 * MA_PER_UNIT,
         pv_gain: word(Pid::PV_GAIN),
         p_gain: word(Pid::P_GAIN),
         i_gain: word(Pid::I_GAIN),
@@ -383,12 +382,12 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
 }
 
 /// DH of a value written to ID or BAUDRATE, if DL is the key (MDROBOT-5).
-fn keyed(value: i64) -> Option<i64> {
+fn unlocked(value: i64) -> Option<i64> {
     (value & 0xFF == registers::WRITE_CHECK).then_some(value >> 8 & 0xFF)
 }
 
-/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15; MDROBOT-3).
-pub(super) fn kept(pid: Pid, value: i64) -> i64 {
+/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15) (MDROBOT-3).
+pub(super) fn stored_value(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }
 

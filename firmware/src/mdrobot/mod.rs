@@ -64,8 +64,8 @@ const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
 /// Bytes of the non-volatile memory.
 pub const MEMORY: usize = memory::two_copies(Pid::SAVED_WORDS) as usize;
 
-const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec::new(name, role, rest)
+const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
+    PinSpec::new(name, role, idle)
 }
 
 /// The limits of the model, with the reason of each.
@@ -86,8 +86,8 @@ static MD400: Spec = Spec {
     kind: "mdrobot",
     product: "MDROBOT MD400 brushless motor controller, 20 A",
     manual: "Modbus Protocol on the MD Controller V1.1",
-    ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
-    // A contact that nobody wired is neither open nor closed: a limit switch that is not there permits.
+    ports: &[PortSpec { name: "rs485", framing: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
+    // A contact that is not wired is neither open nor closed: a missing limit switch permits motion.
     pins: &[
         pin("INT_SPEED", Role::Input, Level::Float),
         pin("ALARM_RESET", Role::Input, Level::Float),
@@ -133,10 +133,10 @@ static MD400: Spec = Spec {
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER, WRITE_MULTIPLE_REGISTERS],
     broadcast: Some(0xFE),
-    most_read: 125,
-    most_written: 123,
+    max_read: 125,
+    max_written: 123,
     bits_per_word: 16,
-    writes_halves: true,
+    partial_writes: true,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -179,7 +179,7 @@ impl Mdrobot {
     }
 
     /// Characters; those that end before the drive listens are lost.
-    fn hear(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
+    fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at < *deaf_until) else {
             self.receiver.bytes(at, bytes);
             return;
@@ -227,15 +227,15 @@ impl Device for Mdrobot {
             self.serve(at, out);
         }
         match input {
-            Input::Bytes { bytes, .. } => self.hear(at, bytes, out),
+            Input::Bytes { bytes, .. } => self.on_bytes(at, bytes, out),
             Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at >= deaf_until) => {
-                self.receiver.spoiled(at);
+                self.receiver.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Open { pin } => self.drive.opened(at, pin, out),
             Input::Millivolts { pin: SPEED_IN, mv } => self.drive.voltage(at, mv, out),
-            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
+            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
             Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
@@ -253,7 +253,7 @@ impl Device for Mdrobot {
             | Input::Step { .. }
             | Input::StepsCorrection { .. } => {}
         }
-        self.drive.look_for_alarms(at, out);
+        self.drive.check_alarms(at, out);
     }
 
     fn deadline(&self) -> Instant {

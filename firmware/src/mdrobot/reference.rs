@@ -12,14 +12,14 @@ use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
 use crate::device::{Context, Instant};
 
-/// A shaft that is slower stands, as far as limit switches go: at 3,000 rpm in 15 s it stops within a count of 12 a
-/// turn, and its last edge is no more than a sixth of a second old.
+/// A slower shaft counts as standing for limit switches: at 3,000 rpm in 15 s it stops within a count of 12 a turn, and
+/// its last edge is no more than a sixth of a second old.
 const TURNS_RPM: u32 = 30;
 
-/// The command that counts, and by whom it may be.
+/// The command in effect, and its source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
-    who: Source,
+    source: Source,
     /// The signal that starts what the connectors ask for, or a function, is ON.
     start: bool,
     /// RUN/BRAKE is OFF.
@@ -60,7 +60,7 @@ impl Source {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Command {
     /// No command.
-    Nothing(Rest),
+    Nothing(Release),
     /// The connectors.
     Connectors {
         /// START/STOP, or the step number, has come ON.
@@ -85,19 +85,19 @@ enum Command {
 
 /// State of the motor without a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Rest {
+enum Release {
     /// Free.
     Free,
     /// Shorted windings.
     Brake,
-    /// As SLOW_DOWN and STOP_STATUS say.
+    /// As SLOW_DOWN and STOP_STATUS select.
     Stop,
 }
 
 impl Reference {
     /// Power has come: the connectors command.
     pub(super) const NONE: Self = Self {
-        who: Source::CONNECTORS,
+        source: Source::CONNECTORS,
         start: false,
         brake: false,
         command: Command::Connectors { started: false },
@@ -128,23 +128,23 @@ impl Drive {
             }
             _ => {}
         }
-        if let Some(command) = self.asked(pid) {
+        if let Some(command) = self.requested(pid) {
             self.reference.command = command;
-            self.follow(at, out);
+            self.update_order(at, out);
         }
     }
 
     /// Command of a PID other than of a position; `None` if it may not command now (MDROBOT-13).
-    fn asked(&self, pid: Pid) -> Option<Command> {
-        let drives = self.reference.who == Source::BUS;
+    fn requested(&self, pid: Pid) -> Option<Command> {
+        let drives = self.reference.source == Source::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
         let value = self.bank.get(pid) as i16;
-        // What was dropped stays so: there is no speed to be taken to zero.
+        // A dropped command stays dropped: there is no speed to be ramped to zero.
         let dropped = matches!(self.reference.command, Command::Nothing(_));
         match pid {
-            Pid::TQ_OFF => Some(Command::Nothing(Rest::Free)),
-            Pid::BRAKE => Some(Command::Nothing(Rest::Brake)),
-            Pid::START_STOP if drives && !armed => (!dropped).then_some(Command::Nothing(Rest::Stop)),
+            Pid::TQ_OFF => Some(Command::Nothing(Release::Free)),
+            Pid::BRAKE => Some(Command::Nothing(Release::Brake)),
+            Pid::START_STOP if drives && !armed => (!dropped).then_some(Command::Nothing(Release::Stop)),
             // A speed drives; none ends only what START_STOP itself drives.
             Pid::START_STOP | Pid::COM_TAR_SPEED if armed => {
                 let turns = self.bank.word(Pid::COM_TAR_SPEED) != 0;
@@ -163,48 +163,48 @@ impl Drive {
         let words = self.bank.get(pid);
         let count = self.turned(words as i32);
         let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
-        let count = if here { self.further(count) } else { count };
+        let count = if here { self.relative(count) } else { count };
         let rpm = match pid {
             Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => i32::from((words >> 32) as i16).abs(),
             _ => self.bank.word(Pid::TAR_POSI_VEL).into(),
         };
-        if self.reference.who == Source::BUS {
+        if self.reference.source == Source::BUS {
             self.reference.command = Command::Position { rpm };
-            self.give(at, self.position(count, rpm), out);
+            self.apply(at, self.position(count, rpm), out);
         }
     }
 
-    /// A register that says who commands, or what a command or an input means, was written.
+    /// A register was written that selects the source of commands, or the meaning of a command or an input.
     pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.take_who() {
-            // What is ON already has started nothing of what is commanded now.
+        if self.update_source() {
+            // A signal that is already ON does not start the new command.
             self.reference.start = self.state == State::Ready && self.start_signal();
         } else {
             self.signals_changed(at, out);
         }
-        self.follow(at, out);
+        self.update_order(at, out);
     }
 
     /// The drive is ready: what the connectors ask for begins. A function waits until its signal comes (p. 17).
     pub(super) fn sources_ready(&mut self, at: Instant, out: &mut dyn Context) {
-        self.take_who();
-        if self.reference.who.is_function() {
+        self.update_source();
+        if self.reference.source.is_function() {
             self.reference.start = self.start_signal();
         }
         self.signals_changed(at, out);
-        self.follow(at, out);
+        self.update_order(at, out);
     }
 
     /// An alarm: nothing is followed any more, and the motor is free.
     pub(super) fn drop_reference(&mut self, at: Instant, out: &mut dyn Context) {
-        self.reference.command = Command::Nothing(Rest::Free);
+        self.reference.command = Command::Nothing(Release::Free);
         self.servo.order(at, Order::Free, out);
     }
 
     /// The last alarm is cleared.
     pub(super) fn alarms_cleared(&mut self, at: Instant, out: &mut dyn Context) {
         self.brake_dropped();
-        self.follow(at, out);
+        self.update_order(at, out);
     }
 
     /// Time of the next work for inputs or functions.
@@ -216,40 +216,41 @@ impl Drive {
     pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let measured = self.inputs.timeout(at);
         if self.function_timeout(at) || measured {
-            self.follow(at, out);
+            self.update_order(at, out);
         }
     }
 
     /// Updates the source that commands; returns whether it is another one. The motor stops, and waits for a command of
     /// that source; a dropped command stays dropped (MDROBOT-12).
-    fn take_who(&mut self) -> bool {
-        let who = Source::of(&self.bank);
-        let another = who != core::mem::replace(&mut self.reference.who, who);
+    fn update_source(&mut self) -> bool {
+        let source = Source::of(&self.bank);
+        let another = source != core::mem::replace(&mut self.reference.source, source);
         if another {
-            self.reference.command = match (self.reference.command, who) {
-                (dropped @ Command::Nothing(Rest::Free | Rest::Brake), _) => dropped,
+            self.reference.command = match (self.reference.command, source) {
+                (dropped @ Command::Nothing(Release::Free | Release::Brake), _) => dropped,
                 (_, Source::CONNECTORS) => Command::Connectors { started: false },
-                _ => Command::Nothing(Rest::Stop),
+                _ => Command::Nothing(Release::Stop),
             };
             self.brake_dropped();
         }
         another
     }
 
-    /// While the connectors command RUN/BRAKE that is OFF brakes a motor that was let go, too.
+    /// While the connectors command, RUN/BRAKE at OFF also brakes a released motor.
     fn brake_dropped(&mut self) {
         if self.is_braked() {
-            self.rest_dropped(Rest::Brake);
+            self.set_release(Release::Brake);
         }
     }
 
     /// Sets the state of a released motor, while the connectors command.
-    fn rest_dropped(&mut self, rest: Rest) {
-        let Reference { who: Source::CONNECTORS, command: Command::Nothing(left), .. } = &mut self.reference
+    fn set_release(&mut self, release: Release) {
+        let Reference { source: Source::CONNECTORS, command: Command::Nothing(left), .. } =
+            &mut self.reference
         else {
             return;
         };
-        *left = rest;
+        *left = release;
     }
 
     /// START/STOP, RUN/BRAKE, the step number or FUNC_CMD may have come or gone: what that starts and ends.
@@ -264,15 +265,15 @@ impl Drive {
             return;
         }
         if brake != was_braked {
-            self.rest_dropped(if brake { Rest::Brake } else { Rest::Free });
+            self.set_release(if brake { Release::Brake } else { Release::Free });
         }
         if on == was_on {
             return;
         }
         let connectors = matches!(self.reference.command, Command::Connectors { .. });
-        match self.reference.who {
-            who if who.is_function() && on => self.start_function(at, out),
-            who if who.is_function() => self.release_function(),
+        match self.reference.source {
+            source if source.is_function() && on => self.start_function(at, out),
+            source if source.is_function() => self.release_function(),
             // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes (MDROBOT-14).
             Source::CONNECTORS if on || connectors => {
                 self.reference.command = Command::Connectors { started: on };
@@ -283,34 +284,34 @@ impl Drive {
 
     /// Returns whether the start signal of the connectors, or of a function, is ON.
     fn start_signal(&self) -> bool {
-        let who = self.reference.who;
-        let contact = match self.step().filter(|_| !who.is_function()) {
+        let source = self.reference.source;
+        let contact = match self.step().filter(|_| !source.is_function()) {
             Some(step) => step != 0,
             None => self.start_contact(),
         };
-        let by_bus = who.is_function() && self.bank.word(Pid::FUNC_CMD) != 0;
-        !who.bus && contact || by_bus
+        let by_bus = source.is_function() && self.bank.word(Pid::FUNC_CMD) != 0;
+        !source.bus && contact || by_bus
     }
 
     /// The motor does from now on what there is to follow.
-    pub(super) fn follow(&mut self, at: Instant, out: &mut dyn Context) {
-        self.give(at, self.ordered(), out);
+    pub(super) fn update_order(&mut self, at: Instant, out: &mut dyn Context) {
+        self.apply(at, self.ordered(), out);
     }
 
     /// Orders that of the servo, unless nothing moves now or a limit switch forbids it.
-    pub(super) fn give(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
+    pub(super) fn apply(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         if self.state != State::Ready || self.alarms.any() {
             return;
         }
-        let verdict = self.judge_by_limits(at, order);
+        let verdict = self.check_limits(at, order);
         self.reference.reverses = verdict == Verdict::Reverses;
         let order = match verdict {
             Verdict::Permits => order,
             // A ramp from the present speed would lead on towards the switch, so the speed is controlled at 0.
             Verdict::Reverses => Order::Position { count: self.servo.target(), rpm: 0 },
             Verdict::Forbids => {
-                let rest = if self.flag(Pid::LIMIT_STOP_COND) { Rest::Brake } else { Rest::Free };
-                self.reference.command = Command::Nothing(rest);
+                let release = if self.flag(Pid::LIMIT_STOP_COND) { Release::Brake } else { Release::Free };
+                self.reference.command = Command::Nothing(release);
                 self.ordered()
             }
         };
@@ -320,7 +321,7 @@ impl Drive {
     /// The shaft that is to turn back from a limit switch may stand by now.
     pub(super) fn reverse_when_slow(&mut self, at: Instant, out: &mut dyn Context) {
         if self.reference.reverses {
-            self.follow(at, out);
+            self.update_order(at, out);
         }
     }
 
@@ -329,13 +330,12 @@ impl Drive {
         self.reference.reverses
     }
 
-    /// An open limit switch forbids an order that turns the motor towards it (MDROBOT-23). When it opens it also stops a
-    /// shaft that an order of speed or position would still have to slow down; a later order of the way back is carried
-    /// out.
-    fn judge_by_limits(&mut self, at: Instant, order: Order) -> Verdict {
+    /// An open limit switch forbids an order that turns the motor towards it. When it opens it also stops a shaft that
+    /// an order of speed or position would still have to slow down; a later order of the way back is carried out (MDROBOT-23).
+    fn check_limits(&mut self, at: Instant, order: Order) -> Verdict {
         let now = [self.limit_forbids(1), self.limit_forbids(-1)];
         let before = core::mem::replace(&mut self.reference.forbidden, now);
-        if !self.reference.who.bus {
+        if !self.reference.source.bus {
             return Verdict::Permits;
         }
         let shaft = match self.servo.rpm(at) {
@@ -349,7 +349,7 @@ impl Drive {
             // What pushes the other way brakes at once.
             Order::Open(part) | Order::Torque(part) => [part.into(), 0],
             // One that holds its position has no way to go.
-            Order::Position { count, .. } => match self.servo.way_to(count) {
+            Order::Position { count, .. } => match self.servo.distance_to(count) {
                 error if error.unsigned_abs() <= u64::from(self.bank.word(Pid::IN_POSITION).max(1)) => {
                     [0, shaft]
                 }
@@ -370,9 +370,9 @@ impl Drive {
     /// Order to the motor.
     fn ordered(&self) -> Order {
         match self.reference.command {
-            Command::Nothing(Rest::Free) => Order::Free,
-            Command::Nothing(Rest::Brake) => Order::Brake,
-            Command::Nothing(Rest::Stop) => Order::Velocity(0),
+            Command::Nothing(Release::Free) => Order::Free,
+            Command::Nothing(Release::Brake) => Order::Brake,
+            Command::Nothing(Release::Stop) => Order::Velocity(0),
             Command::Connectors { started } => self.connected(started),
             Command::Velocity(rpm) => self.velocity(rpm.into()),
             Command::StartStop => {
@@ -419,7 +419,7 @@ impl Drive {
     }
 
     /// `counts` from where the motor is, or as far as positions go.
-    pub(super) fn further(&self, counts: i32) -> i32 {
+    pub(super) fn relative(&self, counts: i32) -> i32 {
         self.servo.position().saturating_add(counts)
     }
 
@@ -430,7 +430,7 @@ impl Drive {
 
     /// MAX_RPM as it acts.
     pub(super) fn full_speed(&self) -> u16 {
-        self.bank.limited(Pid::MAX_RPM) as u16
+        self.bank.clamped_value(Pid::MAX_RPM) as u16
     }
 
     fn max_rpm(&self) -> i32 {

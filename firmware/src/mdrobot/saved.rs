@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::registers::{Bank, Register, Space};
 
-use super::drive::{Drive, kept};
+use super::drive::{Drive, stored_value};
 use super::registers::Pid;
 use crate::device::{Context, Instant, PresetError};
 use crate::memory::{self, Content};
@@ -14,9 +14,8 @@ const COPY: usize = memory::copy(Pid::SAVED_WORDS);
 const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 
 impl Drive {
-    /// Loads what is saved: the younger copy, or the one image of the memories before there were two, also where its
-    /// save did not come to its end. Any other memory is a new one, since the drive cannot say that it is bad
-    /// (MDROBOT-6).
+    /// Loads the saved values: the younger copy, or the one image of memories from before there were two, also where
+    /// its save was cut. Any other memory counts as new, since the drive cannot report a bad one (MDROBOT-6).
     pub(super) fn load(&mut self, out: &dyn Context) {
         self.bank = Bank::factory();
         let later = LATER.map(Register::row);
@@ -30,11 +29,11 @@ impl Drive {
         } else if let Some(later) = [&[][..], &later].into_iter().find(|later| is_image(later)) {
             memory::load_without(Pid::ENTRIES, later, out.memory(), self.bank.words_mut());
         }
-        // A memory of nobody may hold what no write could bring.
+        // A foreign memory may hold values that no write could have stored.
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             let value = Pid::ENTRIES.value(self.bank.words(), row);
             let written = Pid::from_row(row)
-                .is_some_and(|pid| self.validate(pid, value).is_ok() && kept(pid, value) == value);
+                .is_some_and(|pid| self.validate(pid, value).is_ok() && stored_value(pid, value) == value);
             if !(written && entry.accepts(value)) {
                 Pid::ENTRIES.put(self.bank.words_mut(), row, entry.reset);
             }
@@ -64,7 +63,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
         self.load(out);
-        self.bank.set(pid, kept(pid, value));
+        self.bank.set(pid, stored_value(pid, value));
         self.save(at, out);
         Ok(())
     }

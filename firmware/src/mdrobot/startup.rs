@@ -3,7 +3,7 @@
 use super::drive::{Drive, State};
 use crate::device::{Boot, Context, Duration, Instant};
 
-/// From power-on to the first character that is heard; the manual does not say (MDROBOT-11).
+/// From power-on to the first character that is received; the manual does not specify it (MDROBOT-11).
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {
@@ -12,7 +12,7 @@ impl Drive {
         self.state = State::Booting { due: if boot.fast { at } else { at + BOOT } };
     }
 
-    /// Until when it hears nothing; `None` once it hears.
+    /// End of the time in which nothing is received; `None` once the drive receives.
     pub(super) fn deaf_until(&self) -> Option<Instant> {
         match self.state {
             State::Off => Some(Instant::NEVER),
@@ -31,8 +31,8 @@ impl Drive {
     /// Ends the start: faults show, and the connectors act.
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
-        self.look_for_alarms(at, out);
-        self.show_alarm(at, out);
+        self.check_alarms(at, out);
+        self.update_alarm_pin(at, out);
         self.sources_ready(at, out);
     }
 }

@@ -20,11 +20,41 @@
 //! anchored there: it is the acceleration run backwards from the last step, so it lands on it
 //! whatever was rounded before.
 //!
+//! # Example: a trapezoid
+//!
+//! 5,000 steps at up to 2,000 steps/s with 10,000 steps/s², from position 0. *f* is 16,000,000 ticks/s, a step is
+//! 2·*f*² = 512·10¹² units of phase.
+//!
+//! | segment | ticks | acceleration | `start_speed` = f·v | `base` | steps |
+//! |---|---|---|---|---|---|
+//! | ramp up, 2,000/10,000 = 0.2 s | 3,200,000 | 10,000 | 0 | 0 | 2,000²/(2·10,000) = 200 |
+//! | cruise, 4,600/2,000 = 2.3 s | 36,800,000 | 0 | 32·10⁹ | 200 | 4,600 |
+//! | stop ramp, 0.2 s | 3,200,000 | −10,000 | 32·10⁹ | 4,800 | 200 |
+//!
+//! At the end of the first ramp *d* = 3,200,000, so the phase grew by *d*·(0 + 10,000·*d*) = 102,400·10¹², which are 200
+//! steps exactly, and the speed is 10,000·*d* = 32·10⁹, which is 2,000 steps/s.
+//!
+//! ```
+//! use drivetwin_firmware::device::{Instant, Plan};
+//! use drivetwin_firmware::motion::Limits;
+//! use fixed::types::U24F8;
+//!
+//! let start = Instant::from_ticks(0);
+//! let plan = Plan::profile(start, 0, 5_000, Limits::even(U24F8::from_num(2_000), 10_000));
+//! let [up, cruise, stop] = plan.segments() else { panic!("three segments") };
+//! assert_eq!((up.ticks, up.acceleration, up.start_speed, up.base), (3_200_000, 10_000, 0, 0));
+//! assert_eq!((cruise.ticks, cruise.start_speed, cruise.base), (36_800_000, 32_000_000_000, 200));
+//! assert_eq!((stop.ticks, stop.acceleration, stop.base), (3_200_000, -10_000, 4_800));
+//! // 2.7 s, of 16,000,000 ticks each.
+//! assert_eq!(plan.end(), Instant::from_ticks(43_200_000));
+//! assert_eq!(plan.position_at(Instant::from_ticks(3_200_000)), 200);
+//! assert_eq!(plan.speed_at(Instant::from_ticks(3_200_000)), 2_000);
+//! ```
 //! # Limits
 //!
-//! Speeds in 1/256 step/s up to [`MAX_SPEED`], accelerations in whole steps/s² up to 2³¹ − 1, any
-//! number of steps that 32 bits hold; what is beyond acts as the limit. A plan that takes longer than
-//! 64 bits of ticks, 36,000 years, ends with them.
+//! Speeds in 1/256 step/s up to [`MAX_SPEED`], accelerations in whole steps/s² up to 2³¹ − 1, any number of steps that
+//! 32 bits hold; larger values act as the limit. A plan that takes longer than 64 bits of ticks, 36,000 years, ends
+//! with them.
 
 mod segment;
 #[cfg(test)]
@@ -37,7 +67,7 @@ use fixed::types::{I24F8, I48F16, U24F8};
 
 pub use self::segment::Segment;
 use self::segment::{divided, vertex};
-use super::search::least;
+use super::search::first_true;
 
 /// Units of phase in a step: 2·f².
 pub(crate) const STEP: i64 = 2 * (TICKS_PER_SECOND * TICKS_PER_SECOND).cast_signed();
@@ -51,21 +81,21 @@ pub const MAX_ACCELERATION: u32 = i32::MAX as u32;
 /// Limits of a profile move. A value above a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
-    /// Steps per second at its beginning and at its end; above `speed` it acts as that.
-    pub start: U24F8,
+    /// Steps per second at its beginning and at its end; above `max_speed` it acts as that.
+    pub start_speed: U24F8,
     /// Steps per second, up to [`MAX_SPEED`].
-    pub speed: U24F8,
+    pub max_speed: U24F8,
     /// Steps per second² while it speeds up, up to [`MAX_ACCELERATION`].
-    pub up: u32,
+    pub acceleration: u32,
     /// Steps per second² while it slows down, up to [`MAX_ACCELERATION`].
-    pub down: u32,
+    pub deceleration: u32,
 }
 
 impl Limits {
     /// From standstill and to standstill, with one acceleration.
     #[must_use]
     pub const fn even(speed: U24F8, acceleration: u32) -> Self {
-        Self { start: U24F8::ZERO, speed, up: acceleration, down: acceleration }
+        Self { start_speed: U24F8::ZERO, max_speed: speed, acceleration, deceleration: acceleration }
     }
 }
 
@@ -84,8 +114,8 @@ impl Plan {
     /// Standing at `position`.
     #[must_use]
     #[inline(never)]
-    pub fn rest(at: Instant, position: i32) -> Self {
-        Self::of(at, &[Segment { from: position, ..Segment::default() }])
+    pub fn at_rest(at: Instant, position: i32) -> Self {
+        Self::of(at, &[Segment { base: position, ..Segment::default() }])
     }
 
     #[inline(never)]
@@ -102,116 +132,130 @@ impl Plan {
     /// is that of its last step. No speed or no acceleration is no motion.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Limits) -> Self {
-        let speed = top(rates.speed);
+        let speed = speed_units(rates.max_speed);
         let twice_speed = NonZero::new(2 * speed).filter(|_| steps != 0);
-        let (Some(up), Some(down), Some(twice_speed)) = (limited(rates.up), limited(rates.down), twice_speed)
+        let (Some(up), Some(down), Some(twice_speed)) =
+            (bounded(rates.acceleration), bounded(rates.deceleration), twice_speed)
         else {
-            return Self::rest(at, from);
+            return Self::at_rest(at, from);
         };
-        let start = top(rates.start).min(speed);
-        let way = u128::from(steps.unsigned_abs()) * STEP as u128;
+        let start = speed_units(rates.start_speed).min(speed);
+        let distance = u128::from(steps.unsigned_abs()) * STEP as u128;
         let (a, b) = (NonZero::<u64>::from(up), NonZero::<u64>::from(down));
         // 1/a + 1/b = sum/product
         let (sum, product) = (a.saturating_add(b.get()), a.saturating_mul(b));
         let long = |number: NonZero<u64>| u128::from(number.get());
         let change = u128::from(speed - start);
 
-        let first = Segment { from, back: steps < 0, h: start.cast_signed(), ..Segment::default() };
-        let ending = |ticks| first.ending(way.cast_signed(), ticks, down);
+        let first = Segment {
+            base: from,
+            reverse: steps < 0,
+            start_speed: start.cast_signed(),
+            ..Segment::default()
+        };
+        let stop_ramp = |ticks| first.stop_ramp_to(distance.cast_signed(), ticks, down);
 
         // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
         let ramps = change * u128::from(speed + start) * long(sum);
-        if divided(ramps + long(product) - 1, product) > way {
+        if divided(ramps + long(product) - 1, product) > distance {
             // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
-            let (start, way) = (4 * u128::from(start) * long(sum), 4 * way * long(sum));
-            let half_ticks = least(|t| u128::from(t) * (start + u128::from(t) * long(product)) > way) - 1;
+            let (start, distance) = (4 * u128::from(start) * long(sum), 4 * distance * long(sum));
+            let half_ticks =
+                first_true(|t| u128::from(t) * (start + u128::from(t) * long(product)) > distance) - 1;
             let end = half_ticks.div_ceil(2);
             let stop = divided(u128::from(end) * long(a), sum) as u64;
-            let up = Segment { ticks: end - stop, a: up.get().cast_signed(), ..first };
-            return Self::of(at, &[up, ending(stop)]);
+            let up = Segment { ticks: end - stop, acceleration: up.get().cast_signed(), ..first };
+            return Self::of(at, &[up, stop_ramp(stop)]);
         }
         // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
-        let whole = divided(way, twice_speed);
-        let part = way - whole * long(twice_speed);
+        let whole = divided(distance, twice_speed);
+        let part = distance - whole * long(twice_speed);
         let lost = part * long(product) + change * change * long(sum);
         let half = long(twice_speed) * long(product) / 2;
         let end = (whole + divided(divided(lost + half, product), twice_speed)) as u64;
         let stop = ((speed - start) / b).min(end);
-        let [up, cruise] = first.reach(speed.cast_signed(), up, false);
+        let [up, cruise] = first.ramp_and_cruise(speed.cast_signed(), up, false);
         let up = Segment { ticks: up.ticks.min(end - stop), ..up };
         let cruise = Segment { ticks: end - stop - up.ticks, ..cruise };
-        Self::of(at, &[up, cruise, ending(stop)])
+        Self::of(at, &[up, cruise, stop_ramp(stop)])
     }
 
     /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
     /// without end; to 0 it ends there. Against the present direction by way of standstill. No
     /// acceleration is a halt. Limits are those of [`Limits`].
     #[must_use]
-    pub fn towards(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
+    pub fn ramp_to(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
         let (now, d) = self.segment_at(at);
         let position = now.position(d);
         let now = now.since(d);
-        let Some(a) = limited(acceleration).filter(|_| now.h != 0 || speed != 0) else {
-            return Self::rest(at, position);
+        let Some(a) = bounded(acceleration).filter(|_| now.start_speed != 0 || speed != 0) else {
+            return Self::at_rest(at, position);
         };
-        let target = top(speed.unsigned_abs()).cast_signed();
+        let target = speed_units(speed.unsigned_abs()).cast_signed();
         let back = speed < 0;
-        if now.h != 0 && speed != 0 && back == now.back {
-            return Self::of(at, &now.reach(target, a, target < now.h));
+        if now.start_speed != 0 && speed != 0 && back == now.reverse {
+            return Self::of(at, &now.ramp_and_cruise(target, a, target < now.start_speed));
         }
         let (stop, turn) = now.stop(0, a);
-        let turned = Segment { from: turn, back, ..Segment::default() };
+        let turned = Segment { base: turn, reverse: back, ..Segment::default() };
         if speed == 0 {
             return Self::of(at, &[stop, turned]);
         }
         let h = -stop.speed(stop.ticks);
         let rest = vertex(h.cast_unsigned(), a).cast_signed();
-        let [up, cruise] = Segment { h, rest, ..turned }.reach(target, a, false);
+        let [up, cruise] =
+            Segment { start_speed: h, phase_offset: rest, ..turned }.ramp_and_cruise(target, a, false);
         Self::of(at, &[stop, up, cruise])
     }
 
-    /// As [`towards`](Self::towards), of an axis that starts and stops at the speed `rates.start`, or at `speed` if
-    /// that is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.speed` does not
+    /// As [`towards`](Self::ramp_to), of an axis that starts and stops at the speed `rates.start_speed`, or at `speed` if
+    /// that is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.max_speed` does not
     /// matter.
     #[must_use]
     pub fn slew(&self, at: Instant, speed: I24F8, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
         let position = now.position(d);
         let now = now.since(d);
-        let (Some(up), Some(down)) = (limited(rates.up), limited(rates.down)) else {
-            return Self::rest(at, position);
+        let (Some(up), Some(down)) = (bounded(rates.acceleration), bounded(rates.deceleration)) else {
+            return Self::at_rest(at, position);
         };
-        let (start, target) = (top(rates.start).cast_signed(), top(speed.unsigned_abs()).cast_signed());
+        let (start, target) =
+            (speed_units(rates.start_speed).cast_signed(), speed_units(speed.unsigned_abs()).cast_signed());
         let back = speed < 0;
-        let begin = |from| Segment { from, back, h: start.min(target), ..Segment::default() };
-        match (now.h, target) {
-            (0, 0) => Self::rest(at, position),
-            (0, _) => Self::of(at, &begin(position).reach(target, up, false)),
-            (h, 1..) if back == now.back => {
+        let begin = |from| Segment {
+            base: from,
+            reverse: back,
+            start_speed: start.min(target),
+            ..Segment::default()
+        };
+        match (now.start_speed, target) {
+            (0, 0) => Self::at_rest(at, position),
+            (0, _) => Self::of(at, &begin(position).ramp_and_cruise(target, up, false)),
+            (h, 1..) if back == now.reverse => {
                 let slower = target < h;
-                Self::of(at, &now.reach(target, if slower { down } else { up }, slower))
+                Self::of(at, &now.ramp_and_cruise(target, if slower { down } else { up }, slower))
             }
             _ => {
                 let (stop, turn) = now.stop(start, down);
                 if target == 0 {
                     return Self::of(at, &[stop, begin(turn)]);
                 }
-                let [ramp, cruise] = begin(turn).reach(target, up, false);
+                let [ramp, cruise] = begin(turn).ramp_and_cruise(target, up, false);
                 Self::of(at, &[stop, ramp, cruise])
             }
         }
     }
 
     /// A ramp to standstill that ends on a whole step, at least half a step from here. It begins late enough for that,
-    /// and ends at the speed `rates.start`, or at the present one if that is less. A shaft that follows stays where
+    /// and ends at the speed `rates.start_speed`, or at the present one if that is less. A shaft that follows stays where
     /// this ends; with [`slew`](Self::slew) it falls back by a part of a step.
     #[must_use]
     pub fn stop_on_step(&self, at: Instant, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
         let now = now.since(d);
-        match limited(rates.down) {
-            Some(down) if now.h != 0 => {
-                Self::of(at, &now.stop_on_step(top(rates.start).cast_signed(), down, STEP / 2))
+        match bounded(rates.deceleration) {
+            Some(down) if now.start_speed != 0 => {
+                Self::of(at, &now.stop_on_step(speed_units(rates.start_speed).cast_signed(), down, STEP / 2))
             }
             _ => self.halt(at),
         }
@@ -222,24 +266,24 @@ impl Plan {
     pub fn finish_step(&self, at: Instant) -> Self {
         let (now, d) = self.segment_at(at);
         let now = now.since(d);
-        if now.h == 0 {
+        if now.start_speed == 0 {
             return self.halt(at);
         }
-        Self::of(at, &now.stop_on_step(now.h, NonZero::<u32>::MIN, 1))
+        Self::of(at, &now.stop_on_step(now.start_speed, NonZero::<u32>::MIN, 1))
     }
 
     /// Standing where this plan is at `at`.
     #[must_use]
     pub fn halt(&self, at: Instant) -> Self {
-        Self::rest(at, self.position_at(at))
+        Self::at_rest(at, self.position_at(at))
     }
 
-    /// The rest of this plan: what it does from `at` on, beginning at `position`. A motor that went
-    /// without current while its plan ran on takes it up again so.
+    /// The remainder of this plan from `at` on, starting at `position`. For a motor that had no current while its plan
+    /// ran on and now follows it again.
     #[must_use]
-    pub fn resumed(&self, at: Instant, position: i32) -> Self {
+    pub fn continued_from(&self, at: Instant, position: i32) -> Self {
         let at = at.max(self.start);
-        let mut rest = Self::rest(at, position);
+        let mut rest = Self::at_rest(at, position);
         if at >= self.end() {
             return rest;
         }
@@ -254,8 +298,8 @@ impl Plan {
         }
         rest.count = 0;
         for (place, segment) in rest.segments.iter_mut().zip(left) {
-            let from = segment.from.wrapping_add(lost);
-            *place = Segment { from, ..*segment }.since(ticks);
+            let base = segment.base.wrapping_add(lost);
+            *place = Segment { base, ..*segment }.since(ticks);
             ticks = 0;
             rest.count += 1;
         }
@@ -296,7 +340,7 @@ impl Plan {
 
     /// The instant of the first step later than `after` that brings it to `position`; [`Instant::NEVER`] if none does.
     #[must_use]
-    pub fn when(&self, after: Instant, position: i32) -> Instant {
+    pub fn time_of(&self, after: Instant, position: i32) -> Instant {
         let (mut here, mut begin) = (self.position_at(after), self.start);
         for segment in self.segments().iter().filter(|segment| segment.ticks > 0) {
             let end = begin + Duration::from_ticks(segment.ticks);
@@ -308,7 +352,7 @@ impl Plan {
                         return begin;
                     }
                 }
-                if let Some(ticks) = segment.reaches(after.since(begin).ticks(), position) {
+                if let Some(ticks) = segment.time_of(after.since(begin).ticks(), position) {
                     return begin + Duration::from_ticks(ticks);
                 }
                 here = segment.position(segment.ticks - 1);
@@ -327,11 +371,11 @@ impl Plan {
         const FREQUENCY: i64 = 15_625;
         let (segment, d) = self.segment_at(at);
         let bits = segment.speed(d) * BITS / FREQUENCY;
-        I48F16::from_bits(if segment.back { -bits } else { bits })
+        I48F16::from_bits(if segment.reverse { -bits } else { bits })
     }
 
-    /// The segment that rules at `at`, and how many ticks it has run by then. After the last one it
-    /// stands.
+    /// The segment in effect at `at`, and how many ticks it has run by then. After the last one a segment of
+    /// standstill.
     pub(crate) fn segment_at(&self, at: Instant) -> (Segment, u64) {
         let mut ticks = at.since(self.start).ticks();
         let mut last = Segment::default();
@@ -342,18 +386,18 @@ impl Plan {
             ticks -= segment.ticks;
             last = *segment;
         }
-        (Segment { from: last.position(last.ticks), back: last.back, ..Segment::default() }, 0)
+        (Segment { base: last.position(last.ticks), reverse: last.reverse, ..Segment::default() }, 0)
     }
 }
 
-/// `speed` in steps/s in the unit of [`Segment::h`].
-fn top(speed: U24F8) -> u64 {
+/// `speed` in steps/s in the unit of [`Segment::start_speed`].
+fn speed_units(speed: U24F8) -> u64 {
     /// f / 2⁸: a whole number, so that a speed in 1/256 step/s is, too.
     const UNIT: u64 = TICKS_PER_SECOND / 256;
     u64::from(speed.to_bits().min(MAX_SPEED << 8)) * UNIT
 }
 
 /// An acceleration as it acts.
-fn limited(acceleration: u32) -> Option<NonZero<u32>> {
+fn bounded(acceleration: u32) -> Option<NonZero<u32>> {
     NonZero::new(acceleration.min(MAX_ACCELERATION))
 }

@@ -1,12 +1,12 @@
 //! The one search of planning: the main loop may take its time, an interrupt never searches.
 
-/// The least number for which `holds`, which then holds for every greater one: doubled until it does,
+/// The least number for which `predicate`, which then holds for every greater one: doubled until it does,
 /// then halved. No number tried is more than twice the answer.
-pub(super) fn least(mut holds: impl FnMut(u64) -> bool) -> u64 {
+pub(super) fn first_true(mut predicate: impl FnMut(u64) -> bool) -> u64 {
     let (mut low, mut high) = (0, 1 << 62);
     while low < high {
         let tried = (2 * low).min(low + (high - low) / 2);
-        if holds(tried) { high = tried } else { low = tried + 1 }
+        if predicate(tried) { high = tried } else { low = tried + 1 }
     }
     low
 }
@@ -20,7 +20,7 @@ mod tests {
         #[test]
         fn the_least_number_is_found_without_going_far_beyond(answer in 0..1_u64 << 50) {
             let mut furthest = 0;
-            let found = least(|n| { furthest = furthest.max(n); n >= answer });
+            let found = first_true(|n| { furthest = furthest.max(n); n >= answer });
             prop_assert_eq!(found, answer);
             prop_assert!(furthest <= (2 * answer).max(1));
         }

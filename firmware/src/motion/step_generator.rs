@@ -1,14 +1,14 @@
 //! Step pulses on a board: what the interrupt of a step timer does, and how it is given a plan.
 //!
-//! The interrupt owns a [`StepGenerator`]: at each instant that it asks for it makes a pulse, or turns DIR
-//! before one, and says when it wants to come again. It knows one step ahead, so the time that it takes
-//! to find the next step moves no edge.
+//! The interrupt owns a [`StepGenerator`]: at each instant that it has asked for it makes a pulse, or changes DIR
+//! before one, and returns its next instant. The next step is always known one step ahead, so the time needed to find
+//! it moves no edge.
 //!
-//! The loop owns a [`PlanLoader`]. Planning takes a while, and meanwhile the interrupt goes on with what it
-//! has. So a plan comes late: steps of the old one have been made that the new one does not know, or it
-//! begins with steps that nobody made. The follower finds out how many, for
-//! [`Input::StepsCorrection`](crate::device::Input::StepsCorrection). A plan that begins at standstill loses none: it is
-//! made later as a whole, and the drive's time waits for that ([`shell`](crate::shell)).
+//! The main loop owns a [`PlanLoader`]. Planning takes time, and meanwhile the interrupt makes steps of the old plan.
+//! So a plan is late: steps of the old plan were made that the new one does not contain, or the first steps of the new
+//! one are missing. The loader counts them, for [`Input::StepsCorrection`](crate::device::Input::StepsCorrection). A
+//! plan that begins at standstill loses no step: it is delayed as a whole, and the drive's clock waits for that
+//! ([`shell`](crate::shell)).
 
 use core::mem;
 
@@ -21,8 +21,8 @@ use super::{Plan, Step, StepIterator};
 pub const HIGH: Duration = Duration::micros(2);
 /// Set-up time of DIR before the first step of a reversal: this, or half the interval if that is shorter.
 pub const SETUP: Duration = Duration::micros(5);
-/// Time by which DIR changes before a step without a plan, if it does: the pause between two such steps, so that what
-/// comes every [`CYCLE`] may turn DIR each time without falling behind.
+/// Time by which DIR changes before a step without a plan, if it does. It is the pause between two such steps, so DIR
+/// may change at every step even if one comes every [`CYCLE`].
 pub const DIR_SETUP: Duration = Duration::micros(2);
 /// The least time between two steps without a plan: a pulse, and as long a pause.
 pub const CYCLE: Duration = Duration::micros(4);
@@ -39,14 +39,14 @@ pub trait StepDir {
     fn fall(&mut self);
 
     /// DIR is high forward.
-    fn turn(&mut self, forward: bool);
+    fn set_direction(&mut self, forward: bool);
 }
 
 /// Makes the pulses of an axis.
 #[derive(Debug)]
 pub struct StepGenerator<P> {
     pins: P,
-    walker: StepIterator,
+    steps: StepIterator,
     /// The next step of the plan; never if there is none.
     next: Step,
     /// The level of DIR.
@@ -56,28 +56,28 @@ pub struct StepGenerator<P> {
     /// The last step, as it was due, or what holds the next one without a plan as a step would.
     last: Instant,
     /// Steps made along plans, signed; wraps.
-    made: i32,
+    planned_steps: i32,
     /// Steps without a plan that are still to be made, signed.
-    direct: i32,
+    unplanned_steps: i32,
 }
 
 impl<P: StepDir> StepGenerator<P> {
-    /// An axis that stands, with STEP and DIR low.
+    /// An axis at standstill, with STEP and DIR low.
     pub const fn new(pins: P) -> Self {
         Self {
             pins,
-            walker: StepIterator::done(),
-            next: NONE,
+            steps: StepIterator::done(),
+            next: NO_STEP,
             forward: false,
             due: Instant::NEVER,
             last: Instant::ZERO,
-            made: 0,
-            direct: 0,
+            planned_steps: 0,
+            unplanned_steps: 0,
         }
     }
 
-    /// Releases the pins, low, while the axis stands: another function has them.
-    pub fn let_go(&mut self) {
+    /// Releases the pins, low, at standstill: another function uses them.
+    pub fn release(&mut self) {
         self.forward = false;
     }
 
@@ -97,17 +97,17 @@ impl<P: StepDir> StepGenerator<P> {
         }
         if forward != self.forward {
             self.forward = forward;
-            self.pins.turn(forward);
+            self.pins.set_direction(forward);
             self.due = at;
             return at;
         }
         self.pins.rise();
         self.last = at;
         if planned {
-            self.made = self.made.wrapping_add(way(self.next));
-            self.next = self.walker.next().unwrap_or(NONE);
+            self.planned_steps = self.planned_steps.wrapping_add(sign(self.next));
+            self.next = self.steps.next().unwrap_or(NO_STEP);
         } else {
-            self.direct -= self.direct.signum();
+            self.unplanned_steps -= self.unplanned_steps.signum();
         }
         self.pins.fall();
         self.schedule()
@@ -115,9 +115,9 @@ impl<P: StepDir> StepGenerator<P> {
 
     /// Steps without a plan from `now` on, signed, at most one every [`CYCLE`].
     pub fn step(&mut self, now: Instant, steps: i32) {
-        let begins = self.direct == 0;
-        self.direct = self.direct.saturating_add(steps);
-        if (self.direct > 0) != self.forward {
+        let begins = self.unplanned_steps == 0;
+        self.unplanned_steps = self.unplanned_steps.saturating_add(steps);
+        if (self.unplanned_steps > 0) != self.forward {
             self.last = self.last.max(now + DIR_SETUP - CYCLE);
         } else if begins {
             self.last = self.last.max(now - CYCLE);
@@ -127,11 +127,11 @@ impl<P: StepDir> StepGenerator<P> {
 
     /// Returns whether the next step is one of the plan, or there is none.
     fn plan_is_next(&self) -> bool {
-        self.direct == 0 || self.next.at <= self.last + CYCLE
+        self.unplanned_steps == 0 || self.next.at <= self.last + CYCLE
     }
 
     fn upcoming(&self, planned: bool) -> Step {
-        if planned { self.next } else { Step { at: self.last + CYCLE, forward: self.direct > 0 } }
+        if planned { self.next } else { Step { at: self.last + CYCLE, forward: self.unplanned_steps > 0 } }
     }
 
     fn schedule(&mut self) -> Instant {
@@ -145,9 +145,9 @@ impl<P: StepDir> StepGenerator<P> {
     }
 }
 
-const NONE: Step = Step { at: Instant::NEVER, forward: true };
+const NO_STEP: Step = Step { at: Instant::NEVER, forward: true };
 
-const fn way(step: Step) -> i32 {
+const fn sign(step: Step) -> i32 {
     if step.forward { 1 } else { -1 }
 }
 
@@ -156,7 +156,7 @@ pub trait StepTimer {
     /// Pins of the axis.
     type Pins: StepDir;
 
-    /// The clock that it goes by.
+    /// The present time of the timer.
     fn now(&self) -> Instant;
 
     /// Lends the stepper, with the time, while the interrupt is kept out, and sets the timer to what the
@@ -170,22 +170,22 @@ pub struct PlanLoader {
     plan: Plan,
     /// Steps that the pulses are ahead of the plan's position.
     offset: i32,
-    next: Course,
+    next: PendingPlan,
 }
 
 /// Deviation of an axis from a plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct HandOff {
     /// Steps made beyond the planned ones.
-    pub slipped: i32,
+    pub step_skew: i32,
     /// Delay of the whole plan.
-    pub late: Duration,
+    pub delay: Duration,
 }
 
 /// A plan on its way to the stepper.
 #[derive(Debug)]
-struct Course {
-    walker: StepIterator,
+struct PendingPlan {
+    steps: StepIterator,
     next: Step,
     /// Before `next`.
     position: i32,
@@ -198,81 +198,84 @@ impl Default for PlanLoader {
 }
 
 impl PlanLoader {
-    /// A follower of an axis that stands.
+    /// A loader for an axis at standstill.
     #[must_use]
     pub fn new() -> Self {
-        let next = Course { walker: StepIterator::done(), next: NONE, position: 0 };
-        Self { plan: Plan::rest(Instant::ZERO, 0), offset: 0, next }
+        let next = PendingPlan { steps: StepIterator::done(), next: NO_STEP, position: 0 };
+        Self { plan: Plan::at_rest(Instant::ZERO, 0), offset: 0, next }
     }
 
     /// From now on the axis follows `plan`, of which it learns after its start.
-    pub fn follow(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> HandOff {
+    pub fn load(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> HandOff {
         let start = plan.start();
-        let offset = self.made(start).wrapping_sub(plan.position_at(start));
+        let offset = self.planned_steps(start).wrapping_sub(plan.position_at(start));
         let stands = |stepper: &mut StepGenerator<_>, _| stepper.next.at == Instant::NEVER;
         let stood = self.plan.end() <= start && timer.with(stands) == Some(true);
-        let course = &mut self.next;
-        course.take(plan, if stood { start } else { timer.now() });
+        let pending = &mut self.next;
+        pending.restart(plan, if stood { start } else { timer.now() });
         if !stood {
-            // Most of what has gone by meanwhile, with the interrupt let in.
-            course.skip(timer.now());
+            // Skips most of the steps that are already past, without blocking the interrupt.
+            pending.skip(timer.now());
         }
-        let followed = timer.with(|stepper, now| {
-            let mut late = Duration::ZERO;
+        let hand_off = timer.with(|stepper, now| {
+            let mut delay = Duration::ZERO;
             if stood {
-                late = course.delay(now);
+                delay = pending.delay(now);
             } else {
                 while stepper.due <= now {
                     stepper.fire();
                 }
-                course.skip(now);
+                pending.skip(now);
             }
-            mem::swap(&mut stepper.walker, &mut course.walker);
-            stepper.next = course.next;
+            mem::swap(&mut stepper.steps, &mut pending.steps);
+            stepper.next = pending.next;
             stepper.schedule();
-            HandOff { slipped: stepper.made.wrapping_sub(course.position).wrapping_sub(offset), late }
+            HandOff {
+                step_skew: stepper.planned_steps.wrapping_sub(pending.position).wrapping_sub(offset),
+                delay,
+            }
         });
-        let Some(followed) = followed else { return HandOff::default() };
-        (self.plan, self.offset) = (plan.delayed(followed.late), offset.wrapping_add(followed.slipped));
-        followed
+        let Some(hand_off) = hand_off else { return HandOff::default() };
+        (self.plan, self.offset) = (plan.delayed(hand_off.delay), offset.wrapping_add(hand_off.step_skew));
+        hand_off
     }
 
     /// The drive's time has waited so long, and the pulses have not: what they are ahead now slips with the
     /// next plan.
-    pub fn wait(&mut self, late: Duration) {
-        self.plan = self.plan.delayed(late);
+    pub fn wait(&mut self, delay: Duration) {
+        self.plan = self.plan.delayed(delay);
     }
 
     /// Steps made by `at` if all went as planned.
-    fn made(&self, at: Instant) -> i32 {
+    fn planned_steps(&self, at: Instant) -> i32 {
         self.plan.position_at(at).wrapping_add(self.offset)
     }
 }
 
-impl Course {
+impl PendingPlan {
     /// Takes the part of `plan` after `after`.
-    fn take(&mut self, plan: &Plan, after: Instant) {
-        self.walker.follow(plan, after);
-        self.next = self.walker.next().unwrap_or(NONE);
+    fn restart(&mut self, plan: &Plan, after: Instant) {
+        self.steps.restart(plan, after);
+        self.next = self.steps.next().unwrap_or(NO_STEP);
         self.position = plan.position_at(after);
     }
 
     /// Leaves out the steps up to `now`.
     fn skip(&mut self, now: Instant) {
         while self.next.at <= now {
-            self.position = self.position.wrapping_add(way(self.next));
-            self.next = self.walker.next().unwrap_or(NONE);
+            self.position = self.position.wrapping_add(sign(self.next));
+            self.next = self.steps.next().unwrap_or(NO_STEP);
         }
     }
 
-    /// Makes all of it later, if it would have begun by `now`. Returns by how much.
+    /// Delays the whole plan if its first step would have been due by `now`. Returns the delay.
     fn delay(&mut self, now: Instant) -> Duration {
-        let late = (now + LEAD).since(self.next.at);
-        if late > Duration::ZERO {
-            self.walker.delay(late);
-            self.next.at += late;
+        let delay = (now + LEAD).since(self.next.at);
+        if delay > Duration::ZERO {
+            self.steps.delay(delay);
+            self.next.at += delay;
         }
-        late
+        delay
     }
 }
 
@@ -310,7 +313,7 @@ mod tests {
             self.high = false;
         }
 
-        fn turn(&mut self, forward: bool) {
+        fn set_direction(&mut self, forward: bool) {
             assert!(!self.high);
             self.forward = forward;
             self.seen.push(Seen::Turn(forward));
@@ -376,7 +379,7 @@ mod tests {
     fn dir_turns_5_us_before_the_step() {
         let mut timer = Timer::new(0);
         let plan = Plan::profile(at(0), 0, 2, Limits::even(U24F8::from_num(1_000), 1_000_000));
-        assert_eq!(PlanLoader::new().follow(&mut timer, &plan), HandOff::default());
+        assert_eq!(PlanLoader::new().load(&mut timer, &plan), HandOff::default());
         timer.run(u64::MAX - 1);
         let steps: Vec<u64> = StepIterator::new(&plan, at(0)).map(|step| step.at.ticks()).collect();
         let expected =
@@ -417,9 +420,9 @@ mod tests {
         let mut timer = Timer::new(0);
         timer.now.set(16_000);
         let rates =
-            Limits { start: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
+            Limits { start_speed: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
         let plan = Plan::profile(at(0), 0, 500, rates);
-        let followed = PlanLoader::new().follow(&mut timer, &plan);
+        let hand_off = PlanLoader::new().load(&mut timer, &plan);
         timer.run(u64::MAX - 1);
         let rises = timer.at.iter().filter(|(_, seen)| matches!(seen, Seen::Rise(_))).map(|(at, _)| *at);
         let rises: Vec<u64> = rises.collect();
@@ -427,25 +430,25 @@ mod tests {
         assert_eq!((rises.len(), rises[0]), (500, 16_000 + LEAD.ticks()));
         let intervals = |ticks: &[u64]| ticks.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
         assert_eq!(intervals(&rises), intervals(&planned));
-        let late = Duration::from_ticks(rises[0] - planned[0]);
-        assert_eq!(followed, HandOff { slipped: 0, late });
+        let delay = Duration::from_ticks(rises[0] - planned[0]);
+        assert_eq!(hand_off, HandOff { step_skew: 0, delay });
     }
 
     #[test]
     fn moves_in_a_row_lose_nothing_if_time_waits_for_them() {
         let mut timer = Timer::new(0);
-        let mut follower = PlanLoader::new();
+        let mut loader = PlanLoader::new();
         let rates =
-            Limits { start: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
+            Limits { start_speed: U24F8::from_num(10_000), ..Limits::even(U24F8::from_num(20_000), 100_000) };
         let (mut start, mut position) = (Instant::ZERO, 0);
         for steps in [500, -500, 2, -2, 1] {
             let plan = Plan::profile(start, position, steps, rates);
             // The board learns of each 1 ms late.
             timer.run(start.ticks() + 16_000);
-            let HandOff { slipped, late } = follower.follow(&mut timer, &plan);
-            assert_eq!(slipped, 0);
-            assert!(late > Duration::ZERO);
-            start = plan.end() + late;
+            let HandOff { step_skew, delay } = loader.load(&mut timer, &plan);
+            assert_eq!(step_skew, 0);
+            assert!(delay > Duration::ZERO);
+            start = plan.end() + delay;
             position += steps;
         }
         timer.run(u64::MAX - 1);
@@ -455,16 +458,16 @@ mod tests {
     #[test]
     fn pulses_do_not_wait_for_the_drive() {
         let mut timer = Timer::new(0);
-        let mut follower = PlanLoader::new();
+        let mut loader = PlanLoader::new();
         // 0.1 s at 10,000 steps/s.
-        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(10_000), MAX_ACCELERATION);
-        let HandOff { late, .. } = follower.follow(&mut timer, &plan);
-        let plan = plan.delayed(late);
+        let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(10_000), MAX_ACCELERATION);
+        let HandOff { delay, .. } = loader.load(&mut timer, &plan);
+        let plan = plan.delayed(delay);
         timer.run(1_600_000);
         // The drive's time waits for 1 ms: it believes to be where it was then.
-        follower.wait(Duration::millis(1));
+        loader.wait(Duration::millis(1));
         let plan = plan.delayed(Duration::millis(1)).halt(at(1_600_000));
-        assert_eq!(follower.follow(&mut timer, &plan), HandOff { slipped: 10, late: Duration::ZERO });
+        assert_eq!(loader.load(&mut timer, &plan), HandOff { step_skew: 10, delay: Duration::ZERO });
     }
 
     proptest! {
@@ -475,16 +478,16 @@ mod tests {
             acceleration in 1_000_u32..1_000_000,
         ) {
             let mut timer = Timer::new(0);
-            let mut follower = PlanLoader::new();
-            let mut plan = Plan::rest(at(0), 0);
+            let mut loader = PlanLoader::new();
+            let mut plan = Plan::at_rest(at(0), 0);
             let mut start = 0;
             for (wait, speed) in turns {
                 start += wait;
-                plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
+                plan = plan.ramp_to(at(start), I24F8::from_num(speed), acceleration);
                 timer.run(start);
-                let HandOff { slipped, late } = follower.follow(&mut timer, &plan);
-                prop_assert_eq!(slipped, 0);
-                plan = plan.delayed(late);
+                let HandOff { step_skew, delay } = loader.load(&mut timer, &plan);
+                prop_assert_eq!(step_skew, 0);
+                plan = plan.delayed(delay);
             }
             timer.run(start + 4_000_000);
             prop_assert_eq!(timer.position(), plan.position_at(at(start + 4_000_000)));
@@ -497,20 +500,20 @@ mod tests {
             pace in 0_u64..400, acceleration in 1_000_u32..1_000_000,
         ) {
             let mut timer = Timer::new(pace);
-            let mut follower = PlanLoader::new();
-            let mut plan = Plan::rest(at(0), 0);
-            let (mut start, mut slipped) = (0, 0);
+            let mut loader = PlanLoader::new();
+            let mut plan = Plan::at_rest(at(0), 0);
+            let (mut start, mut step_skew) = (0, 0);
             // In the end it stands.
-            for (wait, speed, late) in turns.into_iter().chain([(0, 0, 0)]) {
+            for (wait, speed, delay) in turns.into_iter().chain([(0, 0, 0)]) {
                 start = (start + wait).max(timer.now.get());
-                plan = plan.towards(at(start), I24F8::from_num(speed), acceleration);
-                timer.run(start + late);
-                let followed = follower.follow(&mut timer, &plan);
-                slipped += followed.slipped;
-                plan = plan.delayed(followed.late);
+                plan = plan.ramp_to(at(start), I24F8::from_num(speed), acceleration);
+                timer.run(start + delay);
+                let hand_off = loader.load(&mut timer, &plan);
+                step_skew += hand_off.step_skew;
+                plan = plan.delayed(hand_off.delay);
             }
             timer.run(u64::MAX - 1);
-            prop_assert_eq!(timer.position(), plan.position_at(Instant::NEVER) + slipped);
+            prop_assert_eq!(timer.position(), plan.position_at(Instant::NEVER) + step_skew);
         }
     }
 }

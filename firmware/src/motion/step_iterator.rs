@@ -1,26 +1,54 @@
 //! The instants of a plan's steps, one after the other.
 //!
-//! Planning is for the main loop, walking for an interrupt. [`StepIterator::new`] finds out with wide
-//! arithmetic how many steps each segment of the plan makes, and when its first one is due. Then
-//! [`StepIterator::next`] neither divides nor looks beyond a segment, because it knows that another step is
-//! there. From step to step it keeps the exact phase and speed, in the units of
-//! [the plan](super::plan): a step is exact whatever the ones before it were, and nothing adds up.
+//! Planning is for the main loop, iterating for an interrupt. [`StepIterator::new`] computes with wide arithmetic how
+//! many steps each segment of the plan makes, and when its first one is due. [`StepIterator::next`] then neither divides
+//! nor looks beyond a segment, because the number of steps that remain is known. From step to step it keeps the exact
+//! phase and speed, in the units of [the plan](super::plan): each step is exact, and errors do not accumulate.
 //!
-//! In a ramp the next interval is extrapolated from the last two, which mostly hits the tick; the exact
-//! phase there tells. If it misses, the phase that is left, divided by the mean speed of a step in that
-//! interval, says by how much. Between the speeds *h* and *h'* that leaves (h' − h)/(h' + h) of the miss:
-//! at most 0.17 when there is another step between this one and standstill. There may not be for the
-//! first two steps of a ramp, and for the last one: those are known from [`StepIterator::new`].
+//! In a ramp the next interval is extrapolated from the last two. The exact phase at the guessed tick shows whether the
+//! guess hits: the step belongs to the tick where less than half a tick's way is missing or too much. If it misses, the
+//! phase that is left, divided by the mean speed of a step in that interval, is the correction. Between the speeds *h*
+//! and *h'* that leaves (h' − h)/(h' + h) of the miss: at most 0.17 when there is another step between this one and
+//! standstill. There may not be for the first two steps of a ramp, and for the last one: those are known from
+//! [`StepIterator::new`].
 //!
-//! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every
-//! step of a fast ramp multiplies few bits at a time. Intervals too long for that leave time for more.
+//! # Example
+//!
+//! A ramp from standstill with 10,000 steps/s². A step is 512·10¹² units of phase; at 16,000,000 ticks/s step 100 is due
+//! at √(2·100/10,000) s = 2,262,741.7 ticks.
+//!
+//! 1. Steps 97, 98 and 99 were made at the ticks 2,228,542, 2,240,000 and 2,251,400. Corrected by where within their
+//!    ticks they were due, the last two intervals are 11,457.89 and 11,399.56 ticks. The next one should be shorter by
+//!    the same: 11,399.56 − 58.33 = 11,341.23. Step 99 was due 0.44 ticks before its tick, so the guess is
+//!    11,341.23 − 0.44, rounded: 11,341 ticks.
+//! 2. There the speed is 10,000·(2,251,400 + 11,341) = 22.627·10⁹, and 31.669·10⁹ units of phase are left: more than the
+//!    speed, which is what passes in half a tick. The guess is too early.
+//! 3. The correction is 31.669·10⁹ · 11,341/(512·10¹²) = 0.70 ticks, rounded 1. So the interval is 11,342 ticks: at tick
+//!    2,262,742 the phase is 13.586·10⁹ beyond the step, less than half a tick's way. Step 100 belongs to this tick.
+//! 4. It was due 13.586·10⁹ · 11,342/(512·10¹²) = 0.30 ticks earlier, which is kept for the next guess.
+//!
+//! The divisions by 512·10¹² are products with a constant.
+//!
+//! ```
+//! use drivetwin_firmware::device::{Instant, Plan};
+//! use drivetwin_firmware::motion::StepIterator;
+//! use fixed::types::I24F8;
+//!
+//! let start = Instant::from_ticks(0);
+//! let ramp = Plan::at_rest(start, 0).ramp_to(start, I24F8::from_num(5_000), 10_000);
+//! let ticks: Vec<u64> = StepIterator::new(&ramp, start).map(|step| step.at.ticks()).skip(96).take(4).collect();
+//! assert_eq!(ticks, [2_228_542, 2_240_000, 2_251_400, 2_262_742]);
+//! ```
+//!
+//! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every step of a fast
+//! ramp multiplies few bits at a time. Intervals too long for that leave time for more.
 
 use drivetwin_protocol::time::{Duration, Instant};
 use heapless::Deque;
 
 use super::Plan;
 use super::plan::{STEP, Segment};
-use super::search::least;
+use super::search::first_true;
 
 /// A step of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -38,12 +66,12 @@ pub struct Step {
 /// step/s), any length.
 #[derive(Clone, Debug)]
 pub struct StepIterator {
-    leg: StepRun,
-    others: Legs,
+    run: StepRun,
+    others: StepRuns,
 }
 
 /// A plan has three segments and at most one standstill at the end of one.
-type Legs = Deque<StepRun, 4>;
+type StepRuns = Deque<StepRun, 4>;
 
 /// Steps of a segment that follow each other in one way.
 #[derive(Clone, Copy, Debug)]
@@ -54,16 +82,16 @@ struct StepRun {
     base: u64,
     /// Steps that are still to come in this lap.
     more: u32,
-    /// Laps after this one, of [`LAP`] steps each: a small core counts 32 bits in fewer instructions.
+    /// Laps after this one, of [`LAP_STEPS`] steps each: a small core counts 32 bits in fewer instructions.
     laps: u32,
     /// True if the position grows.
     forward: bool,
-    pace: Intervals,
+    intervals: Intervals,
 }
 
-const LAP: u32 = u32::MAX;
+const LAP_STEPS: u32 = u32::MAX;
 
-/// Intervals of the steps of a leg.
+/// Intervals of the steps of a run.
 #[derive(Clone, Copy, Debug)]
 enum Intervals {
     Ramp(Ramp),
@@ -71,24 +99,24 @@ enum Intervals {
 }
 
 impl StepIterator {
-    /// A walker of `plan`, from its first step later than `after`; one before the plan's start acts as that.
+    /// An iterator over the steps of `plan`, from its first step later than `after`; one before the plan's start acts as that.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
-        let mut walker = Self::done();
-        walker.follow(plan, after);
-        walker
+        let mut iterator = Self::done();
+        iterator.restart(plan, after);
+        iterator
     }
 
     /// Without any step.
     #[must_use]
     pub const fn done() -> Self {
-        Self { leg: StepRun::single(0, true), others: Legs::new() }
+        Self { run: StepRun::single(0, true), others: StepRuns::new() }
     }
 
-    /// Forgets what it had; now it is that of `plan`, as [`new`](Self::new). A walker takes a few hundred
-    /// bytes, and boards have small stacks.
-    pub fn follow(&mut self, plan: &Plan, after: Instant) {
-        self.leg = StepRun::single(0, true);
+    /// Drops its steps and continues with those of `plan`, as [`new`](Self::new). In place, because an iterator takes a
+    /// few hundred bytes and boards have small stacks.
+    pub fn restart(&mut self, plan: &Plan, after: Instant) {
+        self.run = StepRun::single(0, true);
         self.others.clear();
         let after = after.max(plan.start()).ticks();
         let mut end = plan.start().ticks();
@@ -101,29 +129,29 @@ impl StepIterator {
             if end <= after {
                 continue;
             }
-            let stretch = SegmentCursor::of(segment, begin, after, position);
-            let stand = match segments.peek() {
-                Some(next) if next.back == segment.back => None,
-                Some(next) => Some(next.from),
+            let cursor = SegmentCursor::of(segment, begin, after, position);
+            let stop_position = match segments.peek() {
+                Some(next) if next.reverse == segment.reverse => None,
+                Some(next) => Some(next.base),
                 None => Some(plan.position_at(Instant::NEVER)),
             };
-            position = stretch.walk(stand, &mut self.others);
+            position = cursor.append_runs(stop_position, &mut self.others);
         }
     }
 
     /// Makes every step that is still to come later by `late`.
     pub fn delay(&mut self, late: Duration) {
-        for leg in core::iter::once(&mut self.leg).chain(&mut self.others) {
-            leg.first = leg.first.saturating_add(late.ticks());
-            leg.base = leg.base.wrapping_add(late.ticks());
+        for run in core::iter::once(&mut self.run).chain(&mut self.others) {
+            run.first = run.first.saturating_add(late.ticks());
+            run.base = run.base.wrapping_add(late.ticks());
         }
     }
 
-    /// On to the next leg, and its first step.
+    /// Continues with the next run and its first step.
     #[cold]
-    fn turn(&mut self) -> Option<Step> {
-        self.leg = self.others.pop_front()?;
-        Some(Step { at: Instant::from_ticks(self.leg.first), forward: self.leg.forward })
+    fn next_run(&mut self) -> Option<Step> {
+        self.run = self.others.pop_front()?;
+        Some(Step { at: Instant::from_ticks(self.run.first), forward: self.run.forward })
     }
 }
 
@@ -133,17 +161,17 @@ impl Iterator for StepIterator {
     // Always, because an interrupt asks for every step, and a call costs it ten instructions.
     #[inline(always)]
     fn next(&mut self) -> Option<Step> {
-        let leg = &mut self.leg;
-        if leg.more == 0 && !leg.begin_lap() {
-            return self.turn();
+        let run = &mut self.run;
+        if run.more == 0 && !run.begin_lap() {
+            return self.next_run();
         }
-        leg.more -= 1;
-        let interval = match &mut leg.pace {
+        run.more -= 1;
+        let interval = match &mut run.intervals {
             Intervals::Ramp(ramp) => ramp.next(),
             Intervals::Cruise(cruise) => cruise.next(),
         };
-        leg.base = leg.base.wrapping_add(u64::from(interval));
-        Some(Step { at: Instant::from_ticks(leg.base), forward: leg.forward })
+        run.base = run.base.wrapping_add(u64::from(interval));
+        Some(Step { at: Instant::from_ticks(run.base), forward: run.forward })
     }
 }
 
@@ -158,63 +186,63 @@ struct SegmentCursor<'a> {
 }
 
 impl<'a> SegmentCursor<'a> {
-    /// The stretch of `segment`, which begins at the tick `begin`: its part later than `after`, and, if that is before
+    /// The part of `segment`, which begins at the tick `begin`, later than `after`, and, if that is before
     /// it, beyond `position`.
     fn of(segment: &'a Segment, begin: u64, after: u64, position: i32) -> Self {
         let since = after.saturating_sub(begin);
         let made = if after < begin {
             // By the segment before this one; at the seam they differ by a step at most.
-            let steps = position.wrapping_sub(segment.from);
-            i64::from(if segment.back { steps.wrapping_neg() } else { steps })
+            let steps = position.wrapping_sub(segment.base);
+            i64::from(if segment.reverse { steps.wrapping_neg() } else { steps })
         } else {
-            segment.made(since).cast_signed()
+            segment.steps_made(since).cast_signed()
         };
         Self { segment, begin, since, made }
     }
 
-    /// Appends its legs. If the axis stands after it, at `stand`, they include a step that is made as
-    /// it comes to a standstill. Returns the position then.
-    fn walk(&self, stand: Option<i32>, legs: &mut Legs) -> i32 {
+    /// Appends the runs of this segment. If the axis stops after it, at `stop_position`, they include the step that is
+    /// made as it comes to a standstill. Returns the position then.
+    fn append_runs(&self, stop_position: Option<i32>, runs: &mut StepRuns) -> i32 {
         let Self { segment, begin, made, .. } = *self;
-        let mut push = |leg| {
-            let pushed = legs.push_back(leg);
+        let mut push = |run| {
+            let pushed = runs.push_back(run);
             debug_assert!(pushed.is_ok(), "a plan has no more legs");
         };
         if segment.ticks == u64::MAX {
-            push(self.leg(u64::MAX));
-            return segment.from;
+            push(self.run(u64::MAX));
+            return segment.base;
         }
         let end = begin.saturating_add(segment.ticks);
         let last = segment.ticks - 1;
-        let all = segment.made(last);
+        let all = segment.steps_made(last);
         let position = segment.step(all);
         let mut steps = (all.cast_signed() - made).cast_unsigned();
-        // A leg of its own: the step at the end, or the last one of a ramp down.
-        let closing = match stand {
-            Some(stand) if stand != position => Some(end),
-            _ if segment.a < 0 && steps > 0 => {
+        // A run of its own: the step at the end, or the last one of a ramp down.
+        let closing = match stop_position {
+            Some(stop_position) if stop_position != position => Some(end),
+            _ if segment.acceleration < 0 && steps > 0 => {
                 steps -= 1;
                 let there = Motion::of(segment, last, all.cast_signed());
-                let back = least(|d| there.after(-d.cast_signed()).is_early());
+                let back = first_true(|d| there.after(-d.cast_signed()).is_early());
                 Some(end.saturating_sub(back))
             }
             _ => None,
         };
         if let Some(others) = steps.checked_sub(1) {
-            push(self.leg(others));
+            push(self.run(others));
         }
         if let Some(tick) = closing {
-            push(StepRun::single(tick, !segment.back));
+            push(StepRun::single(tick, !segment.reverse));
         }
-        stand.unwrap_or(position)
+        stop_position.unwrap_or(position)
     }
 
     /// The next step, and `others` after it.
-    fn leg(&self, others: u64) -> StepRun {
+    fn run(&self, others: u64) -> StepRun {
         let Self { segment, begin, since, made } = *self;
         let start = begin.saturating_add(since);
         let motion = Motion::of(segment, since, made + 1);
-        let (ticks, pace) = if segment.a == 0 {
+        let (ticks, intervals) = if segment.acceleration == 0 {
             let (ticks, cruise) = Cruise::of(motion);
             (ticks, Intervals::Cruise(cruise))
         } else {
@@ -222,8 +250,8 @@ impl<'a> SegmentCursor<'a> {
             (ticks, Intervals::Ramp(Ramp::from(motion.after(ticks).next_step())))
         };
         let base = start.wrapping_add_signed(ticks);
-        let (laps, more) = ((others / u64::from(LAP)) as u32, (others % u64::from(LAP)) as u32);
-        StepRun { first: base.max(start), base, more, laps, forward: !segment.back, pace }
+        let (laps, more) = ((others / u64::from(LAP_STEPS)) as u32, (others % u64::from(LAP_STEPS)) as u32);
+        StepRun { first: base.max(start), base, more, laps, forward: !segment.reverse, intervals }
     }
 }
 
@@ -233,13 +261,20 @@ impl StepRun {
     fn begin_lap(&mut self) -> bool {
         let Some(laps) = self.laps.checked_sub(1) else { return false };
         self.laps = laps;
-        self.more = LAP;
+        self.more = LAP_STEPS;
         true
     }
 
     /// A single step.
     const fn single(tick: u64, forward: bool) -> Self {
-        Self { first: tick, base: tick, more: 0, laps: 0, forward, pace: Intervals::Cruise(Cruise::STANDING) }
+        Self {
+            first: tick,
+            base: tick,
+            more: 0,
+            laps: 0,
+            forward,
+            intervals: Intervals::Cruise(Cruise::STANDING),
+        }
     }
 }
 
@@ -247,70 +282,70 @@ impl StepRun {
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     /// Acceleration, in steps/s².
-    a: i32,
-    /// Speed.
-    h: i64,
+    acceleration: i32,
+    /// Speed, in the unit of [`Segment::start_speed`].
+    speed: i64,
     /// Phase until the step.
-    due: i64,
+    phase_left: i64,
 }
 
 impl Motion {
     /// The motion of `segment`, `d` ticks in, seen from the step that is the `n`th beyond its `from`.
     fn of(segment: &Segment, d: u64, n: i64) -> Self {
         // The difference is small; what 64 bits lose of both is the same.
-        let due = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
-        Self { a: segment.a, h: segment.speed(d), due }
+        let phase_left = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
+        Self { acceleration: segment.acceleration, speed: segment.speed(d), phase_left }
     }
 
     /// `d` ticks later.
     #[inline]
     fn after(self, d: i64) -> Self {
-        let h = self.h + i64::from(self.a) * d;
-        Self { h, due: self.due - (self.h + h) * d, ..self }
+        let speed = self.speed + i64::from(self.acceleration) * d;
+        Self { speed, phase_left: self.phase_left - (self.speed + speed) * d, ..self }
     }
 
-    /// The same for a `d` up to [`Self::short`], by products of 32 bits.
+    /// The same for a `d` up to [`Self::short_limit`], by products of 32 bits.
     #[inline]
-    fn shortly_after(self, d: u32) -> Self {
-        let h = self.h + i64::from(self.a * d.cast_signed());
-        let sum = (self.h + h).cast_unsigned();
+    fn after_short(self, d: u32) -> Self {
+        let speed = self.speed + i64::from(self.acceleration * d.cast_signed());
+        let sum = (self.speed + speed).cast_unsigned();
         let low = (sum as u32 & 0xFFFF) * d;
         let middle = (sum as u32 >> 16) * d;
         let high = ((sum >> 32) as u32).wrapping_mul(d);
         // A negative sum wraps, and so does this.
         let phase = ((u64::from(high) << 32) + u64::from(low)).wrapping_add(u64::from(middle) << 16);
-        Self { h, due: self.due - phase.cast_signed(), ..self }
+        Self { speed, phase_left: self.phase_left - phase.cast_signed(), ..self }
     }
 
     /// The longest `d` of 16 bits, 4 ms, after which speed has changed by 31 bits at most, 134 steps/s.
-    fn short(self) -> u32 {
+    fn short_limit(self) -> u32 {
         let change = i32::MAX.cast_unsigned();
-        change.checked_div(self.a.unsigned_abs()).unwrap_or(change).min(0xFFFF)
+        change.checked_div(self.acceleration.unsigned_abs()).unwrap_or(change).min(0xFFFF)
     }
 
-    /// Ticks until the step, or until it stands.
+    /// Ticks until the step, or until standstill.
     #[inline(never)]
     fn ticks(self) -> i64 {
-        least(|d| !self.after(d.cast_signed()).is_early()).cast_signed()
+        first_true(|d| !self.after(d.cast_signed()).is_early()).cast_signed()
     }
 
     /// Returns whether this is before the tick of the step; false beyond standstill.
     fn is_early(self) -> bool {
-        self.h >= 0 && self.due >= self.h.max(1)
+        self.speed >= 0 && self.phase_left >= self.speed.max(1)
     }
 
     /// Returns whether this is the tick of the step: it is not early here, and was a tick before, when half a tick's
     /// way at that speed and half a tick's at this one were still to come.
     #[inline]
     fn is_nearest(self) -> bool {
-        // -h <= due is -1 - due < h, and a negative due ^ -1 is -1 - due: one comparison for both.
-        (self.due ^ (self.due >> 63)) < self.h
+        // With p = phase_left: -speed <= p is -1 - p < speed, and p ^ -1 is -1 - p: one comparison for both signs.
+        (self.phase_left ^ (self.phase_left >> 63)) < self.speed
     }
 
     /// Seen from the next step.
     #[inline]
     fn next_step(self) -> Self {
-        Self { due: self.due + STEP, ..self }
+        Self { phase_left: self.phase_left + STEP, ..self }
     }
 }
 
@@ -319,8 +354,8 @@ impl Motion {
 struct Ramp {
     /// At the tick of the last step, seen from the next one.
     motion: Motion,
-    /// The longest interval that [`Motion::shortly_after`] can do.
-    short: u32,
+    /// The longest interval that [`Motion::after_short`] can do.
+    short_limit: u32,
     /// The last interval, in 1/64 tick.
     interval: i32,
     /// Delay of the last step after its tick, in 1/64 tick.
@@ -333,18 +368,18 @@ struct Ramp {
 
 /// Most attempts to find a step. The third one of the slowest ramps takes 12; in a ramp that has begun it is hardly
 /// ever more than one.
-const TRIES: u32 = 16;
+const MAX_TRIES: u32 = 16;
 
 impl Ramp {
     /// From the tick of a step on.
     fn from(motion: Motion) -> Self {
         let second = motion.ticks() as i32;
-        // As if the one before had been twice as long: the third is looked for from half of it on, and
-        // is never far below that.
+        // The interval before is taken as twice as long: the search for the third step then starts from half of the
+        // second, and the third is never far below that.
         Self {
             motion,
             step: STEP,
-            short: motion.short(),
+            short_limit: motion.short_limit(),
             // Too much only where this was the last step.
             interval: second.saturating_mul(128),
             part: 0,
@@ -356,8 +391,8 @@ impl Ramp {
     #[inline]
     fn next(&mut self) -> u32 {
         let d = self.guess.cast_unsigned();
-        if d <= self.short {
-            let there = self.motion.shortly_after(d);
+        if d <= self.short_limit {
+            let there = self.motion.after_short(d);
             if there.is_nearest() {
                 return self.step(d, there);
             }
@@ -368,13 +403,13 @@ impl Ramp {
     /// On to the step in `d` ticks, where it is `there`.
     #[inline]
     fn step(&mut self, d: u32, there: Motion) -> u32 {
-        let part = parts(there.due, d);
+        let part = ticks_64(there.phase_left, d);
         let interval = (d << 6).cast_signed() + part - self.part;
         // In this order, because two of the longest intervals are beyond 32 bits.
         self.guess = (interval + (interval - self.interval) + part + 32) >> 6;
         self.interval = interval;
         self.part = part;
-        self.motion = Motion { due: there.due + self.step, ..there };
+        self.motion = Motion { phase_left: there.phase_left + self.step, ..there };
         d
     }
 
@@ -382,13 +417,13 @@ impl Ramp {
     #[cold]
     #[inline(never)]
     fn search(&mut self) -> u32 {
-        let Self { motion, short, .. } = *self;
-        let after = |d| if d <= short { motion.shortly_after(d) } else { motion.after(i64::from(d)) };
+        let Self { motion, short_limit, .. } = *self;
+        let after = |d| if d <= short_limit { motion.after_short(d) } else { motion.after(i64::from(d)) };
         // Close to standstill they shrink less and less, but hardly to a half.
         let mut d = self.guess.max(self.interval >> 7).cast_unsigned();
         let mut there = after(d);
         let (mut early, mut late) = (0, u32::MAX);
-        for _ in 0..TRIES {
+        for _ in 0..MAX_TRIES {
             if there.is_nearest() {
                 break;
             }
@@ -397,7 +432,7 @@ impl Ramp {
             } else {
                 late = d;
             }
-            d = d.wrapping_add_signed(ticks(there.due, d)).max(early + 1).min(late - 1);
+            d = d.wrapping_add_signed(ticks(there.phase_left, d)).max(early + 1).min(late - 1);
             there = after(d);
         }
         debug_assert!(there.is_nearest(), "a step that is there is found");
@@ -408,7 +443,7 @@ impl Ramp {
 /// The time in which `phase` passes at the speed of a step in `d` ticks, in 1/64 tick; for a phase
 /// that passes within a tick.
 #[inline]
-fn parts(phase: i64, d: u32) -> i32 {
+fn ticks_64(phase: i64, d: u32) -> i32 {
     /// 2³³ · 64 / STEP, in 2⁻²³.
     const RATE: i32 = ((1 << 62) / STEP as u64) as i32;
     let high = ((phase >> 18) as i32 * d.cast_signed()) >> 15;
@@ -428,35 +463,39 @@ fn ticks(phase: i64, d: u32) -> i32 {
 struct Cruise {
     /// Whole ticks of an interval.
     whole: u32,
-    /// Phase that is left of a step then.
-    part: i64,
+    /// Phase that is left of a step after them.
+    remainder: i64,
     /// Phase of a tick.
-    tick: i64,
-    /// Phase from half a tick after the last step's tick to the step, `-tick..0`.
-    due: i64,
+    phase_per_tick: i64,
+    /// Phase from half a tick after the last step's tick to the step, `-phase_per_tick..0`.
+    phase_left: i64,
 }
 
 impl Cruise {
-    const STANDING: Self = Self { whole: 0, part: 0, tick: 0, due: 0 };
+    const STANDING: Self = Self { whole: 0, remainder: 0, phase_per_tick: 0, phase_left: 0 };
 
     /// The ticks to the step from which `motion` is seen, and the steps after it. The step may be due
     /// already: in a change of speed within one tick.
     fn of(motion: Motion) -> (i64, Self) {
-        let tick = (2 * motion.h).max(1);
-        let late = motion.due - motion.h;
-        let cruise =
-            Self { whole: (STEP / tick) as u32, part: STEP % tick, tick, due: late.rem_euclid(tick) - tick };
+        let tick = (2 * motion.speed).max(1);
+        let late = motion.phase_left - motion.speed;
+        let cruise = Self {
+            whole: (STEP / tick) as u32,
+            remainder: STEP % tick,
+            phase_per_tick: tick,
+            phase_left: late.rem_euclid(tick) - tick,
+        };
         (late.div_euclid(tick) + 1, cruise)
     }
 
     /// Ticks to the next step.
     #[inline]
     fn next(&mut self) -> u32 {
-        self.due += self.part;
-        if self.due < 0 {
+        self.phase_left += self.remainder;
+        if self.phase_left < 0 {
             return self.whole;
         }
-        self.due -= self.tick;
+        self.phase_left -= self.phase_per_tick;
         self.whole + 1
     }
 }
@@ -489,15 +528,15 @@ mod tests {
 
     #[test]
     fn a_leg_of_several_laps_goes_on() {
-        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(8_000_000), MAX_ACCELERATION);
+        let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(8_000_000), MAX_ACCELERATION);
         let later = at(1 << 36);
         let mut all = StepIterator::new(&plan, later);
         let mut lap = all.clone();
-        assert_eq!((all.leg.more, all.others.len()), (0, 1), "the cruise is left");
+        assert_eq!((all.run.more, all.others.len()), (0, 1), "the cruise is left");
         all.next();
         lap.next();
-        assert!(all.leg.laps > 0);
-        lap.leg.more = 2;
+        assert!(all.run.laps > 0);
+        lap.run.more = 2;
         for _ in 0..10 {
             assert_eq!(lap.next(), all.next());
         }
@@ -506,21 +545,24 @@ mod tests {
     #[test]
     fn a_step_is_at_the_first_tick_from_which_it_is_less_than_half_a_tick_away() {
         // In half a tick the phase grows by the speed.
-        let is_nearest = |due| Motion { a: 0, h: 5, due }.is_nearest();
+        let is_nearest = |phase_left| Motion { acceleration: 0, speed: 5, phase_left }.is_nearest();
         assert!((-5..=4).all(is_nearest), "less than half a tick to go, or half a tick past it");
         assert!(!is_nearest(5), "half a tick to go: the next one");
         assert!(!is_nearest(-6), "more than half a tick past it: the one before");
-        assert!(Motion { a: 0, h: 5, due: 5 }.is_early() && !Motion { a: 0, h: 5, due: 4 }.is_early());
+        assert!(
+            Motion { acceleration: 0, speed: 5, phase_left: 5 }.is_early()
+                && !Motion { acceleration: 0, speed: 5, phase_left: 4 }.is_early()
+        );
     }
 
     #[test]
     fn an_interval_is_short_if_it_has_16_bits_and_the_change_of_speed_31() {
-        let short = |a| Motion { a, h: 0, due: 0 }.short();
-        assert_eq!([0, 1, -1, 32_768].map(short), [65_535; 4]);
+        let short_limit = |acceleration| Motion { acceleration, speed: 0, phase_left: 0 }.short_limit();
+        assert_eq!([0, 1, -1, 32_768].map(short_limit), [65_535; 4]);
         // 32,769 * 65,534 is 2^31 - 2.
-        assert_eq!([32_769, -32_769].map(short), [65_534; 2]);
-        assert_eq!([1_000_000, -1_000_000].map(short), [2_147; 2]);
-        assert_eq!([i32::MAX, -i32::MAX].map(short), [1; 2]);
+        assert_eq!([32_769, -32_769].map(short_limit), [65_534; 2]);
+        assert_eq!([1_000_000, -1_000_000].map(short_limit), [2_147; 2]);
+        assert_eq!([i32::MAX, -i32::MAX].map(short_limit), [1; 2]);
     }
 
     #[test]
@@ -530,12 +572,12 @@ mod tests {
         let tenths = [-16, -14, -6, -4, 0, 4, 6, 14, 16];
         assert_eq!(tenths.map(|n| ticks(tick * n / 10, 1_000)), [-2, -1, -1, 0, 0, 0, 1, 1, 2]);
         // In 1/64 tick, rounded down.
-        assert_eq!([-1, 1, 21, 61].map(|n| parts(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
+        assert_eq!([-1, 1, 21, 61].map(|n| ticks_64(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
     }
 
-    /// The instant of a step from standstill at `a` steps/s², to the nearest 1/`parts` tick: the way is a·t²/2.
-    fn due(step: u64, a: u32, parts: u64) -> u64 {
-        let square = u128::from(parts * parts * step) * u128::from(STEP.cast_unsigned());
+    /// The instant of a step from standstill at `a` steps/s², to the nearest 1/`ticks_64` tick: the way is a·t²/2.
+    fn due(step: u64, a: u32, ticks_64: u64) -> u64 {
+        let square = u128::from(ticks_64 * ticks_64 * step) * u128::from(STEP.cast_unsigned());
         // To the nearest whole number by way of the root of four times as much, rounded down.
         let twice = (4 * square / u128::from(a)).isqrt();
         twice.div_ceil(2) as u64
@@ -556,11 +598,11 @@ mod tests {
     fn a_step_is_found_though_the_guess_is_off() {
         for a in 1..=3_000 {
             let plan = Plan::profile(at(0), 0, 8, Limits::even(U24F8::from_num(MAX_SPEED), a));
-            let mut walker = StepIterator::new(&plan, at(0));
+            let mut iterator = StepIterator::new(&plan, at(0));
             // From the third step before the end to the second, and on to the first: intervals of the ramp up.
             for (skipped, last, next) in [(4, 3, 2), (0, 2, 1)] {
-                walker.nth(skipped);
-                let Intervals::Ramp(ramp) = walker.leg.pace else { panic!("a ramp") };
+                iterator.nth(skipped);
+                let Intervals::Ramp(ramp) = iterator.run.intervals else { panic!("a ramp") };
                 let interval = (due(last, a, 1) - due(next, a, 1)) as u32;
                 for off in [-1_000, -2, -1, 0, 1, 2, 1_000] {
                     let guess = interval.cast_signed() + off;
@@ -573,16 +615,16 @@ mod tests {
     #[test]
     fn a_ramp_that_has_begun_knows_its_interval_and_guesses_the_next() {
         for (a, first, last) in [(10_000, 200, 1_250), (500_000, 40, 1_600)] {
-            let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(MAX_SPEED), a);
-            let mut walker = StepIterator::new(&plan, at(0));
+            let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(MAX_SPEED), a);
+            let mut iterator = StepIterator::new(&plan, at(0));
             let mut misses = 0;
             for step in 1..last {
-                let at = walker.next().unwrap().at.ticks();
+                let at = iterator.next().unwrap().at.ticks();
                 assert_eq!(at, due(step, a, 1), "step {step}");
                 if step < first {
                     continue;
                 }
-                let Intervals::Ramp(ramp) = &walker.leg.pace else { panic!("a ramp") };
+                let Intervals::Ramp(ramp) = &iterator.run.intervals else { panic!("a ramp") };
                 // Both are rounded, down or up.
                 let part = due(step, a, 64).cast_signed() - 64 * at.cast_signed();
                 assert!((i64::from(ramp.part) - part).abs() <= 1, "step {step}: {} for {part}", ramp.part);
@@ -613,13 +655,13 @@ mod tests {
     fn a_step_at_which_an_axis_turns_round_is_made_there() {
         let ms = |ms: u64| at(ms * 16_000);
         let rates = Limits {
-            start: U24F8::from_num(MAX_SPEED),
-            down: 7_500,
+            start_speed: U24F8::from_num(MAX_SPEED),
+            deceleration: 7_500,
             ..Limits::even(U24F8::from_num(4_000), 10_000)
         };
-        let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), rates);
+        let cruise = Plan::at_rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), rates);
         // At 250 ms it has made 1,000 steps. 400 ms from 4,000 steps/s down to 1,000 are another 1,000 steps.
-        let rates = Limits { start: U24F8::from_num(1_000), ..rates };
+        let rates = Limits { start_speed: U24F8::from_num(1_000), ..rates };
         let back = cruise.slew(ms(250), I24F8::from_num(-500), rates);
         let turn =
             [(650, true), (652, false), (654, false)].map(|(at, forward)| Step { at: ms(at), forward });
@@ -629,10 +671,10 @@ mod tests {
     #[test]
     fn the_longest_interval_of_a_ramp_is_walked() {
         // One step in 256 s. Just before the first it begins to speed up at 1 step/s²: the next one is √2 s later.
-        let creep = Plan::rest(at(0), 0).towards(at(0), I24F8::DELTA, MAX_ACCELERATION);
+        let creep = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::DELTA, MAX_ACCELERATION);
         let first = StepIterator::new(&creep, at(0)).next().unwrap().at;
         let turn = first - Duration::TICK;
-        let jog = creep.towards(turn, I24F8::from_num(9), 1);
+        let jog = creep.ramp_to(turn, I24F8::from_num(9), 1);
         check(&jog, turn, 20);
         let second = StepIterator::new(&jog, first).next().unwrap().at;
         assert!((1_400_u64.millis()..1_415_u64.millis()).contains(&second.since(first)));
@@ -641,13 +683,13 @@ mod tests {
     proptest! {
         #[test]
         fn a_short_interval_is_as_exact_as_any(
-            a in any::<i32>(), bits in 0_u32..32, h in 0..1_i64 << 44, due in -STEP..2 * STEP, d in any::<u32>(),
+            a in any::<i32>(), bits in 0_u32..32, speed in 0..1_i64 << 44, phase_left in -STEP..2 * STEP, d in any::<u32>(),
         ) {
-            let motion = Motion { a: a >> bits, h, due };
-            let short = motion.short();
-            for d in [0, d % (short + 1), short] {
-                let (there, same) = (motion.shortly_after(d), motion.after(i64::from(d)));
-                prop_assert_eq!((there.h, there.due), (same.h, same.due));
+            let motion = Motion { acceleration: a >> bits, speed, phase_left };
+            let short_limit = motion.short_limit();
+            for d in [0, d % (short_limit + 1), short_limit] {
+                let (there, same) = (motion.after_short(d), motion.after(i64::from(d)));
+                prop_assert_eq!((there.speed, there.phase_left), (same.speed, same.phase_left));
             }
         }
 
@@ -657,10 +699,10 @@ mod tests {
             up in 0_u32..31, down in 0_u32..31, fine in any::<u32>(),
         ) {
             let rates = Limits {
-                start: U24F8::from_bits(start),
-                speed: U24F8::from_bits(speed),
-                up: (1 << up) | (fine & ((1 << up) - 1)),
-                down: (1 << down) | (fine.rotate_left(7) & ((1 << down) - 1)),
+                start_speed: U24F8::from_bits(start),
+                max_speed: U24F8::from_bits(speed),
+                acceleration: (1 << up) | (fine & ((1 << up) - 1)),
+                deceleration: (1 << down) | (fine.rotate_left(7) & ((1 << down) - 1)),
             };
             let plan = Plan::profile(at(5), 7, steps, rates);
             check(&plan, at(5), usize::MAX);
@@ -672,11 +714,11 @@ mod tests {
             turns in proptest::collection::vec((0_u64..40_000_000, any::<i32>(), 0_u32..22), 1..8),
             acceleration in 0_u32..31,
         ) {
-            let mut plan = Plan::rest(at(0), 0);
+            let mut plan = Plan::at_rest(at(0), 0);
             let mut now = 0;
             for (wait, speed, shift) in turns {
                 now += wait;
-                plan = plan.towards(at(now), I24F8::from_bits(speed >> shift), 1 << acceleration);
+                plan = plan.ramp_to(at(now), I24F8::from_bits(speed >> shift), 1 << acceleration);
                 check(&plan, at(now), 300);
                 check(&plan, at(now + wait), 300);
             }

@@ -24,18 +24,18 @@ use crate::device::Duration;
 
 /// The longest step.
 const STEP: Duration = Duration::millis(1);
-/// The shortest one: what comes to its speed faster than twice that does so in one step.
+/// The shortest step: a motor with a time constant of less than twice this reaches its speed in one step.
 const LEAST_STEP: Duration = Duration::micros(50);
 
 /// The most that a torque accelerates: steeper is nothing that turns.
-const STEEPEST: i64 = 16 * MotionInterval::STEEPEST;
+const MAX_ACCELERATION: i64 = 16 * MotionInterval::MAX_ACCELERATION;
 
 /// Connection of a motor's terminals.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Terminals {
     /// A bridge without power.
     Dead,
-    /// A bridge that lets go of them.
+    /// A bridge that leaves them open.
     Open,
     /// A bridge that drives them.
     Driven {
@@ -51,7 +51,7 @@ pub(super) enum Terminals {
 pub(super) struct Constants {
     /// The speed at which the motor makes the voltage of the supply.
     full: i64,
-    /// The acceleration of the supply at standstill, above 0 and bounded: what is steeper comes to its speed within a
+    /// The acceleration of the supply at standstill, above 0 and bounded: a steeper motor reaches its speed within a
     /// step anyhow.
     pub(super) stall: i64,
     /// The same without a bound: a limited current gives its part of this.
@@ -61,8 +61,8 @@ pub(super) struct Constants {
     friction: i64,
     /// Torque of the load, against forward motion.
     load: i64,
-    /// Friction and load as parts of `torque`, in parts of `stall`: so a motor whose `stall` is bounded comes to the
-    /// right speed.
+    /// Friction and load as parts of `torque`, in parts of `stall`, so that a motor whose `stall` is bounded reaches
+    /// the right speed.
     pub(super) bounded_friction: i64,
     pub(super) bounded_load: i64,
     step: Duration,
@@ -72,7 +72,7 @@ pub(super) struct Constants {
 
 impl Constants {
     pub(super) fn of(parameters: &Parameters) -> Self {
-        /// 60/2π in 1/65536: 1 mV at 1 rpm is so many µN·m for a mA.
+        /// 60/2π in 1/65536: µN·m per mA of a motor with 1 mV per rpm.
         const TORQUE: u64 = 625_823;
         /// A rpm in 2⁻⁶⁴ turns a tick.
         const RPM: u64 = (1 << 60) / (60 * TICKS_PER_SECOND / 16);
@@ -86,7 +86,8 @@ impl Constants {
         let inertia = i64::from(parameters.inertia_gcm2.clamp(least.inertia_gcm2, most.inertia_gcm2));
         let friction = parameters.friction_unm.clamp(least.friction_unm, most.friction_unm);
         let load = parameters.load_unm.clamp(least.load_unm, most.load_unm);
-        let accelerated = |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-STEEPEST, STEEPEST);
+        let accelerated =
+            |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-MAX_ACCELERATION, MAX_ACCELERATION);
 
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
         // Not by whole mA, of which some motors have few.
@@ -96,7 +97,7 @@ impl Constants {
         let torque = (stall_unm * ACCELERATION / inertia) >> 4;
         let stall = torque.clamp(1, 1 << 34);
         let bounded = |unm: i64| match (unm * stall).checked_div(stall_unm) {
-            Some(part) if torque != stall => part.clamp(-STEEPEST, STEEPEST),
+            Some(part) if torque != stall => part.clamp(-MAX_ACCELERATION, MAX_ACCELERATION),
             _ => accelerated(unm),
         };
         let mut constants = Self {
@@ -130,23 +131,31 @@ impl Constants {
         Duration::from_ticks(self.time_constant_ticks().min(LONGEST).cast_unsigned())
     }
 
-    /// Next stretch from `now`, and the current there, in mA.
+    /// Next interval from `now`, and the current there, in mA.
     pub(super) fn next(
         &self,
         now: MotionInterval,
         terminals: Terminals,
-        held: bool,
+        blocked: bool,
     ) -> (MotionInterval, i32) {
-        let (push, most_ma) = match terminals {
-            Terminals::Driven { duty, limit_ma } => (self.push(duty, now.speed), i64::from(limit_ma)),
+        let (drive_acceleration, most_ma) = match terminals {
+            Terminals::Driven { duty, limit_ma } => {
+                (self.drive_acceleration(duty, now.speed), i64::from(limit_ma))
+            }
             Terminals::Dead | Terminals::Open => (0, 0),
         };
-        let charge = if matches!(terminals, Terminals::Dead) { 0 } else { self.charge(now.speed) };
+        let regeneration =
+            if matches!(terminals, Terminals::Dead) { 0 } else { self.regeneration(now.speed) };
         let part = |of: i64| most_ma.saturating_mul(of) / self.stall_ma.max(1);
-        // At full speed against the supply it is twice that of standstill: what is more is no limit.
+        // At full speed against the supply the current is twice that of standstill: a higher limit has no effect.
         let bounded = part(self.stall).min(2 * self.stall);
-        let drives = braked(push.min(bounded).max(-bounded), charge, charge);
-        let ma = braked(self.draws(push).min(most_ma).max(-most_ma), charge, self.draws(charge));
+        let drives =
+            stronger_brake(drive_acceleration.min(bounded).max(-bounded), regeneration, regeneration);
+        let ma = stronger_brake(
+            self.current_for(drive_acceleration).min(most_ma).max(-most_ma),
+            regeneration,
+            self.current_for(regeneration),
+        );
         let way = if now.speed != 0 {
             now.speed.signum()
         } else if (drives - self.bounded_load).abs() > self.bounded_friction {
@@ -155,25 +164,27 @@ impl Constants {
             0
         };
         let against = self.load + way * self.friction;
-        let mean = |push: i64| ((push - self.bounded_load - way * self.bounded_friction) * self.mean) >> 16;
-        let limit = part(self.torque).min(4 * STEEPEST);
+        let mean = |drive_acceleration: i64| {
+            ((drive_acceleration - self.bounded_load - way * self.bounded_friction) * self.mean) >> 16
+        };
+        let limit = part(self.torque).min(4 * MAX_ACCELERATION);
         let driven = match terminals {
-            Terminals::Driven { .. } => mean(push).min(limit - against).max(-limit - against),
+            Terminals::Driven { .. } => mean(drive_acceleration).min(limit - against).max(-limit - against),
             Terminals::Dead | Terminals::Open => -against,
         };
-        let acceleration = braked(driven, charge, mean(charge));
+        let acceleration = stronger_brake(driven, regeneration, mean(regeneration));
         let stands = way == 0 || (now.speed == 0 && acceleration == 0);
-        let next = if held || stands {
-            MotionInterval::rest(now.since(), now.angle)
+        let next = if blocked || stands {
+            MotionInterval::at_rest(now.since(), now.angle)
         } else {
-            self.stretch(now, acceleration, terminals)
+            self.interval(now, acceleration, terminals)
         };
         (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
     }
 
-    /// From `now` on, as long as the acceleration may be taken for steady: nothing changes it while nobody drives the
-    /// terminals and the motor is not faster than its supply.
-    fn stretch(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
+    /// The interval from `now` on in which the acceleration is constant. With undriven terminals and a motor that is
+    /// not faster than its supply it has no limit.
+    fn interval(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
         let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {
             Terminals::Dead => true,
@@ -184,27 +195,28 @@ impl Constants {
     }
 
     /// The acceleration of a duty at a speed, without limit, friction and load.
-    fn push(&self, duty: i32, speed: i64) -> i64 {
+    fn drive_acceleration(&self, duty: i32, speed: i64) -> i64 {
         let against = self.stall * (speed >> 16) / (self.full >> 16).max(1);
         ((self.stall * i64::from(duty.clamp(-FULL_DUTY, FULL_DUTY))) >> 16) - against
     }
 
     /// Current for an acceleration by a duty, in mA.
-    fn draws(&self, push: i64) -> i64 {
-        ((2 * push).saturating_mul(self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1
+    fn current_for(&self, drive_acceleration: i64) -> i64 {
+        ((2 * drive_acceleration).saturating_mul(self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1
     }
 
     /// The acceleration with which it charges its supply, against its speed: 0 unless it is faster than that makes it.
-    fn charge(&self, speed: i64) -> i64 {
+    fn regeneration(&self, speed: i64) -> i64 {
         let way = speed.signum() as i32;
-        let push = if speed.abs() > self.full { self.push(way * FULL_DUTY, speed) } else { 0 };
-        if push.signum() * i64::from(way) < 0 { push } else { 0 }
+        let drive_acceleration =
+            if speed.abs() > self.full { self.drive_acceleration(way * FULL_DUTY, speed) } else { 0 };
+        if drive_acceleration.signum() * i64::from(way) < 0 { drive_acceleration } else { 0 }
     }
 }
 
 /// An acceleration, or a stronger one that brakes, where there is a charge: the way of that is the way that brakes.
-fn braked(acceleration: i64, charge: i64, with_charge: i64) -> i64 {
-    match charge.signum() {
+fn stronger_brake(acceleration: i64, regeneration: i64, with_charge: i64) -> i64 {
+    match regeneration.signum() {
         -1 => acceleration.min(with_charge),
         1 => acceleration.max(with_charge),
         _ => acceleration,

@@ -22,15 +22,15 @@ pub trait MotorDrive: Device {
     }
 }
 
-/// A drive with its motor, joined by wires that take a tick. What it carries on them stays inside, but for the
-/// Hall sensors, whose levels are those of the drive's pins.
+/// A drive with its motor, connected by wires with a delay of a tick. The signals stay inside, except the levels of the
+/// Hall sensors, which also appear at the drive's pins.
 ///
-/// [Parted](Device::detach_motor) from its motor it is only the drive: it says what it does to a motor elsewhere, and is
-/// told what that does.
+/// With the motor [detached](Device::detach_motor) this is the drive alone: current limit and duty are outputs, and the
+/// feedback of a motor elsewhere is an input.
 #[derive(Clone, Debug)]
 pub struct DriveWithMotor<D> {
     drive: D,
-    parted: bool,
+    is_detached: bool,
     motor: Motor,
     wires: Wires,
     /// Levels of the Hall sensors that have arrived, and which of their wires are pulled to ground outside: the drive
@@ -42,7 +42,7 @@ pub struct DriveWithMotor<D> {
 /// Signals that are on their way. All were put at one instant, because earlier ones have arrived by then.
 #[derive(Clone, Debug)]
 struct Wires {
-    arrives: Instant,
+    due: Instant,
     current: Option<u32>,
     duty: Option<i32>,
     halls: [Option<bool>; HALL_PINS.len()],
@@ -54,7 +54,7 @@ struct Wires {
 
 impl Wires {
     const EMPTY: Self = Self {
-        arrives: Instant::NEVER,
+        due: Instant::NEVER,
         current: None,
         duty: None,
         halls: [None; HALL_PINS.len()],
@@ -68,18 +68,18 @@ impl Wires {
 struct DriveOutputs<'a> {
     wires: &'a mut Wires,
     /// All of them go elsewhere.
-    parted: bool,
+    is_detached: bool,
     out: &'a mut dyn Context,
 }
 
 impl Context for DriveOutputs<'_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         match output {
-            Output::CurrentLimit { axis: AXIS, ma } if !self.parted => self.wires.current = Some(ma),
-            Output::Duty { axis: AXIS, duty } if !self.parted => self.wires.duty = Some(duty),
+            Output::CurrentLimit { axis: AXIS, ma } if !self.is_detached => self.wires.current = Some(ma),
+            Output::Duty { axis: AXIS, duty } if !self.is_detached => self.wires.duty = Some(duty),
             _ => return self.out.put(at, output),
         }
-        self.wires.arrives = at + Duration::TICK;
+        self.wires.due = at + Duration::TICK;
     }
 
     fn memory(&self) -> &[u8] {
@@ -110,7 +110,7 @@ impl Context for MotorOutputs<'_> {
             }
             _ => return,
         }
-        self.wires.arrives = at + Duration::TICK;
+        self.wires.due = at + Duration::TICK;
     }
 
     fn memory(&self) -> &[u8] {
@@ -119,18 +119,18 @@ impl Context for MotorOutputs<'_> {
 }
 
 impl<D: MotorDrive> DriveWithMotor<D> {
-    /// `drive` and the motor that its registers describe, which stands.
+    /// `drive` and the motor that its registers describe, at standstill.
     // Where it will be: a copy of a drive takes kilobytes of a board's stack.
     #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
         let (halls, pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
-        Self { drive, parted: false, motor, wires: Wires::EMPTY, halls, pulled }
+        Self { drive, is_detached: false, motor, wires: Wires::EMPTY, halls, pulled }
     }
 
     /// Delivers the signals that have arrived by `at`.
-    fn arrive(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.wires.arrives > at {
+    fn deliver_signals(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.wires.due > at {
             return;
         }
         let wires = core::mem::replace(&mut self.wires, Wires::EMPTY);
@@ -163,8 +163,8 @@ impl<D: MotorDrive> DriveWithMotor<D> {
 
     /// The wires are due, or the motor.
     #[inline(never)]
-    fn turn(&mut self, at: Instant, out: &mut dyn Context) {
-        self.arrive(at, out);
+    fn advance_motor(&mut self, at: Instant, out: &mut dyn Context) {
+        self.deliver_signals(at, out);
         if self.motor.deadline() <= at {
             self.with_motor(out, |motor, out| motor.timeout(at, out));
         }
@@ -181,17 +181,17 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         out: &mut dyn Context,
         does: impl FnOnce(&mut D, &mut dyn Context) -> T,
     ) -> T {
-        let parted = self.parted;
-        let done = does(&mut self.drive, &mut DriveOutputs { wires: &mut self.wires, parted, out });
+        let is_detached = self.is_detached;
+        let done = does(&mut self.drive, &mut DriveOutputs { wires: &mut self.wires, is_detached, out });
         if let Some(parameters) = self.drive.new_motor()
-            && !parted
+            && !is_detached
         {
-            self.become_another(at, parameters, out);
+            self.set_parameters(at, parameters, out);
         }
         done
     }
 
-    /// The wire of a Hall sensor is pulled to ground outside, or let go.
+    /// The wire of a Hall sensor is pulled to ground outside, or released.
     #[inline(never)]
     fn pull(&mut self, at: Instant, pin: Pin, pulled: bool, out: &mut dyn Context) {
         let Some(place) = D::HALLS.iter().position(|hall| *hall == pin) else { return };
@@ -202,8 +202,8 @@ impl<D: MotorDrive> DriveWithMotor<D> {
     }
 
     #[inline(never)]
-    fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
-        self.with_motor(out, |motor, out| motor.become_another(at, parameters, out));
+    fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
+        self.with_motor(out, |motor, out| motor.set_parameters(at, parameters, out));
     }
 }
 
@@ -216,43 +216,43 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.wires = Wires::EMPTY;
         (self.halls, self.pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
-        if !self.parted {
+        if !self.is_detached {
             self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
         }
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        self.arrive(at, out);
+        self.deliver_signals(at, out);
         match input {
             // That of a motor elsewhere is held there.
-            Input::Fault { fault, .. } if D::STALL == Some(fault) && self.parted => {}
+            Input::Fault { fault, .. } if D::STALL == Some(fault) && self.is_detached => {}
             Input::Fault { fault, on } if D::STALL == Some(fault) => {
                 let input = Input::Fault { fault: super::STALL, on };
                 self.with_motor(out, |motor, out| motor.input(at, input, out));
             }
-            Input::Edge { pin, high } if !self.parted && D::HALLS.contains(&pin) => {
+            Input::Edge { pin, high } if !self.is_detached && D::HALLS.contains(&pin) => {
                 self.pull(at, pin, !high, out);
             }
-            // What the motor is told and what it tells is its own.
+            // Signals between drive and motor stay inside.
             Input::CurrentLimit { axis: AXIS, .. }
             | Input::Duty { axis: AXIS, .. }
             | Input::MotorCurrent { axis: AXIS, .. }
             | Input::Motor { axis: AXIS, .. }
             | Input::Rotation { axis: AXIS, .. }
-                if !self.parted => {}
+                if !self.is_detached => {}
             _ => self.with_drive(at, out, |drive, out| drive.input(at, input, out)),
         }
     }
 
     fn deadline(&self) -> Instant {
-        // A motor that it has parted from stands for ever.
-        self.wires.arrives.min(self.drive.deadline()).min(self.motor.deadline())
+        // A detached motor stands still, so its deadline does not matter.
+        self.wires.due.min(self.drive.deadline()).min(self.motor.deadline())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.wires.arrives <= at || self.motor.deadline() <= at {
-            self.turn(at, out);
+        if self.wires.due <= at || self.motor.deadline() <= at {
+            self.advance_motor(at, out);
         }
         self.with_drive(at, out, |drive, out| drive.timeout(at, out));
     }
@@ -272,12 +272,12 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
         value: i64,
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
-        self.arrive(at, out);
+        self.deliver_signals(at, out);
         self.with_drive(at, out, |drive, out| drive.poke(at, row, value, out))
     }
 
     fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
-        if axis == AXIS && !self.parted { self.motor.shaft(at, axis) } else { None }
+        if axis == AXIS && !self.is_detached { self.motor.shaft(at, axis) } else { None }
     }
 
     fn internal_motor(&self) -> Option<Parameters> {
@@ -285,7 +285,7 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     }
 
     fn detach_motor(&mut self) -> Option<&'static [Pin]> {
-        self.parted = true;
+        self.is_detached = true;
         Some(D::HALLS)
     }
 

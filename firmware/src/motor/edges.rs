@@ -7,18 +7,19 @@ use super::Feedback;
 use crate::device::{Duration, Instant};
 
 /// A speed is taken over a whole number of counts and at least this long, so that ticks do not show in it.
-const LEAST: Duration = Duration::millis(2);
-/// A shaft without an edge for so long stands; ours, as the manuals say nothing: 5 rpm with 12 counts in a turn.
+const MIN_WINDOW: Duration = Duration::millis(2);
+/// A shaft without an edge for so long counts as standing; ours, because the manuals do not specify it: 5 rpm with 12
+/// counts in a turn.
 const STILL_AFTER: Duration = Duration::secs(1);
-/// Counts without an edge after which a sensor does not tell the speed any more: its wires are broken.
-const MISSED: I40F24 = I40F24::lit("4");
+/// Counts without an edge after which the sensor's speed is no longer used: its wires are broken.
+const MAX_MISSED: I40F24 = I40F24::lit("4");
 /// Time after power in which sensors report their levels one after another, which are no edges; ours, far below the
 /// time between two edges.
 pub(crate) const SETTLE: Duration = Duration::micros(20);
 /// From an edge to the middle of its count.
 const MIDDLE: I40F24 = I40F24::lit("0.5");
 /// A deviation below this part of the counts in a turn is that of ticks.
-const SAME: i64 = 256;
+const ROUNDING: i64 = 256;
 
 /// An edge of a sensor.
 #[derive(Clone, Copy, Debug)]
@@ -32,14 +33,14 @@ struct Edge {
 pub(crate) struct Edges {
     /// The edge at which the present window began, and where the shaft was, in 2⁻³² turns.
     since: Instant,
-    from: Option<i64>,
+    window_angle: Option<i64>,
     /// Counts since.
     counts: i32,
     last: Option<Edge>,
     /// Angle of the shaft at the last edge, or when the motion began, and the part of a count from there back to the
     /// edge behind it.
     angle: Option<i64>,
-    place: I40F24,
+    count_fraction: I40F24,
     /// The last window that ended in the present direction: counts, forward or less than 0, and their time.
     measured: Option<(i32, Duration)>,
     /// Counts in a turn of the shaft, less than 0 if they go the other way; `None` until they are measured.
@@ -50,35 +51,35 @@ impl Edges {
     /// No edge has come: the shaft is in the middle of a count.
     pub(crate) const NONE: Self = Self {
         since: Instant::ZERO,
-        from: None,
+        window_angle: None,
         counts: 0,
         last: None,
         angle: None,
-        place: MIDDLE,
+        count_fraction: MIDDLE,
         measured: None,
         per_turn: None,
     };
 
     /// An edge came of a sensor that is to make `turn` of them in a turn.
     pub(crate) fn edge(&mut self, at: Instant, forward: bool, turn: i64, feedback: &Feedback) {
-        let goes_on = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
+        let continues = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
         self.last = Some(Edge { at, forward });
         self.angle = feedback.angle(at);
-        self.place = if forward { I40F24::ZERO } else { I40F24::ONE };
-        if !goes_on {
-            (self.since, self.from, self.counts, self.measured) = (at, self.angle, 0, None);
+        self.count_fraction = if forward { I40F24::ZERO } else { I40F24::ONE };
+        if !continues {
+            (self.since, self.window_angle, self.counts, self.measured) = (at, self.angle, 0, None);
             return;
         }
         self.counts = self.counts.saturating_add(if forward { 1 } else { -1 });
         let span = at.since(self.since);
-        if span < LEAST {
+        if span < MIN_WINDOW {
             return;
         }
         let counts = core::mem::take(&mut self.counts);
-        if let (Some(from), Some(to)) = (self.from, self.angle) {
+        if let (Some(from), Some(to)) = (self.window_angle, self.angle) {
             self.measure(counts, to.wrapping_sub(from), turn);
         }
-        (self.since, self.from, self.measured) = (at, self.angle, Some((counts, span)));
+        (self.since, self.window_angle, self.measured) = (at, self.angle, Some((counts, span)));
     }
 
     /// Measures the counts in a turn: so many counts were so much of a turn, in 2⁻³² turns.
@@ -86,8 +87,8 @@ impl Edges {
         const MOST: i32 = 1 << 20;
         let twice = (i64::from(counts.clamp(-MOST, MOST)) << 33).checked_div(turned).unwrap_or(0);
         let per_turn = ((twice + twice.signum()) / 2).clamp(-i64::from(MOST), MOST.into());
-        let believed = self.per_turn(turn);
-        if per_turn != 0 && (per_turn - believed).abs() * SAME > believed.abs() {
+        let present = self.per_turn(turn);
+        if per_turn != 0 && (per_turn - present).abs() * ROUNDING > present.abs() {
             self.per_turn = Some(per_turn);
         }
     }
@@ -98,27 +99,36 @@ impl Edges {
     }
 
     /// The sensor is another one, or read otherwise.
-    pub(crate) fn forget(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::NONE;
     }
 
     /// A motion begins.
     pub(crate) fn begin(&mut self, at: Instant, turn: i64, feedback: &Feedback) {
-        (self.place, self.angle) = (self.place_at(at, turn, feedback), feedback.angle(at));
+        (self.count_fraction, self.angle) = (self.count_fraction_at(at, turn, feedback), feedback.angle(at));
     }
 
     /// The part of a count from the edge behind the shaft to it, 0 to 1.
-    fn place_at(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
-        self.place.saturating_add(self.since_edge(at, turn, feedback)).clamp(I40F24::ZERO, I40F24::ONE)
+    fn count_fraction_at(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+        self.count_fraction
+            .saturating_add(self.since_edge(at, turn, feedback))
+            .clamp(I40F24::ZERO, I40F24::ONE)
     }
 
-    /// From where the shaft is to the middle of the count that is so many counts on, `most` at most.
-    pub(crate) fn way(&self, counts: i64, most: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
-        I40F24::from_num(counts.min(most).max(-most)) + MIDDLE - self.place_at(at, turn, feedback)
+    /// Distance from the shaft to the middle of the count that is `counts` ahead, limited to `most`.
+    pub(crate) fn distance(
+        &self,
+        counts: i64,
+        most: i64,
+        at: Instant,
+        turn: i64,
+        feedback: &Feedback,
+    ) -> I40F24 {
+        I40F24::from_num(counts.min(most).max(-most)) + MIDDLE - self.count_fraction_at(at, turn, feedback)
     }
 
-    /// The shaft stands, whatever its edges told.
-    pub(crate) fn stands(&mut self) {
+    /// Sets the speed to 0, whatever the last edges were.
+    pub(crate) fn set_standstill(&mut self) {
         (self.last, self.measured) = (None, None);
     }
 
@@ -127,17 +137,17 @@ impl Edges {
         self.last.map(|last| last.at)
     }
 
-    /// Returns whether no edge has come for so long that the shaft stands.
+    /// Returns whether the time since the last edge is so long that the shaft counts as standing.
     pub(crate) fn is_silent(&self, at: Instant) -> bool {
         self.last().is_none_or(|last| at.since(last) >= STILL_AFTER)
     }
 
-    /// Counts that the shaft has made since the last edge, signed; 0 if nobody reports it.
+    /// Counts that the shaft has made since the last edge, signed; 0 without a report of the shaft.
     fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, turn, feedback))
     }
 
-    /// Counts that the shaft has made from an angle in 2⁻³² turns, signed; 0 if nobody reports it.
+    /// Counts that the shaft has made from an angle in 2⁻³² turns, signed; 0 without a report of the shaft.
     pub(crate) fn counts_from(&self, from: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         const MOST: i64 = 1 << 36;
         let turned = feedback.angle(at).map_or(0, |to| to.wrapping_sub(from).clamp(-MOST, MOST));
@@ -151,7 +161,7 @@ impl Edges {
         let Some(rpm) = feedback.rpm(at) else {
             return I40F24::from_num(self.rpm(at, turn)).clamp(-MOST, MOST);
         };
-        if self.since_edge(at, turn, feedback).abs() > MISSED {
+        if self.since_edge(at, turn, feedback).abs() > MAX_MISSED {
             return I40F24::ZERO;
         }
         scaled(rpm, self.per_turn(turn), turn).clamp(-MOST, MOST)

@@ -1,10 +1,9 @@
 //! Feedback of a motor to the control loop of its drive.
 //!
-//! A real drive estimates what happens between two edges of its sensors. Here the motor is simulated by the same
-//! process, which knows: so the motor reports its [`Parameters`] and its [`Rotation`], and nothing is estimated. Where
-//! the shaft is and how fast it turns still is for the sensors to say ([`Edges`](super::Edges)): the loop controls what
-//! they read. A sensor that nobody reports a shaft for, because its pins are driven from outside, tells the speed by
-//! its edges alone.
+//! A real drive estimates the state of the motor between two edges of its sensors. Here the motor is simulated in the
+//! same process, so it reports its [`Parameters`] and its [`Rotation`], and nothing is estimated. Position and speed
+//! are still read from the sensors ([`Edges`](super::Edges)): the loop controls their readings. A sensor without a
+//! report of the shaft, because its pins are driven from outside, gives the speed by its edges alone.
 
 use fixed::types::I40F24;
 
@@ -23,7 +22,7 @@ const MOST_TORQUE: i64 = 4;
 
 /// A motor in the units of a control loop: torques and currents are the speeds in rpm that they cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Known {
+pub(crate) struct ControlModel {
     /// Speed at the whole supply without any torque.
     full: I40F24,
     /// Duty of a rpm.
@@ -42,7 +41,7 @@ pub(crate) struct Known {
     pub(crate) load: I40F24,
 }
 
-impl Known {
+impl ControlModel {
     pub(crate) fn of(parameters: &Parameters) -> Self {
         let motor = super::Constants::of(parameters);
         let full = I40F24::from_num(parameters.full_rpm());
@@ -67,7 +66,7 @@ impl Known {
     }
 
     /// The speed that a current costs in the winding, at most twice that of the whole supply.
-    pub(crate) fn lost(&self, ma: i64) -> I40F24 {
+    pub(crate) fn speed_drop(&self, ma: i64) -> I40F24 {
         let most = 2 * self.stall_ma;
         self.full * ratio(ma.min(most).max(-most), self.stall_ma)
     }
@@ -88,8 +87,8 @@ impl Known {
 
     /// By how much a limit of the current, and so much of the supply as a duty, can slow down in a [`TICK`] a shaft
     /// that turns that way, with what load and friction do, in rpm.
-    pub(crate) fn brakes(&self, limit_ma: u32, most_duty: i32, way: i64) -> I40F24 {
-        let current = self.lost(limit_ma.into()).min(self.rpm(most_duty));
+    pub(crate) fn max_deceleration(&self, limit_ma: u32, most_duty: i32, way: i64) -> I40F24 {
+        let current = self.speed_drop(limit_ma.into()).min(self.rpm(most_duty));
         (current + self.torque(way) * way) * self.gain
     }
 
@@ -105,7 +104,7 @@ impl Known {
     }
 
     /// The duty that brings a shaft from one speed to another in a [`TICK`], far beyond the supply at most.
-    pub(crate) fn push(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
+    pub(crate) fn duty_to_reach(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
         let way = if rpm == 0 { wanted.signum() } else { rpm.signum() };
         let step = (wanted - rpm).saturating_mul(self.inverse);
         self.duty(rpm.saturating_add(step).saturating_add(self.torque(way.to_num::<i64>())))
@@ -122,7 +121,7 @@ pub(crate) fn ratio(one: i64, other: i64) -> I40F24 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Feedback {
     /// The motor, or the one that the drive expects.
-    pub(crate) motor: Known,
+    pub(crate) motor: ControlModel,
     /// The last report of its shaft.
     rotation: Option<(Instant, Rotation)>,
     /// The current that it draws, in mA, signed as the duty.
@@ -132,7 +131,7 @@ pub(crate) struct Feedback {
 impl Feedback {
     /// No reports yet; the motor is as the drive expects it.
     pub(crate) fn new(expected: &Parameters) -> Self {
-        Self { motor: Known::of(expected), rotation: None, ma: 0 }
+        Self { motor: ControlModel::of(expected), rotation: None, ma: 0 }
     }
 
     /// The motor reports how it turns from `at` on.
@@ -170,7 +169,7 @@ impl Feedback {
             return 0;
         }
         let rpm = self.rpm(at).filter(|_| self.is_limited(limit_ma));
-        let left = rpm.map(|rpm| self.motor.duty(rpm + self.motor.lost(self.ma.into())).to_num());
+        let left = rpm.map(|rpm| self.motor.duty(rpm + self.motor.speed_drop(self.ma.into())).to_num());
         left.map_or(duty, |left: i32| left.clamp(-FULL_DUTY, FULL_DUTY))
     }
 }

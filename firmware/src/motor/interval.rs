@@ -26,19 +26,22 @@ impl MotionInterval {
     /// here exceeds 63 bits.
     pub(super) const LONGEST: Duration = Duration::from_ticks(1 << 16);
     /// The greatest acceleration.
-    pub(super) const STEEPEST: i64 = 1 << 36;
+    pub(super) const MAX_ACCELERATION: i64 = 1 << 36;
 
     /// Standing.
-    pub(super) fn rest(since: Instant, angle: i64) -> Self {
+    pub(super) fn at_rest(since: Instant, angle: i64) -> Self {
         Self { since, angle, speed: 0, acceleration: 0, length: Duration::FOREVER }
     }
 
-    /// The stretch that begins here with that acceleration and lasts `length`, or until it stands or is as fast as
-    /// possible.
+    /// The interval that begins here with that acceleration and lasts `length`, or until standstill or the greatest
+    /// speed.
     pub(super) fn with(self, acceleration: i64, length: Duration) -> Self {
         let fastest = MOST * acceleration.signum();
-        let acceleration =
-            if self.speed == fastest { 0 } else { acceleration.clamp(-Self::STEEPEST, Self::STEEPEST) };
+        let acceleration = if self.speed == fastest {
+            0
+        } else {
+            acceleration.clamp(-Self::MAX_ACCELERATION, Self::MAX_ACCELERATION)
+        };
         let lasting = Self { acceleration, ..self };
         let changes = match acceleration {
             0 => Duration::FOREVER,
@@ -58,8 +61,8 @@ impl MotionInterval {
         ((speed - self.speed).unsigned_abs() << 8).div_ceil(self.acceleration.unsigned_abs().max(1))
     }
 
-    /// Time at which it stands if its acceleration lasts, also after its end; never if it does not slow down.
-    pub(super) fn stands(&self) -> Instant {
+    /// Time of standstill if the acceleration lasts, also after the end; never if it does not slow down.
+    pub(super) fn stop_time(&self) -> Instant {
         if self.slows() { self.since + Duration::from_ticks(self.ticks_to(0)) } else { Instant::NEVER }
     }
 
@@ -71,7 +74,7 @@ impl MotionInterval {
         self.since + self.length
     }
 
-    /// State at `at`, not before it began nor after its end; from there on it stands, or goes on [`with`](Self::with)
+    /// State at `at`, which is within the interval; from there on it is at rest, or continues [`with`](Self::with)
     /// another acceleration.
     pub(super) fn at(&self, at: Instant) -> Self {
         let Rotation { angle, speed, .. } = self.rotation().after(at.since(self.since).min(self.length));
@@ -88,8 +91,8 @@ impl MotionInterval {
         self.at(self.end()).speed
     }
 
-    /// State at `at`, however late, if its acceleration lasts: until it stands, or is as fast as possible.
-    pub(super) fn lasting_to(&self, at: Instant) -> Self {
+    /// State at `at`, however late, if the acceleration lasts until standstill or the greatest speed.
+    pub(super) fn extrapolated_to(&self, at: Instant) -> Self {
         let last = if self.slows() { 0 } else { MOST * self.acceleration.signum() };
         let passed = at.since(self.since).ticks();
         let changing = if self.acceleration == 0 { passed } else { passed.min(self.ticks_to(last)) };
@@ -106,12 +109,12 @@ impl MotionInterval {
     }
 
     /// Motion to compute with.
-    pub(super) fn pace(&self) -> Kinematics {
+    pub(super) fn kinematics(&self) -> Kinematics {
         Kinematics {
             since: self.since,
             angle: self.angle,
-            h: self.speed << 8,
-            a: self.acceleration,
+            half_speed: self.speed << 8,
+            half_acceleration: self.acceleration,
             turn: 1 << 65,
         }
     }

@@ -9,8 +9,8 @@
 //! inductance, iron, cogging, the supply's own resistance, warmth of the winding.
 //!
 //! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns a tick, an acceleration in
-//! 2⁻⁶⁴ turns a tick². A motor lives in stretches of constant acceleration (`stretch`); inside one every
-//! edge of its sensors is found where it is. How the acceleration of a stretch follows from what turns the
+//! 2⁻⁶⁴ turns a tick². A motor lives in intervals of constant acceleration (`interval`); inside one every
+//! edge of its sensors is found where it is. How the acceleration of a interval follows from what turns the
 //! motor is in `constants`.
 
 mod constants;
@@ -28,7 +28,7 @@ mod tests;
 use self::constants::{Constants, Terminals};
 pub use self::drive_with_motor::{DriveWithMotor, MotorDrive};
 pub(crate) use self::edges::{Edges, SETTLE, scaled};
-pub(crate) use self::feedback::{FULL_DUTY, Feedback, Known, NEAR, TICK, ratio};
+pub(crate) use self::feedback::{ControlModel, FULL_DUTY, Feedback, NEAR, TICK, ratio};
 use self::interval::MotionInterval;
 pub use self::rotation::Rotation;
 pub use self::rotor::{Kinematics, Rotor};
@@ -166,8 +166,7 @@ static MOTOR: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// A brush motor, or a brushless one. Its terminals are told by [`Input::CurrentLimit`] and [`Input::Duty`], whatever the
-/// axis.
+/// A brush motor, or a brushless one. Its inputs are [`Input::CurrentLimit`] and [`Input::Duty`], whatever the axis.
 #[derive(Clone, Debug)]
 pub struct Motor {
     parameters: Parameters,
@@ -176,13 +175,13 @@ pub struct Motor {
     limit_ma: u32,
     /// In 1/65536 of the supply.
     duty: i32,
-    held: bool,
-    stretch: MotionInterval,
+    blocked: bool,
+    interval: MotionInterval,
     halls: SensorTrack,
     encoder: SensorTrack,
     /// The next edge of a sensor.
     edge: Instant,
-    /// Time of that edge, or of the end of the stretch.
+    /// Time of that edge, or of the end of the interval.
     due: Instant,
     ma: i32,
     /// The last report of its shaft, and its instant.
@@ -190,7 +189,7 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// A motor that stands, with open terminals, in the middle between two edges of its Hall sensors.
+    /// A motor at standstill, with open terminals, in the middle between two edges of its Hall sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
         let halls = SensorTrack::halls(&parameters);
@@ -201,8 +200,8 @@ impl Motor {
             constants: Constants::of(&parameters),
             limit_ma: 0,
             duty: 0,
-            held: false,
-            stretch: MotionInterval::rest(Instant::ZERO, angle),
+            blocked: false,
+            interval: MotionInterval::at_rest(Instant::ZERO, angle),
             halls,
             encoder,
             edge: Instant::NEVER,
@@ -221,56 +220,56 @@ impl Motor {
     /// Rotation of its shaft at `at`, not after its next deadline.
     #[must_use]
     pub fn rotation_at(&self, at: Instant) -> Rotation {
-        self.stretch.at(at).rotation()
+        self.interval.at(at).rotation()
     }
 
     /// Changes the parameters, at the same count of its Hall sensors and as fast in turns.
-    pub fn become_another(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
+    pub fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
         if parameters == self.parameters {
             return;
         }
-        let mut now = self.stretch.at(at);
+        let mut now = self.interval.at(at);
         let (halls, before) = (|of: &Parameters| (of.hall_pulses, of.hall_sensors), &self.parameters);
         if halls(&parameters) != halls(before) {
             self.halls = SensorTrack::halls(&parameters).at_count_of(self.halls);
             now.angle = self.halls.middle();
         }
         if parameters.hall_sensors != before.hall_sensors {
-            self.halls.show(at, None, parameters.hall_pins(), out);
+            self.halls.put_levels(at, None, parameters.hall_pins(), out);
         }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {
             self.encoder = SensorTrack::encoder(parameters.encoder_cycles).moved_to(now.angle);
         }
         (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
-        self.stretch = now;
+        self.interval = now;
         out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
-        self.go_on(at, out);
+        self.update(at, out);
     }
 
-    /// Begins the next stretch, where the present one is at `at`.
-    fn go_on(&mut self, at: Instant, out: &mut dyn Context) {
-        let ma = self.begin(at, self.terminals());
+    /// Begins the next interval, where the present one is at `at`.
+    fn update(&mut self, at: Instant, out: &mut dyn Context) {
+        let ma = self.next_interval(at, self.terminals());
         if ma != self.ma {
             self.ma = ma;
             out.put(at, Output::MotorCurrent { axis: AXIS, ma });
         }
-        let rotation = self.stretch.rotation();
+        let rotation = self.interval.rotation();
         if !self.is_reported(at, rotation) {
             self.reported = Some((at, rotation));
             out.put(at, Output::Rotation { axis: AXIS, rotation });
         }
     }
 
-    /// Returns whether the last report says so already, up to the end of the present stretch.
+    /// Returns whether the last report is still right, up to the end of the present interval.
     fn is_reported(&self, at: Instant, rotation: Rotation) -> bool {
         let Some((since, reported)) = self.reported else { return false };
-        let end = self.stretch.end();
+        let end = self.interval.end();
         if rotation.speed == 0 && rotation.acceleration == 0 {
             return reported.speed == 0 && reported.acceleration == 0 && reported.angle == rotation.angle;
         }
         end.since(since) <= MotionInterval::LONGEST
             && reported.after(at.since(since)).is_like(rotation)
-            && reported.after(end.since(since)).is_like(self.stretch.at(end).rotation())
+            && reported.after(end.since(since)).is_like(self.interval.at(end).rotation())
     }
 
     fn terminals(&self) -> Terminals {
@@ -280,35 +279,35 @@ impl Motor {
         }
     }
 
-    /// As [`Self::go_on`] with that at its terminals, and returns what the motor draws.
-    fn begin(&mut self, at: Instant, terminals: Terminals) -> i32 {
-        let now = self.stretch.at(at);
-        let now = if self.held { MotionInterval::rest(at, now.angle) } else { now };
-        let (stretch, ma) = self.constants.next(now, terminals, self.held);
-        self.stretch = stretch;
+    /// As [`Self::update`] with that at its terminals, and returns what the motor draws.
+    fn next_interval(&mut self, at: Instant, terminals: Terminals) -> i32 {
+        let now = self.interval.at(at);
+        let now = if self.blocked { MotionInterval::at_rest(at, now.angle) } else { now };
+        let (interval, ma) = self.constants.next(now, terminals, self.blocked);
+        self.interval = interval;
         self.find_edge(at);
         ma
     }
 
-    /// Looks for the next edge of the present stretch.
+    /// Looks for the next edge of the present interval.
     fn find_edge(&mut self, at: Instant) {
-        self.edge = self.halls.next_edge(&self.stretch, at).min(self.encoder.next_edge(&self.stretch, at));
-        self.due = self.edge.min(self.stretch.end());
+        self.edge = self.halls.next_edge(&self.interval, at).min(self.encoder.next_edge(&self.interval, at));
+        self.due = self.edge.min(self.interval.end());
     }
 
-    /// Without power, from wherever it was last looked at: nobody sees its sensors.
+    /// Advances a motor without power from its last state to `at`: its sensors are off, so no edge is reported.
     fn coast(&mut self, at: Instant) {
         (self.limit_ma, self.duty, self.ma) = (0, 0, 0);
-        self.begin(self.stretch.since(), Terminals::Dead);
-        let stands = self.stretch.stands();
+        self.next_interval(self.interval.since(), Terminals::Dead);
+        let stands = self.interval.stop_time();
         if stands < at {
-            self.stretch = self.stretch.lasting_to(stands);
-            self.begin(stands, Terminals::Dead);
+            self.interval = self.interval.extrapolated_to(stands);
+            self.next_interval(stands, Terminals::Dead);
         }
         // From there on friction holds it or the load turns it, and neither changes any more.
-        self.stretch = self.stretch.lasting_to(at);
-        self.begin(at, Terminals::Dead);
-        let angle = self.stretch.angle;
+        self.interval = self.interval.extrapolated_to(at);
+        self.next_interval(at, Terminals::Dead);
+        let angle = self.interval.angle;
         self.halls = self.halls.moved_to(angle);
         self.encoder = self.encoder.moved_to(angle);
     }
@@ -316,19 +315,19 @@ impl Motor {
 
 impl Rotor for Motor {
     fn until(&self) -> Instant {
-        self.stretch.end()
+        self.interval.end()
     }
 
     fn angle_at(&self, at: Instant) -> i64 {
-        self.stretch.angle_at(at)
+        self.interval.angle_at(at)
     }
 
-    fn pace(&self) -> Kinematics {
-        self.stretch.pace()
+    fn kinematics(&self) -> Kinematics {
+        self.interval.kinematics()
     }
 
     fn stalled(&self) -> bool {
-        self.held
+        self.blocked
     }
 
     fn draws_ma(&self) -> i32 {
@@ -344,25 +343,25 @@ impl Device for Motor {
     /// Powers the sensors; the shaft stays as it is.
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
         self.coast(at);
-        self.held = false;
-        self.halls.show(at, None, self.parameters.hall_pins(), out);
-        self.encoder.show(at, None, ENCODER_PINS, out);
+        self.blocked = false;
+        self.halls.put_levels(at, None, self.parameters.hall_pins(), out);
+        self.encoder.put_levels(at, None, ENCODER_PINS, out);
         self.reported = None;
         out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
         out.put(at, Output::MotorCurrent { axis: AXIS, ma: self.ma });
-        self.go_on(at, out);
+        self.update(at, out);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        let told = match input {
-            Input::CurrentLimit { ma, .. } => (ma, self.duty, self.held),
-            Input::Duty { duty, .. } => (self.limit_ma, duty, self.held),
+        let setting = match input {
+            Input::CurrentLimit { ma, .. } => (ma, self.duty, self.blocked),
+            Input::Duty { duty, .. } => (self.limit_ma, duty, self.blocked),
             Input::Fault { fault: STALL, on } => (self.limit_ma, self.duty, on),
             _ => return,
         };
-        if told != (self.limit_ma, self.duty, self.held) {
-            (self.limit_ma, self.duty, self.held) = told;
-            self.go_on(at, out);
+        if setting != (self.limit_ma, self.duty, self.blocked) {
+            (self.limit_ma, self.duty, self.blocked) = setting;
+            self.update(at, out);
         }
     }
 
@@ -372,17 +371,17 @@ impl Device for Motor {
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if at >= self.edge {
-            let angle = self.stretch.at(at).angle;
+            let angle = self.interval.at(at).angle;
             let hall_pins = self.parameters.hall_pins();
-            for (wheel, pins) in [(&mut self.halls, hall_pins), (&mut self.encoder, ENCODER_PINS)] {
-                let before = *wheel;
-                wheel.follow(angle);
-                wheel.show(at, Some(before), pins, out);
+            for (track, pins) in [(&mut self.halls, hall_pins), (&mut self.encoder, ENCODER_PINS)] {
+                let before = *track;
+                track.step_towards(angle);
+                track.put_levels(at, Some(before), pins, out);
             }
             self.find_edge(at);
         }
-        if at >= self.stretch.end() {
-            self.go_on(at, out);
+        if at >= self.interval.end() {
+            self.update(at, out);
         }
     }
 
@@ -401,12 +400,12 @@ impl Device for Motor {
     }
 
     fn shaft(&self, at: Instant, _axis: Axis) -> Option<Shaft> {
-        if at > self.stretch.end() {
+        if at > self.interval.end() {
             let mut later = self.clone();
             later.coast(at);
             return later.shaft(at, AXIS);
         }
-        let now = self.stretch.at(at);
+        let now = self.interval.at(at);
         Some(Shaft {
             position: self.halls.count(now.angle) as i32,
             speed: self.halls.counts_per_second(now.speed),

@@ -33,8 +33,8 @@ impl Rotation {
         }
     }
 
-    /// Returns whether nobody would tell it from another one: the angle is the same to 2⁻²⁴ turns, the speed to 0.001
-    /// rpm.
+    /// Returns whether the difference to another rotation does not matter: the angle is the same to 2⁻²⁴ turns, the
+    /// speed to 0.001 rpm.
     pub(super) fn is_like(self, other: Self) -> bool {
         const ANGLE: u64 = 1 << 8;
         const SPEED: u64 = 1 << 16;
@@ -54,7 +54,9 @@ impl Rotation {
     pub fn limited(self) -> Self {
         Self {
             speed: self.speed.clamp(-MOST, MOST),
-            acceleration: self.acceleration.clamp(-MotionInterval::STEEPEST, MotionInterval::STEEPEST),
+            acceleration: self
+                .acceleration
+                .clamp(-MotionInterval::MAX_ACCELERATION, MotionInterval::MAX_ACCELERATION),
             ..self
         }
     }

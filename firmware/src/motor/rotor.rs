@@ -2,10 +2,10 @@
 
 use crate::device::{Device, Instant};
 
-/// A motor as those see it who look at its shaft: encoders, switches, people.
+/// A motor as seen from its shaft: for encoders, switches and displays.
 ///
-/// Angles are in 2⁻³² turns and wrap. What is asked about an instant holds from the last call of the device on and
-/// before [`until`](Self::until); in that time the shaft does not turn round.
+/// Angles are in 2⁻³² turns and wrap. Instants are from the last call of the device on and before
+/// [`until`](Self::until); in that time the shaft does not change its direction.
 pub trait Rotor: Device {
     /// Time until which it turns as at present if nothing happens to it: one of its deadlines.
     fn until(&self) -> Instant;
@@ -19,7 +19,7 @@ pub trait Rotor: Device {
     }
 
     /// Present motion.
-    fn pace(&self) -> Kinematics;
+    fn kinematics(&self) -> Kinematics;
 
     /// Returns whether it cannot follow its drive.
     fn stalled(&self) -> bool;
@@ -30,7 +30,7 @@ pub trait Rotor: Device {
 
 /// Motion of a shaft from an instant on, to compute with where a tick more or less does not matter.
 ///
-/// *d* ticks later it has made `d·(2h + a·d)` of the `turn` parts of a turn.
+/// *d* ticks later it has made `d·(2h + half_acceleration·d)` of the `turn` parts of a turn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Kinematics {
     /// From when on.
@@ -38,9 +38,9 @@ pub struct Kinematics {
     /// Angle then, in 2⁻³² turns.
     pub angle: i64,
     /// Half of its speed, in parts of a turn a tick, signed.
-    pub h: i64,
+    pub half_speed: i64,
     /// Half of its acceleration, in parts of a turn a tick².
-    pub a: i64,
+    pub half_acceleration: i64,
     /// The parts of a turn.
     pub turn: i128,
 }

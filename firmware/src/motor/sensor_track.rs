@@ -41,7 +41,7 @@ impl SensorTrack {
         Self { at: other.at, ..self }
     }
 
-    /// These, showing what is at `angle`.
+    /// The sensors at the count of `angle`.
     pub(super) fn moved_to(self, angle: i64) -> Self {
         Self { at: self.count(angle), ..self }
     }
@@ -69,12 +69,12 @@ impl SensorTrack {
     }
 
     /// The first tick from `from` on at which the shaft is at another count than they show.
-    pub(super) fn next_edge(self, stretch: &MotionInterval, from: Instant) -> Instant {
-        let is_here = |at: Instant| self.count(stretch.angle_at(at)) == self.at;
-        if self.counts == 0 || is_here(stretch.end()) {
+    pub(super) fn next_edge(self, interval: &MotionInterval, from: Instant) -> Instant {
+        let is_here = |at: Instant| self.count(interval.angle_at(at)) == self.at;
+        if self.counts == 0 || is_here(interval.end()) {
             return Instant::NEVER;
         }
-        let (mut first, mut last) = (0, stretch.end().since(from).ticks());
+        let (mut first, mut last) = (0, interval.end().since(from).ticks());
         while first < last {
             let middle = first + (last - first) / 2;
             if is_here(from + Duration::from_ticks(middle)) { first = middle + 1 } else { last = middle }
@@ -83,23 +83,23 @@ impl SensorTrack {
     }
 
     /// Goes on to the next count towards `angle`, if it is not there.
-    pub(super) fn follow(&mut self, angle: i64) {
+    pub(super) fn step_towards(&mut self, angle: i64) {
         self.at = self.at.wrapping_add(self.count(angle).wrapping_sub(self.at).signum());
     }
 
     /// Puts what sensor A, sensor B and sensor C or an index show, where there are pins for them and it is not what
     /// they showed `before`. The index is high in the third count of every turn, where A and B are low.
-    pub(super) fn show(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
-        let before = before.map(Self::shown);
-        let shown = self.shown().into_iter().enumerate();
-        for ((place, high), &pin) in shown.zip(pins).filter(|_| self.counts > 0) {
+    pub(super) fn put_levels(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
+        let before = before.map(Self::levels);
+        let levels = self.levels().into_iter().enumerate();
+        for ((place, high), &pin) in levels.zip(pins).filter(|_| self.counts > 0) {
             if before.and_then(|before| before.get(place).copied()) != Some(high) {
                 out.put(at, Output::Level { pin, level: if high { Level::High } else { Level::Low } });
             }
         }
     }
 
-    fn shown(self) -> [bool; 3] {
+    fn levels(self) -> [bool; 3] {
         if self.three {
             let count = self.at.rem_euclid(6);
             return [matches!(count, 0..=2), matches!(count, 2..=4), matches!(count, 0 | 4 | 5)];

@@ -22,8 +22,8 @@
 //! Not modelled: resonance, damping, the angle by which a load turns a shaft that is in step, the momentum of one that
 //! falls out of step, detent torque other than as friction.
 //!
-//! Everything is reckoned in the phase of a plan, a step of the drive being `STEP` units; so nothing is rounded but
-//! the angle that is shown, and the origin when the size of a step changes.
+//! All positions are phases of a plan, where a step of the drive has `STEP` units. So only the angle that is shown is
+//! rounded, and the origin when the size of a step changes.
 
 use super::{Kinematics, Rotor, STALL};
 use crate::device::{AxisSpec, Boot, Context, Device, Duration, Input, Instant, Plan, PresetError, Spec};
@@ -32,15 +32,15 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// The longest time in which the shaft catches up with a field that has jumped.
 const CATCH_UP: Duration = Duration::millis(1);
-/// The longest stretch, so that nothing here exceeds 127 bits, and no position wraps unseen.
+/// The longest interval, so that nothing here exceeds 127 bits, and no position wraps unseen.
 const LONGEST: Duration = Duration::from_ticks(1 << 31);
 /// Smallest jump, in units of phase: the even way of catching up is a whole number of units a tick.
 const NOTHING: i128 = 1 << 16;
 /// The field's torque repeats after so many full steps.
 const PERIOD: i64 = 4;
-/// The fastest shaft, as [`MotionInterval::h`], so that nothing here exceeds 127 bits.
+/// The fastest shaft, as [`MotionInterval::half_speed`], so that nothing here exceeds 127 bits.
 const FASTEST: i128 = 1 << 56;
-/// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques are reckoned in 1/256 µN·m.
+/// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques are in 1/256 µN·m.
 const TORQUE: i128 = 10_541_437;
 /// More than any drive gives, in mA.
 const MOST_MA: u32 = 1_000_000;
@@ -99,7 +99,7 @@ impl StepperParameters {
         load_unm: 100_000_000,
     };
 
-    fn limited(self) -> Self {
+    fn bounded(self) -> Self {
         let (least, most) = (Self::LEAST, Self::MOST);
         Self {
             steps_per_rev: self.steps_per_rev.clamp(least.steps_per_rev, most.steps_per_rev),
@@ -129,49 +129,48 @@ struct MotionInterval {
     /// Phase at the beginning.
     from: i128,
     /// Speed and acceleration as those of a [`Segment`](crate::motion::Segment), but signed.
-    h: i64,
-    a: i64,
-    /// Part of `h` that catches up with the field.
-    catches_up: i64,
+    half_speed: i64,
+    half_acceleration: i64,
+    /// Part of `half_speed` that catches up with the field.
+    catch_up_until: i64,
 }
 
 impl MotionInterval {
-    fn rest(since: Instant, end: Instant, phase: i128) -> Self {
-        Self { since, end, from: phase, h: 0, a: 0, catches_up: 0 }
+    fn at_rest(since: Instant, end: Instant, phase: i128) -> Self {
+        Self { since, end, from: phase, half_speed: 0, half_acceleration: 0, catch_up_until: 0 }
     }
 
     fn phase_at(&self, at: Instant) -> i128 {
         let d = i128::from(at.min(self.end).since(self.since).ticks());
-        if self.h == 0 && self.a == 0 {
+        if self.half_speed == 0 && self.half_acceleration == 0 {
             return self.from;
         }
-        self.from + d * (2 * i128::from(self.h) + i128::from(self.a) * d)
+        self.from + d * (2 * i128::from(self.half_speed) + i128::from(self.half_acceleration) * d)
     }
 
-    /// Half of its speed, as [`Self::h`].
+    /// Half of its speed, as [`Self::half_speed`].
     fn speed_at(&self, at: Instant) -> i64 {
         let d = i128::from(at.min(self.end).since(self.since).ticks());
-        (i128::from(self.h) + i128::from(self.a) * d).clamp(-FASTEST, FASTEST) as i64
+        (i128::from(self.half_speed) + i128::from(self.half_acceleration) * d).clamp(-FASTEST, FASTEST) as i64
     }
 
     /// After how many ticks it would turn round, at the latest.
     fn turns_round(&self) -> u64 {
-        let against = self.h.signum() * self.a.signum() < 0;
-        let ticks = self.h.unsigned_abs().checked_div(self.a.unsigned_abs());
+        let against = self.half_speed.signum() * self.half_acceleration.signum() < 0;
+        let ticks = self.half_speed.unsigned_abs().checked_div(self.half_acceleration.unsigned_abs());
         ticks.filter(|_| against).map_or(u64::MAX, |ticks| ticks + 1)
     }
 }
 
-/// A stepper motor. What its drive does is told by [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`], whatever
-/// the axis.
+/// A stepper motor. Its inputs are [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`], whatever the axis.
 #[derive(Clone, Debug)]
 pub struct StepperMotor {
     parameters: StepperParameters,
     /// Steps of the drive in a full step.
     microsteps: u16,
-    /// `None` from a drive that does not say it; then it is the rated one.
+    /// `None` from a drive that does not report it; then it is the rated one.
     current_ma: Option<u32>,
-    held: bool,
+    blocked: bool,
     plan: Plan,
     /// Angle of phase 0, in 2⁻³² turns.
     origin: i64,
@@ -180,7 +179,7 @@ pub struct StepperMotor {
     /// Position of the plan there.
     planned: i32,
     /// Offset of the shaft from the field, in steps of the drive: some periods of its torque.
-    lost: i64,
+    field_offset: i64,
     /// Not following the field: held, turned by its load, or at rest.
     is_loose: bool,
     /// The drive keeps its field beside a shaft that does not follow, and so its whole torque.
@@ -188,29 +187,29 @@ pub struct StepperMotor {
     /// Time of the last step without a plan.
     stepped: Instant,
     /// Until when it catches up with the field.
-    catches_up: Instant,
-    stretch: MotionInterval,
+    catch_up_until: Instant,
+    interval: MotionInterval,
 }
 
 impl StepperMotor {
-    /// A motor that stands at angle 0, at a drive of full steps.
+    /// A motor at standstill at angle 0, at a drive of full steps.
     #[must_use]
     pub fn new(parameters: StepperParameters) -> Self {
         Self {
-            parameters: parameters.limited(),
+            parameters: parameters.bounded(),
             microsteps: 1,
             current_ma: None,
-            held: false,
-            plan: Plan::rest(Instant::ZERO, 0),
+            blocked: false,
+            plan: Plan::at_rest(Instant::ZERO, 0),
             origin: 0,
             field: 0,
             planned: 0,
-            lost: 0,
+            field_offset: 0,
             is_loose: false,
             keeps_field: false,
             stepped: Instant::ZERO,
-            catches_up: Instant::ZERO,
-            stretch: MotionInterval::rest(Instant::ZERO, Instant::NEVER, 0),
+            catch_up_until: Instant::ZERO,
+            interval: MotionInterval::at_rest(Instant::ZERO, Instant::NEVER, 0),
         }
     }
 
@@ -221,50 +220,51 @@ impl StepperMotor {
             return;
         }
         self.move_field(at);
-        let (shaft, speed) = (self.stretch.phase_at(at), self.stretch.speed_at(at));
+        let (shaft, speed) = (self.interval.phase_at(at), self.interval.speed_at(at));
         let field = i128::from(self.field) * i128::from(STEP);
         let (to, from) = (i128::from(new), i128::from(old));
         let resized = |size: i128| (size * to).checked_div(from).unwrap_or(0);
         self.origin = self.angle_of(field);
-        self.lost = resized(self.lost.into()) as i64;
-        self.stretch = MotionInterval::rest(at, at, resized(shaft - field));
-        self.stretch.h = resized(speed.into()).clamp(-FASTEST, FASTEST) as i64;
+        self.field_offset = resized(self.field_offset.into()) as i64;
+        self.interval = MotionInterval::at_rest(at, at, resized(shaft - field));
+        self.interval.half_speed = resized(speed.into()).clamp(-FASTEST, FASTEST) as i64;
         (self.field, self.microsteps) = (0, new);
-        self.begin(at, CATCH_UP);
+        self.next_interval(at, CATCH_UP);
     }
 
-    /// From `at` on it has another load, or is another motor: one of other full steps stands in step where this one is.
+    /// From `at` on it has another load, or is another motor. A motor with another number of full steps is in step
+    /// where this one is.
     pub fn load(&mut self, at: Instant, parameters: StepperParameters) {
-        let parameters = parameters.limited();
+        let parameters = parameters.bounded();
         if parameters == self.parameters {
             return;
         }
         if parameters.steps_per_rev != self.parameters.steps_per_rev {
             self.move_field(at);
-            self.origin = self.angle_of(self.stretch.phase_at(at));
-            (self.field, self.lost, self.is_loose) = (0, 0, false);
-            self.stretch = MotionInterval::rest(at, at, 0);
+            self.origin = self.angle_of(self.interval.phase_at(at));
+            (self.field, self.field_offset, self.is_loose) = (0, 0, false);
+            self.interval = MotionInterval::at_rest(at, at, 0);
         }
         self.parameters = parameters;
-        self.begin(at, CATCH_UP);
+        self.next_interval(at, CATCH_UP);
     }
 
     /// From `at` on its drive keeps the field beside a shaft that does not follow, or no longer.
     pub fn keep_field(&mut self, at: Instant, keeps: bool) {
         if self.keeps_field != keeps {
             self.keeps_field = keeps;
-            self.begin(at, CATCH_UP);
+            self.next_interval(at, CATCH_UP);
         }
     }
 
     /// Moves the field to the shaft, as a drive does that knows where it is: a shaft that rests though nothing holds it
     /// follows from there on, at the nearest place of the field's torque.
-    pub fn catch(&mut self, at: Instant) {
-        if self.is_free() && self.stretch.speed_at(at) == 0 {
+    pub fn resynchronise(&mut self, at: Instant) {
+        if self.is_free() && self.interval.speed_at(at) == 0 {
             self.move_field(at);
             self.is_loose = false;
-            self.lost = self.nearest_period(self.stretch.phase_at(at));
-            self.begin(at, CATCH_UP);
+            self.field_offset = self.nearest_period(self.interval.phase_at(at));
+            self.next_interval(at, CATCH_UP);
         }
     }
 
@@ -274,7 +274,7 @@ impl StepperMotor {
     }
 
     fn can_follow(&self) -> bool {
-        !self.held && self.current_ma != Some(0)
+        !self.blocked && self.current_ma != Some(0)
     }
 
     /// Returns whether its torque would turn it from rest.
@@ -286,7 +286,7 @@ impl StepperMotor {
     /// Returns whether it is where the field has it, not on its way there.
     #[must_use]
     pub fn is_in_step(&self, at: Instant) -> bool {
-        !self.is_loose && self.catches_up <= at
+        !self.is_loose && self.catch_up_until <= at
     }
 
     /// Steps of the drive in a turn.
@@ -317,62 +317,65 @@ impl StepperMotor {
             self.field -= turns * self.steps_per_rev();
             self.origin = self.origin.wrapping_add(turns << 32);
             let phase = i128::from(turns) * self.turn();
-            self.stretch.from -= phase;
+            self.interval.from -= phase;
         }
     }
 
-    /// Begins the next stretch, where the present one is at `at`. With a jump of the field the shaft catches up
+    /// Begins the next interval, where the present one is at `at`. With a jump of the field the shaft catches up
     /// `within` that time.
-    fn begin(&mut self, at: Instant, within: Duration) {
+    fn next_interval(&mut self, at: Instant, within: Duration) {
         let speed = self.loose_speed(at);
         self.move_field(at);
-        let shaft = self.stretch.phase_at(at);
+        let shaft = self.interval.phase_at(at);
         let field = Field::of(&self.plan, at);
-        let falls_in = self.is_free() && speed == 0 && self.catches_up <= at && self.falls_in(shaft, &field);
-        self.is_loose = !falls_in && (self.is_loose || !self.can_follow());
+        let resynchronises =
+            self.is_free() && speed == 0 && self.catch_up_until <= at && self.resynchronises(shaft, &field);
+        self.is_loose = !resynchronises && (self.is_loose || !self.can_follow());
         if !self.is_loose {
             let next = self.following(at, within, shaft, &field);
-            let fails = if falls_in { None } else { self.fails_after(&next) };
+            let fails = if resynchronises { None } else { self.fails_after(&next) };
             if fails != Some(0) {
-                let stands = next.h == 0 && next.a == 0;
+                let stands = next.half_speed == 0 && next.half_acceleration == 0;
                 let longest = if stands { u64::MAX } else { LONGEST.ticks() };
                 let ticks = fails.unwrap_or(u64::MAX).min(next.turns_round()).min(longest);
-                self.stretch = MotionInterval { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
+                self.interval =
+                    MotionInterval { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
                 return;
             }
             // It tries once more.
-            (self.is_loose, self.catches_up) = (true, at + CATCH_UP);
+            (self.is_loose, self.catch_up_until) = (true, at + CATCH_UP);
         }
-        self.stretch = self.loose(at, shaft, speed, &field);
+        self.interval = self.loose(at, shaft, speed, &field);
         self.follow_shaft(shaft);
     }
 
-    /// Speed of a shaft that does not follow, as [`MotionInterval::h`]: one that has just begun to stands.
+    /// Speed of a shaft that does not follow, as [`MotionInterval::half_speed`]; 0 if it followed until now.
     fn loose_speed(&self, at: Instant) -> i64 {
-        let speed = self.stretch.speed_at(at);
-        let turned_round = self.stretch.h.signum() * speed.signum() < 0;
+        let speed = self.interval.speed_at(at);
+        let turned_round = self.interval.half_speed.signum() * speed.signum() < 0;
         let is_bound = self.can_follow() && self.parameters.holding_unm == 0;
-        if !self.is_loose || self.held || is_bound || turned_round { 0 } else { speed }
+        if !self.is_loose || self.blocked || is_bound || turned_round { 0 } else { speed }
     }
 
     /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's
     /// torque.
-    fn falls_in(&mut self, shaft: i128, field: &Field) -> bool {
+    fn resynchronises(&mut self, shaft: i128, field: &Field) -> bool {
         let goes_on = MotionInterval {
-            h: field.h,
-            a: field.a,
-            ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, 0)
+            half_speed: field.half_speed,
+            half_acceleration: field.half_acceleration,
+            ..MotionInterval::at_rest(Instant::ZERO, Instant::ZERO, 0)
         };
         if [self.starting(field), goes_on].iter().any(|way| self.fails_after(way) == Some(0)) {
             return false;
         }
         let nearest = self.nearest_period(shaft);
         let period = PERIOD * i64::from(self.microsteps);
-        let place = |lost: i64| i128::from(self.field + lost) * i128::from(STEP);
+        let place = |field_offset: i64| i128::from(self.field + field_offset) * i128::from(STEP);
         let beyond = if place(nearest) < shaft { nearest + period } else { nearest - period };
-        let reaches = |lost: &i64| field.h != 0 || self.overcomes(shaft, place(*lost));
+        let reaches =
+            |field_offset: &i64| field.half_speed != 0 || self.overcomes(shaft, place(*field_offset));
         match [nearest, beyond].into_iter().find(reaches) {
-            Some(lost) => self.lost = lost,
+            Some(field_offset) => self.field_offset = field_offset,
             None => return false,
         }
         true
@@ -382,18 +385,25 @@ impl StepperMotor {
     fn starting(&self, field: &Field) -> MotionInterval {
         const TICKS: i128 = TICKS_PER_SECOND.cast_signed() as i128;
         // v² = 2·a·s, for s of two full steps.
-        let square = (i128::from(field.h) * i128::from(field.h)).checked_div(TICKS * TICKS).unwrap_or(0);
-        let a = square.checked_div(4 * i128::from(self.microsteps)).unwrap_or(0);
-        let a = i64::try_from(a).unwrap_or(i64::MAX) * field.h.signum();
-        MotionInterval { h: field.h, a, ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, 0) }
+        let square = (i128::from(field.half_speed) * i128::from(field.half_speed))
+            .checked_div(TICKS * TICKS)
+            .unwrap_or(0);
+        let half_acceleration = square.checked_div(4 * i128::from(self.microsteps)).unwrap_or(0);
+        let half_acceleration =
+            i64::try_from(half_acceleration).unwrap_or(i64::MAX) * field.half_speed.signum();
+        MotionInterval {
+            half_speed: field.half_speed,
+            half_acceleration,
+            ..MotionInterval::at_rest(Instant::ZERO, Instant::ZERO, 0)
+        }
     }
 
     /// Motion of a shaft that does not follow: by its load, against what resists that.
     fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> MotionInterval {
         let mut end = field.end;
-        if self.catches_up > at {
-            end = end.min(self.catches_up);
-        } else if self.can_follow() && field.a != 0 {
+        if self.catch_up_until > at {
+            end = end.min(self.catch_up_until);
+        } else if self.can_follow() && field.half_acceleration != 0 {
             // It may become slow enough.
             end = end.min(at + CATCH_UP);
         }
@@ -402,17 +412,26 @@ impl StepperMotor {
         let speed = speed.clamp(-fastest, fastest);
         let pushes = -i128::from(load_unm) << 8;
         let way = if speed == 0 { pushes.signum() as i64 } else { speed.signum() };
-        let Some(resists) = self.resists(field).filter(|_| !self.held) else {
-            return MotionInterval::rest(at, end, shaft);
+        let Some(resists) = self.resists(field).filter(|_| !self.blocked) else {
+            return MotionInterval::at_rest(at, end, shaft);
         };
         let drives = i128::from(way) * pushes - resists;
         if speed == 0 && drives <= 0 {
-            return MotionInterval::rest(at, end, shaft);
+            return MotionInterval::at_rest(at, end, shaft);
         }
-        let a = if drives > 0 && speed.abs() == fastest { 0 } else { self.accelerated_by(drives) };
-        let next = MotionInterval { since: at, end, from: shaft, h: speed, a: way * a, catches_up: 0 };
-        let comes_to_fastest = (fastest - speed.abs()).unsigned_abs().div_ceil(a.unsigned_abs().max(1));
-        let lasts = match a.signum() {
+        let half_acceleration =
+            if drives > 0 && speed.abs() == fastest { 0 } else { self.accelerated_by(drives) };
+        let next = MotionInterval {
+            since: at,
+            end,
+            from: shaft,
+            half_speed: speed,
+            half_acceleration: way * half_acceleration,
+            catch_up_until: 0,
+        };
+        let comes_to_fastest =
+            (fastest - speed.abs()).unsigned_abs().div_ceil(half_acceleration.unsigned_abs().max(1));
+        let lasts = match half_acceleration.signum() {
             1 => comes_to_fastest.max(1),
             _ => next.turns_round(),
         };
@@ -429,7 +448,7 @@ impl StepperMotor {
             return None;
         }
         let holds = self.holds();
-        let is_slow = self.accelerates(self.starting(field).a).abs() <= holds;
+        let is_slow = self.accelerates(self.starting(field).half_acceleration).abs() <= holds;
         Some(if is_slow || self.keeps_field { friction + holds } else { friction })
     }
 
@@ -443,36 +462,36 @@ impl StepperMotor {
 
     /// Stretch of the shaft from `shaft` if it follows the field.
     fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> MotionInterval {
-        let aim = i128::from(self.field + self.lost) * i128::from(STEP) + field.fraction;
-        let gap = aim - shaft;
-        let still = i128::from(self.catches_up.since(at).ticks());
-        let expected = 2 * i128::from(self.stretch.catches_up) * still;
+        let target = i128::from(self.field + self.field_offset) * i128::from(STEP) + field.fraction;
+        let gap = target - shaft;
+        let still = i128::from(self.catch_up_until.since(at).ticks());
+        let expected = 2 * i128::from(self.interval.catch_up_until) * still;
         // A plan changes its acceleration between two ticks, and is seen at the next one.
-        let nothing = NOTHING + i128::from(self.stretch.a.unsigned_abs());
+        let nothing = NOTHING + i128::from(self.interval.half_acceleration.unsigned_abs());
         if (gap - expected).abs() > nothing {
-            self.catches_up = at + within;
+            self.catch_up_until = at + within;
         } else if gap.abs() <= nothing {
-            self.catches_up = self.catches_up.min(at);
+            self.catch_up_until = self.catch_up_until.min(at);
         }
-        let ticks = i128::from(self.catches_up.since(at).ticks());
+        let ticks = i128::from(self.catch_up_until.since(at).ticks());
         let Some(speed) = gap.checked_div(2 * ticks) else {
             return MotionInterval {
                 since: at,
                 end: field.end,
-                from: aim,
-                h: field.h,
-                a: field.a,
-                catches_up: 0,
+                from: target,
+                half_speed: field.half_speed,
+                half_acceleration: field.half_acceleration,
+                catch_up_until: 0,
             };
         };
         let speed = speed.clamp(-FASTEST, FASTEST) as i64;
         MotionInterval {
             since: at,
-            end: field.end.min(self.catches_up),
+            end: field.end.min(self.catch_up_until),
             from: shaft,
-            h: field.h + speed,
-            a: field.a,
-            catches_up: speed,
+            half_speed: field.half_speed + speed,
+            half_acceleration: field.half_acceleration,
+            catch_up_until: speed,
         }
     }
 
@@ -489,12 +508,12 @@ impl StepperMotor {
     fn overcomes(&self, from: i128, to: i128) -> bool {
         let way = (to - from).signum() as i64;
         self.fails_after(&MotionInterval {
-            h: way,
-            ..MotionInterval::rest(Instant::ZERO, Instant::ZERO, from)
+            half_speed: way,
+            ..MotionInterval::at_rest(Instant::ZERO, Instant::ZERO, from)
         }) != Some(0)
     }
 
-    /// Turns in so many seconds, as [`MotionInterval::h`].
+    /// Turns in so many seconds, as [`MotionInterval::half_speed`].
     fn in_phase(&self, turns: i128, seconds: i128) -> i128 {
         let way = turns * i128::from(self.steps_per_rev()) * i128::from(TICKS_PER_SECOND);
         way.checked_div(seconds).unwrap_or(0)
@@ -508,8 +527,8 @@ impl StepperMotor {
     }
 
     /// The torque that accelerates the inertia so.
-    fn accelerates(&self, a: i64) -> i128 {
-        let torque = i128::from(self.parameters.inertia_gcm2) * i128::from(a) * TORQUE;
+    fn accelerates(&self, half_acceleration: i64) -> i128 {
+        let torque = i128::from(self.parameters.inertia_gcm2) * i128::from(half_acceleration) * TORQUE;
         torque.checked_div(i128::from(self.steps_per_rev()) << 16).unwrap_or(0)
     }
 
@@ -521,31 +540,31 @@ impl StepperMotor {
         size.unwrap_or(0).min(FASTEST) as i64 * torque.signum() as i64
     }
 
-    /// After how many ticks of a stretch the torque does not suffice.
-    fn fails_after(&self, stretch: &MotionInterval) -> Option<u64> {
+    /// After how many ticks of a interval the torque does not suffice.
+    fn fails_after(&self, interval: &MotionInterval) -> Option<u64> {
         let StepperParameters { holding_unm, pull_out_rpm, friction_unm, load_unm, .. } = self.parameters;
-        let MotionInterval { h, a, .. } = *stretch;
+        let MotionInterval { half_speed, half_acceleration, .. } = *interval;
         if holding_unm == 0 {
             return None;
         }
-        let way = if h == 0 { a.signum() } else { h.signum() };
+        let way = if half_speed == 0 { half_acceleration.signum() } else { half_speed.signum() };
         let (holds, load, friction) =
             (self.holds(), i128::from(load_unm) << 8, i128::from(friction_unm) << 8);
         if way == 0 {
             // Friction helps to hold it.
             return (load.abs() > holds + friction).then_some(0);
         }
-        let left = holds - (self.accelerates(a) + load + i128::from(way) * friction).abs();
+        let left = holds - (self.accelerates(half_acceleration) + load + i128::from(way) * friction).abs();
         if left < 0 {
             return Some(0);
         }
         // The speed at which no more torque is left than that.
         let fastest = (self.in_phase(pull_out_rpm.into(), 60) * left).checked_div(holds).unwrap_or(0);
-        let spare = fastest - i128::from(h).abs();
-        if spare < 0 {
+        let headroom = fastest - i128::from(half_speed).abs();
+        if headroom < 0 {
             Some(0)
-        } else if a.signum() == way {
-            let ticks = spare.checked_div(i128::from(a).abs())? + 1;
+        } else if half_acceleration.signum() == way {
+            let ticks = headroom.checked_div(i128::from(half_acceleration).abs())? + 1;
             Some(u64::try_from(ticks).unwrap_or(u64::MAX))
         } else {
             None
@@ -558,8 +577,8 @@ struct Field {
     /// Phase beyond the plan's position there.
     fraction: i128,
     /// As of a [`MotionInterval`].
-    h: i64,
-    a: i64,
+    half_speed: i64,
+    half_acceleration: i64,
     /// End of this motion.
     end: Instant,
 }
@@ -567,17 +586,17 @@ struct Field {
 impl Field {
     fn of(plan: &Plan, at: Instant) -> Self {
         if at < plan.start() {
-            return Self { fraction: 0, h: 0, a: 0, end: plan.start() };
+            return Self { fraction: 0, half_speed: 0, half_acceleration: 0, end: plan.start() };
         }
         let (segment, d) = plan.segment_at(at);
-        let way = if segment.back { -1 } else { 1 };
-        let fraction = segment.phase(d) - i128::from(segment.made(d)) * i128::from(STEP);
-        // Behind its last segment a plan stands.
+        let way = if segment.reverse { -1 } else { 1 };
+        let fraction = segment.phase(d) - i128::from(segment.steps_made(d)) * i128::from(STEP);
+        // After its last segment a plan stands still.
         let ends = if segment.ticks == 0 { u64::MAX } else { segment.ticks };
         Self {
             fraction: i128::from(way) * fraction,
-            h: way * segment.speed(d),
-            a: way * i64::from(segment.a),
+            half_speed: way * segment.speed(d),
+            half_acceleration: way * i64::from(segment.acceleration),
             end: at + Duration::from_ticks(if ends == u64::MAX { ends } else { ends.saturating_sub(d) }),
         }
     }
@@ -585,26 +604,26 @@ impl Field {
 
 impl Rotor for StepperMotor {
     fn until(&self) -> Instant {
-        self.stretch.end
+        self.interval.end
     }
 
     fn angle_at(&self, at: Instant) -> i64 {
-        self.angle_of(self.stretch.phase_at(at))
+        self.angle_of(self.interval.phase_at(at))
     }
 
-    // As the angle says, without a division. What is too far to be reckoned is further than the shaft.
+    // The comparison of angles without a division. A phase too large for the product is beyond the shaft.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
         let below = i128::from(angle.wrapping_sub(self.origin)) - 1;
-        self.stretch.phase_at(at) << 32 > below.saturating_mul(self.turn())
+        self.interval.phase_at(at) << 32 > below.saturating_mul(self.turn())
     }
 
-    fn pace(&self) -> Kinematics {
-        let MotionInterval { since, h, a, .. } = self.stretch;
-        Kinematics { since, angle: self.angle_at(since), h, a, turn: self.turn() }
+    fn kinematics(&self) -> Kinematics {
+        let MotionInterval { since, half_speed, half_acceleration, .. } = self.interval;
+        Kinematics { since, angle: self.angle_at(since), half_speed, half_acceleration, turn: self.turn() }
     }
 
     fn stalled(&self) -> bool {
-        self.held || self.is_free()
+        self.blocked || self.is_free()
     }
 
     fn draws_ma(&self) -> i32 {
@@ -633,23 +652,23 @@ impl Device for StepperMotor {
                 within = within.min(at.since(self.stepped)).max(Duration::TICK);
                 self.stepped = at;
                 if self.is_loose {
-                    self.catches_up = at + within;
+                    self.catch_up_until = at + within;
                 }
             }
             Input::CurrentLimit { ma, .. } => self.current_ma = Some(ma),
-            Input::Fault { fault: STALL, on } => self.held = on,
+            Input::Fault { fault: STALL, on } => self.blocked = on,
             _ => return,
         }
-        self.begin(at, within);
+        self.next_interval(at, within);
     }
 
     fn deadline(&self) -> Instant {
-        self.stretch.end
+        self.interval.end
     }
 
     fn timeout(&mut self, at: Instant, _out: &mut dyn Context) {
-        if at >= self.stretch.end {
-            self.begin(at, CATCH_UP);
+        if at >= self.interval.end {
+            self.next_interval(at, CATCH_UP);
         }
     }
 

@@ -1,6 +1,6 @@
-//! The adapter from reset to reset: what it holds, and what happens to it.
+//! The adapter from reset to reset: its state and its events.
 //!
-//! The files beside this one add what it does in between.
+//! The other files add its functions.
 
 use drivetwin_protocol::registers::{Bank, Entry};
 
@@ -16,7 +16,7 @@ use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
 use crate::memory::Save;
 
-/// From a reset to the banner; the list does not say (QSB-6).
+/// From a reset to the banner; the list of commands does not specify it (QSB-6).
 const STARTUP: Duration = Duration::millis(50);
 
 /// State of the adapter, from power-on to ready.
@@ -54,7 +54,7 @@ pub(super) struct Adapter {
     /// No start-up delay.
     fast: bool,
     pub(super) pins: Pins,
-    /// The registers; DIG I/O is what was written to it.
+    /// The registers; DIG I/O holds the written value.
     pub(super) bank: Words,
     pub(super) clock: Clock,
     pub(super) serial: Serial,
@@ -105,7 +105,7 @@ impl Adapter {
         self.finish_save(at, out);
         self.motor.deactivate(at, out);
         let motor = self.motor.clone();
-        self.serial.forget();
+        self.serial.clear();
         let Self { variant, fast, pins, serial, .. } = *self;
         *self = Self { fast, pins, serial, motor, ..Self::new(variant) };
         self.start(at, out);
@@ -146,7 +146,7 @@ impl Adapter {
             self.configure_counter(at, reg);
         }
         self.counter.clear_status();
-        self.show_port(at, out);
+        self.update_port(at, out);
         if self.variant.motor && self.bank.word(Reg::MotorDrive) != 0 {
             self.motor.activate(at, out);
         }
@@ -206,7 +206,7 @@ impl Adapter {
                     self.counter.take_steps(steps, a, b);
                 }
             }
-            Input::StepsCorrection { steps, .. } => self.motor.slipped(steps),
+            Input::StepsCorrection { steps, .. } => self.motor.correct_steps(steps),
             _ => {}
         }
         if self.watches_counter() {
@@ -233,9 +233,9 @@ impl Adapter {
         self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
     }
 
-    /// Brings the counter up to date, and does what MDR1 wants of what has happened there (QSB-22).
+    /// Brings the counter up to date, and carries out the triggers of MDR1 (QSB-22).
     pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Context) {
-        let_in(&mut self.counter, at);
+        flush_filter(&mut self.counter, at);
         let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
         if events & u16::from(status::IDX) != 0 {
             self.bank.set(Reg::Capture, i64::from(self.counter.at_index()));
@@ -253,6 +253,6 @@ impl Adapter {
 
 /// Lets in the edges that have lasted by `at`. Once for all, since each copy takes a kilobyte of a board's flash.
 #[inline(never)]
-pub(super) fn let_in(counter: &mut Ls7366r, at: Instant) {
+pub(super) fn flush_filter(counter: &mut Ls7366r, at: Instant) {
     counter.timeout(at);
 }

@@ -31,12 +31,12 @@ impl Clock {
     }
 
     /// TIME STAMP.
-    pub(super) fn number(self, at: Instant) -> u32 {
+    pub(super) fn timestamp(self, at: Instant) -> u32 {
         (self.ticks(at) as u32).wrapping_sub(self.zero)
     }
 
     /// Sets TIME STAMP, and leaves the phase (QSB-10).
-    pub(super) fn set_number(&mut self, at: Instant, number: u32) {
+    pub(super) fn set_timestamp(&mut self, at: Instant, number: u32) {
         self.zero = (self.ticks(at) as u32).wrapping_sub(number);
     }
 

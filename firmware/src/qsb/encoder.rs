@@ -30,13 +30,13 @@ impl Mode {
     }
 }
 
-/// The pulse width of what comes at A.
+/// The pulse width of the signal at A.
 #[derive(Clone, Copy, Default, Debug)]
 pub(super) struct Pwm {
     rose: Option<Instant>,
     fell: Option<Instant>,
     /// On time and period of the last whole period.
-    seen: Option<(Duration, Duration)>,
+    last_period: Option<(Duration, Duration)>,
 }
 
 impl Pwm {
@@ -46,19 +46,19 @@ impl Pwm {
             return;
         }
         if let (Some(rose), Some(fell)) = (self.rose, self.fell) {
-            self.seen = Some((fell.since(rose), at.since(rose)));
+            self.last_period = Some((fell.since(rose), at.since(rose)));
         }
         (self.rose, self.fell) = (Some(at), None);
     }
 
     fn is_twelve_bit(self) -> bool {
-        self.seen.is_some_and(|(_, period)| period > TWELVE_BIT)
+        self.last_period.is_some_and(|(_, period)| period > TWELVE_BIT)
     }
 
     /// The position, by the formula of the encoder's data sheet (US Digital MA3; QSB-14).
     fn value(self) -> u32 {
         let (range, highest) = if self.is_twelve_bit() { (4_098, 4_095) } else { (1_026, 1_023) };
-        let value = self.seen.map_or(0, |(on, period)| on * range / period);
+        let value = self.last_period.map_or(0, |(on, period)| on * range / period);
         value.saturating_sub(1).min(highest) as u32
     }
 }

@@ -4,14 +4,14 @@
 //! the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended encoder; the
 //! QSB-M as the QSB-S, with four digital lines, two of which may step a motor.
 
+mod access;
 mod adapter;
-mod answer;
 mod clock;
 mod command;
+mod dio;
+mod dispatch;
 mod encoder;
-mod meaning;
 mod motor;
-mod port;
 mod registers;
 mod saved;
 mod serial;
@@ -45,7 +45,7 @@ const DIO3: Pin = Pin(6);
 /// The digital port, from bit 0 on.
 const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
 
-/// Empties what has come of a command (QSB-1).
+/// Drops the characters of a command received so far (QSB-1).
 const BACKSPACE: u8 = 0x08;
 
 /// The registers of a QSB.
@@ -54,8 +54,8 @@ type Words = Bank<Reg, { Reg::WORDS }>;
 /// Bytes of the non-volatile memory.
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
-const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec::new(name, role, rest)
+const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
+    PinSpec::new(name, role, idle)
 }
 
 /// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
@@ -90,7 +90,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         kind,
         product,
         manual: "QSB Command List 1.28",
-        ports: &[PortSpec { name: "usb", ends: Framing::Character, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "usb", framing: Framing::Character, line: Some(registers::FACTORY_LINE) }],
         pins,
         aliases: &[("PWM", A), ("ANALOG", A)],
         axes: if variant.motor { &[AxisSpec { name: "motor", step_dir: Some((DIO1, DIO2)) }] } else { &[] },
@@ -134,8 +134,8 @@ impl Qsb {
         Self { spec, lines: Lines::new(), adapter: Adapter::new(variant) }
     }
 
-    /// A character, or `None` for one that nobody could read.
-    fn hear(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
+    /// A character, or `None` for one with an error.
+    fn on_character(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
         self.adapter.ready_if_due(at, out);
         if !self.adapter.is_ready() {
             out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::Starting }));
@@ -143,7 +143,7 @@ impl Qsb {
         }
         match character {
             None => {
-                self.lines.spoil();
+                self.lines.rx_error();
                 out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::RxError }));
             }
             Some(BACKSPACE) => self.lines.clear(),
@@ -170,10 +170,10 @@ impl Device for Qsb {
         match input {
             Input::Bytes { bytes, .. } => {
                 for character in bytes {
-                    self.hear(at, Some(*character), out);
+                    self.on_character(at, Some(*character), out);
                 }
             }
-            Input::RxError { .. } => self.hear(at, None, out),
+            Input::RxError { .. } => self.on_character(at, None, out),
             Input::HostPresence { here: true, .. } => {
                 self.lines.clear();
                 self.adapter.reset(at, out);

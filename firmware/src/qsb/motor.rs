@@ -14,18 +14,18 @@ pub(super) enum Order {
     Stop,
     /// End what runs at once.
     Quit,
-    /// Slow down, and keep what is left.
+    /// Slow down, and keep the remaining steps.
     Pause,
     /// Go on with it.
     Resume,
     /// Make MD MOVE STEPS.
     Move,
-    /// Turn at MD JOG RATE until told otherwise.
+    /// Turn at MD JOG RATE until the next order.
     Jog,
 }
 
-/// The registers 0F to 12, as written. An order takes of them what it needs: what is written later
-/// changes nothing that runs. Below 16 steps/s a jog stands, and goes on.
+/// The registers 0F to 12, as written. An order takes its parameters from them: a later write does not change a running
+/// motion. Below 16 steps/s a jog makes no steps, but continues.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
     /// MD STEP RATE, in steps/s; used in steps of 16.
@@ -62,7 +62,7 @@ mod status {
 enum Motion {
     /// To the position `end`.
     Move { end: i32, speed: U24F8 },
-    /// On and on; at speed 0 it stands, and does not end.
+    /// Without end; at speed 0 it makes no steps, but does not end.
     Jog { speed: I24F8 },
 }
 
@@ -72,9 +72,10 @@ enum State {
     Inactive,
     Ready,
     Runs(Motion),
-    /// Slows down, and ends when it stands.
+    /// Slows down, and ends at standstill.
     Stops(Motion),
-    /// Slows down, and is paused when it stands; or goes on, with the acceleration of an order that came meanwhile.
+    /// Slows down, and is paused at standstill; or continues there, with the acceleration of an order that came
+    /// meanwhile.
     Pauses(Motion, Option<u32>),
     Paused(Motion),
 }
@@ -85,10 +86,10 @@ pub(super) struct Motor {
     state: State,
     plan: Plan,
     /// Steps that a board made beside the plan since it was made.
-    beside: i32,
-    /// The level of DIO2 until `turns`, and the other one from then on.
+    step_offset: i32,
+    /// The level of DIO2 until `reversal_at`, and the other one from then on.
     forward: bool,
-    turns: Instant,
+    reversal_at: Instant,
 }
 
 impl Motor {
@@ -96,10 +97,10 @@ impl Motor {
     pub(super) fn new(at: Instant) -> Self {
         Self {
             state: State::Inactive,
-            plan: Plan::rest(at, 0),
-            beside: 0,
+            plan: Plan::at_rest(at, 0),
+            step_offset: 0,
             forward: false,
-            turns: Instant::NEVER,
+            reversal_at: Instant::NEVER,
         }
     }
 
@@ -116,11 +117,11 @@ impl Motor {
         for pin in [DIO1, DIO2] {
             out.put(at, Output::Level { pin, level: Level::Low });
         }
-        (self.state, self.forward, self.turns) = (State::Ready, false, Instant::NEVER);
+        (self.state, self.forward, self.reversal_at) = (State::Ready, false, Instant::NEVER);
         self.halt(at, out);
     }
 
-    /// Stops at once, and leaves DIO1 and DIO2 to whoever puts their levels next (COMMAND 0).
+    /// Stops at once, and releases DIO1 and DIO2: the caller puts their levels next (COMMAND 0).
     pub(super) fn deactivate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_active() {
             self.halt(at, out);
@@ -128,9 +129,9 @@ impl Motor {
         }
     }
 
-    /// Carries out an order. Returns whether it was allowed. To stop, pause or resume what is not there is
-    /// nothing to do, and no fault. Only an active motor starts, a move only while nothing else runs or is
-    /// paused, a jog also in place of another, be that paused or slowing down (QSB-27).
+    /// Carries out an order. Returns whether it was allowed. Stop, pause and resume without a motion do nothing and are
+    /// no error. Only an active motor starts, a move only while nothing else runs or is paused, a jog also in place of
+    /// another, even one that is paused or slowing down (QSB-27).
     pub(super) fn order(
         &mut self,
         at: Instant,
@@ -193,17 +194,17 @@ impl Motor {
 
     /// The level of DIO2: high from [`SETUP`] before a step forward to as long before one back.
     pub(super) fn is_forward(&self, at: Instant) -> bool {
-        self.forward != (at >= self.turns)
+        self.forward != (at >= self.reversal_at)
     }
 
     /// Time at which the motion ends, or DIO2 changes.
     pub(super) fn deadline(&self) -> Instant {
-        self.turns.min(self.over())
+        self.reversal_at.min(self.over())
     }
 
     /// Handles that time.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        self.turn(at);
+        self.reverse(at);
         if self.over() <= at {
             match self.state {
                 State::Pauses(motion, Some(acceleration)) => self.run(at, motion, acceleration, out),
@@ -213,8 +214,8 @@ impl Motor {
     }
 
     /// A board has made so many steps more than planned.
-    pub(super) fn slipped(&mut self, steps: i32) {
-        self.beside = self.beside.wrapping_add(steps);
+    pub(super) fn correct_steps(&mut self, steps: i32) {
+        self.step_offset = self.step_offset.wrapping_add(steps);
     }
 
     /// Motion that runs or is paused.
@@ -247,17 +248,17 @@ impl Motor {
         }
     }
 
-    /// Begins a motion, or goes on with it: a move stands now.
+    /// Begins a motion, or continues with it: a move is at standstill now.
     fn run(&mut self, at: Instant, motion: Motion, acceleration: u32, out: &mut dyn Context) {
         let from = self.position(at);
         let plan = match motion {
             Motion::Move { end, speed } => {
                 Plan::profile(at, from, end.wrapping_sub(from), Limits::even(speed, acceleration))
             }
-            Motion::Jog { speed } => self.plan.resumed(at, from).towards(at, speed, acceleration),
+            Motion::Jog { speed } => self.plan.continued_from(at, from).ramp_to(at, speed, acceleration),
         };
         self.state = State::Runs(motion);
-        self.go(at, plan, out);
+        self.start_plan(at, plan, out);
     }
 
     /// A ramp to standstill as `state`, a slowing one. A move never goes beyond its last step: where the
@@ -265,44 +266,44 @@ impl Motor {
     fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Context) {
         self.state = state;
         let from = self.position(at);
-        let plan = self.plan.resumed(at, from).towards(at, I24F8::ZERO, acceleration);
+        let plan = self.plan.continued_from(at, from).ramp_to(at, I24F8::ZERO, acceleration);
         if let Some(Motion::Move { end, .. }) = self.motion() {
             let left = |position: i32| end.wrapping_sub(position).signum();
             if left(from) * left(plan.position_at(Instant::NEVER)) < 0 {
                 return;
             }
         }
-        self.go(at, plan, out);
+        self.start_plan(at, plan, out);
     }
 
-    /// Stands at once.
+    /// Stops at once.
     fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         let position = self.position(at);
-        self.go(at, Plan::rest(at, position), out);
+        self.start_plan(at, Plan::at_rest(at, position), out);
     }
 
-    /// Follows `plan`; if that stands already, its end is now.
-    fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
-        self.turn(at);
-        (self.plan, self.beside) = (plan, 0);
+    /// Starts `plan`; if it is over already, its end is handled now.
+    fn start_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
+        self.reverse(at);
+        (self.plan, self.step_offset) = (plan, 0);
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
-        self.turns = self.next_turn(at);
+        self.reversal_at = self.next_turn(at);
         if self.over() <= at {
             self.state = self.next();
         }
     }
 
     /// Changes DIO2, if that is due.
-    fn turn(&mut self, at: Instant) {
-        if self.turns <= at {
+    fn reverse(&mut self, at: Instant) {
+        if self.reversal_at <= at {
             self.forward = !self.forward;
-            self.turns = self.next_turn(at);
+            self.reversal_at = self.next_turn(at);
         }
     }
 
     /// Time at which DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once (QSB-30).
     fn next_turn(&self, at: Instant) -> Instant {
-        let same = self.plan.segments().iter().take_while(|segment| segment.back != self.forward);
+        let same = self.plan.segments().iter().take_while(|segment| segment.reverse != self.forward);
         let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));
         match StepIterator::new(&self.plan, at.max(end)).next() {
             Some(step) if step.forward != self.forward => (step.at - SETUP).max(at),
@@ -311,7 +312,7 @@ impl Motor {
     }
 
     fn position(&self, at: Instant) -> i32 {
-        self.plan.position_at(at).wrapping_add(self.beside)
+        self.plan.position_at(at).wrapping_add(self.step_offset)
     }
 }
 

@@ -38,8 +38,8 @@ impl Serial {
         self.sent = from + self.character * bytes.len() as u64;
     }
 
-    /// Forgets what is still leaving, which it does all the same.
-    pub(super) fn forget(&mut self) {
+    /// Forgets the characters that are still leaving; they leave all the same.
+    pub(super) fn clear(&mut self) {
         self.sent = Instant::ZERO;
     }
 

@@ -35,14 +35,14 @@ pub(super) struct Streams {
     running: u8,
     /// Value of each that was sent last; of READ ENCODER the one that THRESHOLD compares.
     sent: [u32; STREAMS.len()],
-    /// Time since which one of the other streams differs from what was sent; never, if none does.
+    /// Time since which one of the other streams differs from its last record; never, if none does.
     changed: Instant,
     /// Time of the last measurement of the encoder.
     measured: Instant,
     /// Time of the next measurement.
     next: Instant,
     /// Streams that were served while others waited for the line.
-    served: u8,
+    round_robin: u8,
 }
 
 impl Streams {
@@ -53,7 +53,7 @@ impl Streams {
             changed: Instant::NEVER,
             measured: Instant::ZERO,
             next: Instant::NEVER,
-            served: 0,
+            round_robin: 0,
         }
     }
 
@@ -100,15 +100,15 @@ impl Adapter {
         }
     }
 
-    /// `S`, whose answer is the first value.
+    /// `S`: its answer is the first value.
     pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) {
         self.streams.running |= bit(reg);
-        self.was_sent(at, reg);
+        self.note_sent(at, reg);
     }
 
     /// The present value of a register leaves.
-    fn was_sent(&mut self, at: Instant, reg: Reg) {
-        let value = self.compared(at, reg);
+    fn note_sent(&mut self, at: Instant, reg: Reg) {
+        let value = self.comparison_value(at, reg);
         self.streams.set_sent(reg, value);
         if reg == Reg::ReadEncoder {
             self.streams.measured = at;
@@ -117,7 +117,7 @@ impl Adapter {
     }
 
     /// Value that decides whether a register has changed.
-    fn compared(&self, at: Instant, reg: Reg) -> u32 {
+    fn comparison_value(&self, at: Instant, reg: Reg) -> u32 {
         if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
     }
 
@@ -149,14 +149,14 @@ impl Adapter {
         if at < self.serial.free_at() {
             return;
         }
-        let waiting = self.changed(at) | if self.streams.next <= at { ENCODER } else { 0 };
-        let turn = match waiting & !self.streams.served {
+        let waiting = self.changed_streams(at) | if self.streams.next <= at { ENCODER } else { 0 };
+        let turn = match waiting & !self.streams.round_robin {
             0 => waiting,
             turn => turn,
         };
         if let Some(reg) = STREAMS.into_iter().find(|reg| turn & bit(*reg) != 0) {
             let others = waiting & !bit(reg) != 0;
-            self.streams.served = if others { waiting & !turn | bit(reg) } else { 0 };
+            self.streams.round_robin = if others { waiting & !turn | bit(reg) } else { 0 };
             match reg {
                 Reg::ReadEncoder => self.measure(at, out),
                 _ => self.record(at, reg, out),
@@ -164,22 +164,23 @@ impl Adapter {
         }
     }
 
-    /// Notes whether a register differs from what was sent of it.
+    /// Notes whether a register differs from its last record.
     pub(super) fn note_changes(&mut self, at: Instant) {
-        self.streams.changed = match self.changed(at) {
+        self.streams.changed = match self.changed_streams(at) {
             0 => Instant::NEVER,
             _ => self.streams.changed.min(at),
         };
     }
 
-    /// The registers that are not what was sent of them, without READ ENCODER.
-    fn changed(&self, at: Instant) -> u8 {
+    /// The registers that differ from their last record, without READ ENCODER.
+    fn changed_streams(&self, at: Instant) -> u8 {
         let watched = self.streams.running & !ENCODER;
         if watched == 0 {
             return 0;
         }
-        let changed =
-            |reg: &Reg| watched & bit(*reg) != 0 && self.compared(at, *reg) != self.streams.sent(*reg);
+        let changed = |reg: &Reg| {
+            watched & bit(*reg) != 0 && self.comparison_value(at, *reg) != self.streams.sent(*reg)
+        };
         STREAMS.into_iter().filter(changed).fold(0, |changed, reg| changed | bit(reg))
     }
 
@@ -195,7 +196,7 @@ impl Adapter {
     }
 
     fn record(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
-        self.was_sent(at, reg);
-        self.tell(at, b's', reg, out);
+        self.note_sent(at, reg);
+        self.send_value(at, b's', reg, out);
     }
 }

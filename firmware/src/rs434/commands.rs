@@ -6,7 +6,7 @@ use drivetwin_protocol::registers::{Register, Space};
 
 use super::drive::{Drive, State};
 use super::errors::error;
-use super::program::vm::{CannotWrite, Step, World, join};
+use super::program::vm::{CannotWrite, Host, Step, join};
 use super::program::{self, Program, Status};
 use super::registers::{Reg, Word};
 use crate::device::{Context, Instant};
@@ -27,7 +27,7 @@ impl Drive {
             return;
         }
         self.refresh(at, Reg::OFFSET);
-        self.remembered = self.bank.clone();
+        self.snapshot = self.bank.clone();
         self.errors.clear(error::PROGRAM);
         self.program.start(at, status);
         if self.program.status() == Status::Failed {
@@ -42,7 +42,8 @@ impl Drive {
         }
     }
 
-    /// The line of the program that is due, if one is. Whether more follows from it than what it wrote.
+    /// Carries out the line of the program that is due, if one is. Returns whether it had an effect beyond the
+    /// registers it wrote.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         match program::run(at, &mut ProgramHost { drive: self, at, out }) {
             None | Some(Step::Next | Step::Delay(_)) => return false,
@@ -56,10 +57,10 @@ impl Drive {
     /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops (RS434-27).
     fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Context) {
         let mode = self.bank.word(Reg::MODE_USER_PROGRAM);
-        let place = |reg: Reg| Reg::ENTRIES.place(reg.row());
+        let offset = |reg: Reg| Reg::ENTRIES.offset(reg.row());
         // 5004h to 5022h, which lie side by side in the bank.
-        let (first, end) = (place(Reg::MODE_DEVICE), place(Reg::ERROR));
-        let words = self.bank.words_mut().iter_mut().zip(self.remembered.words());
+        let (first, end) = (offset(Reg::MODE_DEVICE), offset(Reg::ERROR));
+        let words = self.bank.words_mut().iter_mut().zip(self.snapshot.words());
         for (word, before) in words.take(end).skip(first) {
             *word = *before;
         }
@@ -85,40 +86,40 @@ struct ProgramHost<'a> {
 impl ProgramHost<'_> {
     /// Writes words of one or two registers, all or none of them. One word of two is not judged. Whether they act
     /// at once.
-    fn write_all(&mut self, parts: &[(Word, &[u16])]) -> Result<bool, CannotWrite> {
+    fn write_all(&mut self, spans: &[(Word, &[u16])]) -> Result<bool, CannotWrite> {
         let entries = self.drive.model.entries();
-        let mut permitted = true;
-        for &(Word { reg, .. }, words) in parts {
+        let mut is_permitted = true;
+        for &(Word { reg, .. }, words) in spans {
             let entry = entries.list.get(reg.row()).ok_or(CannotWrite)?;
             if words.len() < usize::from(entry.shape.words()) {
                 continue;
             }
             let value = entries.assemble(entry.shape, |n| words.get(n).copied().unwrap_or(0));
             if !entry.accepts(value) {
-                self.drive.out_of_range();
+                self.drive.on_out_of_range();
                 return Ok(false);
             }
-            permitted &= self.drive.validate(reg, value).is_ok();
+            is_permitted &= self.drive.validate(reg, value).is_ok();
         }
-        if !permitted {
+        if !is_permitted {
             return Err(CannotWrite);
         }
-        for &(Word { place, .. }, words) in parts {
-            for (place, value) in (place..).zip(words) {
-                if let Some(word) = self.drive.bank.words_mut().get_mut(place) {
+        for &(Word { offset, .. }, words) in spans {
+            for (offset, value) in (offset..).zip(words) {
+                if let Some(word) = self.drive.bank.words_mut().get_mut(offset) {
                     *word = *value;
                 }
             }
         }
         let mut acted = false;
-        for &(Word { reg, .. }, _) in parts {
+        for &(Word { reg, .. }, _) in spans {
             acted |= self.drive.written(self.at, reg, self.out);
         }
         Ok(acted)
     }
 }
 
-impl World for ProgramHost<'_> {
+impl Host for ProgramHost<'_> {
     fn program(&mut self) -> &mut Program {
         &mut self.drive.program
     }
@@ -134,7 +135,7 @@ impl World for ProgramHost<'_> {
             if word.is_live() {
                 return Some(word.of(self.drive.read(self.at, word.reg)));
             }
-            self.drive.bank.words().get(word.place).copied()
+            self.drive.bank.words().get(word.offset).copied()
         };
         let low = read(first)?;
         let high = if wide { read(first.checked_add(1)?)? } else { 0 };

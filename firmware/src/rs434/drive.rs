@@ -72,13 +72,13 @@ pub(super) struct Drive {
 
     pub(super) inputs: Inputs,
     pub(super) servo: Servo,
-    /// The servo was told what motor to expect.
+    /// The expected motor of the servo has changed.
     pub(super) other_motor: bool,
     pub(super) motion: Motion,
 
     pub(super) program: Program,
     /// The registers at its start.
-    pub(super) remembered: Words,
+    pub(super) snapshot: Words,
 }
 
 impl Drive {
@@ -97,23 +97,23 @@ impl Drive {
             errors: Errors::NONE,
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
             lights: Lights::DARK,
-            inputs: Inputs::REST,
+            inputs: Inputs::OPEN,
             servo: Servo::new(Instant::ZERO, settings),
             other_motor: false,
             motion: Motion::None,
             program: Program::new(),
-            remembered: bank.clone(),
+            snapshot: bank.clone(),
             bank,
         }
     }
 
-    /// Power comes: what is around the drive will be told anew.
+    /// Power comes: all inputs follow.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         (self.fast, self.random) = (boot.fast, boot.seed);
         self.errors = Errors::NONE;
         self.thermal = Thermal::new(at, self.model.rated_ma());
         self.lights = Lights::DARK;
-        self.inputs = Inputs::REST;
+        self.inputs = Inputs::OPEN;
         self.begin(at, out);
     }
 
@@ -138,8 +138,8 @@ impl Drive {
         self.motion = Motion::None;
         self.other_motor = true;
         self.servo.power_on(at, self.servo_settings(), out);
-        self.inputs.forget();
-        self.show_halls(at);
+        self.inputs.cancel_debounce();
+        self.update_halls(at);
     }
 
     /// Next deadline of all but the program.
@@ -169,8 +169,8 @@ impl Drive {
         self.inputs_timeout(at, out);
     }
 
-    /// From when on it hears what comes; `None` while that cannot be told.
-    pub(super) fn hears_from(&self) -> Option<Instant> {
+    /// First instant at which characters are received; `None` while it is unknown.
+    pub(super) fn receives_from(&self) -> Option<Instant> {
         match self.state {
             State::Off | State::Waking { .. } | State::Clearing(_) => None,
             State::Booting { due } => Some(due + Duration::TICK),
@@ -178,7 +178,7 @@ impl Drive {
         }
     }
 
-    /// The line on which it speaks from its next start on (6.4).
+    /// The line settings from its next start on (6.4).
     pub(super) fn line(&self) -> Line {
         line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
     }
@@ -240,7 +240,7 @@ impl Drive {
             Reg::TEMPERATURE_MCU => self.thermal.temperature(at, Part::Mcu).into(),
             Reg::TEMPERATURE_MOSFET => self.thermal.temperature(at, Part::Power).into(),
             Reg::TEMPERATURE_BRAKE => self.thermal.temperature(at, Part::Brake).into(),
-            Reg::TASK_COUNTER => i64::from(mixed(self.random) as u16),
+            Reg::TASK_COUNTER => i64::from(hash(self.random) as u16),
             Reg::STATUS_USER_PROGRAM => self.program.status() as i64,
             Reg::OFFSET => self.offset(),
             Reg::ERROR => self.errors.bits().into(),
@@ -279,13 +279,13 @@ impl Drive {
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> bool {
         match reg {
             Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
-                self.take_coils(at, out);
+                self.apply_coils(at, out);
             }
             Reg::MODE_DEVICE | Reg::MODE_EXT_IN => self.levels_act(at, out),
             Reg::MODE_USER_PROGRAM => self.command_program(at, out),
             Reg::REF_CURRENT => {
                 self.set_servo(at, out);
-                self.look_for_errors(at, out);
+                self.check_errors(at, out);
             }
             Reg::USE_HALL => {
                 self.halls_changed(at, out);
@@ -302,17 +302,17 @@ impl Drive {
             Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
             Reg::SUPPLY => self.set_supply(at, self.bank.word(reg), out),
             Reg::FLAG_SAVE_INI => {
-                if self.take_key(reg) == key::SAVE {
+                if self.take_unlock_key(reg) == key::SAVE {
                     self.save_settings(at, out);
                 }
             }
-            Reg::FLAG_SAVE_USER_PROGRAM => match self.take_key(reg) {
+            Reg::FLAG_SAVE_USER_PROGRAM => match self.take_unlock_key(reg) {
                 key::SAVE_PROGRAM => self.program.save(at, out),
                 key::LOAD_PROGRAM => self.load_program(at, out),
                 _ => {}
             },
             Reg::FLAG_RESTART => {
-                if self.take_key(reg) == key::RESTART {
+                if self.take_unlock_key(reg) == key::RESTART {
                     self.restart_due = at;
                 }
             }
@@ -336,19 +336,19 @@ impl Drive {
     }
 
     /// The value of a key register, which reads 0 again (RS434-2).
-    fn take_key(&mut self, reg: Reg) -> i64 {
+    fn take_unlock_key(&mut self, reg: Reg) -> i64 {
         let key = self.bank.get(reg);
         self.bank.set(reg, 0);
         key
     }
 
     /// A value was outside the range of its row.
-    pub(super) fn out_of_range(&mut self) {
+    pub(super) fn on_out_of_range(&mut self) {
         self.errors.warn(error::OUT_OF_RANGE);
     }
 
-    /// A character had the wrong parity, or nobody could read it (RS434-5).
-    pub(super) fn spoiled(&mut self) {
+    /// A character had the wrong parity or another error (RS434-5).
+    pub(super) fn rx_error(&mut self) {
         self.errors.warn(error::PARITY);
     }
 
@@ -395,14 +395,14 @@ impl Drive {
             _ if VERSIONS.contains(&reg) => self.bank.set(reg, value.into()),
             _ => return Err(PresetError::ReadOnly),
         }
-        self.look_for_errors(at, out);
+        self.check_errors(at, out);
         Ok(())
     }
 
-    /// Takes what has become of the motor, and shows what has become of the drive.
-    pub(super) fn show(&mut self, at: Instant, out: &mut dyn Context) {
-        self.follow_servo(at, out);
-        self.show_lights(at, out);
+    /// Updates the state of the motion from the servo, and the lights.
+    pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
+        self.update_motion(at, out);
+        self.update_lights(at, out);
     }
 }
 
@@ -410,7 +410,7 @@ impl Drive {
 const RANDOM_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A number without a visible connection to `n`.
-fn mixed(n: u64) -> u64 {
+fn hash(n: u64) -> u64 {
     let n = (n ^ n >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let n = (n ^ n >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     n ^ n >> 31

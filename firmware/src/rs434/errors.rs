@@ -54,7 +54,7 @@ const CAUSES: [u16; 8] = [
 /// Within this range of its supply the drive works, in 0.1 V (3, power supply protection).
 const GOOD_SUPPLY: RangeInclusive<u16> = 80..=300;
 
-/// ERROR, and what of it somebody brings about.
+/// ERROR, and the injected values behind it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
     /// ERROR.
@@ -124,26 +124,26 @@ impl Drive {
     /// ERROR has been written: warnings go where it has a 0, and come back if they are still true.
     pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         self.errors.clear(!(word | error::STAYS));
-        self.look_for_errors(at, out);
+        self.check_errors(at, out);
     }
 
     /// The cause of a fault comes or goes.
-    pub(super) fn set_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
         let causes = &mut self.errors.causes;
         *causes = if on { *causes | bit } else { *causes & !bit };
         self.set_servo(at, out);
-        self.look_for_errors(at, out);
+        self.check_errors(at, out);
     }
 
     /// The drive measures another supply, in 0.1 V.
     pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.errors.supply = supply;
-        self.look_for_errors(at, out);
+        self.check_errors(at, out);
     }
 
-    /// Raises what is wrong now: at the end of the start, and when what may be wrong has changed.
-    pub(super) fn look_for_errors(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Raises the present errors: at the end of the start, and after any change of their causes.
+    pub(super) fn check_errors(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }

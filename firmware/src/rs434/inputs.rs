@@ -22,7 +22,7 @@ impl Contact {
     const OPEN: Self = Self { closed: false, on: false, due: Instant::NEVER };
 
     /// Accepts the present state.
-    fn take(&mut self) {
+    fn accept(&mut self) {
         *self = Self { on: self.closed, due: Instant::NEVER, ..*self };
     }
 
@@ -40,7 +40,7 @@ impl Contact {
     fn timeout(&mut self, at: Instant) -> bool {
         let changes = self.due <= at;
         if changes {
-            self.take();
+            self.accept();
         }
         changes
     }
@@ -55,17 +55,17 @@ pub(super) struct Inputs {
     pub(super) hard_stop: bool,
     /// CLR_FLASH is closed.
     pub(super) clr_flash: bool,
-    /// The Hall sensors A and B are high, as far as they were told.
+    /// The Hall sensors A and B are high; `None` before their first event.
     halls: [Option<bool>; 2],
 }
 
 impl Inputs {
     /// Without any wire.
-    pub(super) const REST: Self =
+    pub(super) const OPEN: Self =
         Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false, halls: [None; 2] };
 
     /// The drive starts: nothing is waited for.
-    pub(super) fn forget(&mut self) {
+    pub(super) fn cancel_debounce(&mut self) {
         (self.in1.due, self.in2.due) = (Instant::NEVER, Instant::NEVER);
     }
 
@@ -99,8 +99,8 @@ impl Drive {
         }
     }
 
-    /// Shows the servo the Hall sensors as they are: nobody else will when the drive restarts itself.
-    pub(super) fn show_halls(&mut self, at: Instant) {
+    /// Passes the present levels of the Hall sensors to the servo: after a restart no event brings them again.
+    pub(super) fn update_halls(&mut self, at: Instant) {
         let [a, b] = self.inputs.halls;
         for (is_a, high) in [(true, a), (false, b)] {
             if let Some(high) = high {
@@ -121,9 +121,9 @@ impl Drive {
     }
 
     /// The drive is ready: contacts are taken for what they are, and levels act.
-    pub(super) fn take_inputs(&mut self, at: Instant, out: &mut dyn Context) {
-        self.inputs.in1.take();
-        self.inputs.in2.take();
+    pub(super) fn apply_inputs(&mut self, at: Instant, out: &mut dyn Context) {
+        self.inputs.in1.accept();
+        self.inputs.in2.accept();
         self.levels_act(at, out);
     }
 

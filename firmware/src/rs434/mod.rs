@@ -54,12 +54,12 @@ const SETTINGS: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 /// Bytes of the flash that hold settings and user program.
 pub const MEMORY: usize = SETTINGS + 4 * LINES + 2;
 
-const fn pin(name: &'static str, role: Role, rest: Level) -> PinSpec {
-    PinSpec::new(name, role, rest)
+const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
+    PinSpec::new(name, role, idle)
 }
 
-// A contact to ground is closed while it is low (6.1). One that nobody uses is open; that of the emergency stop is
-// closed until somebody uses it, or nothing would ever move (RS434-8).
+// A contact to ground is closed while it is low (6.1). An unused contact is open; an unused emergency stop is closed,
+// or nothing would ever move (RS434-8).
 #[rustfmt::skip]
 static PINS: [PinSpec; 8] = [
     pin("IN1", Role::Input, Level::High),
@@ -99,7 +99,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         kind,
         product,
         manual: "User Manual, RS Stock No. 434544, 434546",
-        ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
+        ports: &[PortSpec { name: "rs485", framing: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
         pins: &PINS,
         axes: &[AxisSpec { name: "motor", step_dir: None }],
         faults: &[
@@ -135,10 +135,10 @@ static RULES: Rules = Rules {
         WRITE_MULTIPLE_REGISTERS,
     ],
     broadcast: Some(0),
-    most_read: 125,
-    most_written: 123,
+    max_read: 125,
+    max_written: 123,
     bits_per_word: 16,
-    writes_halves: true,
+    partial_writes: true,
     bad_quantity: Exception::IllegalDataValue,
     bad_value: Exception::IllegalDataValue,
     read_only: Exception::IllegalDataAddress,
@@ -192,15 +192,15 @@ impl Rs434 {
     fn start(&mut self, at: Instant, out: &mut dyn Context) {
         self.manners = None;
         self.serial.mute();
-        self.follow(at, out);
+        self.after_event(at, out);
     }
 
-    /// After all that happens but a line of the program that only reckons: the drive shows what it is, may have
-    /// learnt when it listens, and has other deadlines.
-    fn follow(&mut self, at: Instant, out: &mut dyn Context) {
-        self.drive.show(at, out);
+    /// After every event, except a line of the program that only calculates: updates the outputs, the start of
+    /// reception, and the deadlines.
+    fn after_event(&mut self, at: Instant, out: &mut dyn Context) {
+        self.drive.update_outputs(at, out);
         if self.manners.is_none()
-            && let Some(from) = self.drive.hears_from()
+            && let Some(from) = self.drive.receives_from()
         {
             self.serial.power_on(at, self.drive.line(), from, out);
             self.manners = Some(BusSettings { unit: self.drive.unit(), delay: self.drive.reply_delay() });
@@ -219,7 +219,7 @@ impl Rs434 {
             self.drive.restart(at, out);
             self.start(at, out);
         } else {
-            self.follow(at, out);
+            self.after_event(at, out);
         }
     }
 
@@ -275,7 +275,7 @@ impl Device for Rs434 {
         let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {
             self.drive.wake(at, out);
-            self.follow(at, out);
+            self.after_event(at, out);
         }
         if character && self.serial.is_over(at) {
             self.serve(at, out);
@@ -283,13 +283,13 @@ impl Device for Rs434 {
         match input {
             Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
             Input::RxError { .. } => {
-                if self.serial.spoiled(at) {
-                    self.drive.spoiled();
+                if self.serial.rx_error(at) {
+                    self.drive.rx_error();
                 }
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Fault { fault, on } => self.drive.set_cause(at, fault, on, out),
+            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
             Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
@@ -307,7 +307,7 @@ impl Device for Rs434 {
             | Input::Step { .. }
             | Input::StepsCorrection { .. } => {}
         }
-        self.follow(at, out);
+        self.after_event(at, out);
     }
 
     fn deadline(&self) -> Instant {
@@ -320,7 +320,7 @@ impl Device for Rs434 {
             self.more_is_due(at, out);
         }
         if self.drive.run_program(at, out) {
-            self.follow(at, out);
+            self.after_event(at, out);
         }
     }
 
@@ -337,7 +337,7 @@ impl Device for Rs434 {
     ) -> Result<(), PresetError> {
         let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
-        self.follow(at, out);
+        self.after_event(at, out);
         Ok(())
     }
 }
@@ -376,7 +376,7 @@ impl RequestHandler for Bus<'_> {
         self.drive.validate(register, value)
     }
 
-    fn out_of_range(&mut self, _register: Reg, _value: i64) {
-        self.drive.out_of_range();
+    fn on_out_of_range(&mut self, _register: Reg, _value: i64) {
+        self.drive.on_out_of_range();
     }
 }

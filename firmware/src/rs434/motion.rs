@@ -9,7 +9,7 @@ use crate::device::{Context, Instant};
 /// Which way a start goes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Heading {
-    /// As DIRECTION says, or the sign of OFFSET.
+    /// As DIRECTION, or the sign of OFFSET, selects.
     Registers,
     /// Forward, as IN1 wants in way 5 of MODE_EXT_IN.
     Forward,
@@ -27,16 +27,16 @@ pub(super) enum Motion {
     /// A move, until it has arrived; one that was stopped, until another motion begins or OFFSET is written.
     Moves {
         /// Target.
-        way: Way,
-        /// True once it was stopped on its way; also when it stands by now.
+        target: MoveTarget,
+        /// True once it was stopped on its way, also after it has come to rest.
         braking: bool,
     },
 }
 
 /// Target of a move.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Way {
-    /// By OFFSET, which counts what is left.
+pub(super) enum MoveTarget {
+    /// By OFFSET, which counts the remaining distance.
     Offset,
     /// By its negative.
     MinusOffset,
@@ -61,7 +61,7 @@ pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
 }
 
 impl Drive {
-    /// Tells the servo what it goes by now. Whether that is something else than before.
+    /// Passes the settings to the servo. Returns whether they have changed.
     pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let settings = self.servo_settings();
         let changed = self.servo.set(at, settings, out);
@@ -73,8 +73,8 @@ impl Drive {
         settings(&self.bank, self.errors)
     }
 
-    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2; RS434-6).
-    pub(super) fn take_coils(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2) (RS434-6).
+    pub(super) fn apply_coils(&mut self, at: Instant, out: &mut dyn Context) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;
             self.bank.set(reg, 0);
@@ -93,7 +93,7 @@ impl Drive {
         }
     }
 
-    /// Starts the motor as MODE_ROTATION says, unless an error forbids it or a move runs.
+    /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move runs.
     pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) {
         if self.state != State::Ready || self.errors.stop() {
             return;
@@ -133,9 +133,9 @@ impl Drive {
     fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Context) {
         let offset = self.bank.get(Reg::OFFSET) as i32;
         if negative {
-            self.go(at, offset.saturating_neg(), Way::MinusOffset, out);
+            self.go(at, offset.saturating_neg(), MoveTarget::MinusOffset, out);
         } else {
-            self.go(at, offset, Way::Offset, out);
+            self.go(at, offset, MoveTarget::Offset, out);
         }
     }
 
@@ -148,12 +148,12 @@ impl Drive {
         });
         self.bank.set(Reg::TARGET_POSITION, target);
         // A way that is longer than any move never goes round the other side: the next start goes on.
-        self.go(at, (target as i32).saturating_sub(self.servo.position()), Way::Position, out);
+        self.go(at, (target as i32).saturating_sub(self.servo.position()), MoveTarget::Position, out);
     }
 
-    fn go(&mut self, at: Instant, counts: i32, way: Way, out: &mut dyn Context) {
+    fn go(&mut self, at: Instant, counts: i32, target: MoveTarget, out: &mut dyn Context) {
         if counts != 0 {
-            self.motion = Motion::Moves { way, braking: false };
+            self.motion = Motion::Moves { target, braking: false };
             let compensation = self.bank.get(Reg::OFFSET_COMPENSATION) as i16;
             self.servo.go(at, counts, compensation, out);
         }
@@ -171,8 +171,8 @@ impl Drive {
 
     /// Returns whether a move by OFFSET runs that is not the one of this heading.
     fn moves_against(&self, heading: Heading) -> bool {
-        let other = if heading == Heading::Backward { Way::Offset } else { Way::MinusOffset };
-        matches!(self.motion, Motion::Moves { way, .. } if way == other)
+        let other = if heading == Heading::Backward { MoveTarget::Offset } else { MoveTarget::MinusOffset };
+        matches!(self.motion, Motion::Moves { target, .. } if target == other)
     }
 
     /// Stops the motor with DEC.
@@ -198,7 +198,7 @@ impl Drive {
 
     fn forget_motion(&mut self) {
         self.motion = match self.motion {
-            Motion::Moves { way, .. } => Motion::Moves { way, braking: true },
+            Motion::Moves { target, .. } => Motion::Moves { target, braking: true },
             Motion::None | Motion::Rotates => Motion::None,
         };
     }
@@ -240,8 +240,10 @@ impl Drive {
     /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise (RS434-16).
     pub(super) fn offset(&self) -> i64 {
         match self.motion {
-            Motion::Moves { way: Way::Offset, .. } => self.servo.left().into(),
-            Motion::Moves { way: Way::MinusOffset, .. } => self.servo.left().saturating_neg().into(),
+            Motion::Moves { target: MoveTarget::Offset, .. } => self.servo.left().into(),
+            Motion::Moves { target: MoveTarget::MinusOffset, .. } => {
+                self.servo.left().saturating_neg().into()
+            }
             _ => self.bank.get(Reg::OFFSET),
         }
     }
@@ -259,8 +261,8 @@ impl Drive {
         self.motion = Motion::None;
     }
 
-    /// Takes what the servo tells: its errors, and that a move is over.
-    pub(super) fn follow_servo(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Takes the servo's errors, and the end of its move.
+    pub(super) fn update_motion(&mut self, at: Instant, out: &mut dyn Context) {
         let errors = self.servo.errors();
         if errors != 0 {
             self.raise(at, errors, out);
@@ -269,7 +271,7 @@ impl Drive {
             && self.servo.direction() == 0
         {
             self.bank.set(Reg::OFFSET, self.offset());
-            // A shaft that was stopped may still turn a little: what is left of its move follows it.
+            // A stopped shaft may still turn a little: the remaining distance of its move follows it.
             if !braking {
                 self.motion = Motion::None;
             }

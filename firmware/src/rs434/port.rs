@@ -17,33 +17,39 @@ enum Receivers {
 pub(super) struct Serial {
     /// The time of a character.
     character: Duration,
-    ears: Receivers,
+    receiver_kind: Receivers,
     /// Time before which characters are lost.
-    hears_from: Instant,
+    receives_from: Instant,
 }
 
 impl Serial {
     /// A port on a silent line.
     pub(super) const fn new(line: Line) -> Self {
-        let ears = if ascii::is_on(line) {
+        let receiver_kind = if ascii::is_on(line) {
             Receivers::Ascii(ascii::AsciiReceiver::new(line))
         } else {
             Receivers::Rtu(rtu::RtuReceiver::new(line))
         };
-        Self { character: line.character(), ears, hears_from: Instant::ZERO }
+        Self { character: line.character(), receiver_kind, receives_from: Instant::ZERO }
     }
 
     /// Power has come, or comes again: the line is `line`, and what had come of a message is forgotten. Characters
-    /// that end before `hears_from` are lost.
-    pub(super) fn power_on(&mut self, at: Instant, line: Line, hears_from: Instant, out: &mut dyn Context) {
-        *self = Self { hears_from, ..Self::new(line) };
+    /// that end before `receives_from` are lost.
+    pub(super) fn power_on(
+        &mut self,
+        at: Instant,
+        line: Line,
+        receives_from: Instant,
+        out: &mut dyn Context,
+    ) {
+        *self = Self { receives_from, ..Self::new(line) };
         out.put(at, Output::Line { port: RS485, line });
     }
 
     /// Drops the part of a message that has come, and all characters until [`power_on`](Self::power_on).
     pub(super) fn mute(&mut self) {
-        self.hears_from = Instant::NEVER;
-        match &mut self.ears {
+        self.receives_from = Instant::NEVER;
+        match &mut self.receiver_kind {
             Receivers::Rtu(receiver) => receiver.clear(),
             Receivers::Ascii(receiver) => receiver.clear(),
         }
@@ -52,43 +58,43 @@ impl Serial {
     /// Characters that follow each other without a gap; `at` is the end of the first one. In ASCII none
     /// follows a line feed. A message that is over before them is [taken](Self::take) first.
     pub(super) fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
-        let (first, heard) = self.heard(at, bytes);
-        if heard.len() < bytes.len() {
+        let (first, received) = self.received(at, bytes);
+        if received.len() < bytes.len() {
             out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
         }
-        match &mut self.ears {
-            Receivers::Rtu(receiver) => receiver.bytes(first, heard),
-            Receivers::Ascii(receiver) => receiver.bytes(first, heard),
+        match &mut self.receiver_kind {
+            Receivers::Rtu(receiver) => receiver.bytes(first, received),
+            Receivers::Ascii(receiver) => receiver.bytes(first, received),
         }
     }
 
-    /// A character that nobody could read ended at `at`. Whether the drive heard it.
-    pub(super) fn spoiled(&mut self, at: Instant) -> bool {
-        let hears = at >= self.hears_from;
-        if hears {
-            match &mut self.ears {
-                Receivers::Rtu(receiver) => receiver.spoiled(at),
-                Receivers::Ascii(receiver) => receiver.spoiled(at),
+    /// A character with an error ended at `at`. Returns whether the drive received it.
+    pub(super) fn rx_error(&mut self, at: Instant) -> bool {
+        let is_receiving = at >= self.receives_from;
+        if is_receiving {
+            match &mut self.receiver_kind {
+                Receivers::Rtu(receiver) => receiver.rx_error(at),
+                Receivers::Ascii(receiver) => receiver.rx_error(at),
             }
         }
-        hears
+        is_receiving
     }
 
     /// Characters that are received, of which the first ends at `at`, and the time at which that one ends.
-    fn heard<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
-        if at >= self.hears_from {
+    fn received<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
+        if at >= self.receives_from {
             return (at, bytes);
         }
-        let lost = (self.hears_from - Duration::TICK).since(at) / self.character + 1;
-        let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
-        (at + self.character * lost, heard)
+        let missed = (self.receives_from - Duration::TICK).since(at) / self.character + 1;
+        let received = usize::try_from(missed).ok().and_then(|missed| bytes.get(missed..)).unwrap_or(&[]);
+        (at + self.character * missed, received)
     }
 
     /// Time at which a message is over, should no more come: in RTU after a silence, in ASCII with its line feed
     /// (RS434-4).
     /// [`Instant::NEVER`] otherwise.
     pub(super) fn deadline(&self) -> Instant {
-        match &self.ears {
+        match &self.receiver_kind {
             Receivers::Rtu(receiver) => receiver.deadline(),
             Receivers::Ascii(receiver) => receiver.deadline(),
         }
@@ -99,13 +105,13 @@ impl Serial {
         self.deadline() <= at
     }
 
-    /// Hands over the message that is over, or that the line itself has ended: address and PDU, whose check
-    /// sum holds. `None` if there is none: in ASCII half a message waits for its rest all the same.
+    /// Takes the message that is complete, or that the line itself has ended: address and PDU, checked. `None` if there
+    /// is none: in ASCII an incomplete message still waits for the rest.
     ///
     /// # Errors
     /// Why it is no message.
     pub(super) fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
-        match &mut self.ears {
+        match &mut self.receiver_kind {
             Receivers::Rtu(receiver) => {
                 Some(receiver.take()?.and_then(|frame| rtu::verify_crc(frame).ok_or(DropReason::Crc)))
             }
@@ -117,7 +123,7 @@ impl Serial {
     /// left, if the port was sending nothing else.
     pub(super) fn reply(&self, at: Instant, delay: Duration, body: &Frame, out: &mut dyn Context) -> Instant {
         let at = at + delay;
-        let length = match self.ears {
+        let length = match self.receiver_kind {
             Receivers::Rtu(_) => {
                 let mut frame = body.clone();
                 rtu::append_crc(&mut frame);
@@ -218,10 +224,10 @@ mod tests {
         for (line, message) in [(RTU, &RTU_BODY[..]), (ASCII, ASCII_BODY)] {
             let mut out = recorder();
             let mut port = powered(line, &mut out);
-            assert!(!port.spoiled(START - Duration::TICK), "not before it has ears");
+            assert!(!port.rx_error(START - Duration::TICK), "not before it has ears");
             let (first, character) = (START + Duration::TICK, line.character());
             port.bytes(first, &message[..3], &mut out);
-            assert!(port.spoiled(first + character * 3));
+            assert!(port.rx_error(first + character * 3));
             port.bytes(first + character * 4, &message[4..], &mut out);
             assert_eq!(port.take(), Some(Err(DropReason::RxError)));
         }

@@ -209,12 +209,12 @@ pub(super) static TABLE_434546: Table = {
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 static ROW_AT: [u8; Reg::WORDS] = {
     let mut rows = [0; Reg::WORDS];
-    let (mut place, mut row) = (0, 0);
+    let (mut offset, mut row) = (0, 0);
     while row < Reg::ROWS.len() {
-        let end = place + Reg::ROWS[row].entry.shape.words() as usize;
-        while place < end {
-            rows[place] = row as u8;
-            place += 1;
+        let end = offset + Reg::ROWS[row].entry.shape.words() as usize;
+        while offset < end {
+            rows[offset] = row as u8;
+            offset += 1;
         }
         row += 1;
     }
@@ -227,20 +227,20 @@ pub(super) struct Word {
     /// The register that it belongs to.
     pub(super) reg: Reg,
     /// Place in the bank.
-    pub(super) place: usize,
+    pub(super) offset: usize,
 }
 
 impl Word {
     /// Register at an address, if there is one.
     pub(super) fn at(space: Space, address: u16) -> Option<Self> {
-        let place = Reg::ENTRIES.readable(space, address, 1)?.start;
-        let row = ROW_AT.get(place).copied().map(usize::from)?;
-        Some(Self { reg: Reg::from_row(row)?, place })
+        let offset = Reg::ENTRIES.readable(space, address, 1)?.start;
+        let row = ROW_AT.get(offset).copied().map(usize::from)?;
+        Some(Self { reg: Reg::from_row(row)?, offset })
     }
 
     /// The word of its register's value.
     pub(super) fn of(self, value: i64) -> u16 {
-        let is_first = self.place == Reg::ENTRIES.place(self.reg.row());
+        let is_first = self.offset == Reg::ENTRIES.offset(self.reg.row());
         if is_first { value as u16 } else { (value >> 16) as u16 }
     }
 

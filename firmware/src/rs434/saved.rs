@@ -23,7 +23,7 @@ impl Drive {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
-            // Of another model, or of nobody.
+            // From another model, or foreign.
             for (row, entry) in entries.list.iter().enumerate() {
                 if !entry.accepts(entries.value(self.bank.words(), row)) {
                     entries.put(self.bank.words_mut(), row, entry.reset);

@@ -6,7 +6,7 @@ use super::registers::Reg;
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
-/// From power-on to the first character that is heard (RS434-9).
+/// From power-on to the first character that is received (RS434-9).
 const BOOT: Duration = Duration::millis(500);
 /// Time for which CLR_FLASH must be closed (7; RS434-10).
 const RESET: Duration = Duration::secs(5);
@@ -91,15 +91,15 @@ impl Drive {
     /// Ends the start: faults show, contacts and levels act, and a program may begin.
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
-        self.look_for_errors(at, out);
-        self.take_inputs(at, out);
+        self.check_errors(at, out);
+        self.apply_inputs(at, out);
         if self.bank.word(Reg::MODE_USER_PROGRAM) == 3 {
             self.start_program(at, Status::StartedByPower, out);
         }
     }
 
-    /// Shows what it is: green when it is ready, red when an error keeps the motor from moving.
-    pub(super) fn show_lights(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Updates the lights: green when it is ready, red when an error keeps the motor from moving.
+    pub(super) fn update_lights(&mut self, at: Instant, out: &mut dyn Context) {
         let lights = match self.state {
             State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,
             State::Clearing(Clearing { red, .. }) => Lights { red, green: !red },

@@ -1,7 +1,7 @@
 //! Temperatures of the drive: it warms with the square of the motor's current, and no motor warms it to its limits.
 //!
-//! The manual prints neither limits nor times. Each part follows its end temperature with a time constant of
-//! about a minute, in steps of a second, reckoned when somebody asks.
+//! The manual prints neither limits nor times. Each part follows its end temperature with a time constant of about a
+//! minute, in steps of a second, computed on demand.
 
 use crate::device::{Duration, Instant};
 
@@ -9,10 +9,11 @@ const STEP: Duration = Duration::secs(1);
 /// After so many steps nothing is left of how it began.
 const MOST_STEPS: u64 = 2_048;
 /// In a step a part goes this power of two of the way to its end temperature.
-const SHARE: u32 = 6;
+const DIVISOR: u32 = 6;
 /// At rest, in 0.1 °C.
-const REST: u16 = 250;
-/// Temperature rise of the power circuit at the rated current, in 0.1 °C; of the processor beside it a quarter of that.
+const AMBIENT: u16 = 250;
+/// Temperature rise of the power circuit at the rated current, in 0.1 °C; of the processor next to it a quarter of
+/// that.
 const POWER_RISE: u32 = 400;
 /// Temperature rise of the brake circuit while a motor feeds the rated current back, in 0.1 °C.
 const BRAKE_RISE: u32 = 500;
@@ -28,7 +29,7 @@ pub(super) enum Part {
     Brake,
 }
 
-/// A body that warms, in 1/65536 of 0.1 °C above [`REST`].
+/// A body that warms, in 1/65536 of 0.1 °C above [`AMBIENT`].
 #[derive(Clone, Copy, Debug)]
 struct Body {
     rise: u32,
@@ -39,7 +40,7 @@ impl Body {
     const COLD: Self = Self { rise: 0, end: 0 };
 
     fn step(&mut self) {
-        let way = self.end.abs_diff(self.rise) >> SHARE;
+        let way = self.end.abs_diff(self.rise) >> DIVISOR;
         self.rise = if self.end > self.rise { self.rise + way } else { self.rise - way };
     }
 }
@@ -48,7 +49,7 @@ impl Body {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Thermal {
     rated_ma: u32,
-    /// Up to when it is reckoned.
+    /// End of the time already computed.
     since: Instant,
     power: Body,
     brake: Body,
@@ -82,7 +83,7 @@ impl Thermal {
             Part::Power => (power, now.power.rise),
             Part::Brake => (brake, now.brake.rise),
         };
-        injected.unwrap_or(REST + (rise >> 16) as u16)
+        injected.unwrap_or(AMBIENT + (rise >> 16) as u16)
     }
 
     /// Gives a part this temperature, in 0.1 °C, from now on.

@@ -103,20 +103,20 @@ impl<D: Device> Fixture<D> {
         self.run_until(self.now + span);
     }
 
-    /// Gives the device an input at that time; what is due by then comes with it.
+    /// Gives the device an input at that time, after all deadlines before it.
     pub fn input(&mut self, at: Instant, input: Input<'_>) {
         self.now = at;
         advance(&mut self.drive, at, core::iter::once((at, input)), &mut self.out);
     }
 
     /// Gives the device an input now.
-    pub fn tell(&mut self, input: Input<'_>) {
+    pub fn feed(&mut self, input: Input<'_>) {
         self.input(self.now, input);
     }
 
     /// A level at a pin, now.
     pub fn edge(&mut self, pin: Pin, high: bool) {
-        self.tell(Input::Edge { pin, high });
+        self.feed(Input::Edge { pin, high });
     }
 
     /// A fault of its list comes or goes, now.
@@ -126,7 +126,7 @@ impl<D: Device> Fixture<D> {
     #[track_caller]
     pub fn fault(&mut self, name: &str, on: bool) {
         let place = self.drive.spec().faults.iter().position(|known| *known == name).unwrap();
-        self.tell(Input::Fault { fault: Fault(place as u8), on });
+        self.feed(Input::Fault { fault: Fault(place as u8), on });
     }
 
     /// A register as it reads now.

@@ -24,7 +24,7 @@ pub type Rule = fn(&Output<'_>) -> Treatment;
 
 /// A sink that keeps what a device puts, by kind and with its instant, and carries stores out in its memory.
 ///
-/// A [`Rule`] says what the device may put: an output that is [refused](Treatment::Refuse) panics.
+/// A [`Rule`] decides which outputs the device may put: one that is [refused](Treatment::Refuse) panics.
 #[derive(Clone, Debug)]
 pub struct Recorder {
     /// Non-volatile memory.

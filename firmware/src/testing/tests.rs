@@ -19,7 +19,7 @@ const NOTE: LogEvent = LogEvent::Dropped { port: Port(1), why: DropReason::Crc }
 /// One output of each kind.
 fn put_all(out: &mut dyn Context) {
     let (axis, pin, port, link) = (Axis(0), Pin(3), Port(1), Link(2));
-    let plan = Plan::rest(AT, 40);
+    let plan = Plan::at_rest(AT, 40);
     let rotation = Rotation { angle: 1, speed: 2, acceleration: 3 };
     for output in [
         Output::Bytes { port, bytes: &[1, 2] },
@@ -56,8 +56,8 @@ fn a_recorder_keeps_each_kind() {
     assert_eq!(out.levels, [(AT, pin, Level::High)]);
     assert_eq!((out.level(pin), out.level(Pin(0))), (Some(Level::High), None));
     assert_eq!(out.waves, [(AT, pin, Duration::millis(2), Duration::millis(1))]);
-    assert_eq!(out.plans, [(AT, axis, Plan::rest(AT, 40))]);
-    assert_eq!((out.plan(), out.steps_since_plan()), (Plan::rest(AT, 40), -4));
+    assert_eq!(out.plans, [(AT, axis, Plan::at_rest(AT, 40))]);
+    assert_eq!((out.plan(), out.steps_since_plan()), (Plan::at_rest(AT, 40), -4));
     assert_eq!(out.steps, [(AT, axis, -4)]);
     assert_eq!(out.currents, [(AT, axis, 500)]);
     assert_eq!(out.duties, [(AT, axis, -600)]);
@@ -78,7 +78,7 @@ fn steps_count_from_the_last_plan() {
         out.put(AT, Output::Step { axis, steps });
         assert_eq!(out.steps_since_plan(), since);
     }
-    out.put(AT, Output::Plan { axis, plan: &Plan::rest(AT, 0) });
+    out.put(AT, Output::Plan { axis, plan: &Plan::at_rest(AT, 0) });
     assert_eq!((out.steps_since_plan(), out.steps.len()), (0, 2));
 }
 

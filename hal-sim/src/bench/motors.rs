@@ -216,7 +216,7 @@ impl Bench {
             name: name.to_owned(),
             drive: (drive, axis),
             began: 0,
-            pace: machine.rotor().pace(),
+            pace: machine.rotor().kinematics(),
             machine,
             microsteps: 1,
             inbox: VecDeque::new(),
@@ -229,7 +229,7 @@ impl Bench {
         let now = self.now;
         let rotor = motor.machine.rotor_mut();
         rotor.power_on(now, Boot::default(), &mut motor.felt);
-        (motor.began, motor.pace) = (rotor.angle_at(now), rotor.pace());
+        (motor.began, motor.pace) = (rotor.angle_at(now), rotor.kinematics());
         let arrives = now + Duration::TICK;
         motor.microsteps = self.at(drive).microsteps(axis);
         let mut told = self.at_mut(drive).turns(axis, place);
@@ -287,10 +287,15 @@ impl Bench {
     /// State of a motor's shaft now.
     #[must_use]
     pub fn turn(&self, motor: Motor) -> ShaftState {
-        let MotorSlot { machine, pace: Kinematics { since, h, a, turn, .. }, began, .. } =
-            &self.motors[motor.0 as usize];
+        let MotorSlot {
+            machine,
+            pace: Kinematics { since, half_speed, half_acceleration, turn, .. },
+            began,
+            ..
+        } = &self.motors[motor.0 as usize];
         let rotor = machine.rotor();
-        let speed = 2.0 * (*h as f64 + *a as f64 * self.now.since(*since).ticks() as f64);
+        let speed =
+            2.0 * (*half_speed as f64 + *half_acceleration as f64 * self.now.since(*since).ticks() as f64);
         ShaftState {
             revolutions: rotor.angle_at(self.now).wrapping_sub(*began) as f64 / TURN,
             rpm: speed / *turn as f64 * (60 * TICKS_PER_SECOND) as f64,
@@ -397,8 +402,8 @@ impl Bench {
             looks = true;
         }
         let rotor = machine.rotor();
-        if looks && rotor.pace() != *pace {
-            *pace = rotor.pace();
+        if looks && rotor.kinematics() != *pace {
+            *pace = rotor.kinematics();
             for sensor in sensors {
                 sensor.foresee(rotor, pace, now);
             }

@@ -183,11 +183,11 @@ impl Sensor {
 }
 
 fn stands(pace: &Kinematics) -> bool {
-    pace.h == 0 && pace.a == 0
+    pace.half_speed == 0 && pace.half_acceleration == 0
 }
 
 fn forward(pace: &Kinematics) -> bool {
-    pace.h > 0 || (pace.h == 0 && pace.a > 0)
+    pace.half_speed > 0 || (pace.half_speed == 0 && pace.half_acceleration > 0)
 }
 
 /// The first tick from `from` on, and before the shaft begins to turn otherwise, at which it is at an angle or
@@ -206,7 +206,7 @@ fn crossing(rotor: &dyn Rotor, pace: &Kinematics, angle: i64, forward: bool, fro
         return if there(first) { from } else { Instant::NEVER };
     }
     let way = angle.wrapping_sub(pace.angle) as f64 / TURN * pace.turn as f64;
-    let (h, a) = (pace.h as f64, pace.a as f64);
+    let (h, a) = (pace.half_speed as f64, pace.half_acceleration as f64);
     let root = (h * h + a * way).max(0.0).sqrt();
     // At standstill and at the angle this is 0/0, which becomes no ticks at all.
     let ticks = (way / if forward { h + root } else { h - root }).ceil() as u64;

@@ -189,7 +189,7 @@ impl Inputs for Board {
         self.0.borrow().now
     }
 
-    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
         let mut state = self.0.borrow_mut();
         let due = state.caught.front().is_some_and(|(at, _)| *at <= until);
         if due { state.caught.pop_front() } else { None }
@@ -419,7 +419,7 @@ mod tests {
     use drivetwin_firmware::device::{Boot, Device};
     use drivetwin_firmware::md3::Md3;
     use drivetwin_firmware::qsb::Qsb;
-    use drivetwin_firmware::shell::{ANSWERS, ONE_ANSWER, Shell};
+    use drivetwin_firmware::shell::{Shell, TX_ONE_REPLY, TX_REPLIES};
     use drivetwin_protocol::modbus::rtu;
     use drivetwin_protocol::time::Span;
     use embedded_io::{Write, WriteReady};
@@ -469,15 +469,15 @@ mod tests {
         }
         let reply = at + Duration::from_ticks(64_166 + 18_333);
         board.set_now(reply - Duration::TICK);
-        while shell.turn().is_ok() {}
+        while shell.poll().is_ok() {}
         assert_eq!(shell.deadline(), reply);
         assert!(!board.done().iter().any(|(_, done)| matches!(done, Done::Sent(..))));
         // 25 characters do not fit the buffer at once.
         board.set_now(reply);
-        while shell.turn().is_ok() {}
+        while shell.poll().is_ok() {}
         while board.room_at() != Instant::NEVER {
             board.set_now(board.room_at());
-            while shell.turn().is_ok() {}
+            while shell.poll().is_ok() {}
         }
         let done = board.done();
         let sent: Vec<_> = done.iter().filter(|(_, done)| matches!(done, Done::Sent(..))).collect();
@@ -496,7 +496,7 @@ mod tests {
         shell.power_on(Instant::ZERO, boot);
         for now in [Instant::ZERO, closed, Instant::from(10.secs())] {
             board.set_now(now);
-            while shell.turn().is_ok() {}
+            while shell.poll().is_ok() {}
         }
         let done = board.done();
         let steps = done.iter().filter_map(|(at, done)| match done {
@@ -528,14 +528,14 @@ mod tests {
         let boot = Boot { fast: true, ..Boot::default() };
         let mut shell: Shell<_, _, _, CHARACTERS> = Shell::new(Qsb::m(), board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, boot);
-        while shell.turn().is_ok() {}
+        while shell.poll().is_ok() {}
         let begin = Instant::ZERO + Duration::secs(1);
         for (n, byte) in (0..).zip("R14\r".repeat(commands).bytes()) {
             board.catch(begin + CHARACTER * n, BoardEvent::Byte(Port(0), byte));
         }
         board.set_now(begin + Duration::secs(1));
         loop {
-            while shell.turn().is_ok() {}
+            while shell.poll().is_ok() {}
             let next = shell.deadline().min(board.room_at());
             if next == Instant::NEVER {
                 break;
@@ -556,8 +556,8 @@ mod tests {
 
     #[test]
     fn answers_without_a_pause_need_room_for_their_characters_only() {
-        const COMMANDS: usize = ANSWERS / ANSWER.len();
-        let (sent, failures) = ask_at_once::<ANSWERS>(COMMANDS);
+        const COMMANDS: usize = TX_REPLIES / ANSWER.len();
+        let (sent, failures) = ask_at_once::<TX_REPLIES>(COMMANDS);
         let all: Vec<u8> = sent.iter().flat_map(|(_, bytes)| bytes.clone()).collect();
         assert_eq!(all, ANSWER.repeat(COMMANDS));
         assert_eq!(failures, 0);
@@ -569,8 +569,8 @@ mod tests {
 
     #[test]
     fn an_answer_that_does_not_fit_is_lost_as_a_whole_and_counted() {
-        const FIT: usize = ONE_ANSWER / ANSWER.len();
-        let (sent, failures) = ask_at_once::<ONE_ANSWER>(FIT + 10);
+        const FIT: usize = TX_ONE_REPLY / ANSWER.len();
+        let (sent, failures) = ask_at_once::<TX_ONE_REPLY>(FIT + 10);
         let all: Vec<u8> = sent.into_iter().flat_map(|(_, bytes)| bytes).collect();
         assert_eq!(all.len() % ANSWER.len(), 0);
         assert_eq!(all, ANSWER.repeat(all.len() / ANSWER.len()));
@@ -596,12 +596,12 @@ mod tests {
         board.say(second(2), MCODE, Link(1), b"a");
         board.come(second(3), MCODE, Link(0), LinkEvent::Closed);
         board.say(second(4), MCODE, Link(1), b"x");
-        assert!(shell.turn().is_err(), "nothing has come");
+        assert!(shell.poll().is_err(), "nothing has come");
         // It sleeps no longer than until something comes.
         for n in 1..=4 {
             assert_eq!(shell.deadline(), second(n));
             board.set_now(second(n));
-            while shell.turn().is_ok() {}
+            while shell.poll().is_ok() {}
         }
         let said = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
         let expected = [
@@ -628,7 +628,7 @@ mod tests {
         board.set_now(late);
         let mut rings = 0;
         for said in [">", "a", "b"] {
-            shell.turn().expect("there is something to do");
+            shell.poll().expect("there is something to do");
             let done: Vec<_> = board.done().iter().map(|(_, done)| done.clone()).collect();
             rings += 1;
             let message = |text: &str| Done::Message(MCODE, Link(0), text.as_bytes().to_vec());
@@ -678,7 +678,7 @@ mod tests {
         let mut shell: Shell<_, _, _> = Shell::new(echo, board.clone(), Alone(board.outputs()));
         shell.power_on(Instant::ZERO, Boot::default());
         board.set_now(Instant::ZERO + HOUR);
-        while shell.turn().is_ok() {}
+        while shell.poll().is_ok() {}
         assert_eq!(shell.failures(), 1, "it rang");
     }
 }

@@ -403,7 +403,7 @@ impl VcdVar {
             return match self.outside {
                 _ if !self.known => Value::NotANumber,
                 Some(mv) => Value::Millivolts(mv),
-                None if self.pin.rest == Level::High => Value::Millivolts(LOGIC_HIGH_MV),
+                None if self.pin.idle == Level::High => Value::Millivolts(LOGIC_HIGH_MV),
                 None => Value::Millivolts(0),
             };
         }
@@ -411,7 +411,7 @@ impl VcdVar {
             _ if !self.known => Value::Bit('x'),
             Level::High => logic(true),
             Level::Low => logic(false),
-            Level::Float => match (self.outside, self.pin.rest) {
+            Level::Float => match (self.outside, self.pin.idle) {
                 (Some(mv), _) => logic(mv > HIGH_MV),
                 (None, Level::Float) => Value::Bit('z'),
                 (None, rest) => logic(rest == Level::High),

@@ -112,7 +112,7 @@ impl LineFaults {
         self.check()?;
         let needs_modbus = [("wrong_address", self.wrong_address), ("exception", self.exception)];
         match needs_modbus.iter().find(|(_, share)| *share > 0.0) {
-            Some((name, _)) if port.ends != Framing::Silence => {
+            Some((name, _)) if port.framing != Framing::Silence => {
                 Err(format!("{name} is for lines of Modbus, and {} is none", port.name))
             }
             _ => Ok(()),
@@ -352,7 +352,7 @@ mod tests {
 
     #[test]
     fn only_modbus_knows_addresses_and_exceptions() {
-        let port = |name, ends| PortSpec { name, ends, line: None };
+        let port = |name, framing| PortSpec { name, framing, line: None };
         let (rs485, usb) = (port("rs485", Framing::Silence), port("usb", Framing::Character));
         let faults = LineFaults { exception: 0.1, ..LineFaults::NONE };
         assert_eq!(faults.check_for(&rs485), Ok(()));

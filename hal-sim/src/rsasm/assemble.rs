@@ -230,7 +230,7 @@ impl Reader<'_, '_> {
     fn operands(&mut self, command: Opcode) -> Result<(u32, Option<u32>), Error> {
         let mut constant = None;
         let fields = match command.form {
-            OperandForm::Bare => 0,
+            OperandForm::NoOperand => 0,
             OperandForm::Target => self.target()?,
             OperandForm::Time => data(self.number(WORDS)?),
             OperandForm::Subroutine => data(self.line()?),

@@ -127,7 +127,7 @@ impl<'a> Listing<'a> {
         let modbus = || modbus(instruction);
         let way = || WAYS[usize::from(instruction.type_jmp())];
         let operands = match command.form {
-            OperandForm::Bare => String::new(),
+            OperandForm::NoOperand => String::new(),
             OperandForm::Target if instruction.type_jmp() => {
                 let distance = data.cast_signed();
                 format!("{RELATIVE} {}", self.place(at, found).unwrap_or_else(|| format!("{distance:+}")))

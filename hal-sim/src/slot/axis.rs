@@ -68,7 +68,7 @@ impl AxisState {
         let shared = shared.unwrap_or_default();
         Self {
             step_dir: spec.step_dir,
-            plan: Plan::rest(Instant::ZERO, 0),
+            plan: Plan::at_rest(Instant::ZERO, 0),
             steps: 0,
             forward: false,
             stepped: None,
@@ -84,7 +84,7 @@ impl AxisState {
     }
 
     pub(super) fn power_on(&mut self, at: Instant) {
-        (self.plan, self.steps, self.current_ma, self.duty) = (Plan::rest(at, 0), 0, 0, 0);
+        (self.plan, self.steps, self.current_ma, self.duty) = (Plan::at_rest(at, 0), 0, 0, 0);
         (self.forward, self.stepped) = (false, None);
     }
 
@@ -217,7 +217,7 @@ impl AxisState {
             let end = at.min(begin + Duration::from_ticks(segment.ticks));
             let to = self.plan.position_at(end);
             if from != to {
-                forward = !segment.back;
+                forward = !segment.reverse;
             }
             (begin, from) = (end, to);
         }

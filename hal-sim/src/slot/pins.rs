@@ -68,7 +68,7 @@ impl PinState {
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
         let used = self.spec.high_once_used && (wired || self.touched);
-        if used || self.spec.reports_open() && wired { Level::High } else { self.spec.rest }
+        if used || self.spec.reports_open() && wired { Level::High } else { self.spec.idle }
     }
 
     /// A stimulus of a pin arrives.

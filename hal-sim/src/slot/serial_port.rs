@@ -49,7 +49,7 @@ pub(crate) struct PortState {
 
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
-        let serial = spec.line.map(|line| Serial::new(line, spec.ends == Framing::Silence));
+        let serial = spec.line.map(|line| Serial::new(line, spec.framing == Framing::Silence));
         let tcp = spec.is_tcp().then(|| Tcp::new(spec));
         Self { serial, tcp, statistics: Statistics::default() }
     }

@@ -37,7 +37,7 @@ struct Number {
 impl Tcp {
     pub(super) fn new(spec: &PortSpec) -> Self {
         Self {
-            framed: spec.ends == Framing::Mbap,
+            framed: spec.framing == Framing::Mbap,
             numbers: Vec::new(),
             coming: Vec::new(),
             busy_with: None,
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn the_lowest_number_that_is_free_is_given_though_the_device_may_not_know() {
-        let mut tcp = Tcp::new(&PortSpec { name: "mcode", ends: Framing::Return, line: None });
+        let mut tcp = Tcp::new(&PortSpec { name: "mcode", framing: Framing::Return, line: None });
         let numbers: Vec<_> = (10..13).map(|client| tcp.let_in(client)).collect();
         assert_eq!(numbers, [Some(Link(0)), Some(Link(1)), Some(Link(2))]);
         assert!((0..).zip(10..13).all(|(link, client)| tcp.hear_opened(Link(link), client)));

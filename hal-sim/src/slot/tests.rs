@@ -80,8 +80,8 @@ impl Device for Lender {
         // Its first step after sqrt(2/200) s, its second and last one after as much again.
         let plan = match value {
             11 => {
-                let ramp = Plan::rest(at - 1.millis(), 0);
-                ramp.towards(at - 1.millis(), I24F8::from_num(200_000), i32::MAX as u32).resumed(at, 0)
+                let ramp = Plan::at_rest(at - 1.millis(), 0);
+                ramp.ramp_to(at - 1.millis(), I24F8::from_num(200_000), i32::MAX as u32).continued_from(at, 0)
             }
             _ => Plan::profile(at, 0, steps, Limits::even(1_000_u16.into(), 200)),
         };

@@ -11,8 +11,8 @@ static SPEC: Spec = Spec {
     product: "an echo",
     manual: "this file",
     ports: &[
-        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
-        PortSpec { name: "mcode", ends: Framing::Return, line: None },
+        PortSpec { name: "modbus", framing: Framing::Mbap, line: None },
+        PortSpec { name: "mcode", framing: Framing::Return, line: None },
     ],
     ..Spec::EMPTY
 };

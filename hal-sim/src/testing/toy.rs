@@ -27,10 +27,10 @@ static SPEC: Spec = Spec {
     ports: &[
         PortSpec {
             name: "usb",
-            ends: Framing::Character,
+            framing: Framing::Character,
             line: Some(Line::new(115_200, 8, Parity::None, 1)),
         },
-        PortSpec { name: "net", ends: Framing::Return, line: None },
+        PortSpec { name: "net", framing: Framing::Return, line: None },
     ],
     pins: &[
         PinSpec::new("IN", Role::Input, Level::High),

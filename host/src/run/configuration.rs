@@ -178,8 +178,12 @@ mod tests {
     use drivetwin_protocol::line::{Line, Parity};
 
     static PORTS: &[PortSpec] = &[
-        PortSpec { name: "rs485", ends: Framing::Silence, line: Some(Line::new(9_600, 8, Parity::Even, 1)) },
-        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
+        PortSpec {
+            name: "rs485",
+            framing: Framing::Silence,
+            line: Some(Line::new(9_600, 8, Parity::Even, 1)),
+        },
+        PortSpec { name: "modbus", framing: Framing::Mbap, line: None },
     ];
 
     fn spec(ports: &'static [PortSpec]) -> Spec {

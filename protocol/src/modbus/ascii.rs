@@ -1,5 +1,23 @@
 //! ASCII framing: a colon begins a message, a line feed ends it, and between them two hexadecimal digits
 //! stand for each byte (serial 2.5.2).
+//!
+//! ```
+//! use drivetwin_protocol::line::{Line, Parity};
+//! use drivetwin_protocol::modbus::ascii::{self, AsciiReceiver};
+//! use drivetwin_protocol::time::Instant;
+//!
+//! // Slave 0x11: read 2 holding registers from 0x006B. 0x7F makes the sum of all bytes 0.
+//! let body = [0x11, 3, 0, 0x6B, 0, 2];
+//! assert_eq!(ascii::lrc(&body), 0x7F);
+//! assert_eq!(ascii::encode(&body), b":1103006B00027F\r\n");
+//! assert_eq!(ascii::decode(b":1103006B00027F\r\n").as_deref(), Some(&body[..]));
+//!
+//! // 9600 7E1: a character has 10 bits, which are 16,667 ticks of 62.5 ns. The line feed ends the message.
+//! let mut receiver = AsciiReceiver::new(Line::new(9_600, 7, Parity::Even, 1));
+//! receiver.bytes(Instant::from_ticks(1_000_000), b":1103006B00027F\r\n");
+//! assert_eq!(receiver.deadline(), Instant::from_ticks(1_000_000 + 16 * 16_667));
+//! assert_eq!(receiver.take(), Some(Ok(&body[..])));
+//! ```
 
 use super::pdu::{READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
 use super::{DropReason, FRAME_BYTES, Frame, Scan};
@@ -13,10 +31,10 @@ pub const MESSAGE_CHARACTERS: usize = 513;
 pub type Message = heapless::Vec<u8, MESSAGE_CHARACTERS>;
 
 /// Address, function, 252 bytes, LRC.
-const MOST_BYTES: usize = FRAME_BYTES - 1;
+const MAX_BYTES: usize = FRAME_BYTES - 1;
 
 /// The longest silence inside a message.
-const PATIENCE: Duration = Duration::secs(1);
+const MAX_GAP: Duration = Duration::secs(1);
 
 /// Returns whether a line carries ASCII: 7 data bits are too few for RTU.
 #[must_use]
@@ -33,7 +51,7 @@ pub fn lrc(bytes: &[u8]) -> u8 {
 /// The message of a body: an address and a PDU, of at most 254 bytes together; what is longer is cut.
 #[must_use]
 pub fn encode(body: &[u8]) -> Message {
-    let body = body.get(..MOST_BYTES - 1).unwrap_or(body);
+    let body = body.get(..MAX_BYTES - 1).unwrap_or(body);
     let mut message = Message::new();
     let _ = message.push(b':');
     for &byte in body.iter().chain(&[lrc(body)]) {
@@ -61,7 +79,7 @@ pub fn decode(message: &[u8]) -> Option<Frame> {
 pub fn frame(unit: u8, pdu: &[u8]) -> Message {
     let mut body = Frame::new();
     let _ = body.push(unit);
-    let _ = body.extend_from_slice(pdu.get(..MOST_BYTES - 2).unwrap_or(pdu));
+    let _ = body.extend_from_slice(pdu.get(..MAX_BYTES - 2).unwrap_or(pdu));
     encode(&body)
 }
 
@@ -105,14 +123,15 @@ enum State {
     Ending,
     /// A message that is dropped with its LF.
     Bad(DropReason),
-    /// All of it: the body is good, or else why not.
+    /// A complete message, with the reason why it is dropped, if any.
     Over(Option<DropReason>),
 }
 
 /// The receiving half of a slave: characters in, bodies of messages out.
 ///
-/// A stamp is the end of a character; a message is over with its LF. It keeps one message until that is
-/// [taken](Self::take), and hears nothing meanwhile: characters that come together end at latest with an LF.
+/// A stamp is the end of a character; a message ends with its LF. The receiver holds one message until it is
+/// [taken](Self::take) and ignores characters meanwhile, so characters that are passed together end with an LF at the
+/// latest.
 #[derive(Clone, Debug)]
 pub struct AsciiReceiver {
     character: Duration,
@@ -134,21 +153,21 @@ impl AsciiReceiver {
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let mut end = at;
         for &byte in bytes {
-            self.hear(end, Some(byte));
+            self.on_character(end, Some(byte));
             end += self.character;
         }
     }
 
-    /// A character that nobody could read ended at `at`.
-    pub fn spoiled(&mut self, at: Instant) {
-        self.hear(at, None);
+    /// A character with an error ended at `at`.
+    pub fn rx_error(&mut self, at: Instant) {
+        self.on_character(at, None);
     }
 
     /// A character ended at `at`.
-    fn hear(&mut self, at: Instant, character: Option<u8>) {
+    fn on_character(&mut self, at: Instant, character: Option<u8>) {
         let silence = (at - self.character).since(self.last);
         let state = match self.state {
-            State::Receiving(_) | State::Ending if silence > PATIENCE => State::Bad(DropReason::Gap),
+            State::Receiving(_) | State::Ending if silence > MAX_GAP => State::Bad(DropReason::Gap),
             state => state,
         };
         self.state = match (state, character) {
@@ -158,7 +177,7 @@ impl AsciiReceiver {
                 State::Receiving(None)
             }
             (State::Idle, _) => State::Idle,
-            (State::Ending, Some(b'\n')) => State::Over(self.judge()),
+            (State::Ending, Some(b'\n')) => State::Over(self.check_lrc()),
             (State::Bad(why), Some(b'\n')) => State::Over(Some(why)),
             (State::Receiving(_), Some(b'\n')) => State::Over(Some(DropReason::RxError)),
             (State::Bad(why), _) => State::Bad(why),
@@ -174,7 +193,7 @@ impl AsciiReceiver {
     fn digit(&mut self, high: Option<u8>, character: u8) -> State {
         let Some(digit) = digit(character) else { return State::Bad(DropReason::RxError) };
         let Some(high) = high else { return State::Receiving(Some(digit)) };
-        if self.body.len() >= MOST_BYTES {
+        if self.body.len() >= MAX_BYTES {
             return State::Bad(DropReason::Length);
         }
         let _ = self.body.push(high << 4 | digit);
@@ -182,7 +201,7 @@ impl AsciiReceiver {
     }
 
     /// Takes the LRC off. Why the message is none, if so.
-    fn judge(&mut self) -> Option<DropReason> {
+    fn check_lrc(&mut self) -> Option<DropReason> {
         match self.body.pop() {
             None => Some(DropReason::Length),
             Some(sum) => (sum != lrc(&self.body)).then_some(DropReason::Crc),
@@ -204,7 +223,7 @@ impl AsciiReceiver {
         self.deadline() <= at
     }
 
-    /// Hands over the body of a message, an address and a PDU; `None` while none is over.
+    /// Takes the body of a message, an address and a PDU; `None` while no message is complete.
     ///
     /// # Errors
     /// Why it is no message.
@@ -214,14 +233,14 @@ impl AsciiReceiver {
         Some(bad.map_or(Ok(&self.body), Err))
     }
 
-    /// Forgets what has come.
+    /// Drops the characters received so far.
     pub fn clear(&mut self) {
         self.state = State::Idle;
     }
 }
 
-/// Judges the front of a burst of characters: all up to an LF goes together, whatever it is. What has no
-/// colon is no beginning of a message.
+/// Scans the front of a burst: everything up to an LF is one message, valid or not. Characters without a colon start no
+/// message.
 #[must_use]
 pub fn scan(burst: &[u8]) -> Scan {
     if let Some(end) = burst.iter().position(|&character| character == b'\n') {
@@ -329,7 +348,7 @@ mod tests {
             let mut receiver = AsciiReceiver::new(LINE);
             receiver.bytes(START, &REQUEST[..cut]);
             let spoiled = START + LINE.character() * cut as u64;
-            receiver.spoiled(spoiled);
+            receiver.rx_error(spoiled);
             receiver.bytes(spoiled + LINE.character(), &REQUEST[cut + 1..]);
             assert_eq!(receiver.take(), Some(Err(DropReason::RxError)), "character {cut}");
         }
@@ -402,7 +421,7 @@ mod tests {
                 }
             }
             if spoiled {
-                receiver.spoiled(end);
+                receiver.rx_error(end);
                 end += LINE.character();
             }
             receiver.bytes(end, REQUEST);

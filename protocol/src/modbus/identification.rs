@@ -6,7 +6,7 @@ use super::pdu::{ENCAPSULATED_INTERFACE, Exception, PDU_BYTES};
 /// MEI type, behind the function code.
 const READ_DEVICE_IDENTIFICATION: u8 = 14;
 
-/// The bit of a conformity level that says that single objects can be read.
+/// Bit of a conformity level: single objects can be read.
 pub const SINGLE_OBJECTS: u8 = 0x80;
 
 /// An object: its identifier, and its value of at most 244 bytes; what is longer is cut.
@@ -15,11 +15,11 @@ pub type Object<'a> = (u8, &'a [u8]);
 /// A conformity level: basic and regular objects, streamed.
 pub const REGULAR: u8 = 2;
 
-/// Codes of a request beside it: a stream of a category or the ones below it, or a single object.
+/// Codes of a request: a stream of a category and the ones below it, or a single object.
 const BASIC: u8 = 1;
 const SINGLE: u8 = 4;
 
-/// Says that objects are left.
+/// More objects follow.
 const MORE_FOLLOWS: u8 = 0xFF;
 
 /// More follows, next object, number of objects: known at the end.
@@ -31,8 +31,8 @@ const HEAD_BYTES: usize = 4 + OUTCOME_BYTES;
 /// No object is divided, so none is longer than a reply has room for it, its identifier and its length.
 const VALUE_BYTES: usize = PDU_BYTES - HEAD_BYTES - 2;
 
-/// Answers the request `pdu` with the PDU of a reply, behind what is in `reply`: as many of `objects`, in the
-/// order of their identifiers, as it has room for.
+/// Answers the request `pdu`: appends the PDU of the reply to `reply`, with as many of `objects`, in the order of their
+/// identifiers, as it has room for.
 ///
 /// `conformity` is 1 for a device with basic objects (0 to 2), [`REGULAR`] with regular (to 0x7F), 3 with extended
 /// ones, and [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has;

@@ -1,10 +1,10 @@
-//! Modbus as slaves speak it.
+//! Modbus as a slave uses it.
 //!
 //! Sources: *MODBUS Application Protocol Specification V1.1b3* ("application") and *MODBUS over
 //! Serial Line V1.02* ("serial").
 //!
-//! [`pdu`] reads requests, [`rtu`] and [`ascii`] put them on a serial line, [`tcp`] on a connection, [`server`]
-//! answers them from a register map by the rules of a drive's manual, [`identification`] says who it is.
+//! [`pdu`] parses requests, [`rtu`] and [`ascii`] frame them on a serial line, [`tcp`] on a connection, [`server`]
+//! answers them from a register map by the rules of a drive's manual, [`identification`] reports the product.
 
 pub mod ascii;
 pub mod identification;
@@ -32,11 +32,11 @@ pub enum DropReason {
     Crc,
     /// A silence of more than 1.5 characters inside the frame; in ASCII of more than a second.
     Gap,
-    /// Longer than any frame, or not as long as its function says; in ASCII half a byte.
+    /// Longer than any frame, or not the length that its function requires; in ASCII an odd number of digits.
     Length,
-    /// A character that nobody could read; in ASCII also one that has no place in a message.
+    /// A character with an error; in ASCII also one that is not allowed in a message.
     RxError,
-    /// For somebody else.
+    /// For another slave.
     Address,
     /// The drive is starting and has no ears.
     Starting,
@@ -73,7 +73,7 @@ pub fn scan(line: Line, burst: &[u8], expect: Expect) -> Scan {
     if ascii::is_on(line) { ascii::scan(burst) } else { rtu::scan(burst, expect) }
 }
 
-/// Bytes of a burst that go to the drives together when silence has ended it and [`front`] has found no frame.
+/// Bytes of a burst that go to the drives together when silence has ended it and [`scan`] has found no frame.
 #[must_use]
 pub fn ended(line: Line, burst: &[u8], expect: Expect) -> usize {
     if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, expect) }

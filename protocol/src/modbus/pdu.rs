@@ -16,7 +16,7 @@ pub const WRITE_SINGLE_REGISTER: u8 = 6;
 pub const WRITE_MULTIPLE_COILS: u8 = 15;
 /// Write multiple registers.
 pub const WRITE_MULTIPLE_REGISTERS: u8 = 16;
-/// Encapsulated interface transport: what it is for says the byte behind it.
+/// Encapsulated interface transport: the next byte selects the interface.
 pub const ENCAPSULATED_INTERFACE: u8 = 43;
 
 /// The longest PDU, whatever carries it (application 4.1).
@@ -92,7 +92,7 @@ pub enum Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// Reads a request; `None` if it is not as long as its function says.
+    /// Parses a request; `None` if it does not have the length that its function requires.
     #[must_use]
     pub fn parse(pdu: &'a [u8]) -> Option<Self> {
         let (&function, data) = pdu.split_first()?;

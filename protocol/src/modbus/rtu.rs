@@ -1,4 +1,23 @@
-//! RTU framing: silence ends a frame, a CRC holds it together (serial 2.5.1).
+//! RTU framing: silence ends a frame, a CRC protects it (serial 2.5.1).
+//!
+//! ```
+//! use drivetwin_protocol::line::{Line, Parity};
+//! use drivetwin_protocol::modbus::rtu::{self, RtuReceiver};
+//! use drivetwin_protocol::time::Instant;
+//!
+//! // Slave 0x11: read 3 holding registers from 0x006B. The CRC is 0x8776, low byte first.
+//! let request = rtu::read(0x11, 0x006B, 3);
+//! assert_eq!(request, [0x11, 3, 0, 0x6B, 0, 3, 0x76, 0x87]);
+//!
+//! // 9600 8E1: a character has 11 bits, which are 18,333 ticks of 62.5 ns.
+//! let mut receiver = RtuReceiver::new(Line::new(9_600, 8, Parity::Even, 1));
+//! receiver.bytes(Instant::from_ticks(1_000_000), &request);
+//! // Seven more characters, 3.5 characters of silence, and a character's time in which no other one ends.
+//! let over = Instant::from_ticks(1_000_000 + 7 * 18_333 + 64_166 + 18_333);
+//! assert_eq!(receiver.deadline(), over);
+//! assert_eq!(receiver.take(), Some(Ok(&request[..])));
+//! assert_eq!(rtu::verify_crc(&request), Some(&request[..6]));
+//! ```
 
 use crc::{CRC_16_MODBUS, Crc};
 
@@ -32,7 +51,7 @@ pub fn verify_crc(frame: &[u8]) -> Option<&[u8]> {
     (crc(body) == u16::from_le_bytes(*sum)).then_some(body)
 }
 
-/// Puts the CRC behind what is in `frame`; without effect where no room is left.
+/// Appends the CRC of `frame`; no effect without room for it.
 pub fn append_crc(frame: &mut Frame) {
     let sum = crc(frame);
     // Replies are at most 253 bytes long before this.
@@ -130,11 +149,12 @@ impl RtuReceiver {
         }
     }
 
-    /// From the next character after `at` on the line is `line`. A frame that is over by its silences is so at `at`.
+    /// From the next character after `at` on the line is `line`. A frame that would be complete earlier with the new
+    /// silences is complete at `at`.
     pub fn set_line(&mut self, at: Instant, line: Line) {
         self.timing = Timing::of(line);
         if self.state != State::Idle {
-            self.heard(self.last);
+            self.restart_silence(self.last);
             self.over = self.over.max(at);
         }
     }
@@ -150,22 +170,22 @@ impl RtuReceiver {
     /// A frame that the silence before them ends is taken first: see [`is_over`](Self::is_over).
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let Some(others) = bytes.len().checked_sub(1) else { return };
-        self.hear(at);
+        self.character_began(at);
         if self.state == State::Receiving && self.frame.extend_from_slice(bytes).is_err() {
             self.state = State::Bad(DropReason::Length);
         }
-        self.heard(at + self.timing.character * others as u64);
+        self.restart_silence(at + self.timing.character * others as u64);
     }
 
-    /// A character that nobody could read ended at `at`.
-    pub fn spoiled(&mut self, at: Instant) {
-        self.hear(at);
+    /// A character with an error ended at `at`.
+    pub fn rx_error(&mut self, at: Instant) {
+        self.character_began(at);
         self.state = State::Bad(DropReason::RxError);
-        self.heard(at);
+        self.restart_silence(at);
     }
 
     /// A character ended at `at`: what its distance from the last one means.
-    fn hear(&mut self, at: Instant) {
+    fn character_began(&mut self, at: Instant) {
         match self.state {
             State::Idle => {
                 self.frame.clear();
@@ -179,7 +199,7 @@ impl RtuReceiver {
     }
 
     /// The last character ended at `last`: from then on the line may be silent.
-    fn heard(&mut self, last: Instant) {
+    fn restart_silence(&mut self, last: Instant) {
         self.last = last;
         self.over = last + self.timing.t3_5 + self.timing.character;
     }
@@ -196,7 +216,7 @@ impl RtuReceiver {
         self.deadline() <= at
     }
 
-    /// Ends the frame and hands it over, CRC included and unchecked; `None` on a silent line.
+    /// Ends the frame and returns it, CRC included and unchecked; `None` on a silent line.
     ///
     /// # Errors
     /// Why it is no frame.
@@ -210,37 +230,61 @@ impl RtuReceiver {
         }
     }
 
-    /// Forgets what has come.
+    /// Drops the characters received so far.
     pub fn clear(&mut self) {
         self.state = State::Idle;
         self.over = Instant::NEVER;
     }
 }
 
-/// Judges the front of a burst of which more may come, split into reads by chance. The CRC of a prefix may hold by
-/// chance, too: so a frame is whole where its CRC holds at the longest length that its function may have for those who
-/// are heard, or at another one with a whole frame right behind it (PROJECT-4).
+/// Scans the front of a burst that may still grow. Reads may split it anywhere.
+///
+/// A CRC alone does not end a frame, because the CRC of a prefix may match by chance. A frame is complete if its CRC
+/// matches at the longest length that its function may have, or at a shorter one with another complete frame right
+/// behind it (PROJECT-4).
+///
+/// # Example
+///
+/// A write of two registers (function 0x10) to slave 0x30. As a request it has 7 + 4 + 2 = 13 bytes, as a reply 8. Its
+/// first 8 bytes happen to end with their own CRC, `10 E3`:
+///
+/// ```
+/// use drivetwin_protocol::modbus::{Expect, Scan, rtu};
+///
+/// let burst = [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
+/// assert_eq!(rtu::crc(&burst[..6]), 0xE304);
+/// // A master sends requests only: byte 6 (4 data bytes) makes 13 the only possible length.
+/// assert_eq!(rtu::scan(&burst[..8], Expect::Requests), Scan::Incomplete);
+/// // With slaves on the line these 8 bytes may be a reply: silence decides, or the bytes that follow.
+/// assert_eq!(rtu::scan(&burst[..8], Expect::Both), Scan::Ambiguous);
+/// assert_eq!(rtu::scan(&burst, Expect::Both), Scan::Complete(13));
+/// // 13 bytes with a wrong CRC: the next frame behind them shows that they are none.
+/// let mut wrong = burst.to_vec();
+/// wrong[12] ^= 1;
+/// wrong.extend(rtu::read(1, 0, 2));
+/// assert_eq!(rtu::scan(&wrong, Expect::Requests), Scan::Invalid(13));
+/// ```
 #[must_use]
 pub fn scan(burst: &[u8], expect: Expect) -> Scan {
     let Some(&function) = burst.get(1) else { return Scan::Incomplete };
     let lengths = lengths(burst, function, expect);
     let longest = lengths.longest();
     let frames = lengths.into_iter().filter(|&length| holds(burst, length));
-    if let Some(length) = frames.clone().find(|&length| begins_whole(after(burst, length), expect)) {
+    if let Some(length) = frames.clone().find(|&length| starts_with_frame(after(burst, length), expect)) {
         return Scan::Complete(length);
     }
     match frames.last() {
         Some(length) if burst.len() >= longest => Scan::Complete(length),
         Some(_) => Scan::Ambiguous,
         None if burst.len() < longest => Scan::Incomplete,
-        None if begins_whole(after(burst, longest), expect) => Scan::Invalid(longest),
+        None if starts_with_frame(after(burst, longest), expect) => Scan::Invalid(longest),
         None if burst.len() > FRAME_BYTES => Scan::Invalid(FRAME_BYTES + 1),
         None => Scan::Ambiguous,
     }
 }
 
-/// Bytes of a burst that go to the drives together when silence has ended it, and [`front`] has found no frame: all of
-/// it if its CRC holds; else up to where one holds before a frame; else all of it, as on a line.
+/// Bytes of a burst that go to the drives together when silence has ended it and [`scan`] has found no frame: all of it
+/// if its CRC matches; else up to where a CRC matches before another frame; else all of it, as on a line.
 #[must_use]
 pub fn ended(burst: &[u8], expect: Expect) -> usize {
     let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && verify_crc(frame).is_some();
@@ -249,12 +293,12 @@ pub fn ended(burst: &[u8], expect: Expect) -> usize {
     }
     let function = burst.get(1).copied().unwrap_or_default();
     let known = || lengths(burst, function, expect).into_iter().filter(|&length| holds(burst, length)).last();
-    let mut frames = (SHORTEST..=FRAME_BYTES).filter(|&length| holds(burst, length));
-    let before_another = frames.find(|&length| {
+    let mut frames = (MIN_BYTES..=FRAME_BYTES).filter(|&length| holds(burst, length));
+    let before_next_frame = frames.find(|&length| {
         let rest = after(burst, length);
-        begins_whole(rest, expect) || is_whole(rest)
+        starts_with_frame(rest, expect) || is_whole(rest)
     });
-    before_another.or_else(known).unwrap_or(burst.len())
+    before_next_frame.or_else(known).unwrap_or(burst.len())
 }
 
 /// Returns whether there are `length` bytes and the CRC at their end holds.
@@ -268,16 +312,17 @@ fn after(burst: &[u8], length: usize) -> &[u8] {
 }
 
 /// Returns whether a burst begins with a whole frame of a function that has a length.
-fn begins_whole(burst: &[u8], expect: Expect) -> bool {
+fn starts_with_frame(burst: &[u8], expect: Expect) -> bool {
     let Some(&function) = burst.get(1) else { return false };
     let lengths = lengths(burst, function, expect);
     !matches!(lengths, Lengths::Any) && lengths.into_iter().any(|length| holds(burst, length))
 }
 
 /// Address, function, CRC.
-const SHORTEST: usize = 4;
+const MIN_BYTES: usize = 4;
 
-/// Functions whose requests have a length, and that no drive on a serial line knows (application 6.7 to 6.18).
+/// Functions whose requests have a known length, and that no drive on a serial line implements (application 6.7 to
+/// 6.18).
 const READ_EXCEPTION_STATUS: u8 = 7;
 const GET_EVENT_COUNTER: u8 = 11;
 const GET_EVENT_LOG: u8 = 12;
@@ -303,7 +348,7 @@ enum Lengths {
 impl Lengths {
     fn longest(self) -> usize {
         match self {
-            Self::Known(lengths) => lengths.into_iter().flatten().max().unwrap_or(SHORTEST),
+            Self::Known(lengths) => lengths.into_iter().flatten().max().unwrap_or(MIN_BYTES),
             Self::Any => FRAME_BYTES,
         }
     }
@@ -312,16 +357,16 @@ impl Lengths {
     fn into_iter(self) -> impl Iterator<Item = usize> + Clone {
         let (mut known, any) = match self {
             Self::Known(lengths) => (lengths, None),
-            Self::Any => ([None; 2], Some(SHORTEST..=FRAME_BYTES)),
+            Self::Any => ([None; 2], Some(MIN_BYTES..=FRAME_BYTES)),
         };
         known.sort_unstable();
         known.into_iter().flatten().chain(any.into_iter().flatten())
     }
 }
 
-/// Lengths that a frame of `function` may have, as far as `burst` tells (application 6.1 to 6.21).
+/// Possible lengths of a frame of `function`, as far as `burst` determines them (application 6.1 to 6.21).
 fn lengths(burst: &[u8], function: u8, expect: Expect) -> Lengths {
-    // Address, function, a fixed part, as many bytes as a count in it says, CRC. No count is beyond the longest frame.
+    // Address, function, a fixed part, as many bytes as its byte count, CRC. No count exceeds the longest frame.
     let counted = |at: usize| match burst.get(at) {
         Some(&count) => (at + 1 + usize::from(count) + 2).min(FRAME_BYTES),
         None => FRAME_BYTES,
@@ -336,7 +381,7 @@ fn lengths(burst: &[u8], function: u8, expect: Expect) -> Lengths {
         _ if function & EXCEPTION_BIT != 0 && expect != Expect::Requests => {
             return Lengths::Known([Some(5), None]);
         }
-        // Of the others of the specification what a master says. The drives refuse most of them.
+        // Requests of the specification's other functions. The drives refuse most of them.
         READ_EXCEPTION_STATUS | GET_EVENT_COUNTER | GET_EVENT_LOG | REPORT_SERVER_ID
             if expect == Expect::Requests =>
         {
@@ -436,7 +481,7 @@ mod tests {
         for cut in 0..8 {
             receiver.bytes(start, &REQUEST[..cut]);
             let spoiled = start + CHARACTER * cut as u64;
-            receiver.spoiled(spoiled);
+            receiver.rx_error(spoiled);
             assert_eq!(receiver.deadline(), spoiled + T3_5 + CHARACTER);
             receiver.bytes(spoiled + CHARACTER, &REQUEST[cut + 1..]);
             assert_eq!(receiver.take(), Some(Err(DropReason::RxError)), "character {cut}");

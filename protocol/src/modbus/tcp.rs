@@ -1,4 +1,4 @@
-//! TCP framing: a header with its length stands before each PDU (application 4.1; FB 3.2.1 of the MDrive).
+//! TCP framing: a header with the length precedes each PDU (application 4.1; FB 3.2.1 of the MDrive).
 
 use core::fmt;
 
@@ -14,29 +14,29 @@ pub const ADU_BYTES: usize = HEADER_BYTES + PDU_BYTES;
 pub type Adu = heapless::Vec<u8, ADU_BYTES>;
 
 /// Bytes up to the length, which does not count them.
-const UNCOUNTED: usize = 6;
+const LENGTH_END: usize = 6;
 
 /// Header without protocol and length: a server copies both fields into its reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
-    /// Tells a client which of its requests a reply answers.
+    /// Number of the request; its reply has the same.
     pub transaction: u16,
-    /// Whom it is for behind a gateway.
+    /// Address of the slave behind a gateway.
     pub unit: u8,
 }
 
 /// The header and the PDU of a whole ADU; `None` of anything else.
 #[must_use]
 pub fn parse(adu: &[u8]) -> Option<(Header, &[u8])> {
-    if wanted(adu) != Ok(adu.len()) {
+    if adu_length(adu) != Ok(adu.len()) {
         return None;
     }
     let (&[a, b, _, _, _, _, unit], pdu) = adu.split_first_chunk::<HEADER_BYTES>()?;
     Some((Header { transaction: u16::from_be_bytes([a, b]), unit }, pdu))
 }
 
-/// Puts a header into `adu` in place of all that is there; a PDU is to follow, and [`seal`].
+/// Puts a header into `adu` in place of all that is there; a PDU is to follow, and [`set_length`].
 pub fn begin(adu: &mut Adu, header: Header) {
     adu.clear();
     let [a, b] = header.transaction.to_be_bytes();
@@ -44,9 +44,9 @@ pub fn begin(adu: &mut Adu, header: Header) {
 }
 
 /// Writes the length of what follows it.
-pub fn seal(adu: &mut Adu) {
-    let length = (adu.len().saturating_sub(UNCOUNTED) & 0xFFFF) as u16;
-    if let Some(field) = adu.get_mut(UNCOUNTED - 2..UNCOUNTED) {
+pub fn set_length(adu: &mut Adu) {
+    let length = (adu.len().saturating_sub(LENGTH_END) & 0xFFFF) as u16;
+    if let Some(field) = adu.get_mut(LENGTH_END - 2..LENGTH_END) {
         field.copy_from_slice(&length.to_be_bytes());
     }
 }
@@ -57,7 +57,7 @@ pub fn frame(header: Header, pdu: &[u8]) -> Adu {
     let mut adu = Adu::new();
     begin(&mut adu, header);
     let _ = adu.extend_from_slice(pdu.get(..PDU_BYTES).unwrap_or(pdu));
-    seal(&mut adu);
+    set_length(&mut adu);
     adu
 }
 
@@ -89,14 +89,14 @@ impl fmt::Display for Broken {
 
 impl core::error::Error for Broken {}
 
-/// Bytes that an ADU has, or, where `front` is too short to tell, that tell it.
-fn wanted(front: &[u8]) -> Result<usize, Broken> {
+/// Bytes of the whole ADU, or of the header up to its length field while `front` is shorter than that.
+fn adu_length(front: &[u8]) -> Result<usize, Broken> {
     if front.iter().skip(2).take(2).any(|&byte| byte != 0) {
         return Err(Broken::Protocol);
     }
     match (front.get(4), front.get(5)) {
-        (None | Some(0), None) => Ok(UNCOUNTED),
-        (Some(0), Some(&length @ 2..=254)) => Ok(UNCOUNTED + usize::from(length)),
+        (None | Some(0), None) => Ok(LENGTH_END),
+        (Some(0), Some(&length @ 2..=254)) => Ok(LENGTH_END + usize::from(length)),
         _ => Err(Broken::Length),
     }
 }
@@ -104,54 +104,65 @@ fn wanted(front: &[u8]) -> Result<usize, Broken> {
 /// The receiving half of a connection: segments in, whole ADUs out, however they were cut.
 ///
 /// ```
-/// use drivetwin_protocol::modbus::tcp::{self, Broken, Splitter};
+/// use drivetwin_protocol::modbus::tcp::{self, Broken, Header, Splitter};
 ///
-/// fn received(splitter: &mut Splitter, mut segment: &[u8]) -> Result<(), Broken> {
-///     while let Some(adu) = splitter.next(&mut segment)? {
-///         assert!(tcp::parse(adu).is_some());
-///     }
-///     Ok(())
-/// }
+/// // Transaction 0x1234, unit 5: read 2 holding registers from 0x008B.
+/// let request = tcp::read(Header { transaction: 0x1234, unit: 5 }, 0x008B, 2);
+/// assert_eq!(request, [0x12, 0x34, 0, 0, 0, 6, 5, 3, 0x00, 0x8B, 0x00, 0x02]);
+///
+/// let mut splitter = Splitter::new();
+/// // TCP delivers the first 5 bytes, then the rest and another request in one segment.
+/// let mut segment = &request[..5];
+/// assert_eq!(splitter.next(&mut segment), Ok(None));
+/// let rest = [&request[5..], &request].concat();
+/// let mut segment = &rest[..];
+/// assert_eq!(splitter.next(&mut segment), Ok(Some(&request[..])));
+/// assert_eq!(splitter.next(&mut segment), Ok(Some(&request[..])));
+/// assert_eq!(splitter.next(&mut segment), Ok(None));
+///
+/// // A protocol identifier other than 0 is no Modbus: close the connection.
+/// let mut segment = &[0, 1, 0, 7, 0, 6][..];
+/// assert_eq!(splitter.next(&mut segment), Err(Broken::Protocol));
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Splitter {
     /// The front of an ADU, or all of one that has been handed over. A header that is none stays here.
-    part: Adu,
+    buffer: Adu,
 }
 
 impl Splitter {
     /// The splitter of a new connection.
     #[must_use]
     pub const fn new() -> Self {
-        Self { part: Adu::new() }
+        Self { buffer: Adu::new() }
     }
 
     /// The next whole ADU, taken off the front of `segment`; `None` when the segment is used up. An ADU that
     /// lies in it whole is not copied.
     ///
     /// # Errors
-    /// As soon as a header tells it, and ever after: the connection is to be closed.
+    /// As soon as a header is invalid, and from then on: close the connection.
     pub fn next<'a, 'b: 'a>(&'a mut self, segment: &mut &'b [u8]) -> Result<Option<&'a [u8]>, Broken> {
-        if wanted(&self.part) == Ok(self.part.len()) {
-            self.part.clear();
+        if adu_length(&self.buffer) == Ok(self.buffer.len()) {
+            self.buffer.clear();
         }
-        if self.part.is_empty()
-            && let Ok(length) = wanted(segment)
+        if self.buffer.is_empty()
+            && let Ok(length) = adu_length(segment)
             && let Some((adu, rest)) = segment.split_at_checked(length)
         {
             *segment = rest;
             return Ok(Some(adu));
         }
         loop {
-            let missing = wanted(&self.part)?.saturating_sub(self.part.len());
+            let missing = adu_length(&self.buffer)?.saturating_sub(self.buffer.len());
             if missing == 0 {
-                return Ok(Some(&self.part));
+                return Ok(Some(&self.buffer));
             }
             if segment.is_empty() {
                 return Ok(None);
             }
             let (more, rest) = segment.split_at_checked(missing).unwrap_or((segment, &[]));
-            let _ = self.part.extend_from_slice(more);
+            let _ = self.buffer.extend_from_slice(more);
             *segment = rest;
         }
     }

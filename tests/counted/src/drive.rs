@@ -27,7 +27,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
     const STARTED: Duration = Duration::secs(10);
     let port = drive.spec().ports.first().expect("the drive has a port");
     let character = port.line.expect("it is a serial one").character();
-    let hears_lines = port.ends == Framing::Character;
+    let hears_lines = port.framing == Framing::Character;
     let objects = drive.spec().registers.layout.objects;
     let registers = drive.spec().registers.rows.iter();
     let registers = registers.filter(|row| row.space == Space::Holding && row.access.reads());
@@ -73,7 +73,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
 #[inline(never)]
 fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
     // What it says is whether to sleep now.
-    let _ = shell.turn();
+    let _ = shell.poll();
 }
 
 /// A board that has just what is needed.
@@ -90,7 +90,7 @@ impl Inputs for &Board {
         self.now.get()
     }
 
-    fn caught(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
         self.caught.take().map(|caught| (self.now.get(), caught))
     }
 }

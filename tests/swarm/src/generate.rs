@@ -245,7 +245,7 @@ fn who(drive: Drive, rng: &mut Rng) -> Who {
 fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let who = who(drive, rng);
     let family = Family::of(drive.spec.kind);
-    let bytes = match drive.spec.ports[usize::from(who.port)].ends {
+    let bytes = match drive.spec.ports[usize::from(who.port)].framing {
         Framing::Silence => dialect::modbus_mischief(family, drive.address, drive.ascii, rng),
         Framing::Character => dialect::qsb_mischief(rng),
         Framing::Mbap => dialect::tcp_mischief(rng),
@@ -272,7 +272,7 @@ fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
             *share = f64::from(rng.u8(0..=10)) / 10.0;
         }
     }
-    if spec.ports.first().is_none_or(|port| port.ends != Framing::Silence) {
+    if spec.ports.first().is_none_or(|port| port.framing != Framing::Silence) {
         (faults.exception, faults.wrong_address) = (0.0, 0.0);
     }
     if rng.u8(..4) == 0 {

@@ -143,7 +143,7 @@ pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Re
                 Ok(())
             }
             Event::Output(OutputRecord::Bytes { port: MODBUS, bytes })
-                if drive.spec.ports.first().is_some_and(|port| port.ends == Framing::Silence) =>
+                if drive.spec.ports.first().is_some_and(|port| port.framing == Framing::Silence) =>
             {
                 let own = addresses.get(&*drive.name).copied();
                 reply_on_line(heard, entry.at, own, bytes).map_err(|wrong| (wrong, bytes))

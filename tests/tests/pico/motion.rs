@@ -122,13 +122,13 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     ];
     let mut script = Script::fast();
     let mut asked = write(&mut script, START, &MOVE);
-    let mut plan = Plan::rest(Instant::ZERO, 0);
+    let mut plan = Plan::at_rest(Instant::ZERO, 0);
     for (register, value, speed) in orders {
         script.hear(asked, &rtu::write(1, register, value));
         // A microsecond later than the character, as the stamp is.
         let at = Instant::from_ticks((taken(asked) + US) * 2 / 125);
         plan = match speed {
-            Some(speed) => plan.towards(at, I24F8::from_num(speed), ACCELERATION),
+            Some(speed) => plan.ramp_to(at, I24F8::from_num(speed), ACCELERATION),
             None => plan.halt(at),
         };
         asked += 200 * MS;

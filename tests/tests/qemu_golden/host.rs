@@ -53,7 +53,7 @@ impl Host {
 
     /// Connects to a port of the drive.
     pub(crate) fn open(&mut self, connection: Connection) {
-        let number = match self.spec.ports[usize::from(connection.0.0)].ends {
+        let number = match self.spec.ports[usize::from(connection.0.0)].framing {
             // FB 6.3.
             Framing::Mbap => 502,
             Framing::Return => 503,

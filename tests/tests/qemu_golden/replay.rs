@@ -85,7 +85,7 @@ pub(crate) fn play(
     let mut inputs = vec![(FAST, !drive.boot_fast)];
     let hears = |role| matches!(role, Role::Input | Role::Both | Role::AnalogueOrDigital);
     let heard = spec.pins.iter().filter(|pin| hears(pin.role));
-    inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.rest != Level::Low))));
+    inputs.extend(heard.filter_map(|pin| Some((gpio(pin.name)?, pin.idle != Level::Low))));
     inputs.extend(spec.faults.iter().chain(&["DTR"]).filter_map(|name| Some((gpio(name)?, true))));
 
     let has_axis_pins = expected.has_steps && expected.shared_step().is_none();

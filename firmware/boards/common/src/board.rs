@@ -44,7 +44,7 @@ pub trait Board {
     fn past() -> Instant;
 
     /// Takes the oldest event that was caught, if it is not after `until`.
-    fn caught(until: Instant) -> Option<(Instant, BoardEvent)>;
+    fn next_event(until: Instant) -> Option<(Instant, BoardEvent)>;
 
     /// `true` if nothing that was caught waits.
     fn is_quiet() -> bool;
@@ -67,8 +67,8 @@ impl<B: Board> Inputs for BoardInputs<B> {
         B::past()
     }
 
-    fn caught(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
-        let first = B::caught(until);
+    fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
+        let first = B::next_event(until);
         if first.is_none() && B::is_quiet() {
             B::tell_missed();
         }
@@ -114,7 +114,7 @@ where
     loop {
         B::feed();
         B::Uart::bus().look();
-        if shell.turn().is_err() {
+        if shell.poll().is_err() {
             B::sleep_until(shell.deadline());
         }
     }
@@ -140,15 +140,8 @@ where
     if axis_pins == AxisPins::Own {
         B::Timer::start();
     }
-    let hands = BoardOutputs {
-        bus: Sender::new(),
-        pins,
-        memory,
-        axis,
-        axis_pins,
-        follower: PlanLoader::new(),
-        links,
-    };
+    let hands =
+        BoardOutputs { bus: Sender::new(), pins, memory, axis, axis_pins, loader: PlanLoader::new(), links };
     Shell::new(drive, BoardInputs(PhantomData), hands)
 }
 

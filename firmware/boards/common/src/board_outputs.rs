@@ -36,7 +36,7 @@ pub struct BoardOutputs<B, P, M, T: Timer + 'static, const PINS: usize, L = NoNe
     /// STEP and DIR.
     pub axis_pins: AxisPins,
     /// Loader of its plans.
-    pub follower: PlanLoader,
+    pub loader: PlanLoader,
     /// The network, if the drive has a port there.
     pub links: Option<L>,
 }
@@ -73,7 +73,7 @@ where
     fn release(&mut self, pin: Pin, released: bool) {
         if self.axis_pins == AxisPins::Shared(pin) {
             // It takes a level: as the axis takes it again, it is low.
-            let _ = self.axis.with(|stepper, _| stepper.let_go());
+            let _ = self.axis.with(|stepper, _| stepper.release());
         }
         if let Some(pin) = self.pin(pin) {
             pin.release(released);
@@ -92,13 +92,13 @@ where
         if self.axis_pins == AxisPins::None {
             return Duration::ZERO;
         }
-        let HandOff { slipped, late } = self.follower.follow(&mut self.axis, plan);
-        slips::add(slipped);
-        late
+        let HandOff { step_skew, delay } = self.loader.load(&mut self.axis, plan);
+        slips::add(step_skew);
+        delay
     }
 
     fn wait(&mut self, late: Duration) {
-        self.follower.wait(late);
+        self.loader.wait(late);
     }
 
     fn step(&mut self, _axis: device::Axis, steps: i32) {

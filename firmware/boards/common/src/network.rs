@@ -99,7 +99,7 @@ impl<'a, F: Frames> Network<'a, F> {
         let mut connections = heapless::Vec::new();
         let mut splitters = places.splitters.iter_mut();
         let mut bytes = &mut places.bytes[..];
-        let ports = (0..).map(Port).zip(spec.ports).flat_map(|(port, of)| [(port, of.ends); LINKS]);
+        let ports = (0..).map(Port).zip(spec.ports).flat_map(|(port, of)| [(port, of.framing); LINKS]);
         for ((port, ends), link) in ports.zip((0..LINKS as u8).cycle().map(Link)) {
             let Some(framing) = Framer::of(ends, &mut splitters) else { continue };
             let Some((heard, rest)) = bytes.split_at_mut_checked(UNHEARD) else { break };
@@ -320,8 +320,8 @@ enum Framer<'a> {
 
 impl<'a> Framer<'a> {
     /// Framer of a port whose messages end so; `None` of one without connections.
-    fn of(ends: Framing, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
-        match ends {
+    fn of(framing: Framing, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
+        match framing {
             Framing::Mbap => splitters.next().map(Self::Mbap),
             Framing::Return => Some(Self::Return),
             Framing::Silence | Framing::Character => None,

@@ -59,7 +59,7 @@ impl<P: StepPort> StepDir for StepPins<P> {
         self.ready = P::count();
     }
 
-    fn turn(&mut self, forward: bool) {
+    fn set_direction(&mut self, forward: bool) {
         P::dir(forward);
         self.ready = P::count();
     }

@@ -48,7 +48,7 @@ impl End {
     pub fn rests_high(self, spec: &Spec) -> bool {
         match self {
             Self::Pin(Pin(place)) => {
-                spec.pins.get(usize::from(place)).is_some_and(|pin| pin.rest != Level::Low)
+                spec.pins.get(usize::from(place)).is_some_and(|pin| pin.idle != Level::Low)
             }
             Self::Fault(_) | Self::Dtr(_) => true,
         }
@@ -61,7 +61,7 @@ impl End {
             Self::Pin(Pin(place)) => spec
                 .pins
                 .get(usize::from(place))
-                .is_some_and(|pin| pin.role == Role::Output && pin.rest == Level::Float),
+                .is_some_and(|pin| pin.role == Role::Output && pin.idle == Level::Float),
             Self::Fault(_) | Self::Dtr(_) => false,
         }
     }
@@ -81,7 +81,7 @@ impl End {
 /// must be turned around.
 #[must_use]
 pub fn is_full_duplex(spec: &Spec) -> bool {
-    matches!(spec.ports, [PortSpec { ends: Framing::Character, .. }, ..])
+    matches!(spec.ports, [PortSpec { framing: Framing::Character, .. }, ..])
 }
 
 /// Pins of STEP and DIR of a drive's axis.

@@ -54,7 +54,7 @@ impl StepDir for Pins {
         NOW.set(NOW.get() + LEVEL + LEVEL);
     }
 
-    fn turn(&mut self, _forward: bool) {}
+    fn set_direction(&mut self, _forward: bool) {}
 }
 
 fn made() -> usize {
@@ -97,15 +97,15 @@ fn the_drive_is_told_once_of_steps_that_slipped() {
         memory: Nothing,
         axis: &AXIS,
         axis_pins: AxisPins::Own,
-        follower: PlanLoader::new(),
+        loader: PlanLoader::new(),
         links: None,
     };
     assert_eq!(untold(), None);
     let at = |ms: u64| Instant::from_ticks(ms * 16_000);
-    let mut plan = Plan::rest(at(0), 0);
+    let mut plan = Plan::at_rest(at(0), 0);
     // Twice it is to stop, and learns of it 10 ms later, at 10,000 steps/s.
     for start in [0, 500] {
-        let jog = plan.towards(at(start), I24F8::from_num(10_000), 1_000_000);
+        let jog = plan.ramp_to(at(start), I24F8::from_num(10_000), 1_000_000);
         hands.plan(device::Axis(0), &jog);
         run(&AXIS, at(start + 500));
         plan = jog.halt(at(start + 490));

@@ -89,11 +89,11 @@ impl Gpio {
     /// remembers what an input was driven to as an output. As an open drain that lets go, it harms nobody.
     pub(crate) fn resting(self, high: bool) {
         self.pulled(high);
-        self.let_go(high);
+        self.release(high);
     }
 
     /// Makes it an input that rests so.
-    pub(crate) fn let_go(self, high: bool) {
+    pub(crate) fn release(self, high: bool) {
         if high {
             self.take();
             self.write(true);

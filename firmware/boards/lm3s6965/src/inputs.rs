@@ -93,7 +93,7 @@ fn begin() {
 /// Makes an output an input again, that rests so.
 pub(crate) fn let_go(gpio: Gpio, rests_high: bool) {
     with(|inputs| {
-        gpio.let_go(rests_high);
+        gpio.release(rests_high);
         gpio.listen(true);
         if let Some(input) = inputs.iter_mut().find(|input| input.gpio == gpio) {
             let high = gpio.settle();

@@ -145,7 +145,7 @@ impl Board for Evaluation {
         clock::now()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

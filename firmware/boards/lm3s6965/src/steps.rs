@@ -83,7 +83,7 @@ impl StepDir for Pins {
         STEP.write(false);
     }
 
-    fn turn(&mut self, forward: bool) {
+    fn set_direction(&mut self, forward: bool) {
         DIR.write(forward);
     }
 }

@@ -135,7 +135,7 @@ impl Board for Pico {
         timer::past()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

@@ -143,7 +143,7 @@ impl Board for BlackPill {
         timer::past()
     }
 
-    fn caught(until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 

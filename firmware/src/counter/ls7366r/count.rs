@@ -28,8 +28,8 @@ impl Halt {
     const CYCLE: Self = Self(4);
 }
 
-/// CNTR, and the registers that say how it counts. Limits are compared for equality, so a count beyond
-/// DTR goes on to the end of the counter (QSB-18).
+/// CNTR, and the registers that control how it counts. Limits are compared for equality, so a count beyond DTR goes on
+/// to the end of the counter (QSB-18).
 #[derive(Clone, Debug)]
 pub(super) struct Count {
     /// CNTR.

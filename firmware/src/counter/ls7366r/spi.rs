@@ -58,8 +58,8 @@ impl<'a> Transmission<'a> {
         Self { counter, stage: Stage::Instruction }
     }
 
-    /// A byte of MOSI, and what MISO has meanwhile: 0 where the chip sends nothing. What is written takes
-    /// effect with its last byte.
+    /// Transfers a byte of MOSI and returns that of MISO: 0 where the chip sends nothing. A write takes effect with its
+    /// last byte.
     pub fn exchange(&mut self, mosi: u8) -> u8 {
         match &mut self.stage {
             Stage::Instruction => {

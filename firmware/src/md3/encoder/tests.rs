@@ -487,7 +487,7 @@ fn a_count_forgets_levels_of_a_and_b_that_were_held_back() {
     encoder.configure(tick(0), X4_INDEX | FILTER | 3 << 6, 1_999, true);
     encoder.edge(tick(100), A, true);
     encoder.edge(tick(101), Index, true);
-    encoder.take_steps(5, true, false);
+    encoder.add_counts(5, true, false);
     assert_eq!((encoder.count(), encoder.deadline()), (5, tick(121)));
 }
 
@@ -495,7 +495,7 @@ fn a_count_forgets_levels_of_a_and_b_that_were_held_back() {
 fn a_count_takes_levels_over_to_which_its_steps_do_not_lead() {
     let mut encoder = Encoder::new();
     encoder.configure(tick(0), X4_INDEX, 1_999, true);
-    encoder.take_steps(0, true, true);
+    encoder.add_counts(0, true, true);
     assert_eq!(encoder.count(), 0);
     encoder.edge(tick(1), A, false);
     assert_eq!(encoder.count(), 1);
@@ -511,7 +511,7 @@ fn check_count(shaft: &Shaft, quarters: i32) -> Result<(), TestCaseError> {
     let (mut by_edges, mut at_once) = (shaft.clone(), shaft.clone());
     by_edges.turn(quarters);
     let (a, b) = by_edges.levels();
-    at_once.encoder.take_steps(quarters, a, b);
+    at_once.encoder.add_counts(quarters, a, b);
     prop_assert_eq!(state(&at_once), state(&by_edges), "{} from {:?}", quarters, shaft.encoder);
     Ok(())
 }
@@ -795,12 +795,12 @@ proptest! {
 fn a_count_of_any_size_takes_no_time() {
     let mut encoder = Encoder::new();
     encoder.configure(tick(0), X4_MAX, 1_999, true);
-    encoder.take_steps(i32::MAX, false, true);
+    encoder.add_counts(i32::MAX, false, true);
     assert_eq!(encoder.count(), 1_647);
-    encoder.take_steps(i32::MIN, false, true);
+    encoder.add_counts(i32::MIN, false, true);
     assert_eq!(encoder.count(), 1_999);
     encoder.configure(tick(0), X2_INDEX, 0, true);
     encoder.set_count(0);
-    encoder.take_steps(i32::MIN, false, true);
+    encoder.add_counts(i32::MIN, false, true);
     assert_eq!(encoder.count(), 0);
 }

@@ -91,7 +91,7 @@ impl Drive {
         if self.is_in_motion() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
-        self.motion.end_uncounted(at, out);
+        self.motion.circuit_end(at, out);
         self.hybrid.rotor = Rotor::Free;
         (self.hybrid.is_locked, self.hybrid.at_bounds) = (false, None);
         // It has cooled down, or stays off.
@@ -131,7 +131,7 @@ impl Drive {
     }
 
     fn end_calibration(&mut self, at: Instant, outcome: Calibration, out: &mut dyn Context) {
-        self.motion.end_uncounted(at, out);
+        self.motion.circuit_end(at, out);
         self.motion.clear_lag(at);
         self.hybrid.calibration = outcome;
         if outcome == Calibration::Failed {
@@ -159,10 +159,10 @@ impl Drive {
     fn turn_full_steps(&mut self, at: Instant, full_steps: i32, out: &mut dyn Context) {
         let microsteps = self.bank.word(Reg::MS);
         let per_second = (u64::from(microsteps) << 8) * Duration::secs(1).ticks();
-        // Not below the speed of six steps in their time, so that it stands when that is over.
+        // Not below the speed of six steps in their time, so that the rotor stands at the end of that time.
         let bits = (per_second * u64::from(FORTH.unsigned_abs())).div_ceil(FORTH_TAKES.ticks());
         let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
         let percent = (self.bank.word(Reg::CC) & 0xFF) as u8;
-        self.motion.turn_uncounted(at, full_steps * i32::from(microsteps), evenly(speed), percent, out);
+        self.motion.circuit_turn(at, full_steps * i32::from(microsteps), evenly(speed), percent, out);
     }
 }

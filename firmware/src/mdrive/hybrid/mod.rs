@@ -80,7 +80,7 @@ pub(super) struct Hybrid {
     limit: Option<Limit>,
     /// LR.
     is_locked: bool,
-    /// The bridge is off, whatever DE says.
+    /// The bridge is off, whatever the value of DE.
     is_disabled: bool,
     heat: Heat,
     heat_due: Instant,
@@ -133,12 +133,12 @@ impl Hybrid {
 
 impl Drive {
     /// The cause of one of its faults comes or goes.
-    pub(super) fn set_hybrid_cause(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_hybrid_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let comes = on && !self.hybrid.causes.has(fault);
         self.hybrid.causes.set(fault, on);
         match fault {
-            LEAD_LIMIT if comes => self.tell(at, Error::LeadLimit, condition::LEAD, out),
-            LAG_LIMIT if comes => self.tell(at, Error::LagLimit, condition::LAG, out),
+            LEAD_LIMIT if comes => self.report(at, Error::LeadLimit, condition::LEAD, out),
+            LAG_LIMIT if comes => self.report(at, Error::LagLimit, condition::LAG, out),
             LOCKED_ROTOR if on && self.watches_rotor() => self.lock(at, out),
             LOCKED_ROTOR if self.is_in_torque_mode() => self.hybrid.is_locked = false,
             OVER_TEMPERATURE if self.model == Model::Hybrid => self.hybrid.heat.set(at, on),
@@ -154,9 +154,9 @@ impl Drive {
     }
 
     /// Looks at rotor and temperature, after everything that happens.
-    pub(super) fn look_at_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
         match self.model {
-            _ if !self.hears() => {}
+            _ if !self.is_started() => {}
             Model::Hybrid => {
                 self.watch_rotor(at, out);
                 self.watch_heat(at, out);
@@ -214,7 +214,7 @@ impl Drive {
         let is_warm = self.hybrid.heat.celsius(at) >= warning;
         if is_warm && !self.hybrid.has_warned {
             // "The device will print an error 71 to the terminal screen" (MC 5-81).
-            self.say_to_all(at, WARNING, out);
+            self.send_to_all(at, WARNING, out);
             self.fail(at, Error::TemperatureWarning, out);
         }
         self.hybrid.has_warned = is_warm;

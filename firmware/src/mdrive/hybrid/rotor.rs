@@ -56,27 +56,28 @@ impl Drive {
         self.motion.is_moving() || self.hybrid.turns()
     }
 
-    /// The shaft is held, or let go.
-    pub(in crate::mdrive) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
-        self.motion.hold_shaft(at, held, out);
-        self.take_rotor_on(at, out);
+    /// The shaft is blocked, or released.
+    pub(in crate::mdrive) fn block_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
+        self.motion.block_shaft(at, held, out);
+        self.apply_rotor_settings(at, out);
     }
 
-    /// Hands, or the load, have let go of the rotor, perhaps: the circuitry takes it on from where it is.
-    pub(in crate::mdrive) fn take_rotor_on(&mut self, at: Instant, out: &mut dyn Context) {
+    /// The shaft may have been released, by a hand or by its load: the circuitry drives it on from its present
+    /// position.
+    pub(in crate::mdrive) fn apply_rotor_settings(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.watches_rotor() {
             return;
         }
-        self.motion.catch_rotor(at, out);
+        self.motion.resynchronise_rotor(at, out);
         if let Rotor::Spins { spin, .. } = self.hybrid.rotor {
             self.spin(at, spin, out);
         }
     }
 
-    /// The rotor is where it is not to be: the circuitry makes up for it, tells of it, gives it up.
+    /// The rotor is off its position: the circuitry makes up for it, reports it, or gives up.
     pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.rotor_due = Instant::NEVER;
-        if self.hybrid.rotor != Rotor::Free && !self.motion.is_uncounted() {
+        if self.hybrid.rotor != Rotor::Free && !self.motion.is_circuit_driven() {
             // An order has ended it.
             self.hybrid.rotor = Rotor::Free;
         }
@@ -111,7 +112,7 @@ impl Drive {
                 }
             }
             _ if is_wanted => {
-                if self.motion.is_at_rest() || self.motion.is_uncounted() {
+                if self.motion.is_at_rest() || self.motion.is_circuit_driven() {
                     let forward = self.bank.word(Reg::TD) != 0;
                     self.spin(at, Spin { torque, speed, forward }, out);
                 }
@@ -130,7 +131,7 @@ impl Drive {
         let turns = I24F8::saturating_from_num(if forward { speed } else { -speed });
         let acceleration = self.in_steps(by_torque(torque));
         self.hybrid.rotor = Rotor::Spins { spin, is_stopped: false };
-        self.motion.spin_uncounted(at, turns, acceleration, (torque & 0xFF) as u8, out);
+        self.motion.circuit_spin(at, turns, acceleration, (torque & 0xFF) as u8, out);
         if !self.motion.follows() {
             self.spin_on(at, spin, out);
         }
@@ -138,15 +139,15 @@ impl Drive {
 
     /// No torque is left to accelerate the rotor: it turns as fast as it does, or is stopped.
     fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
-        let speed = self.motion.turns(at);
+        let speed = self.motion.circuit_speed(at);
         if speed != 0 {
             let rounds_by = self.in_steps(self.coasts());
-            self.motion.spin_uncounted(at, speed, rounds_by, (spin.torque & 0xFF) as u8, out);
-            self.motion.catch_rotor(at, out);
+            self.motion.circuit_spin(at, speed, rounds_by, (spin.torque & 0xFF) as u8, out);
+            self.motion.resynchronise_rotor(at, out);
         }
         let is_stopped = speed == 0 || !self.motion.follows();
         if is_stopped {
-            self.motion.stop_uncounted(at, out);
+            self.motion.circuit_stop(at, out);
         }
         self.hybrid.rotor = Rotor::Spins { spin, is_stopped };
     }
@@ -158,12 +159,12 @@ impl Drive {
         let now = Rotor::Slows(by);
         let percent = (run & 0xFF) as u8;
         if core::mem::replace(&mut self.hybrid.rotor, now) != now {
-            self.motion.slow_uncounted(at, self.in_steps(by), percent, out);
+            self.motion.circuit_slow(at, self.in_steps(by), percent, out);
         }
         if !self.motion.follows() {
             // RC is not enough for that.
-            self.motion.slow_uncounted(at, self.in_steps(coasts), percent, out);
-            self.motion.catch_rotor(at, out);
+            self.motion.circuit_slow(at, self.in_steps(coasts), percent, out);
+            self.motion.resynchronise_rotor(at, out);
         }
         let ends = self.motion.plan_ends();
         if ends <= at || !self.motion.follows() {
@@ -191,7 +192,7 @@ impl Drive {
 
     /// The circuitry leaves the rotor where it is: there it neither lags nor leads.
     fn leave_rotor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.motion.end_uncounted(at, out);
+        self.motion.circuit_end(at, out);
         self.motion.clear_lag(at);
         self.hybrid.rotor = Rotor::Free;
     }
@@ -204,7 +205,7 @@ impl Drive {
                 self.hybrid.rotor_due = ends;
                 return;
             }
-            self.motion.end_uncounted(at, out);
+            self.motion.circuit_end(at, out);
             self.hybrid.rotor = Rotor::Free;
         }
         let system = frequency(self.bank.word(Reg::SS).into());
@@ -218,7 +219,7 @@ impl Drive {
             return;
         }
         let percent = (self.bank.word(Reg::RC) & 0xFF) as u8;
-        self.motion.turn_uncounted(at, lag, evenly(U24F8::saturating_from_num(frequency)), percent, out);
+        self.motion.circuit_turn(at, lag, evenly(U24F8::saturating_from_num(frequency)), percent, out);
         self.hybrid.rotor = Rotor::MakesUp;
         self.hybrid.rotor_due = self.motion.plan_ends();
         self.trip_on_status(at, condition::ACTIVE, out);
@@ -241,8 +242,8 @@ impl Drive {
                 self.hybrid.is_locked = false;
             }
             if stands {
-                self.foresee_lag(at, bounds);
-                self.foresee_lag(at, -bounds);
+                self.predict_lag(at, bounds);
+                self.predict_lag(at, -bounds);
             }
             return;
         }
@@ -263,9 +264,9 @@ impl Drive {
     }
 
     /// The rotor comes to that lag, or may.
-    pub(super) fn foresee_lag(&mut self, at: Instant, lag: i32) {
-        if !self.motion.is_uncounted() {
-            self.hybrid.rotor_due = self.hybrid.rotor_due.min(self.motion.lags(at, lag));
+    pub(super) fn predict_lag(&mut self, at: Instant, lag: i32) {
+        if !self.motion.is_circuit_driven() {
+            self.hybrid.rotor_due = self.hybrid.rotor_due.min(self.motion.lag_time(at, lag));
         }
     }
 
@@ -279,7 +280,7 @@ impl Drive {
         (self.hybrid.is_disabled, self.hybrid.at_bounds) = (true, None);
         self.motion.halt(at, out);
         self.set_motion(at, out);
-        self.tell(at, Error::LockedRotor, condition::LOCKED, out);
+        self.report(at, Error::LockedRotor, condition::LOCKED, out);
     }
 }
 
@@ -290,5 +291,10 @@ fn by_torque(percent: u16) -> u32 {
 
 /// At once at that speed.
 pub(super) fn evenly(speed: U24F8) -> Limits {
-    Limits { start: speed, speed, up: MAX_ACCELERATION, down: MAX_ACCELERATION }
+    Limits {
+        start_speed: speed,
+        max_speed: speed,
+        acceleration: MAX_ACCELERATION,
+        deceleration: MAX_ACCELERATION,
+    }
 }

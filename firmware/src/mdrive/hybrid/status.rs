@@ -44,7 +44,7 @@ impl Hybrid {
         self.is_locked
     }
 
-    pub(in crate::mdrive) fn makes_up(&self) -> bool {
+    pub(in crate::mdrive) fn is_making_up(&self) -> bool {
         self.rotor == Rotor::MakesUp
     }
 
@@ -105,20 +105,20 @@ impl Drive {
         };
         let before = core::mem::replace(&mut self.hybrid.limit, now);
         match now.filter(|_| now != before) {
-            Some(Limit::Lag) => self.tell(at, Error::LagLimit, condition::LAG, out),
-            Some(Limit::Lead) => self.tell(at, Error::LeadLimit, condition::LEAD, out),
+            Some(Limit::Lag) => self.report(at, Error::LagLimit, condition::LAG, out),
+            Some(Limit::Lead) => self.report(at, Error::LeadLimit, condition::LEAD, out),
             None => {}
         }
         if now != Some(Limit::Lag) {
-            self.foresee_lag(at, most);
+            self.predict_lag(at, most);
         }
         if now != Some(Limit::Lead) {
-            self.foresee_lag(at, least);
+            self.predict_lag(at, least);
         }
     }
 
     /// Reports an error of the rotor, which may trip.
-    pub(super) fn tell(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Context) {
+    pub(super) fn report(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Context) {
         // "There is no error generation when enabling trip" on these (MC 5-71): the trip takes its place.
         if !self.trips_on_status(condition) {
             self.fail(at, error, out);

@@ -6,11 +6,11 @@ use super::point::flag;
 use crate::device::{Duration, Instant};
 
 /// Full scale.
-const MOST: i32 = 1_023;
+const MAX: i32 = 1_023;
 /// Reading of 4 mA: less does not come from a transmitter of 4 to 20 mA (MC 5-65).
 const LEAST_OF_4_MA: i32 = 205;
 /// Full scale of a current, in mV across the shunt.
-const MOST_OF_CURRENT_MV: i32 = 20 * SHUNT_OHM as i32;
+const MAX_CURRENT_MV: i32 = 20 * SHUNT_OHM as i32;
 /// Interval of readings; the manuals do not give it.
 const INTERVAL: Duration = Duration::millis(1);
 /// Digits of an average behind the point.
@@ -78,7 +78,7 @@ impl Analogue {
     }
 
     /// The voltage at the pin; of a current that across the shunt.
-    pub(super) fn see(&mut self, at: Instant, mv: i32) {
+    pub(super) fn sample(&mut self, at: Instant, mv: i32) {
         self.read_until(at);
         self.mv = mv;
     }
@@ -88,7 +88,7 @@ impl Analogue {
         let value = if self.over <= 1 {
             self.reading()
         } else {
-            // What is due at this very instant has been read.
+            // A reading that is due at this instant counts as read.
             let average = self.averaged(at.ticks() / INTERVAL.ticks() + 1);
             (average + (1 << (FRACTION - 1))) >> FRACTION
         };
@@ -101,11 +101,11 @@ impl Analogue {
         let (per_mv, least) = match self.range {
             Range::Volts5 => (2, 0),
             Range::Volts10 => (1, 0),
-            Range::Current => (10_000 / MOST_OF_CURRENT_MV, 0),
-            Range::LiveCurrent => (10_000 / MOST_OF_CURRENT_MV, LEAST_OF_4_MA),
+            Range::Current => (10_000 / MAX_CURRENT_MV, 0),
+            Range::LiveCurrent => (10_000 / MAX_CURRENT_MV, LEAST_OF_4_MA),
         };
         let share = per_mv * self.mv.clamp(0, 10_000);
-        ((MOST * share + 5_000) / 10_000).clamp(least, MOST)
+        ((MAX * share + 5_000) / 10_000).clamp(least, MAX)
     }
 
     /// Takes all readings before `at`.

@@ -2,7 +2,7 @@
 
 use super::super::error::Error;
 use super::super::{IO7, IO8};
-use super::lasting::Debounce;
+use super::debounce::Debounce;
 use super::min_pulse;
 use super::point::flag;
 use crate::device::{Context, Duration, Instant, Level, Output, Pin, Plan};
@@ -21,19 +21,19 @@ enum Code {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Kind {
-    Follows(Code),
-    Tells(Code),
+    ClockInput(Code),
+    ClockOutput(Code),
 }
 
 impl Kind {
     fn of(code: u16) -> Option<Self> {
         Some(match code {
-            33 => Self::Follows(Code::StepDirection),
-            34 => Self::Follows(Code::Quadrature),
-            35 => Self::Follows(Code::UpDown),
-            49 => Self::Tells(Code::StepDirection),
-            50 => Self::Tells(Code::Quadrature),
-            51 => Self::Tells(Code::UpDown),
+            33 => Self::ClockInput(Code::StepDirection),
+            34 => Self::ClockInput(Code::Quadrature),
+            35 => Self::ClockInput(Code::UpDown),
+            49 => Self::ClockOutput(Code::StepDirection),
+            50 => Self::ClockOutput(Code::Quadrature),
+            51 => Self::ClockOutput(Code::UpDown),
             _ => return None,
         })
     }
@@ -43,15 +43,15 @@ impl Kind {
 #[derive(Clone, Copy, Debug)]
 struct Point {
     active_high: bool,
-    seen: Debounce,
+    debounced: Debounce,
     driven: Level,
 }
 
 impl Point {
-    const OPEN: Self = Self { active_high: false, seen: Debounce::new(true), driven: Level::Float };
+    const OPEN: Self = Self { active_high: false, debounced: Debounce::new(true), driven: Level::Float };
 
     fn is_active(&self) -> bool {
-        self.seen.level == self.active_high
+        self.debounced.level == self.active_high
     }
 
     fn put(&mut self, at: Instant, pin: Pin, level: Level, out: &mut dyn Context) {
@@ -61,7 +61,7 @@ impl Point {
         }
     }
 
-    fn show(&mut self, at: Instant, pin: Pin, active: bool, out: &mut dyn Context) {
+    fn drive_pins(&mut self, at: Instant, pin: Pin, active: bool, out: &mut dyn Context) {
         let level = if active == self.active_high { Level::High } else { Level::Low };
         self.put(at, pin, level, out);
     }
@@ -78,18 +78,18 @@ pub(super) struct Clock {
     enabled: bool,
     /// CR, in thousandths.
     ratio: i32,
-    /// Steps to be followed that nobody has taken, and thousandths of another one.
+    /// Steps of the clock inputs that are not handled yet, and thousandths of another one.
     steps: i32,
-    rest: i32,
+    remainder: i32,
     /// True if a plan is wanted.
     is_new: bool,
     train: PulseTrain,
 }
 
-/// The pulses that tell of steps.
+/// The output pulses of steps.
 #[derive(Clone, Debug)]
 struct PulseTrain {
-    walker: StepIterator,
+    steps: StepIterator,
     next: Option<Step>,
     /// Time of the last step, or of the last plan.
     last: Instant,
@@ -103,7 +103,7 @@ struct PulseTrain {
 
 impl PulseTrain {
     const NONE: Self = Self {
-        walker: StepIterator::done(),
+        steps: StepIterator::done(),
         next: None,
         last: Instant::ZERO,
         backward: false,
@@ -126,15 +126,15 @@ impl PulseTrain {
 }
 
 impl Clock {
-    /// Step and direction in, active low, nobody there.
+    /// Step and direction inputs, active low, not driven.
     pub(super) const OPEN: Self = Self {
-        kind: Kind::Follows(Code::StepDirection),
+        kind: Kind::ClockInput(Code::StepDirection),
         seven: Point::OPEN,
         eight: Point::OPEN,
         enabled: false,
         ratio: 1_000,
         steps: 0,
-        rest: 0,
+        remainder: 0,
         is_new: false,
         train: PulseTrain::NONE,
     };
@@ -143,7 +143,7 @@ impl Clock {
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         for (point, pin) in [(&mut self.seven, IO7), (&mut self.eight, IO8)] {
             point.put(at, pin, Level::Float, out);
-            *point = Point { seen: point.seen, ..Point::OPEN };
+            *point = Point { debounced: point.debounced, ..Point::OPEN };
         }
         *self = Self { seven: self.seven, eight: self.eight, ..Self::OPEN };
     }
@@ -180,7 +180,7 @@ impl Clock {
 
     /// Returns whether the motor follows pulses.
     pub(super) fn follows(&self) -> bool {
-        matches!(self.kind(), Some(Kind::Follows(_)))
+        matches!(self.kind(), Some(Kind::ClockInput(_)))
     }
 
     /// Returns whether it needs the motion's plan, for the first time.
@@ -191,53 +191,54 @@ impl Clock {
     /// The motor goes on along a plan.
     pub(super) fn plan(&mut self, at: Instant, plan: &Plan, width: Duration, out: &mut dyn Context) {
         self.is_new = false;
-        if let Some(Kind::Tells(_)) = self.kind() {
-            // What is due at this very instant is still told.
+        if let Some(Kind::ClockOutput(_)) = self.kind() {
+            // A step that is due at this instant is still put out.
             while self.train.due() <= at {
                 self.timeout(at, width, out);
             }
             let train = &mut self.train;
-            train.walker.follow(plan, at);
-            train.next = train.walker.next();
+            train.steps.restart(plan, at);
+            train.next = train.steps.next();
             // Nobody knew of the next step before.
             train.last = train.last.max(at);
         }
     }
 
     /// Sets the level of a point. `filter` is FM.
-    pub(super) fn see(&mut self, at: Instant, pin: Pin, high: bool, filter: u8) {
-        let changed = self.point(pin).is_some_and(|point| point.seen.see(at, high, min_pulse(filter)));
+    pub(super) fn sample(&mut self, at: Instant, pin: Pin, high: bool, filter: u8) {
+        let changed =
+            self.point(pin).is_some_and(|point| point.debounced.sample(at, high, min_pulse(filter)));
         if changed {
-            self.take_edge(pin);
+            self.count_edge(pin);
         }
     }
 
     /// Steps to be followed, signed.
-    pub(super) fn take_steps(&mut self) -> Option<i32> {
+    pub(super) fn take_clock_steps(&mut self) -> Option<i32> {
         let steps = core::mem::take(&mut self.steps);
         (steps != 0).then_some(steps)
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.seven.seen.due.min(self.eight.seen.due).min(self.train.due())
+        self.seven.debounced.due.min(self.eight.debounced.due).min(self.train.due())
     }
 
     pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
         // Where both come at once a direction comes before its pulse.
         for pin in [IO8, IO7] {
-            if self.point(pin).is_some_and(|point| point.seen.timeout(at)) {
-                self.take_edge(pin);
+            if self.point(pin).is_some_and(|point| point.debounced.timeout(at)) {
+                self.count_edge(pin);
             }
         }
         if self.train.ends <= at {
             self.train.ends = Instant::NEVER;
-            self.show(at, None, out);
+            self.drive_pins(at, None, out);
         }
         if self.train.turns().is_some_and(|turns| turns <= at) {
             self.train.backward = !self.train.backward;
-            self.show(at, None, out);
+            self.drive_pins(at, None, out);
         } else if let Some(step) = self.train.next.filter(|step| step.at <= at) {
-            self.tell(step, width, out);
+            self.put_step(step, width, out);
         }
     }
 
@@ -254,12 +255,12 @@ impl Clock {
         }
     }
 
-    /// Begins what CM and the set-ups say now.
+    /// Applies CM and the set-ups.
     fn begin(&mut self, at: Instant, out: &mut dyn Context) {
-        (self.steps, self.rest, self.train) = (0, 0, PulseTrain::NONE);
-        self.is_new = matches!(self.kind(), Some(Kind::Tells(_)));
+        (self.steps, self.remainder, self.train) = (0, 0, PulseTrain::NONE);
+        self.is_new = matches!(self.kind(), Some(Kind::ClockOutput(_)));
         if self.is_new {
-            self.show(at, None, out);
+            self.drive_pins(at, None, out);
         } else {
             self.seven.put(at, IO7, Level::Float, out);
             self.eight.put(at, IO8, Level::Float, out);
@@ -267,8 +268,8 @@ impl Clock {
     }
 
     /// Another level of a point counts.
-    fn take_edge(&mut self, pin: Pin) {
-        let Some(Kind::Follows(code)) = self.kind() else { return };
+    fn count_edge(&mut self, pin: Pin) {
+        let Some(Kind::ClockInput(code)) = self.kind() else { return };
         let (seven, eight) = (self.seven.is_active(), self.eight.is_active());
         let step = match (code, pin) {
             (Code::StepDirection, IO7) if seven => {
@@ -296,37 +297,37 @@ impl Clock {
             }
             _ => return,
         };
-        self.rest += step * self.ratio;
-        self.steps = self.steps.saturating_add(self.rest.div_euclid(1_000));
-        self.rest = self.rest.rem_euclid(1_000);
+        self.remainder += step * self.ratio;
+        self.steps = self.steps.saturating_add(self.remainder.div_euclid(1_000));
+        self.remainder = self.remainder.rem_euclid(1_000);
     }
 
     /// A step is made.
-    fn tell(&mut self, step: Step, width: Duration, out: &mut dyn Context) {
+    fn put_step(&mut self, step: Step, width: Duration, out: &mut dyn Context) {
         if self.train.ends != Instant::NEVER {
             // Another plan has brought it closer than the pulse before it is long.
-            self.show(step.at, None, out);
+            self.drive_pins(step.at, None, out);
         }
         let train = &mut self.train;
-        train.next = train.walker.next();
+        train.next = train.steps.next();
         train.last = step.at;
         train.phase = train.phase.wrapping_add(if step.forward { 1 } else { -1 });
         // A pulse ends half-way to the next one at the latest.
         let gap = train.next.map_or(Duration::FOREVER, |next| next.at.since(step.at));
         train.ends = step.at + width.min(Duration::from_ticks(gap.ticks() / 2)).max(Duration::TICK);
-        self.show(step.at, Some(step.forward), out);
+        self.drive_pins(step.at, Some(step.forward), out);
     }
 
     /// Shows where the train is, with the pulse of a step forward or backward.
-    fn show(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Context) {
-        let Some(Kind::Tells(code)) = self.kind() else { return };
+    fn drive_pins(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Context) {
+        let Some(Kind::ClockOutput(code)) = self.kind() else { return };
         let (seven, eight) = match code {
             Code::StepDirection => (pulse.is_some(), self.train.backward),
             Code::UpDown => (pulse == Some(true), pulse == Some(false)),
             Code::Quadrature => (matches!(self.train.phase & 3, 1 | 2), self.train.phase & 2 != 0),
         };
         // A direction turns before its pulse.
-        self.eight.show(at, IO8, eight, out);
-        self.seven.show(at, IO7, seven, out);
+        self.eight.drive_pins(at, IO8, eight, out);
+        self.seven.drive_pins(at, IO7, seven, out);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::CAPTURE;
 use super::super::error::Error;
-use super::lasting::Debounce;
+use super::debounce::Debounce;
 use super::point::flag;
 use crate::device::{Context, Duration, Instant, Level, Output};
 
@@ -17,18 +17,18 @@ enum Kind {
 pub(super) struct HighSpeed {
     kind: Kind,
     active_high: bool,
-    seen: Debounce,
+    debounced: Debounce,
     driven: Level,
     /// End of the pulse; [`Instant::NEVER`] without one.
     ends: Instant,
 }
 
 impl HighSpeed {
-    /// A capture input, active low, nobody there.
+    /// A capture input, active low, not driven.
     pub(super) const OPEN: Self = Self {
         kind: Kind::Captures,
         active_high: false,
-        seen: Debounce::new(true),
+        debounced: Debounce::new(true),
         driven: Level::Float,
         ends: Instant::NEVER,
     };
@@ -36,7 +36,7 @@ impl HighSpeed {
     /// A restart: as the factory has it, but its level stays as it is.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         self.put(at, Level::Float, out);
-        *self = Self { seen: self.seen, ..Self::OPEN };
+        *self = Self { debounced: self.debounced, ..Self::OPEN };
     }
 
     /// S13: type, active state.
@@ -56,42 +56,42 @@ impl HighSpeed {
         };
         (self.kind, self.active_high) = (kind, flag(active_high)?);
         self.ends = Instant::NEVER;
-        self.show(at, out);
+        self.drive_pin(at, out);
         Ok(())
     }
 
     /// Sets its level; returns whether that captures.
-    pub(super) fn see(&mut self, at: Instant, high: bool, lasting: Duration) -> bool {
-        self.seen.see(at, high, lasting) && self.captures()
+    pub(super) fn sample(&mut self, at: Instant, high: bool, min_time: Duration) -> bool {
+        self.debounced.sample(at, high, min_time) && self.captures()
     }
 
     /// A position has tripped: a trip output is active for `width`.
     pub(super) fn pulse(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
         if self.kind == Kind::Trips {
             self.ends = at + width;
-            self.show(at, out);
+            self.drive_pin(at, out);
         }
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.seen.due.min(self.ends)
+        self.debounced.due.min(self.ends)
     }
 
     /// Returns whether it captures now.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         if self.ends <= at {
             self.ends = Instant::NEVER;
-            self.show(at, out);
+            self.drive_pin(at, out);
         }
-        self.seen.timeout(at) && self.captures()
+        self.debounced.timeout(at) && self.captures()
     }
 
     /// Returns whether the level that counts now is one that captures.
     fn captures(&self) -> bool {
-        self.kind == Kind::Captures && self.seen.level == self.active_high
+        self.kind == Kind::Captures && self.debounced.level == self.active_high
     }
 
-    fn show(&mut self, at: Instant, out: &mut dyn Context) {
+    fn drive_pin(&mut self, at: Instant, out: &mut dyn Context) {
         let pulses = self.ends != Instant::NEVER;
         let level = match self.kind {
             Kind::Captures => Level::Float,

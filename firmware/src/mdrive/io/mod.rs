@@ -1,14 +1,14 @@
 //! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13,
 //! the channels of a remote encoder behind their filter.
 //!
-//! They know nothing of the rest of the drive: what they have to tell they keep as events.
+//! They do not depend on the rest of the drive: they queue events.
 //!
-//! What comes at the very instant at which a level has lasted long enough finds that it has.
+//! Debounce timers that expire at the instant of an input are handled before it.
 
 mod analogue;
 mod clock;
+mod debounce;
 mod high_speed;
-mod lasting;
 mod point;
 mod remote;
 #[cfg(test)]
@@ -56,7 +56,7 @@ pub(super) enum Event {
     Reset,
     /// The capture input became active.
     Capture,
-    /// A channel of a remote encoder is at a level, or nobody drives it any more.
+    /// Level of a channel of a remote encoder; `None` if it is no longer driven.
     Channel(Channel, Option<bool>),
     /// Clock inputs ask for so many steps, clock ratio included.
     Clock(i32),
@@ -64,7 +64,7 @@ pub(super) enum Event {
 
 /// State that outputs show.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(super) struct Shown {
+pub(super) struct StateFlags {
     pub(super) moving: bool,
     pub(super) fault: bool,
     pub(super) stall: bool,
@@ -72,7 +72,7 @@ pub(super) struct Shown {
     pub(super) locked_rotor: bool,
     pub(super) positioning: bool,
     pub(super) hybrid: bool,
-    pub(super) makes_up: bool,
+    pub(super) is_making_up: bool,
 }
 
 /// Settings of filters and pulses, as the variables are now.
@@ -131,30 +131,30 @@ pub(super) struct Io {
     remote: Remote,
     filters: Filters,
     /// All set-ups are being loaded.
-    loads: bool,
-    /// The contacts that have been told to be active, in the order of [`CONTACTS`].
-    told: [bool; 5],
+    is_loading: bool,
+    /// The contacts that were last reported as active, in the order of [`CONTACTS`].
+    reported: [bool; 5],
     events: Deque<Event, EVENTS>,
 }
 
 impl Io {
-    /// Inputs of the factory that nobody drives.
-    pub(super) const REST: Self = Self {
+    /// Inputs of the factory, not driven.
+    pub(super) const OPEN: Self = Self {
         points: [Point::OPEN; 4],
         analogue: Analogue::ZERO,
         clock: Clock::OPEN,
         high_speed: HighSpeed::OPEN,
         remote: Remote::OPEN,
         filters: Filters::NONE,
-        loads: false,
-        told: [false; 5],
+        is_loading: false,
+        reported: [false; 5],
         events: Deque::new(),
     };
 
-    /// Power comes, or a restart; `whole`: what is around the drive will be told anew. All is as the factory has it.
+    /// Power comes, or a restart; `whole`: all inputs follow as at power-on. All set-ups are the factory's.
     pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
         if whole {
-            *self = Self::REST;
+            *self = Self::OPEN;
             return;
         }
         self.filters = Filters::NONE;
@@ -163,29 +163,30 @@ impl Io {
         self.high_speed.restart(at, out);
         self.begin_load();
         self.end_load(at, out);
-        self.told = [false; 5];
+        self.reported = [false; 5];
         self.events.clear();
     }
 
     /// Set-ups that follow are loaded together, up to [`Self::end_load`].
     pub(super) fn begin_load(&mut self) {
-        self.loads = true;
+        self.is_loading = true;
         for point in &mut self.points {
             point.set_up(SetUp::FACTORY);
         }
     }
 
-    /// All are loaded: what is active now was so before. So a switch that is held starts, stops or resets nothing.
+    /// All are loaded: an input that is active now counts as active before. So a switch that is held starts, stops or
+    /// resets nothing.
     pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Context) {
-        self.loads = false;
+        self.is_loading = false;
         for (point, pin) in self.points.iter_mut().zip(PINS) {
             point.load(at, pin, out);
         }
-        self.tell_contacts();
+        self.report_contacts();
     }
 
     /// Sets up S1 to S4 (`n` 1 to 4): type, active state, sinking or sourcing. An input is inactive until it has
-    /// settled: what is active then becomes so.
+    /// settled; if it is active then, that is a change.
     ///
     /// # Errors
     /// 6, 8, 10, 21.
@@ -202,12 +203,12 @@ impl Io {
         if set_up.kind.is_dedicated() && self.points.iter().enumerate().any(taken) {
             return Err(Error::TypeTaken);
         }
-        let (debounce, loads) = (self.filters.debounce(place), self.loads);
+        let (debounce, is_loading) = (self.filters.debounce(place), self.is_loading);
         let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
         let was_high = point.level();
-        if point.set_up(set_up) && !loads {
-            let became_active = point.begin(at, pin, debounce, out);
-            self.tell(place, became_active || was_high && set_up.resets_when_high());
+        if point.set_up(set_up) && !is_loading {
+            let became_active = point.start(at, pin, debounce, out);
+            self.report(place, became_active || was_high && set_up.resets_when_high());
         }
         Ok(())
     }
@@ -247,7 +248,7 @@ impl Io {
         self.high_speed.set_up(at, values, out)
     }
 
-    /// D1 to D4 in ms, D5; FC, FM, CW; CM, CR. What is being filtered already is so by what they were.
+    /// D1 to D4 in ms, D5; FC, FM, CW; CM, CR. A level that is already being debounced keeps its old filter time.
     pub(super) fn set_filters(&mut self, at: Instant, filters: Filters, out: &mut dyn Context) {
         self.filters = filters;
         self.analogue.set_average(at, filters.average);
@@ -282,7 +283,7 @@ impl Io {
 
     /// IL: levels behind the filters.
     pub(super) fn levels(&self) -> u8 {
-        bits(self.points.map(|point| point.held()))
+        bits(self.points.map(|point| point.debounced_level()))
     }
 
     /// IN: levels as they are.
@@ -318,15 +319,15 @@ impl Io {
         self.clock.wants_plan()
     }
 
-    /// The motion goes on along a plan: clock outputs tell of its steps.
+    /// The motion continues along a plan: clock outputs follow its steps.
     pub(super) fn plan(&mut self, at: Instant, plan: &Plan, out: &mut dyn Context) {
         self.clock.plan(at, plan, self.filters.width(), out);
     }
 
-    /// Outputs with a type show what is so.
-    pub(super) fn show(&mut self, at: Instant, shown: Shown, out: &mut dyn Context) {
+    /// Updates the outputs that show a state of the drive.
+    pub(super) fn update_outputs(&mut self, at: Instant, flags: StateFlags, out: &mut dyn Context) {
         for (place, (point, pin)) in self.points.iter_mut().zip(PINS).enumerate() {
-            point.show(at, pin, shown, self.filters.debounce(place), out);
+            point.update_output(at, pin, flags, self.filters.debounce(place), out);
         }
     }
 
@@ -339,15 +340,15 @@ impl Io {
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         self.timeout(at, out);
         match pin {
-            IO7 | IO8 => self.clock.see(at, pin, high, self.filters.clock),
+            IO7 | IO8 => self.clock.sample(at, pin, high, self.filters.clock),
             CAPTURE => {
-                if self.high_speed.see(at, high, min_pulse(self.filters.capture)) {
+                if self.high_speed.sample(at, high, min_pulse(self.filters.capture)) {
                     self.push(Event::Capture);
                 }
             }
             _ => match channel(pin) {
-                Some(channel) => self.see_channel(at, channel, Some(high)),
-                None => self.see(at, pin, Some(high)),
+                Some(channel) => self.sample_channel(at, channel, Some(high)),
+                None => self.sample(at, pin, Some(high)),
             },
         }
     }
@@ -356,19 +357,19 @@ impl Io {
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.timeout(at, out);
         match channel(pin) {
-            Some(channel) => self.see_channel(at, channel, None),
-            None => self.see(at, pin, None),
+            Some(channel) => self.sample_channel(at, channel, None),
+            None => self.sample(at, pin, None),
         }
     }
 
     /// The analogue input has another voltage, in mV; a current that across 250 Ω.
     pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
-        self.analogue.see(at, mv);
+        self.analogue.sample(at, mv);
     }
 
-    /// The next thing that it has to tell.
-    pub(super) fn take_event(&mut self) -> Option<Event> {
-        self.events.pop_front().or_else(|| self.clock.take_steps().map(Event::Clock))
+    /// The next event.
+    pub(super) fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front().or_else(|| self.clock.take_clock_steps().map(Event::Clock))
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -389,7 +390,7 @@ impl Io {
         }
         for place in 0..self.points.len() {
             let became_active = self.points.get_mut(place).is_some_and(|point| point.timeout(at));
-            self.tell(place, became_active);
+            self.report(place, became_active);
         }
     }
 
@@ -402,46 +403,47 @@ impl Io {
         self.points.iter_mut().zip(PINS).nth(Self::place(n))
     }
 
-    fn see(&mut self, at: Instant, pin: Pin, outside: Option<bool>) {
+    fn sample(&mut self, at: Instant, pin: Pin, outside: Option<bool>) {
         let Some(place) = PINS.iter().position(|&known| known == pin) else { return };
         let debounce = self.filters.debounce(place);
-        let became_active = self.points.get_mut(place).is_some_and(|point| point.see(at, outside, debounce));
-        self.tell(place, became_active);
+        let became_active =
+            self.points.get_mut(place).is_some_and(|point| point.sample(at, outside, debounce));
+        self.report(place, became_active);
     }
 
     /// Sets the level of a channel of a remote encoder, or leaves it open. FM is for it, too (MC 5-26).
-    fn see_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
-        if self.remote.see(at, channel, level, min_pulse(self.filters.clock)) {
+    fn sample_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
+        if self.remote.sample(at, channel, level, min_pulse(self.filters.clock)) {
             self.push(Event::Channel(channel, level));
         }
     }
 
-    /// Tells what has come of a change at a point.
-    fn tell(&mut self, place: usize, became_active: bool) {
-        self.tell_contacts();
+    /// Queues the events of a change at a point.
+    fn report(&mut self, place: usize, became_active: bool) {
+        self.report_contacts();
         let kind = self.points.get(place).map(Point::kind).filter(|_| became_active);
         let Some(kind) = kind else { return };
-        if let Kind::Tells(event) = kind {
+        if let Kind::Command(event) = kind {
             self.push(event);
         }
         self.push(Event::Active((place as u8).wrapping_add(1)));
     }
 
-    /// Tells what contacts are not as they were told.
-    fn tell_contacts(&mut self) {
+    /// Queues an event for each contact whose state differs from the last one reported.
+    fn report_contacts(&mut self) {
         for (place, contact) in CONTACTS.into_iter().enumerate() {
             let active = self.contact(contact) == Some(true);
-            let Some(told) = self.told.get_mut(place) else { return };
-            if core::mem::replace(told, active) != active {
+            let Some(reported) = self.reported.get_mut(place) else { return };
+            if core::mem::replace(reported, active) != active {
                 self.push(Event::Contact(contact, active));
             }
         }
     }
 
     fn push(&mut self, event: Event) {
-        let told = self.events.push_back(event);
+        let queued = self.events.push_back(event);
         debug_assert!(
-            told.is_ok(),
+            queued.is_ok(),
             "the drive takes events after each thing that happens, each line of a message, too"
         );
     }

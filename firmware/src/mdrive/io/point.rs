@@ -2,8 +2,8 @@
 
 use super::super::error::Error;
 use super::super::motion::Contact;
-use super::lasting::Debounce;
-use super::{Event, Shown};
+use super::debounce::Debounce;
+use super::{Event, StateFlags};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// Type of a point.
@@ -13,17 +13,17 @@ pub(super) enum Kind {
     Input,
     /// A contact of the motion.
     Contact(Contact),
-    /// An input that tells this when it becomes active.
-    Tells(Event),
+    /// An input whose activation is this event.
+    Command(Event),
     /// A general purpose output.
     Output,
     /// An output that shows something.
-    Shows(Shows),
+    StateOutput(StateOutput),
 }
 
 /// State that an output with a type shows.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Shows {
+pub(super) enum StateOutput {
     Moving,
     Fault,
     Stall,
@@ -41,29 +41,32 @@ impl Kind {
             1 => Self::Contact(Contact::Home),
             2 => Self::Contact(Contact::PlusLimit),
             3 => Self::Contact(Contact::MinusLimit),
-            4 => Self::Tells(Event::Go),
-            5 => Self::Tells(Event::SoftStop),
-            6 => Self::Tells(Event::Pause),
+            4 => Self::Command(Event::Go),
+            5 => Self::Command(Event::SoftStop),
+            6 => Self::Command(Event::Pause),
             7 => Self::Contact(Contact::JogPlus),
             8 => Self::Contact(Contact::JogMinus),
-            11 => Self::Tells(Event::Reset),
+            11 => Self::Command(Event::Reset),
             16 => Self::Output,
-            17 => Self::Shows(Shows::Moving),
-            18 => Self::Shows(Shows::Fault),
-            19 => Self::Shows(Shows::Stall),
-            20 => Self::Shows(Shows::Changing),
-            21 => Self::Shows(Shows::LockedRotor),
+            17 => Self::StateOutput(StateOutput::Moving),
+            18 => Self::StateOutput(StateOutput::Fault),
+            19 => Self::StateOutput(StateOutput::Stall),
+            20 => Self::StateOutput(StateOutput::Changing),
+            21 => Self::StateOutput(StateOutput::LockedRotor),
             // MC table 7.7 has 22 to 24 for these three.
-            23 => Self::Shows(Shows::Positioning),
-            24 => Self::Shows(Shows::Hybrid),
-            25 => Self::Shows(Shows::MakesUp),
+            23 => Self::StateOutput(StateOutput::Positioning),
+            24 => Self::StateOutput(StateOutput::Hybrid),
+            25 => Self::StateOutput(StateOutput::MakesUp),
             _ => return None,
         })
     }
 
     /// Returns whether only a Hybrid has it (FB 4.3.1).
     pub(super) fn is_of_hybrid(self) -> bool {
-        matches!(self, Self::Shows(Shows::LockedRotor | Shows::Hybrid | Shows::MakesUp))
+        matches!(
+            self,
+            Self::StateOutput(StateOutput::LockedRotor | StateOutput::Hybrid | StateOutput::MakesUp)
+        )
     }
 
     /// Returns whether only one point may have it (MC 9.1).
@@ -72,21 +75,21 @@ impl Kind {
     }
 
     fn is_output(self) -> bool {
-        matches!(self, Self::Output | Self::Shows(_))
+        matches!(self, Self::Output | Self::StateOutput(_))
     }
 }
 
-impl Shows {
-    fn of(self, shown: Shown) -> bool {
+impl StateOutput {
+    fn of(self, flags: StateFlags) -> bool {
         match self {
-            Self::Moving => shown.moving,
-            Self::Fault => shown.fault,
-            Self::Stall => shown.stall,
-            Self::Changing => shown.changing,
-            Self::LockedRotor => shown.locked_rotor,
-            Self::Positioning => shown.positioning,
-            Self::Hybrid => shown.hybrid,
-            Self::MakesUp => shown.makes_up,
+            Self::Moving => flags.moving,
+            Self::Fault => flags.fault,
+            Self::Stall => flags.stall,
+            Self::Changing => flags.changing,
+            Self::LockedRotor => flags.locked_rotor,
+            Self::Positioning => flags.positioning,
+            Self::Hybrid => flags.hybrid,
+            Self::MakesUp => flags.is_making_up,
         }
     }
 }
@@ -129,7 +132,7 @@ impl SetUp {
     /// Returns whether a pin that is high when this is set up is a reset, even if it falls then: "If setting the input
     /// to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
     pub(super) fn resets_when_high(self) -> bool {
-        self.kind == Kind::Tells(Event::Reset) && self.sources && self.active_high
+        self.kind == Kind::Command(Event::Reset) && self.sources && self.active_high
     }
 }
 
@@ -139,7 +142,7 @@ pub(super) struct Point {
     set_up: SetUp,
     /// Level from outside; `None` if it is open.
     outside: Option<bool>,
-    held: Debounce,
+    debounced: Debounce,
     /// Time at which an input that was set up can be used (MC 5-64, note 2); [`Instant::NEVER`] if it can.
     settles: Instant,
     active: bool,
@@ -151,7 +154,7 @@ impl Point {
     pub(super) const OPEN: Self = Self {
         set_up: SetUp::FACTORY,
         outside: None,
-        held: Debounce::new(true),
+        debounced: Debounce::new(true),
         settles: Instant::NEVER,
         active: false,
         driven: Level::Float,
@@ -167,8 +170,8 @@ impl Point {
     }
 
     /// The level that counts.
-    pub(super) fn held(&self) -> bool {
-        self.held.level
+    pub(super) fn debounced_level(&self) -> bool {
+        self.debounced.level
     }
 
     /// The level at the pin. Where neither side drives it, what sinks is pulled up and what sources is pulled down
@@ -182,10 +185,10 @@ impl Point {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.held.due.min(self.settles)
+        self.debounced.due.min(self.settles)
     }
 
-    /// Takes a set-up. Returns whether it is another one: then [`Self::begin`] must follow.
+    /// Takes a set-up. Returns whether it is another one: then [`Self::start`] must follow.
     pub(super) fn set_up(&mut self, set_up: SetUp) -> bool {
         let is_new = set_up != self.set_up;
         // A general purpose output that stays one stays as active as it is.
@@ -196,34 +199,34 @@ impl Point {
 
     /// Begins as it was set up: an input is inactive until it has settled. Returns whether it is active now and was
     /// not.
-    pub(super) fn begin(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Context) -> bool {
+    pub(super) fn start(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Context) -> bool {
         self.drive(at, pin, out);
         self.settles = at + debounce;
-        self.look(at, debounce);
+        self.update(at, debounce);
         self.timeout(at)
     }
 
-    /// As [`Self::begin`], but takes what is there for what has been there for long.
+    /// As [`Self::start`], but the present level counts as settled.
     pub(super) fn load(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.drive(at, pin, out);
         self.settles = Instant::NEVER;
-        self.held = Debounce::new(self.level());
-        self.judge();
+        self.debounced = Debounce::new(self.level());
+        self.update_active();
     }
 
     /// Sets the level from outside; returns whether it becomes active.
-    pub(super) fn see(&mut self, at: Instant, outside: Option<bool>, debounce: Duration) -> bool {
+    pub(super) fn sample(&mut self, at: Instant, outside: Option<bool>, debounce: Duration) -> bool {
         self.outside = outside;
-        self.look(at, debounce)
+        self.update(at, debounce)
     }
 
     /// Another level counts because it has lasted, or it has settled. Returns whether it becomes active.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
-        self.held.timeout(at);
+        self.debounced.timeout(at);
         if self.settles <= at {
             self.settles = Instant::NEVER;
         }
-        self.judge()
+        self.update_active()
     }
 
     /// An output becomes active, or not.
@@ -245,17 +248,17 @@ impl Point {
         Ok(())
     }
 
-    /// An output with a type shows what is so.
-    pub(super) fn show(
+    /// Updates an output that shows a state of the drive.
+    pub(super) fn update_output(
         &mut self,
         at: Instant,
         pin: Pin,
-        shown: Shown,
+        flags: StateFlags,
         debounce: Duration,
         out: &mut dyn Context,
     ) {
-        if let Kind::Shows(shows) = self.kind() {
-            self.put(at, pin, shows.of(shown), debounce, out);
+        if let Kind::StateOutput(output) = self.kind() {
+            self.put(at, pin, output.of(flags), debounce, out);
         }
     }
 
@@ -263,11 +266,11 @@ impl Point {
         if active != self.active {
             self.active = active;
             self.drive(at, pin, out);
-            self.look(at, debounce);
+            self.update(at, debounce);
         }
     }
 
-    /// Puts out what it is to put out (MC 5-64).
+    /// Drives the pin as its state and set-up require (MC 5-64).
     fn drive(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         let SetUp { kind, active_high, sources } = self.set_up;
         let level = match (self.active == active_high, sources) {
@@ -282,17 +285,17 @@ impl Point {
         }
     }
 
-    fn look(&mut self, at: Instant, debounce: Duration) -> bool {
+    fn update(&mut self, at: Instant, debounce: Duration) -> bool {
         let level = self.level();
-        self.held.see(at, level, debounce) && self.judge()
+        self.debounced.sample(at, level, debounce) && self.update_active()
     }
 
     /// Returns whether an input becomes active by the level that counts now.
-    fn judge(&mut self) -> bool {
+    fn update_active(&mut self) -> bool {
         if self.kind().is_output() || self.settles != Instant::NEVER {
             return false;
         }
-        let active = self.held.level == self.set_up.active_high;
+        let active = self.debounced.level == self.set_up.active_high;
         let was = core::mem::replace(&mut self.active, active);
         active && !was
     }

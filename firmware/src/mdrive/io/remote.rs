@@ -1,12 +1,12 @@
 //! The channels of a remote encoder behind FM (MC 5-26).
 
-use super::lasting::Debounce;
+use super::debounce::Debounce;
 use crate::device::{Duration, Instant};
 use crate::mdrive::motion::Channel;
 
 const CHANNELS: [Channel; 3] = [Channel::A, Channel::B, Channel::Index];
 
-/// A, B and the index, each `None` while nobody drives it.
+/// A, B and the index, each `None` while it is not driven.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Remote {
     seen: [Option<Debounce>; 3],
@@ -16,18 +16,18 @@ impl Remote {
     /// There is none.
     pub(super) const OPEN: Self = Self { seen: [None; 3] };
 
-    /// A channel is driven to a level, which counts once it has lasted so long; or by nobody any more. What is driven
-    /// anew, or let go, is not filtered. Returns whether it counts now.
-    pub(super) fn see(
+    /// A channel is driven to a level, which counts once it has lasted `min_time`; or it is no longer driven (`None`).
+    /// A channel that starts or stops being driven is not filtered. Returns whether the level counts now.
+    pub(super) fn sample(
         &mut self,
         at: Instant,
         channel: Channel,
         level: Option<bool>,
-        lasting: Duration,
+        min_time: Duration,
     ) -> bool {
         let Some(seen) = self.seen.get_mut(channel as usize) else { return false };
         match (seen, level) {
-            (Some(seen), Some(level)) => seen.see(at, level, lasting),
+            (Some(seen), Some(level)) => seen.sample(at, level, min_time),
             (seen, level) => {
                 let changes = seen.is_some() != level.is_some();
                 *seen = level.map(Debounce::new);
@@ -40,7 +40,7 @@ impl Remote {
         self.seen.iter().flatten().fold(Instant::NEVER, |first, seen| first.min(seen.due))
     }
 
-    /// Channels whose other level has lasted, and counts now.
+    /// Channels whose other level has lasted long enough and counts now.
     pub(super) fn timeout(&mut self, at: Instant) -> impl Iterator<Item = (Channel, bool)> + use<> {
         let changed = self.seen.each_mut().map(|seen| {
             let seen = seen.as_mut()?;

@@ -43,7 +43,7 @@ fn tick(ticks: u64) -> Instant {
 impl Dut {
     fn new() -> Self {
         let filters = Filters { clock: 2, pulse: 10, ..Filters::NONE };
-        let mut dut = Self { io: Io::REST, filters, out: recorder(), now: Instant::ZERO };
+        let mut dut = Self { io: Io::OPEN, filters, out: recorder(), now: Instant::ZERO };
         dut.io.power_on(dut.now, true, &mut dut.out);
         dut.filter(|_| {});
         dut
@@ -93,8 +93,8 @@ impl Dut {
         self.io.write(self.now, n, active, &mut self.out)
     }
 
-    fn show(&mut self, shown: Shown) {
-        self.io.show(self.now, shown, &mut self.out);
+    fn show(&mut self, shown: StateFlags) {
+        self.io.update_outputs(self.now, shown, &mut self.out);
     }
 
     fn follow(&mut self, plan: &Plan) {
@@ -102,7 +102,7 @@ impl Dut {
     }
 
     fn events(&mut self) -> Vec<Event> {
-        core::iter::from_fn(|| self.io.take_event()).collect()
+        core::iter::from_fn(|| self.io.next_event()).collect()
     }
 
     /// The levels that were put since this was last asked.
@@ -466,7 +466,7 @@ fn a_restart_lets_go_of_outputs_and_knows_the_levels() {
 
 #[test]
 fn outputs_with_a_type_show_what_is_so() {
-    type Field = fn(&mut Shown) -> &mut bool;
+    type Field = fn(&mut StateFlags) -> &mut bool;
     let fields: [(u16, Field); 8] = [
         (17, |shown| &mut shown.moving),
         (18, |shown| &mut shown.fault),
@@ -475,23 +475,23 @@ fn outputs_with_a_type_show_what_is_so() {
         (21, |shown| &mut shown.locked_rotor),
         (23, |shown| &mut shown.positioning),
         (24, |shown| &mut shown.hybrid),
-        (25, |shown| &mut shown.makes_up),
+        (25, |shown| &mut shown.is_making_up),
     ];
     for (kind, field) in fields {
         let mut dut = Dut::new();
         dut.set_up(4, [kind, 0, 0]).unwrap();
         for (other, field) in fields {
-            let mut shown = Shown::default();
+            let mut shown = StateFlags::default();
             *field(&mut shown) = true;
             dut.show(shown);
             assert_eq!(dut.io.is_active(4), kind == other);
             assert_eq!(dut.put().is_empty(), kind != other);
-            dut.show(Shown::default());
+            dut.show(StateFlags::default());
             assert!(!dut.io.is_active(4));
             dut.put();
         }
         // Active low, sinking.
-        let mut shown = Shown::default();
+        let mut shown = StateFlags::default();
         *field(&mut shown) = true;
         dut.show(shown);
         assert_eq!(dut.put(), [(Instant::ZERO, IO4, Level::Low)]);
@@ -762,7 +762,7 @@ fn teller(code: u16, active: [u16; 2]) -> Dut {
     let mut dut = follower(code, active, 1_000);
     assert!(!dut.io.follows_clock());
     assert!(dut.io.wants_plan());
-    dut.follow(&Plan::rest(Instant::ZERO, 0));
+    dut.follow(&Plan::at_rest(Instant::ZERO, 0));
     assert!(!dut.io.wants_plan());
     dut
 }
@@ -829,8 +829,10 @@ fn fast_pulses_last_half_of_their_period() {
     // 5,000,000 steps/s: 3.2 ticks each, CW = 10 would be 8.
     let mut dut = teller(49, [1, 1]);
     dut.put();
-    let rates =
-        Limits { start: U24F8::from_num(5_000_000), ..Limits::even(U24F8::from_num(5_000_000), 1_000_000) };
+    let rates = Limits {
+        start_speed: U24F8::from_num(5_000_000),
+        ..Limits::even(U24F8::from_num(5_000_000), 1_000_000)
+    };
     dut.follow(&Plan::profile(dut.now, 0, 1_000, rates));
     dut.at(at_ms(10));
     let put = dut.put();
@@ -919,7 +921,7 @@ proptest! {
                     io.power_on(now, false, out);
                     told = [false; 5];
                 }
-                Act::Show(on) => io.show(now, Shown { moving: on, fault: !on, ..Shown::default() }, out),
+                Act::Show(on) => io.update_outputs(now, StateFlags { moving: on, fault: !on, ..StateFlags::default() }, out),
                 Act::Pulse => io.pulse(now, out),
             }
             prop_assert!(io.deadline() > now);

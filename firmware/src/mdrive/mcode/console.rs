@@ -1,8 +1,8 @@
 //! The connections on which MCode is spoken, four at most: what echoes, what ends a line, keys (MC 3.4.4, 7.1.1).
 //!
 //! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
-//! hears nothing before it speaks, but for what is said to all. The drive executes one line at a time, whoever has
-//! typed it, and takes nothing else from its connections meanwhile (MDRIVE-35).
+//! receives nothing before it has sent something, except text for all connections. The drive executes one line at a
+//! time, from whatever connection, and takes no other input from its connections meanwhile (MDRIVE-35).
 
 mod line;
 mod time;
@@ -12,7 +12,7 @@ use core::mem;
 use heapless::Vec;
 
 use self::line::Console;
-pub(in crate::mdrive) use self::line::{Consoles, MOST};
+pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
 use super::super::MCODE;
 use super::super::drive::Drive;
 use super::super::error::Error;
@@ -53,11 +53,11 @@ impl Drive {
 
     pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.mcode.consoles.close(link);
-        self.hear_waiting(at, out);
+        self.process_waiting(at, out);
     }
 
-    /// Characters, among which may be several lines: what one of them says is so for the next, which waits for it.
-    pub(in crate::mdrive) fn console_heard(
+    /// Characters, among which may be several lines: a line may change the state for the next one, which waits for it.
+    pub(in crate::mdrive) fn console_received(
         &mut self,
         at: Instant,
         link: Link,
@@ -66,56 +66,56 @@ impl Drive {
     ) {
         for character in bytes {
             if self.mcode.consoles.takes() {
-                self.hear_character(at, link, *character, out);
+                self.on_character(at, link, *character, out);
             } else {
                 self.mcode.consoles.wait(link, *character);
             }
         }
     }
 
-    /// The line that is being executed has its effect, and what has come meanwhile is heard.
+    /// The line in execution takes effect, and the characters received meanwhile are handled.
     pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(link) = self.mcode.consoles.executed(at) {
             self.execute_line(at, link, out);
-            self.settle(at, out);
-            self.hear_waiting(at, out);
+            self.dispatch_events(at, out);
+            self.process_waiting(at, out);
         }
     }
 
-    fn hear_waiting(&mut self, at: Instant, out: &mut dyn Context) {
+    fn process_waiting(&mut self, at: Instant, out: &mut dyn Context) {
         while let Some((link, character)) = self.mcode.consoles.waited() {
-            self.hear_character(at, link, character, out);
+            self.on_character(at, link, character, out);
         }
     }
 
-    fn hear_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
+    fn on_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
         // Ctrl-C may have come before it.
-        if self.hears() {
+        if self.is_started() {
             self.console_character(at, link, character, out);
             // A key.
             if character.is_ascii_control() {
-                self.settle(at, out);
+                self.dispatch_events(at, out);
             }
         }
     }
 
     /// Text for every connection: PR of a program; without any it is lost.
-    pub(in crate::mdrive) fn say_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
+    pub(in crate::mdrive) fn send_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
         for console in &self.mcode.consoles.list {
-            say(at, console.link, text, out);
+            send(at, console.link, text, out);
         }
     }
 
     /// The drive's name, to every connection: a move has ended that announces it (MC 5-45).
-    pub(in crate::mdrive) fn say_name(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
         let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
-        self.say_to_all(at, &[name, b'\r', b'\n'], out);
+        self.send_to_all(at, &[name, b'\r', b'\n'], out);
     }
 
     /// The sign-on, to every connection, and a prompt.
     pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Context) {
-        self.say_to_all(at, SIGN_ON, out);
-        self.say_to_all(at, self.prompt(), out);
+        self.send_to_all(at, SIGN_ON, out);
+        self.send_to_all(at, self.prompt(), out);
     }
 
     fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
@@ -165,8 +165,9 @@ impl Drive {
     /// 5-23).
     fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) -> bool {
         let active = self.mcode.consoles.party == Party::Active;
-        let called = self.mcode.consoles.find(link).map_or(PartyAddress::Others, |console| console.called);
-        match (called, character) {
+        let address_state =
+            self.mcode.consoles.find(link).map_or(PartyAddress::Others, |console| console.address_state);
+        match (address_state, character) {
             (PartyAddress::Me(_) | PartyAddress::All, _) => true,
             (_, CTRL_C) => self.bank.word(Reg::CE) == 1,
             (_, ESCAPE | CTRL_E) => self.bank.word(Reg::ES) <= 1,
@@ -176,7 +177,7 @@ impl Drive {
                 false
             }
             (PartyAddress::Next, name) if active => {
-                self.call(link, self.whom(name));
+                self.call(link, self.addressee(name));
                 // Table 7.2 shows no name there; hardware sends it (MDRIVE-40).
                 if self.echo_mode() == echo::FULL {
                     self.answer(at, link, &[name], out);
@@ -187,9 +188,9 @@ impl Drive {
         }
     }
 
-    fn call(&mut self, link: Link, called: PartyAddress) {
+    fn call(&mut self, link: Link, address_state: PartyAddress) {
         if let Some(console) = self.mcode.consoles.find(link) {
-            console.called = called;
+            console.address_state = address_state;
         }
     }
 
@@ -199,7 +200,7 @@ impl Drive {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         if mem::take(&mut console.refused) {
             console.line.clear();
-            console.called = next;
+            console.address_state = next;
             return;
         }
         let (line, programming) = (console.line.clone(), console.programming.is_some());
@@ -207,13 +208,12 @@ impl Drive {
         self.mcode.consoles.execute(at, link, takes);
     }
 
-    /// A line has been executed: what it says happens, between the end of its echo and a prompt.
+    /// Carries out a line, between the end of its echo and a prompt.
     fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
-        let (mut line, name) = (mem::take(&mut console.line), console.called.name());
+        let (mut line, name) = (mem::take(&mut console.line), console.address_state.name());
         let stores = console.programming.is_some();
-        // Hardware sends no CR LF before what is printed while a program runs, though table 7.1 does not tell it apart
-        // (MDRIVE-39).
+        // Hardware sends no CR LF before printed text while a program runs, though table 7.1 makes no difference (MDRIVE-39).
         let is_half = self.echo_mode() == echo::HALF;
         let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
         if !prints_alone {
@@ -224,7 +224,7 @@ impl Drive {
         if sums != 0 {
             line.pop();
         }
-        let outcome = if spoiled { Ok(Answer::RxError) } else { self.carry_out(at, link, &line, out) };
+        let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(at, link, &line, out) };
         if prints_alone && outcome.is_err() {
             self.end_echo(at, link, &line, out);
         }
@@ -250,7 +250,7 @@ impl Drive {
     /// Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
     fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
-        *console = Console { programming: console.programming, ..Console::new(link, console.called) };
+        *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
         self.end_program();
         self.motion.halt(at, out);
         if !self.is_party() {
@@ -268,12 +268,12 @@ impl Drive {
             if is_addressed {
                 self.answer(at, link, text, out);
             } else {
-                say(at, link, text, out);
+                send(at, link, text, out);
             }
         }
     }
 
-    /// The end of what is echoed of a line; where there are check sums, an acknowledgement takes the place of CR LF.
+    /// The end of a line's echo; with check sums an acknowledgement takes the place of CR LF.
     fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Context) {
         let mode = self.echo_mode();
         if mode == echo::AFTERWARDS {
@@ -323,11 +323,11 @@ impl Drive {
         }
     }
 
-    /// Does what a line says.
+    /// Carries out the statement of a line.
     ///
     /// # Errors
-    /// What is wrong with the line, or the drive's state forbids.
-    fn carry_out(
+    /// The line is wrong, or the drive's state forbids it.
+    fn run_statement(
         &mut self,
         at: Instant,
         link: Link,
@@ -344,7 +344,7 @@ impl Drive {
         if let Some(address) = programming {
             match statement {
                 Statement::Empty => {}
-                Statement::Program(place) => self.begin_program(link, place)?,
+                Statement::Program(place) => self.enter_program_mode(link, place)?,
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
@@ -353,9 +353,9 @@ impl Drive {
             return Ok(Answer::Prompt);
         }
         match statement {
-            Statement::Print(items) => self.print_on(at, self.hearers(link), items, out)?,
-            Statement::ListProgram(place) => self.list_program(at, self.hearers(link), place, out)?,
-            Statement::Program(place) => self.begin_program(link, place)?,
+            Statement::Print(items) => self.print_on(at, self.recipients(link), items, out)?,
+            Statement::ListProgram(place) => self.list_program(at, self.recipients(link), place, out)?,
+            Statement::Program(place) => self.enter_program_mode(link, place)?,
             Statement::Defaults => {
                 self.restore(at, out)?;
                 return Ok(Answer::Greeting);
@@ -369,7 +369,7 @@ impl Drive {
     ///
     /// # Errors
     /// 30, 42, 44 if it is locked; nothing has happened then.
-    fn begin_program(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
+    fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
                 self.needs_unlocked()?;
@@ -390,16 +390,16 @@ impl Drive {
 
     /// Answers on a connection, if it is for this drive to answer.
     fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
-        for link in &self.hearers(link) {
-            say(at, *link, bytes, out);
+        for link in &self.recipients(link) {
+            send(at, *link, bytes, out);
         }
     }
 
     /// Connections that get the answer to one: itself, unless all drives of a party were called.
-    pub(super) fn hearers(&self, link: Link) -> Vec<Link, MOST> {
+    pub(super) fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
-        if console.is_some_and(|console| self.answers(console.called)) {
+        if console.is_some_and(|console| self.answers(console.address_state)) {
             // There is room for one.
             let _ = links.push(link);
         }
@@ -436,8 +436,8 @@ enum Answer {
     Greeting,
 }
 
-/// Says something on a connection.
-pub(super) fn say(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
+/// Sends bytes on a connection.
+pub(super) fn send(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
     if !bytes.is_empty() {
         out.put(at, Output::Message { port: MCODE, link, bytes });
     }

@@ -11,11 +11,11 @@ use super::statement::{Name, Operand, Operator, Place, Statement, Step};
 use crate::device::{Context, Duration, Instant};
 
 impl Drive {
-    /// Carries out a statement, be it a line of the program that runs or typed; what prints is for who has said so.
-    /// BR, LB and RT are for programs alone; the others that programs are made of act on the one that runs.
+    /// Carries out a statement, of the program that runs or typed; statements that print belong to the caller. BR, LB
+    /// and RT are for programs alone; the other statements of programs act on the one that runs.
     ///
     /// # Errors
-    /// What MC 9 says; nothing has happened then.
+    /// Those of MC 9; nothing has changed then.
     pub(in crate::mdrive) fn execute(
         &mut self,
         at: Instant,
@@ -40,12 +40,12 @@ impl Drive {
                 let meaning = if program { Meaning::Local(value) } else { Meaning::Global(value) };
                 self.mcode.names.add(*name, meaning)?;
             }
-            Statement::Move { relative, way, announces, goes_on } => {
-                let (way, announces, goes_on) = (self.evaluate(at, way)?, *announces, *goes_on);
+            Statement::Move { relative, way, notify_on_end, continuous } => {
+                let (way, notify_on_end, continuous) = (self.evaluate(at, way)?, *notify_on_end, *continuous);
                 let order = if *relative {
-                    Order::By { distance: way, announces, goes_on }
+                    Order::By { distance: way, notify_on_end, continuous }
                 } else {
-                    Order::To { position: way, announces, goes_on }
+                    Order::To { position: way, notify_on_end, continuous }
                 };
                 self.order(at, order, out)?;
             }
@@ -64,7 +64,7 @@ impl Drive {
                 let ms = time.as_ref().map_or(Ok(0), |time| self.evaluate(at, time))?;
                 let ms = u64::try_from(ms).ok().filter(|&ms| ms <= 65_000).ok_or(Error::IllegalValue)?;
                 // "Blank/0=Motion stops" (MC 4.4).
-                self.mcode.vm.hold((ms != 0).then(|| at + Duration::millis(ms)));
+                self.mcode.vm.set_hold((ms != 0).then(|| at + Duration::millis(ms)));
             }
             Statement::Branch(place, condition) => {
                 needs_line(program)?;
@@ -82,7 +82,7 @@ impl Drive {
             }
             Statement::Return => {
                 needs_line(program)?;
-                self.mcode.vm.come_back(at)?;
+                self.mcode.vm.ret(at)?;
             }
             Statement::End => self.end_program(),
             Statement::Execute(place, mode) => {
@@ -133,7 +133,7 @@ impl Drive {
                 self.end_program();
                 self.mcode.vm.set_handler(None);
             }
-            // Who said it knows who hears it.
+            // The caller knows the recipients.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
         }
         Ok(())
@@ -298,7 +298,7 @@ impl Operator {
     }
 }
 
-/// 46 unless it is a line of the program: what is typed has no part in where that is.
+/// 46 unless it is a line of the program: a typed line has no position in it.
 fn needs_line(program: bool) -> Result<(), Error> {
     if program { Ok(()) } else { Err(Error::NotInProgramMode) }
 }

@@ -94,7 +94,7 @@ pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     if item.variants & variants != 0 {
         return Some(item.mnemonic());
     }
-    // What only a Hybrid has is free on the other one, as MC 5-58 says of another product's name.
+    // A name of the Hybrid's is free on the other model, as MC 5-58 states for another product's name.
     (item.variants != HYBRID).then_some(Mnemonic::NotAvailable)
 }
 

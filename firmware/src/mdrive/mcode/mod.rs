@@ -10,20 +10,20 @@
 //! | `program` | the lines that are stored, by address |
 //! | `names` | labels and user variables |
 //! | `print` | PR: texts and values |
-//! | `speech` | what is printed, on its way |
+//! | `message_writer` | what is printed, on its way |
 //! | `execute` | what a statement does |
 //! | `vm` | the program that runs |
 //! | `trip` | trips |
 
 pub(super) mod console;
 pub(super) mod execute;
+mod message_writer;
 pub(super) mod mnemonic;
 pub(super) mod names;
 pub(super) mod parse;
 pub(super) mod print;
 pub(super) mod program;
 mod serial;
-mod speech;
 pub(super) mod statement;
 pub(super) mod trip;
 pub(super) mod vm;

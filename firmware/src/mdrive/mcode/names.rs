@@ -6,7 +6,7 @@ use super::super::error::Error;
 use super::statement::Name;
 
 /// Most names.
-pub(in crate::mdrive) const MOST: usize = 192;
+pub(in crate::mdrive) const MAX: usize = 192;
 
 /// Meaning of a name of the user.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -22,7 +22,7 @@ pub(in crate::mdrive) enum Meaning {
 /// All names of the user, in the order of their declaration.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Names {
-    list: Vec<(Name, Meaning), MOST>,
+    list: Vec<(Name, Meaning), MAX>,
 }
 
 impl Names {
@@ -77,7 +77,7 @@ impl Names {
         }
     }
 
-    /// Keeps only what `keeps` says.
+    /// Keeps only the names for which `keeps` is true.
     pub(in crate::mdrive) fn retain(&mut self, mut keeps: impl FnMut(Name, Meaning) -> bool) {
         self.list.retain(|(name, meaning)| keeps(*name, *meaning));
     }

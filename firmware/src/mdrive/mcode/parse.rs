@@ -15,10 +15,10 @@ use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
 use super::names::{Names, unknown};
 use super::statement::{List, Name, Operand, Parameter, Place, Statement};
 
-/// Parses a line for a drive of these variants, whose user has these names.
+/// Parses a line for a drive of these variants and with these user names.
 ///
 /// # Errors
-/// 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38, 81: it says nothing that the drive could do. 21: a number that no variable holds.
+/// 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38, 81: no valid statement. 21: a number that no variable holds.
 pub(in crate::mdrive) fn parse<'a>(
     line: &'a [u8],
     variants: u8,
@@ -100,7 +100,7 @@ enum Head {
 
 impl<'a> Scanner<'a> {
     /// Takes the word that a statement begins with. A digit behind a name begins its value, unless it makes another
-    /// name; letters behind an instruction begin what it is about.
+    /// name; letters behind an instruction begin its operand.
     fn head(&mut self, names: &Names) -> Result<Head, Error> {
         let word = self.word();
         let known = |scanner: &Self, count: usize| word.get(..count).and_then(|word| scanner.find(word));
@@ -213,10 +213,10 @@ impl<'a> Scanner<'a> {
     /// Behind MA and MR.
     fn movement(mut self, relative: bool) -> Result<Statement<'a>, Error> {
         let way = self.expression(Kind::Whole)?;
-        let announces = self.optional(Self::switch)?.unwrap_or(false);
-        let goes_on = self.optional(Self::switch)?.unwrap_or(false);
+        let notify_on_end = self.optional(Self::switch)?.unwrap_or(false);
+        let continuous = self.optional(Self::switch)?.unwrap_or(false);
         self.end()?;
-        Ok(Statement::Move { relative, way, announces, goes_on })
+        Ok(Statement::Move { relative, way, notify_on_end, continuous })
     }
 
     /// 0, 1 or nothing.
@@ -231,7 +231,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// All that is left: what a variable is set to. Nothing is left of a variable that stands alone (34).
+    /// The rest of the line as the value of a variable. Without a value it is an error (34).
     fn value(&mut self, kind: Kind) -> Result<Expression<'a>, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);

@@ -19,7 +19,7 @@ pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
 /// Destination of text, piece by piece.
 pub(in crate::mdrive) trait Text {
     /// Takes some characters.
-    fn say(&mut self, text: &[u8]);
+    fn write(&mut self, text: &[u8]);
 }
 
 /// Item of PR.
@@ -33,7 +33,7 @@ enum Item<'a> {
 }
 
 impl Drive {
-    /// Prints what is behind PR, and ends the line unless a semicolon is the end (MC 5-57). Reading ER clears it.
+    /// Prints the items of PR, and ends the line unless a semicolon is the end (MC 5-57). Reading ER clears it.
     ///
     /// # Errors
     /// 24, 30, 35, 37: nothing is printed then.
@@ -49,7 +49,7 @@ impl Drive {
             None => (items, CR_LF),
         };
         self.print_values(at, items, to)?;
-        to.say(end);
+        to.write(end);
         Ok(())
     }
 
@@ -68,8 +68,8 @@ impl Drive {
         rest = items;
         while let Some(item) = self.item(&mut rest)? {
             match item {
-                Item::Text(text) => to.say(text),
-                Item::User(value) => say_number(value, to),
+                Item::Text(text) => to.write(text),
+                Item::User(value) => write_number(value, to),
                 Item::List(list) => self.print_list(list, to),
                 Item::Keyword(keyword) => self.print_keyword(at, keyword, to),
                 Item::Variable(reg) => {
@@ -127,27 +127,27 @@ impl Drive {
         let value = self.read_mcode(at, reg);
         match reg {
             Reg::CR => {
-                say_number(value / RATIO_ONE, to);
+                write_number(value / RATIO_ONE, to);
                 let digits = [value / 100, value / 10, value].map(|rest| b'0' + (rest % 10) as u8);
-                to.say(b".");
-                to.say(&digits);
+                to.write(b".");
+                to.write(&digits);
             }
-            Reg::DN => to.say(&[b'"', (value & 0x7F) as u8, b'"']),
-            _ => say_number(value, to),
+            Reg::DN => to.write(&[b'"', (value & 0x7F) as u8, b'"']),
+            _ => write_number(value, to),
         }
     }
 
     fn print_list(&self, list: List, to: &mut dyn Text) {
         match list {
-            List::Trip(trip) => say_values(&self.mcode.trips.parameters(trip), to),
+            List::Trip(trip) => write_values(&self.mcode.trips.parameters(trip), to),
             List::Io(reg) => {
                 let values = self.set_up_of(reg).map(|value| number(value.into()));
-                say_values(values.get(..list.len()).unwrap_or(&values), to);
+                write_values(values.get(..list.len()).unwrap_or(&values), to);
             }
             List::With(reg) => {
                 // That of MU "is not saved" (MC 4.8).
-                let with = if reg == Reg::CA { self.held(Reg::CalibrationMethod) } else { 0 };
-                say_values(&[number(self.held(reg)), number(with)], to);
+                let with = if reg == Reg::CA { self.stored(Reg::CalibrationMethod) } else { 0 };
+                write_values(&[number(self.stored(reg)), number(with)], to);
             }
         }
     }
@@ -156,14 +156,14 @@ impl Drive {
         match keyword {
             Keyword::AL => self.print_all(at, to),
             Keyword::UV => self.print_user_variables(to),
-            Keyword::MD => to.say(self.mcode.vm.last_motion().map_or(b"", name_of)),
-            Keyword::PN => to.say(&self.text(PART_NUMBER)),
-            Keyword::SN => to.say(&self.text(SERIAL_NUMBER)),
+            Keyword::MD => to.write(self.mcode.vm.last_motion().map_or(b"", name_of)),
+            Keyword::PN => to.write(&self.text(PART_NUMBER)),
+            Keyword::SN => to.write(&self.text(SERIAL_NUMBER)),
             Keyword::VR => {
-                to.say(&self.text(FIRMWARE));
+                to.write(&self.text(FIRMWARE));
                 if self.model == Model::Hybrid {
-                    to.say(b", ");
-                    to.say(&self.text(HARDWARE));
+                    to.write(b", ");
+                    to.write(&self.text(HARDWARE));
                 }
             }
         }
@@ -172,15 +172,15 @@ impl Drive {
     /// AL: all variables and flags, a line each, MD and VR among them (MC 5-1). ER is not cleared by that.
     fn print_all(&self, at: Instant, to: &mut dyn Text) {
         for (word, mnemonic) in mnemonic::variables(self.variants()) {
-            to.say(word.trim_ascii_end());
-            to.say(b" = ");
+            to.write(word.trim_ascii_end());
+            to.write(b" = ");
             match mnemonic {
                 Mnemonic::Variable(reg) => self.print_variable(at, reg, to),
                 Mnemonic::List(list) => self.print_list(list, to),
                 Mnemonic::Keyword(keyword) => self.print_keyword(at, keyword, to),
                 _ => {}
             }
-            to.say(CR_LF);
+            to.write(CR_LF);
         }
     }
 
@@ -193,10 +193,10 @@ impl Drive {
                 Meaning::Local(value) => (b"L ", value),
             };
             for text in [name.trim_ascii_end(), b" = ", kind] {
-                to.say(text);
+                to.write(text);
             }
-            say_number(value, to);
-            to.say(CR_LF);
+            write_number(value, to);
+            to.write(CR_LF);
         }
     }
 }
@@ -211,22 +211,22 @@ fn number(value: i32) -> Parameter {
 }
 
 /// Values with a comma and a blank between them.
-fn say_values(values: &[Parameter], to: &mut dyn Text) {
+fn write_values(values: &[Parameter], to: &mut dyn Text) {
     for (n, value) in values.iter().enumerate() {
         if n > 0 {
-            to.say(b", ");
+            to.write(b", ");
         }
         match value {
-            Parameter::Value(Operand::Number(value)) => say_number(*value, to),
-            Parameter::Value(Operand::User(name)) | Parameter::Label(name) => to.say(name.trim_ascii_end()),
-            // What is kept is a number or a label.
+            Parameter::Value(Operand::Number(value)) => write_number(*value, to),
+            Parameter::Value(Operand::User(name)) | Parameter::Label(name) => to.write(name.trim_ascii_end()),
+            // The value is a number or a label.
             Parameter::Value(Operand::Ratio(_) | Operand::Variable(_)) | Parameter::Absent => {}
         }
     }
 }
 
 /// A number in decimal.
-pub(super) fn say_number(value: i32, to: &mut dyn Text) {
+pub(super) fn write_number(value: i32, to: &mut dyn Text) {
     let mut text = Vec::<u8, 11>::new();
     let mut rest = value.unsigned_abs();
     // There is room for the longest one.
@@ -241,5 +241,5 @@ pub(super) fn say_number(value: i32, to: &mut dyn Text) {
         let _ = text.push(b'-');
     }
     text.reverse();
-    to.say(&text);
+    to.write(&text);
 }

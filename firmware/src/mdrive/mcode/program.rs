@@ -307,11 +307,11 @@ impl Drive {
         }
     }
 
-    /// A line is typed into the program: what it says is stored, if it says anything.
+    /// Stores a line typed in program mode, unless it is empty.
     ///
     /// # Errors
-    /// What is wrong with the line; 28 for a label that is there already, 31 and 45 if there is no room. Nothing is
-    /// stored then, and the address stays.
+    /// The errors of the line; 28 for a label that exists already, 31 and 45 if there is no room. Nothing is stored
+    /// then, and the address stays.
     pub(super) fn store_line(
         &mut self,
         at: Instant,

@@ -24,12 +24,12 @@ pub(super) enum Party {
     Active,
 }
 
-/// Whom a line is for.
+/// Addressee of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum PartyAddress {
     /// The only drive there is.
     Plain,
-    /// The next character says it.
+    /// Selected by the next character.
     Next,
     /// The drive itself, called by that name.
     Me(u8),
@@ -56,7 +56,7 @@ impl Drive {
     }
 
     /// Party mode begins or ends, by whatever has changed PY.
-    pub(in crate::mdrive) fn look_for_party(&mut self) {
+    pub(in crate::mdrive) fn update_party(&mut self) {
         self.mcode.consoles.set_party(self.is_party());
     }
 
@@ -70,8 +70,8 @@ impl Drive {
         self.bank.word(Reg::SerialCommands) != 0
     }
 
-    /// Whom a name calls.
-    pub(super) fn whom(&self, name: u8) -> PartyAddress {
+    /// The addressee of a name.
+    pub(super) fn addressee(&self, name: u8) -> PartyAddress {
         match name {
             ALL => PartyAddress::All,
             QUEUED if self.bank.word(Reg::QD) != 0 => PartyAddress::Me(name),
@@ -81,8 +81,8 @@ impl Drive {
     }
 
     /// Returns whether the drive answers a line that called it so: all together only with DG 0 (MC 5-19).
-    pub(super) fn answers(&self, called: PartyAddress) -> bool {
-        match called {
+    pub(super) fn answers(&self, address_state: PartyAddress) -> bool {
+        match address_state {
             PartyAddress::Plain | PartyAddress::Me(_) => true,
             PartyAddress::All => self.bank.word(Reg::DG) == 0,
             PartyAddress::Next | PartyAddress::Others => false,

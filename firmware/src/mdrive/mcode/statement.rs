@@ -63,7 +63,7 @@ impl Relation {
     }
 }
 
-/// Step of an expression from the value of all that is left of it, which begins with 0.
+/// Step of an expression, applied to the value of all before it; the first value is 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Step {
     Calculate {
@@ -72,7 +72,7 @@ pub(in crate::mdrive) enum Step {
         not: bool,
         operand: Operand,
     },
-    /// 1 if it is so, 0 if not.
+    /// 1 if it is true, 0 if not.
     Compare(Relation, Operand),
 }
 
@@ -145,7 +145,7 @@ impl Trip {
     /// The subroutine's place among [`Self::parameters`].
     const SUBROUTINE: usize = 1;
 
-    /// Which it has of: what it waits for, its subroutine, how often.
+    /// Parameters of a trip that exist: its condition, its subroutine, its repeats.
     pub(super) fn parameters(self) -> Range<usize> {
         match self {
             Self::Capture => 1..2,
@@ -184,8 +184,8 @@ pub(in crate::mdrive) enum Statement<'a> {
     Move {
         relative: bool,
         way: Expression<'a>,
-        announces: bool,
-        goes_on: bool,
+        notify_on_end: bool,
+        continuous: bool,
     },
     Slew(Expression<'a>),
     HomeToIndex(Expression<'a>),
@@ -206,7 +206,7 @@ pub(in crate::mdrive) enum Statement<'a> {
     BreakPoint(Place, Option<Expression<'a>>),
     ListProgram(Option<Place>),
     Clear(Option<Place>),
-    /// PR, with what is behind it.
+    /// PR and its items.
     Print(&'a [u8]),
     /// IV.
     Input(Operand),

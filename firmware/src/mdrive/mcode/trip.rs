@@ -11,11 +11,11 @@ use super::super::registers::Reg;
 use super::statement::{Operand, Parameter, Place, Trip};
 use crate::device::{Context, Duration, Instant};
 
-/// TR is not faster than 20 kHz (MC 5-75): what comes sooner waits.
+/// TR is not faster than 20 kHz (MC 5-75): an earlier trip waits.
 const FASTEST: Duration = Duration::micros(50);
 
 /// Most repetitions of TR (MC 5-75).
-const MOST_REPEATS: u16 = 65_000;
+const MAX_REPEATS: u16 = 65_000;
 
 /// Types of I/O 1 to 4 that are outputs (MC 5-64), and of I/O 13 (MC 5-67).
 const OUTPUTS: RangeInclusive<u16> = 16..=25;
@@ -189,7 +189,7 @@ impl Drive {
             (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
         };
         let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
-        let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MOST_REPEATS);
+        let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MAX_REPEATS);
         let repeats = repeats.ok_or(Error::IllegalValue)?;
         self.judge_source(trip, value)?;
         Ok(Some(Definition { value, subroutine, repeats }))
@@ -227,7 +227,7 @@ impl Drive {
     /// 12 for an input that is none, 21 above 63, 27 for one that is not defined, 39 for 2 and 16 together; nothing has
     /// changed then.
     pub(in crate::mdrive) fn enable_trips(&mut self, at: Instant, mask: u8) -> Result<(), Error> {
-        self.judge_trips(mask.into())?;
+        self.validate_trips(mask.into())?;
         let trips = &mut self.mcode.trips;
         if mask == 0 {
             ALL.into_iter().for_each(|trip| trips.switch_off(trip));
@@ -244,7 +244,7 @@ impl Drive {
     ///
     /// # Errors
     /// As [`Self::enable_trips`].
-    pub(in crate::mdrive) fn judge_trips(&self, mask: i32) -> Result<(), Error> {
+    pub(in crate::mdrive) fn validate_trips(&self, mask: i32) -> Result<(), Error> {
         let both = i32::from(Trip::Position.bit() | Trip::Relative.bit());
         if !(0..1 << ALL.len()).contains(&mask) {
             return Err(Error::IllegalValue);
@@ -257,7 +257,7 @@ impl Drive {
         if mask != 0 && on & both == both { Err(Error::TripsTogether) } else { Ok(()) }
     }
 
-    /// The I/O has told something that may trip.
+    /// Handles an event of the I/O that may trip.
     pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             io::Event::Active(n) if self.mcode.trips.value(Trip::Input) == Some(n.into()) => {
@@ -275,7 +275,7 @@ impl Drive {
         self.mcode.trips.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
     }
 
-    /// The Hybrid's state: what has just become so, as bits of TA.
+    /// The Hybrid's state: conditions that have just become true, as bits of TA.
     pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
         if self.trips_on_status(flags) {
             self.trip(at, Trip::Hybrid, out);
@@ -292,7 +292,7 @@ impl Drive {
     }
 
     /// The motion has another plan, or a trip is due.
-    pub(in crate::mdrive) fn look_for_trips(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(in crate::mdrive) fn check_trips(&mut self, at: Instant, out: &mut dyn Context) {
         let trips = &self.mcode.trips;
         let dues = [
             (Trip::Position, trips.position_due),
@@ -305,8 +305,8 @@ impl Drive {
                 self.trip(at, trip, out);
             }
         }
-        self.foresee_position(at);
-        self.foresee_relative(at);
+        self.predict_position(at);
+        self.predict_relative(at);
     }
 
     /// Returns whether TR uses the encoder's count: whatever turns the shaft changes its time.
@@ -318,7 +318,7 @@ impl Drive {
     fn arm(&mut self, at: Instant, trip: Trip) {
         let Some(Definition { value, repeats, .. }) = self.mcode.trips.definition(trip) else { return };
         match trip {
-            Trip::Position => self.foresee_position(at),
+            Trip::Position => self.predict_position(at),
             Trip::Time => {
                 let ms = u64::try_from(value).unwrap_or(0);
                 self.mcode.trips.time_due = at + Duration::millis(ms);
@@ -335,7 +335,7 @@ impl Drive {
     }
 
     /// Predicts the time of TP. It counts motor steps, with EE = 1, too (MC 5-74).
-    fn foresee_position(&mut self, at: Instant) {
+    fn predict_position(&mut self, at: Instant) {
         if let Some(position) = self.mcode.trips.value(Trip::Position) {
             self.mcode.trips.position_due = self.motion.reaches_steps(at, position);
         }
@@ -346,7 +346,7 @@ impl Drive {
         if let Some(distance) = self.mcode.trips.value(Trip::Relative) {
             let trips = &mut self.mcode.trips;
             trips.relative_position = trips.relative_position.wrapping_add(distance);
-            self.foresee_relative(at);
+            self.predict_relative(at);
         }
     }
 
@@ -360,13 +360,13 @@ impl Drive {
             let behind = position.wrapping_sub(trips.relative_position);
             let missed = behind.checked_div(distance).unwrap_or(0).wrapping_add(1);
             trips.relative_position = trips.relative_position.wrapping_add(distance.wrapping_mul(missed));
-            self.foresee_relative(at);
+            self.predict_relative(at);
         }
     }
 
     /// Predicts the time of TR, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever
     /// it is.
-    fn foresee_relative(&mut self, at: Instant) {
+    fn predict_relative(&mut self, at: Instant) {
         if self.mcode.trips.value(Trip::Relative).is_some() {
             let is_there = self.is_at_relative(at);
             let trips = &mut self.mcode.trips;

@@ -15,8 +15,7 @@ use crate::device::{Duration, Instant};
 /// Time of a line, that of a label, too; it is carried out at the end (MDRIVE-13).
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
-/// Depth to which CL and trips may nest. Neither manual says it. OE's handler has a place of its own
-/// (MDRIVE-15).
+/// Depth to which CL and trips may nest; neither manual specifies it. OE's handler has an entry of its own (MDRIVE-15).
 const DEPTH: usize = 16;
 
 /// Phase of the program.
@@ -158,7 +157,7 @@ impl Vm {
     }
 
     /// Notes a command, from any source.
-    pub(in crate::mdrive) fn remember(&mut self, order: Order) {
+    pub(in crate::mdrive) fn note_order(&mut self, order: Order) {
         match order {
             Order::To { .. } => self.last_motion = Some(Reg::MA),
             Order::By { .. } => self.last_motion = Some(Reg::MR),
@@ -222,8 +221,8 @@ impl Vm {
     /// RT: the caller goes on. An H with a time has gone on meanwhile.
     ///
     /// # Errors
-    /// 41: nobody has called.
-    pub(super) fn come_back(&mut self, at: Instant) -> Result<(), Error> {
+    /// 41: there is no call to return from.
+    pub(super) fn ret(&mut self, at: Instant) -> Result<(), Error> {
         let call = self.calls.pop().ok_or(Error::StackOverflow)?;
         (self.address, self.phase) = (call.address, call.phase);
         match self.phase {
@@ -235,7 +234,7 @@ impl Vm {
     }
 
     /// H: until then, or until motion is over.
-    pub(super) fn hold(&mut self, until: Option<Instant>) {
+    pub(super) fn set_hold(&mut self, until: Option<Instant>) {
         self.phase = until.map_or(Phase::Motion, Phase::Until);
     }
 
@@ -280,7 +279,7 @@ impl Vm {
         self.calls.iter().any(|call| call.handles)
     }
 
-    /// The program was held since then: what has a time comes that much later.
+    /// The program was held for `span`: all its times are later by as much.
     fn shift(&mut self, span: Duration) {
         let phases = self.calls.iter_mut().map(|call| &mut call.phase);
         for phase in phases.chain([&mut self.phase]) {

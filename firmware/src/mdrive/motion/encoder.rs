@@ -62,8 +62,12 @@ impl Encoder {
     /// Time at which the built-in encoder comes onto its index next, or leaves it; never if the shaft changes its
     /// motion before.
     pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
-        let pace = motor.pace();
-        let way = if pace.h == 0 { pace.a.signum() } else { pace.h.signum() };
+        let kinematics = motor.kinematics();
+        let way = if kinematics.half_speed == 0 {
+            kinematics.half_acceleration.signum()
+        } else {
+            kinematics.half_speed.signum()
+        };
         if way == 0 || self.is_remote() {
             return Instant::NEVER;
         }
@@ -98,8 +102,8 @@ impl Encoder {
     /// Time at which the built-in encoder comes to `count` next, by [`Self::count`]; never if the shaft changes its
     /// motion before, or a remote one counts.
     pub(super) fn reaches(&self, at: Instant, motor: &Motor, count: i32) -> Instant {
-        let pace = motor.pace();
-        if self.is_remote() || pace.h == 0 && pace.a == 0 {
+        let kinematics = motor.kinematics();
+        if self.is_remote() || kinematics.half_speed == 0 && kinematics.half_acceleration == 0 {
             return Instant::NEVER;
         }
         let way = count.wrapping_sub(self.count(at, motor));
@@ -131,7 +135,7 @@ impl Encoder {
         self.remote = self.remote.wrapping_add(edges);
     }
 
-    /// The channels are at these levels now: who counts may be another one, from the same count on.
+    /// Present levels of the channels: another counter may count from here, from the same count on.
     fn connect(&mut self, at: Instant, motor: &Motor, channels: [Option<bool>; 3]) {
         let count = self.count(at, motor);
         self.channels = channels;

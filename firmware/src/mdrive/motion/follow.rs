@@ -1,7 +1,7 @@
 //! The clock inputs turn the motor (MC 5-13, 5-14).
 //!
-//! At a ratio of 1.000 each step is made when it is asked for. At any other the speed that is asked for is looked at
-//! every millisecond and come to with A and D; what is left of the way when the clock has stopped is a move.
+//! At a ratio of 1.000 each step is made when it is requested. At any other ratio the requested speed is sampled every
+//! millisecond and approached with A and D; the distance that is left when the clock has stopped is a move.
 
 use fixed::types::I24F8;
 
@@ -11,8 +11,8 @@ use crate::device::{Context, Duration, Instant, Plan};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Interval at which the speed is computed.
-const LOOK: Duration = Duration::millis(1);
-/// A clock that says nothing for so long stands.
+const CHECK_PERIOD: Duration = Duration::millis(1);
+/// A clock without an edge for so long counts as stopped.
 const QUIET: Duration = Duration::millis(10);
 
 /// The ratio without ramps.
@@ -48,7 +48,7 @@ impl Follow {
     }
 
     /// Looks how fast they have come since the last look.
-    fn look(&mut self, at: Instant) {
+    fn update_speed(&mut self, at: Instant) {
         if self.last > self.before {
             let ticks = self.last.since(self.before).ticks().cast_signed();
             let way = i64::from(self.steps) * (TICKS_PER_SECOND << 8).cast_signed();
@@ -79,7 +79,7 @@ impl Motion {
         if begins {
             self.watch_from(at);
             self.follow = Follow { target: self.motor.position(at), before: at, ..Follow::NEW };
-            self.enter(Activity::Follows, at + LOOK);
+            self.enter(Activity::Follows, at + CHECK_PERIOD);
         }
         self.follow.take(at, steps);
         if self.settings.follows_at_once() {
@@ -91,9 +91,9 @@ impl Motion {
 
     /// Looks at the clock.
     pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Context) {
-        self.due = at + LOOK;
+        self.due = at + CHECK_PERIOD;
         let before = self.follow.speed;
-        self.follow.look(at);
+        self.follow.update_speed(at);
         let Follow { speed, target, last, .. } = self.follow;
         let (plan, rates) = (self.motor.plan(), self.settings.rates());
         let (here, stands) = (self.motor.position(at), plan.end() <= at);
@@ -101,18 +101,18 @@ impl Motion {
         let ramps = !self.settings.follows_at_once();
         if ramps && (speed != before || stands && speed != 0) {
             let plan = plan.slew(at, speed, rates);
-            self.go(at, plan, out);
+            self.start_plan(at, plan, out);
         } else if is_quiet && stands && left != 0 {
-            self.go(at, Plan::profile(at, here, left, rates), out);
+            self.start_plan(at, Plan::profile(at, here, left, rates), out);
         } else if is_quiet && stands {
-            self.settle(at, None, out);
+            self.start_settling(at, None, out);
         }
     }
 
     /// CM has changed, or whether there are ramps (MDRIVE-33).
     pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Context) {
         if self.activity == Activity::Follows {
-            self.slow(at, false, out);
+            self.ramp_down(at, false, out);
         }
     }
 }

@@ -29,7 +29,7 @@ pub(super) struct Homing {
     by_index: bool,
     kind: u8,
     stage: Stage,
-    /// Stands and waits for MT.
+    /// At rest, waiting for MT.
     settles: bool,
     /// Direction of its motion.
     back: bool,
@@ -97,7 +97,7 @@ impl Homing {
         if self.by_index { Order::HomeToIndex(self.kind) } else { Order::Home(self.kind) }
     }
 
-    /// Off the mark if it stands on it, else on with the search.
+    /// Off the mark if it is on it, else on with the search.
     fn begin(&mut self, on_mark: bool) -> Course {
         if on_mark { self.creep() } else { self.enter(Stage::Search, Course::Search) }
     }
@@ -244,9 +244,9 @@ impl Motion {
                 self.limit_home(at, homing, out);
             }
             Course::Search | Course::Creep => {
-                let most = if course == Course::Search { rates.speed } else { rates.start };
+                let most = if course == Course::Search { rates.max_speed } else { rates.start_speed };
                 let speed = I24F8::saturating_from_num(most);
-                self.turn(at, moves, if homing.back { -speed } else { speed }, rates, out);
+                self.run_at_speed(at, moves, if homing.back { -speed } else { speed }, rates, out);
             }
             Course::Return(to) => {
                 let from = self.motor.position(at);

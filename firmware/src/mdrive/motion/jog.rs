@@ -18,13 +18,13 @@ impl Motion {
         }
     }
 
-    /// A jog contact has changed: one that becomes active begins a jog from standstill, and a jog ends with its own.
-    /// What contacts ask for when it stands begins then.
+    /// A jog contact has changed: an activation begins a jog from standstill, and a jog ends with its own contact. A
+    /// contact that is active at standstill begins a jog then.
     pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { back } if self.jog_ends(back) => {
                 self.waiting = Some(Task::Jog);
-                self.slow(at, false, out);
+                self.ramp_down(at, false, out);
             }
             Activity::Rest if active => self.begin_jog(at, out),
             _ => {}
@@ -43,15 +43,15 @@ impl Motion {
             self.fail_at_limit(back);
         } else {
             let rates = self.settings.rates();
-            let speed = I24F8::saturating_from_num(rates.speed);
-            self.turn(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
+            let speed = I24F8::saturating_from_num(rates.max_speed);
+            self.run_at_speed(at, Activity::Jogs { back }, if back { -speed } else { speed }, rates, out);
         }
     }
 
     /// JE was as `before`. With 0 no jog goes on, and none begins; with 1 a contact that is held already jogs.
     pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Context) {
         match self.activity {
-            Activity::Jogs { .. } if !self.settings.jogs => self.slow(at, false, out),
+            Activity::Jogs { .. } if !self.settings.jogs => self.ramp_down(at, false, out),
             Activity::Rest if self.settings.jogs && !before => self.begin_jog(at, out),
             _ => {}
         }

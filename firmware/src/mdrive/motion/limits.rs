@@ -44,11 +44,11 @@ impl Motion {
 
     /// A limit becomes active: it stops what goes or will go in its direction.
     fn limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
-        if !self.is_barred(back) || !self.motor.heads(at, back) {
+        if !self.is_barred(back) || !self.motor.moves(at, back) {
             return;
         }
         match self.activity {
-            Activity::Uncounted { .. } => {}
+            Activity::CircuitDriven { .. } => {}
             Activity::Homes(homing) => self.limit_home(at, homing, out),
             _ => self.stop_at_limit(at, back, out),
         }
@@ -58,7 +58,7 @@ impl Motion {
     pub(super) fn stop_at_limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
         // The program first: its error's handler runs all the same.
         if matches!(self.settings.limit_mode, 3 | 6) {
-            self.tell(Event::StopsProgram);
+            self.push_event(Event::StopsProgram);
         }
         self.fail_at_limit(back);
         self.stop_for_limit(at, out);
@@ -67,9 +67,9 @@ impl Motion {
     /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a
     /// step could leave the limit again (MDRIVE-20).
     pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Context) {
-        self.forget_what_waits();
-        if self.stands() {
-            return self.slow(at, false, out);
+        self.clear_waiting();
+        if self.is_idle() {
+            return self.ramp_down(at, false, out);
         }
         let (plan, rates) = (self.motor.plan(), self.settings.rates());
         let is_abrupt = self.settings.limit_mode >= 4;

@@ -1,7 +1,7 @@
 //! The motor: its steps, the moves that make them, limits, homing, jog, the currents, and the encoder on its shaft.
 //!
-//! Positions and velocities are in steps here; what is said in counts with EE = 1 is turned into steps where an order
-//! comes in, and back where a variable is read.
+//! Positions and velocities are in steps here; with EE = 1 orders in counts are converted to steps, and back where a
+//! variable is read.
 //!
 //! | file | what of it |
 //! |---|---|
@@ -16,9 +16,10 @@
 //! | `home` | homing to a switch or to the index |
 //! | `closed` | EE = 1: stalls, corrections, position maintenance |
 //! | `follow` | clock inputs |
-//! | `shown` | what variables show of all that |
-//! | `uncounted` | what a Hybrid's circuitry does on its own |
+//! | `readback` | what variables show of all that |
+//! | `circuit` | what a Hybrid's circuitry does on its own |
 
+mod circuit;
 mod closed;
 mod encoder;
 mod follow;
@@ -28,12 +29,11 @@ mod limits;
 mod motor;
 mod orders;
 mod pause;
+mod readback;
 mod response;
 mod scale;
-mod shown;
 #[cfg(test)]
 mod tests;
-mod uncounted;
 
 use heapless::Deque;
 
@@ -96,9 +96,9 @@ pub(super) struct Settings {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
     /// MA.
-    To { position: i32, announces: bool, goes_on: bool },
+    To { position: i32, notify_on_end: bool, continuous: bool },
     /// MR.
-    By { distance: i32, announces: bool, goes_on: bool },
+    By { distance: i32, notify_on_end: bool, continuous: bool },
     /// SL.
     Slew(i32),
     /// HM, 1 to 4.
@@ -144,14 +144,14 @@ pub(super) struct Motion {
     due: Instant,
     /// Task that begins when the present motion is over.
     waiting: Option<Task>,
-    /// PS: nothing of it begins before RS; what it has interrupted.
+    /// PS: nothing begins before RS; `left` is the interrupted task.
     paused: bool,
     left: Option<Task>,
     /// Contacts that are active, a bit each.
     contacts: u8,
     closed: Closed,
     follow: Follow,
-    /// Time at which a homing to the index sees another state of it.
+    /// Time at which a homing to the index sees the index change.
     index_due: Instant,
     on_index: bool,
     /// Since when it is at rest.
@@ -189,8 +189,8 @@ impl Motion {
         }
     }
 
-    /// Power comes, or a restart: everything is forgotten but where the shaft is, who drives the remote encoder, and
-    /// that the shaft is held. Contacts that are active are told anew.
+    /// Power comes, or a restart: everything is cleared but the shaft's position, the levels of the remote encoder, and
+    /// whether the shaft is blocked. Contacts that are active follow as events.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
@@ -199,7 +199,7 @@ impl Motion {
         self.motor.limit(at, settings.response, out);
         self.motor.power_on(at, out);
         (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
-        self.rest(at);
+        self.enter_rest(at);
         self.waiting = None;
         (self.paused, self.left) = (false, None);
         self.contacts = 0;
@@ -269,15 +269,15 @@ impl Motion {
 
     /// Stops with D, whatever moves.
     pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
-        self.forget_what_waits();
-        self.slow(at, false, out);
+        self.clear_waiting();
+        self.ramp_down(at, false, out);
         self.refresh(at, out);
     }
 
     /// Stops without a ramp (Esc).
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
-        self.forget_what_waits();
-        self.stand(at, out);
+        self.clear_waiting();
+        self.stop_at_once(at, out);
         self.refresh(at, out);
     }
 
@@ -301,19 +301,19 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// The shaft is held, or let go.
-    pub(super) fn hold_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
-        self.motor.hold(at, held, out);
+    /// The shaft is blocked, or released.
+    pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
+        self.motor.set_blocked(at, blocked, out);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
-    /// The next thing that it has to tell.
-    pub(super) fn take_event(&mut self) -> Option<Event> {
+    /// The next event.
+    pub(super) fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
 
-    fn tell(&mut self, event: Event) {
+    fn push_event(&mut self, event: Event) {
         let told = self.events.push_back(event);
         debug_assert!(
             told.is_ok(),
@@ -322,7 +322,7 @@ impl Motion {
     }
 
     fn fail(&mut self, error: Error) {
-        self.tell(Event::Failed(error));
+        self.push_event(Event::Failed(error));
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -333,7 +333,7 @@ impl Motion {
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motor.deadline() <= at {
             self.motor.timeout(at, out);
-            // So that what is compared never is further apart than 32 bits.
+            // Keeps the compared positions within 32 bits of each other.
             self.closed.rebase(
                 self.settings.scale(),
                 self.motor.position(at),
@@ -345,7 +345,7 @@ impl Motion {
             self.counted(at, out);
         }
         if self.due <= at {
-            self.go_on(at, out);
+            self.activity_due(at, out);
         }
         self.refresh(at, out);
     }
@@ -364,7 +364,7 @@ impl Motion {
     fn percent(&self) -> Option<u8> {
         let Settings { enabled, run_percent, hold_percent, .. } = self.settings;
         let percent = match self.activity {
-            Activity::Uncounted { percent, .. } => percent,
+            Activity::CircuitDriven { percent, .. } => percent,
             _ if self.holds => hold_percent,
             _ => run_percent,
         };

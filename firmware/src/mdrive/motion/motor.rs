@@ -16,9 +16,9 @@ const PEAK_MA: u32 = StepperParameters::NOMINAL.rated_ma;
 pub(super) struct Motor {
     shaft: StepperMotor,
     plan: Plan,
-    /// In mA; `None` if it has not been told since power came.
+    /// In mA; `None` if it was not set since power-on.
     ma: Option<u32>,
-    /// The current by which the shaft follows: that, or what it had last if its inertia turns it on.
+    /// The current by which the shaft follows: the present one, or the last one while inertia turns it on.
     pull_ma: Option<u32>,
     pub(super) response: Response,
 }
@@ -28,12 +28,18 @@ impl Motor {
     pub(super) fn new(microsteps: u16) -> Self {
         let mut shaft = StepperMotor::new(StepperParameters::NOMINAL);
         shaft.set_microsteps(Instant::ZERO, microsteps);
-        Self { shaft, plan: Plan::rest(Instant::ZERO, 0), ma: None, pull_ma: None, response: Response::FULL }
+        Self {
+            shaft,
+            plan: Plan::at_rest(Instant::ZERO, 0),
+            ma: None,
+            pull_ma: None,
+            response: Response::FULL,
+        }
     }
 
-    /// Power comes: it stands at position 0, wherever its shaft is.
+    /// Power comes: the position is 0, wherever the shaft is.
     pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Context) {
-        self.go(at, Plan::rest(at, 0), out);
+        self.set_plan(at, Plan::at_rest(at, 0), out);
         (self.ma, self.pull_ma) = (None, None);
     }
 
@@ -47,25 +53,25 @@ impl Motor {
         self.plan.position_at(at)
     }
 
-    /// Returns whether it moves in that direction, or will before it stands.
-    pub(super) fn heads(&self, at: Instant, back: bool) -> bool {
+    /// Returns whether it moves in that direction, now or before it stops.
+    pub(super) fn moves(&self, at: Instant, back: bool) -> bool {
         let mut end = self.plan.start();
         self.plan.segments().iter().any(|segment| {
             end += Duration::from_ticks(segment.ticks);
-            end > at && segment.ticks > 0 && segment.back == back
+            end > at && segment.ticks > 0 && segment.reverse == back
         })
     }
 
     /// From `at` on it does this.
-    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
+    pub(super) fn set_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.plan = plan;
-        self.response.look(at, &self.plan);
+        self.response.update(at, &self.plan);
         self.lead_shaft(at, out);
     }
 
     /// Steps without a ramp, from standstill.
     pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
-        self.plan = Plan::rest(at, self.position(at).wrapping_add(steps));
+        self.plan = Plan::at_rest(at, self.position(at).wrapping_add(steps));
         self.shaft.input(at, Input::Step { axis: AXIS, steps }, out);
         out.put(at, Output::Step { axis: AXIS, steps });
     }
@@ -91,8 +97,8 @@ impl Motor {
 
     /// From now on the shaft is not faster than so many steps/s.
     pub(super) fn limit(&mut self, at: Instant, most: u32, out: &mut dyn Context) {
-        if self.response.most != most {
-            self.response.most = most;
+        if self.response.max_speed != most {
+            self.response.max_speed = most;
             self.respond(at, out);
         }
     }
@@ -103,7 +109,7 @@ impl Motor {
     }
 
     fn respond(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.response.look(at, &self.plan) {
+        if self.response.update(at, &self.plan) {
             self.lead_shaft(at, out);
         }
     }
@@ -115,8 +121,8 @@ impl Motor {
     }
 
     /// Blocks the shaft, or releases it.
-    pub(super) fn hold(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
-        self.shaft.input(at, Input::Fault { fault: STALL, on: held }, out);
+    pub(super) fn set_blocked(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
+        self.shaft.input(at, Input::Fault { fault: STALL, on: blocked }, out);
     }
 
     /// From now on this is the motor, and its load.
@@ -141,13 +147,13 @@ impl Motor {
 
     /// Returns whether the load turns the shaft.
     pub(super) fn slides(&self) -> bool {
-        let pace = self.shaft.pace();
-        !self.follows() && (pace.h != 0 || pace.a != 0)
+        let kinematics = self.shaft.kinematics();
+        !self.follows() && (kinematics.half_speed != 0 || kinematics.half_acceleration != 0)
     }
 
     /// A shaft that is free again goes on from where it is.
-    pub(super) fn catch(&mut self, at: Instant) {
-        self.shaft.catch(at);
+    pub(super) fn resynchronise(&mut self, at: Instant) {
+        self.shaft.resynchronise(at);
     }
 
     /// From `at` on so many steps are a full step.
@@ -166,8 +172,8 @@ impl Motor {
     }
 
     /// Present motion of the shaft.
-    pub(super) fn pace(&self) -> Kinematics {
-        self.shaft.pace()
+    pub(super) fn kinematics(&self) -> Kinematics {
+        self.shaft.kinematics()
     }
 
     /// Time at which the shaft changes its motion: with the plan, or when that becomes too fast for it.

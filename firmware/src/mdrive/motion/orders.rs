@@ -10,7 +10,7 @@ use crate::mdrive::error::Error;
 use crate::motion::Limits;
 
 /// "The time required to calculate the move is 2.5 mSec" (MC 5-45).
-const RECKONING: Duration = Duration::micros(2_500);
+const PLANNING_TIME: Duration = Duration::micros(2_500);
 
 /// Present activity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -34,10 +34,10 @@ pub(super) enum Activity {
     /// The clock inputs.
     Follows,
     /// A Hybrid's circuitry turns it, and C1 stays where it is.
-    Uncounted {
+    CircuitDriven {
         steps: i32,
         percent: u8,
-        yields: Preemption,
+        preemption: Preemption,
     },
 }
 
@@ -46,7 +46,7 @@ pub(super) enum Activity {
 pub(super) enum Preemption {
     /// Carried out at once.
     AtOnce,
-    /// Waits until the rotor stands.
+    /// Waits until the rotor is at rest.
     AtStandstill,
     /// Dropped.
     Never,
@@ -58,13 +58,13 @@ pub(super) struct Move {
     /// Target of the plan.
     pub(super) target: i32,
     /// With EE = 1, where the encoder is to be.
-    pub(super) aim: Option<i32>,
+    pub(super) encoder_target: Option<i32>,
     /// MA or MR has ordered it, not position maintenance.
     pub(super) ordered: bool,
     /// The name is sent at its end.
-    pub(super) announces: bool,
+    pub(super) notify_on_end: bool,
     /// True if it does not stop there.
-    pub(super) goes_on: bool,
+    pub(super) continuous: bool,
     /// The user's speed that it goes on with: VM where it began.
     pub(super) speed: u32,
     /// Corrections of its position so far.
@@ -72,14 +72,14 @@ pub(super) struct Move {
 }
 
 impl Move {
-    /// Move that brings the encoder back to `aim`.
-    pub(super) fn back_to(aim: i32) -> Self {
+    /// Move that brings the encoder back to `encoder_target`.
+    pub(super) fn back_to(encoder_target: i32) -> Self {
         Self {
             target: 0,
-            aim: Some(aim),
+            encoder_target: Some(encoder_target),
             ordered: false,
-            announces: false,
-            goes_on: false,
+            notify_on_end: false,
+            continuous: false,
             speed: 0,
             tries: 0,
         }
@@ -108,16 +108,16 @@ impl Motion {
         out: &mut dyn Context,
     ) -> Result<(), Error> {
         match self.activity {
-            Activity::Uncounted { yields: Preemption::AtOnce, .. } => self.end_uncounted(at, out),
-            Activity::Uncounted { yields: Preemption::AtStandstill, .. } => {
+            Activity::CircuitDriven { preemption: Preemption::AtOnce, .. } => self.circuit_end(at, out),
+            Activity::CircuitDriven { preemption: Preemption::AtStandstill, .. } => {
                 self.waiting = Some(match order {
-                    Order::To { .. } | Order::By { .. } => Task::Order(order, at + RECKONING),
+                    Order::To { .. } | Order::By { .. } => Task::Order(order, at + PLANNING_TIME),
                     Order::Slew(speed) => Task::Slew(speed),
                     Order::Home(_) | Order::HomeToIndex(_) => return Err(Error::Homing),
                 });
                 return Ok(());
             }
-            Activity::Uncounted { yields: Preemption::Never, .. } => return Ok(()),
+            Activity::CircuitDriven { preemption: Preemption::Never, .. } => return Ok(()),
             _ => {}
         }
         match order {
@@ -148,44 +148,46 @@ impl Motion {
     /// MA and MR. One that comes while another runs waits for its end, and takes the place of one that waits; a slew
     /// stops for it (MDRIVE-18).
     fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
-        let way = self.way(at, order)?;
-        let task = Task::Order(order, at + RECKONING);
+        let movement = self.movement_for(at, order)?;
+        let task = Task::Order(order, at + PLANNING_TIME);
         match self.activity {
             Activity::Rest => {
-                if self.is_free(at, way.target) {
-                    self.enter(Activity::Planning(way), at + RECKONING);
+                if self.is_free(at, movement.target) {
+                    self.enter(Activity::Planning(movement), at + PLANNING_TIME);
                 }
             }
             Activity::Planning(_) | Activity::Settles(_) => self.waiting = Some(task),
             Activity::Moves(now) if now.tries == 0 => self.waiting = Some(task),
             Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows => {
                 self.waiting = Some(task);
-                self.slow(at, true, out);
+                self.ramp_down(at, true, out);
             }
             Activity::Stops { at_once: true } => self.waiting = Some(task),
             Activity::Stops { at_once: false } | Activity::Homes(_) => return Err(Error::Homing),
             Activity::Moves(_) => return Err(Error::Correcting),
-            Activity::Uncounted { .. } => {}
+            Activity::CircuitDriven { .. } => {}
         }
         Ok(())
     }
 
     /// The way that MA or MR is from here.
-    fn way(&self, at: Instant, order: Order) -> Result<Move, Error> {
-        let here = self.shown_position(at);
-        let (distance, announces, goes_on) = match order {
-            Order::To { position, announces, goes_on } => (position.wrapping_sub(here), announces, goes_on),
-            Order::By { distance, announces, goes_on } => (distance, announces, goes_on),
+    fn movement_for(&self, at: Instant, order: Order) -> Result<Move, Error> {
+        let here = self.displayed_position(at);
+        let (distance, notify_on_end, continuous) = match order {
+            Order::To { position, notify_on_end, continuous } => {
+                (position.wrapping_sub(here), notify_on_end, continuous)
+            }
+            Order::By { distance, notify_on_end, continuous } => (distance, notify_on_end, continuous),
             Order::Slew(_) | Order::Home(_) | Order::HomeToIndex(_) => (0, false, false),
         };
         let steps = self.steps_of(here, distance).ok_or(Error::IllegalValue)?;
-        let aim = self.encoder.count(at, &self.motor).wrapping_add(distance);
+        let encoder_target = self.encoder.count(at, &self.motor).wrapping_add(distance);
         Ok(Move {
             target: self.motor.position(at).wrapping_add(steps),
-            aim: Some(aim).filter(|_| self.settings.closed),
+            encoder_target: Some(encoder_target).filter(|_| self.settings.closed),
             ordered: true,
-            announces,
-            goes_on,
+            notify_on_end,
+            continuous,
             speed: self.settings.speed,
             tries: 0,
         })
@@ -214,44 +216,44 @@ impl Motion {
     }
 
     /// All motion is over.
-    pub(super) fn rest(&mut self, at: Instant) {
+    pub(super) fn enter_rest(&mut self, at: Instant) {
         self.enter(Activity::Rest, Instant::NEVER);
         self.rested = at;
     }
 
     /// Makes another plan. What begins to move has its current first, or it would not follow.
-    pub(super) fn go(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
-        if self.stands() {
+    pub(super) fn start_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
+        if self.is_idle() {
             self.watch_from(at);
             self.holds = false;
             self.motor.energize(at, self.percent(), self.spins(), out);
         }
-        self.motor.go(at, plan, out);
+        self.motor.set_plan(at, plan, out);
         self.changed = true;
     }
 
     /// Returns whether no plan runs.
-    pub(super) fn stands(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         matches!(self.activity, Activity::Rest | Activity::Planning(_) | Activity::Settles(_))
     }
 
-    fn begin_move(&mut self, at: Instant, way: Move, out: &mut dyn Context) {
-        if !self.is_free(at, way.target) {
+    fn begin_move(&mut self, at: Instant, movement: Move, out: &mut dyn Context) {
+        if !self.is_free(at, movement.target) {
             return self.over(at, out);
         }
         let rates = self.settings.rates();
         let from = self.motor.position(at);
-        let steps = way.target.wrapping_sub(from);
-        if !way.goes_on {
+        let steps = movement.target.wrapping_sub(from);
+        if !movement.continuous {
             let plan = Plan::profile(at, from, steps, rates);
-            return self.run_plan(at, Activity::Moves(way), plan, out);
+            return self.run_plan(at, Activity::Moves(movement), plan, out);
         }
-        let speed = I24F8::saturating_from_num(rates.speed);
+        let speed = I24F8::saturating_from_num(rates.max_speed);
         let plan = self.motor.plan().slew(at, if steps < 0 { -speed } else { speed }, rates);
-        self.go(at, plan, out);
-        let way = Move { speed: self.settings.speed, ..way };
-        let passes = if steps == 0 { at } else { self.motor.plan().when(at, way.target) };
-        self.enter(Activity::Moves(way), passes);
+        self.start_plan(at, plan, out);
+        let movement = Move { speed: self.settings.speed, ..movement };
+        let passes = if steps == 0 { at } else { self.motor.plan().time_of(at, movement.target) };
+        self.enter(Activity::Moves(movement), passes);
     }
 
     /// SL: at once, whatever moves; towards a held limit it only stops.
@@ -261,13 +263,13 @@ impl Motion {
             self.fail_at_limit(back);
         } else if speed != 0 {
             let (turns, rates) = (self.settings.scale().signed_speed(speed), self.settings.rates());
-            return self.turn(at, Activity::Slews(speed), turns, rates, out);
+            return self.run_at_speed(at, Activity::Slews(speed), turns, rates, out);
         }
-        self.slow(at, false, out);
+        self.ramp_down(at, false, out);
     }
 
     /// On at a speed without end.
-    pub(super) fn turn(
+    pub(super) fn run_at_speed(
         &mut self,
         at: Instant,
         activity: Activity,
@@ -276,20 +278,20 @@ impl Motion {
         out: &mut dyn Context,
     ) {
         let plan = self.motor.plan().slew(at, speed, rates);
-        self.go(at, plan, out);
+        self.start_plan(at, plan, out);
         self.enter(activity, Instant::NEVER);
     }
 
     /// Along a plan that ends.
     pub(super) fn run_plan(&mut self, at: Instant, activity: Activity, plan: Plan, out: &mut dyn Context) {
-        self.go(at, plan, out);
+        self.start_plan(at, plan, out);
         self.enter(activity, plan.end());
     }
 
     /// A ramp to standstill, if it moves. What settles is corrected no more.
-    pub(super) fn slow(&mut self, at: Instant, at_once: bool, out: &mut dyn Context) {
+    pub(super) fn ramp_down(&mut self, at: Instant, at_once: bool, out: &mut dyn Context) {
         match self.activity {
-            Activity::Rest | Activity::Uncounted { .. } => {}
+            Activity::Rest | Activity::CircuitDriven { .. } => {}
             Activity::Settles(_) => self.activity = Activity::Settles(None),
             Activity::Planning(_) => self.over(at, out),
             _ => {
@@ -299,78 +301,78 @@ impl Motion {
         }
     }
 
-    /// Stands where it is, in the same way.
-    pub(super) fn stand(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Stops where it is, without a ramp.
+    pub(super) fn stop_at_once(&mut self, at: Instant, out: &mut dyn Context) {
         match self.activity {
-            Activity::Rest | Activity::Uncounted { .. } => {}
+            Activity::Rest | Activity::CircuitDriven { .. } => {}
             Activity::Settles(_) => self.activity = Activity::Settles(None),
             Activity::Planning(_) => self.over(at, out),
             _ => {
                 let plan = self.motor.plan().halt(at);
-                self.go(at, plan, out);
-                self.settle(at, None, out);
+                self.start_plan(at, plan, out);
+                self.start_settling(at, None, out);
             }
         }
     }
 
     /// Neither what waits nor what PS has interrupted begins: a pause ends without RS.
-    pub(in crate::mdrive) fn forget_what_waits(&mut self) {
+    pub(in crate::mdrive) fn clear_waiting(&mut self) {
         self.waiting = None;
         (self.paused, self.left) = (false, None);
     }
 
     /// The activity has come to its instant.
-    pub(super) fn go_on(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn activity_due(&mut self, at: Instant, out: &mut dyn Context) {
         self.due = Instant::NEVER;
         match self.activity {
-            Activity::Rest | Activity::Slews(_) | Activity::Jogs { .. } | Activity::Uncounted { .. } => {}
-            Activity::Planning(way) => self.begin_move(at, way, out),
-            Activity::Moves(Move { goes_on: true, announces, speed, .. }) => {
+            Activity::Rest | Activity::Slews(_) | Activity::Jogs { .. } | Activity::CircuitDriven { .. } => {}
+            Activity::Planning(movement) => self.begin_move(at, movement, out),
+            Activity::Moves(Move { continuous: true, notify_on_end, speed, .. }) => {
                 let speed = i32::try_from(speed).unwrap_or(i32::MAX);
-                let speed = if self.motor.heads(at, true) { -speed } else { speed };
+                let speed = if self.motor.moves(at, true) { -speed } else { speed };
                 self.enter(Activity::Slews(speed), Instant::NEVER);
-                self.announce(announces);
+                self.announce(notify_on_end);
                 if self.waiting.is_some() {
-                    self.slow(at, true, out);
+                    self.ramp_down(at, true, out);
                 }
             }
-            Activity::Moves(way) => self.settle(at, Some(way), out),
+            Activity::Moves(movement) => self.start_settling(at, Some(movement), out),
             Activity::Stops { at_once: true } => self.over(at, out),
-            Activity::Stops { at_once: false } => self.settle(at, None, out),
-            Activity::Settles(way) => self.settled(at, way, out),
+            Activity::Stops { at_once: false } => self.start_settling(at, None, out),
+            Activity::Settles(movement) => self.settled(at, movement, out),
             Activity::Homes(homing) => self.home_on(at, homing, out),
             Activity::Follows => self.follow_on(at, out),
         }
     }
 
     /// Begins the settling time MT at standstill.
-    pub(super) fn settle(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Context) {
+    pub(super) fn start_settling(&mut self, at: Instant, movement: Option<Move>, out: &mut dyn Context) {
         let settle = Duration::millis(self.settings.settle_ms.into());
-        self.enter(Activity::Settles(way), at + settle);
+        self.enter(Activity::Settles(movement), at + settle);
         if settle == Duration::ZERO {
-            self.settled(at, way, out);
+            self.settled(at, movement, out);
         }
     }
 
-    fn settled(&mut self, at: Instant, way: Option<Move>, out: &mut dyn Context) {
-        match way.map(|way| (way, self.judge(at, way, out))) {
+    fn settled(&mut self, at: Instant, movement: Option<Move>, out: &mut dyn Context) {
+        match movement.map(|movement| (movement, self.check_position(at, movement, out))) {
             Some((_, Verdict::Corrected)) => return,
-            Some((way, Verdict::InPosition)) => self.announce(way.announces),
+            Some((movement, Verdict::InPosition)) => self.announce(movement.notify_on_end),
             Some((_, Verdict::Off)) => {}
             None => self.keep(at),
         }
         self.over(at, out);
     }
 
-    fn announce(&mut self, announces: bool) {
-        if announces {
-            self.tell(Event::Announce);
+    fn announce(&mut self, notify_on_end: bool) {
+        if notify_on_end {
+            self.push_event(Event::Announce);
         }
     }
 
     /// The motion is over: what waits begins.
     pub(super) fn over(&mut self, at: Instant, out: &mut dyn Context) {
-        self.rest(at);
+        self.enter_rest(at);
         if let Some(task) = self.waiting.take_if(|_| !self.paused) {
             self.begin(at, task, out);
         }
@@ -379,12 +381,12 @@ impl Motion {
     /// Begins what waited, from standstill.
     pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Context) {
         match task {
-            Task::Order(order, ready) => match self.way(at, order) {
-                Ok(way) if ready <= at => self.begin_move(at, way, out),
-                Ok(way) => self.enter(Activity::Planning(way), ready),
+            Task::Order(order, ready) => match self.movement_for(at, order) {
+                Ok(movement) if ready <= at => self.begin_move(at, movement, out),
+                Ok(movement) => self.enter(Activity::Planning(movement), ready),
                 Err(error) => self.fail(error),
             },
-            Task::Move(way) => self.begin_move(at, way, out),
+            Task::Move(movement) => self.begin_move(at, movement, out),
             Task::Slew(speed) => self.slew(at, speed, out),
             Task::Home(order) => self.home(at, order, out),
             Task::Jog => self.begin_jog(at, out),

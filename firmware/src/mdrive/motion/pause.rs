@@ -5,7 +5,7 @@ use super::orders::{Activity, Task};
 use crate::device::{Context, Instant};
 
 impl Motion {
-    /// PS: stops with D, and remembers what is left. What jogs or follows a clock is not the program's.
+    /// PS: stops with D, and stores the rest of the motion. A jog or a motion by the clock is not the program's.
     pub(in crate::mdrive) fn pause(&mut self, at: Instant, out: &mut dyn Context) {
         let left = match self.activity {
             Activity::Planning(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
@@ -15,7 +15,7 @@ impl Motion {
         };
         (self.paused, self.left) = (true, left);
         if !matches!(self.activity, Activity::Settles(_)) {
-            self.slow(at, false, out);
+            self.ramp_down(at, false, out);
         }
         self.refresh(at, out);
     }
@@ -37,7 +37,7 @@ impl Motion {
             (Some(task), activity) => {
                 self.waiting = Some(task);
                 if matches!(activity, Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows) {
-                    self.slow(at, true, out);
+                    self.ramp_down(at, true, out);
                 }
             }
             (None, Activity::Rest) => self.over(at, out),

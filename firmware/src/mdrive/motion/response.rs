@@ -16,7 +16,7 @@ const DECELERATION: u32 = 1_000_000;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Response {
     /// In steps/s.
-    pub(super) most: u32,
+    pub(super) max_speed: u32,
     /// The plan is faster.
     pub(super) is_too_fast: bool,
     /// Time at which it becomes too fast, or no longer is.
@@ -24,13 +24,13 @@ pub(super) struct Response {
 }
 
 impl Response {
-    pub(super) const FULL: Self = Self { most: u32::MAX, is_too_fast: false, due: Instant::NEVER };
+    pub(super) const FULL: Self = Self { max_speed: u32::MAX, is_too_fast: false, due: Instant::NEVER };
 
     /// Looks how fast the plan is. Returns whether it has become too fast, or is no longer.
-    pub(super) fn look(&mut self, at: Instant, plan: &Plan) -> bool {
+    pub(super) fn update(&mut self, at: Instant, plan: &Plan) -> bool {
         let before = self.is_too_fast;
         let (segment, d) = plan.segment_at(at);
-        self.is_too_fast = segment.speed(d) > self.most();
+        self.is_too_fast = segment.speed(d) > self.max_in_plan_units();
         self.due = self.changes(at, plan);
         self.is_too_fast != before
     }
@@ -40,8 +40,8 @@ impl Response {
         if !self.is_too_fast {
             return *plan;
         }
-        let most = I24F8::saturating_from_num(self.most);
-        plan.towards(at, if plan.speed_at(at) < 0 { -most } else { most }, DECELERATION)
+        let most = I24F8::saturating_from_num(self.max_speed);
+        plan.ramp_to(at, if plan.speed_at(at) < 0 { -most } else { most }, DECELERATION)
     }
 
     /// Time at which a plan becomes too fast next, or no longer is.
@@ -62,13 +62,13 @@ impl Response {
         if from >= segment.ticks {
             return None;
         }
-        let is_too_fast = |d| segment.speed(d) > self.most();
+        let is_too_fast = |d| segment.speed(d) > self.max_in_plan_units();
         if is_too_fast(from) != self.is_too_fast {
             return Some(from);
         }
-        let a = NonZero::new(u64::from(segment.a.unsigned_abs()))?;
-        let way = (self.most() - segment.h).unsigned_abs();
-        let d = match (self.is_too_fast, segment.a > 0) {
+        let a = NonZero::new(u64::from(segment.acceleration.unsigned_abs()))?;
+        let way = (self.max_in_plan_units() - segment.start_speed).unsigned_abs();
+        let d = match (self.is_too_fast, segment.acceleration > 0) {
             (false, true) => way / a + 1,
             (true, false) => way.saturating_add(a.get() - 1) / a,
             _ => return None,
@@ -77,7 +77,7 @@ impl Response {
     }
 
     /// In the unit of a segment's speed.
-    fn most(&self) -> i64 {
-        i64::from(self.most) * TICKS_PER_SECOND.cast_signed()
+    fn max_in_plan_units(&self) -> i64 {
+        i64::from(self.max_speed) * TICKS_PER_SECOND.cast_signed()
     }
 }

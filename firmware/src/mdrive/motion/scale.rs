@@ -1,11 +1,11 @@
-//! Steps of the motor and counts of the encoder: with EE = 1 the user speaks of counts (MC 7.3.7).
+//! Steps of the motor and counts of the encoder: with EE = 1 the user's units are counts (MC 7.3.7).
 
 use fixed::types::{I24F8, I48F16, U24F8};
 
 use super::Settings;
 use crate::motion::{Limits, MAX_ACCELERATION};
 
-/// So many steps are so many counts.
+/// Ratio of steps to counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) struct Scale {
     pub(super) steps: i64,
@@ -27,21 +27,21 @@ impl Settings {
     pub(super) fn rates(&self) -> Limits {
         let scale = self.scale();
         Limits {
-            start: scale.speed(self.start),
-            speed: scale.speed(self.speed),
-            up: scale.acceleration(self.up),
-            down: scale.acceleration(self.down),
+            start_speed: scale.speed(self.start),
+            max_speed: scale.speed(self.speed),
+            acceleration: scale.acceleration(self.up),
+            deceleration: scale.acceleration(self.down),
         }
     }
 }
 
 impl Scale {
-    /// A or D in counts/s², VI or VM in counts/s, of what it is in steps.
+    /// Converts A or D to counts/s², VI or VM to counts/s, from steps.
     pub(in crate::mdrive) fn in_counts(self, value: i64) -> i64 {
         (value * self.counts).checked_div(self.steps).unwrap_or(0)
     }
 
-    /// A or D in steps/s², VI or VM in steps/s, of what it is in counts.
+    /// Converts A or D to steps/s², VI or VM to steps/s, from counts.
     pub(in crate::mdrive) fn in_steps(self, value: i64) -> i64 {
         (value * self.steps).checked_div(self.counts).unwrap_or(0)
     }

@@ -184,7 +184,7 @@ fn any_unit_is_answered() {
     for unit in [0, 1, 17, 255] {
         let before = dut.out.messages.len();
         let request = [0, 9, 0, 0, 0, 6, unit, 3, 0, 9, 0, 1];
-        dut.tell(Input::Message { port: MODBUS, link: Link(3), bytes: &request });
+        dut.feed(Input::Message { port: MODBUS, link: Link(3), bytes: &request });
         let reply = vec![0, 9, 0, 0, 0, 5, unit, 3, 2, 0, 1];
         assert_eq!(dut.out.messages[before..], [(dut.now, MODBUS, Link(3), reply)]);
     }

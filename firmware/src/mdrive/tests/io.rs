@@ -87,12 +87,12 @@ fn clock_inputs_turn_the_motor() {
 #[test]
 fn the_analogue_input_is_read_on_the_bus() {
     let mut dut = Dut::plus();
-    dut.tell(Input::Millivolts { pin: ANALOG, mv: 2_500 });
+    dut.feed(Input::Millivolts { pin: ANALOG, mv: 2_500 });
     assert_eq!(dut.read(0x31, 1), 512);
     // 4 to 20 mA.
     dut.set(Reg::S5, 10 << 16 | 1);
     assert_eq!(dut.read(0x31, 1), 512);
-    dut.tell(Input::Millivolts { pin: ANALOG, mv: 0 });
+    dut.feed(Input::Millivolts { pin: ANALOG, mv: 0 });
     assert_eq!(dut.read(0x31, 1), 205);
 }
 

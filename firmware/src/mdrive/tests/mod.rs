@@ -83,7 +83,7 @@ impl Dut {
         let header = Header { transaction: 0x1234, unit: 1 };
         let request = tcp::frame(header, pdu);
         let before = self.out.messages.len();
-        self.tell(Input::Message { port: MODBUS, link: CLIENT, bytes: &request });
+        self.feed(Input::Message { port: MODBUS, link: CLIENT, bytes: &request });
         let mut said = self.out.messages[before..].iter().filter(|(_, port, ..)| *port == MODBUS);
         let (_, _, link, reply) = said.next().unwrap();
         assert!(said.next().is_none(), "one reply");
@@ -136,7 +136,7 @@ impl Dut {
     fn type_in(&mut self, link: Link, text: &str) -> String {
         let before = self.out.messages.len();
         for line in text.split_inclusive('\r') {
-            self.tell(Input::Message { port: MCODE, link, bytes: line.as_bytes() });
+            self.feed(Input::Message { port: MCODE, link, bytes: line.as_bytes() });
             while !self.drive.takes(MCODE) {
                 let due = self.drive.deadline();
                 self.run_until(due);
@@ -153,11 +153,11 @@ impl Dut {
 
     /// IO1 to IO4 driven low, or high.
     fn drive(&mut self, n: u8, high: bool) {
-        self.tell(Input::Edge { pin: Pin(n - 1), high });
+        self.feed(Input::Edge { pin: Pin(n - 1), high });
     }
 
     fn connect(&mut self, link: Link) {
-        self.tell(Input::Opened { port: MCODE, link });
+        self.feed(Input::Opened { port: MCODE, link });
     }
 }
 

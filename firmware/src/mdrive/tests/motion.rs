@@ -10,7 +10,7 @@ fn edges(dut: &mut Dut, edges: i32) {
     let backward = [(B, false), (A, false), (B, true), (A, true)];
     let cycle = if edges < 0 { backward } else { forward };
     for (pin, high) in cycle.into_iter().cycle().take(edges.unsigned_abs() as usize) {
-        dut.tell(Input::Edge { pin, high });
+        dut.feed(Input::Edge { pin, high });
         dut.wait(1.millis());
     }
 }
@@ -24,11 +24,11 @@ fn a_remote_encoder_is_filtered() {
         let mut dut = Dut::plus();
         dut.set(Reg::FM, filter);
         for pin in [A, B] {
-            dut.tell(Input::Edge { pin, high: true });
+            dut.feed(Input::Edge { pin, high: true });
         }
         let mut pulse = |ticks| {
             for high in [false, true] {
-                dut.tell(Input::Edge { pin: A, high });
+                dut.feed(Input::Edge { pin: A, high });
                 dut.wait(Duration::from_ticks(ticks));
             }
             let counted = dut.get(Reg::C2);
@@ -38,14 +38,14 @@ fn a_remote_encoder_is_filtered() {
         };
         let ticks = (ns * 16).div_ceil(1_000);
         assert_eq!(pulse(ticks), 0, "it came, and went");
-        dut.tell(Input::Edge { pin: A, high: false });
+        dut.feed(Input::Edge { pin: A, high: false });
         dut.wait(Duration::from_ticks(ticks - 1));
         assert_eq!(dut.get(Reg::C2), 0, "FM {filter}");
         dut.wait(Duration::TICK);
         assert_eq!(dut.get(Reg::C2), 1, "FM {filter}");
-        dut.tell(Input::Edge { pin: A, high: true });
+        dut.feed(Input::Edge { pin: A, high: true });
         dut.wait(Duration::from_ticks(ticks - 1));
-        dut.tell(Input::Edge { pin: A, high: false });
+        dut.feed(Input::Edge { pin: A, high: false });
         dut.wait(1.millis());
         assert_eq!(dut.get(Reg::C2), 1, "too short for FM {filter}");
     }
@@ -58,7 +58,7 @@ fn a_board_counts_a_remote_encoder() {
     dut.set(Reg::MR, 1_000);
     dut.wait(1.secs());
     assert_eq!(dut.get(Reg::C2), 40);
-    dut.tell(Input::Count { encoder: Encoder(0), steps: -7, a: true, b: false });
+    dut.feed(Input::Count { encoder: Encoder(0), steps: -7, a: true, b: false });
     assert_eq!(dut.get(Reg::C2), 33);
     dut.set(Reg::MR, 1_000);
     dut.wait(1.secs());
@@ -107,21 +107,21 @@ fn a_remote_encoder_counts_while_it_is_driven() {
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2), dut.get(Reg::I6)), (1_000, 40, 0));
     for pin in [A, B] {
-        dut.tell(Input::Edge { pin, high: true });
+        dut.feed(Input::Edge { pin, high: true });
     }
     edges(&mut dut, 8);
     edges(&mut dut, -4);
     assert_eq!(dut.get(Reg::C2), 44);
-    dut.tell(Input::Edge { pin: INDEX, high: true });
+    dut.feed(Input::Edge { pin: INDEX, high: true });
     assert_eq!(dut.get(Reg::I6), 1);
     for pin in [A, B, INDEX] {
-        dut.tell(Input::Open { pin });
+        dut.feed(Input::Open { pin });
     }
     dut.set(Reg::MR, -1_000);
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::C2), dut.get(Reg::I6)), (4, 1));
     // Nobody has told who drives it now.
-    dut.tell(Input::Edge { pin: A, high: true });
+    dut.feed(Input::Edge { pin: A, high: true });
     dut.cycle();
     dut.set(Reg::MR, 1_000);
     dut.wait(1.secs());
@@ -210,9 +210,9 @@ fn the_clock_turns_the_motor() {
     dut.set(Reg::CM, 1);
     for _ in 0..100 {
         dut.wait(100.micros());
-        dut.tell(Input::Edge { pin: IO7, high: false });
+        dut.feed(Input::Edge { pin: IO7, high: false });
         dut.wait(100.micros());
-        dut.tell(Input::Edge { pin: IO7, high: true });
+        dut.feed(Input::Edge { pin: IO7, high: true });
     }
     assert_eq!((dut.get(Reg::C1).abs(), dut.get(Reg::MV)), (100, 1));
     dut.wait(1.secs());
@@ -222,9 +222,9 @@ fn the_clock_turns_the_motor() {
     let before = dut.get(Reg::C1);
     for _ in 0..1_000 {
         dut.wait(100.micros());
-        dut.tell(Input::Edge { pin: IO7, high: false });
+        dut.feed(Input::Edge { pin: IO7, high: false });
         dut.wait(100.micros());
-        dut.tell(Input::Edge { pin: IO7, high: true });
+        dut.feed(Input::Edge { pin: IO7, high: true });
     }
     assert_eq!(dut.get(Reg::V).abs(), 2_500);
     dut.wait(1.secs());

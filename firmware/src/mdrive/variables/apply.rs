@@ -27,7 +27,7 @@ impl Drive {
             return Err(Error::NoHomeSwitch);
         }
         self.motion.order(at, order, out)?;
-        self.mcode.vm.remember(order);
+        self.mcode.vm.note_order(order);
         match order {
             Order::To { position, .. } => self.bank.set(Reg::MA, position.into()),
             Order::By { distance, .. } => self.bank.set(Reg::MR, distance.into()),
@@ -113,7 +113,7 @@ impl Drive {
     /// Does what a value means that is judged.
     ///
     /// # Errors
-    /// What only the one knows who carries it out: motion, trips, the memory. Nothing has changed then.
+    /// Those that are found only in execution: by motion, trips, the memory. Nothing has changed then.
     pub(in crate::mdrive) fn apply(
         &mut self,
         at: Instant,
@@ -121,7 +121,7 @@ impl Drive {
         value: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let (announces, goes_on) = (false, false);
+        let (notify_on_end, continuous) = (false, false);
         match reg {
             Reg::C1 => self.motion.set_steps(at, value),
             Reg::C2 => self.motion.set_counts(at, value),
@@ -140,8 +140,8 @@ impl Drive {
             Reg::IF => self.mcode.vm.set_input_pending(value != 0),
             Reg::ST => self.motion.set_stalled(value != 0),
             Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8),
-            Reg::MA => return self.order(at, Order::To { position: value, announces, goes_on }, out),
-            Reg::MR => return self.order(at, Order::By { distance: value, announces, goes_on }, out),
+            Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
+            Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
             Reg::SL => return self.order(at, Order::Slew(value), out),
             Reg::HM => return self.order(at, Order::Home((value & 0xFF) as u8), out),
             Reg::S => return self.save(at, out),
@@ -155,10 +155,10 @@ impl Drive {
         Ok(())
     }
 
-    /// A variable that is held takes a value, and who goes by it hears of it.
+    /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
         let calibrates = self.calibrates(reg, value);
-        self.hold(reg, value);
+        self.store(reg, value);
         match reg {
             Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
             Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::CM | Reg::CR => {
@@ -174,7 +174,7 @@ impl Drive {
         if calibrates { self.calibrate(at, false, out) } else { Ok(()) }
     }
 
-    /// Motion goes by what has been written.
+    /// Passes the settings to motion.
     pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Context) {
         let settings = motion_settings(&self.bank, Some(&self.io));
         let enabled = settings.enabled && !self.hybrid.is_disabled();
@@ -186,7 +186,7 @@ impl Drive {
         }
     }
 
-    /// I/O goes by what has been written.
+    /// Passes the settings to the I/O.
     pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.set_filters(at, filters(&self.bank), out);
     }

@@ -11,14 +11,14 @@ use crate::mdrive::io;
 use crate::mdrive::registers::Reg;
 
 /// The most of HT and MT together, in ms (MC 5-32).
-const MOST_DELAY_MS: i32 = 65_535;
+const MAX_DELAY_MS: i32 = 65_535;
 
 impl Drive {
     /// Checks that a write may bring this, while others are `as_is`: as they are, or as the same request makes them.
     ///
     /// # Errors
     /// As [`Self::write`].
-    pub(in crate::mdrive) fn judge(
+    pub(in crate::mdrive) fn validate(
         &self,
         at: Instant,
         reg: Reg,
@@ -29,27 +29,27 @@ impl Drive {
         if !entry(reg).access.writes() {
             return Err(Error::ReadOnly);
         }
-        if !self.is_there(reg) {
+        if !self.is_present(reg) {
             return Err(Error::Unknown);
         }
-        self.judge_together(reg, value, as_is)?;
+        self.validate_together(reg, value, as_is)?;
         match reg {
             _ if self.calibrates(reg, value) && self.is_in_motion() => Err(Error::CalibrationInMotion),
-            Reg::EE if value == 1 && !self.is_closed() => self.judge_closing(),
-            Reg::LK if value == 0 && self.held(Reg::LK) == 1 => Err(Error::Locked),
-            Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.judge_outputs(output_bit(reg)),
+            Reg::EE if value == 1 && !self.is_closed() => self.validate_closing(),
+            Reg::LK if value == 0 && self.stored(Reg::LK) == 1 => Err(Error::Locked),
+            Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.validate_outputs(output_bit(reg)),
             // Higher ones are those of outputs that are not there (MC 5-54).
-            Reg::OL | Reg::OT => self.judge_outputs(value & 0xF),
+            Reg::OL | Reg::OT => self.validate_outputs(value & 0xF),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
                 // What the same request writes behind it is not yet so.
-                let held = if counted.row() < reg.row() { as_is(counted) } else { self.held(counted) };
-                let value = self.counted(at, counted, step(reg), held)?;
-                self.judge(at, counted, value, as_is)
+                let stored = if counted.row() < reg.row() { as_is(counted) } else { self.stored(counted) };
+                let value = self.counted(at, counted, step(reg), stored)?;
+                self.validate(at, counted, value, as_is)
             }
-            Reg::TE => self.judge_trips(value),
+            Reg::TE => self.validate_trips(value),
             // "Once the default character has been changed it can not be reset" (MC 5-20).
-            Reg::DN if value != self.held(Reg::DN) && !is_name(value) => Err(Error::IllegalValue),
+            Reg::DN if value != self.stored(Reg::DN) && !is_name(value) => Err(Error::IllegalValue),
             Reg::IF if value == 1 && self.mcode.vm.awaits_input() => Err(Error::InputPending),
             Reg::S if self.is_in_motion() => Err(Error::SaveInMotion),
             Reg::CF if self.is_in_motion() => Err(Error::ClearLockedInMotion),
@@ -63,19 +63,19 @@ impl Drive {
     ///
     /// # Errors
     /// As [`Self::write`].
-    pub(in crate::mdrive) fn judge_together(
+    pub(in crate::mdrive) fn validate_together(
         &self,
         reg: Reg,
         value: i32,
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
         match reg {
-            // Before the ranges: what is below VI is too low for VM, whatever else it is.
+            // Before the ranges: a value below VI is too low for VM, whatever else is wrong with it.
             Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
             Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
             _ if !self.accepts(reg, value) => Err(illegal(reg)),
-            Reg::HT if value == 1 || value + as_is(Reg::MT) > MOST_DELAY_MS => Err(Error::IllegalValue),
-            Reg::MT if value + as_is(Reg::HT) > MOST_DELAY_MS => Err(Error::IllegalValue),
+            Reg::HT if value == 1 || value + as_is(Reg::MT) > MAX_DELAY_MS => Err(Error::IllegalValue),
+            Reg::MT if value + as_is(Reg::HT) > MAX_DELAY_MS => Err(Error::IllegalValue),
             Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
             Reg::EL if self.is_closed() && !self.fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
             Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
@@ -87,12 +87,12 @@ impl Drive {
     /// Returns whether a write has a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
-            Reg::AS => self.held(reg) == 0 && value != 0,
+            Reg::AS => self.stored(reg) == 0 && value != 0,
             // "Bridge is re-enabled after being disabled" (MC 5-9), also by heat or a locked rotor (MDRIVE-31).
             Reg::DE => !self.has_bridge() && value != 0,
-            Reg::MS => value != self.held(reg),
+            Reg::MS => value != self.stored(reg),
             // It takes MS to 256.
-            Reg::EE => value != 0 && self.held(Reg::MS) != CLOSED_MICROSTEPS,
+            Reg::EE => value != 0 && self.stored(Reg::MS) != CLOSED_MICROSTEPS,
             Reg::SC => true,
             _ => false,
         };
@@ -108,7 +108,7 @@ impl Drive {
     ///
     /// # Errors
     /// 9: one of them is no general purpose output, or there is none at all.
-    fn judge_outputs(&self, bits: i32) -> Result<(), Error> {
+    fn validate_outputs(&self, bits: i32) -> Result<(), Error> {
         let outputs = i32::from(self.io.outputs());
         if bits & !outputs == 0 && outputs != 0 { Ok(()) } else { Err(Error::NoOutput) }
     }
@@ -118,15 +118,15 @@ impl Drive {
         let entries = self.model.entries();
         let mut list = entries.list.iter();
         let row = list.position(|row| row.space == Space::Holding && i32::from(row.address) == address);
-        row.and_then(Reg::from_row).filter(|&reg| self.is_there(reg)).ok_or(Error::NotCountable)
+        row.and_then(Reg::from_row).filter(|&reg| self.is_present(reg)).ok_or(Error::NotCountable)
     }
 
-    /// Value of a variable when it is counted; from `held` on, of one that is kept.
-    pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, held: i32) -> Result<i32, Error> {
+    /// Value of a variable when it is counted; from `stored` on, of one that is kept.
+    pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, stored: i32) -> Result<i32, Error> {
         if !is_countable(reg) {
             return Err(Error::NotCountable);
         }
-        let value = if entry(reg).live { self.read(at, reg) } else { held };
+        let value = if entry(reg).live { self.read(at, reg) } else { stored };
         Ok(value.wrapping_add(if reg == Reg::CR { by * RATIO_ONE } else { by }))
     }
 }

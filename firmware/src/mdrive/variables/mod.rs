@@ -65,7 +65,7 @@ impl Drive {
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),
-                None => self.held(reg),
+                None => self.stored(reg),
             },
         }
     }
@@ -94,7 +94,7 @@ impl Drive {
         match operand {
             Operand::Number(number) => Ok(number),
             Operand::Ratio(thousandths) => Ok(thousandths / RATIO_ONE),
-            Operand::Variable(Reg::CR) => Ok(self.held(Reg::CR) / RATIO_ONE),
+            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR) / RATIO_ONE),
             Operand::Variable(reg) => {
                 let value = self.read_mcode(at, reg);
                 self.has_read(reg);
@@ -111,20 +111,20 @@ impl Drive {
     pub(super) fn thousandths(&mut self, at: Instant, operand: Operand) -> Result<i64, Error> {
         match operand {
             Operand::Ratio(thousandths) => Ok(thousandths.into()),
-            Operand::Variable(Reg::CR) => Ok(self.held(Reg::CR).into()),
+            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR).into()),
             whole => self.operand(at, whole).map(|value| i64::from(value) * i64::from(RATIO_ONE)),
         }
     }
 
     /// Returns whether a row is present: its model has it, and if it is a user variable it is declared.
-    pub(super) fn is_there(&self, reg: Reg) -> bool {
+    pub(super) fn is_present(&self, reg: Reg) -> bool {
         self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
     }
 
-    /// Writes a variable: judges, then does what it means.
+    /// Writes a variable: validates, then applies it.
     ///
     /// # Errors
-    /// 21, 22, 23, 25 and what the drive's state forbids; nothing has changed then. Who writes tells of it:
+    /// 21, 22, 23, 25 and those of the drive's state; nothing has changed then. The caller reports them:
     /// [`Self::fail`].
     pub(super) fn write(
         &mut self,
@@ -133,7 +133,7 @@ impl Drive {
         value: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.judge(at, reg, value, &|other| self.held(other))?;
+        self.validate(at, reg, value, &|other| self.stored(other))?;
         self.apply(at, reg, value, out)
     }
 
@@ -168,7 +168,7 @@ impl Drive {
         by: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.held(reg))?;
+        let value = self.counted(at, reg, by, self.stored(reg))?;
         self.write(at, reg, value, out)
     }
 
@@ -178,7 +178,7 @@ impl Drive {
     }
 
     /// A variable as it was written last.
-    pub(super) fn held(&self, reg: Reg) -> i32 {
+    pub(super) fn stored(&self, reg: Reg) -> i32 {
         i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
     }
 

@@ -8,15 +8,15 @@ use crate::mdrive::error::Error;
 use crate::mdrive::registers::{Reg, mcode_accepts};
 
 /// The most of A and D in counts/s² (MC 5-1, 5-16).
-const MOST_COUNTS_PER_S2: i32 = 61_035_160;
+const MAX_COUNTS_PER_S2: i32 = 61_035_160;
 /// The most of VM and SL in counts/s (MC 5-68, 5-80).
-const MOST_COUNTS_PER_S: i32 = 200_000;
+const MAX_COUNTS_PER_S: i32 = 200_000;
 /// MS while EE is 1 (MC 7-16).
 pub(super) const CLOSED_MICROSTEPS: i32 = 256;
 
 impl Drive {
     /// Puts a value into the bank; with EE A, D, VI and VM change their units, and with EE 1 MS is 256 (MC 7-16).
-    pub(in crate::mdrive) fn hold(&mut self, reg: Reg, value: i32) {
+    pub(in crate::mdrive) fn store(&mut self, reg: Reg, value: i32) {
         let closes = value != 0;
         if reg == Reg::EE && closes != self.is_closed() {
             for scaled in SCALED {
@@ -38,8 +38,8 @@ impl Drive {
     /// Returns whether its row accepts a value; with EE in counts.
     pub(super) fn accepts(&self, reg: Reg, value: i32) -> bool {
         let fits = match reg {
-            Reg::A | Reg::D => value <= MOST_COUNTS_PER_S2,
-            Reg::VM | Reg::SL => value.unsigned_abs() <= MOST_COUNTS_PER_S.unsigned_abs(),
+            Reg::A | Reg::D => value <= MAX_COUNTS_PER_S2,
+            Reg::VM | Reg::SL => value.unsigned_abs() <= MAX_COUNTS_PER_S.unsigned_abs(),
             _ => true,
         };
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
@@ -54,7 +54,7 @@ impl Drive {
     /// accepts.
     pub(in crate::mdrive) fn is_possible(&self, reg: Reg, value: i64) -> bool {
         if self.is_in_counts(reg) {
-            (1..=most_counts(reg).into()).contains(&value)
+            (1..=max_counts(reg).into()).contains(&value)
         } else {
             mcode_accepts(reg, value)
         }
@@ -63,15 +63,15 @@ impl Drive {
     /// Returns whether an encoder of so many lines fits so many microsteps: MS is at least EL x 8 / 200 with a motor of
     /// 200 full steps (MC 5-21).
     pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
-        lines * 8 <= microsteps * self.held(Reg::FullSteps)
+        lines * 8 <= microsteps * self.stored(Reg::FullSteps)
     }
 
     /// Checks that EE may become 1.
     ///
     /// # Errors
     /// 36 if MS is too low for EL, 90 if something would become too low.
-    pub(super) fn judge_closing(&self) -> Result<(), Error> {
-        if !self.fits(self.held(Reg::EL), self.held(Reg::MS)) {
+    pub(super) fn validate_closing(&self) -> Result<(), Error> {
+        if !self.fits(self.stored(Reg::EL), self.stored(Reg::MS)) {
             return Err(Error::IllegalRatio);
         }
         let too_low = SCALED.iter().any(|&reg| self.scaled(reg, true) < 1);
@@ -86,7 +86,7 @@ impl Drive {
         let (scale, value) = (motion_settings(&self.bank, None).closed_scale(), self.bank.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
         match entry(reg).legal {
-            _ if to_counts => value.min(most_counts(reg).into()),
+            _ if to_counts => value.min(max_counts(reg).into()),
             Legal::Range(least, most) => value.max(least).min(most),
             _ => value,
         }
@@ -94,11 +94,11 @@ impl Drive {
 }
 
 /// The most of A, D, VI or VM in counts.
-fn most_counts(reg: Reg) -> i32 {
+fn max_counts(reg: Reg) -> i32 {
     match reg {
-        Reg::A | Reg::D => MOST_COUNTS_PER_S2,
-        Reg::VI => MOST_COUNTS_PER_S - 1,
-        _ => MOST_COUNTS_PER_S,
+        Reg::A | Reg::D => MAX_COUNTS_PER_S2,
+        Reg::VI => MAX_COUNTS_PER_S - 1,
+        _ => MAX_COUNTS_PER_S,
     }
 }
 

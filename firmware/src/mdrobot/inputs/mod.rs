@@ -23,7 +23,7 @@ mod input_type {
     pub(super) const STEPS: u16 = 5;
 }
 
-/// The greatest step number: it stands for full scale.
+/// The greatest step number: full scale.
 const STEPS: u16 = 7;
 
 /// State of the connectors.
@@ -57,7 +57,7 @@ impl Drive {
         let sensor = match pin {
             SPEED_IN => {
                 if self.inputs.speed_in.edge(at, high) {
-                    self.follow(at, out);
+                    self.update_order(at, out);
                 }
                 return;
             }
@@ -65,7 +65,7 @@ impl Drive {
                 // Pulses are counted where they begin, and those of RC measured where they end.
                 let of_interest = high != (self.bank.word(Pid::INPUT_TYPE) == input_type::RC);
                 if self.inputs.pulse_in.edge(at, high) && of_interest {
-                    self.follow(at, out);
+                    self.update_order(at, out);
                 }
                 return;
             }
@@ -87,7 +87,7 @@ impl Drive {
     /// SPEED_IN has another voltage.
     pub(super) fn voltage(&mut self, at: Instant, mv: i32, out: &mut dyn Context) {
         self.inputs.speed_in.voltage(mv);
-        self.follow(at, out);
+        self.update_order(at, out);
     }
 
     fn contact(&mut self, at: Instant, pin: Pin, contact: Contact, out: &mut dyn Context) {
@@ -100,7 +100,7 @@ impl Drive {
             self.reset_alarms(at, out);
         }
         self.signals_changed(at, out);
-        self.follow(at, out);
+        self.update_order(at, out);
     }
 
     /// DI.
@@ -124,7 +124,7 @@ impl Drive {
         self.inputs.contacts.dir.is_on(false)
     }
 
-    /// The step number, 0 to 7, while contacts say how fast (p. 10).
+    /// The step number, 0 to 7, while contacts select the speed (p. 10).
     pub(super) fn step(&self) -> Option<u16> {
         let step = || {
             let bit = |on: bool, n: u16| u16::from(on) << n;

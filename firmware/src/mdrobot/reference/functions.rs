@@ -1,6 +1,6 @@
 //! The functions that START/STOP and FUNC_CMD start (p. 17, 18; MDROBOT-20).
 
-use super::{Command, Rest};
+use super::{Command, Release};
 use crate::device::{Context, Duration, Instant};
 use crate::mdrobot::drive::Drive;
 use crate::mdrobot::registers::{Pid, function};
@@ -57,9 +57,9 @@ impl Drive {
             function::SPEED if until > at => Function::Speed { rpm, until },
             function::POSITION => {
                 let (rpm, counts) = self.two_words(Pid::FUNC_POSI);
-                let (rpm, count) = (i32::from(rpm).abs(), self.further(self.turned(counts.into())));
+                let (rpm, count) = (i32::from(rpm).abs(), self.relative(self.turned(counts.into())));
                 self.reference.command = Command::Function(Function::Position { rpm });
-                return self.give(at, self.position(count, rpm), out);
+                return self.apply(at, self.position(count, rpm), out);
             }
             function::SPEED_MOMENTARY => Function::Momentary { rpm },
             function::SPEED_ADD => Function::Add { rpm, until },
@@ -73,7 +73,7 @@ impl Drive {
         if let Command::Function(Function::Momentary { .. } | Function::Add { until: Instant::NEVER, .. }) =
             self.reference.command
         {
-            self.reference.command = Command::Nothing(Rest::Stop);
+            self.reference.command = Command::Nothing(Release::Stop);
         }
     }
 
@@ -93,7 +93,7 @@ impl Drive {
         let held = self.reference.start;
         match &mut self.reference.command {
             Command::Function(Function::Add { until, .. }) if held => *until = Instant::NEVER,
-            command => *command = Command::Nothing(Rest::Stop),
+            command => *command = Command::Nothing(Release::Stop),
         }
         true
     }

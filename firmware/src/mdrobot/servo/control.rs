@@ -2,59 +2,59 @@
 
 use fixed::types::I40F24;
 
-use super::watch::Sight;
+use super::watch::ControlSample;
 use super::{FULL_DUTY, OUTPUTS, Order, Servo, Settings, TICK, ramp};
 use crate::device::{Context, Duration, Instant};
 
 /// The loop is 14 to 24 ms behind a ramp with the gains of the factory, and looks so far ahead, in ms.
-const AHEAD_MS: I40F24 = I40F24::lit("8");
+const LOOKAHEAD_MS: I40F24 = I40F24::lit("8");
 /// Longest time that a motor may be behind a ramp.
-const TRAILS: Duration = Duration::millis(200);
+const MAX_TRAIL: Duration = Duration::millis(200);
 
 impl Servo {
     /// Puts the terminals as the order wants them.
     pub(super) fn tick(&mut self, at: Instant, out: &mut dyn Context) {
         self.next = at + TICK;
-        let (pace, wanted) = match self.order {
-            Order::Free | Order::Brake => return self.rest(at, self.order == Order::Brake, out),
+        let (setpoint, wanted) = match self.order {
+            Order::Free | Order::Brake => return self.release(at, self.order == Order::Brake, out),
             Order::Velocity(_) => {
                 let goal = I40F24::from_num(self.goal().unwrap_or(0));
                 let rate = |slow| ramp::rate(slow, self.settings.max_rpm);
                 let (up, down) = (rate(self.settings.slow_start), rate(self.settings.slow_down));
-                let pace = ramp::next(self.pace, goal, up, down);
-                let slope = ramp::next(pace, goal, up, down) - pace;
-                let ahead = pace.saturating_add(slope.saturating_mul(AHEAD_MS));
-                (pace, ahead.max(pace.min(goal)).min(pace.max(goal)))
+                let setpoint = ramp::next(self.setpoint, goal, up, down);
+                let slope = ramp::next(setpoint, goal, up, down) - setpoint;
+                let ahead = setpoint.saturating_add(slope.saturating_mul(LOOKAHEAD_MS));
+                (setpoint, ahead.max(setpoint.min(goal)).min(setpoint.max(goal)))
             }
             Order::Position { rpm, .. } => {
-                let pace = self.pace_to_target(at, rpm);
-                (pace, pace)
+                let setpoint = self.setpoint_to_target(at, rpm);
+                (setpoint, setpoint)
             }
             Order::Open(output) => {
                 let duty = of_output(output);
                 self.terminals(at, duty.round().to_num(), self.limit(), out);
-                return self.see(at, duty, None);
+                return self.check_faults(at, duty, None);
             }
             Order::Torque(torque) => {
                 // With all of the supply, and the limit of the current where it is to be.
                 self.terminals(at, i32::from(torque.signum()) * FULL_DUTY, self.allowed(), out);
-                return self.see(at, self.put_out(at), None);
+                return self.check_faults(at, self.applied_duty(at), None);
             }
         };
-        self.pace = pace;
-        if pace != 0 {
-            self.paced = at;
+        self.setpoint = setpoint;
+        if setpoint != 0 {
+            self.setpoint_since = at;
         }
         if let Some(shorted) = self.is_over(at) {
-            return self.rest(at, shorted, out);
+            return self.release(at, shorted, out);
         }
-        let (wanted, emf) = (self.duty_of(wanted), self.felt(at));
+        let (wanted, emf) = (self.duty_of(wanted), self.back_emf(at));
         let Settings { p_gain, i_gain, .. } = self.settings;
         let motor = &self.feedback.motor;
-        let spare = motor.duty(motor.lost(self.limit().into()));
-        let (output, duty) = self.pi.step(wanted - emf, emf, spare, motor.gain, p_gain, i_gain);
+        let headroom = motor.duty(motor.speed_drop(self.limit().into()));
+        let (output, duty) = self.pi.step(wanted - emf, emf, headroom, motor.gain, p_gain, i_gain);
         self.terminals(at, duty.round().to_num(), self.limit(), out);
-        self.see(at, output, Some((wanted, emf)));
+        self.check_faults(at, output, Some((wanted, emf)));
     }
 
     /// Returns whether the speed reference is 0 for good, and the motor is released: if so, whether it is shorted
@@ -66,14 +66,16 @@ impl Servo {
         match self.settings.stop_status {
             1 => None,
             3 => Some(false),
-            _ if self.pace != 0 || self.trails(at) => None,
+            _ if self.setpoint != 0 || self.trails(at) => None,
             status => Some(status == 2),
         }
     }
 
     /// Returns whether the motor is still behind the end of a ramp to 0.
     fn trails(&self, at: Instant) -> bool {
-        self.settings.slow_down > 0 && at.since(self.paced) < TRAILS && self.reading(at).round() != 0
+        self.settings.slow_down > 0
+            && at.since(self.setpoint_since) < MAX_TRAIL
+            && self.reading(at).round() != 0
     }
 
     /// The speed to which the ramp goes, in rpm.
@@ -82,7 +84,7 @@ impl Servo {
         if let Order::Velocity(rpm) = self.order { Some(rpm.clamp(-most, most)) } else { None }
     }
 
-    /// Current limit while it controls the motor, in mA: MAX_LOAD, or the torque's part of it.
+    /// Current limit while it controls the motor, in mA: MAX_LOAD, or its share in torque control.
     pub(super) fn allowed(&self) -> u32 {
         let Order::Torque(torque) = self.order else { return self.limit() };
         let part =
@@ -91,16 +93,16 @@ impl Servo {
     }
 
     /// Looks for faults.
-    fn see(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
-        let sight = Sight {
+    fn check_faults(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
+        let sample = ControlSample {
             ma: self.current(),
             limit_ma: self.limit(),
             wanted,
             speeds,
             rpm: self.speed().rpm(at, self.settings.turn()),
-            hall: self.turns.last(),
+            hall: self.hall_edges.last(),
         };
-        self.alarms |= self.watch.look(at, sight);
+        self.alarms |= self.faults.update(at, sample);
     }
 }
 

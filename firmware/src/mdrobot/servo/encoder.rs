@@ -3,7 +3,7 @@
 /// State of an encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
-    /// Channels A and B: high unless told otherwise, as their wires rest.
+    /// Channels A and B: high until their first event, like their idle wires.
     levels: [bool; 2],
     /// True while its wires are broken.
     cut: bool,
@@ -13,7 +13,7 @@ impl Encoder {
     /// State before the first edge.
     pub(super) const NEW: Self = Self { levels: [true; 2], cut: false };
 
-    /// A channel changed, or tells its level: A, or else B. Which way that is, if it is an edge: forward or not.
+    /// A level of channel A, or else B. Returns the direction if it is an edge: forward or not.
     pub(super) fn edge(&mut self, a: bool, high: bool) -> Option<bool> {
         let [was_a, was_b] = self.levels;
         let (was, other) = if a { (was_a, was_b) } else { (was_b, was_a) };

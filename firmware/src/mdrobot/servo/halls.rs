@@ -8,7 +8,7 @@ const FORWARD: [u8; 6] = [0b101, 0b100, 0b110, 0b010, 0b011, 0b001];
 
 /// State of an impossible code.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Doubt {
+enum InvalidCode {
     None,
     /// Present since then.
     Since(Instant),
@@ -19,30 +19,36 @@ enum Doubt {
 /// Three Hall sensors.
 #[derive(Clone, Debug)]
 pub(super) struct Halls {
-    /// HU, HV and HW: high unless told otherwise, as their wires rest.
+    /// HU, HV and HW: high until their first event, like their idle wires.
     levels: [bool; 3],
     /// Time of the first level at power-on: the others follow, and are no edges.
-    told: Option<Instant>,
+    first_level_at: Option<Instant>,
     /// The wire of HU is broken.
     cut: bool,
     /// Place in a period of the last possible code.
     place: Option<i8>,
-    doubt: Doubt,
+    invalid: InvalidCode,
     /// Edges, forward less backward.
     count: i64,
 }
 
 impl Halls {
     /// State before the first level.
-    pub(super) const NEW: Self =
-        Self { levels: [true; 3], told: None, cut: false, place: None, doubt: Doubt::None, count: 0 };
+    pub(super) const NEW: Self = Self {
+        levels: [true; 3],
+        first_level_at: None,
+        cut: false,
+        place: None,
+        invalid: InvalidCode::None,
+        count: 0,
+    };
 
-    /// A sensor changed, or tells its level. How many counts forward that is.
+    /// A level of a sensor. Returns the counts forward.
     pub(super) fn edge(&mut self, at: Instant, sensor: u8, high: bool) -> i8 {
         if let Some(level) = self.levels.get_mut(usize::from(sensor)) {
             *level = high;
         }
-        self.told.get_or_insert(at);
+        self.first_level_at.get_or_insert(at);
         self.read(at)
     }
 
@@ -59,15 +65,15 @@ impl Halls {
         let [u, v, w] = self.levels;
         let state = u8::from(u || self.cut) << 2 | u8::from(v) << 1 | u8::from(w);
         let Some(place) = FORWARD.iter().position(|forward| *forward == state) else {
-            if self.doubt == Doubt::None {
-                self.doubt = Doubt::Since(at);
+            if self.invalid == InvalidCode::None {
+                self.invalid = InvalidCode::Since(at);
             }
             return 0;
         };
-        self.doubt = Doubt::None;
+        self.invalid = InvalidCode::None;
         let place = place as i8;
         let before = self.place.replace(place).unwrap_or(place);
-        if self.told.is_none_or(|told| at.since(told) <= SETTLE) {
+        if self.first_level_at.is_none_or(|first_level_at| at.since(first_level_at) <= SETTLE) {
             return 0;
         }
         let made = match (place - before).rem_euclid(6) {
@@ -82,22 +88,22 @@ impl Halls {
 
     /// Time at which an impossible code will have lasted too long; never if there is none, or it has.
     pub(super) fn deadline(&self) -> Instant {
-        match self.doubt {
-            Doubt::Since(since) => since + SETTLE,
-            Doubt::None | Doubt::Broken => Instant::NEVER,
+        match self.invalid {
+            InvalidCode::Since(since) => since + SETTLE,
+            InvalidCode::None | InvalidCode::Broken => Instant::NEVER,
         }
     }
 
     /// Looks whether it has.
-    pub(super) fn settle(&mut self, at: Instant) {
+    pub(super) fn check_code(&mut self, at: Instant) {
         if self.deadline() <= at {
-            self.doubt = Doubt::Broken;
+            self.invalid = InvalidCode::Broken;
         }
     }
 
     /// Returns whether they have had an impossible code for too long.
     pub(super) fn are_broken(&self) -> bool {
-        self.doubt == Doubt::Broken
+        self.invalid == InvalidCode::Broken
     }
 
     /// Edges, forward less backward.

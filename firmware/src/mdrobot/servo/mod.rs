@@ -1,9 +1,9 @@
 //! The servo: control of velocity, position and torque, ramps, and the readings of the sensors.
 //!
 //! While the drive controls the motor its servo runs every millisecond ([`control`]). Velocity and position are held by
-//! a loop of the speed ([`pi`]), whose reference comes from a [`ramp`] or from the way that is left ([`position`]). Its
-//! measure is what the motor reports ([`Feedback`]), as the sensor of the speed reads it ([`Edges`], [`halls`],
-//! [`encoder`]). [`watch`] finds what goes wrong.
+//! a speed loop ([`pi`]), whose reference comes from a [`ramp`] or from the distance that is left ([`position`]). Its
+//! feedback is the motor's report ([`Feedback`]), as the speed sensor reads it ([`Edges`], [`halls`], [`encoder`]).
+//! [`watch`] detects faults.
 
 mod control;
 mod encoder;
@@ -24,7 +24,7 @@ use self::pi::Pi;
 use self::watch::FaultMonitor;
 use crate::device::{Context, Instant, Output, Rotation};
 use crate::mdrobot::drive::MOTOR;
-use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK};
+use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK};
 
 /// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;
@@ -36,7 +36,7 @@ pub(super) enum Order {
     Free,
     /// Shorted windings.
     Brake,
-    /// Turn at so many rpm, positive CCW, by SLOW_START and SLOW_DOWN; at 0, what STOP_STATUS says.
+    /// Turn at so many rpm, positive CCW, by SLOW_START and SLOW_DOWN; at 0 as STOP_STATUS selects.
     Velocity(i32),
     /// Go to that count and hold it, at most at so many rpm, not negative.
     Position {
@@ -102,7 +102,7 @@ impl Settings {
         4 * i64::from(self.enc_ppr)
     }
 
-    /// Counts of the sensor that tells the speed, in a turn.
+    /// Counts of the speed sensor, in a turn.
     fn turn(&self) -> i64 {
         if self.enc_ppr > 0 { self.encoder_counts() } else { self.counts() }
     }
@@ -127,62 +127,62 @@ pub(super) struct Servo {
     /// Next control tick; never while the motor is not controlled.
     next: Instant,
     /// The reference of the speed in rpm, on its ramp.
-    pace: I40F24,
+    setpoint: I40F24,
     /// Last time at which it was not 0.
-    paced: Instant,
+    setpoint_since: Instant,
     pi: Pi,
     feedback: Feedback,
-    /// Duty that is asked for; the current limit may leave less of it.
+    /// Requested duty; the current limit may leave less of it.
     duty: i32,
     /// Current limit, in mA: 0 while the terminals are open.
-    carries: u32,
+    limit_out_ma: u32,
     swapped: bool,
     halls: Halls,
     encoder: Encoder,
     /// Edges of the Hall sensors.
-    turns: Edges,
+    hall_edges: Edges,
     /// Edges of the encoder.
-    encoded: Edges,
+    encoder_edges: Edges,
     /// Count of the Hall sensors at position 0.
     zero: i64,
     target: i32,
-    watch: FaultMonitor,
-    /// Alarms that nobody has asked for yet.
+    faults: FaultMonitor,
+    /// Alarms that are not yet reported.
     alarms: u16,
 }
 
 impl Servo {
-    /// A motor that stands, its terminals open.
+    /// A motor at standstill, its terminals open.
     pub(super) fn new(settings: Settings) -> Self {
         Self {
             settings,
             order: Order::Free,
             next: Instant::NEVER,
-            pace: I40F24::ZERO,
-            paced: Instant::ZERO,
+            setpoint: I40F24::ZERO,
+            setpoint_since: Instant::ZERO,
             pi: Pi::NEW,
             feedback: Feedback::new(&MOTOR),
             duty: 0,
-            carries: 0,
+            limit_out_ma: 0,
             swapped: false,
             halls: Halls::NEW,
             encoder: Encoder::NEW,
-            turns: Edges::NONE,
-            encoded: Edges::NONE,
+            hall_edges: Edges::NONE,
+            encoder_edges: Edges::NONE,
             zero: 0,
             target: 0,
-            watch: FaultMonitor::NEW,
+            faults: FaultMonitor::NEW,
             alarms: 0,
         }
     }
 
-    /// Power has come: tells the motor its terminals. Everything is forgotten, the position, too; the motor is the one
-    /// that it was.
+    /// Power has come: puts the state of the terminals. Everything is reset, the position, too; only the motor's
+    /// feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self { feedback, ..Self::new(settings) };
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
-        out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.carries });
+        out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_out_ma });
     }
 
     /// Registers have been written: all of them hold at once.
@@ -192,15 +192,16 @@ impl Servo {
             return;
         }
         match self.order {
-            Order::Brake => self.rest(at, true, out),
-            Order::Velocity(_) if !self.looks() => {
-                // What was let go at 0 may have to be held there; what coasts since is not caught for anything else.
+            Order::Brake => self.release(at, true, out),
+            Order::Velocity(_) if !self.is_controlling() => {
+                // A motor released at 0 may have to be held there now; a coasting one is not controlled again for any
+                // other change.
                 let is_other = settings.stop_status != before.stop_status;
                 if is_other || self.goal() != Some(0) {
-                    self.begin(at, out);
+                    self.start_control(at, out);
                 }
             }
-            _ if self.looks() => self.terminals(at, self.duty, self.allowed(), out),
+            _ if self.is_controlling() => self.terminals(at, self.duty, self.allowed(), out),
             _ => {}
         }
     }
@@ -221,11 +222,11 @@ impl Servo {
             self.target = count;
         }
         match (before, order) {
-            (_, Order::Free) => self.rest(at, false, out),
-            (_, Order::Brake) => self.rest(at, true, out),
+            (_, Order::Free) => self.release(at, false, out),
+            (_, Order::Brake) => self.release(at, true, out),
             (Order::Velocity(_), Order::Velocity(_)) | (Order::Position { .. }, Order::Position { .. })
-                if self.looks() => {}
-            _ => self.begin(at, out),
+                if self.is_controlling() => {}
+            _ => self.start_control(at, out),
         }
     }
 
@@ -236,7 +237,7 @@ impl Servo {
 
     /// Carries out a control tick.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        self.halls.settle(at);
+        self.halls.check_code(at);
         if at >= self.next {
             self.next = at + TICK;
             self.tick(at, out);
@@ -244,51 +245,55 @@ impl Servo {
     }
 
     /// The motor is controlled from now on, from the speed that it has.
-    fn begin(&mut self, at: Instant, out: &mut dyn Context) {
-        let duty = if self.looks() && self.carries > 0 { self.put_out(at) } else { self.felt(at) };
+    fn start_control(&mut self, at: Instant, out: &mut dyn Context) {
+        let duty = if self.is_controlling() && self.limit_out_ma > 0 {
+            self.applied_duty(at)
+        } else {
+            self.back_emf(at)
+        };
         let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
-        self.turns.begin(at, self.settings.counts(), &self.feedback);
-        self.encoded.begin(at, self.settings.encoder_counts(), &self.feedback);
-        (self.pace, self.watch) = (self.reading(at), FaultMonitor::NEW);
+        self.hall_edges.begin(at, self.settings.counts(), &self.feedback);
+        self.encoder_edges.begin(at, self.settings.encoder_counts(), &self.feedback);
+        (self.setpoint, self.faults) = (self.reading(at), FaultMonitor::NEW);
         self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {
-            return self.rest(at, shorted, out);
+            return self.release(at, shorted, out);
         }
         self.terminals(at, duty.round().to_num(), self.limit(), out);
     }
 
     /// The motor is left alone, its terminals open or shorted.
-    fn rest(&mut self, at: Instant, shorted: bool, out: &mut dyn Context) {
+    fn release(&mut self, at: Instant, shorted: bool, out: &mut dyn Context) {
         if self.reading(at).round() == 0 {
-            self.turns.stands();
-            self.encoded.stands();
+            self.hall_edges.set_standstill();
+            self.encoder_edges.set_standstill();
         }
-        (self.next, self.pace, self.watch) = (Instant::NEVER, I40F24::ZERO, FaultMonitor::NEW);
+        (self.next, self.setpoint, self.faults) = (Instant::NEVER, I40F24::ZERO, FaultMonitor::NEW);
         self.terminals(at, 0, if shorted { self.limit() } else { 0 }, out);
     }
 
     /// Puts the terminals so, if they are not.
-    fn terminals(&mut self, at: Instant, duty: i32, carries: u32, out: &mut dyn Context) {
-        if (duty, carries) == (self.duty, self.carries) {
+    fn terminals(&mut self, at: Instant, duty: i32, limit_out_ma: u32, out: &mut dyn Context) {
+        if (duty, limit_out_ma) == (self.duty, self.limit_out_ma) {
             return;
         }
-        let before = core::mem::replace(&mut self.carries, carries);
+        let before = core::mem::replace(&mut self.limit_out_ma, limit_out_ma);
         if duty != self.duty {
             self.duty = duty;
-            self.put(at, out);
+            self.put_duty(at, out);
         }
-        if carries != before {
-            out.put(at, Output::CurrentLimit { axis: AXIS, ma: carries });
+        if limit_out_ma != before {
+            out.put(at, Output::CurrentLimit { axis: AXIS, ma: limit_out_ma });
         }
     }
 
-    fn put(&self, at: Instant, out: &mut dyn Context) {
+    fn put_duty(&self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Duty { axis: AXIS, duty: if self.swapped { -self.duty } else { self.duty } });
     }
 
     /// Returns whether it controls the motor.
-    fn looks(&self) -> bool {
+    fn is_controlling(&self) -> bool {
         self.next != Instant::NEVER
     }
 

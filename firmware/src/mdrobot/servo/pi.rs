@@ -15,9 +15,9 @@ const P: I40F24 = I40F24::lit("0.000333333");
 const I: I40F24 = I40F24::lit("0.0000116667");
 
 /// The part of a limit of the current by which the loop asks for more: so the limit, and no rounding, holds it.
-const BEYOND: i64 = 64;
+const HEADROOM_DIVISOR: i64 = 64;
 
-/// The loop of the speed. All of it is in duties: a speed is the duty that makes as much back-EMF.
+/// The speed loop. All values are duties: a speed is the duty that makes as much back-EMF.
 #[derive(Clone, Debug)]
 pub(super) struct Pi {
     integral: I40F24,
@@ -32,44 +32,45 @@ impl Pi {
         self.integral = output.clamp(-FULL, FULL);
     }
 
-    /// The output for the next ms, and what the motor gets of it, which has a back-EMF of `emf` and gets no more than
-    /// `spare` beyond it.
+    /// Returns the output for the next ms, and the duty that the motor gets of it. The motor has a back-EMF of `emf`,
+    /// and the current limit allows no more than `headroom` beyond it.
     ///
-    /// `gain` is the part of the way to its final speed that the motor makes in a ms. A loop without a clock would
-    /// answer what is left of the mistake while it shrinks; so does this one, and the fastest motor does not swing.
+    /// `gain` is the part of the change to its final speed that the motor makes in a ms. A continuous loop would react
+    /// to an error that shrinks during the ms; this loop reduces its proportional part accordingly, so that the fastest
+    /// motor does not oscillate.
     ///
-    /// While that holds it back it gathers no more than what is got, or it would overshoot; unless the motor stands,
-    /// which is pushed until it breaks loose or something is wrong.
+    /// While the limit is active the integral gathers no more than the applied duty, which prevents an overshoot.
+    /// Exception: at standstill it grows on, until the motor breaks loose or a fault is raised.
     pub(super) fn step(
         &mut self,
-        mistake: I40F24,
+        error: I40F24,
         emf: I40F24,
-        spare: I40F24,
+        headroom: I40F24,
         gain: I40F24,
         p_gain: u16,
         i_gain: u16,
     ) -> (I40F24, I40F24) {
-        let spare = spare + spare / BEYOND;
-        let got = |output: I40F24| output.min(emf + spare).max(emf - spare).clamp(-FULL, FULL);
+        let headroom = headroom + headroom / HEADROOM_DIVISOR;
+        let applied = |output: I40F24| output.min(emf + headroom).max(emf - headroom).clamp(-FULL, FULL);
         if emf != 0 {
-            self.integral = got(self.integral);
+            self.integral = applied(self.integral);
         }
         let p = P * I40F24::from_num(p_gain);
         let p = ratio(p.to_bits(), (I40F24::ONE + p * gain).to_bits());
-        let push = mistake.saturating_mul(p);
+        let proportional = error.saturating_mul(p);
         let before = self.integral;
-        let step = mistake.saturating_mul(I * I40F24::from_num(i_gain));
-        let gathered = before.saturating_add(step).clamp(-FULL, FULL);
-        let output = push.saturating_add(gathered);
-        let duty = got(output);
+        let step = error.saturating_mul(I * I40F24::from_num(i_gain));
+        let integrated = before.saturating_add(step).clamp(-FULL, FULL);
+        let output = proportional.saturating_add(integrated);
+        let duty = applied(output);
         self.integral = if i_gain == 0 {
             I40F24::ZERO
         } else if output == duty || emf == 0 {
-            gathered
+            integrated
         } else {
-            (duty - push).min(before.max(gathered)).max(before.min(gathered))
+            (duty - proportional).min(before.max(integrated)).max(before.min(integrated))
         };
-        let output = push.saturating_add(self.integral);
-        (output.clamp(-FULL, FULL), got(output))
+        let output = proportional.saturating_add(self.integral);
+        (output.clamp(-FULL, FULL), applied(output))
     }
 }

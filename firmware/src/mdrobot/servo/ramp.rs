@@ -13,13 +13,14 @@ pub(super) fn rate(slow: u16, max_rpm: u16) -> Option<I40F24> {
     Some(I40F24::from_bits(rate.max(1)))
 }
 
-/// The speed a ms after it was `pace`, on the way to `target`: its magnitude changes by `up` and `down`, and it
+/// The speed a ms after it was `setpoint`, on the way to `target`: its magnitude changes by `up` and `down`, and it
 /// turns round at 0.
-pub(super) fn next(pace: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
-    let turns_round = pace.signum() * target.signum() < 0;
-    let (slows, aim) = if turns_round { (true, I40F24::ZERO) } else { (target.abs() < pace.abs(), target) };
+pub(super) fn next(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
+    let turns_round = setpoint.signum() * target.signum() < 0;
+    let (slows, aim) =
+        if turns_round { (true, I40F24::ZERO) } else { (target.abs() < setpoint.abs(), target) };
     let next = match if slows { down } else { up } {
-        Some(rate) => pace + (aim - pace).min(rate).max(-rate),
+        Some(rate) => setpoint + (aim - setpoint).min(rate).max(-rate),
         None => aim,
     };
     // What comes to 0 at once turns round in the same ms.
@@ -33,11 +34,11 @@ mod tests {
     /// Speeds of so many ms, rounded.
     fn paces(from: i32, to: i32, up: u16, down: u16, ms: usize) -> i32 {
         let (up, down) = (rate(up, 3_000), rate(down, 3_000));
-        let mut pace = I40F24::from_num(from);
+        let mut setpoint = I40F24::from_num(from);
         for _ in 0..ms {
-            pace = next(pace, I40F24::from_num(to), up, down);
+            setpoint = next(setpoint, I40F24::from_num(to), up, down);
         }
-        pace.round().to_num()
+        setpoint.round().to_num()
     }
 
     #[test]

@@ -2,11 +2,11 @@
 
 use fixed::types::I40F24;
 
-use super::{Edges, FULL_DUTY, Known, OUTPUTS, Parameters, Rotation, Sensor, Servo};
+use super::{ControlModel, Edges, FULL_DUTY, OUTPUTS, Parameters, Rotation, Sensor, Servo};
 use crate::device::{Context, Instant};
 
 impl Servo {
-    /// A sensor changed, or its level is told.
+    /// A level of a sensor.
     pub(in crate::mdrobot) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
         match sensor {
             Sensor::Hall(place) => {
@@ -15,8 +15,8 @@ impl Servo {
             }
             Sensor::EncoderA | Sensor::EncoderB => {
                 let Some(forward) = self.encoder.edge(sensor == Sensor::EncoderA, high) else { return };
-                self.watch.encoder_edge();
-                self.encoded.edge(at, forward, self.settings.encoder_counts(), &self.feedback);
+                self.faults.encoder_edge();
+                self.encoder_edges.edge(at, forward, self.settings.encoder_counts(), &self.feedback);
             }
         }
     }
@@ -24,11 +24,11 @@ impl Servo {
     /// The Hall sensors made so many counts.
     fn counted(&mut self, at: Instant, counts: i8) {
         for _ in 0..counts.unsigned_abs() {
-            self.turns.edge(at, counts > 0, self.settings.counts(), &self.feedback);
+            self.hall_edges.edge(at, counts > 0, self.settings.counts(), &self.feedback);
         }
-        if counts != 0 && self.settings.enc_ppr > 0 && self.looks() {
+        if counts != 0 && self.settings.enc_ppr > 0 && self.is_controlling() {
             let (count, settings) = (self.halls.count(), &self.settings);
-            self.alarms |= self.watch.hall_edge(at, count, settings.counts(), settings.turn());
+            self.alarms |= self.faults.hall_edge(at, count, settings.counts(), settings.turn());
         }
     }
 
@@ -39,7 +39,7 @@ impl Servo {
 
     /// The motor is this one.
     pub(in crate::mdrobot) fn motor(&mut self, parameters: &Parameters) {
-        self.feedback.motor = Known::of(parameters);
+        self.feedback.motor = ControlModel::of(parameters);
     }
 
     /// The motor turns like this from now on.
@@ -47,11 +47,11 @@ impl Servo {
         self.feedback.turns(at, rotation);
     }
 
-    /// Two wires of the motor are swapped: what is put out turns it the other way.
+    /// Two wires of the motor are swapped: the duty turns it the other way.
     pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Context) {
         if swapped != self.swapped {
             self.swapped = swapped;
-            self.put(at, out);
+            self.put_duty(at, out);
         }
     }
 
@@ -67,9 +67,9 @@ impl Servo {
         self.encoder.levels()
     }
 
-    /// Edges of the sensor that tells the speed.
+    /// Edges of the speed sensor.
     pub(super) fn speed(&self) -> &Edges {
-        if self.settings.enc_ppr > 0 { &self.encoded } else { &self.turns }
+        if self.settings.enc_ppr > 0 { &self.encoder_edges } else { &self.hall_edges }
     }
 
     /// Speed that this sensor reads at any instant, in rpm.
@@ -83,7 +83,7 @@ impl Servo {
     }
 
     /// The back-EMF at present, as a duty.
-    pub(super) fn felt(&self, at: Instant) -> I40F24 {
+    pub(super) fn back_emf(&self, at: Instant) -> I40F24 {
         self.duty_of(self.reading(at))
     }
 
@@ -99,13 +99,13 @@ impl Servo {
 
     /// The output as far as the limit of the current lets it, in 1/1023 of the supply.
     pub(in crate::mdrobot) fn output(&self, at: Instant) -> i16 {
-        (self.put_out(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
+        (self.applied_duty(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
     }
 
     /// The same as a duty.
-    pub(super) fn put_out(&self, at: Instant) -> I40F24 {
+    pub(super) fn applied_duty(&self, at: Instant) -> I40F24 {
         let sign = if self.swapped { -1 } else { 1 };
-        I40F24::from_num(sign * self.feedback.applied(at, sign * self.duty, self.carries))
+        I40F24::from_num(sign * self.feedback.applied(at, sign * self.duty, self.limit_out_ma))
     }
 
     /// Alarms that have come up since it was asked last, bits of [`status`](crate::mdrobot::alarm::status).

@@ -13,7 +13,7 @@ const INV_VEL: Duration = Duration::millis(500);
 const ENCODER: Duration = Duration::millis(600);
 
 /// A mistake that shrank by this part since it began is being corrected.
-const LESS: i64 = 16;
+const IMPROVED_DIVISOR: i64 = 16;
 
 /// A condition that is a fault if it lasts (on-delay).
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +23,7 @@ impl OnDelay {
     const NOT: Self = Self(None);
 
     /// Returns whether the condition has lasted for `span`.
-    fn is(&mut self, so: bool, at: Instant, span: Duration) -> bool {
+    fn has_lasted(&mut self, so: bool, at: Instant, span: Duration) -> bool {
         self.0 = so.then(|| self.0.unwrap_or(at));
         self.0.is_some_and(|since| at.since(since) >= span)
     }
@@ -41,15 +41,15 @@ impl PersistentError {
     const NOT: Self = Self { wrong: OnDelay::NOT, first: I40F24::ZERO };
 
     /// Returns whether the error has lasted for `span`, is now `by`, and has not improved in that time.
-    fn fails(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
+    fn persists(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
         let by_now = by.unwrap_or(I40F24::ZERO);
         if self.wrong.0.is_none() {
             self.first = by_now;
         }
-        if !self.wrong.is(by.is_some(), at, span) {
+        if !self.wrong.has_lasted(by.is_some(), at, span) {
             return false;
         }
-        let less = by_now < self.first - self.first / LESS;
+        let less = by_now < self.first - self.first / IMPROVED_DIVISOR;
         if less {
             *self = Self { wrong: OnDelay(Some(at)), first: by_now };
         }
@@ -59,16 +59,16 @@ impl PersistentError {
 
 /// Readings of a control tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sight {
+pub(super) struct ControlSample {
     /// Current in mA.
     pub(super) ma: i32,
     /// MAX_LOAD.
     pub(super) limit_ma: u32,
-    /// The output that it is to have, as a duty; a limit of the current may leave less of it.
+    /// The reference of the output, as a duty; the current limit may leave less of it.
     pub(super) wanted: I40F24,
     /// The speed that it is to have and the one that its sensor reads, as duties; none without control of the speed.
     pub(super) speeds: Option<(I40F24, I40F24)>,
-    /// By the sensor that tells the speed.
+    /// By the speed sensor.
     pub(super) rpm: i32,
     /// The last edge of a Hall sensor.
     pub(super) hall: Option<Instant>,
@@ -78,45 +78,46 @@ pub(super) struct Sight {
 #[derive(Clone, Debug)]
 pub(super) struct FaultMonitor {
     load: OnDelay,
-    stands: OnDelay,
-    fails: PersistentError,
+    standstill: OnDelay,
+    deviation: PersistentError,
     inverse: PersistentError,
     /// Since the last edge of the encoder: the first edge of a Hall sensor, and its count.
-    silent: Option<(Instant, i64)>,
+    since_encoder_edge: Option<(Instant, i64)>,
 }
 
 impl FaultMonitor {
     /// State without any condition.
     pub(super) const NEW: Self = Self {
         load: OnDelay::NOT,
-        stands: OnDelay::NOT,
-        fails: PersistentError::NOT,
+        standstill: OnDelay::NOT,
+        deviation: PersistentError::NOT,
         inverse: PersistentError::NOT,
-        silent: None,
+        since_encoder_edge: None,
     };
 
     /// Takes the readings of a control tick; returns the fault bits.
-    pub(super) fn look(&mut self, at: Instant, sight: Sight) -> u16 {
+    pub(super) fn update(&mut self, at: Instant, sample: ControlSample) -> u16 {
         let mut alarms = 0;
-        if self.load.is(sight.ma != 0 && sight.ma.unsigned_abs() >= sight.limit_ma, at, OVER_LOAD) {
+        if self.load.has_lasted(sample.ma != 0 && sample.ma.unsigned_abs() >= sample.limit_ma, at, OVER_LOAD)
+        {
             alarms |= status::OVER_LOAD;
         }
-        let moved = sight.hall.is_some_and(|hall| at.since(hall) < STALL);
-        if self.stands.is(sight.wanted.abs() > FULL / 2, at, STALL) && !moved {
+        let moved = sample.hall.is_some_and(|hall| at.since(hall) < STALL);
+        if self.standstill.has_lasted(sample.wanted.abs() > FULL / 2, at, STALL) && !moved {
             alarms |= status::STALL;
         }
         // A reference of 0 has no half.
-        let off = sight.speeds.filter(|(wanted, _)| *wanted != 0).and_then(|(wanted, speed)| {
+        let off = sample.speeds.filter(|(wanted, _)| *wanted != 0).and_then(|(wanted, speed)| {
             let off = (wanted - speed).abs();
             (off > wanted.abs() / 2).then_some(off)
         });
-        if self.fails.fails(off, at, CTRL_FAIL) {
+        if self.deviation.persists(off, at, CTRL_FAIL) {
             alarms |= status::CTRL_FAIL;
         }
-        let against = sight.speeds.and_then(|(wanted, _)| {
-            (wanted.signum() * i64::from(sight.rpm.signum()) < 0).then(|| I40F24::from_num(sight.rpm).abs())
+        let against = sample.speeds.and_then(|(wanted, _)| {
+            (wanted.signum() * i64::from(sample.rpm.signum()) < 0).then(|| I40F24::from_num(sample.rpm).abs())
         });
-        if self.inverse.fails(against, at, INV_VEL) {
+        if self.inverse.persists(against, at, INV_VEL) {
             alarms |= status::INV_VEL;
         }
         alarms
@@ -124,13 +125,13 @@ impl FaultMonitor {
 
     /// The encoder made an edge.
     pub(super) fn encoder_edge(&mut self) {
-        self.silent = None;
+        self.since_encoder_edge = None;
     }
 
-    /// The Hall sensors made an edge and count so much; that is `turn` a turn, in which the encoder is to make
-    /// `edges`. Returns what is wrong: it has turned for a while, and as far as two of those.
+    /// The Hall sensors made an edge: their `count`, of which `turn` are a turn, in which the encoder makes `edges`.
+    /// Returns the alarms of an encoder without edges for the time `ENCODER` and for a rotation of two of its edges.
     pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: i64, edges: i64) -> u16 {
-        let (since, first) = *self.silent.get_or_insert((at, count));
+        let (since, first) = *self.since_encoder_edge.get_or_insert((at, count));
         let missed = count.abs_diff(first).saturating_mul(edges.unsigned_abs());
         if at.since(since) >= ENCODER && missed >= 2 * turn.unsigned_abs() {
             status::HALL_FAIL | status::ENCODER_FAIL

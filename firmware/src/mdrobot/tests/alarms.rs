@@ -244,7 +244,7 @@ fn connectors_that_command_wait_for_start_stop_after_an_alarm() {
     use super::super::{RUN_BRAKE, SPEED_IN, START_STOP};
     let mut dut = Dut::ready();
     dut.contact(RUN_BRAKE, true);
-    dut.tell(Input::Millivolts { pin: SPEED_IN, mv: 5_000 });
+    dut.feed(Input::Millivolts { pin: SPEED_IN, mv: 5_000 });
     dut.contact(START_STOP, true);
     dut.wait(3.secs());
     assert!(dut.rpm() > 2_900, "{}", dut.rpm());

@@ -208,8 +208,9 @@ fn default_set_leaves_id_and_baud() {
         }
         assert_eq!(dut.read_words(239, 2), [1_000, 10]);
         assert_eq!(dut.read(78), u16::from(!again), "it is not saved, and so not restored");
-        let kept = [Pid::CONTROLLER_ID, Pid::CONTROLLER_BAUD, Pid::INT_VOLUME].map(|pid| dut.get(pid));
-        assert_eq!(kept, [7, 5, 33]);
+        let stored_value =
+            [Pid::CONTROLLER_ID, Pid::CONTROLLER_BAUD, Pid::INT_VOLUME].map(|pid| dut.get(pid));
+        assert_eq!(stored_value, [7, 5, 33]);
         if !again {
             dut.cycle();
             dut.id = 7;

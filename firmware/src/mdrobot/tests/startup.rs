@@ -51,7 +51,7 @@ fn nothing_moves_before_it_is_ready() {
     for pin in [START_STOP, RUN_BRAKE] {
         dut.contact(pin, true);
     }
-    dut.tell(Input::Millivolts { pin: SPEED_IN, mv: 5_000 });
+    dut.feed(Input::Millivolts { pin: SPEED_IN, mv: 5_000 });
     dut.run_until(Instant::from(300.millis()) - Duration::TICK);
     assert_eq!((dut.get(Pid::POSI_DATA), dut.get(Pid::TQ_DATA)), (0, 0));
     dut.run_until(Instant::from(2.secs()));

@@ -39,8 +39,8 @@ fn a_short_move_is_a_triangle() {
 fn nothing_to_do_is_done_at_once() {
     for plan in [
         Plan::profile(at(5), 3, 0, FACTORY),
-        Plan::profile(at(5), 3, 9, Limits { speed: U24F8::ZERO, ..FACTORY }),
-        Plan::profile(at(5), 3, 9, Limits { up: 0, ..FACTORY }),
+        Plan::profile(at(5), 3, 9, Limits { max_speed: U24F8::ZERO, ..FACTORY }),
+        Plan::profile(at(5), 3, 9, Limits { acceleration: 0, ..FACTORY }),
     ] {
         assert_eq!((plan.end(), plan.position_at(at(9))), (at(5), 3));
     }
@@ -49,37 +49,41 @@ fn nothing_to_do_is_done_at_once() {
 #[test]
 fn a_plan_that_is_over_has_no_rest() {
     let plan = Plan::profile(at(0), 0, 100, FACTORY);
-    for rest in [plan.resumed(plan.end(), 7), plan.resumed(Instant::NEVER, 7)] {
+    for rest in [plan.continued_from(plan.end(), 7), plan.continued_from(Instant::NEVER, 7)] {
         assert_eq!((rest.position_at(Instant::NEVER), rest.end()), (7, rest.start()));
     }
 }
 
 #[test]
 fn a_speed_beyond_the_limit_acts_as_the_limit() {
-    let limit = Limits { speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
-    let beyond = Limits { speed: U24F8::MAX, ..FACTORY };
+    let limit = Limits { max_speed: U24F8::from_num(MAX_SPEED), ..FACTORY };
+    let beyond = Limits { max_speed: U24F8::MAX, ..FACTORY };
     let plan = Plan::profile(at(0), 0, i32::MAX, beyond);
     assert_eq!(plan, Plan::profile(at(0), 0, i32::MAX, limit));
-    let jog = plan.towards(at(0), I24F8::MAX, u32::MAX);
-    assert_eq!(jog, plan.towards(at(0), I24F8::from_num(MAX_SPEED), MAX_ACCELERATION));
+    let jog = plan.ramp_to(at(0), I24F8::MAX, u32::MAX);
+    assert_eq!(jog, plan.ramp_to(at(0), I24F8::from_num(MAX_SPEED), MAX_ACCELERATION));
 }
 
 #[test]
 fn a_jog_goes_on_until_it_is_told_to_stop() {
-    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
+    let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(5_000), 10_000);
     assert_eq!(jog.end(), Instant::NEVER);
     assert_eq!(jog.position_at(Instant::from(1_500.millis())), 1_250 + 5_000);
-    let stop = jog.towards(Instant::from(1_500.millis()), I24F8::ZERO, 10_000);
+    let stop = jog.ramp_to(Instant::from(1_500.millis()), I24F8::ZERO, 10_000);
     assert_eq!(stop.end(), Instant::from(2_000.millis()));
     assert_eq!(stop.position_at(Instant::NEVER), 1_250 + 5_000 + 1_250);
 }
 
-const SLEW: Limits =
-    Limits { start: U24F8::const_from_int(1_000), speed: U24F8::ZERO, up: 10_000, down: 5_000 };
+const SLEW: Limits = Limits {
+    start_speed: U24F8::const_from_int(1_000),
+    max_speed: U24F8::ZERO,
+    acceleration: 10_000,
+    deceleration: 5_000,
+};
 
 #[test]
 fn a_slew_begins_and_ends_at_its_start_speed() {
-    let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+    let slew = Plan::at_rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
     assert_eq!(slew.speed_at(at(0)), 1_000);
     // 400 ms at 3,000 steps/s on average, then 100 ms at 5,000.
     assert_eq!(slew.position_at(Instant::from(400.millis())), 1_200);
@@ -93,7 +97,7 @@ fn a_slew_begins_and_ends_at_its_start_speed() {
 
 #[test]
 fn a_slew_below_the_start_speed_has_no_ramp() {
-    let slow = Plan::rest(at(0), 7).slew(at(0), I24F8::from_num(-500), SLEW);
+    let slow = Plan::at_rest(at(0), 7).slew(at(0), I24F8::from_num(-500), SLEW);
     assert_eq!(slow.speed_at(at(0)), -500);
     assert_eq!(slow.position_at(Instant::from(2.secs())), 7 - 1_000);
     let stop = slow.slew(Instant::from(2.secs()), I24F8::ZERO, SLEW);
@@ -102,7 +106,7 @@ fn a_slew_below_the_start_speed_has_no_ramp() {
 
 #[test]
 fn a_slew_turns_round_at_its_start_speed() {
-    let slew = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
+    let slew = Plan::at_rest(at(0), 0).slew(at(0), I24F8::from_num(5_000), SLEW);
     let back = slew.slew(Instant::from(500.millis()), I24F8::from_num(-3_000), SLEW);
     let turn = Instant::from(1_300.millis());
     assert_eq!((back.position_at(turn), back.speed_at(turn)), (4_100, I48F16::from_num(-1_000)));
@@ -117,19 +121,19 @@ fn a_slew_turns_round_at_its_start_speed() {
 
 #[test]
 fn without_a_start_speed_a_slew_stops_as_a_ramp() {
-    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(4_321), 7_000);
-    let rates = Limits { start: U24F8::ZERO, up: 1, down: 9_999, ..SLEW };
+    let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(4_321), 7_000);
+    let rates = Limits { start_speed: U24F8::ZERO, acceleration: 1, deceleration: 9_999, ..SLEW };
     for ticks in (3_000_000..30_000_000).step_by(777_777) {
-        assert_eq!(jog.slew(at(ticks), I24F8::ZERO, rates), jog.towards(at(ticks), I24F8::ZERO, 9_999));
+        assert_eq!(jog.slew(at(ticks), I24F8::ZERO, rates), jog.ramp_to(at(ticks), I24F8::ZERO, 9_999));
     }
 }
 
 #[test]
 fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
-    let at_once = Limits { start: U24F8::MAX, ..SLEW };
-    let cruise = Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), at_once);
+    let at_once = Limits { start_speed: U24F8::MAX, ..SLEW };
+    let cruise = Plan::at_rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), at_once);
     // (4000² − 1000²)/(2·7500) = 1000 steps in 400 ms.
-    let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Limits { down: 7_500, ..SLEW });
+    let stop = cruise.slew(Instant::from(250.millis()), I24F8::ZERO, Limits { deceleration: 7_500, ..SLEW });
     assert_eq!(stop.end(), Instant::from(650.millis()));
     assert_eq!(stop.position_at(stop.end() - Duration::TICK), 1_999);
     assert_eq!(stop.position_at(stop.end()), 2_000);
@@ -137,25 +141,28 @@ fn the_last_step_of_a_stop_is_one_that_falls_on_its_end() {
 
 #[test]
 fn a_position_is_reached_once_around_or_never() {
-    let slew =
-        Plan::rest(at(0), 0).slew(at(0), I24F8::from_num(8_000_000), Limits { start: U24F8::MAX, ..SLEW });
+    let slew = Plan::at_rest(at(0), 0).slew(
+        at(0),
+        I24F8::from_num(8_000_000),
+        Limits { start_speed: U24F8::MAX, ..SLEW },
+    );
     // Two ticks a step.
-    assert_eq!(slew.when(at(0), 100), at(200));
-    assert_eq!(slew.when(at(200), 100), at(200 + (2 << 32)));
-    assert_eq!(slew.when(at(200), 99), at(200 + (2 << 32) - 2));
-    assert_eq!(slew.when(at(0), -1), at((2 << 32) - 2));
+    assert_eq!(slew.time_of(at(0), 100), at(200));
+    assert_eq!(slew.time_of(at(200), 100), at(200 + (2 << 32)));
+    assert_eq!(slew.time_of(at(200), 99), at(200 + (2 << 32) - 2));
+    assert_eq!(slew.time_of(at(0), -1), at((2 << 32) - 2));
     let stop = slew.halt(at(200));
-    assert_eq!((stop.when(at(200), 100), stop.when(at(0), 101)), (Instant::NEVER, Instant::NEVER));
+    assert_eq!((stop.time_of(at(200), 100), stop.time_of(at(0), 101)), (Instant::NEVER, Instant::NEVER));
     let profile = Plan::profile(at(5), 0, 10, FACTORY);
-    assert_eq!(profile.when(at(0), 10), profile.end());
-    assert_eq!(profile.when(profile.end(), 10), Instant::NEVER);
-    assert_eq!(profile.when(at(0), 11), Instant::NEVER);
+    assert_eq!(profile.time_of(at(0), 10), profile.end());
+    assert_eq!(profile.time_of(profile.end(), 10), Instant::NEVER);
+    assert_eq!(profile.time_of(at(0), 11), Instant::NEVER);
 }
 
 #[test]
 fn a_reversal_goes_by_way_of_standstill() {
-    let jog = Plan::rest(at(0), 0).towards(at(0), I24F8::from_num(5_000), 10_000);
-    let back = jog.towards(Instant::from(1_000.millis()), I24F8::from_num(-5_000), 10_000);
+    let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(5_000), 10_000);
+    let back = jog.ramp_to(Instant::from(1_000.millis()), I24F8::from_num(-5_000), 10_000);
     // 1250 + 2500 forward, 1250 more to stop, then back: 1250 in the ramp, 5000 a second.
     assert_eq!(back.position_at(Instant::from(1_500.millis())), 5_000);
     assert_eq!(back.speed_at(Instant::from(1_500.millis())), 0);
@@ -179,7 +186,7 @@ fn nearest_root(n: u128, a: u128) -> u64 {
 proptest! {
     #[test]
     fn every_step_of_a_ramp_is_at_the_nearest_tick(a in 16_u32..2_000_000, n in 1_u32..5_000) {
-        let plan = Plan::rest(at(0), 0).towards(at(0), I24F8::MAX, a);
+        let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::MAX, a);
         let due = nearest_root(u128::from(n), u128::from(a));
         prop_assert_eq!(plan.position_at(at(due)), n.cast_signed());
         prop_assert_eq!(plan.position_at(at(due - 1)), n.cast_signed() - 1);
@@ -192,9 +199,9 @@ proptest! {
         samples in proptest::collection::vec(any::<u64>(), 2..40),
     ) {
         let start = U24F8::from_num(start.saturating_sub(1_000_000));
-        let rates = Limits { start, speed: U24F8::from_num(speed), up, down };
+        let rates = Limits { start_speed: start, max_speed: U24F8::from_num(speed), acceleration: up, deceleration: down };
         let plan = Plan::profile(at(0), 0, steps, rates);
-        let mirror = Plan::profile(at(0), 0, steps, Limits { up: down, down: up, ..rates });
+        let mirror = Plan::profile(at(0), 0, steps, Limits { acceleration: down, deceleration: up, ..rates });
         let end = plan.end().ticks();
         prop_assert_eq!(plan.position_at(plan.end()), steps);
         let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
@@ -224,11 +231,11 @@ proptest! {
         turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
         acceleration in 1_u32..,
     ) {
-        let mut plan = Plan::rest(at(0), 0);
+        let mut plan = Plan::at_rest(at(0), 0);
         let mut now = 0;
         for (wait, speed) in turns {
             now += wait;
-            let next = plan.towards(at(now), I24F8::from_num(speed), acceleration);
+            let next = plan.ramp_to(at(now), I24F8::from_num(speed), acceleration);
             prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
             prop_assert_eq!(next.speed_at(at(now)), plan.speed_at(at(now)));
             // At 40,000 steps/s two ticks never hold two steps.
@@ -247,19 +254,19 @@ proptest! {
         turns in proptest::collection::vec((0_u64..40_000_000, -40_000_i32..40_000), 1..8),
         start in 1_u32..30_000, up in 1_u32.., down in 1_u32..,
     ) {
-        let rates = Limits { start: U24F8::from_num(start), up, down, ..SLEW };
-        let mut plan = Plan::rest(at(0), 0);
+        let rates = Limits { start_speed: U24F8::from_num(start), acceleration: up, deceleration: down, ..SLEW };
+        let mut plan = Plan::at_rest(at(0), 0);
         let mut now = 0;
         for (wait, speed) in turns {
             now += wait;
             let next = plan.slew(at(now), I24F8::from_num(speed), rates);
             prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
-            let least = I48F16::from_num(speed.unsigned_abs().min(start));
+            let first_true = I48F16::from_num(speed.unsigned_abs().min(start));
             let mut seam = now;
             for segment in next.segments().iter().filter(|segment| segment.ticks > 0) {
                 // Within a ramp no speed is below the start speed but where it was before.
                 let slowest = next.speed_at(at(seam)).abs().min(next.speed_at(at(seam + segment.ticks.min(1 << 40) - 1)).abs());
-                prop_assert!(slowest + I48F16::DELTA >= least.min(plan.speed_at(at(now)).abs()) || speed == 0);
+                prop_assert!(slowest + I48F16::DELTA >= first_true.min(plan.speed_at(at(now)).abs()) || speed == 0);
                 seam = seam.saturating_add(segment.ticks);
                 let jump = next.position_at(at(seam)) - next.position_at(at(seam - 1));
                 prop_assert!(jump.abs() <= 1);
@@ -275,9 +282,9 @@ proptest! {
         when in 0_u64..40_000_000, again in 0_u64..1_000, back: bool, finishes: bool,
     ) {
         let start = (u64::from(speed) * u64::from(share) / 1_000).max(1) as u32;
-        let rates = Limits { start: U24F8::from_num(start), up, down, ..SLEW };
+        let rates = Limits { start_speed: U24F8::from_num(start), acceleration: up, deceleration: down, ..SLEW };
         let to = I24F8::from_num(speed);
-        let slew = Plan::rest(at(0), -5).slew(at(0), if back { -to } else { to }, rates);
+        let slew = Plan::at_rest(at(0), -5).slew(at(0), if back { -to } else { to }, rates);
         let now = at(when);
         let stop = if finishes { slew.finish_step(now) } else { slew.stop_on_step(now, rates) };
         prop_assert_eq!(stop.start(), now);
@@ -297,12 +304,12 @@ proptest! {
         let speed = segment.speed(d) as f64 / 16e6;
         let beyond = ((segment.phase(d) % i128::from(STEP)) as f64 / STEP as f64).min(1.0);
         let ramp = (speed * speed - f64::from(start).powi(2)).max(0.0) / (2.0 * f64::from(down));
-        let least = if finishes { 0.0 } else { ramp.max(0.5) };
-        let from = i64::from(segment.from) + (segment.phase(d) / i128::from(STEP)) as i64 * if back { -1 } else { 1 };
+        let first_true = if finishes { 0.0 } else { ramp.max(0.5) };
+        let from = i64::from(segment.base) + (segment.phase(d) / i128::from(STEP)) as i64 * if back { -1 } else { 1 };
         let end = i64::from(stop.position_at(stop.end()));
         let way = (end - from).abs() as f64 - beyond;
         let rounding = 1e-6 * (1.0 + ramp);
-        prop_assert!((least - rounding..=least + 1.0 + rounding).contains(&way), "{} steps, not {}", way, least);
+        prop_assert!((first_true - rounding..=first_true + 1.0 + rounding).contains(&way), "{} steps, not {}", way, first_true);
 
         // It goes on as the slew did until the ramp, and never faster.
         let seconds = stop.end().since(now).ticks() as f64 / 16e6;
@@ -316,7 +323,7 @@ proptest! {
         // In its ramp it may be stopped again.
         let [cruise, ramp] = stop.segments() else { panic!("{stop:?}") };
         let later = cruise.ticks + again;
-        if !finishes && again < ramp.ticks / 2 && least > 8.0 {
+        if !finishes && again < ramp.ticks / 2 && first_true > 8.0 {
             let twice = stop.stop_on_step(at(when + later), rates);
             prop_assert_eq!(twice.position_at(Instant::NEVER), stop.position_at(Instant::NEVER));
         }
@@ -329,7 +336,7 @@ proptest! {
         slew in proptest::option::of(any::<i32>()),
     ) {
         let (start, speed) = (U24F8::from_bits(start), U24F8::from_bits(speed));
-        let rates = Limits { start, speed, up: 1 << up, down: 1 << down };
+        let rates = Limits { start_speed: start, max_speed: speed, acceleration: 1 << up, deceleration: 1 << down };
         let mut plan = Plan::profile(at(100), 3, steps, rates);
         let length = (plan.end().ticks() - 100).min(1 << 41);
         if let Some(speed) = slew {
@@ -341,7 +348,7 @@ proptest! {
         for step in StepIterator::new(&plan, after).take(500) {
             position += if step.forward { 1 } else { -1 };
             if seen.insert(position) {
-                prop_assert_eq!(plan.when(after, position), step.at, "{}", position);
+                prop_assert_eq!(plan.time_of(after, position), step.at, "{}", position);
             }
         }
     }
@@ -353,11 +360,11 @@ proptest! {
         seam in 0..4_usize, beside in -2..3_i64, inside in any::<u64>(), position in any::<i32>(),
     ) {
         let [start, speed, up, down] = bits.map(|bits| (1 << bits) | (fine & ((1 << bits) - 1)));
-        let rates = Limits { start: U24F8::from_bits(start), speed: U24F8::from_bits(speed), up, down };
+        let rates = Limits { start_speed: U24F8::from_bits(start), max_speed: U24F8::from_bits(speed), acceleration: up, deceleration: down };
         let mut plan = Plan::profile(at(100), 3, steps, rates);
         if let Some((when, speed)) = order {
             let when = at(100 + when % (plan.end().ticks() - 99));
-            plan = plan.towards(when, I24F8::from_bits(speed), up);
+            plan = plan.ramp_to(when, I24F8::from_bits(speed), up);
         }
         // Half of the time close to a seam.
         let seam = plan.segments().iter().take(seam).map(|segment| segment.ticks.min(1 << 40)).sum::<u64>();
@@ -365,7 +372,7 @@ proptest! {
         let passed = if inside % 2 == 0 { seam } else { (inside / 2) % (length + 2) };
         let now = at(plan.start().ticks() + passed.saturating_add_signed(beside));
 
-        let rest = plan.resumed(now, position);
+        let rest = plan.continued_from(now, position);
         let lost = position.wrapping_sub(plan.position_at(now));
         prop_assert_eq!(rest.start(), now);
         prop_assert_eq!(rest.end(), plan.end().max(now));

@@ -107,11 +107,11 @@ fn a_step_without_a_plan_takes_the_time_since_the_last_one_and_a_millisecond_at_
 #[test]
 fn what_a_ramp_leaves_between_two_steps_is_turned_back_in_a_millisecond() {
     let mut motor = motor(StepperParameters::NOMINAL);
-    let jog = Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, I24F8::from_num(1_000), 10_000);
+    let jog = Plan::at_rest(Instant::ZERO, 0).ramp_to(Instant::ZERO, I24F8::from_num(1_000), 10_000);
     plan(&mut motor, Instant::ZERO, &jog);
     // 100 ms up are 50 steps; 150.25 steps at 200.25 ms, 200.25 where it stands.
     let stops = at_us(200_250);
-    plan(&mut motor, stops, &jog.towards(stops, I24F8::ZERO, 10_000));
+    plan(&mut motor, stops, &jog.ramp_to(stops, I24F8::ZERO, 10_000));
     assert_turns(&mut motor, at_us(300_249), (200.25 - 0.5 * 10_000.0 * 1e-12) / 1_600.0);
     assert_turns(&mut motor, at_us(300_250), 200.25 / 1_600.0);
     assert_turns(&mut motor, at_us(300_750), 200.125 / 1_600.0);
@@ -123,7 +123,7 @@ fn power_comes_and_the_shaft_is_where_it_was() {
     let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(1_000), 3);
     // A drive begins to count at 0 again.
-    plan(&mut motor, at_us(5_000), &Plan::rest(at_us(5_000), 0));
+    plan(&mut motor, at_us(5_000), &Plan::at_rest(at_us(5_000), 0));
     assert_turns(&mut motor, at_us(9_000), 3.0 / 1_600.0);
     step(&mut motor, at_us(10_000), 1);
     assert_turns(&mut motor, at_us(11_000), 4.0 / 1_600.0);
@@ -172,7 +172,7 @@ fn loaded() -> StepperMotor {
 
 /// A ramp of 8,000 steps/s², which is 5 turns/s² = 31.416 rad/s², with 10⁻⁴ kg·m² 3,141.59 µN·m.
 fn ramp(at: Instant, speed: i32) -> Plan {
-    Plan::rest(at, 0).towards(at, I24F8::from_num(speed), 8_000)
+    Plan::at_rest(at, 0).ramp_to(at, I24F8::from_num(speed), 8_000)
 }
 
 /// When it stalls first.
@@ -410,7 +410,7 @@ fn other_full_steps_begin_where_the_shaft_is() {
 }
 
 proptest! {
-    /// Whatever its drive does, the shaft never jumps, does not turn round inside a stretch, is where its angle is
+    /// Whatever its drive does, the shaft never jumps, does not turn round inside a interval, is where its angle is
     /// compared, and stands at a whole step of its drive in the end.
     #[test]
     fn the_shaft_never_jumps(
@@ -418,7 +418,7 @@ proptest! {
         samples in proptest::collection::vec(any::<u64>(), 4),
     ) {
         let mut motor = motor(StepperParameters::NOMINAL);
-        let mut course = Plan::rest(Instant::ZERO, 0);
+        let mut course = Plan::at_rest(Instant::ZERO, 0);
         let mut now = Instant::ZERO;
         let mut last = 0;
         let mut seen: Vec<i64> = Vec::new();
@@ -449,7 +449,7 @@ proptest! {
             let rests = course.end() <= now;
             course = match what {
                 0 if rests => Plan::profile(now, 5, number / 10, Limits::even(U24F8::from_num(9_000), 70_000)),
-                0 | 1 => course.towards(now, I24F8::from_num(number), 300_000),
+                0 | 1 => course.ramp_to(now, I24F8::from_num(number), 300_000),
                 2 => {
                     if rests {
                         motor.input(now, Input::Step { axis: AXIS, steps: number.signum() }, &mut nothing());
@@ -514,7 +514,7 @@ proptest! {
     #[test]
     fn anything_turns_it_evenly(all in proptest::collection::vec((0_u64..400_000_000, anything()), 1..40)) {
         let mut motor = motor(LOADED);
-        let mut course = Plan::rest(Instant::ZERO, 0);
+        let mut course = Plan::at_rest(Instant::ZERO, 0);
         let mut now = Instant::ZERO;
         for (wait, happens) in all {
             let then = now + Duration::from_ticks(wait);
@@ -527,23 +527,23 @@ proptest! {
                 prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "it jumps by {}", motor.angle_at(now) - before);
                 wakes += 1;
                 prop_assert!(wakes < 30_000, "it never rests");
-                let Kinematics { h, turn, .. } = motor.pace();
+                let Kinematics { half_speed, turn, .. } = motor.kinematics();
                 if motor.is_loose {
-                    let rpm = 2.0 * h as f64 / turn as f64 * 16e6 * 60.0;
+                    let rpm = 2.0 * half_speed as f64 / turn as f64 * 16e6 * 60.0;
                     prop_assert!(rpm.abs() <= f64::from(motor.parameters.pull_out_rpm) * 1.001 + 0.1, "{} rpm", rpm);
                 }
             }
             now = then;
             let before = motor.angle_at(now);
             match happens {
-                Happens::Slews(speed) => course = course.towards(now, I24F8::from_bits(speed), 300_000),
+                Happens::Slews(speed) => course = course.ramp_to(now, I24F8::from_bits(speed), 300_000),
                 Happens::Halts => course = course.halt(now),
                 Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut nothing()),
                 Happens::Current(ma) => motor.input(now, Input::CurrentLimit { axis: AXIS, ma }, &mut nothing()),
                 Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut nothing()),
                 Happens::Load(parameters) => motor.load(now, parameters),
                 Happens::Keeps(keeps) => motor.keep_field(now, keeps),
-                Happens::Catches => motor.catch(now),
+                Happens::Catches => motor.resynchronise(now),
                 Happens::Microsteps(microsteps) => motor.set_microsteps(now, microsteps),
             }
             if let Happens::Slews(_) | Happens::Halts = happens {

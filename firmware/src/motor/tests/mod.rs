@@ -332,12 +332,12 @@ fn another_motor_is_at_the_same_count() {
     let before = motor.shaft(at_ms(300), AXIS).unwrap().position;
     let edges = out.levels.len();
     for hall_pulses in [1, 12, 5, 4] {
-        motor.become_another(at_ms(300), Parameters { hall_pulses, ..Parameters::NOMINAL }, &mut out);
+        motor.set_parameters(at_ms(300), Parameters { hall_pulses, ..Parameters::NOMINAL }, &mut out);
         assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     }
     assert_eq!(out.levels.len(), edges);
     // With another sensor more it is also there, and tells what each of them shows.
-    motor.become_another(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut out);
+    motor.set_parameters(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut out);
     assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     let states = ["101", "100", "110", "010", "011", "001"];
     let state: String = out.levels[edges..].iter().map(|&(.., level)| digit(level)).collect();

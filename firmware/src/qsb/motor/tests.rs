@@ -120,7 +120,7 @@ fn an_active_motor_has_pulled_its_pins_low_and_stands() {
     let mut dut = Dut::new();
     let now = dut.now;
     assert_eq!(dut.out.levels, [(now, DIO1, Level::Low), (now, DIO2, Level::Low)]);
-    assert_eq!(dut.out.plans, [(now, AXIS, Plan::rest(now, 0))]);
+    assert_eq!(dut.out.plans, [(now, AXIS, Plan::at_rest(now, 0))]);
     dut.motor.activate(now, &mut dut.out);
     assert_eq!((dut.out.levels.len(), dut.out.plans.len()), (2, 1));
     assert_eq!((dut.motor.is_active(), dut.status(), dut.motor.is_forward(now)), (true, 0x11, false));
@@ -437,7 +437,7 @@ fn it_stands_where_it_is_deactivated() {
     dut.is(5_000, 1_200, 0x01);
     dut.motor.activate(dut.now, &mut dut.out);
     dut.is(6_000, 1_200, 0x11);
-    assert_eq!(dut.out.plans.last(), Some(&(5.secs().into(), AXIS, Plan::rest(5.secs().into(), 1_200))));
+    assert_eq!(dut.out.plans.last(), Some(&(5.secs().into(), AXIS, Plan::at_rest(5.secs().into(), 1_200))));
 }
 
 #[test]
@@ -445,7 +445,7 @@ fn steps_that_a_board_has_slipped_count() {
     let mut dut = Dut::new();
     dut.order_at(0, Order::Move);
     dut.order_at(700, Order::Pause);
-    dut.motor.slipped(3);
+    dut.motor.correct_steps(3);
     dut.run_until(900.millis());
     assert_eq!(dut.status(), 0x14);
     dut.order_at(1_000, Order::Resume);

@@ -42,7 +42,7 @@ fn a_backspace_erases_a_partial_command() {
     let mut dut = Dut::ready(Qsb::m());
     assert_eq!(dut.ask("W0C\x08R0C"), "r 0C 0000FFFF !");
     assert_eq!(dut.ask("nonsense that is far too long\x08R08"), "r 08 000001F3 !");
-    dut.tell(Input::RxError { port: USB });
+    dut.feed(Input::RxError { port: USB });
     assert_eq!(dut.ask("\x08R08"), "r 08 000001F3 !");
     dut.hear(b"R08\x08\r");
     assert_eq!(dut.texts(), [], "nothing is left of it");

@@ -137,7 +137,7 @@ impl Dut {
 
     /// A voltage at a pin, now.
     fn volts(&mut self, pin: Pin, mv: i32) {
-        self.tell(Input::Millivolts { pin, mv });
+        self.feed(Input::Millivolts { pin, mv });
     }
 
     /// Quarter cycles of a quadrature encoder, 1 µs each, from A and B both high; a multiple of four, or

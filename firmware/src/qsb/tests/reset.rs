@@ -80,7 +80,7 @@ fn opening_the_port_resets_it() {
 fn leaving_the_port_changes_nothing() {
     let mut dut = Dut::ready(Qsb::s());
     dut.write("W0C5");
-    dut.tell(Input::HostPresence { port: USB, here: false });
+    dut.feed(Input::HostPresence { port: USB, here: false });
     assert_eq!(dut.ask("R0C"), "r 0C 00000005 !");
 }
 

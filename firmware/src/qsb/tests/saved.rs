@@ -76,7 +76,7 @@ fn a_reset_by_the_host_cuts_no_save() {
     let mut dut = Dut::ready(Qsb::m());
     dut.write("W0C7");
     dut.write("W163");
-    dut.tell(Input::HostPresence { port: USB, here: true });
+    dut.feed(Input::HostPresence { port: USB, here: true });
     dut.wait(10.millis());
     assert_eq!(dut.ask("R0C"), "r 0C 00000007 !");
 }

@@ -104,7 +104,7 @@ pub enum Operation {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum OperandForm {
     /// None.
-    Bare,
+    NoOperand,
     /// bTypeJmp and uData: a line, or how many lines further on.
     Target,
     /// uData: ms.
@@ -162,7 +162,7 @@ impl Opcode {
         use Instruction as I;
         I::COMMAND
             | match self.form {
-                OperandForm::Bare => 0,
+                OperandForm::NoOperand => 0,
                 OperandForm::Target => I::TYPE_JMP | I::DATA,
                 OperandForm::Time | OperandForm::Subroutine | OperandForm::Loop => I::DATA,
                 OperandForm::Register => I::REGISTER,
@@ -195,7 +195,7 @@ const TABLE: [(&str, Opcode); COUNT] = {
     use Operation::*;
     [
         // 0x00
-        word("stop_program",         Stop,          Bare),
+        word("stop_program",         Stop,          NoOperand),
         word("mov_sysreg_const",     Move,          RegisterConstant),
         word("mov_modbus_sysreg",    Move,          ModbusRegister),
         word("mov_sysreg_modbus",    Move,          RegisterModbus),
@@ -206,9 +206,9 @@ const TABLE: [(&str, Opcode); COUNT] = {
         word("jmp_ax_more_bx",       JumpGreater,   Target),
         word("jmp_ax_less_bx",       JumpLess,      Target),
         word("call",                 Call,          Subroutine),
-        word("return",               Return,        Bare),
+        word("return",               Return,        NoOperand),
         word("for",                  For,           Loop),
-        word("full_stop_program",    FullStop,      Bare),
+        word("full_stop_program",    FullStop,      NoOperand),
         word("mov_modbus_const",     Move,          ModbusConstant),
         word("mov_sysreg_sysreg",    Move,          RegisterRegister),
         // 0x10

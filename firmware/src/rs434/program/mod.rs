@@ -13,7 +13,7 @@ pub(super) mod vm;
 
 use drivetwin_protocol::modbus::rtu::crc;
 
-use self::vm::{REGISTERS, Step, Vm, World};
+use self::vm::{Host, REGISTERS, Step, Vm};
 use super::saved::SAVE;
 use super::{LINES, SETTINGS};
 use crate::device::{Context, Duration, Instant};
@@ -98,7 +98,7 @@ impl Program {
         self.vm = Vm::new();
         self.buffer.fill([0; 4]);
         (self.status, self.line_due, self.save) = (Status::Stopped, Instant::NEVER, None);
-        self.judge(out)
+        self.check_flash(out)
     }
 
     pub(super) fn status(&self) -> Status {
@@ -110,8 +110,8 @@ impl Program {
         matches!(self.status, Status::StartedByBus | Status::StartedByPower | Status::Running)
     }
 
-    /// Starts at line 0, `status` being one of the two that say so; fails at once where the flash is bad. Without
-    /// effect while it is [`Status::Running`]. The system registers stay as they are.
+    /// Starts at line 0; `status` is one of the two started states. Fails at once if the flash is bad. Without effect
+    /// while it is [`Status::Running`]. The system registers stay as they are.
     pub(super) fn start(&mut self, at: Instant, status: Status) {
         if self.status == Status::Running {
             return;
@@ -159,7 +159,7 @@ impl Program {
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         // The lines of a save that runs are there already.
         if self.save.is_none() {
-            self.judge(out);
+            self.check_flash(out);
         }
         match self.flash {
             Content::New => self.buffer.fill([0; 4]),
@@ -185,7 +185,7 @@ impl Program {
     }
 
     /// Looks at the flash; whether it passes.
-    fn judge(&mut self, out: &dyn Context) -> bool {
+    fn check_flash(&mut self, out: &dyn Context) -> bool {
         self.flash = memory::content(out.memory().get(SETTINGS..).unwrap_or(&[]), BYTES / 2);
         self.flash != Content::Bad
     }
@@ -201,18 +201,18 @@ impl Program {
     }
 }
 
-/// Carries out the line that is due, if one is. What it says is the drive's to do: at [`Step::FullEnd`] its
-/// registers return to what they were before the start and the motor stops, AX to JX have returned; at
-/// [`Step::Error`] ERROR bit 8 comes and the motor stops.
-pub(super) fn run(at: Instant, world: &mut impl World) -> Option<Step> {
-    let program = world.program();
+/// Carries out the line that is due, if one is. The drive does the rest: at [`Step::FullEnd`] it restores its registers
+/// from before the start and stops the motor, AX to JX are restored here; at [`Step::Error`] it sets ERROR bit 8 and
+/// stops the motor.
+pub(super) fn run(at: Instant, host: &mut impl Host) -> Option<Step> {
+    let program = host.program();
     if program.line_due > at {
         return None;
     }
     // Before the line: it may stop its own program, or restart the drive.
     (program.status, program.line_due) = (Status::Running, at + LINE);
-    let step = vm::step(world);
-    let program = world.program();
+    let step = vm::step(host);
+    let program = host.program();
     match step {
         Step::Next | Step::Acted => {}
         Step::Delay(ms) => program.line_due = at + Duration::millis(ms.into()).max(LINE),

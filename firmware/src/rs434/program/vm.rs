@@ -23,19 +23,19 @@ pub(in crate::rs434) struct Vm {
     /// Loops of all subroutines, the innermost last.
     loops: Vec<Loop, 8>,
     /// Number of them that belong to callers.
-    outside: usize,
+    caller_loops: usize,
 }
 
 /// A subroutine that has been called.
 #[derive(Clone, Copy, Debug)]
 struct Call {
     /// Line at which its caller goes on.
-    back: u16,
-    /// Value of [`Vm::outside`] there.
-    outside: usize,
+    return_line: u16,
+    /// Value of [`Vm::caller_loops`] there.
+    caller_loops: usize,
 }
 
-/// A FOR whose rounds are not over.
+/// A FOR that is not finished.
 #[derive(Clone, Copy, Debug)]
 struct Loop {
     /// First line.
@@ -43,11 +43,11 @@ struct Loop {
     /// Number of lines.
     length: u16,
     /// Rounds to go, this one included.
-    left: u16,
+    rounds_left: u16,
 }
 
 /// Everything a program can reach: the drive, with the program in it.
-pub(in crate::rs434) trait World {
+pub(in crate::rs434) trait Host {
     /// The program, with its registers.
     fn program(&mut self) -> &mut Program;
 
@@ -87,27 +87,27 @@ pub(in crate::rs434) enum Step {
 }
 
 /// Carries out the next line.
-pub(super) fn step(world: &mut impl World) -> Step {
-    carry_out(world).unwrap_or(Step::Error)
+pub(super) fn step(host: &mut impl Host) -> Step {
+    execute(host).unwrap_or(Step::Error)
 }
 
 /// `None` where it cannot be carried out.
-fn carry_out(world: &mut impl World) -> Option<Step> {
-    let line = world.program().vm.arrive();
-    let instruction = Instruction(fetch(world, line)?);
-    let vm = &mut world.program().vm;
+fn execute(host: &mut impl Host) -> Option<Step> {
+    let line = host.program().vm.next_pc();
+    let instruction = Instruction(fetch(host, line)?);
+    let vm = &mut host.program().vm;
     vm.line = line;
     vm.next = line + 1;
     let Some(command) = instruction.command() else {
         // A new flash, all ones, is a program that ends at once.
-        return world.program().is_new().then_some(Step::End);
+        return host.program().is_new().then_some(Step::End);
     };
     let Opcode { operation, wide, form } = command;
     let (register, data) = (instruction.register().into(), instruction.data());
     let bus = || Some((space(instruction.space())?, data));
     let (changed, second) = match form {
-        OperandForm::Bare => match operation {
-            Operation::Return => return vm.come_back(),
+        OperandForm::NoOperand => match operation {
+            Operation::Return => return vm.ret(),
             Operation::FullStop => return Some(Step::FullEnd),
             _ => return Some(Step::End),
         },
@@ -121,38 +121,38 @@ fn carry_out(world: &mut impl World) -> Option<Step> {
         OperandForm::Subroutine => return vm.call(data),
         OperandForm::Loop => return vm.repeat(data),
         OperandForm::Register => (register, 0),
-        OperandForm::RegisterConstant if wide => (register, constant(world, wide)?),
+        OperandForm::RegisterConstant if wide => (register, constant(host, wide)?),
         OperandForm::RegisterConstant | OperandForm::RegisterShift => (register, data.into()),
         OperandForm::RegisterRegister if operation == Operation::Move => (data, vm.get(register, wide)?),
         OperandForm::RegisterRegister => (register, vm.get(data, wide)?),
         OperandForm::RegisterModbus => {
             let (space, address) = bus()?;
-            (register, world.read(space, address, wide)?)
+            (register, host.read(space, address, wide)?)
         }
         OperandForm::ModbusRegister => {
             let second = vm.get(register, wide)?;
-            return change(world, bus()?, command, instruction, second);
+            return change(host, bus()?, command, instruction, second);
         }
         OperandForm::ModbusConstant | OperandForm::ModbusShift => {
-            let second = constant(world, wide)?;
-            return change(world, bus()?, command, instruction, second);
+            let second = constant(host, wide)?;
+            return change(host, bus()?, command, instruction, second);
         }
-        OperandForm::Modbus => return change(world, bus()?, command, instruction, 0),
+        OperandForm::Modbus => return change(host, bus()?, command, instruction, 0),
     };
-    world.program().vm.change(changed, command, instruction, second)
+    host.program().vm.change(changed, command, instruction, second)
 }
 
 /// A line of the flash; `None` past the last one.
-fn fetch(world: &impl World, line: u16) -> Option<u32> {
+fn fetch(host: &impl Host, line: u16) -> Option<u32> {
     let place = SETTINGS + 4 * usize::from(existing(line)?);
-    world.memory().get(place..place + 4)?.first_chunk().copied().map(u32::from_le_bytes)
+    host.memory().get(place..place + 4)?.first_chunk().copied().map(u32::from_le_bytes)
 }
 
 /// uCMD_DATA, the line behind this one; of 16 bits its low half.
-fn constant(world: &mut impl World, wide: bool) -> Option<u32> {
-    let line = world.program().vm.next;
-    let constant = fetch(world, line)?;
-    world.program().vm.next = line + 1;
+fn constant(host: &mut impl Host, wide: bool) -> Option<u32> {
+    let line = host.program().vm.next;
+    let constant = fetch(host, line)?;
+    host.program().vm.next = line + 1;
     Some(if wide { constant } else { constant & 0xFFFF })
 }
 
@@ -170,7 +170,7 @@ fn space(number: u8) -> Option<Space> {
 /// Carries out a command on a register of the bus, or on two, with a second operand.
 #[inline(never)]
 fn change(
-    world: &mut impl World,
+    host: &mut impl Host,
     (space, address): (Space, u16),
     command: Opcode,
     instruction: Instruction,
@@ -180,13 +180,13 @@ fn change(
     let bits = matches!(space, Space::Coil | Space::Discrete);
     let result = match operation {
         Operation::Move => second,
-        Operation::Not if bits => world.read(space, address, wide)? ^ 0x0001_0001,
-        _ => calculate(operation, instruction, world.read(space, address, wide)?, second)?,
+        Operation::Not if bits => host.read(space, address, wide)? ^ 0x0001_0001,
+        _ => calculate(operation, instruction, host.read(space, address, wide)?, second)?,
     };
     let words = split(result);
     // A bit is set by whatever is not 0.
     let words = if bits { words.map(|word| u16::from(word != 0)) } else { words };
-    let acted = world.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
+    let acted = host.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
     Some(if acted { Step::Acted } else { Step::Next })
 }
 
@@ -217,28 +217,35 @@ const fn split(value: u32) -> [u16; 2] {
 
 impl Vm {
     pub(super) fn new() -> Self {
-        Self { registers: [0; REGISTERS], line: 0, next: 0, calls: Vec::new(), loops: Vec::new(), outside: 0 }
+        Self {
+            registers: [0; REGISTERS],
+            line: 0,
+            next: 0,
+            calls: Vec::new(),
+            loops: Vec::new(),
+            caller_loops: 0,
+        }
     }
 
     /// Goes to line 0; the system registers stay.
     pub(super) fn rewind(&mut self) {
-        (self.line, self.next, self.outside) = (0, 0, 0);
+        (self.line, self.next, self.caller_loops) = (0, 0, 0);
         self.calls.clear();
         self.loops.clear();
     }
 
     /// The next line. Where a round of a loop ends it is the first one of the next round; a loop that it does not
     /// lie in is over.
-    fn arrive(&mut self) -> u16 {
-        while self.loops.len() > self.outside
+    fn next_pc(&mut self) -> u16 {
+        while self.loops.len() > self.caller_loops
             && let Some(innermost) = self.loops.last_mut()
         {
             let into = self.next.wrapping_sub(innermost.start);
             if into < innermost.length {
                 break;
             }
-            if into == innermost.length && innermost.left > 1 {
-                innermost.left -= 1;
+            if into == innermost.length && innermost.rounds_left > 1 {
+                innermost.rounds_left -= 1;
                 self.next = innermost.start;
                 break;
             }
@@ -304,26 +311,26 @@ impl Vm {
     /// CMD_CALL.
     fn call(&mut self, subroutine: u16) -> Option<Step> {
         let subroutine = existing(subroutine)?;
-        self.calls.push(Call { back: self.next, outside: self.outside }).ok()?;
-        (self.next, self.outside) = (subroutine, self.loops.len());
+        self.calls.push(Call { return_line: self.next, caller_loops: self.caller_loops }).ok()?;
+        (self.next, self.caller_loops) = (subroutine, self.loops.len());
         Some(Step::Next)
     }
 
     /// CMD_RETURN: loops of the subroutine are over.
-    fn come_back(&mut self) -> Option<Step> {
-        let Call { back, outside } = self.calls.pop()?;
-        self.loops.truncate(self.outside);
-        (self.next, self.outside) = (back, outside);
+    fn ret(&mut self) -> Option<Step> {
+        let Call { return_line, caller_loops } = self.calls.pop()?;
+        self.loops.truncate(self.caller_loops);
+        (self.next, self.caller_loops) = (return_line, caller_loops);
         Some(Step::Next)
     }
 
-    /// CMD_FOR: the high byte says how many lines, the low one how often (RS434-30).
+    /// CMD_FOR: the high byte is the number of lines, the low one the number of rounds (RS434-30).
     fn repeat(&mut self, data: u16) -> Option<Step> {
         let [length, rounds] = data.to_be_bytes().map(u16::from);
         match (length, rounds) {
             (0, _) => {}
             (_, 0) => self.next += length,
-            _ => self.loops.push(Loop { start: self.next, length, left: rounds }).ok()?,
+            _ => self.loops.push(Loop { start: self.next, length, rounds_left: rounds }).ok()?,
         }
         Some(Step::Next)
     }

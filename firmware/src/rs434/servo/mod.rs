@@ -25,32 +25,32 @@ use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::error;
 use crate::device::{Context, Instant, Output, Rotation};
-use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, Known, NEAR, Parameters, TICK, scaled};
+use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
 
 /// The most and the least duty that is not 0: 0.98 and 0.01 of the supply (3).
-const MOST_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
-const LEAST_DUTY: i32 = FULL_DUTY / 100 + 1;
+const MAX_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
+const MIN_DUTY: i32 = FULL_DUTY / 100 + 1;
 
 /// The way in counts that shorted terminals may still let pass at the end of a move.
-const SLIDE: I40F24 = I40F24::lit("0.03125");
-/// A slower shaft stands, in rpm: a motor without friction never comes to rest.
-const STANDING: I40F24 = I40F24::lit("0.002");
+const MAX_COAST: I40F24 = I40F24::lit("0.03125");
+/// A slower shaft counts as standing, in rpm: a motor without friction never comes to rest.
+const STANDSTILL_RPM: I40F24 = I40F24::lit("0.002");
 /// The part of its full speed at which a shaft that its load pulls is as good as standing.
-const PULLED: i64 = 128;
+const PULLED_DIVISOR: i64 = 128;
 
-/// Ticks of its ramp by which the reference may be away from the motor's speed. Without a bound it would run away from
-/// a motor that is held, which would jump when it is let go.
-const AHEAD: i64 = 4;
+/// Largest distance of the setpoint from the motor's speed, in ticks of its ramp. Without it the setpoint would run
+/// away from a blocked motor, which would jump when it is released.
+const MAX_LEAD_TICKS: i64 = 4;
 /// Ticks in which the push of a shaft that is held grows by the whole supply.
-const STUCK: i64 = 64;
+const BREAKAWAY_TICKS: i64 = 64;
 /// Counts that the shaft turns, in which this part of them has to come: else a wire is broken.
-const MISSED: I40F24 = I40F24::lit("16");
-const MADE: i64 = 4;
+const CHECK_COUNTS: I40F24 = I40F24::lit("16");
+const MIN_COUNTED: i64 = 4;
 
 /// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Order {
-    /// No motion: the motor stands, or is turned from outside.
+    /// No motion: the motor is at rest, or is turned from outside.
     None,
     /// Turn on and on.
     Rotate { forward: bool },
@@ -86,14 +86,14 @@ pub(super) struct Servo {
     order: Order,
     next: Instant,
     /// The reference of the speed.
-    pace: I40F24,
+    setpoint: I40F24,
     /// 1 forward, −1 backward: what moves, or did.
-    facing: i8,
+    direction: i8,
     duty: i32,
     /// Duty that was left out because there is none between 0 and the least: the next ticks make up for it.
     owed: I40F24,
     /// Speed by which a shaft that does not move is pushed harder than its load and friction ask for: it is held.
-    stuck: I40F24,
+    breakaway: I40F24,
     /// Limit of the current at the terminals, in mA: 0 while they are open.
     limit_ma: u32,
     held_back: HeldBack,
@@ -109,20 +109,20 @@ pub(super) struct Servo {
 }
 
 impl Servo {
-    /// A motor that stands, its terminals as MODE_COIL says.
+    /// A motor at standstill, its terminals as MODE_COIL selects.
     pub(super) fn new(at: Instant, settings: Settings) -> Self {
         Self {
             settings,
             feedback: Feedback::new(&settings.motor()),
             order: Order::None,
             next: Instant::NEVER,
-            pace: I40F24::ZERO,
-            facing: 0,
+            setpoint: I40F24::ZERO,
+            direction: 0,
             duty: 0,
             owed: I40F24::ZERO,
-            stuck: I40F24::ZERO,
+            breakaway: I40F24::ZERO,
             limit_ma: if settings.closed { settings.limit_ma } else { 0 },
-            held_back: HeldBack::NOT,
+            held_back: HeldBack::NONE,
             counter: Counter::new(at),
             edges: Edges::NONE,
             compared: None,
@@ -132,7 +132,7 @@ impl Servo {
         }
     }
 
-    /// Power has come, or comes again: tells the motor its terminals. The motor itself is the one it was.
+    /// Power has come, or comes again: puts the state of the terminals. The motor's feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self::new(at, settings);
@@ -143,9 +143,9 @@ impl Servo {
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_ma });
     }
 
-    /// Registers have been written. A move keeps the speed and the ramps that it began with; all else follows at
-    /// once: continuous rotation, the sensors, the limit of the current, and the terminals of a motor that stands.
-    /// Returns whether anything has changed (RS434-15).
+    /// Registers have been written. A move keeps the speed and the ramps that it began with; all else changes at once:
+    /// continuous rotation, the sensors, the current limit, and the terminals of a motor at rest. Returns whether
+    /// anything has changed (RS434-15).
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
         if settings == self.settings {
             return false;
@@ -158,14 +158,14 @@ impl Servo {
         let (to, from) = (settings.counts(), before.counts());
         if to != from || settings.halls != before.halls {
             // The motor that the drive brings becomes another one, at another angle.
-            self.edges.forget();
+            self.edges.reset();
             self.compared = None;
         }
         if settings.halls != before.halls {
             // Open loop goes on from the speed that it had, and so does the loop that begins.
-            self.pace = if before.sees() { scaled(speed, to, from) } else { self.speed_at(at) };
+            self.setpoint = if before.has_sensors() { scaled(speed, to, from) } else { self.speed_at(at) };
         } else if to != from {
-            self.pace = scaled(self.pace, to, from);
+            self.setpoint = scaled(self.setpoint, to, from);
         }
         if to != from
             && let Order::Move { rates, .. } | Order::Stop { rates: Some(rates) } = &mut self.order
@@ -179,30 +179,31 @@ impl Servo {
     /// Continuous rotation, or the other way by way of standstill.
     pub(super) fn rotate(&mut self, at: Instant, forward: bool, out: &mut dyn Context) {
         self.goal = None;
-        self.begin(at, Order::Rotate { forward }, if forward { 1 } else { -1 }, out);
+        self.start(at, Order::Rotate { forward }, if forward { 1 } else { -1 }, out);
     }
 
-    /// So many counts on from where it is, with two Hall sensors. Where it stops lies `compensation` counts further
-    /// along the motion, but never behind its beginning; what is left counts down to the `counts` themselves.
-    /// Where there is no way to go there is no motion, and nothing left (RS434-17).
+    /// A move by `counts` from the present position, with two Hall sensors. It stops `compensation` counts further
+    /// along the motion, but never behind its beginning; the remaining distance is counted to `counts` itself. Without
+    /// a distance there is no motion, and no remaining distance (RS434-17).
     pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Context) {
         let sign = i64::from(counts.signum());
-        let way = i64::from(counts) + sign * i64::from(compensation);
-        if way.signum() != sign || sign == 0 {
+        let distance = i64::from(counts) + sign * i64::from(compensation);
+        if distance.signum() != sign || sign == 0 {
             (self.goal, self.left) = (None, 0);
             return;
         }
         let here = self.counter.count();
-        let (count, rates) = (here + way, self.settings.rates());
+        let (count, rates) = (here + distance, self.settings.rates());
         (self.goal, self.left) = (Some(Goal { count: here + i64::from(counts), sign }), counts);
         let speed = self.speed_at(at);
-        if self.is_moving() && rates.is_too_fast(self.way_to(at, count), speed, self.brakes()) {
+        if self.is_moving() && rates.is_too_fast(self.distance_to(at, count), speed, self.max_deceleration())
+        {
             self.errors |= error::BRAKING;
         }
-        self.begin(at, Order::Move { count, rates }, sign as i8, out);
+        self.start(at, Order::Move { count, rates }, sign as i8, out);
     }
 
-    /// To standstill with DEC; what was a move, with the DEC that it began with.
+    /// To standstill with DEC; a move with the DEC that it began with.
     pub(super) fn stop(&mut self) {
         match self.order {
             Order::Rotate { .. } => self.order = Order::Stop { rates: None },
@@ -228,18 +229,18 @@ impl Servo {
         self.apply(at, 0, out);
     }
 
-    /// Begins what was ordered, with a tick at once if nothing has moved so far.
-    fn begin(&mut self, at: Instant, order: Order, facing: i8, out: &mut dyn Context) {
+    /// Starts an order, with a tick at once if nothing moves yet.
+    fn start(&mut self, at: Instant, order: Order, direction: i8, out: &mut dyn Context) {
         let moved = self.is_moving();
         self.order = order;
         if moved {
             return;
         }
-        self.facing = facing;
+        self.direction = direction;
         self.edges.begin(at, self.settings.counts(), &self.feedback);
         self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
-        (self.pace, self.owed, self.stuck) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
-        self.held_back = HeldBack::NOT;
+        (self.setpoint, self.owed, self.breakaway) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
+        self.held_back = HeldBack::NONE;
         self.next = at;
         self.terminals(at, out);
         self.tick(at, out);
@@ -247,9 +248,9 @@ impl Servo {
 
     /// A Hall sensor changed: A, or else B.
     pub(super) fn edge(&mut self, at: Instant, a: bool, high: bool) {
-        match self.counter.edge(at, a, high, self.settings.halls, self.facing > 0) {
+        match self.counter.edge(at, a, high, self.settings.halls, self.direction > 0) {
             Ok(Some(forward)) => {
-                // One sensor does not tell the direction, so it is never connected the wrong way round.
+                // A single sensor gives no direction, so it cannot be connected the wrong way round.
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
                 let turn = self.settings.counts();
                 self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
@@ -269,7 +270,7 @@ impl Servo {
 
     /// The motor is this one.
     pub(super) fn motor(&mut self, parameters: &Parameters) {
-        self.feedback.motor = Known::of(parameters);
+        self.feedback.motor = ControlModel::of(parameters);
     }
 
     /// The motor turns like this from now on.
@@ -294,85 +295,87 @@ impl Servo {
         self.next = at + TICK;
         if self.order == Order::Halt {
             self.brake_short(at, out);
-        } else if self.settings.sees() {
-            self.regulate(at, out);
+        } else if self.settings.has_sensors() {
+            self.closed_loop(at, out);
         } else {
-            self.steer(at, out);
+            self.open_loop(at, out);
         }
-        if self.held_back.holds(at, self.limited(), self.feedback.rpm(at)) {
+        if self.held_back.update(at, self.limited_direction(), self.feedback.rpm(at)) {
             self.errors |= error::CURRENT_LIMIT;
         }
     }
 
     /// Direction in which a current at its limit pushes the motor; 0 below the limit.
-    fn limited(&self) -> i32 {
+    fn limited_direction(&self) -> i32 {
         if self.feedback.is_limited(self.limit_ma) { self.feedback.ma.signum() } else { 0 }
     }
 
-    /// With shorted terminals, until the motor stands or is as slow as its load lets it (RS434-20).
+    /// With shorted terminals, until the motor is at rest or as slow as its load lets it (RS434-20).
     fn brake_short(&mut self, at: Instant, out: &mut dyn Context) {
-        self.pace = self.speed_at(at);
-        let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.pace));
+        self.setpoint = self.speed_at(at);
+        let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.setpoint));
         let motor = &self.feedback.motor;
         let pulled = motor.torque(0).abs();
-        let slow = if pulled == 0 { STANDING } else { pulled + motor.rpm(FULL_DUTY) / PULLED };
+        let slow = if pulled == 0 { STANDSTILL_RPM } else { pulled + motor.rpm(FULL_DUTY) / PULLED_DIVISOR };
         if rpm.abs() <= slow {
-            self.rest(at, out);
+            self.finish(at, out);
         }
     }
 
     /// Without sensors: the duty follows the ramp, and the motor turns as its load lets it.
-    fn steer(&mut self, at: Instant, out: &mut dyn Context) {
+    fn open_loop(&mut self, at: Instant, out: &mut dyn Context) {
         let (target, rates) = self.target(at, I40F24::ZERO);
-        self.pace = rates.ramped(self.pace, target);
-        if self.pace == 0 && target == 0 {
-            return self.rest(at, out);
+        self.setpoint = rates.ramped(self.setpoint, target);
+        if self.setpoint == 0 && target == 0 {
+            return self.finish(at, out);
         }
-        self.face();
+        self.update_direction();
         let full = self.settings.of_rpm(self.settings.rated);
-        let duty = (self.pace * i64::from(FULL_DUTY)).checked_div(full).unwrap_or(I40F24::ZERO);
+        let duty = (self.setpoint * i64::from(FULL_DUTY)).checked_div(full).unwrap_or(I40F24::ZERO);
         let duty = match possible(duty) {
             // However slow it is to be, it is to turn.
-            0 if self.pace == target => LEAST_DUTY * i32::from(self.facing),
+            0 if self.setpoint == target => MIN_DUTY * i32::from(self.direction),
             duty => duty,
         };
         self.apply(at, duty, out);
     }
 
     /// With sensors.
-    fn regulate(&mut self, at: Instant, out: &mut dyn Context) {
+    fn closed_loop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_miswired(at) {
             self.errors |= error::HALL;
         }
         let speed = self.speed_at(at);
         if self.has_arrived(at, speed) {
-            return self.rest(at, out);
+            return self.finish(at, out);
         }
-        if self.slides_home(at, speed) {
-            self.pace = I40F24::ZERO;
+        if self.coasts_to_target(at, speed) {
+            self.setpoint = I40F24::ZERO;
             return self.apply(at, 0, out);
         }
         let (target, rates) = self.target(at, speed);
-        // What is held back is waited for.
-        let band = rates.up.max(rates.down) * AHEAD;
-        let pace = self.pace.min(speed + band).max(speed - band);
-        self.pace = rates.ramped(pace, target);
-        self.face();
+        // The setpoint waits for a motor that is held back.
+        let band = rates.up.max(rates.down) * MAX_LEAD_TICKS;
+        let setpoint = self.setpoint.min(speed + band).max(speed - band);
+        self.setpoint = rates.ramped(setpoint, target);
+        self.update_direction();
         let motor = &self.feedback.motor;
         let full = motor.rpm(FULL_DUTY);
-        let is_stuck = speed == 0 && self.pace != 0 && self.duty != 0;
-        self.stuck = if is_stuck { (self.stuck + full / STUCK).min(2 * full) } else { I40F24::ZERO };
-        let stuck = motor.duty(self.stuck * i64::from(self.facing));
+        let is_stuck = speed == 0 && self.setpoint != 0 && self.duty != 0;
+        self.breakaway =
+            if is_stuck { (self.breakaway + full / BREAKAWAY_TICKS).min(2 * full) } else { I40F24::ZERO };
+        let breakaway = motor.duty(self.breakaway * i64::from(self.direction));
         // At the end of a stop nothing is owed: shorted terminals end it.
-        let ends = self.pace == 0 && target == 0 && motor.holds();
+        let ends = self.setpoint == 0 && target == 0 && motor.holds();
         let owed = if ends { I40F24::ZERO } else { self.owed };
-        let wanted = motor.push(self.shaft_rpm(speed), self.shaft_rpm(self.pace)) + stuck + owed;
+        let wanted =
+            motor.duty_to_reach(self.shaft_rpm(speed), self.shaft_rpm(self.setpoint)) + breakaway + owed;
         let wanted = if ends && wanted.signum() == speed.signum() { I40F24::ZERO } else { wanted };
         // What one sensor reads goes the commanded way: pushed against that, the shaft would turn round unseen.
-        let against = wanted.signum() * i64::from(self.facing) < 0;
+        let against = wanted.signum() * i64::from(self.direction) < 0;
         let wanted = if self.settings.halls == 1 && against { I40F24::ZERO } else { wanted };
         let duty = possible(wanted);
-        self.owed = if duty.abs() <= LEAST_DUTY { wanted - I40F24::from_num(duty) } else { I40F24::ZERO };
+        self.owed = if duty.abs() <= MIN_DUTY { wanted - I40F24::from_num(duty) } else { I40F24::ZERO };
         self.apply(at, duty, out);
     }
 
@@ -387,19 +390,20 @@ impl Servo {
             return false;
         };
         let turned = self.edges.counts_from(from, at, turn, &self.feedback).abs();
-        if turned <= MISSED {
+        if turned <= CHECK_COUNTS {
             return false;
         }
         self.compared = Some((angle, count));
         let made = I40F24::from_num((count - counted).clamp(-FAR, FAR)).abs();
         // What one sensor counts follows the commanded direction, to and fro.
-        if self.settings.halls == 1 { made == 0 } else { made * MADE < turned }
+        if self.settings.halls == 1 { made == 0 } else { made * MIN_COUNTED < turned }
     }
 
     /// By how much at most the current can slow the motor down in a tick, with what load and friction do.
-    fn brakes(&self) -> I40F24 {
+    fn max_deceleration(&self) -> I40F24 {
         let turn = self.settings.counts();
-        let rpm = self.feedback.motor.brakes(self.settings.limit_ma, MOST_DUTY, self.facing.into());
+        let rpm =
+            self.feedback.motor.max_deceleration(self.settings.limit_ma, MAX_DUTY, self.direction.into());
         let rpm = self.edges.of_sensor(rpm, turn);
         scaled(rpm, turn, RPM).max(I40F24::DELTA)
     }
@@ -408,7 +412,7 @@ impl Servo {
     fn speed_at(&self, at: Instant) -> I40F24 {
         let turn = self.settings.counts();
         let speed = scaled(self.edges.reading(at, turn, &self.feedback), turn, RPM);
-        if self.settings.halls == 1 { speed.abs() * i64::from(self.facing) } else { speed }
+        if self.settings.halls == 1 { speed.abs() * i64::from(self.direction) } else { speed }
     }
 
     /// A speed that the Hall sensors read, as the shaft's in rpm.
@@ -423,45 +427,47 @@ impl Servo {
         match self.order {
             Order::Rotate { forward: true } => (rates.speed, rates),
             Order::Rotate { forward: false } => (-rates.speed, rates),
-            Order::Move { count, rates } => rates.towards(self.way_to(at, count), speed, self.brakes()),
+            Order::Move { count, rates } => {
+                rates.towards_target(self.distance_to(at, count), speed, self.max_deceleration())
+            }
             Order::Stop { rates: stopped } => (I40F24::ZERO, stopped.unwrap_or(rates)),
             Order::None | Order::Halt => (I40F24::ZERO, rates),
         }
     }
 
-    /// From where the shaft is to the middle of that count; what is far is far.
-    fn way_to(&self, at: Instant, count: i64) -> I40F24 {
+    /// Distance from the shaft to the middle of that count, limited to [`FAR`].
+    fn distance_to(&self, at: Instant, count: i64) -> I40F24 {
         let turn = self.settings.counts();
-        self.edges.way(count - self.counter.count(), FAR, at, turn, &self.feedback)
+        self.edges.distance(count - self.counter.count(), FAR, at, turn, &self.feedback)
     }
 
     /// Returns whether a move is so near its end and so slow that shorted terminals end it in its count.
-    fn slides_home(&self, at: Instant, speed: I40F24) -> bool {
+    fn coasts_to_target(&self, at: Instant, speed: I40F24) -> bool {
         let Order::Move { count, .. } = self.order else { return false };
         let motor = &self.feedback.motor;
         let slides = speed.abs().saturating_mul(motor.slowness);
-        motor.holds() && slides <= SLIDE && self.way_to(at, count).abs() <= NEAR
+        motor.holds() && slides <= MAX_COAST && self.distance_to(at, count).abs() <= NEAR
     }
 
     /// Returns whether the order is done, at that speed.
     fn has_arrived(&self, at: Instant, speed: I40F24) -> bool {
         let motor = &self.feedback.motor;
-        let slow = if motor.holds() { STANDING } else { motor.rpm(FULL_DUTY) / PULLED };
+        let slow = if motor.holds() { STANDSTILL_RPM } else { motor.rpm(FULL_DUTY) / PULLED_DIVISOR };
         let stands = self.shaft_rpm(speed).abs() <= slow;
         match self.order {
-            Order::Move { count, .. } => stands && self.way_to(at, count).abs() <= NEAR,
-            Order::Stop { .. } => stands && self.pace == 0,
+            Order::Move { count, .. } => stands && self.distance_to(at, count).abs() <= NEAR,
+            Order::Stop { .. } => stands && self.setpoint == 0,
             Order::None | Order::Rotate { .. } | Order::Halt => false,
         }
     }
 
     /// Ends the motion at standstill.
-    fn rest(&mut self, at: Instant, out: &mut dyn Context) {
+    fn finish(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.order, Order::Move { .. }) {
             (self.goal, self.left) = (None, 0);
         }
-        (self.order, self.next, self.pace) = (Order::None, Instant::NEVER, I40F24::ZERO);
-        self.edges.stands();
+        (self.order, self.next, self.setpoint) = (Order::None, Instant::NEVER, I40F24::ZERO);
+        self.edges.set_standstill();
         self.apply(at, 0, out);
         self.terminals(at, out);
     }
@@ -471,9 +477,9 @@ impl Servo {
     }
 
     /// Updates the direction to that of the setpoint, if there is one.
-    fn face(&mut self) {
-        if self.pace != 0 {
-            self.facing = if self.pace > 0 { 1 } else { -1 };
+    fn update_direction(&mut self) {
+        if self.setpoint != 0 {
+            self.direction = if self.setpoint > 0 { 1 } else { -1 };
         }
     }
 
@@ -484,7 +490,7 @@ impl Servo {
         }
     }
 
-    /// Opens or closes the terminals, as it moves and as MODE_COIL says.
+    /// Opens or closes the terminals, by motion and MODE_COIL.
     fn terminals(&mut self, at: Instant, out: &mut dyn Context) {
         let closed = self.is_moving() || self.settings.closed;
         let ma = if closed { self.settings.limit_ma } else { 0 };
@@ -496,7 +502,7 @@ impl Servo {
 
     /// Direction of motion: 0 none, 1 forward, −1 backward. Braking is motion.
     pub(super) fn direction(&self) -> i8 {
-        if self.is_moving() { self.facing } else { 0 }
+        if self.is_moving() { self.direction } else { 0 }
     }
 
     /// Edges counted, forward less backward; wraps.
@@ -516,7 +522,7 @@ impl Servo {
 
     /// SPEED_VALID, in rpm: measured, or without sensors the one that the duty would give.
     pub(super) fn speed(&self, at: Instant) -> u16 {
-        if self.settings.sees() {
+        if self.settings.has_sensors() {
             self.edges.rpm(at, self.settings.counts()).unsigned_abs().min(u16::MAX.into()) as u16
         } else {
             let rpm = i64::from(self.duty.abs()) * i64::from(self.settings.rated);
@@ -540,7 +546,7 @@ impl Servo {
 
 /// The nearest duty that there is (3).
 fn possible(duty: I40F24) -> i32 {
-    let size = duty.abs().min(MOST_DUTY.into()).round().to_num::<i32>();
-    let size = if size < LEAST_DUTY / 2 { 0 } else { size.max(LEAST_DUTY) };
+    let size = duty.abs().min(MAX_DUTY.into()).round().to_num::<i32>();
+    let size = if size < MIN_DUTY / 2 { 0 } else { size.max(MIN_DUTY) };
     if duty < 0 { -size } else { size }
 }

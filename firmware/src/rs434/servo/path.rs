@@ -4,14 +4,14 @@ use fixed::types::I40F24;
 
 use crate::motor::scaled;
 
-/// From so many counts on no motor is so fast that it would have to brake.
+/// At a larger distance no motor is so fast that it would have to brake, in counts.
 pub(super) const FAR: i64 = 65_536;
 
 /// By how much more than DEC a move may brake: the way that is left brakes it with DEC, but what came a tick
 /// too late would run ahead of a ramp of the same steepness to the end, and past it.
-const CATCHES_UP: i64 = 2;
+const DECEL_MARGIN: i64 = 2;
 /// Part of the current's braking that a move takes, in quarters: with all of it nothing would be left to correct an
-/// error, and every move that brakes by the current would go too far.
+/// error, and each move that brakes at the current limit would overshoot.
 const BRAKE_QUARTERS: i64 = 3;
 
 /// Speed and ramps, in counts, ticks and ticks².
@@ -29,9 +29,9 @@ impl Limits {
         Self { speed, up, down }
     }
 
-    /// The speed at the next tick: on from `pace` towards `target`.
-    pub(super) fn ramped(self, pace: I40F24, target: I40F24) -> I40F24 {
-        let (from, to, sign) = if pace < 0 { (-pace, -target, -1) } else { (pace, target, 1) };
+    /// The speed at the next tick: on from `setpoint` towards `target`.
+    pub(super) fn ramped(self, setpoint: I40F24, target: I40F24) -> I40F24 {
+        let (from, to, sign) = if setpoint < 0 { (-setpoint, -target, -1) } else { (setpoint, target, 1) };
         let next = if to >= from {
             to.min(from + self.up)
         } else {
@@ -41,29 +41,34 @@ impl Limits {
         next * i64::from(sign)
     }
 
-    /// The speed to go for with a `way` to go, and the ramps to it, at a `speed` of which a current can take
-    /// `brakes` in a tick.
-    pub(super) fn towards(self, way: I40F24, speed: I40F24, brakes: I40F24) -> (I40F24, Self) {
-        let back = way < 0;
-        let (way, speed) = if back { (-way, -speed) } else { (way, speed) };
-        let down = self.down.min(brakes - brakes * (4 - BRAKE_QUARTERS) / 4);
-        let most = braked(way - speed / 2, down).min(self.speed);
-        (if back { -most } else { most }, Self { down: self.down * CATCHES_UP, ..self })
+    /// The speed to go for with a `distance` to go, and the ramps to it, at a `speed` of which a current can take
+    /// `max_deceleration` in a tick.
+    pub(super) fn towards_target(
+        self,
+        distance: I40F24,
+        speed: I40F24,
+        max_deceleration: I40F24,
+    ) -> (I40F24, Self) {
+        let back = distance < 0;
+        let (distance, speed) = if back { (-distance, -speed) } else { (distance, speed) };
+        let down = self.down.min(max_deceleration - max_deceleration * (4 - BRAKE_QUARTERS) / 4);
+        let most = braking_speed(distance - speed / 2, down).min(self.speed);
+        (if back { -most } else { most }, Self { down: self.down * DECEL_MARGIN, ..self })
     }
 
-    /// Returns whether it would overshoot: at `speed` there is less `way` left than DEC, and a current that can take
-    /// `brakes` in a tick, need to stop. A motion the other way reverses first.
-    pub(super) fn is_too_fast(self, way: I40F24, speed: I40F24, brakes: I40F24) -> bool {
-        let goes_there = (speed > 0) == (way > 0);
-        goes_there && speed * speed > self.down.min(brakes) * way.abs() * 2
+    /// Returns whether it would overshoot: at `speed` there is less `distance` left than DEC, and a current that can take
+    /// `max_deceleration` in a tick, need to stop. A motion the other way reverses first.
+    pub(super) fn is_too_fast(self, distance: I40F24, speed: I40F24, max_deceleration: I40F24) -> bool {
+        let goes_there = (speed > 0) == (distance > 0);
+        goes_there && speed * speed > self.down.min(max_deceleration) * distance.abs() * 2
     }
 }
 
-/// The speed at the next tick from which the `way` left then just suffices to stop: with v/2 until then
+/// The speed at the next tick from which the `distance` left then just suffices to stop: with v/2 until then
 /// v/2 + v²/2·down is the way.
-fn braked(way: I40F24, down: I40F24) -> I40F24 {
-    let way = way.clamp(I40F24::ZERO, I40F24::const_from_int(FAR)).to_bits().cast_unsigned();
+fn braking_speed(distance: I40F24, down: I40F24) -> I40F24 {
+    let distance = distance.clamp(I40F24::ZERO, I40F24::const_from_int(FAR)).to_bits().cast_unsigned();
     let down = down.to_bits().cast_unsigned();
-    let root = (2 * down * way + down * down / 4).isqrt();
+    let root = (2 * down * distance + down * down / 4).isqrt();
     I40F24::from_bits(root.saturating_sub(down / 2).cast_signed())
 }

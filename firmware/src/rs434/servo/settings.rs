@@ -43,7 +43,7 @@ impl Settings {
     }
 
     /// Returns whether sensors give the motor's position.
-    pub(super) fn sees(&self) -> bool {
+    pub(super) fn has_sensors(&self) -> bool {
         self.halls > 0
     }
 

@@ -183,7 +183,7 @@ impl Bench {
         bench
     }
 
-    fn tell(&mut self, what: usize, value: i64) {
+    fn feed(&mut self, what: usize, value: i64) {
         self.rig.poke(self.now, what, value, &mut self.edges).unwrap();
     }
 
@@ -278,7 +278,7 @@ proptest! {
     fn being_called_late_changes_nothing((settings, counts) in moves(), pauses in proptest::collection::vec(1..400_000_u64, 1..50)) {
         let run = |pauses: &[u64]| {
             let (mut bench, mut log) = (Bench::new(settings), levels_only());
-            bench.tell(tell::GO, counts.into());
+            bench.feed(tell::GO, counts.into());
             for ticks in pauses {
                 bench.now += Duration::from_ticks(*ticks);
                 advance(&mut bench.rig, bench.now, core::iter::empty(), &mut log);
@@ -299,15 +299,15 @@ proptest! {
         let begin = bench.shaft().position;
         for (order, value, ms) in orders {
             match order {
-                tell::SPEED => bench.tell(tell::SPEED, 30 + value.abs() * 70),
+                tell::SPEED => bench.feed(tell::SPEED, 30 + value.abs() * 70),
                 tell::COMPENSATION => bench.hold(value > 100),
                 tell::GO if halls < 2 => {}
-                _ => bench.tell(order, value),
+                _ => bench.feed(order, value),
             }
             bench.run(Duration::millis(ms));
         }
         bench.hold(false);
-        bench.tell(tell::STOP, 0);
+        bench.feed(tell::STOP, 0);
         bench.finish();
         let made = i64::from(bench.shaft().position - begin);
         match halls {
@@ -330,7 +330,7 @@ proptest! {
         // A load that friction does not hold turns the motor before the move and after it.
         let mut bench = Bench::with(settings, motor);
         let (before, shaft) = (bench.ask(ask::POSITION), bench.shaft().position);
-        bench.tell(tell::GO, counts.into());
+        bench.feed(tell::GO, counts.into());
         bench.finish();
         prop_assert_eq!(bench.ask(ask::POSITION), before + i64::from(counts));
         prop_assert_eq!(bench.shaft().position, shaft + counts);
@@ -353,7 +353,7 @@ fn a_move_takes_the_time_of_its_ramps() {
     ] {
         let settings = Settings { rated, speed, acc, dec, pulses, ..FACTORY };
         let mut bench = Bench::new(settings);
-        bench.tell(tell::GO, counts);
+        bench.feed(tell::GO, counts);
         let took = bench.finish().ticks() as f64 / 16_000.0;
         let ideal = ideal_ms(&settings, counts.abs() as f64);
         assert!((took - ideal).abs() <= 6.0 + 0.005 * ideal, "{took} ms instead of {ideal}: {settings:?}");
@@ -364,19 +364,19 @@ fn a_move_takes_the_time_of_its_ramps() {
 #[test]
 fn rotation_follows_speed_and_direction_at_once() {
     let mut bench = Bench::new(FACTORY);
-    bench.tell(tell::ROTATE, 1);
+    bench.feed(tell::ROTATE, 1);
     // ACC 100 is 545.5 rps²: 1,000 rpm after 30.6 ms.
     bench.run(Duration::millis(100));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (1_000, 1));
-    bench.tell(tell::SPEED, 2_000);
+    bench.feed(tell::SPEED, 2_000);
     bench.run(Duration::millis(100));
     assert_eq!(bench.ask(ask::SPEED), 2_000);
-    bench.tell(tell::ROTATE, -1);
+    bench.feed(tell::ROTATE, -1);
     bench.run(Duration::millis(30));
     assert_eq!(bench.ask(ask::DIRECTION), 1);
     bench.run(Duration::millis(170));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (2_000, -1));
-    bench.tell(tell::STOP, 0);
+    bench.feed(tell::STOP, 0);
     // 61.1 ms, and a look or two until it is sure.
     assert!(bench.finish() <= Duration::millis(66));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::ERRORS)), (0, 0));
@@ -385,14 +385,14 @@ fn rotation_follows_speed_and_direction_at_once() {
 #[test]
 fn a_stopped_move_keeps_what_is_left_and_the_rest_brings_it_there() {
     let mut bench = Bench::new(FACTORY);
-    bench.tell(tell::GO, -2_000);
+    bench.feed(tell::GO, -2_000);
     bench.run(Duration::millis(1_000));
-    bench.tell(tell::STOP, 0);
+    bench.feed(tell::STOP, 0);
     bench.finish();
     let left = bench.ask(ask::LEFT);
     assert!((-1_800..-1_700).contains(&left), "{left}");
     assert_eq!(bench.ask(ask::POSITION), -2_000 - left);
-    bench.tell(tell::GO, left);
+    bench.feed(tell::GO, left);
     bench.finish();
     assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (-2_000, 0));
 }
@@ -403,8 +403,8 @@ fn compensation_moves_the_stopping_point_along_the_motion() {
         [(500, -15, 485), (-500, -15, -485), (500, 15, 515), (-5, 15, -20)]
     {
         let mut bench = Bench::new(FACTORY);
-        bench.tell(tell::COMPENSATION, compensation);
-        bench.tell(tell::GO, counts);
+        bench.feed(tell::COMPENSATION, compensation);
+        bench.feed(tell::GO, counts);
         bench.finish();
         assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (position, 0));
     }
@@ -414,8 +414,8 @@ fn compensation_moves_the_stopping_point_along_the_motion() {
 fn compensation_never_turns_a_move_round() {
     for (counts, compensation) in [(10, -15), (-10, -15), (15, -15), (1, -32_768), (-32_768, -32_768)] {
         let mut bench = Bench::new(FACTORY);
-        bench.tell(tell::COMPENSATION, compensation);
-        bench.tell(tell::GO, counts);
+        bench.feed(tell::COMPENSATION, compensation);
+        bench.feed(tell::GO, counts);
         assert_eq!((bench.ask(ask::DIRECTION), bench.ask(ask::LEFT)), (0, 0), "{counts} {compensation}");
         bench.run(Duration::secs(1));
         assert_eq!((bench.ask(ask::POSITION), bench.edges.levels.len()), (0, 0), "{counts} {compensation}");
@@ -428,8 +428,8 @@ fn the_longest_moves_go_where_their_sign_says() {
         for compensation in [0, 1, -1, 32_767, -32_768] {
             let mut bench = Bench::new(FACTORY);
             let sign = i64::from(counts.signum());
-            bench.tell(tell::COMPENSATION, compensation);
-            bench.tell(tell::GO, counts.into());
+            bench.feed(tell::COMPENSATION, compensation);
+            bench.feed(tell::GO, counts.into());
             for _ in 0..20 {
                 bench.run(Duration::millis(50));
                 let (position, left) = (bench.ask(ask::POSITION), bench.ask(ask::LEFT));
@@ -444,12 +444,12 @@ fn the_longest_moves_go_where_their_sign_says() {
 /// Turns that way for a while, brakes, and is told to go on by so many counts meanwhile.
 fn told_while_it_brakes(settings: Settings, way: i64, counts: i64) -> Bench {
     let mut bench = Bench::new(settings);
-    bench.tell(tell::ROTATE, way);
+    bench.feed(tell::ROTATE, way);
     bench.run(Duration::millis(300));
-    bench.tell(tell::STOP, 0);
+    bench.feed(tell::STOP, 0);
     bench.run(Duration::millis(2));
     assert_eq!(bench.ask(ask::DIRECTION), way);
-    bench.tell(tell::GO, counts);
+    bench.feed(tell::GO, counts);
     bench
 }
 
@@ -509,7 +509,7 @@ fn a_move_that_cannot_stop_in_time_is_warned_of() {
 #[test]
 fn a_held_shaft_is_waited_for() {
     let mut bench = Bench::new(FACTORY);
-    bench.tell(tell::GO, 1_000);
+    bench.feed(tell::GO, 1_000);
     bench.run(Duration::millis(1_000));
     bench.hold(true);
     bench.run(Duration::secs(10));
@@ -528,9 +528,9 @@ fn a_held_shaft_is_waited_for() {
 #[test]
 fn a_halt_takes_no_ramp() {
     let mut bench = Bench::new(Settings { dec: 10, ..FACTORY });
-    bench.tell(tell::ROTATE, 1);
+    bench.feed(tell::ROTATE, 1);
     bench.run(Duration::millis(200));
-    bench.tell(tell::HALT, 0);
+    bench.feed(tell::HALT, 0);
     // 16.7 rps at 100 rps² would take 167 ms.
     assert!(bench.finish() < Duration::millis(20));
     assert_eq!(bench.shaft().duty, 0);
@@ -550,11 +550,11 @@ fn terminals_of_what_stands_are_as_mode_coil_says() {
 #[test]
 fn without_sensors_the_duty_is_the_speed_of_the_rated_one() {
     let mut bench = Bench::new(Settings { halls: 0, speed: 1_500, ..FACTORY });
-    bench.tell(tell::ROTATE, -1);
+    bench.feed(tell::ROTATE, -1);
     bench.run(Duration::millis(500));
     assert_eq!((bench.shaft().duty, bench.ask(ask::SPEED)), (-32_768, 1_500));
     assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::DIRECTION)), (0, -1));
-    bench.tell(tell::SPEED, 15_000);
+    bench.feed(tell::SPEED, 15_000);
     bench.run(Duration::millis(500));
     assert_eq!(bench.shaft().duty, -64_225); // 0.98
 }
@@ -563,12 +563,12 @@ fn without_sensors_the_duty_is_the_speed_of_the_rated_one() {
 fn without_sensors_no_speed_is_too_slow_for_the_least_duty() {
     for (way, duty) in [(1, 656), (-1, -656)] {
         let mut bench = Bench::new(Settings { halls: 0, speed: 30, rated: 15_000, ..FACTORY });
-        bench.tell(tell::ROTATE, way);
+        bench.feed(tell::ROTATE, way);
         bench.run(Duration::millis(500));
         // 0.01 of 65,536, and not less; 30 rpm would be 0.002.
         assert_eq!((bench.ask(ask::DIRECTION), bench.shaft().duty), (way, duty));
         assert_eq!(bench.ask(ask::SPEED), 150);
-        bench.tell(tell::STOP, 0);
+        bench.feed(tell::STOP, 0);
         bench.run(Duration::millis(100));
         assert_eq!((bench.ask(ask::DIRECTION), bench.shaft().duty), (0, 0));
     }
@@ -581,14 +581,14 @@ fn the_current_is_what_the_supply_gives() {
         for way in [1, -1] {
             let load = Parameters { load_unm: load_unm * way, ..Parameters::NOMINAL };
             let mut bench = Bench::with(FACTORY, load);
-            bench.tell(tell::ROTATE, way.into());
+            bench.feed(tell::ROTATE, way.into());
             bench.run(Duration::millis(500));
             let Shaft { duty, ma, .. } = bench.shaft();
             let given = (f64::from(ma) * f64::from(duty) / 65_536.0).round();
             assert!(ma.abs() > 2_000 && (given > 0.0) == supplied, "{ma} mA, duty {duty}");
             assert_eq!(bench.ask(ask::CURRENT), given.max(0.0) as i64);
             // Shorted terminals carry a current that no supply gives.
-            bench.tell(tell::HALT, 0);
+            bench.feed(tell::HALT, 0);
             bench.run(Duration::micros(100));
             assert!(bench.shaft().ma.abs() > 1_000);
             assert_eq!((bench.ask(ask::DIRECTION).abs(), bench.ask(ask::CURRENT)), (1, 0));
@@ -600,9 +600,9 @@ fn the_current_is_what_the_supply_gives() {
 fn one_sensor_counts_half_in_the_direction_that_is_told() {
     let mut bench = Bench::new(Settings { halls: 1, ..FACTORY });
     let begin = bench.shaft().position;
-    bench.tell(tell::ROTATE, -1);
+    bench.feed(tell::ROTATE, -1);
     bench.run(Duration::millis(500));
-    bench.tell(tell::STOP, 0);
+    bench.feed(tell::STOP, 0);
     bench.finish();
     let made = bench.shaft().position - begin;
     assert!(made < -100 && (bench.ask(ask::POSITION) * 2 - i64::from(made)).abs() <= 2);
@@ -615,7 +615,7 @@ fn swapped_hall_wires_are_an_error() {
         let motor = Parameters::NOMINAL;
         let mut bench =
             Bench::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: true, servo: None });
-        bench.tell(tell::ROTATE, way);
+        bench.feed(tell::ROTATE, way);
         // Some counts of 16 a turn.
         bench.run(Duration::millis(if speed == 30 { 2_000 } else { 200 }));
         assert_eq!(bench.ask(ask::ERRORS), 0x10, "{speed} rpm");
@@ -639,9 +639,9 @@ fn an_edge_that_is_none_is_an_error() {
 fn what_stands_wants_nothing() {
     let mut bench = Bench::new(FACTORY);
     assert_eq!(bench.rig.deadline(), Instant::NEVER);
-    bench.tell(tell::GO, 0);
+    bench.feed(tell::GO, 0);
     assert_eq!(bench.rig.deadline(), Instant::NEVER);
-    bench.tell(tell::GO, 3);
+    bench.feed(tell::GO, 3);
     bench.finish();
     bench.run(Duration::secs(1));
     assert_eq!(bench.rig.deadline(), Instant::NEVER);
@@ -666,7 +666,7 @@ fn a_heavy_motor_that_was_learnt_wrongly_is_waited_for() {
     };
     let mut bench = on_another(Settings { pulses: 5, speed: 1_096, acc: 95, dec: 882, ..FACTORY }, heavy);
     let begin = bench.shaft().position;
-    bench.tell(tell::GO, 49);
+    bench.feed(tell::GO, 49);
     bench.finish();
     bench.run(Duration::secs(1));
     assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (49, 0));
@@ -696,7 +696,7 @@ fn any_motor_comes_to_its_speed() {
                         }
                         let settings = Settings { halls, pulses, speed, acc, ..FACTORY };
                         let mut bench = on_another(settings, motor);
-                        bench.tell(tell::ROTATE, 1);
+                        bench.feed(tell::ROTATE, 1);
                         bench.run(Duration::secs(2));
                         let within = i64::from(speed / 100);
                         for _ in 0..200 {
@@ -729,7 +729,7 @@ proptest! {
         let (mut goal, begin) = (0, bench.shaft().position);
         for counts in counts {
             goal += counts;
-            bench.tell(tell::GO, counts);
+            bench.feed(tell::GO, counts);
             bench.finish();
             // What it slides on would show.
             bench.run(Duration::secs(1));

@@ -17,7 +17,7 @@ static SPEC: Spec = Spec {
     kind: "echo",
     product: "an echo",
     manual: "this file",
-    ports: &[PortSpec { name: "rs485", ends: Framing::Silence, line: Some(LINE) }],
+    ports: &[PortSpec { name: "rs485", framing: Framing::Silence, line: Some(LINE) }],
     ..Spec::EMPTY
 };
 
@@ -66,7 +66,7 @@ impl Device for Echo {
                 assert!(end.is_none_or(|end| end + 1 == bytes.len()), "{}", bytes.escape_ascii());
                 self.receiver.bytes(at, bytes);
             }
-            Input::RxError { .. } => self.receiver.spoiled(at),
+            Input::RxError { .. } => self.receiver.rx_error(at),
             Input::Idle { .. } => self.serve(at, out),
             _ => {}
         }

@@ -178,7 +178,7 @@ impl Reader {
         let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
         let drive = self.drive_named(drive)?;
         let spec = self.spec(drive);
-        let fits = |port: &PortSpec| port.ends == Framing::Silence && !port.is_tcp();
+        let fits = |port: &PortSpec| port.framing == Framing::Silence && !port.is_tcp();
         let mut ports = (0..).map(Port).zip(spec.ports);
         let Some(name) = name else {
             let fit = ports.find(|(_, port)| fits(port)).map(|(port, _)| (drive, port));

@@ -97,7 +97,7 @@ impl About {
             Outlet::Tcp(seat, port) => Some((seat, port)),
         };
         let port = first.and_then(|(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
-        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.ends) }
+        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.framing) }
     }
 }
 

@@ -397,7 +397,7 @@ impl Course {
             legs.push(Leg { time: waits, speed: 0 });
         }
         let mut at = at.max(plan.start());
-        for segment in plan.resumed(at, from).segments().iter().filter(|segment| segment.ticks > 0) {
+        for segment in plan.continued_from(at, from).segments().iter().filter(|segment| segment.ticks > 0) {
             let time = Duration::from_ticks(segment.ticks);
             at += time;
             let bits = i128::from(plan.speed_at(at).to_bits()) * 1_000;

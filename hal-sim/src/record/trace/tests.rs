@@ -254,16 +254,16 @@ fn a_plan_is_told_by_its_stretches() {
     let leg = |ms, speed| Leg { time: Duration::millis(ms), speed };
     let legs = vec![leg(500, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
     assert_eq!(Course::of(&plan, start), Course { from: 100, legs, to: Some(-9_900) });
-    let jog = Plan::rest(start, 3).towards(start, I24F8::from_num(5_000), 10_000);
+    let jog = Plan::at_rest(start, 3).ramp_to(start, I24F8::from_num(5_000), 10_000);
     let legs = vec![leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
     assert_eq!(Course::of(&jog, start), Course { from: 3, legs, to: None });
-    assert_eq!(Course::of(&Plan::rest(start, -7), start), Course { from: -7, legs: vec![], to: Some(-7) });
+    assert_eq!(Course::of(&Plan::at_rest(start, -7), start), Course { from: -7, legs: vec![], to: Some(-7) });
     // From the middle of a ramp, and before the beginning.
     let later = start + Duration::millis(250);
     let legs = vec![leg(250, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
     // a·t²/2 = 10,000 · 0.25² / 2 = 312.5 steps, of which the last half is not made.
     assert_eq!(Course::of(&plan, later), Course { from: 100 - 312, legs, to: Some(-9_900) });
-    let jog = Plan::rest(later, 3).towards(later, I24F8::from_num(5_000), 10_000);
+    let jog = Plan::at_rest(later, 3).ramp_to(later, I24F8::from_num(5_000), 10_000);
     let legs = vec![leg(250, 0), leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
     assert_eq!(Course::of(&jog, start), Course { from: 3, legs, to: None });
 }

@@ -213,7 +213,7 @@ fn hex(bytes: &[u8]) -> String {
 
 /// Bytes as the port's language writes them: text between quotes where characters end a message.
 fn payload(port: Option<&PortSpec>, bytes: &[u8]) -> String {
-    let spoken = port.is_some_and(|port| matches!(port.ends, Framing::Character | Framing::Return));
+    let spoken = port.is_some_and(|port| matches!(port.framing, Framing::Character | Framing::Return));
     let plain = |&byte: &u8| byte == b'\r' || byte == b'\n' || (b' '..=b'~').contains(&byte);
     if !spoken || bytes.is_empty() || !bytes.iter().all(plain) {
         return hex(bytes);

@@ -24,8 +24,8 @@ fn script(shaper: &mut Shaper, until: Instant) -> Vec<String> {
 /// At that speed from its first tick on; `from` is not before 1 ms.
 fn jog(from: Instant, steps_per_second: i32) -> Plan {
     let start = from - 1.millis();
-    let ramp = Plan::rest(start, 0).towards(start, I24F8::from_num(steps_per_second), i32::MAX as u32);
-    ramp.resumed(from, 0)
+    let ramp = Plan::at_rest(start, 0).ramp_to(start, I24F8::from_num(steps_per_second), i32::MAX as u32);
+    ramp.continued_from(from, 0)
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn without_power_both_are_low_at_once() {
 
 #[test]
 fn steps_without_a_plan_are_passed_through() {
-    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), false);
+    let mut shaper = Shaper::new(at(0), &Plan::at_rest(at(0), 0), false);
     shaper.steps(at(10), 1);
     assert_eq!(script(&mut shaper, at(20)), ["D+ 10", "S+ 12", "S- 14"]);
     shaper.steps(at(20), -1);
@@ -146,7 +146,7 @@ fn steps_without_a_plan_are_passed_through() {
 
 #[test]
 fn every_4_us_steps_are_passed_through_as_they_come() {
-    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), true);
+    let mut shaper = Shaper::new(at(0), &Plan::at_rest(at(0), 0), true);
     for n in 1..1_000 {
         shaper.steps(at(4 * n), 1);
         let edges = script(&mut shaper, at(4 * n + 3));
@@ -156,7 +156,7 @@ fn every_4_us_steps_are_passed_through_as_they_come() {
 
 #[test]
 fn a_direction_that_turns_every_4_us_settles_each_time() {
-    let mut shaper = Shaper::new(at(0), &Plan::rest(at(0), 0), false);
+    let mut shaper = Shaper::new(at(0), &Plan::at_rest(at(0), 0), false);
     for n in 1..1_000 {
         let (now, forward) = (4 * n, n % 2 == 1);
         shaper.steps(at(now), if forward { 1 } else { -1 });
@@ -193,7 +193,7 @@ proptest! {
         looks in proptest::collection::vec(1_u64..9_000, 1..9),
     ) {
         let mut now = at(1_000);
-        let mut plan = Plan::rest(now, 0);
+        let mut plan = Plan::at_rest(now, 0);
         let mut shaper = Shaper::new(now, &plan, false);
         let (mut way, mut edges) = (0, Vec::new());
         // However often somebody looks.
@@ -209,7 +209,7 @@ proptest! {
             let position = plan.position_at(change);
             way += position - plan.position_at(now);
             plan = match act {
-                Act::Jog(speed) => plan.towards(change, I24F8::from_num(speed), 2_000_000_000),
+                Act::Jog(speed) => plan.ramp_to(change, I24F8::from_num(speed), 2_000_000_000),
                 Act::Profile(steps) => {
                     Plan::profile(change, position, steps, Limits::even(U24F8::from_num(90_000), 900_000_000))
                 }

@@ -64,7 +64,7 @@ fn main() -> ! {
     let jog = opaque(towards(10_000));
     count(|| {
         plan(|| {
-            jog.towards(
+            jog.ramp_to(
                 opaque(Instant::from_ticks(16_000_000)),
                 opaque(I24F8::from_num(-40_000)),
                 opaque(10_000),
@@ -110,7 +110,11 @@ fn plan(plan: impl FnOnce() -> Plan) {
 
 /// From standstill to 40,000 steps/s.
 fn towards(acceleration: u32) -> Plan {
-    Plan::rest(Instant::ZERO, 0).towards(Instant::ZERO, opaque(I24F8::from_num(40_000)), opaque(acceleration))
+    Plan::at_rest(Instant::ZERO, 0).ramp_to(
+        Instant::ZERO,
+        opaque(I24F8::from_num(40_000)),
+        opaque(acceleration),
+    )
 }
 
 /// The move of a new MD3, but longer.
@@ -120,7 +124,7 @@ fn profile() -> Plan {
 }
 
 fn follow(plan: &Plan) {
-    opaque(PlanLoader::new().follow(&mut Timer, plan));
+    opaque(PlanLoader::new().load(&mut Timer, plan));
 }
 
 struct Pins;
@@ -134,7 +138,7 @@ impl StepDir for Pins {
         STEP.store(false, Ordering::Relaxed);
     }
 
-    fn turn(&mut self, forward: bool) {
+    fn set_direction(&mut self, forward: bool) {
         DIRECTION.store(forward, Ordering::Relaxed);
     }
 }

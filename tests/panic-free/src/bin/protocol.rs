@@ -47,12 +47,12 @@ impl RequestHandler for Slave {
         opaque(register);
     }
 
-    fn carry_out(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
+    fn write_multiple(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
         opaque(values.get(opaque(Reg::Pair)));
         opaque(None)
     }
 
-    fn is_there(&self, register: Reg) -> bool {
+    fn is_present(&self, register: Reg) -> bool {
         opaque(register) != opaque(Reg::Words)
     }
 
@@ -82,10 +82,10 @@ fn serve(slave: &mut Slave, bytes: &[u8]) {
     let rules = opaque(Rules {
         functions: opaque(&[3]),
         broadcast: opaque(None),
-        most_read: opaque(32),
-        most_written: opaque(32),
+        max_read: opaque(32),
+        max_written: opaque(32),
         bits_per_word: opaque(16),
-        writes_halves: opaque(true),
+        partial_writes: opaque(true),
         bad_quantity: opaque(Exception::IllegalDataValue),
         bad_value: opaque(Exception::IllegalDataValue),
         read_only: opaque(Exception::IllegalDataAddress),
@@ -112,7 +112,7 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
     let bank = &mut slave.0;
     let register: Reg = opaque(Reg::Pair);
     bank.set(register, opaque(0));
-    opaque((bank.get(register), bank.limited(register), bank.word(register)));
+    opaque((bank.get(register), bank.clamped_value(register), bank.word(register)));
     let table = opaque(Reg::TABLE);
     opaque(table.readable(opaque(Space::Coil), opaque(0), opaque(1)));
     opaque(table.at(opaque(Space::Coil), opaque(0)));
@@ -125,7 +125,7 @@ fn map(slave: &mut Slave, bytes: &[u8]) {
         opaque(table.find(name));
     }
     if let Some(row) = table.rows.get(opaque(0)) {
-        opaque((row.accepts(opaque(0)), row.limited(opaque(0))));
+        opaque((row.accepts(opaque(0)), row.clamped_value(opaque(0))));
     }
 }
 
@@ -134,14 +134,14 @@ fn receive(bytes: &[u8], at: Instant) {
     opaque((line.character(), Timing::of(line), scan(line, bytes, opaque(Expect::Both))));
     let mut receiver = opaque(RtuReceiver::new(line));
     receiver.bytes(at, bytes);
-    receiver.spoiled(at);
+    receiver.rx_error(at);
     receiver.set_line(at, line);
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();
     let mut receiver = opaque(ascii::AsciiReceiver::new(line));
     receiver.bytes(at, bytes);
-    receiver.spoiled(at);
+    receiver.rx_error(at);
     opaque((receiver.deadline(), receiver.is_over(at)));
     opaque(receiver.take());
     receiver.clear();

@@ -9,7 +9,7 @@ use drivetwin_firmware::device::{
     Spec,
 };
 use drivetwin_firmware::md3::Reg;
-use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Links, ONE_ANSWER, Outputs, Shell};
+use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Links, Outputs, Shell, TX_ONE_REPLY};
 use drivetwin_protocol::modbus::tcp::Adu;
 use drivetwin_protocol::registers::Register;
 use embedded_hal::digital::{self, OutputPin};
@@ -23,11 +23,11 @@ struct Anything;
 /// Entry point for the linker.
 #[unsafe(no_mangle)]
 extern "C" fn start() -> ! {
-    let mut shell = Shell::<_, _, _, ONE_ANSWER>::new(Anything, Anything, Anything);
+    let mut shell = Shell::<_, _, _, TX_ONE_REPLY>::new(Anything, Anything, Anything);
     shell.power_on(opaque(Instant::ZERO), opaque(Boot::default()));
     loop {
         let shell = opaque(&mut shell);
-        let _ = opaque(shell.turn());
+        let _ = opaque(shell.poll());
         opaque((shell.deadline(), shell.failures()));
         opaque(shell.device());
         perhaps_panic(opaque(&[]), opaque(0));
@@ -80,7 +80,7 @@ impl Inputs for Anything {
         opaque(Instant::ZERO)
     }
 
-    fn caught(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
+    fn next_event(&mut self, _until: Instant) -> Option<(Instant, BoardEvent)> {
         opaque(None)
     }
 }

@@ -18,8 +18,8 @@ use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 
 pub(crate) static SPEC: Spec = Spec {
     ports: &[
-        PortSpec { name: "modbus", ends: Framing::Mbap, line: None },
-        PortSpec { name: "mcode", ends: Framing::Return, line: None },
+        PortSpec { name: "modbus", framing: Framing::Mbap, line: None },
+        PortSpec { name: "mcode", framing: Framing::Return, line: None },
     ],
     ..Spec::EMPTY
 };

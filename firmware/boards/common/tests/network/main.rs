@@ -94,7 +94,7 @@ fn every_tcp_port_of_every_drive_has_places() {
     for spec in drivetwin_firmware::devices!(specs) {
         let ports = || spec.ports.iter().filter(|port| port.is_tcp());
         assert!(ports().count() <= PORTS, "{}", spec.kind);
-        assert!(ports().filter(|port| port.ends == Framing::Mbap).count() <= 1, "{}", spec.kind);
+        assert!(ports().filter(|port| port.framing == Framing::Mbap).count() <= 1, "{}", spec.kind);
     }
 }
 

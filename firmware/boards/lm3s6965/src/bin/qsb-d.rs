@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_lm3s6965, qsb::Qsb::d, ANSWERS, QSB);
+drivetwin_board::image!(drivetwin_lm3s6965, qsb::Qsb::d, TX_REPLIES, QSB);

@@ -7,10 +7,10 @@ use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::serial::{Party, PartyAddress};
 
 /// Most connections.
-pub(in crate::mdrive) const MOST: usize = 4;
+pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
 
-/// Characters that wait behind a line that is being executed, where somebody gives more than the drive
-/// [takes](crate::device::Device::takes). Those that have no room are lost.
+/// Characters that wait behind a line in execution, where a client sends more than the drive
+/// [takes](crate::device::Device::takes). Those that do not fit are lost.
 pub(in crate::mdrive) const WAITING: usize = 256;
 
 /// A line as it is typed.
@@ -22,21 +22,21 @@ pub(super) struct Console {
     pub(super) refused: bool,
     /// CR was the last character: LF belongs to it.
     pub(super) returned: bool,
-    pub(super) called: PartyAddress,
+    pub(super) address_state: PartyAddress,
     /// Address of the next line, in program mode.
     pub(super) programming: Option<u16>,
 }
 
 impl Console {
-    pub(super) const fn new(link: Link, called: PartyAddress) -> Self {
-        Self { link, line: Vec::new(), refused: false, returned: false, called, programming: None }
+    pub(super) const fn new(link: Link, address_state: PartyAddress) -> Self {
+        Self { link, line: Vec::new(), refused: false, returned: false, address_state, programming: None }
     }
 }
 
 /// All of them.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Consoles {
-    pub(super) list: Vec<Console, MOST>,
+    pub(super) list: Vec<Console, MAX_CONNECTIONS>,
     pub(super) party: Party,
     /// Connection whose line is being executed, and its end: one at a time.
     executing: Option<(Link, Instant)>,
@@ -57,7 +57,7 @@ impl Consoles {
         self.list.push(Console::new(link, self.first_called()))
     }
 
-    /// Closes a connection, with what was typed on it.
+    /// Closes a connection and drops its line.
     pub(super) fn close(&mut self, link: Link) {
         self.list.retain(|console| console.link != link);
         self.executing.take_if(|(executing, _)| *executing == link);
@@ -90,19 +90,20 @@ impl Consoles {
             return;
         }
         self.party = if on { Party::Waiting } else { Party::Off };
-        let called = self.first_called();
+        let address_state = self.first_called();
         for console in &mut self.list {
-            *console = Console { programming: console.programming, ..Console::new(console.link, called) };
+            *console =
+                Console { programming: console.programming, ..Console::new(console.link, address_state) };
         }
     }
 
-    /// Whom the first character of a line is for.
+    /// Address for the first character of a line.
     pub(super) fn first_called(&self) -> PartyAddress {
         if self.party == Party::Off { PartyAddress::Plain } else { PartyAddress::Next }
     }
 
     /// All connections.
-    pub(in crate::mdrive) fn links(&self) -> Vec<Link, MOST> {
+    pub(in crate::mdrive) fn links(&self) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         for console in &self.list {
             // There is room for all.
@@ -130,14 +131,14 @@ impl Consoles {
         self.executing = Some((link, at + takes));
     }
 
-    /// The line that has been executed: whose it is.
+    /// Connection of the line that has been executed.
     pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
         self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
     }
 
-    /// Keeps what comes while a line is being executed.
+    /// Stores characters that arrive while a line is being executed.
     pub(super) fn wait(&mut self, link: Link, character: u8) {
-        // Nobody gives so much who asks whether it is taken.
+        // A client that respects `takes` never sends so many.
         let _ = self.waiting.push_back((link, character));
     }
 

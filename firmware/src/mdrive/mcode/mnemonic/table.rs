@@ -84,7 +84,7 @@ const fn prints(name: &[u8], keyword: Keyword) -> Item {
     Item { word: word(name), class: Class::Keyword(keyword), variants: u8::MAX }
 }
 
-/// A name that nobody can have.
+/// A name that no variable can have.
 const fn takes(name: &[u8]) -> Item {
     Item { word: word(name), class: Class::NotAvailable, variants: 0 }
 }

@@ -88,7 +88,7 @@ fn cr_and_lf_and_both_end_a_line_once() {
 fn lines_of_one_message_come_one_after_the_other() {
     let mut dut = Dut::quiet();
     dut.types_lines("S1=2,0");
-    dut.tell(Input::Edge { pin: IO1, high: false });
+    dut.feed(Input::Edge { pin: IO1, high: false });
     for end in ["\n", "\r", "\r\n"] {
         assert_eq!(dut.types(&["MR 1", "PR EF,ER", "MR 1", ""].join(end)), "183\r\n", "{end:?}");
         dut.types("ER=0\n");
@@ -120,8 +120,8 @@ fn a_command_takes_1_to_5_ms() {
     ] {
         let mut dut = Dut::plus();
         let began = dut.now;
-        dut.tell(Input::Message { port: MCODE, link: HERE, bytes: line.as_bytes() });
-        dut.tell(Input::Message { port: MCODE, link: HERE, bytes: b"\r" });
+        dut.feed(Input::Message { port: MCODE, link: HERE, bytes: line.as_bytes() });
+        dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"\r" });
         dut.run_until(began + crate::device::Duration::millis(ms) - crate::device::Duration::TICK);
         assert_eq!(dut.bytes(), line.as_bytes(), "{line}");
         assert_eq!((dut.get(Reg::R1), dut.get(Reg::ER), dut.get(Reg::MV)), (0, 0, 0), "{line}");
@@ -141,10 +141,10 @@ fn what_is_typed_meanwhile_waits_in_its_order() {
     let mut dut = Dut::quiet();
     let (began, there) = (dut.now, Link(1));
     let ms = crate::device::Duration::millis;
-    dut.tell(Input::Opened { port: MCODE, link: there });
-    dut.tell(Input::Message { port: MCODE, link: HERE, bytes: b"R1=1\rPR R1\rR1=2" });
-    dut.tell(Input::Message { port: MCODE, link: there, bytes: b"R1=3\rPR R1\r" });
-    dut.tell(Input::Message { port: MCODE, link: HERE, bytes: b"4\rPR R1\r" });
+    dut.feed(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"R1=1\rPR R1\rR1=2" });
+    dut.feed(Input::Message { port: MCODE, link: there, bytes: b"R1=3\rPR R1\r" });
+    dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"4\rPR R1\r" });
     // 2 ms each.
     let said = |dut: &Dut| dut.said().iter().map(|(link, text)| (*link, text.clone())).collect::<Vec<_>>();
     let mut expected = Vec::new();
@@ -167,9 +167,9 @@ fn what_is_typed_meanwhile_waits_in_its_order() {
 fn an_escape_waits_for_the_line_before_it() {
     for link in [HERE, Link(1)] {
         let mut dut = Dut::quiet();
-        dut.tell(Input::Opened { port: MCODE, link: Link(1) });
-        dut.tell(Input::Message { port: MCODE, link: HERE, bytes: b"SL 100000\r" });
-        dut.tell(Input::Message { port: MCODE, link, bytes: b"\x1b" });
+        dut.feed(Input::Opened { port: MCODE, link: Link(1) });
+        dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"SL 100000\r" });
+        dut.feed(Input::Message { port: MCODE, link, bytes: b"\x1b" });
         dut.wait(crate::device::Duration::millis(2));
         assert_eq!(dut.get(Reg::SL), 100_000);
         dut.wait(crate::device::Duration::secs(1));
@@ -181,10 +181,10 @@ fn an_escape_waits_for_the_line_before_it() {
 fn who_goes_while_his_line_is_executed_leaves_nothing_behind() {
     let mut dut = Dut::quiet();
     let there = Link(1);
-    dut.tell(Input::Opened { port: MCODE, link: there });
-    dut.tell(Input::Message { port: MCODE, link: there, bytes: b"R1=1\rR1=2\r" });
-    dut.tell(Input::Message { port: MCODE, link: HERE, bytes: b"PR R1\r" });
-    dut.tell(Input::Closed { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Message { port: MCODE, link: there, bytes: b"R1=1\rR1=2\r" });
+    dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"PR R1\r" });
+    dut.feed(Input::Closed { port: MCODE, link: there });
     dut.wait(crate::device::Duration::millis(2));
     assert_eq!(dut.said(), [(HERE, "0\r\n".to_string())]);
     assert!(dut.drive.takes(MCODE));
@@ -236,7 +236,7 @@ fn a_line_that_is_too_long_is_answered_as_the_mode_says() {
 fn connections_have_lines_of_their_own() {
     let mut dut = Dut::plus();
     let there = Link(1);
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.said(), [], "nobody is greeted");
     assert_eq!(dut.types("PR \"he"), "PR \"he");
     assert_eq!(dut.types_on(there, "R1=5\r"), "R1=5\r\n>");
@@ -246,8 +246,8 @@ fn connections_have_lines_of_their_own() {
     assert_eq!(dut.types("PR R1\r"), "5\r\n");
     // A line goes with its connection.
     dut.types_on(there, "R1=");
-    dut.tell(Input::Closed { port: MCODE, link: there });
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Closed { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types_on(there, "PR R1\r"), "5\r\n");
 }
 
@@ -255,22 +255,22 @@ fn connections_have_lines_of_their_own() {
 fn a_fifth_connection_is_closed() {
     let mut dut = Dut::quiet();
     for link in 1..=3 {
-        dut.tell(Input::Opened { port: MCODE, link: Link(link) });
+        dut.feed(Input::Opened { port: MCODE, link: Link(link) });
     }
     assert_eq!(dut.out.closed, []);
-    dut.tell(Input::Opened { port: MCODE, link: Link(4) });
+    dut.feed(Input::Opened { port: MCODE, link: Link(4) });
     assert_eq!(dut.out.closed, [(dut.now, MCODE, Link(4))]);
     assert_eq!(dut.types_on(Link(4), "PR 1\r"), "");
     assert_eq!(dut.types_on(Link(3), "PR R1\r"), "0\r\n");
-    dut.tell(Input::Closed { port: MCODE, link: Link(3) });
-    dut.tell(Input::Opened { port: MCODE, link: Link(5) });
+    dut.feed(Input::Closed { port: MCODE, link: Link(3) });
+    dut.feed(Input::Opened { port: MCODE, link: Link(5) });
     assert_eq!(dut.types_on(Link(5), "PR R1\r"), "0\r\n");
 }
 
 #[test]
 fn what_a_program_prints_goes_to_all() {
     let mut dut = Dut::quiet();
-    dut.tell(Input::Opened { port: MCODE, link: Link(1) });
+    dut.feed(Input::Opened { port: MCODE, link: Link(1) });
     dut.types_lines("PG 1\nPR \"all\"\nE\nPG\nEX 1");
     dut.wait(crate::device::Duration::millis(10));
     for link in [HERE, Link(1)] {
@@ -342,7 +342,7 @@ fn ctrl_c_is_nothing_with_ce_0() {
 fn the_drive_hears_nothing_while_it_starts() {
     let mut dut = Dut::plus();
     dut.fixture.power_on(Boot::default());
-    dut.tell(Input::Opened { port: MCODE, link: HERE });
+    dut.feed(Input::Opened { port: MCODE, link: HERE });
     assert_eq!(dut.types("R1=5\r"), "");
     dut.wait(crate::device::Duration::secs(1));
     assert_eq!(dut.said().pop(), Some((HERE, ">".to_string())));

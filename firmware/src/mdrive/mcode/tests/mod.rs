@@ -74,7 +74,7 @@ impl Dut {
 
     fn power_on(&mut self) {
         self.power_on_fast();
-        self.tell(Input::Opened { port: MCODE, link: HERE });
+        self.feed(Input::Opened { port: MCODE, link: HERE });
         self.out.messages.clear();
     }
 
@@ -98,7 +98,7 @@ impl Dut {
     /// Gives the drive bytes on a connection as fast as it takes them, until it has executed all of their lines.
     fn send(&mut self, link: Link, mut bytes: &[u8]) {
         while let Some(bytes) = next_line(&mut bytes) {
-            self.tell(Input::Message { port: MCODE, link, bytes });
+            self.feed(Input::Message { port: MCODE, link, bytes });
             while !self.drive.takes(MCODE) {
                 let due = self.drive.deadline();
                 self.run_until(due);

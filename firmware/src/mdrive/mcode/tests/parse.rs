@@ -201,8 +201,8 @@ fn branches_and_calls_have_a_place_and_a_condition() {
 
 #[test]
 fn moves_may_announce_their_end_and_go_on() {
-    let way = |relative, way, announces, goes_on| {
-        Ok(Statement::Move { relative, way: number(way), announces, goes_on })
+    let way = |relative, way, notify_on_end, continuous| {
+        Ok(Statement::Move { relative, way: number(way), notify_on_end, continuous })
     };
     assert_eq!(parsed("MA 200000"), way(false, 200_000, false, false));
     assert_eq!(parsed("ma100000,1"), way(false, 100_000, true, false));

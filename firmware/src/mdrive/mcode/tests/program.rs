@@ -135,13 +135,13 @@ fn program_mode_goes_on_at_an_address() {
 fn program_mode_is_of_the_connection_that_began_it() {
     let mut dut = Dut::quiet();
     let there = Link(1);
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     dut.types_on(there, "PG 10\rR1=1\r");
     assert_eq!(dut.types("PR R1\rL\r"), "0\r\nR1=1\r\n");
     dut.types("PG 20\rR2=2\r");
     dut.types_on(there, "R1=2\r");
-    dut.tell(Input::Closed { port: MCODE, link: there });
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Closed { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types_on(there, "PR R2\rL\r"), "0\r\nR1=1\r\nR1=2\r\nR2=2\r\n");
     dut.types_lines("R2=3\nPG");
     assert_eq!(dut.types("L 20\r"), "R2=2\r\nR2=3\r\n");

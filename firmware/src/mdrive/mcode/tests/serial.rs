@@ -85,14 +85,14 @@ fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
 fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     let mut dut = Dut::sister(2);
     let there = Link(1);
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     dut.types("PY=1\r");
     assert_eq!(dut.types_on(there, "!R1=5\n"), "");
     assert_eq!(dut.get(Reg::R1), 0, "its Ctrl-J was the first one");
     dut.types("!R1=6\n");
     assert_eq!(dut.get(Reg::R1), 6, "so nobody needs another one");
-    dut.tell(Input::Closed { port: MCODE, link: there });
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Closed { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types_on(there, "!PR R1\n"), "6\r\n");
 
     // Entered anew, by whomever.
@@ -106,7 +106,7 @@ fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     dut.types("!S\n");
     dut.wait(crate::device::Duration::secs(1));
     dut.cycle();
-    dut.tell(Input::Opened { port: MCODE, link: there });
+    dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types("!PR R1\n!PR R1\n"), "6\r\n");
     assert_eq!(dut.types_on(there, "!PR R1\n"), "6\r\n");
     // So is Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).

@@ -63,7 +63,7 @@ impl Drive {
     /// left that RS could resume.
     pub(in crate::mdrive) fn end_program(&mut self) {
         if self.mcode.vm.is_paused() {
-            self.motion.forget_what_waits();
+            self.motion.clear_waiting();
         }
         self.mcode.vm.end();
     }
@@ -106,7 +106,7 @@ impl Drive {
         self.interrupt_program(at, out);
     }
 
-    /// The next line is due, or what it waits for has come.
+    /// The next line is due, or the condition it waits for is true.
     pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         match self.mcode.vm.phase {
             Phase::Until(_) => self.mcode.vm.begin(at),
@@ -116,7 +116,7 @@ impl Drive {
     }
 
     /// Lets H go on with the next line once motion is over.
-    pub(in crate::mdrive) fn look_for_standstill(&mut self, at: Instant) {
+    pub(in crate::mdrive) fn check_standstill(&mut self, at: Instant) {
         if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
             self.mcode.vm.begin(at);
         }
@@ -133,11 +133,11 @@ impl Drive {
         }
         let vm = &mut self.mcode.vm;
         vm.address = address.saturating_add(1);
-        // Between two lines, unless this one says otherwise.
+        // The time between two lines, unless this one sets another.
         vm.phase = Phase::Line(at);
         if matches!(vm.mode, Mode::Trace | Mode::Step) {
-            self.say_to_all(at, &line, out);
-            self.say_to_all(at, b"\r\n", out);
+            self.send_to_all(at, &line, out);
+            self.send_to_all(at, b"\r\n", out);
         }
         let done = self.parse(&line).and_then(|statement| match statement {
             Statement::Print(items) => self.print_on(at, self.mcode.consoles.links(), items, out),
@@ -180,8 +180,8 @@ impl Drive {
             // It is not there any more, and would be called by its own failure.
             self.mcode.vm.handler = None;
         }
-        let called = found.and_then(|address| self.mcode.vm.call(at, address, handles));
-        if let Err(error) = called {
+        let address_state = found.and_then(|address| self.mcode.vm.call(at, address, handles));
+        if let Err(error) = address_state {
             self.fail_program(at, error, out);
         }
     }

@@ -27,13 +27,13 @@ impl Bench {
             let (channel, level) = forward[self.edges.rem_euclid(4) as usize];
             self.edges += i32::from(!back);
             self.run(MS);
-            self.tell(|motion, at, out| motion.channel(at, channel, Some(level != back), out));
+            self.feed(|motion, at, out| motion.channel(at, channel, Some(level != back), out));
         }
     }
 
     fn plug(&mut self) {
         for channel in [Channel::A, Channel::B] {
-            self.tell(|motion, at, out| motion.channel(at, channel, Some(true), out));
+            self.feed(|motion, at, out| motion.channel(at, channel, Some(true), out));
         }
     }
 }
@@ -72,7 +72,7 @@ fn absolute_moves_go_by_c2() {
     let mut bench = Bench::new(COUNTS);
     bench.does(by(1_000));
     bench.run_out();
-    bench.tell(|motion, at, _| motion.set_counts(at, 0));
+    bench.feed(|motion, at, _| motion.set_counts(at, 0));
     bench.does(to(-500));
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (500 * 25, -500));
@@ -84,7 +84,7 @@ fn absolute_moves_go_by_c2() {
 fn with_1000_lines_a_count_is_no_whole_number_of_steps() {
     let mut bench = Bench::new(FACTORY);
     bench.motion = Motion::new(Settings { lines: 1_000, ..FACTORY });
-    bench.tell(|motion, at, out| motion.power_on(at, Settings { lines: 1_000, ..COUNTS }, out));
+    bench.feed(|motion, at, out| motion.power_on(at, Settings { lines: 1_000, ..COUNTS }, out));
     for (distance, count) in [(1, 1), (3, 4), (-7, -3), (4_003, 4_000), (-4_000, 0)] {
         bench.does(by(distance));
         bench.run_out();
@@ -105,7 +105,7 @@ fn a_stall_is_told_when_it_is_sf_counts_behind() {
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (2_030 * 25, 2_000));
     assert_eq!((bench.motion.has_stalled(), bench.errors()), (true, [Error::Stall].to_vec()));
-    bench.tell(|motion, _, _| motion.set_stalled(false));
+    bench.feed(|motion, _, _| motion.set_stalled(false));
     assert!(!bench.motion.has_stalled());
 }
 
@@ -122,7 +122,7 @@ fn a_stall_backward_is_one_too() {
 fn with_sm_it_goes_on_and_is_corrected_three_times() {
     let settings = Settings { stall_factor: 30, goes_on_stalled: true, ..COUNTS };
     let mut bench = Bench::new(settings);
-    bench.does(Order::By { distance: 2_048, announces: true, goes_on: false });
+    bench.does(Order::By { distance: 2_048, notify_on_end: true, continuous: false });
     bench.run_to_count(2_000);
     bench.hold(true);
     while bench.c1() <= 51_200 {
@@ -163,7 +163,7 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
         bench.run(4.millis());
         bench.hold(false);
         assert!(bench.motion.has_stalled());
-        bench.tell(|motion, _, _| motion.set_stalled(false));
+        bench.feed(|motion, _, _| motion.set_stalled(false));
         bench.run(2.millis());
         let behind = bench.c1() / 25 - bench.c2();
         assert!((behind - lost).abs() <= 1, "{behind} counts behind");
@@ -186,7 +186,7 @@ fn with_sm_a_slew_goes_on_after_a_stall() {
     // 1 N·m by 25 % takes 4·10⁻⁵ kg·m² along at 4.4 turns/s, 9,000 counts/s (two full steps are 0.0628 rad), with
     // friction at somewhat less.
     let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
-    for (speed, goes_on) in [(2_048, true), (-8_000, true), (10_000, false), (-10_000, false)] {
+    for (speed, continuous) in [(2_048, true), (-8_000, true), (10_000, false), (-10_000, false)] {
         for goes_on_stalled in [false, true] {
             let mut bench = Bench::new(Settings { goes_on_stalled, machine, ..COUNTS });
             bench.does(Order::Slew(speed));
@@ -198,7 +198,7 @@ fn with_sm_a_slew_goes_on_after_a_stall() {
             bench.run(10.millis());
             let c2 = bench.c2();
             bench.run(1.secs());
-            let turned = if goes_on && goes_on_stalled { speed } else { 0 };
+            let turned = if continuous && goes_on_stalled { speed } else { 0 };
             assert!(
                 (bench.c2() - c2 - turned).abs() <= 1,
                 "{speed}, SM {goes_on_stalled}: {}",
@@ -254,9 +254,9 @@ fn a_remote_encoder_counts_once_it_is_driven() {
     bench.run_out();
     assert_eq!(bench.c2(), 1, "its own shaft does not matter");
     assert!(!bench.motion.is_on_index(bench.now));
-    bench.tell(|motion, at, out| motion.channel(at, Channel::Index, Some(true), out));
+    bench.feed(|motion, at, out| motion.channel(at, Channel::Index, Some(true), out));
     assert!(bench.motion.is_on_index(bench.now));
-    bench.tell(|motion, at, _| motion.unplug(at));
+    bench.feed(|motion, at, _| motion.unplug(at));
     bench.does(by(100));
     bench.run_out();
     assert_eq!(bench.c2(), 1 + 4);
@@ -337,7 +337,7 @@ fn escape_while_it_settles_leaves_it_where_it_is() {
     while bench.v() != 0 || bench.c1() == 0 {
         bench.run(MS);
     }
-    bench.tell(|motion, at, out| motion.halt(at, out));
+    bench.feed(|motion, at, out| motion.halt(at, out));
     bench.run_out();
     assert_eq!((bench.c1(), bench.errors()), (2_500, Vec::new()));
 }

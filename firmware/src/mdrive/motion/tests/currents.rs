@@ -106,7 +106,7 @@ fn a_restart_forgets_all_but_where_the_shaft_is() {
     bench.does(to(5_000));
     bench.run(1.secs());
     bench.contact(Contact::PlusLimit, true);
-    bench.tell(|motion, at, out| motion.power_on(at, SLOW, out));
+    bench.feed(|motion, at, out| motion.power_on(at, SLOW, out));
     assert_eq!((bench.c1(), bench.c2(), bench.v(), bench.is_moving()), (0, 0, 0, false));
     bench.does(to(51_200));
     bench.run_out();

@@ -6,7 +6,7 @@ use super::*;
 fn clock(bench: &mut Bench, steps: u32, step: i32, every: Duration) {
     for _ in 0..steps {
         bench.run(every);
-        bench.tell(|motion, at, out| motion.follow(at, step, out));
+        bench.feed(|motion, at, out| motion.follow(at, step, out));
     }
 }
 

@@ -14,7 +14,7 @@ impl Track {
     /// Stands at `from`.
     fn new(settings: Settings, from: i32, switch: (i32, i32)) -> Self {
         let mut bench = Bench::new(settings);
-        bench.tell(|motion, at, _| motion.set_steps(at, from));
+        bench.feed(|motion, at, _| motion.set_steps(at, from));
         let mut track = Self { bench, switch, limits: (i32::MIN, i32::MAX) };
         track.look();
         track
@@ -102,10 +102,13 @@ fn what_overshoots_the_switch_comes_back() {
 /// Motions of a homing, in order: direction, and the greatest speed in steps/s.
 fn motions(track: &Track) -> Vec<(bool, i64)> {
     let of = |(.., plan): &(Instant, Axis, Plan)| {
-        let most =
-            plan.segments().iter().filter(|segment| segment.ticks > 0).max_by_key(|segment| segment.h)?;
+        let most = plan
+            .segments()
+            .iter()
+            .filter(|segment| segment.ticks > 0)
+            .max_by_key(|segment| segment.start_speed)?;
         // A segment is as fast at its end as the next one at its beginning.
-        (most.h > 0).then_some((most.back, most.h / 16_000_000))
+        (most.start_speed > 0).then_some((most.reverse, most.start_speed / 16_000_000))
     };
     track.bench.out.plans.iter().filter_map(of).collect()
 }
@@ -260,9 +263,9 @@ fn a_paused_homing_begins_anew() {
     let mut track = Track::new(SLOW, 20_000, (0, 3_000));
     track.bench.does(Order::Home(1));
     track.bench.run(1.secs());
-    track.bench.tell(|motion, at, out| motion.pause(at, out));
+    track.bench.feed(|motion, at, out| motion.pause(at, out));
     track.run_out();
-    track.bench.tell(|motion, at, out| motion.resume(at, out));
+    track.bench.feed(|motion, at, out| motion.resume(at, out));
     track.run_out();
     assert_eq!(track.bench.c1(), 3_001);
 }

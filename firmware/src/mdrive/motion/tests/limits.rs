@@ -111,10 +111,10 @@ fn a_limit_in_the_way_of_what_paused_leaves_what_waited_behind_it() {
     bench.does(to(5_000));
     bench.does(to(0));
     bench.run(500.millis());
-    bench.tell(|motion, at, out| motion.pause(at, out));
+    bench.feed(|motion, at, out| motion.pause(at, out));
     bench.run_out();
     bench.contact(Contact::PlusLimit, true);
-    bench.tell(|motion, at, out| motion.resume(at, out));
+    bench.feed(|motion, at, out| motion.resume(at, out));
     bench.run_out();
     assert_eq!((bench.c1(), bench.errors()), (0, [Error::PlusLimit].to_vec()));
 }
@@ -214,7 +214,7 @@ fn a_jog_that_was_ended_does_not_begin_again() {
     };
     assert!(jogs(&|_| {}));
     assert!(!jogs(&|bench| bench.does(Order::Slew(0))));
-    assert!(!jogs(&|bench| bench.tell(|motion, at, out| motion.stop(at, out))));
+    assert!(!jogs(&|bench| bench.feed(|motion, at, out| motion.stop(at, out))));
     assert!(!jogs(&|bench| bench.contact(Contact::PlusLimit, true)));
     // Released, and held again while it stops for an order.
     assert!(!jogs(&|bench| {

@@ -92,18 +92,18 @@ impl Bench {
             events: Vec::new(),
             edges: 0,
         };
-        bench.tell(|motion, at, out| motion.power_on(at, settings, out));
+        bench.feed(|motion, at, out| motion.power_on(at, settings, out));
         bench
     }
 
     /// Something happens now.
-    fn tell<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Context) -> T) -> T {
+    fn feed<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Context) -> T) -> T {
         let before = self.out.plans.len();
         let answer = does(&mut self.motion, self.now, &mut self.out);
         for (at, _, plan) in &self.out.plans[before..] {
             assert_eq!(plan.start(), *at);
         }
-        while let Some(event) = self.motion.take_event() {
+        while let Some(event) = self.motion.next_event() {
             self.events.push((self.now, event));
         }
         answer
@@ -122,7 +122,7 @@ impl Bench {
             assert!(calls < 20, "it does not get on: {:?}", self.motion.activity);
             assert!(due >= self.now);
             self.now = due;
-            self.tell(|motion, at, out| motion.timeout(at, out));
+            self.feed(|motion, at, out| motion.timeout(at, out));
         }
         self.now = until;
     }
@@ -138,7 +138,7 @@ impl Bench {
     }
 
     fn order(&mut self, order: Order) -> Result<(), Error> {
-        self.tell(|motion, at, out| motion.order(at, order, out))
+        self.feed(|motion, at, out| motion.order(at, order, out))
     }
 
     fn does(&mut self, order: Order) {
@@ -146,15 +146,15 @@ impl Bench {
     }
 
     fn contact(&mut self, contact: Contact, active: bool) {
-        self.tell(|motion, at, out| motion.contact(at, contact, active, out));
+        self.feed(|motion, at, out| motion.contact(at, contact, active, out));
     }
 
     fn set(&mut self, settings: Settings) {
-        self.tell(|motion, at, out| motion.set(at, settings, out));
+        self.feed(|motion, at, out| motion.set(at, settings, out));
     }
 
     fn hold(&mut self, held: bool) {
-        self.tell(|motion, at, out| motion.hold_shaft(at, held, out));
+        self.feed(|motion, at, out| motion.block_shaft(at, held, out));
     }
 
     /// C1, V, MV, MP, VC.
@@ -197,9 +197,9 @@ impl Bench {
 }
 
 fn to(position: i32) -> Order {
-    Order::To { position, announces: false, goes_on: false }
+    Order::To { position, notify_on_end: false, continuous: false }
 }
 
 fn by(distance: i32) -> Order {
-    Order::By { distance, announces: false, goes_on: false }
+    Order::By { distance, notify_on_end: false, continuous: false }
 }

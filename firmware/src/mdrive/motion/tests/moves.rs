@@ -37,7 +37,7 @@ fn moves_are_relative_to_here_or_to_zero() {
         bench.run_out();
         assert_eq!(bench.c1(), position);
     }
-    bench.tell(|motion, at, _| motion.set_steps(at, 100));
+    bench.feed(|motion, at, _| motion.set_steps(at, 100));
     assert_eq!((bench.c1(), bench.c2()), (100, -7_000 / 25));
     bench.does(to(0));
     bench.run_out();
@@ -49,7 +49,7 @@ fn a_position_that_is_set_while_a_move_is_calculated_does_not_change_its_way() {
     let mut bench = Bench::new(FACTORY);
     bench.does(by(1_000));
     bench.run(MS);
-    bench.tell(|motion, at, _| motion.set_steps(at, 50));
+    bench.feed(|motion, at, _| motion.set_steps(at, 50));
     bench.run_out();
     assert_eq!(bench.c1(), 1_050);
 }
@@ -211,7 +211,7 @@ fn escape_stops_on_the_spot() {
     let mut bench = Bench::new(SLOW);
     bench.does(Order::Slew(5_000));
     bench.run(1.secs());
-    bench.tell(|motion, at, out| motion.halt(at, out));
+    bench.feed(|motion, at, out| motion.halt(at, out));
     assert_eq!((bench.c1(), bench.v(), bench.is_moving()), (4_200, 0, false));
 }
 
@@ -221,7 +221,7 @@ fn a_soft_stop_brakes_and_drops_what_waits() {
     bench.does(to(50_000));
     bench.does(to(0));
     bench.run(Duration::micros(1_002_500));
-    bench.tell(|motion, at, out| motion.stop(at, out));
+    bench.feed(|motion, at, out| motion.stop(at, out));
     assert!(!bench.is_positioning());
     bench.run(400.millis());
     assert_eq!((bench.c1(), bench.is_moving()), (1_200 + 3_000 + 1_200, false));
@@ -234,14 +234,14 @@ fn a_paused_move_goes_on_to_its_target() {
     let mut bench = Bench::new(SLOW);
     bench.does(by(20_000));
     bench.run(1.secs());
-    bench.tell(|motion, at, out| motion.pause(at, out));
+    bench.feed(|motion, at, out| motion.pause(at, out));
     bench.run(1.secs());
     assert!(!bench.is_moving());
     let there = bench.c1();
     bench.does(by(-100));
     bench.run_out();
     assert_eq!(bench.c1(), there - 100);
-    bench.tell(|motion, at, out| motion.resume(at, out));
+    bench.feed(|motion, at, out| motion.resume(at, out));
     assert!(bench.is_moving());
     bench.run_out();
     assert_eq!(bench.c1(), 20_000);
@@ -253,9 +253,9 @@ fn a_paused_slew_goes_on_also_before_it_stands() {
     bench.does(Order::Slew(-3_000));
     bench.run(1.secs());
     for wait in [100.millis(), 1.secs()] {
-        bench.tell(|motion, at, out| motion.pause(at, out));
+        bench.feed(|motion, at, out| motion.pause(at, out));
         bench.run(wait);
-        bench.tell(|motion, at, out| motion.resume(at, out));
+        bench.feed(|motion, at, out| motion.resume(at, out));
         bench.run(1.secs());
         assert_eq!(bench.v(), -3_000);
     }
@@ -267,14 +267,14 @@ fn a_paused_move_that_goes_on_keeps_the_speed_that_it_began_with() {
     for (distance, closed) in [(-3_000, false), (-10, false), (-1_000, true)] {
         let slow = if closed { Settings { start: 40, ..SLOW } } else { SLOW };
         let mut bench = Bench::new(Settings { closed, ..slow });
-        bench.does(Order::By { distance, announces: false, goes_on: true });
+        bench.does(Order::By { distance, notify_on_end: false, continuous: true });
         bench.run(10.millis());
         bench.set(Settings { speed: 2_000, closed, ..slow });
         bench.run(2.secs());
-        bench.tell(|motion, at, out| motion.pause(at, out));
+        bench.feed(|motion, at, out| motion.pause(at, out));
         bench.run(2.secs());
         assert!(!bench.is_moving());
-        bench.tell(|motion, at, out| motion.resume(at, out));
+        bench.feed(|motion, at, out| motion.resume(at, out));
         bench.run(2.secs());
         assert_eq!(bench.v(), -5_000, "{distance}");
     }
@@ -286,10 +286,10 @@ fn what_waits_behind_a_paused_move_waits_for_rs() {
     bench.does(to(5_000));
     bench.does(to(0));
     bench.run(100.millis());
-    bench.tell(|motion, at, out| motion.pause(at, out));
+    bench.feed(|motion, at, out| motion.pause(at, out));
     bench.run(10.secs());
     assert!(!bench.is_moving() && !bench.is_positioning());
-    bench.tell(|motion, at, out| motion.resume(at, out));
+    bench.feed(|motion, at, out| motion.resume(at, out));
     let mut most = 0;
     while bench.is_moving() {
         bench.run(MS);
@@ -301,10 +301,10 @@ fn what_waits_behind_a_paused_move_waits_for_rs() {
 #[test]
 fn a_move_may_send_a_name_at_its_end() {
     let mut bench = Bench::new(Settings { settle_ms: 20, ..SLOW });
-    bench.does(Order::To { position: 100, announces: true, goes_on: false });
+    bench.does(Order::To { position: 100, notify_on_end: true, continuous: false });
     bench.run_out();
     assert_eq!(bench.events, [(bench.now, Event::Announce)]);
-    bench.does(Order::To { position: 50_000, announces: true, goes_on: false });
+    bench.does(Order::To { position: 50_000, notify_on_end: true, continuous: false });
     bench.run(1.secs());
     bench.does(Order::Slew(0));
     bench.run_out();
@@ -314,7 +314,7 @@ fn a_move_may_send_a_name_at_its_end() {
 #[test]
 fn a_move_may_go_on_behind_its_position() {
     let mut bench = Bench::new(SLOW);
-    bench.does(Order::By { distance: -2_200, announces: true, goes_on: true });
+    bench.does(Order::By { distance: -2_200, notify_on_end: true, continuous: true });
     // 2.5 ms, 1,200 steps of ramp in 400 ms, 1,000 in 200 ms.
     bench.run(Duration::micros(602_500) - Duration::TICK * 2);
     assert_eq!((bench.c1(), bench.is_positioning()), (-2_199, true));
@@ -338,7 +338,7 @@ fn five_million_steps_a_second() {
     assert_eq!((bench.v(), bench.c1()), (5_000_000, steps as i32));
     bench.run(100.secs());
     assert_eq!(bench.c1(), (steps as i64 + 500_000_000) as i32);
-    bench.tell(|motion, at, out| motion.halt(at, out));
+    bench.feed(|motion, at, out| motion.halt(at, out));
     // D = 91 steps/s²: a day would not be enough for a ramp from here.
     assert!(!bench.is_moving());
 }
@@ -346,7 +346,7 @@ fn five_million_steps_a_second() {
 #[test]
 fn when_a_position_is_reached_is_known() {
     let mut bench = Bench::new(SLOW);
-    bench.tell(|motion, at, _| motion.set_steps(at, -500));
+    bench.feed(|motion, at, _| motion.set_steps(at, -500));
     assert!(bench.motion.has_changed() && !bench.motion.has_changed());
     assert_eq!(bench.motion.reaches(bench.now, 1_700), Instant::NEVER);
     bench.does(Order::Slew(5_000));
@@ -382,7 +382,7 @@ fn the_manuals_change_of_velocity_ends_where_it_expects() {
 #[test]
 fn a_waiting_move_takes_over_from_one_that_goes_on() {
     let mut bench = Bench::new(SLOW);
-    bench.does(Order::To { position: 2_200, announces: false, goes_on: true });
+    bench.does(Order::To { position: 2_200, notify_on_end: false, continuous: true });
     bench.run(100.millis());
     bench.does(to(0));
     bench.run_out();
@@ -394,11 +394,11 @@ fn rs_takes_over_from_what_was_ordered_while_it_paused() {
     let mut bench = Bench::new(SLOW);
     bench.does(to(20_000));
     bench.run(1.secs());
-    bench.tell(|motion, at, out| motion.pause(at, out));
+    bench.feed(|motion, at, out| motion.pause(at, out));
     bench.run_out();
     bench.does(Order::Slew(-500));
     bench.run(1.secs());
-    bench.tell(|motion, at, out| motion.resume(at, out));
+    bench.feed(|motion, at, out| motion.resume(at, out));
     bench.run_out();
     assert_eq!(bench.c1(), 20_000);
 }

@@ -26,15 +26,13 @@ enum Does {
 fn order() -> impl Strategy<Value = Order> {
     let way = prop_oneof![Just(0), -100..100_i32, any::<i32>()];
     prop_oneof![
-        (way.clone(), any::<bool>(), any::<bool>()).prop_map(|(position, announces, goes_on)| Order::To {
-            position,
-            announces,
-            goes_on
+        (way.clone(), any::<bool>(), any::<bool>()).prop_map(|(position, notify_on_end, continuous)| {
+            Order::To { position, notify_on_end, continuous }
         }),
-        (way, any::<bool>(), any::<bool>()).prop_map(|(distance, announces, goes_on)| Order::By {
+        (way, any::<bool>(), any::<bool>()).prop_map(|(distance, notify_on_end, continuous)| Order::By {
             distance,
-            announces,
-            goes_on
+            notify_on_end,
+            continuous
         }),
         prop_oneof![Just(0), -5_000..5_000_i32, -5_000_000..5_000_000_i32].prop_map(Order::Slew),
         (0..6_u8).prop_map(Order::Home),
@@ -131,7 +129,7 @@ proptest! {
             let before = bench.c1();
             let jumps = matches!(does, Does::Presets(_) | Does::Restarts)
                 || matches!(does, Does::Clocks(_)) && now.ratio == 1_000;
-            bench.tell(|motion, at, out| match does {
+            bench.feed(|motion, at, out| match does {
                 Does::Orders(order) => {
                     let _ = motion.order(at, order, out);
                 }
@@ -140,7 +138,7 @@ proptest! {
                     now = settings;
                     motion.set(at, settings, out);
                 }
-                Does::Holds(held) => motion.hold_shaft(at, held, out),
+                Does::Holds(held) => motion.block_shaft(at, held, out),
                 Does::Edges(channel, level) => motion.channel(at, channel, level, out),
                 Does::Clocks(steps) => motion.follow(at, steps, out),
                 Does::Stops => motion.stop(at, out),
@@ -166,7 +164,7 @@ proptest! {
             let position = planned.position_at(bench.now).wrapping_add(bench.out.steps_since_plan());
             prop_assert_eq!(position, bench.motion.motor.position(bench.now));
         }
-        bench.tell(|motion, at, out| motion.halt(at, out));
+        bench.feed(|motion, at, out| motion.halt(at, out));
         bench.run(1.secs());
         let stands = !bench.is_moving() || now.closed && now.maintains || bench.motion.encoder.is_remote();
         prop_assert!(stands, "{:?}", bench.motion.activity);

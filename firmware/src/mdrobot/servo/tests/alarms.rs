@@ -138,7 +138,7 @@ fn a_broken_hall_sensor_is_noticed() {
 }
 
 /// A motor with an encoder of so many cycles, and ENC_PPR right.
-fn encoded(cycles: u16, stop_status: u16) -> Bench {
+fn encoder_edges(cycles: u16, stop_status: u16) -> Bench {
     let settings = Settings { enc_ppr: cycles, stop_status, ..Settings::FACTORY };
     Bench::new(settings, Parameters { encoder_cycles: cycles, ..MOTOR })
 }
@@ -152,7 +152,7 @@ fn a_good_encoder_is_no_alarm() {
             Order::Velocity(-40),
             Order::Velocity(1_000),
         ] {
-            let mut bench = encoded(cycles, 1);
+            let mut bench = encoder_edges(cycles, 1);
             bench.order(order);
             assert_eq!(alarm(&mut bench, 6_000), None, "{order:?}, {cycles} cycles");
             // Held, and pushed a little.

@@ -161,7 +161,7 @@ impl Bench {
 
     fn load(&mut self, load_unm: i32) {
         let parameters = Parameters { load_unm, ..*self.motor.parameters() };
-        self.motor.become_another(self.now, parameters, &mut Wires(&mut self.wires));
+        self.motor.set_parameters(self.now, parameters, &mut Wires(&mut self.wires));
     }
 
     fn shaft(&self) -> Shaft {

@@ -106,7 +106,7 @@ fn the_supply_may_be_another_one() {
     };
     for (first, then) in [(120, 120), (480, 480), (240, 120), (240, 600), (480, 240)] {
         let mut bench = turning(Settings::FACTORY, fed(first), 1_000);
-        bench.motor.become_another(bench.now, fed(then), &mut Wires(&mut bench.wires));
+        bench.motor.set_parameters(bench.now, fed(then), &mut Wires(&mut bench.wires));
         bench.run_ms(2_000);
         for _ in 0..1_000 {
             bench.run_ms(1);

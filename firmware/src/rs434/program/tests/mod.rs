@@ -10,7 +10,7 @@ use std::vec::Vec;
 use drivetwin_protocol::registers::Space;
 use drivetwin_protocol::time::Span;
 
-use super::vm::{CannotWrite, Step, World};
+use super::vm::{CannotWrite, Host, Step};
 use super::{Program, Status, image, run};
 use crate::device::Instant;
 use crate::rs434::{LINES, MEMORY};
@@ -90,7 +90,7 @@ struct Drive {
     stops: Option<u16>,
 }
 
-impl World for Drive {
+impl Host for Drive {
     fn program(&mut self) -> &mut Program {
         &mut self.program
     }

@@ -188,9 +188,9 @@ fn example_8_4_closed_loop() {
     dut.commands("C1=0; C2=0; EX 1");
     dut.wait(1.secs());
     assert_eq!((dut.value(Reg::EF), dut.value(Reg::MV)), (0, 1));
-    dut.tell(Input::Fault { fault: STALL, on: true });
+    dut.feed(Input::Fault { fault: STALL, on: true });
     dut.wait(100.millis());
-    dut.tell(Input::Fault { fault: STALL, on: false });
+    dut.feed(Input::Fault { fault: STALL, on: false });
     // The shaft stalls when it is 15 counts behind; the motor stops there.
     let said = dut.said();
     let (counts, error) = said.split_once("\r\n").unwrap();

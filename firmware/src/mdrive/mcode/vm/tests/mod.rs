@@ -56,7 +56,7 @@ impl Dut {
         });
         let mut dut = Self { fixture };
         dut.power_on(Boot { fast: true, ..Boot::default() });
-        dut.tell(Input::Opened { port: MCODE, link: CONSOLE });
+        dut.feed(Input::Opened { port: MCODE, link: CONSOLE });
         dut
     }
 
@@ -99,7 +99,7 @@ impl Dut {
 
     /// A level at a pin.
     fn level(&mut self, pin: Pin, high: bool) {
-        self.tell(Input::Edge { pin, high });
+        self.feed(Input::Edge { pin, high });
     }
 
     /// An immediate command.
@@ -109,7 +109,7 @@ impl Dut {
         if let Err(error) = done {
             drive.fail(*now, error, out);
         }
-        drive.settle(*now, out);
+        drive.dispatch_events(*now, out);
         done
     }
 

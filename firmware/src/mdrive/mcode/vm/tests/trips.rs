@@ -311,13 +311,13 @@ fn a_distance_is_in_counts_with_the_encoder() {
 fn a_distance_waits_for_a_shaft_that_is_held() {
     let mut dut = Dut::with("LB K1; IC R1; RT");
     dut.commands("EE=1; SM=1; SF=65000; TR=100,K1,1; TE=16");
-    dut.tell(Input::Fault { fault: STALL, on: true });
+    dut.feed(Input::Fault { fault: STALL, on: true });
     dut.commands("SL 1000");
     dut.wait(2.secs());
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::P)), (0, 16, 0));
     dut.commands("SL 0");
     dut.wait(2.secs());
-    dut.tell(Input::Fault { fault: STALL, on: false });
+    dut.feed(Input::Fault { fault: STALL, on: false });
     dut.commands("SL 1000");
     dut.wait(2.secs());
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::PC)), (1, 0, 100));

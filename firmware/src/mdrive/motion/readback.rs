@@ -13,7 +13,7 @@ impl Motion {
     /// Steps made, of the motor (C1).
     pub(in crate::mdrive) fn steps(&self, at: Instant) -> i32 {
         match self.activity {
-            Activity::Uncounted { steps, .. } => steps,
+            Activity::CircuitDriven { steps, .. } => steps,
             _ => self.motor.position(at).wrapping_add(self.c1),
         }
     }
@@ -23,7 +23,7 @@ impl Motion {
         let more = steps.wrapping_sub(self.steps(at));
         self.lag_origin = self.lag_origin.wrapping_add(more);
         match &mut self.activity {
-            Activity::Uncounted { steps: held, .. } => *held = steps,
+            Activity::CircuitDriven { steps: held, .. } => *held = steps,
             _ => self.c1 = self.c1.wrapping_add(more),
         }
         self.changed = true;
@@ -41,7 +41,7 @@ impl Motion {
     }
 
     /// P: C1, or C2 with EE = 1.
-    pub(super) fn shown_position(&self, at: Instant) -> i32 {
+    pub(super) fn displayed_position(&self, at: Instant) -> i32 {
         if self.settings.closed { self.counts(at) } else { self.steps(at) }
     }
 
@@ -49,7 +49,7 @@ impl Motion {
     pub(in crate::mdrive) fn velocity(&self, at: Instant) -> i32 {
         let speed = match self.activity {
             Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
-            Activity::Uncounted { .. } => return 0,
+            Activity::CircuitDriven { .. } => return 0,
             _ => self.motor.plan().speed_at(at),
         };
         self.settings.scale().speed_in_counts(speed)
@@ -59,7 +59,7 @@ impl Motion {
     pub(in crate::mdrive) fn is_moving(&self) -> bool {
         match self.activity {
             Activity::Rest => false,
-            Activity::Uncounted { .. } => self.waiting.is_some(),
+            Activity::CircuitDriven { .. } => self.waiting.is_some(),
             _ => true,
         }
     }
@@ -74,7 +74,7 @@ impl Motion {
 
     /// Returns whether its speed changes (VC).
     pub(in crate::mdrive) fn is_changing(&self, at: Instant) -> bool {
-        self.is_moving() && self.motor.plan().segment_at(at).0.a != 0
+        self.is_moving() && self.motor.plan().segment_at(at).0.acceleration != 0
     }
 
     /// Returns whether the encoder is on its index (I6).
@@ -105,10 +105,10 @@ impl Motion {
     /// Time at which C1 comes to be `steps` next, after `at`, if motion goes on as planned; [`Instant::NEVER`] if it
     /// does not.
     pub(in crate::mdrive) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
-        if self.is_uncounted() {
+        if self.is_circuit_driven() {
             return Instant::NEVER;
         }
-        self.motor.plan().when(at, steps.wrapping_sub(self.c1))
+        self.motor.plan().time_of(at, steps.wrapping_sub(self.c1))
     }
 
     /// Returns whether its plan or C1 or C2 has changed since the last call: then predictions of

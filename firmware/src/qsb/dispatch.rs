@@ -14,7 +14,7 @@ impl Adapter {
     pub(super) fn execute(&mut self, at: Instant, line: &TextLine<LINE_CHARACTERS>, out: &mut dyn Context) {
         self.catch_up(at, out);
         let response = match command::parse(line) {
-            Ok(command) => self.answer(at, command, out),
+            Ok(command) => self.dispatch(at, command, out),
             Err(register) => unsupported(register),
         };
         let function = line.text.first().copied().unwrap_or(0);
@@ -30,7 +30,7 @@ impl Adapter {
         self.note_changes(at);
     }
 
-    fn answer(&mut self, at: Instant, command: Command, out: &mut dyn Context) -> Response {
+    fn dispatch(&mut self, at: Instant, command: Command, out: &mut dyn Context) -> Response {
         let Command { verb, register } = command;
         let Some((reg, row)) = self.find(command) else { return unsupported(register) };
         let (letter, data) = match verb {
@@ -44,8 +44,8 @@ impl Adapter {
             }
             Verb::Write(data) => {
                 let value = if row.shape == Shape::I32 { data.cast_signed().into() } else { data.into() };
-                let taken = row.accepts(value) && self.write(at, reg, value, out);
-                (if taken { b'w' } else { b'e' }, data)
+                let accepted = row.accepts(value) && self.write(at, reg, value, out);
+                (if accepted { b'w' } else { b'e' }, data)
             }
         };
         Response { letter, register, data }
@@ -64,14 +64,14 @@ impl Adapter {
     }
 
     /// The present value of a register leaves under this letter.
-    pub(super) fn tell(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Context) {
+    pub(super) fn send_value(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Context) {
         let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
         let data = self.value(at, reg) as u32;
         self.respond(at, Response { letter, register, data }, out);
     }
 
     fn respond(&mut self, at: Instant, response: Response, out: &mut dyn Context) {
-        let text = response.text(self.bank.word(Reg::Eor), self.clock.number(at));
+        let text = response.text(self.bank.word(Reg::Eor), self.clock.timestamp(at));
         self.serial.send(at, text.as_bytes(), out);
     }
 
@@ -81,7 +81,7 @@ impl Adapter {
     }
 }
 
-/// The answer to what is not understood (QSB-2).
+/// The answer to an unknown command (QSB-2).
 fn unsupported(register: u8) -> Response {
     Response { letter: b'x', register, data: 0 }
 }

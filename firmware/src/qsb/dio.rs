@@ -1,7 +1,7 @@
 //! The digital port: levels, captures, and the pulse of a trigger.
 
 use super::DIO;
-use super::adapter::{Adapter, let_in};
+use super::adapter::{Adapter, flush_filter};
 use super::clock::TICK;
 use super::registers::{Reg, config};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
@@ -17,7 +17,7 @@ const LINES: u8 = 0b1111;
 
 impl Adapter {
     /// The lines that the motor drive has taken.
-    fn taken(&self) -> u8 {
+    fn motor_lines(&self) -> u8 {
         if self.motor.is_active() { MOTOR_LINES } else { 0 }
     }
 
@@ -42,7 +42,7 @@ impl Adapter {
         self.pins.dio ^= line;
         let config = self.bank.word(Reg::DigIOConfig);
         let word = u16::from(line);
-        let input = config & word << config::OUTPUTS == 0 && self.taken() & line == 0;
+        let input = config & word << config::OUTPUTS == 0 && self.motor_lines() & line == 0;
         let falling = config & word << config::FALLING != 0;
         if self.is_ready() && input && config & word << config::CAPTURES != 0 && falling != high {
             self.catch_up(at, out);
@@ -54,7 +54,7 @@ impl Adapter {
     /// The count with the edges of A and B that have come by `at`, though the filter still holds them back (QSB-24).
     fn count_with_edges(&self, at: Instant) -> u32 {
         let mut counter = self.counter.clone();
-        let_in(&mut counter, at + FILTER);
+        flush_filter(&mut counter, at + FILTER);
         counter.cntr()
     }
 
@@ -68,32 +68,32 @@ impl Adapter {
             0 => self.bank.set(Reg::DigIO, self.bank.get(Reg::DigIO) ^ 1),
             ticks => self.pulse = Some(at + TICK * u64::from(ticks)),
         }
-        self.show_port(at, out);
+        self.update_port(at, out);
     }
 
     pub(super) fn pulse_due(&self) -> Instant {
         self.pulse.unwrap_or(Instant::NEVER)
     }
 
-    /// The pulse of a trigger is over, or the port was written: then the pin is what was written.
+    /// The pulse of a trigger is over, or the port was written: the pin takes the written value.
     pub(super) fn end_pulse(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulse = None;
-        self.show_port(at, out);
+        self.update_port(at, out);
     }
 
-    /// Drives the outputs whose levels have changed; those that the motor has taken wait.
-    pub(super) fn show_port(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Drives the outputs whose levels have changed; lines of the motor drive wait.
+    pub(super) fn update_port(&mut self, at: Instant, out: &mut dyn Context) {
         let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
         let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
-        let pulled = outputs & !latch & self.variant.lines & !self.taken();
+        let pulled = outputs & !latch & self.variant.lines & !self.motor_lines();
         let changed = pulled ^ self.pulled;
         self.pulled = pulled;
-        self.put_lines(changed & !self.taken(), at, out);
+        self.put_lines(changed & !self.motor_lines(), at, out);
     }
 
     /// The motor drive has given its lines back.
-    pub(super) fn motor_left(&mut self, at: Instant, out: &mut dyn Context) {
-        self.show_port(at, out);
+    pub(super) fn on_motor_released(&mut self, at: Instant, out: &mut dyn Context) {
+        self.update_port(at, out);
         self.put_lines(MOTOR_LINES, at, out);
     }
 

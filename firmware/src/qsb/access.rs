@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::registers::Register;
 
-use super::adapter::{Adapter, let_in};
+use super::adapter::{Adapter, flush_filter};
 use super::encoder::Pwm;
 use super::motor::{Order, Settings};
 use super::registers::{Reg, mdr1};
@@ -18,7 +18,7 @@ impl Adapter {
             Reg::DigIO => self.port(at).into(),
             Reg::Str => self.counter.status().into(),
             Reg::Otr => self.counter.cntr().into(),
-            Reg::TimeStamp => self.clock.number(at).into(),
+            Reg::TimeStamp => self.clock.timestamp(at).into(),
             Reg::ReadEncoder => self.encoder_register(at).into(),
             Reg::MdStatus => self.motor.status(at).into(),
             Reg::Version => self.version().into(),
@@ -48,7 +48,7 @@ impl Adapter {
         if reg == Reg::Command {
             return self.command(at, value, out);
         }
-        self.bank.set(reg, kept(reg, value));
+        self.bank.set(reg, stored_value(reg, value));
         match reg {
             Reg::Mode => {
                 self.pwm = Pwm::default();
@@ -71,7 +71,7 @@ impl Adapter {
                 _ => self.counter.load_otr(),
             },
             Reg::IntervalRate => self.schedule(at),
-            Reg::TimeStamp if value == 1 => self.clock.set_number(at, 0),
+            Reg::TimeStamp if value == 1 => self.clock.set_timestamp(at, 0),
             // The others are looked at when they are used.
             _ => {}
         }
@@ -109,12 +109,12 @@ impl Adapter {
             }
             _ if !self.variant.motor => return false,
             0 => {
-                self.leave_motor(at, out);
+                self.release_motor(at, out);
                 return true;
             }
             2 => {
                 self.motor.activate(at, out);
-                self.show_port(at, out);
+                self.update_port(at, out);
                 return true;
             }
             4 => Order::Stop,
@@ -134,7 +134,7 @@ impl Adapter {
     }
 
     /// Command 0: the motor drive ends, its streams too, and the port is as it was saved.
-    fn leave_motor(&mut self, at: Instant, out: &mut dyn Context) {
+    fn release_motor(&mut self, at: Instant, out: &mut dyn Context) {
         self.streams.end(stream::ENDED_BY_COMMAND);
         let stored = self.stored(out);
         for reg in [Reg::DigIO, Reg::DigIOConfig] {
@@ -144,16 +144,16 @@ impl Adapter {
         self.motor.deactivate(at, out);
         self.end_pulse(at, out);
         if had_lines {
-            self.motor_left(at, out);
+            self.on_motor_released(at, out);
         }
     }
 
     /// A register as it would read, past the bus.
     pub(super) fn peek(&self, at: Instant, row: usize) -> i64 {
         let Some(reg) = Reg::from_row(row) else { return 0 };
-        let mut then = self.clone();
-        let_in(&mut then.counter, at);
-        then.value(at, reg)
+        let mut copy = self.clone();
+        flush_filter(&mut copy.counter, at);
+        copy.value(at, reg)
     }
 
     /// Presets a register, past the bus.
@@ -173,7 +173,7 @@ impl Adapter {
         if !self.has_run() {
             let saved = row.saved != 0;
             return if saved {
-                self.preset(at, reg, kept(reg, value), out)
+                self.preset(at, reg, stored_value(reg, value), out)
             } else {
                 Err(PresetError::ReadOnly)
             };
@@ -182,7 +182,7 @@ impl Adapter {
         match reg {
             // Only command 3 fills these in.
             Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
-            Reg::TimeStamp => self.clock.set_number(at, value as u32),
+            Reg::TimeStamp => self.clock.set_timestamp(at, value as u32),
             _ if !row.access.writes() => return Err(PresetError::ReadOnly),
             _ if !self.write(at, reg, value, out) => return Err(PresetError::OutOfRange),
             _ => self.serial.set_rate(at, self.rate(), out),
@@ -193,7 +193,7 @@ impl Adapter {
 }
 
 /// Value that a register keeps of a written one (QSB-9).
-fn kept(reg: Reg, value: i64) -> i64 {
+fn stored_value(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,
         Reg::Mdr1 => value & !i64::from(mdr1::WIDTH),

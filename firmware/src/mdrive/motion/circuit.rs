@@ -10,12 +10,12 @@ use crate::motion::Limits;
 /// Difference by which position and shaft may be apart, because they round differently.
 const ROUNDING: u32 = 1;
 /// Interval at which a rotor that is too slow is checked.
-const LOOK: Duration = Duration::millis(1);
+const CHECK_PERIOD: Duration = Duration::millis(1);
 
 impl Motion {
-    /// Turns the shaft by so many steps, at this share of its current, until an order comes. What runs so already ends;
-    /// from anything else but rest nothing comes of it.
-    pub(in crate::mdrive) fn turn_uncounted(
+    /// Turns the shaft by so many steps, at this share of its current, until an order comes. Replaces a running
+    /// circuit-driven motion. Ignored unless the axis is at rest or circuit-driven.
+    pub(in crate::mdrive) fn circuit_turn(
         &mut self,
         at: Instant,
         steps: i32,
@@ -24,12 +24,12 @@ impl Motion {
         out: &mut dyn Context,
     ) {
         let plan = Plan::profile(at, self.motor.position(at), steps, rates);
-        self.begin_uncounted(at, plan, percent, Preemption::AtOnce, out);
+        self.circuit_start(at, plan, percent, Preemption::AtOnce, out);
     }
 
-    /// As [`Self::turn_uncounted`], without end, and no order comes through; from what runs so already it goes on. What
+    /// As [`Self::circuit_turn`], without end, and no order comes through; from what runs so already it goes on. What
     /// turns so has inertia: it does not stand because its bridge is off.
-    pub(in crate::mdrive) fn spin_uncounted(
+    pub(in crate::mdrive) fn circuit_spin(
         &mut self,
         at: Instant,
         speed: I24F8,
@@ -37,32 +37,32 @@ impl Motion {
         percent: u8,
         out: &mut dyn Context,
     ) {
-        let plan = self.motor.plan().towards(at, speed, acceleration);
-        self.begin_uncounted(at, plan, percent, Preemption::Never, out);
+        let plan = self.motor.plan().ramp_to(at, speed, acceleration);
+        self.circuit_start(at, plan, percent, Preemption::Never, out);
     }
 
-    /// Slows down what spins; an order waits until it stands.
-    pub(in crate::mdrive) fn slow_uncounted(
+    /// Slows down a spinning shaft; an order waits until it stands.
+    pub(in crate::mdrive) fn circuit_slow(
         &mut self,
         at: Instant,
         deceleration: u32,
         percent: u8,
         out: &mut dyn Context,
     ) {
-        let plan = self.motor.plan().towards(at, I24F8::ZERO, deceleration);
-        self.begin_uncounted(at, plan, percent, Preemption::AtStandstill, out);
+        let plan = self.motor.plan().ramp_to(at, I24F8::ZERO, deceleration);
+        self.circuit_start(at, plan, percent, Preemption::AtStandstill, out);
     }
 
     /// Stops a spinning shaft from outside.
-    pub(in crate::mdrive) fn stop_uncounted(&mut self, at: Instant, out: &mut dyn Context) {
-        self.go_uncounted(at, self.motor.plan().halt(at), out);
+    pub(in crate::mdrive) fn circuit_stop(&mut self, at: Instant, out: &mut dyn Context) {
+        self.circuit_run_plan(at, self.motor.plan().halt(at), out);
     }
 
-    /// Ends that, where it is: what has waited for that begins.
-    pub(in crate::mdrive) fn end_uncounted(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Activity::Uncounted { steps, .. } = self.activity {
+    /// Ends the circuit-driven motion where it is: the task that waits begins.
+    pub(in crate::mdrive) fn circuit_end(&mut self, at: Instant, out: &mut dyn Context) {
+        if let Activity::CircuitDriven { steps, .. } = self.activity {
             let plan = self.motor.plan().halt(at);
-            self.go_uncounted(at, plan, out);
+            self.circuit_run_plan(at, plan, out);
             self.c1 = steps.wrapping_sub(self.motor.position(at));
             self.watch_from(at);
             self.over(at, out);
@@ -71,7 +71,7 @@ impl Motion {
     }
 
     /// Speed by the circuitry, in steps/s, but for a fraction.
-    pub(in crate::mdrive) fn turns(&self, at: Instant) -> I24F8 {
+    pub(in crate::mdrive) fn circuit_speed(&self, at: Instant) -> I24F8 {
         let speed = self.motor.plan().speed_at(at);
         let size = I24F8::saturating_from_num(speed.abs());
         if speed < 0 { -size } else { size }
@@ -81,7 +81,7 @@ impl Motion {
     pub(super) fn spins(&self) -> bool {
         matches!(
             self.activity,
-            Activity::Uncounted { yields: Preemption::Never | Preemption::AtStandstill, .. }
+            Activity::CircuitDriven { preemption: Preemption::Never | Preemption::AtStandstill, .. }
         )
     }
 
@@ -96,8 +96,8 @@ impl Motion {
     }
 
     /// A rotor that is free again does not wait for standstill: it goes on from where it is.
-    pub(in crate::mdrive) fn catch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.motor.catch(at);
+    pub(in crate::mdrive) fn resynchronise_rotor(&mut self, at: Instant, out: &mut dyn Context) {
+        self.motor.resynchronise(at);
         self.refresh(at, out);
     }
 
@@ -107,8 +107,8 @@ impl Motion {
     }
 
     /// Returns whether the circuitry turns it.
-    pub(in crate::mdrive) fn is_uncounted(&self) -> bool {
-        matches!(self.activity, Activity::Uncounted { .. })
+    pub(in crate::mdrive) fn is_circuit_driven(&self) -> bool {
+        matches!(self.activity, Activity::CircuitDriven { .. })
     }
 
     /// Returns whether the shaft follows the plan.
@@ -116,21 +116,21 @@ impl Motion {
         self.motor.follows()
     }
 
-    /// Returns whether the shaft stands, and is where the plan has it.
+    /// Returns whether the shaft is at rest, in the plan's position.
     pub(in crate::mdrive) fn shaft_stands(&self) -> bool {
-        let pace = self.motor.pace();
-        self.motor.follows() && pace.h == 0 && pace.a == 0
+        let kinematics = self.motor.kinematics();
+        self.motor.follows() && kinematics.half_speed == 0 && kinematics.half_acceleration == 0
     }
 
     /// Steps that the rotor is behind the steps made, since [`Self::clear_lag`].
     pub(in crate::mdrive) fn lag(&self, at: Instant) -> i32 {
-        let lag = self.behind(at).wrapping_sub(self.lag_origin);
+        let lag = self.raw_lag(at).wrapping_sub(self.lag_origin);
         if lag.unsigned_abs() <= ROUNDING { 0 } else { lag }
     }
 
     /// From now on the rotor neither lags nor leads.
     pub(in crate::mdrive) fn clear_lag(&mut self, at: Instant) {
-        self.lag_origin = self.behind(at);
+        self.lag_origin = self.raw_lag(at);
     }
 
     /// Returns whether it is too fast for the rotor, which lags more and more.
@@ -138,45 +138,45 @@ impl Motion {
         self.motor.is_too_fast()
     }
 
-    /// Time at which the rotor comes to lag by so many steps, if it stands, or is to be checked again, if it is too
-    /// slow or its load turns it; [`Instant::NEVER`] if it lags no more than now.
-    pub(in crate::mdrive) fn lags(&self, at: Instant, steps: i32) -> Instant {
+    /// Time at which the rotor lags by so many steps, if it is at rest; or of the next check, if it is too slow or its
+    /// load turns it; [`Instant::NEVER`] if it lags no more than now.
+    pub(in crate::mdrive) fn lag_time(&self, at: Instant, steps: i32) -> Instant {
         if self.follows() {
-            return if self.is_too_fast() { at + LOOK } else { Instant::NEVER };
+            return if self.is_too_fast() { at + CHECK_PERIOD } else { Instant::NEVER };
         }
         if self.motor.slides() {
-            return at + LOOK;
+            return at + CHECK_PERIOD;
         }
         let way = steps.wrapping_sub(self.lag(at));
-        self.motor.plan().when(at, self.motor.position(at).wrapping_add(way))
+        self.motor.plan().time_of(at, self.motor.position(at).wrapping_add(way))
     }
 
-    fn behind(&self, at: Instant) -> i32 {
+    fn raw_lag(&self, at: Instant) -> i32 {
         let Settings { machine, microsteps, .. } = self.settings;
         let steps_per_rev = i128::from(machine.steps_per_rev) * i128::from(microsteps);
         let shaft = (i128::from(self.motor.angle(at)) * steps_per_rev) >> 32;
         self.steps(at).wrapping_sub(shaft as i32)
     }
 
-    fn begin_uncounted(
+    fn circuit_start(
         &mut self,
         at: Instant,
         plan: Plan,
         percent: u8,
-        yields: Preemption,
+        preemption: Preemption,
         out: &mut dyn Context,
     ) {
-        if matches!(self.activity, Activity::Rest | Activity::Uncounted { .. }) {
+        if matches!(self.activity, Activity::Rest | Activity::CircuitDriven { .. }) {
             let steps = self.steps(at);
-            self.enter(Activity::Uncounted { steps, percent, yields }, Instant::NEVER);
+            self.enter(Activity::CircuitDriven { steps, percent, preemption }, Instant::NEVER);
             // Its current first, or it would not follow.
             self.refresh(at, out);
-            self.go_uncounted(at, plan, out);
+            self.circuit_run_plan(at, plan, out);
         }
     }
 
-    fn go_uncounted(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
-        self.motor.go(at, plan, out);
+    fn circuit_run_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
+        self.motor.set_plan(at, plan, out);
         self.changed = true;
     }
 }

@@ -15,17 +15,17 @@ impl Debounce {
         Self { level, due: Instant::NEVER }
     }
 
-    /// Sets the level, which counts once that has lasted for `lasting`. Returns whether another one counts now.
-    pub(super) fn see(&mut self, at: Instant, level: bool, lasting: Duration) -> bool {
+    /// Sets the level, which counts once that has lasted for `min_time`. Returns whether another one counts now.
+    pub(super) fn sample(&mut self, at: Instant, level: bool, min_time: Duration) -> bool {
         if level == self.level {
             self.due = Instant::NEVER;
             return false;
         }
-        if lasting == Duration::ZERO {
+        if min_time == Duration::ZERO {
             *self = Self::new(level);
             return true;
         }
-        self.due = self.due.min(at + lasting);
+        self.due = self.due.min(at + min_time);
         false
     }
 

@@ -6,7 +6,7 @@ use heapless::Vec;
 
 use super::super::drive::Drive;
 use super::super::error::Error;
-use super::console::{MOST, say};
+use super::console::{MAX_CONNECTIONS, send};
 use super::print::{CR_LF, Text};
 use super::program::LINE_BYTES;
 use super::serial::check_sum;
@@ -21,13 +21,13 @@ impl Drive {
     pub(super) fn print_on(
         &mut self,
         at: Instant,
-        links: Vec<Link, MOST>,
+        links: Vec<Link, MAX_CONNECTIONS>,
         items: &[u8],
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let mut speech = MessageWriter::new(at, links, self.check_sums() != 0, out);
-        self.print(at, items, &mut speech)?;
-        speech.end();
+        let mut writer = MessageWriter::new(at, links, self.check_sums() != 0, out);
+        self.print(at, items, &mut writer)?;
+        writer.end();
         Ok(())
     }
 
@@ -38,7 +38,7 @@ impl Drive {
     pub(super) fn list_program(
         &mut self,
         at: Instant,
-        links: Vec<Link, MOST>,
+        links: Vec<Link, MAX_CONNECTIONS>,
         place: Option<Place>,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
@@ -46,10 +46,10 @@ impl Drive {
         let mut address = place.map_or(Ok(1), |place| self.address(place))?;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
-            let mut speech = MessageWriter::new(at, links.clone(), self.check_sums() != 0, out);
-            speech.say(&line);
-            speech.say(CR_LF);
-            speech.end();
+            let mut writer = MessageWriter::new(at, links.clone(), self.check_sums() != 0, out);
+            writer.write(&line);
+            writer.write(CR_LF);
+            writer.end();
             address = next + 1;
         }
         Ok(())
@@ -59,7 +59,7 @@ impl Drive {
 /// Output on connections, gathered to messages.
 struct MessageWriter<'o> {
     at: Instant,
-    links: Vec<Link, MOST>,
+    links: Vec<Link, MAX_CONNECTIONS>,
     /// A line of the program has room, with its check sum and its end.
     text: Vec<u8, { LINE_BYTES + 3 }>,
     /// True if lines have checksums.
@@ -69,7 +69,7 @@ struct MessageWriter<'o> {
 }
 
 impl<'o> MessageWriter<'o> {
-    fn new(at: Instant, links: Vec<Link, MOST>, sums: bool, out: &'o mut dyn Context) -> Self {
+    fn new(at: Instant, links: Vec<Link, MAX_CONNECTIONS>, sums: bool, out: &'o mut dyn Context) -> Self {
         Self { at, links, text: Vec::new(), sums, sum: None, out }
     }
 
@@ -96,13 +96,13 @@ impl<'o> MessageWriter<'o> {
     fn flush(&mut self) {
         let text = mem::take(&mut self.text);
         for link in &self.links {
-            say(self.at, *link, &text, self.out);
+            send(self.at, *link, &text, self.out);
         }
     }
 }
 
 impl Text for MessageWriter<'_> {
-    fn say(&mut self, text: &[u8]) {
+    fn write(&mut self, text: &[u8]) {
         if self.sums && text == CR_LF {
             self.sum.get_or_insert(0);
             self.put_sum();
