@@ -11,13 +11,13 @@ use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 
-/// Emulated motion drives: on a pty, a TCP port or a serial port, as their manuals say, without the drives.
+/// Emulated motion drives on ptys, TCP ports and serial ports, as their manuals describe them.
 #[derive(Parser)]
 #[command(name = "drivetwin", version, disable_help_subcommand = true, arg_required_else_help = false)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
-    /// Log more; twice for everything
+    /// Log more; twice: log everything
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub(crate) verbose: u8,
     /// Log errors only
@@ -27,7 +27,7 @@ pub(crate) struct Cli {
 
 #[derive(Subcommand)]
 pub(crate) enum Command {
-    /// Start a drive, or a bench of several
+    /// Run a drive, or a bench of several drives
     Run(Box<Run>),
     /// List the kinds of drive
     List {
@@ -35,9 +35,9 @@ pub(crate) enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Show a kind's ports, pins, registers, and what is not modelled
+    /// Show the ports, pins and registers of a kind of drive, and what is not modelled
     Describe {
-        /// Which kind (see `drivetwin list`); several one after the other
+        /// Kind of drive (see `drivetwin list`), or several
         #[arg(required = true, value_name = "KIND")]
         kinds: Vec<String>,
         /// As JSON, a line for each kind
@@ -47,16 +47,16 @@ pub(crate) enum Command {
         #[arg(long)]
         markdown: bool,
     },
-    /// Run a golden trace; exit code 1 and the first difference if there is one
+    /// Replay a trace; on a difference print the first one and exit with code 1
     Replay {
-        /// A recording (see `drivetwin run --record`)
+        /// Trace file (see `drivetwin run --record`)
         file: PathBuf,
     },
     /// Assemble a user program of an RS drive
     Asm(Asm),
-    /// Show a user program of an RS drive as text that assembles to the same
+    /// Disassemble a user program of an RS drive to text that assembles to the same bytes
     Disasm {
-        /// An assembled program (see `drivetwin asm`)
+        /// File of an assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
     /// Print docs/reference/cli.md
@@ -66,81 +66,83 @@ pub(crate) enum Command {
 
 #[derive(Args)]
 pub(crate) struct Asm {
-    /// The program as text
+    /// File of the program as text
     pub(crate) source: PathBuf,
-    /// Where it goes; its lines as 32-bit words, low byte first
+    /// Output file: the lines of the program as 32-bit words, low byte first
     #[arg(short, long, value_name = "FILE", required_unless_present = "hex")]
     pub(crate) output: Option<PathBuf>,
-    /// A line of eight hexadecimal digits for each of its lines, to stdout if there is no FILE
+    /// Output eight hexadecimal digits for each line of the program; to stdout without -o
     #[arg(long)]
     pub(crate) hex: bool,
 }
 
 #[derive(Args)]
 pub(crate) struct Run {
-    /// Which kind (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml
+    /// Kind of drive (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
-    /// Where a port of the drive, the first if none is named, is reached, [PORT=]URI: pty:, pty:LINK,
-    /// tcp:HOST:PORT, serial:DEVICE or stdio:; a TCP port by tcp: alone; may repeat [default, of each port for
-    /// itself: a free loopback TCP port, of a serial one a pty, too]
+    /// Listening address of a port of the drive, by default its first port: pty:, pty:LINK, tcp:HOST:PORT,
+    /// serial:DEVICE or stdio:; for a TCP port only tcp:; may repeat [default for each port: a free loopback TCP port,
+    /// for a serial port also a pty]
     #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
     pub(crate) listen: Vec<Listen>,
-    /// Where the control API listens: HOST:PORT or off
+    /// Listening address of the control API, HOST:PORT, or off
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
     pub(crate) control: Control,
-    /// A host name by which the control API may be asked, beside localhost and its own address; may repeat
+    /// Additional host name that requests to the control API may use, besides localhost and its own address; may
+    /// repeat
     #[arg(long, value_name = "NAME")]
     pub(crate) allow_host: Vec<String>,
-    /// How time runs: real, xN (N times faster) or manual (it stands) [default: real]
+    /// Time mode: real, xN (N times faster) or manual (stopped, except for requests and the control API) [default:
+    /// real]
     #[arg(long, value_name = "real|xN|manual")]
     pub(crate) time: Option<TimeMode>,
-    /// Whether characters take their time on the line [default: timed]
+    /// Whether characters take time on serial lines [default: timed]
     #[arg(long, value_enum)]
     pub(crate) line: Option<Line>,
-    /// The bus address to start with, as if saved before power-on
+    /// Bus address, as if saved before power-on
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = number, help_heading = ONE_DRIVE)]
     pub(crate) address: Option<Number>,
-    /// Keep the non-volatile memory in FILE
+    /// Store the non-volatile memory in FILE
     #[arg(long, value_name = "FILE", help_heading = ONE_DRIVE)]
     pub(crate) nv: Option<PathBuf>,
     /// Preset a register by its name; may repeat
     #[arg(long, value_name = "REG=VALUE", help_heading = ONE_DRIVE)]
     pub(crate) set: Vec<Assignment>,
-    /// Assemble a user program and have it in the memory at power-on, as if saved (rs434544, rs434546)
+    /// Assemble a user program and load it into the memory before power-on, as if saved (rs434544, rs434546)
     #[arg(long, value_name = "FILE.rsasm", help_heading = ONE_DRIVE)]
     pub(crate) program: Option<PathBuf>,
-    /// No start-up delay
+    /// Skip the start-up delay of the drives
     #[arg(long)]
     pub(crate) fast_boot: bool,
     /// Seed of every random choice [default: 1]
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
     pub(crate) seed: Option<u64>,
-    /// Keep what happens in FILE, to be replayed
+    /// Record a trace to FILE while it runs, for `drivetwin replay`
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
-    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave); a pipe whose reader is slow, or a
-    /// slow disk, makes the bench wait
+    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave); a slow disk or a slow reader of a pipe
+    /// delays the bench
     #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
-    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark); it waits as with --vcd
+    /// Write the frames of the lines to FILE while it runs (pcapng, for Wireshark); a slow reader delays the bench
     #[arg(long, value_name = "FILE.pcapng")]
     pub(crate) pcap: Option<PathBuf>,
-    /// One line of JSON on stdout when ready, and nothing else there
+    /// Print one line of JSON to stdout when ready, and nothing else
     #[arg(long)]
     pub(crate) json: bool,
 }
 
 /// Heading of the options that a bench file has for each of its drives.
-const ONE_DRIVE: &str = "Options for a single drive; a bench file says these itself";
+const ONE_DRIVE: &str = "Options for a single drive (not with a bench file)";
 
-/// Time that characters take on the line.
+/// Whether characters take time on serial lines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum Line {
-    /// At the baud rate
+    /// Each character takes its time at the baud rate
     #[value(alias = "wire")]
     Timed,
-    /// None at all, for load tests
+    /// Characters take no time, for load tests
     Fast,
 }
 
@@ -184,11 +186,11 @@ pub(crate) fn sentence(mut error: clap::Error) -> String {
         let cli = Cli::command();
         let commands = cli.get_subcommands().filter(|command| !command.is_hide_set());
         let names: Vec<&str> = commands.map(clap::Command::get_name).collect();
-        return format!("a command is missing: {}; `drivetwin --help` tells more", names.join(", "));
+        return format!("a command is missing: {}; see `drivetwin --help`", names.join(", "));
     }
     error.insert(ContextKind::Usage, ContextValue::None);
     let text = error.render().to_string();
-    // The parts of clap's text are a message, tips, and where to find more.
+    // Clap's text consists of a message, tips, and a reference to the help.
     let parts = text.split("\n\n").filter(|part| !part.trim_start().starts_with("For more information"));
     let words = parts.map(|part| part.split_whitespace().collect::<Vec<_>>().join(" "));
     let parts: Vec<String> = words.filter(|part| !part.is_empty()).collect();

@@ -1,7 +1,7 @@
 //! The log on stderr.
 //!
-//! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench. So a
-//! separate thread writes there, and lines that it cannot keep up with are lost (HOST-22).
+//! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench. So a separate
+//! thread writes there, and excess lines are dropped (HOST-22).
 
 use std::ffi::OsStr;
 use std::io::{self, IsTerminal as _, Write as _};
@@ -13,16 +13,16 @@ use tracing_subscriber::EnvFilter;
 
 use crate::args::Cli;
 
-/// Lines that wait to be written.
+/// Maximum number of lines that wait to be written.
 const LINES: usize = 1024;
 
-/// Longest wait at the end of the process for lines that are not written yet.
+/// Longest wait for unwritten lines at the end of the process.
 const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
 /// A message to the writing thread.
 enum Message {
     Line(Vec<u8>),
-    /// The end: its sender is dropped when all before it is written.
+    /// End of the log: its sender is dropped when all lines before it are written.
     End(#[expect(dead_code, reason = "its drop is what is waited for")] Sender<()>),
 }
 
@@ -46,12 +46,12 @@ fn write(messages: Receiver<Message>) {
     }
 }
 
-/// Writes a line, unless too many wait.
+/// Writes a line; drops it if too many wait.
 pub(crate) fn write_line(line: &[u8]) {
     let _ = writer().try_send(Message::Line(line.to_vec()));
 }
 
-/// Waits until all is written, at most for `FLUSH_LIMIT`.
+/// Waits until all lines are written, at most for `FLUSH_LIMIT`.
 pub(crate) fn finish() {
     let (written, wait) = mpsc::channel();
     if writer().try_send(Message::End(written)).is_ok() {
@@ -73,12 +73,12 @@ impl io::Write for Lines {
     }
 }
 
-/// Returns whether the log has colours: on a terminal, unless NO_COLOR is there and not empty (no-color.org).
+/// Returns whether the log has colours: on a terminal, unless NO_COLOR is set and not empty (no-color.org).
 fn is_coloured(no_color: Option<&OsStr>, is_terminal: bool) -> bool {
     is_terminal && no_color.is_none_or(OsStr::is_empty)
 }
 
-/// Logs warnings, or what `-v`, `-q` or `RUST_LOG` say.
+/// Starts the log with the level of `-v`, `-q` or `RUST_LOG`; by default warnings.
 pub(crate) fn start(cli: &Cli) {
     let level = match (cli.quiet, cli.verbose) {
         (true, _) => "error",

@@ -1,4 +1,4 @@
-//! The kinds of drive there are, from the one list in the firmware.
+//! The kinds of drive, from the list in the firmware.
 
 use drivetwin_firmware::device::{Device, Spec};
 
@@ -19,10 +19,10 @@ pub fn specs() -> impl Iterator<Item = &'static Spec> {
     ALL.iter().map(|make| make().spec())
 }
 
-/// A new drive of that kind.
+/// Makes a new drive of a kind, for instance `md3`.
 ///
 /// # Errors
-/// One sentence: there is no such kind.
+/// One sentence: there is no such kind, and the nearest one.
 pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
     let found = ALL.iter().map(|make| make()).find(|device| device.spec().kind == kind);
     found.ok_or_else(|| suggest::unknown("kind", kind, specs().map(|spec| spec.kind)))

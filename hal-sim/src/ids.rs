@@ -1,13 +1,13 @@
 //! Handles of what is on a bench.
 
-/// A device on the bench.
+/// Handle of a drive, valid for the bench that returned it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct DriveId(pub(crate) u32);
 
-/// A serial line and the ports on it.
+/// Handle of a serial line, valid for the bench that returned it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Bus(pub(crate) u32);
 
-/// A client, which sends and receives on a line or on a TCP connection.
+/// Handle of a client, which sends and receives on a line or on a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Client(pub(crate) u32);

@@ -1,4 +1,4 @@
-//! A trace once more, and the first difference.
+//! Replay of a trace, and the first difference.
 
 use std::fmt;
 
@@ -10,14 +10,14 @@ use crate::record::trace::{
     Entry, Event, InputRecord, Make, OutputRecord, ParseError, Retention, Trace, TraceDrive, without_comment,
 };
 
-/// First difference of a replay from its trace.
+/// First difference between a trace and its replay.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Difference {
-    /// The line of the trace that differs; `None` if something more came than it says.
+    /// Line number of the trace that differs; `None` if the replay has an additional output.
     pub line: Option<usize>,
-    /// Line of the trace.
+    /// Expected line of the trace; `None` if the trace has no more outputs.
     pub expected: Option<String>,
-    /// Line that came instead; `None` if none did.
+    /// Line of the replay; `None` if the replay has no more outputs.
     pub got: Option<String>,
 }
 
@@ -33,15 +33,15 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Reason why a text cannot be replayed.
+/// Reason why a trace cannot be replayed, or its text not be read.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Unplayable {
-    /// The text is no trace.
+    /// The text is not a valid trace.
     Text(ParseError),
-    /// The beginning is missing: so many events were dropped when it was recorded.
+    /// The beginning is missing: that many events were dropped during recording.
     Lost(u64),
-    /// A drive in it cannot be seated; in one sentence.
-    DriveId(String),
+    /// A drive of the trace cannot be added; the reason in one sentence.
+    Drive(String),
 }
 
 impl fmt::Display for Unplayable {
@@ -54,7 +54,7 @@ impl fmt::Display for Unplayable {
                     "the first {events} events of this trace were dropped while it was recorded, so it cannot be replayed"
                 )
             }
-            Self::DriveId(sentence) => f.write_str(sentence),
+            Self::Drive(sentence) => f.write_str(sentence),
         }
     }
 }
@@ -67,35 +67,35 @@ impl From<ParseError> for Unplayable {
     }
 }
 
-/// Runs a trace on fresh benches, whose drives `make` makes by their kind, and returns the first
-/// difference.
+/// Replays a trace and returns the first difference; `None` if all outputs are the same. `make` makes a drive of a
+/// kind. Each drive runs on a bench of its own, with its recorded inputs. [`Trace`] has an example.
 ///
 /// # Errors
-/// Why it cannot be run.
+/// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
 pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplayable> {
     Ok(difference(trace, &play(trace, make)?))
 }
 
-/// Feeds the drives what the trace says, up to its end. What they did to each other is in what each was fed, so each
-/// has a bench of its own, and whatever happens to another at the same instant moves none of its deadlines.
+/// Delivers the recorded inputs to the drives, up to the end of the trace. The inputs of a drive include the effects
+/// of other drives, so each has a bench of its own, and events of other drives do not affect its deadlines.
 fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
     }
-    let mut fed: Vec<Vec<(Instant, &InputRecord)>> = vec![Vec::new(); trace.drives.len()];
+    let mut input: Vec<Vec<(Instant, &InputRecord)>> = vec![Vec::new(); trace.drives.len()];
     for entry in trace.events() {
         if let Event::Input(event) = &entry.event {
-            fed[entry.drive].push((entry.at, event));
+            input[entry.drive].push((entry.at, event));
         }
     }
-    trace.drives.iter().zip(fed).map(|(drive, fed)| play_drive(trace, drive, &fed, make)).collect()
+    trace.drives.iter().zip(input).map(|(drive, input)| play_drive(trace, drive, &input, make)).collect()
 }
 
-/// Feeds one drive.
+/// Delivers the inputs of one drive.
 fn play_drive(
     trace: &Trace,
     drive: &TraceDrive,
-    fed: &[(Instant, &InputRecord)],
+    input: &[(Instant, &InputRecord)],
     make: &Make<'_>,
 ) -> Result<Bench, Unplayable> {
     let line = if drive.fast_line { LineMode::Fast } else { LineMode::Timed };
@@ -103,27 +103,32 @@ fn play_drive(
     let mut bench = Bench::with(settings);
     if drive.from <= trace.end {
         bench.run_until(drive.from);
-        let seat = seat(&mut bench, drive, make)?;
-        for &(at, fed) in fed {
-            bench.feed(seat, at, fed);
+        let id = add_drive(&mut bench, drive, make)?;
+        for &(at, input) in input {
+            bench.feed(id, at, input);
         }
     }
     bench.run_until(trace.end);
     Ok(bench)
 }
 
-fn seat(bench: &mut Bench, drive: &TraceDrive, make: &Make<'_>) -> Result<DriveId, Unplayable> {
+fn add_drive(bench: &mut Bench, drive: &TraceDrive, make: &Make<'_>) -> Result<DriveId, Unplayable> {
     let kind = drive.spec.kind;
     let device: Box<dyn Device> =
-        make(kind).ok_or_else(|| Unplayable::DriveId(format!("there is no kind \"{kind}\"")))?;
+        make(kind).ok_or_else(|| Unplayable::Drive(format!("there is no kind \"{kind}\"")))?;
     let memory = Some(drive.memory.clone());
-    let setup = Setup { boot_fast: drive.boot_fast, apart: drive.apart, memory, ..Setup::default() };
-    bench.add_with(&drive.name, device, setup).map_err(|error| Unplayable::DriveId(error.to_string()))
+    let setup = Setup {
+        boot_fast: drive.boot_fast,
+        external_motor: drive.external_motor,
+        memory,
+        ..Setup::default()
+    };
+    bench.add_with(&drive.name, device, setup).map_err(|error| Unplayable::Drive(error.to_string()))
 }
 
-/// The first difference between what a trace expects and what its drives did, each on its bench.
+/// The first difference between the outputs of a trace and those of its replayed drives, each on its own bench.
 fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
-    let until = told_until(expected);
+    let until = last_stamp(expected);
     let differences = got.iter().enumerate().filter_map(|(place, got)| {
         let got = got.trace();
         let wanted = outputs(expected, place, expected, until);
@@ -131,7 +136,9 @@ fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
         let mut pairs = (0..wanted.len().max(made.len())).map(|n| (wanted.get(n), made.get(n)));
         pairs
             .find(|pair| match pair {
-                (Some((a, a_did)), Some((b, b_did))) => (a.at, a_did.told(a.at)) != (b.at, b_did.told(b.at)),
+                (Some((a, a_output)), Some((b, b_output))) => {
+                    (a.at, a_output.as_text(a.at)) != (b.at, b_output.as_text(b.at))
+                }
                 (None, Some((more, _))) => expected.ended || more.at < until,
                 _ => true,
             })
@@ -148,17 +155,17 @@ fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
     differences.min_by_key(|(at, _)| *at).map(|(_, difference)| difference)
 }
 
-/// An entry of a bench with one drive, as that of the drive in `place`.
+/// An entry of a bench with one drive, as an entry of the drive with that index.
 fn of_drive(entry: &Entry, place: usize) -> Entry {
     Entry { drive: place, ..entry.clone() }
 }
 
-/// Up to which stamp a trace tells what its drives did: beyond its end, if they had put something for later.
-fn told_until(trace: &Trace) -> Instant {
+/// The last stamp of a trace: beyond its end, if drives had scheduled outputs for later.
+fn last_stamp(trace: &Trace) -> Instant {
     trace.events().map(|entry| entry.at).fold(trace.end, Instant::max)
 }
 
-/// Events of a drive with a stamp up to `until` and `rules` compare, by stamp.
+/// Outputs of a drive with a stamp up to `until` that `rules` compares, by stamp.
 fn outputs<'a>(
     trace: &'a Trace,
     drive: usize,
@@ -169,7 +176,7 @@ fn outputs<'a>(
         .events()
         .filter(|entry| entry.drive == drive && entry.at <= until)
         .filter_map(|entry| match &entry.event {
-            Event::Output(did) if rules.compare.contains(&did.group()) => Some((entry, did)),
+            Event::Output(output) if rules.compare.contains(&output.group()) => Some((entry, output)),
             _ => None,
         })
         .collect();
@@ -177,14 +184,14 @@ fn outputs<'a>(
     outputs
 }
 
-/// The text of a trace with what it compares brought up to date: header, comments and what is fed
-/// stay as they are. It runs as far as the old text went; say so with `end`.
+/// Returns the text of a trace with updated outputs; header, comments and inputs are unchanged. The replay runs to the
+/// end of the old text, which `end` should state.
 ///
 /// # Errors
-/// Why it cannot be run.
+/// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
 pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
     let trace = Trace::parse(text, make)?;
-    let until = told_until(&trace);
+    let until = last_stamp(&trace);
     let mut outputs: Vec<(Instant, String)> = Vec::new();
     for (place, bench) in play(&trace, make)?.iter().enumerate() {
         let text = |entry| trace.entry_text(&of_drive(entry, place));

@@ -1,6 +1,6 @@
-//! Chance that can be repeated: one stream for each seed and name of what it disturbs.
+//! Repeatable random numbers: one stream for each seed and name.
 
-/// From one state to the next.
+/// Increment from one state to the next.
 const STRIDE: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// A stream of random numbers (SplitMix64).
@@ -16,9 +16,9 @@ impl Rng {
         let state = name.bytes().fold(0xCBF2_9CE4_8422_2325 ^ seed, |state, byte| {
             (state ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
         });
-        let mut dice = Self { state };
-        dice.state = dice.next();
-        dice
+        let mut rng = Self { state };
+        rng.state = rng.next();
+        rng
     }
 
     /// The next number.
@@ -30,19 +30,19 @@ impl Rng {
         z ^ z >> 31
     }
 
-    /// Draws whether something happens that happens to that share of all; to 0 or less never, to 1 or more always.
+    /// Returns true with probability `share`; at 0 or less never, at 1 or more always.
     pub(crate) fn gen_bool(&mut self, share: f64) -> bool {
         // 53 bits are all that a float from 0 to 1 holds.
         let throw = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         throw < share
     }
 
-    /// Leaves out so many numbers.
+    /// Skips that many numbers.
     pub(crate) fn skip(&mut self, numbers: u64) {
         self.state = self.state.wrapping_add(STRIDE.wrapping_mul(numbers));
     }
 
-    /// The stream that a number of this one is the beginning of.
+    /// A stream whose state is a number of another stream.
     pub(crate) fn branch(number: u64) -> Self {
         Self { state: number }
     }
@@ -72,8 +72,8 @@ mod tests {
 
     #[test]
     fn a_share_is_one_of_many() {
-        let mut dice = Rng::new(1, "x");
-        let mut count = |share| (0..10_000).filter(|_| dice.gen_bool(share)).count();
+        let mut rng = Rng::new(1, "x");
+        let mut count = |share| (0..10_000).filter(|_| rng.gen_bool(share)).count();
         assert_eq!((count(0.0), count(1.0), count(f64::NAN)), (0, 10_000, 0));
         // 4 σ = 4·√(10,000·0.3·0.7).
         assert!(count(0.3).abs_diff(3_000) < 184);

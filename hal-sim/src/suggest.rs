@@ -2,14 +2,15 @@
 
 use std::fmt::Write as _;
 
-/// So many names can be listed in a sentence.
+/// Maximum number of names that are listed in a sentence.
 const FEW: usize = 16;
 
-/// Characters of a name that are looked at: the time to compare two names grows with both of their lengths, and who
-/// asks may send thousands.
+/// Characters of a name that are compared: the time grows with both lengths, and a client may send thousands of
+/// characters.
 const MOST: usize = 64;
 
-/// A sentence: there is no `what` of that `name`, and the nearest one, or which there are if none is near.
+/// Returns a sentence: there is no `what` of that `name`; with the nearest name, or a list of all names if none is
+/// near.
 #[must_use]
 pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
     let short = cut(name);
@@ -24,7 +25,7 @@ pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>)
     if let Some(nearest) = nearest {
         let _ = write!(sentence, "; the nearest is '{nearest}'");
     } else if (1..=FEW).contains(&names.len()) {
-        let _ = write!(sentence, "; what there is: {}", names.join(", "));
+        let _ = write!(sentence, "; available: {}", names.join(", "));
     }
     sentence
 }
@@ -59,7 +60,7 @@ mod tests {
     #[test]
     fn where_no_name_is_near_those_that_there_are_are_listed() {
         let kinds = ["md3", "md1"];
-        let sentence = "there is no kind 'qsb-d'; what there is: md3, md1";
+        let sentence = "there is no kind 'qsb-d'; available: md3, md1";
         assert_eq!(unknown("kind", "qsb-d", kinds.into_iter()), sentence);
         assert_eq!(unknown("pin", "D5", ["J2.2"; FEW + 1].into_iter()), "there is no pin 'D5'");
     }

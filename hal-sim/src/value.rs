@@ -5,7 +5,7 @@ use std::fmt;
 use drivetwin_protocol::registers::{Entries, Shape};
 use serde::{Deserialize, Serialize};
 
-/// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
+/// A number, or a list of words, each 0 to 65,535 in bus order, for a register whose words have a meaning each.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(untagged, expecting = "a register takes a whole number, or a list of them,")]
 pub enum Value {

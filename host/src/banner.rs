@@ -18,13 +18,13 @@ use crate::api::Places;
 
 /// Address of a line or a TCP port.
 pub(crate) enum Address {
-    /// By what a whole URI says.
+    /// A URI.
     Uri(String),
-    /// By a pty.
+    /// A pty.
     Pty {
-        /// The system's name for it.
+        /// Path of the device.
         path: PathBuf,
-        /// The link that leads there.
+        /// Path of its link.
         link: Option<PathBuf>,
     },
 }
@@ -41,7 +41,7 @@ impl Address {
     }
 }
 
-/// A line or a TCP port, and everywhere it is reached.
+/// A line or TCP port, and its addresses.
 struct Reached {
     name: String,
     /// The settings of a line.
@@ -67,20 +67,16 @@ pub(crate) struct Banner {
 }
 
 impl Banner {
-    /// A bench whose lines and TCP ports are reached at `addresses`; its drives in the order of `seats`.
-    pub(crate) fn new(
-        bench: &Bench,
-        seats: &[DriveId],
-        mut addresses: BTreeMap<Outlet, Vec<Address>>,
-    ) -> Self {
-        let drives = seats.iter().map(|&seat| {
-            let spec = bench.spec(seat);
+    /// The banner of a bench with these addresses; its drives are in the order of `ids`.
+    pub(crate) fn new(bench: &Bench, ids: &[DriveId], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
+        let drives = ids.iter().map(|&id| {
+            let spec = bench.spec(id);
             let ports = (0..).map(Port).take(spec.ports.len());
             Drive {
-                name: bench.name(seat).into(),
+                name: bench.name(id).into(),
                 spec,
-                unit: spec.address.map(|row| bench.peek(seat, row)),
-                ports: ports.map(|port| (port, bench.outlet(seat, port))).collect(),
+                unit: spec.address.map(|row| bench.peek(id, row)),
+                ports: ports.map(|port| (port, bench.outlet(id, port))).collect(),
             }
         });
         let outlets = bench.outlets().into_iter().map(|outlet| {
@@ -94,8 +90,8 @@ impl Banner {
         Self { drives: drives.collect(), outlets: outlets.collect(), control: None }
     }
 
-    /// The control API listens there.
-    pub(crate) fn controlled_at(&mut self, address: SocketAddr) {
+    /// Sets the address of the control API.
+    pub(crate) fn set_control(&mut self, address: SocketAddr) {
         self.control = Some(address);
     }
 
@@ -139,7 +135,7 @@ impl Banner {
     /// Text for people.
     pub(crate) fn text(&self) -> String {
         let mut text = String::new();
-        let mut told = BTreeSet::new();
+        let mut listed = BTreeSet::new();
         for drive in &self.drives {
             let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
             for (_, outlet) in &drive.ports {
@@ -150,8 +146,8 @@ impl Banner {
                 };
                 let _ = drive.unit.map(|unit| write!(text, ", address {unit}"));
                 text.push('\n');
-                // Who shares a line is reached where its first drive is.
-                if told.insert(outlet) {
+                // A shared line is listed with its first drive only.
+                if listed.insert(outlet) {
                     for uri in reached.uris() {
                         let _ = writeln!(text, "    {uri}");
                     }
@@ -167,7 +163,7 @@ impl Banner {
         if let Some(address) = self.control {
             let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
             if !address.ip().is_loopback() {
-                text.push_str("    whoever reaches this address can command the drives\n");
+                text.push_str("    any program that can reach this address can control the drives\n");
             }
         }
         let commands = self.commands();
@@ -196,7 +192,7 @@ impl Banner {
 }
 
 impl Reached {
-    /// An URL for pyserial, and what is built on it, where a line with a parity is reached by a pty (HOST-2).
+    /// URL for pyserial and programs that use it, for a line with parity that has a pty (HOST-2).
     fn without_parity(&self) -> Option<String> {
         let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
         let uris = self.uris();
@@ -215,8 +211,7 @@ impl Drive {
         self.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name)
     }
 
-    /// A command that reads the drive's registers, or opens a terminal where somebody may type: by a pty of
-    /// `port`, or where that is one of Modbus/TCP by its address.
+    /// A command that reads the drive's registers, or opens a terminal: on the pty of `port`, or on its TCP address.
     fn command(&self, port: Port, reached: &Reached) -> Option<String> {
         let ends = self.spec.ports.get(usize::from(port.0))?.framing;
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
@@ -258,7 +253,7 @@ impl Drive {
         Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} {}", address.port(), address.ip()))
     }
 
-    /// The first holding register, and how many from there one request may read.
+    /// The first holding register, and the number of registers from there that one request may read.
     fn readable(&self) -> Option<(u16, u16)> {
         /// Registers that fit into a reply.
         const MOST: u16 = 125;
@@ -273,10 +268,10 @@ impl Drive {
 mod tests {
     use super::*;
     use drivetwin_firmware::md3::Md3;
-    use drivetwin_sim::testing::echo_device::{Echo, MCODE, MODBUS};
+    use drivetwin_sim::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
     #[test]
-    fn a_pty_is_told_by_both_its_names_and_tried_by_that_which_stays() {
+    fn a_pty_is_listed_by_both_names_and_tried_by_its_link() {
         let mut bench = Bench::new();
         let md3 = bench.add::<Md3>("md3");
         let address = |link: Option<&str>| {
@@ -299,9 +294,9 @@ Ctrl-C ends it.
     }
 
     #[test]
-    fn tcp_ports_are_told_as_lines_are() {
+    fn tcp_ports_are_listed_like_lines() {
         let mut bench = Bench::new();
-        let echo = bench.add::<Echo>("echo");
+        let echo = bench.add::<EchoDevice>("echo");
         let places = [(MODBUS, "tcp:127.0.0.1:5020"), (MCODE, "tcp:127.0.0.1:5030")];
         let addresses =
             places.map(|(port, uri)| (bench.outlet(echo, port), vec![Address::Uri(uri.into())])).into();

@@ -11,7 +11,7 @@ use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters}
 use drivetwin_sim::value::Value;
 use serde::Serialize;
 
-/// As JSON, on one line.
+/// Description of a kind as JSON, on one line.
 pub fn json(spec: &Spec) -> String {
     let pin = |pin: Pin| pin_name(spec, pin);
     let kind = Kind {
@@ -178,7 +178,7 @@ impl Command {
     }
 }
 
-/// For people: aligned columns.
+/// Description of a kind as text in aligned columns.
 pub fn text(spec: &Spec) -> String {
     let mut text = format!("{}: {}, after {}\n", spec.kind, spec.product, spec.manual);
     for section in sections(spec) {
@@ -286,7 +286,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
     let by_name = |space| rows().filter(move |row| row.space == space).map(|row| cells_of(spec, row));
     let on_a_bus = |row: &&Row| !matches!(row.space, Space::Variable | Space::Setting);
     let on_the_bus = rows().filter(on_a_bus).map(|row| {
-        let mut cells = vec![place(spec, row)];
+        let mut cells = vec![register_address(spec, row)];
         cells.extend(cells_of(spec, row));
         cells
     });
@@ -395,15 +395,15 @@ fn values(spec: &Spec, row: &Row) -> String {
 }
 
 /// Address of a row.
-fn place(spec: &Spec, row: &Row) -> String {
+fn register_address(spec: &Spec, row: &Row) -> String {
     let address = |n: u16| if spec.decimal { n.to_string() } else { format!("{n:#04x}") };
     let first = row.address;
     let last = first.saturating_add(addresses(spec.registers, row) - 1);
-    let place =
+    let register_address =
         if last == first { address(first) } else { format!("{}–{}", address(first), address(last)) };
     match row.space {
-        Space::Holding | Space::Variable | Space::Setting => place,
-        other => format!("{} {place}", space(other)),
+        Space::Holding | Space::Variable | Space::Setting => register_address,
+        other => format!("{} {register_address}", space(other)),
     }
 }
 

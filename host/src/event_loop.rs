@@ -1,8 +1,7 @@
 //! The thread that owns the bench, and the only file that reads the wall clock.
 //!
-//! It sleeps until the bench's next deadline or until an input comes, brings the bench to that
-//! moment, and takes the input: that moment is its stamp. Requests and calls of the control API
-//! are served one at a time.
+//! It sleeps until the bench's next deadline or until input arrives, runs the bench up to that moment, and takes the
+//! input with that time stamp. Requests and calls of the control API are served one at a time.
 
 use std::collections::VecDeque;
 use std::io;
@@ -12,7 +11,7 @@ use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, Settling};
+use drivetwin_sim::bench::{Bench, IdleRun};
 use drivetwin_sim::config::time_mode::TimeMode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
@@ -21,19 +20,19 @@ use tracing::warn;
 use crate::live_file::LiveFile;
 use crate::ports::Ports;
 
-/// Longest delay behind the wall clock; a longer one is given up.
+/// Longest lag behind the wall clock; a longer one is not made up.
 const MAX_LAG: Duration = Duration::secs(1);
 
-/// Longest time that the bench runs before inputs are looked for.
+/// Longest run of the bench between two polls for input.
 const BUDGET: WallSpan = WallSpan::from_millis(20);
 
-/// Bench time between two looks at the wall clock.
+/// Bench time between two reads of the wall clock.
 const SLICE: Duration = Duration::millis(10);
 
 /// Longest bench time between two writes to the files.
 const FILE_INTERVAL: Duration = Duration::millis(100);
 
-/// Bench time as the wall clock paces it: at `wall` it was `bench`.
+/// Bench time derived from the wall clock: at `wall` it was `bench`.
 struct Clock {
     factor: u32,
     wall: WallInstant,
@@ -64,10 +63,10 @@ impl Clock {
     }
 }
 
-/// A piece of work for the bench's thread.
+/// A job for the bench's thread.
 type Job = Box<dyn FnOnce(&mut EventLoop) -> Completion + Send>;
 
-/// Called when a piece of work has had its whole effect.
+/// Called when a job has had its whole effect.
 type Completion = Box<dyn FnOnce() + Send>;
 
 /// A query of the bench, which changes nothing.
@@ -76,7 +75,7 @@ type Query = Box<dyn FnOnce(&Bench) + Send>;
 /// Work that was submitted, and the caller that waits for it.
 struct Submission<T> {
     what: T,
-    /// Gone when the caller has left.
+    /// Dropped when the caller has left.
     caller: Weak<()>,
 }
 
@@ -91,14 +90,14 @@ impl<T> Queue<T> {
         Self { from, waiting: VecDeque::new() }
     }
 
-    /// Takes what has come, and drops work whose caller has left: so there is no more work than callers.
-    fn tidy(&mut self) {
+    /// Collects submitted work, and drops work whose caller has left: so there is at most one job per caller.
+    fn collect(&mut self) {
         self.waiting.extend(self.from.try_iter());
-        self.waiting.retain(|asked| asked.caller.strong_count() > 0);
+        self.waiting.retain(|submission| submission.caller.strong_count() > 0);
     }
 
     fn next(&mut self) -> Option<T> {
-        self.waiting.pop_front().map(|asked| asked.what)
+        self.waiting.pop_front().map(|submission| submission.what)
     }
 }
 
@@ -140,8 +139,9 @@ pub(crate) fn handle() -> io::Result<(BenchHandle, Inbox)> {
 }
 
 impl BenchHandle {
-    /// Submits a piece of work and wakes the thread; without effect when that has ended. The function that the work
-    /// returns is called when its whole effect is there. Work that has not begun when its `caller` is gone is dropped.
+    /// Submits a job and wakes the thread; without effect when that has ended. The function that the job returns is
+    /// called when the job has had its whole effect. A job that has not begun when its `caller` is dropped is dropped,
+    /// too.
     pub(crate) fn submit<A>(&self, caller: Weak<()>, job: impl FnOnce(&mut EventLoop) -> A + Send + 'static)
     where
         A: FnOnce() + Send + 'static,
@@ -152,14 +152,14 @@ impl BenchHandle {
         }
     }
 
-    /// Submits a query. It runs between two jobs, and also while one of them has its effect.
+    /// Submits a query. It runs between two jobs, and also while the effect of a job is pending.
     pub(crate) fn query(&self, caller: Weak<()>, query: impl FnOnce(&Bench) + Send + 'static) {
         if self.queries.send(Submission { what: Box::new(query), caller }).is_ok() {
             wake(&self.waker);
         }
     }
 
-    /// A receiver that is notified of each growth of the trace from now on.
+    /// A receiver that is notified when the trace grows.
     pub(crate) fn watch(&self) -> watch::Receiver<u64> {
         self.grown.subscribe()
     }
@@ -182,21 +182,21 @@ pub(crate) struct EventLoop {
     clock: Option<Clock>,
     warned: bool,
     advance: Option<Advance>,
-    /// In manual time, the last change, until it has had its whole effect.
-    settling: Option<Settling>,
-    /// Called then, if it was no port.
+    /// In manual time, the run that completes the effect of the last change.
+    idle_run: Option<IdleRun>,
+    /// Called when that is complete, if the change was made by a job.
     completion: Option<Completion>,
-    /// Time at which the thread wakes though no input comes.
+    /// Time at which the thread wakes without input.
     alarm: Option<WallInstant>,
     inbox: Inbox,
 }
 
 impl EventLoop {
-    /// `bench` with `ports`, paced by `pace` from now on, and followed by `files`.
+    /// An event loop for `bench` with `ports` and `files`, in that time mode.
     pub(crate) fn new(
         bench: Bench,
         ports: Ports,
-        pace: TimeMode,
+        time_mode: TimeMode,
         files: Vec<LiveFile>,
         inbox: Inbox,
     ) -> Self {
@@ -207,28 +207,28 @@ impl EventLoop {
             clock: None,
             warned: false,
             advance: None,
-            settling: None,
+            idle_run: None,
             completion: None,
             alarm: None,
             inbox,
         };
-        event_loop.set_pace(pace);
+        event_loop.set_time_mode(time_mode);
         event_loop
     }
 
     /// The time mode.
-    pub(crate) fn pace(&self) -> TimeMode {
+    pub(crate) fn time_mode(&self) -> TimeMode {
         self.clock.as_ref().map_or(TimeMode::Manual, |clock| TimeMode::Times(clock.factor))
     }
 
-    /// Sets the time mode. In manual time, what was under way has its whole effect first.
-    pub(crate) fn set_pace(&mut self, pace: TimeMode) {
-        self.bench.set_patience(pace.patience());
-        self.clock = match pace {
+    /// Sets the time mode. In manual time, pending effects are completed first.
+    pub(crate) fn set_time_mode(&mut self, time_mode: TimeMode) {
+        self.bench.set_frame_timeout(time_mode.frame_timeout());
+        self.clock = match time_mode {
             TimeMode::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
             TimeMode::Manual => None,
         };
-        self.settle();
+        self.begin_idle_run();
     }
 
     /// Runs the bench for `span`, then notifies `done`. A caller that has left stops it.
@@ -236,22 +236,22 @@ impl EventLoop {
         self.advance = Some(Advance { until: self.bench.now() + span, done });
     }
 
-    /// In manual time, what was just done, or is due now, has its whole effect before anything else is done.
-    pub(crate) fn settle(&mut self) {
+    /// In manual time, begins to run the bench until idle, so that a change has its whole effect before the next one.
+    pub(crate) fn begin_idle_run(&mut self) {
         if self.clock.is_none() {
-            self.settling = Some(self.bench.begin_to_settle());
+            self.idle_run = Some(self.bench.begin_idle_run());
         }
     }
 
     /// Returns whether an advance or a change is not complete yet, so that jobs wait.
     fn is_busy(&self) -> bool {
-        self.advance.is_some() || self.settling.is_some()
+        self.advance.is_some() || self.idle_run.is_some()
     }
 
-    /// Serves until something can be read from `stop`, or the ports are of no use any more.
+    /// Serves until `stop` becomes readable, or the ports are closed for good.
     ///
     /// # Errors
-    /// The system does not let it wait.
+    /// The system cannot wait for events.
     pub(crate) fn run(&mut self, stop: &impl AsFd) -> io::Result<()> {
         let stop = self.ports.wake_for(stop)?;
         let waker = self.ports.wake_for(&self.inbox.waker)?;
@@ -261,7 +261,7 @@ impl EventLoop {
                 break;
             }
             // After a long request other clients come first.
-            let others = self.settling.is_some() && self.completion.is_none();
+            let others = self.idle_run.is_some() && self.completion.is_none();
             self.catch_up();
             if !others {
                 self.take();
@@ -276,7 +276,7 @@ impl EventLoop {
         Ok(())
     }
 
-    /// Ends the files where the bench has come to; of each one that is not complete a sentence that says why.
+    /// Ends the files at the present time of the bench. Returns a sentence for each file that is not complete.
     pub(crate) fn end_files(&mut self) -> Vec<String> {
         self.files.drain(..).filter_map(|file| file.finish(&self.bench).err()).collect()
     }
@@ -287,25 +287,24 @@ impl EventLoop {
         self.bench.next().min(files)
     }
 
-    /// Writes to the files what has happened, and notifies readers.
+    /// Writes new events to the files, and notifies readers.
     fn publish(&mut self) {
         for file in &mut self.files {
             file.update(&self.bench);
         }
-        self.bench.has_written();
+        self.bench.mark_written();
         if self.inbox.grown.receiver_count() > 0 {
             let mark = self.bench.trace().mark();
-            self.inbox.grown.send_if_modified(|told| std::mem::replace(told, mark) != mark);
+            self.inbox.grown.send_if_modified(|seen| std::mem::replace(seen, mark) != mark);
         }
     }
 
-    /// Takes inputs from the ports, also while the clock is advanced (HOST-19). Each is answered before the next is taken,
-    /// if a drive answers at once: a client that waits for the first of many answers is woken once, and not again by
-    /// each.
+    /// Takes inputs from the ports, also during an advance of the clock. An immediate answer is delivered before the
+    /// next input is taken: so a client that waits for the first of many answers is woken once (HOST-19).
     fn take(&mut self) {
-        while self.settling.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+        while self.idle_run.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
             if self.clock.is_none() {
-                self.settle();
+                self.begin_idle_run();
                 self.catch_up();
             } else {
                 self.bench.run_until(self.bench.now());
@@ -317,12 +316,12 @@ impl EventLoop {
     /// Delivers what the drives have sent.
     fn deliver(&mut self) {
         let delivered = self.ports.deliver(&mut self.bench);
-        if delivered && self.settling.is_none() {
-            self.settle();
+        if delivered && self.idle_run.is_none() {
+            self.begin_idle_run();
         }
     }
 
-    /// Sleeps until an input comes or work is due; not at all if it is already.
+    /// Sleeps until input arrives or work is due.
     fn sleep(&mut self) -> io::Result<()> {
         let (due, now) = (self.due(), wall());
         if self.is_busy() || due.is_some_and(|due| due <= now) {
@@ -336,14 +335,14 @@ impl EventLoop {
         self.ports.wait(false)
     }
 
-    /// Time at which there is work though no input comes; `None`: never, as in manual time.
+    /// Time of the next work without input; `None`: never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
         self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
     }
 
-    /// Brings the bench to where it should be now, or as near as a slice of time gets it.
+    /// Runs the bench up to the present time, or as far as one slice of time allows.
     fn catch_up(&mut self) {
-        if self.settling.is_none()
+        if self.idle_run.is_none()
             && let Some(advance) = self.advance.take()
         {
             self.run_towards(advance.until, wall());
@@ -351,17 +350,17 @@ impl EventLoop {
                 self.advance = Some(advance);
                 return;
             }
-            self.settle();
+            self.begin_idle_run();
             // The caller may have left.
             self.completion = Some(Box::new(|| {
                 let _ = advance.done.send(());
             }));
         }
-        if let Some(settling) = self.settling {
-            if !self.settle_some(settling) {
+        if let Some(idle_run) = self.idle_run {
+            if !self.run_until_idle_some(idle_run) {
                 return;
             }
-            self.settling = None;
+            self.idle_run = None;
             if let Some(completion) = self.completion.take() {
                 completion();
             }
@@ -394,12 +393,12 @@ impl EventLoop {
         }
     }
 
-    /// Goes on to settle, but no longer than [`BUDGET`]; returns whether that is complete.
-    fn settle_some(&mut self, settling: Settling) -> bool {
+    /// Continues to run the bench until idle, but no longer than [`BUDGET`]. Returns whether it is idle.
+    fn run_until_idle_some(&mut self, idle_run: IdleRun) -> bool {
         let began = wall();
         loop {
             let slice = self.next().max(self.bench.now()) + SLICE;
-            if self.bench.settle_until(settling, slice) {
+            if self.bench.continue_idle_run(idle_run, slice) {
                 return true;
             }
             if began.elapsed() >= BUDGET {
@@ -409,13 +408,12 @@ impl EventLoop {
         }
     }
 
-    /// Does what another thread submitted, to its end. One job at a time: a caller that submits the next one
-    /// because this one is done may rely on it that the ports are served in between. Until a job has its
-    /// whole effect queries run, and jobs wait.
+    /// Executes submitted work: at most one job at a time, so that the ports are served between two jobs of a caller.
+    /// Until a job has had its whole effect, queries run and jobs wait.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.inbox.waker, &mut [0; 8]);
-        self.inbox.queries.tidy();
-        self.inbox.jobs.tidy();
+        self.inbox.queries.collect();
+        self.inbox.jobs.collect();
         if let Some(query) = self.inbox.queries.next() {
             query(&self.bench);
             wake(&self.inbox.waker);
@@ -425,7 +423,7 @@ impl EventLoop {
         }
         if let Some(job) = self.inbox.jobs.next() {
             let completion = job(self);
-            if self.settling.is_some() {
+            if self.idle_run.is_some() {
                 self.completion = Some(completion);
             } else {
                 completion();
@@ -459,7 +457,7 @@ mod tests {
             to.send(Submission { what, caller: Weak::new() }).unwrap();
         }
         to.send(Submission { what: 1_000, caller: Arc::downgrade(&here) }).unwrap();
-        queue.tidy();
+        queue.collect();
         assert_eq!(queue.waiting.len(), 1);
         assert_eq!((queue.next(), queue.next()), (Some(1_000), None));
     }

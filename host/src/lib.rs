@@ -1,7 +1,25 @@
 //! A bench of drives in a process: paced by the wall clock, on ptys, TCP and serial ports, with a control API.
 //!
-//! A run has three steps: [`Configuration`] reads options and files, [`Prepared`] reserves ports and builds the bench,
-//! [`Running`] serves until it is told to stop.
+//! A run has three steps: [`Configuration`] reads options and files, [`Prepared`] has reserved ports and a bench,
+//! [`Running`] serves until its `stop` descriptor becomes readable.
+//!
+//! ```
+//! use std::io::Write as _;
+//! use std::os::unix::net::UnixStream;
+//!
+//! use drivetwin_host::Configuration;
+//! use drivetwin_host::options::RunOptions;
+//!
+//! // Without `listen` the MD3 gets a free loopback TCP port and a pty.
+//! let options = RunOptions { what: "md3".into(), ..RunOptions::default() };
+//! let prepared = Configuration::read(options)?.prepare()?;
+//! let running = prepared.open()?;
+//! assert!(running.json()?.contains("tcp:127.0.0.1:"));
+//! let (stop, mut stopper) = UnixStream::pair()?;
+//! stopper.write_all(b"x")?;
+//! running.serve(&stop)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -12,7 +30,7 @@
 //! | `api` | the control API (HTTP, JSON) |
 //! | `nv_file` | non-volatile memory in a file |
 //! | `output_file`, `live_file` | recordings, waveforms and frames, written while the bench runs |
-//! | `banner` | text and JSON that say where a bench is reached |
+//! | `banner` | text and JSON with the addresses of a running bench |
 //! | [`describe`] | a kind of drive: ports, pins, registers, what is not modelled |
 //! | [`rs_programs`] | user programs of the RS drives in files |
 

@@ -1,7 +1,7 @@
 //! `--record`, `--vcd` and `--pcap`: files that are written while the bench runs.
 //!
-//! The bench's thread writes them, so it waits for a slow disk, or for the slow reader of a pipe: signals and
-//! the control API wait, too (HOST-10).
+//! The bench's thread writes them, so a slow disk or a slow reader of a pipe delays the bench, signals and the control
+//! API (HOST-10).
 
 use std::fs::File;
 use std::io;
@@ -14,17 +14,17 @@ use tracing::error;
 
 use crate::output_file::OutputFile;
 
-/// Waits until the disk has all of a file.
+/// Waits until a file is on the disk.
 fn wait_for(file: &File) -> io::Result<()> {
     // A pipe and a device have no disk to wait for.
     if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
 }
 
-/// Writer of such a file.
+/// Writer of a live file.
 trait Writer {
-    /// Writes what has happened since the last time.
+    /// Writes the events since the last call.
     fn update(&mut self, bench: &Bench) -> io::Result<()>;
-    /// Ends the file where the bench has come to.
+    /// Ends the file at the present time of the bench.
     fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()>;
 }
 
@@ -58,10 +58,10 @@ impl Writer for Pcapng<File> {
     }
 }
 
-/// A file that is written while the bench goes on, from what that still holds.
+/// A file that is written while the bench runs, from its retained events.
 pub(crate) struct LiveFile {
     output: OutputFile,
-    /// `None` when it has failed.
+    /// `None` after a failure.
     writer: Option<Box<dyn Writer>>,
 }
 
@@ -90,7 +90,7 @@ impl LiveFile {
         Ok(Self { output, writer })
     }
 
-    /// Writes what has happened since the last time. A file that cannot be written is logged once, and
+    /// Writes the events since the last call. A file that cannot be written is logged once, and
     /// the drives go on without it.
     pub(crate) fn update(&mut self, bench: &Bench) {
         if let Some(writer) = &mut self.writer
@@ -101,11 +101,11 @@ impl LiveFile {
         }
     }
 
-    /// Ends the file where the bench has come to.
+    /// Ends the file at the present time of the bench.
     pub(crate) fn finish(mut self, bench: &Bench) -> Result<(), String> {
         self.update(bench);
         match self.writer {
-            // Some systems tell only then that a write has failed.
+            // Some systems report a failed write only then.
             Some(writer) => {
                 self.output.fails(writer.finish(bench).and_then(|()| wait_for(self.output.file())))
             }

@@ -1,8 +1,7 @@
 //! Non-volatile memory kept in a file (`--nv`).
 //!
-//! Every byte is written when the drive stores it, so a killed process loses nothing; one `fsync` at
-//! exit guards against a power failure of the machine. The file is not touched before the drive's
-//! first store: a missing, empty or damaged file stays as it is until then.
+//! Every byte is written when the drive stores it, so a killed process loses nothing; one `fsync` at exit guards
+//! against a power failure of the machine. The content of the file is not changed before the drive's first store.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io;
@@ -17,7 +16,7 @@ pub(crate) struct Nv<D = File> {
     file: D,
     /// The memory as the drive sees it.
     memory: Vec<u8>,
-    /// True if the file holds all of that. It does not while it has another size, nor when it could not be written.
+    /// True if the file has the same content. False while it has another size, or after a failed write.
     whole: bool,
     /// True if the file is longer than the memory.
     longer: bool,
@@ -25,13 +24,13 @@ pub(crate) struct Nv<D = File> {
     stored: bool,
 }
 
-/// The layer below the file, where a system may fail.
+/// Operations of the file, which may fail.
 trait Disk {
     /// Writes all of `bytes` from `offset` on.
     fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()>;
-    /// Cuts or fills up the file to a length.
+    /// Truncates or extends the file to a length.
     fn set_len(&self, length: u64) -> io::Result<()>;
-    /// Waits until all is on the disk.
+    /// Waits until all data is on the disk.
     fn sync_all(&self) -> io::Result<()>;
 }
 
@@ -50,20 +49,20 @@ impl Disk for File {
 }
 
 impl Nv {
-    /// Opens `path`, made empty if it is not there, as a memory of `size` bytes, and returns what the
-    /// drive finds in it.
+    /// Opens `path` as a memory of `size` bytes, creating an empty file if there is none. Returns the content for the
+    /// drive.
     ///
-    /// A file that is too short ends in erased bytes, so an empty one is a new drive. One that is too
-    /// long belongs to something else: the drive gets bytes whose check sum cannot hold (HOST-7).
+    /// A file that is too short is extended with erased bytes, so an empty one is a new drive. One that is too long
+    /// belongs to something else: the drive gets bytes without a valid checksum (HOST-7).
     ///
     /// # Errors
-    /// The file cannot be made, read or written.
+    /// The file cannot be created, read or written, is not a regular file, or another drive uses it.
     pub(crate) fn open(path: &Path, size: usize) -> io::Result<(Vec<u8>, Self)> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
         if !file.metadata()?.is_file() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
         }
-        // Not every file system has locks; only a lock of somebody else matters.
+        // Not every file system has locks; only a lock of another process matters.
         if let Err(Errno::WOULDBLOCK) = rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
             return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another drive keeps its memory there"));
         }
@@ -84,9 +83,9 @@ impl Nv {
     }
 }
 
-#[expect(private_bounds, reason = "nobody outside has another disk than a file")]
+#[expect(private_bounds, reason = "code outside of tests uses files only")]
 impl<D: Disk> Nv<D> {
-    /// The memory of a file of `length` bytes that begins with these.
+    /// The memory for a file of `length` bytes that begins with `memory`.
     fn holding(file: D, mut memory: Vec<u8>, length: u64) -> Self {
         let size = memory.len() as u64;
         let longer = length > size;
@@ -96,21 +95,21 @@ impl<D: Disk> Nv<D> {
         Self { file, memory, whole: length == size, longer, stored: false }
     }
 
-    /// Returns whether the file is longer than the memory, so that it is another drive's.
+    /// Returns whether the file is longer than the memory, so that it belongs to another drive.
     pub(crate) fn is_longer(&self) -> bool {
         self.longer
     }
 
-    /// Writes bytes as they are stored, with all that an earlier store could not write.
+    /// Writes stored bytes, and all bytes that an earlier store failed to write.
     ///
     /// # Errors
-    /// Of the file system.
+    /// Errors of the file system.
     pub(crate) fn store(&mut self, offset: u16, bytes: &[u8]) -> io::Result<()> {
         self.stored = true;
-        if let Some(place) =
+        if let Some(target) =
             self.memory.get_mut(usize::from(offset)..).and_then(|it| it.get_mut(..bytes.len()))
         {
-            place.copy_from_slice(bytes);
+            target.copy_from_slice(bytes);
         }
         if !self.whole {
             return self.write_all();
@@ -120,9 +119,9 @@ impl<D: Disk> Nv<D> {
         written
     }
 
-    /// Makes the file what the memory is.
+    /// Writes the whole memory to the file.
     fn write_all(&mut self) -> io::Result<()> {
-        // A longer file goes at once: changed in part, its beginning could be what it was before it was spoiled.
+        // A longer file is truncated first: after a partial write its beginning could still be valid.
         if self.longer {
             self.file.set_len(0)?;
             self.longer = false;
@@ -132,10 +131,10 @@ impl<D: Disk> Nv<D> {
         Ok(())
     }
 
-    /// Waits until the disk has all that was stored.
+    /// Waits until all stores are on the disk.
     ///
     /// # Errors
-    /// Of the file system.
+    /// Errors of the file system.
     pub(crate) fn sync(&mut self) -> io::Result<()> {
         if self.stored && !self.whole {
             self.write_all()?;
@@ -144,7 +143,7 @@ impl<D: Disk> Nv<D> {
     }
 }
 
-/// Changes every byte, and each by something else, so that no check sum that held does so still.
+/// Changes every byte differently, so that no checksum stays valid.
 fn spoil(memory: &mut [u8]) {
     for (n, byte) in memory.iter_mut().enumerate() {
         *byte ^= (n as u8).wrapping_mul(2) | 1;
@@ -327,9 +326,9 @@ mod tests {
     fn states(content: &[u8]) -> Vec<Vec<u8>> {
         let mut states = vec![found(content)];
         for (offset, bytes) in STORES {
-            for (place, byte) in (usize::from(offset)..).zip(bytes) {
+            for (index, byte) in (usize::from(offset)..).zip(bytes) {
                 let mut next = states.last().unwrap().clone();
-                next[place] = *byte;
+                next[index] = *byte;
                 states.push(next);
             }
         }
@@ -399,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_fails_when_it_is_waited_for_is_told_and_tried_again() {
+    fn a_failed_sync_is_reported_and_retried() {
         let content = [1, 2, 3, 4, 5, 6, 7, 8];
         let mut nv = Nv::holding(FailingDisk::new(&content, 2, Failure::Broken), content.to_vec(), 8);
         nv.store(0, &[10, 11]).unwrap();

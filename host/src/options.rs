@@ -8,43 +8,43 @@ use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 
-/// Options of a run: those of `drivetwin run`, by the same names. `None` leaves it to the bench file or the default.
+/// Options of a run, named like those of `drivetwin run`. `None`: as in the bench file, or the default.
 #[derive(Clone, Default, Debug)]
 pub struct RunOptions {
     /// A kind of drive, or the path of a bench file, whose name ends in `.toml`.
     pub what: String,
-    /// Listening places of a single drive's ports. A port that is not among them gets a free loopback TCP port, and a
-    /// serial one a pty, too.
+    /// Listening addresses of a single drive's ports. A port without one gets a free loopback TCP port, and a serial
+    /// port also a pty.
     pub listen: Vec<Listen>,
-    /// Address of the control API.
+    /// Listening address of the control API; default: none.
     pub control: Control,
-    /// Host names by which the control API may be asked, beside localhost and its own address.
+    /// Additional host names that requests to the control API may use, besides localhost and its own address.
     pub allow_host: Vec<String>,
-    /// Time mode.
+    /// Relation of bench time to the wall clock; default: real time.
     pub time: Option<TimeMode>,
-    /// Time that characters take on the line.
+    /// Whether characters take time on serial lines.
     pub line: Option<LineMode>,
-    /// The bus address of a single drive, as if saved before power-on.
+    /// Bus address of a single drive, as if saved before power-on.
     pub address: Option<Number>,
-    /// The file of a single drive's non-volatile memory.
+    /// File of a single drive's non-volatile memory.
     pub nv: Option<PathBuf>,
     /// Registers of a single drive that are preset.
     pub set: Vec<Assignment>,
-    /// A user program for a single drive, as text.
+    /// File of a user program for a single RS drive, as text.
     pub program: Option<PathBuf>,
-    /// No start-up delay.
+    /// True to skip the start-up delay.
     pub fast_boot: bool,
-    /// Seed of every random choice.
+    /// Seed of every random choice; default: 1.
     pub seed: Option<u64>,
-    /// The file of a recording, which can be replayed.
+    /// File for a recording (trace), which can be replayed.
     pub record: Option<PathBuf>,
-    /// The file of the waveforms of the pins (VCD).
+    /// File for the waveforms of the pins (VCD).
     pub vcd: Option<PathBuf>,
-    /// The file of the frames of the lines (pcapng).
+    /// File for the frames of the lines (pcapng).
     pub pcap: Option<PathBuf>,
 }
 
-/// Address of the control API.
+/// Listening address of the control API, as users write it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub enum Control {
     /// No control API.
@@ -69,9 +69,9 @@ impl FromStr for Control {
 /// A register and its value: `Speed=8000`, `PartNumber=MDI3CRL23A7`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assignment {
-    /// The register's name.
+    /// Name of the register, as in the manual.
     pub register: String,
-    /// The value as text.
+    /// Value as text: a number, `0x` and hexadecimal digits, words, or text.
     pub value: String,
 }
 

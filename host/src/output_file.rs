@@ -1,11 +1,11 @@
-//! The files that options name for what happens.
+//! Output files that options name.
 
 use std::fs::{File, Metadata};
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-/// A file for what happens.
+/// An output file.
 pub(crate) struct OutputFile {
     option: &'static str,
     path: PathBuf,
@@ -13,14 +13,14 @@ pub(crate) struct OutputFile {
 }
 
 impl OutputFile {
-    /// Opens the file that an option names, and leaves what is in it until the drive is ready.
+    /// Opens the file of an option without changing its content, until the drive is ready.
     pub(crate) fn open(option: &'static str, path: &Path) -> Result<Self, String> {
         let opened = File::options().write(true).create(true).truncate(false).open(path);
         let file = opened.map_err(|error| sentence(option, path, &error))?;
         Ok(Self { option, path: path.into(), file })
     }
 
-    /// Removes what an old run left there.
+    /// Removes the content of an earlier run.
     pub(crate) fn begin(&self) -> Result<(), String> {
         self.fails(self.file.metadata().and_then(|there| {
             // A device or a pipe has nothing to be removed.
@@ -28,7 +28,7 @@ impl OutputFile {
         }))
     }
 
-    /// Returns whether the other one is the same file, which two cannot write.
+    /// Returns whether both are the same file.
     pub(crate) fn is(&self, other: &Self) -> Result<bool, String> {
         let (own, other) = (self.metadata()?, other.metadata()?);
         Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))

@@ -189,7 +189,7 @@ def test_only_so_many_follow_the_bench(run):
     problem = refused(drivetwin, "GET", "/api/events")
     assert (problem["status"], problem["detail"]) == (
         503,
-        "nobody more can follow the bench now; wait until somebody leaves",
+        "the maximum number of clients that follow the bench is reached; wait until one disconnects",
     )
     drivetwin.seconds()
     readers.pop().close()

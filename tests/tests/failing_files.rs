@@ -57,7 +57,7 @@ fn scene<W>(
     // MoveSteps is 20 and 21, MotionControl 17 (MD3, 7).
     for request in [rtu::write(1, 20, 0), rtu::write(1, 21, 100), rtu::write(1, 17, 1), rtu::read(1, 0, 4)] {
         bench.send(client, &request);
-        bench.settle();
+        bench.run_until_idle();
         follow(&mut writer, &bench)?;
     }
     bench.run_until(bench.now() + 200.millis());

@@ -51,7 +51,7 @@ fn hear(bench: &mut Bench, client: Client) -> String {
 /// Sends something, and returns what has come when all is settled.
 fn ask(bench: &mut Bench, client: Client, request: &[u8]) -> String {
     bench.send(client, request);
-    bench.settle();
+    bench.run_until_idle();
     hear(bench, client)
 }
 
@@ -121,7 +121,7 @@ fn what_collides_is_still_of_the_line() {
     let client = bench.connect(bus);
     bench.run_until(READY);
     bench.send(client, SPEED);
-    bench.settle();
+    bench.run_until_idle();
     let mut heard = Vec::new();
     bench.receive(client, &mut heard);
     let alone = b":01030203E80F\r\n";
@@ -170,7 +170,7 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         assert_eq!(ask(&mut bench, client, b"R07\r"), "", "its line is 230,400 baud");
         set_line_faults(&mut bench, x, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"\r");
-        bench.settle();
+        bench.run_until_idle();
         hear(&mut bench, client);
         // Without its CR it is no command yet; what is left of an answer has lost its end.
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
@@ -189,7 +189,7 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
         assert_eq!(elsewhere.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
     }
     let error = elsewhere.check_for(&Qsb::s().spec().ports[0]).unwrap_err();
-    assert_eq!(error, "wrong_address is for lines of Modbus, and usb is none");
+    assert_eq!(error, "wrong_address is for Modbus lines only, and usb is not one");
 }
 
 /// MD3s a and b on one line, an RS and a QSB of their own, added in that order, all disturbed, asked again and
@@ -254,7 +254,7 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
         bench.send(clients[0], &to_md3);
         bench.send(clients[1], &to_rs);
         bench.send(clients[2], format!("W09{}\rR09\r", n % 4).as_bytes());
-        bench.settle();
+        bench.run_until_idle();
         heard.extend(clients.map(|client| hear(&mut bench, client) + "\n"));
     }
     let seen: Vec<String> = bench

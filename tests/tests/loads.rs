@@ -35,7 +35,7 @@ impl Fixture {
         );
         let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
         let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
-        let mut fixture = Self { bench: built.bench, x: built.seats[0], motor: built.motors[0], began: 0 };
+        let mut fixture = Self { bench: built.bench, x: built.drives[0], motor: built.motors[0], began: 0 };
         fixture.wait(1.millis());
         fixture.write(at::ENCODER, X4_MAX);
         fixture.write(at::MAX_COUNT, 0xFFFF);

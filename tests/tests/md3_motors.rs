@@ -29,9 +29,9 @@ impl Rig {
         let layout = bench_file::parse(text).unwrap_or_else(|error| panic!("{error}"));
         let settings = Settings { trace: Retention::All, ..layout.settings() };
         let built = layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"));
-        let Built { mut bench, seats, motors, .. } = built;
+        let Built { mut bench, drives, motors, .. } = built;
         bench.run_until(1.millis());
-        Self { bench, drive: seats[0], motor: motors[0] }
+        Self { bench, drive: drives[0], motor: motors[0] }
     }
 
     #[track_caller]

@@ -109,7 +109,7 @@ struct Other {
 impl Other {
     fn new((hall_type, motor): (i64, Parameters)) -> Self {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
-        let setup = Setup { apart: true, ..Setup::default() };
+        let setup = Setup { external_motor: true, ..Setup::default() };
         let seat = bench.add_with("x", Box::new(mdrobot()), setup).unwrap();
         let motor = bench.attach_motor("m", seat, Axis(0), MotorModel::Brush(motor)).unwrap();
         // Its load would turn it while the drive starts.

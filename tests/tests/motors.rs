@@ -293,11 +293,11 @@ fn row(name: &str) -> usize {
 
 /// An RS drive that goes through the script, with some registers preset: what it answered and what its motor did, and
 /// the edges of its Hall sensors.
-fn rs_drive(apart: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
+fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
-    let setup = Setup { apart, presets: presets.to_vec(), ..Setup::default() };
+    let setup = Setup { external_motor, presets: presets.to_vec(), ..Setup::default() };
     let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
-    assert_eq!(bench.detached_motor(drive).is_some(), apart);
+    assert_eq!(bench.detached_motor(drive).is_some(), external_motor);
     if let Some(parameters) = bench.detached_motor(drive) {
         bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
     }
@@ -360,7 +360,7 @@ fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
     for (hall_pulses, no_load_rpm, shaft_rpm) in [(8, 3_000, 500.0), (4, 4_500, 1_000.0), (4, 2_000, 1_000.0)]
     {
         let mut bench = Bench::new();
-        let setup = Setup { apart: true, ..Setup::default() };
+        let setup = Setup { external_motor: true, ..Setup::default() };
         let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
         assert_eq!(bench.detached_motor(drive), Some(factory));
         let parameters = motor::Parameters { hall_pulses, no_load_rpm, ..factory };
@@ -386,7 +386,7 @@ fn a_motor_of_other_parameters_turns_otherwise() {
     let mut ways = Vec::new();
     for inertia_gcm2 in [motor::Parameters::NOMINAL.inertia_gcm2, 100_000] {
         let mut bench = Bench::new();
-        let setup = Setup { apart: true, ..Setup::default() };
+        let setup = Setup { external_motor: true, ..Setup::default() };
         let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
         let parameters = motor::Parameters { inertia_gcm2, ..bench.detached_motor(drive).unwrap() };
         let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();

@@ -16,7 +16,7 @@ use std::io::{self, Write as _};
 /// One sentence: it cannot be written.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     match io::stdout().write_all(text.as_bytes()) {
-        // A reader that has seen enough, as in `drivetwin list | head -1`, is no error.
+        // A reader that closes early, as in `drivetwin list | head -1`, is not an error.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(format!("stdout cannot be written: {error}"))
         }

@@ -13,17 +13,17 @@ use super::print;
 /// # Errors
 /// One sentence: the file cannot be read, or is no trace.
 pub(crate) fn replay(file: &Path) -> Result<bool, String> {
-    let place = file.display();
-    let bytes = std::fs::read(file).map_err(|error| format!("{place}: {error}"))?;
+    let path = file.display();
+    let bytes = std::fs::read(file).map_err(|error| format!("{path}: {error}"))?;
     let (lines, is_cut) = whole_lines(&bytes);
-    let text = std::str::from_utf8(lines).map_err(|_| format!("{place} is no text"))?;
+    let text = std::str::from_utf8(lines).map_err(|_| format!("{path} is not UTF-8 text"))?;
     let make = |kind: &str| catalog::make(kind).ok();
-    let trace = Trace::parse(text, &make).map_err(|error| format!("{place}: {error}"))?;
+    let trace = Trace::parse(text, &make).map_err(|error| format!("{path}: {error}"))?;
     if is_cut {
-        print(&format!("{place}: its last line has no end, so it is left out\n"))?;
+        print(&format!("{path}: the last line is incomplete and is ignored\n"))?;
     }
-    match replayer::run(&trace, &make).map_err(|error| format!("{place}: {error}"))? {
-        None => print(&format!("{place}: as expected\n")).map(|()| true),
-        Some(difference) => print(&format!("{place}: {difference}\n")).map(|()| false),
+    match replayer::run(&trace, &make).map_err(|error| format!("{path}: {error}"))? {
+        None => print(&format!("{path}: as expected\n")).map(|()| true),
+        Some(difference) => print(&format!("{path}: {difference}\n")).map(|()| false),
     }
 }

@@ -16,7 +16,7 @@ use crate::log;
 /// Runs a drive, or a bench of several, until a signal ends it.
 ///
 /// # Errors
-/// One sentence: what is wrong, and where.
+/// One sentence that names the option or file, and the error.
 pub(crate) fn run(arguments: Run) -> Result<(), String> {
     raise_limit_of_descriptors();
     let json = arguments.json;
@@ -26,12 +26,12 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     }
     let uses_stdio = configuration.uses_stdio();
     let prepared = configuration.prepare()?;
-    // From here on somebody may come.
+    // Clients may connect from here on.
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
     let running = prepared.open()?;
     let banner = if json { running.json()? } else { running.text() };
     if uses_stdio {
-        // Stdout belongs to a line.
+        // Stdout is used by a line.
         log::write_line(banner.as_bytes());
     } else {
         print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     running.serve(&stop)
 }
 
-/// Prints the banner, until a reader has taken so much that it fits, or a signal comes.
+/// Prints the banner. Returns when it is written, or when a signal arrives.
 fn print(text: String, stop: &UnixStream) -> io::Result<()> {
     let (written, writes) = UnixStream::pair()?;
     let writer = std::thread::spawn(move || {
@@ -57,12 +57,12 @@ fn print(text: String, stop: &UnixStream) -> io::Result<()> {
 /// Raises the limit of descriptors: a bench may have thousands of ports, and the usual limit is 1,024.
 fn raise_limit_of_descriptors() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    // As far as we may; what is refused for lack of them says so.
+    // Best effort: a later lack of descriptors is reported where it occurs.
     let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
 /// A stream that becomes readable when the program is to end: Ctrl-C, SIGTERM, a terminal that is closed, Ctrl-\.
-/// A signal that `nohup` or a shell has it ignore is ignored.
+/// Signals that the parent process ignores (`nohup`, a shell) stay ignored.
 fn signals() -> io::Result<UnixStream> {
     let (stop, caught) = UnixStream::pair()?;
     let ignored = ignored();
@@ -75,7 +75,7 @@ fn signals() -> io::Result<UnixStream> {
     Ok(stop)
 }
 
-/// The signals that are ignored since before the program began, signal 1 in bit 0; none where the system does not say.
+/// Signals that were ignored at the start of the program, signal 1 in bit 0; none if the system does not report them.
 fn ignored() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

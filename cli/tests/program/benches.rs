@@ -73,7 +73,7 @@ fn drives_on_one_line_keep_a_memory_each_and_one_recording() {
 }
 
 #[test]
-fn what_holds_for_the_bench_may_be_told_beside_its_file() {
+fn options_for_the_bench_work_with_a_file() {
     let scratch = Scratch::new("override");
     let file = scratch.file("bench.toml");
     std::fs::write(&file, TWO).unwrap();
@@ -86,7 +86,7 @@ fn what_holds_for_the_bench_may_be_told_beside_its_file() {
 }
 
 #[test]
-fn what_is_wrong_with_a_file_is_told_with_its_place() {
+fn an_error_in_a_file_has_its_position() {
     let scratch = Scratch::new("wrong");
     let file = scratch.file("bench.toml");
     let memory = scratch.file("x.nv");
@@ -99,7 +99,7 @@ fn what_is_wrong_with_a_file_is_told_with_its_place() {
     assert_eq!(kind, at("line 3, column 8") + "there is no kind 'md4'; the nearest is 'md3'");
     assert!(said("[[drive]\n").starts_with(&at("line 1, column 9")), "{}", said("[[drive]\n"));
 
-    // What only the machine can tell has the name of the drive for a place.
+    // An error that only the machine can find has the name of the drive as its position.
     let x = "[[drive]]\nname = 'x'\nkind = 'rs434544'\n";
     std::fs::create_dir(&memory).unwrap();
     let directory = said(&format!("{x}nv = 'x.nv'\n"));
@@ -115,7 +115,7 @@ fn what_is_wrong_with_a_file_is_told_with_its_place() {
     std::fs::create_dir(scratch.file("a")).unwrap();
     let pty = |link: &str| format!("listen = ['pty:{link}']\n");
     let twice = said(&format!("{x}{}{y}{}", pty("x.tty"), pty("a/../x.tty")));
-    assert!(twice.ends_with("are the same place; use two"), "{twice}");
+    assert!(twice.ends_with("are the same path; use two different ones"), "{twice}");
     let stdio = "listen = ['stdio:']\n";
     let stdio = said(&format!("{x}{stdio}{y}{stdio}"));
     assert!(stdio.starts_with(&at("line 8, column 11")), "{stdio}");

@@ -61,7 +61,7 @@ fn clients_that_never_read_are_bounded_together() {
     let deaf: Vec<TcpStream> = (0..31).map(|_| qsb.connect()).collect();
     let mut polls = qsb.connect();
     let before = memory(&qsb);
-    // Each one hears all answers: 31 times 1 MiB.
+    // Each one receives all answers: 31 times 1 MiB.
     let (command, answer) = (b"R0E\r".repeat(1_000), 17 * 1_000);
     for _ in 0..MIB.div_ceil(answer) {
         ask(&mut polls, &command, answer);
@@ -93,11 +93,11 @@ fn five_thousand_connections_leave_the_first_one_served() {
         }
     }
     grew_at_most(&md3, before, 32 * MIB);
-    // 64 are let in, and whoever is not is told so by the end of his connection.
+    // 64 are accepted; the connections of all others are closed.
     assert_eq!(others.pop().unwrap().read(&mut [0]).unwrap_or(0), 0);
     drop(others);
     assert_eq!(ask(&mut first, &request, 8), *request);
-    // The system does not tell of ends and beginnings in their order.
+    // The system does not report closings and openings in their order.
     let is_served = |mut other: TcpStream| {
         let mut reply = [0; 8];
         other.write_all(&request).is_ok() && other.read_exact(&mut reply).is_ok() && reply == *request
@@ -111,7 +111,7 @@ fn slow_and_half_open_callers_leave_others_served() {
     let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
     md3.drive();
     let before = memory(&md3);
-    // One byte each, and half of a body that is told to be long.
+    // One byte each, and a part of a body with a long Content-Length.
     let slow: Vec<TcpStream> = (0..30)
         .map(|_| {
             let mut slow = md3.control();

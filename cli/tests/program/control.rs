@@ -1,4 +1,4 @@
-//! The control API: what it does, and whom it refuses.
+//! The control API: its calls, and requests that it refuses.
 
 use std::io::{Read as _, Write as _};
 use std::process::Stdio;
@@ -47,7 +47,7 @@ fn in_manual_time_half_a_request_outlasts_the_wall_clock() {
 }
 
 #[test]
-fn the_bench_tells_its_drives_and_lines() {
+fn the_bench_lists_its_drives_and_lines() {
     let md3 = md3();
     let bench = md3.call("GET", "/api/bench", "").ok();
     assert_eq!(bench["drives"][0]["name"], "md3");
@@ -185,7 +185,7 @@ fn an_encoder_turns() {
         md3.advance(0.001);
     }
     assert_eq!(seen, [0b10, 0b11, 0b01, 0b00, 0b10, 0b11, 0b11, 0b11]);
-    // From where it stands, and back.
+    // From the present position, and back.
     assert_eq!(turn("{\"counts\":-3,\"hz\":1000}").status, 204);
     md3.advance(0.000_5);
     let mut seen = Vec::new();
@@ -278,7 +278,7 @@ fn time_runs_as_it_is_told() {
         assert_eq!(advance(wrong).problem(422), "seconds are 0 to 86400", "{wrong}");
     }
     assert_eq!(pace("x100").ok()["mode"], "x100");
-    assert!(advance("1").problem(409).contains("time runs by itself"));
+    assert!(advance("1").problem(409).contains("the time mode is not manual"));
     assert_eq!(pace("manual").ok()["mode"], "manual");
     let there = md3.advance(0.0);
     assert_eq!(md3.advance(0.0), there, "it stands");
@@ -287,7 +287,7 @@ fn time_runs_as_it_is_told() {
 
 #[test]
 fn where_time_stands_no_request_waits() {
-    // Half a message holds the line until patience ends, and ends it for the whole one that waits.
+    // A partial frame holds the line until the frame timeout; the complete frame behind it waits.
     let md3 = md3();
     let (mut half, mut whole) = (md3.connect(), md3.connect());
     half.write_all(&[1, 6, 0]).unwrap();
@@ -336,7 +336,7 @@ fn an_advance_can_be_given_up_and_is_the_only_one() {
         std::thread::yield_now();
     };
     assert!(refused.starts_with("HTTP/1.1 409"), "{refused}");
-    assert!(refused.contains("somebody advances the clock already"), "{refused}");
+    assert!(refused.contains("another call advances the clock"), "{refused}");
     drop((first, second));
     // Served only when the advance has been given up.
     let seconds = md3.call("GET", "/api/bench", "").ok()["time"]["seconds"].as_f64().unwrap();
@@ -415,7 +415,7 @@ fn every_error_is_a_problem_document() {
     assert!(query("/api/trace?fromat=vcd").contains("unknown field `fromat`, expected `format`"));
     assert!(query("/api/trace?format=vcd&format=trace").contains("duplicate field `format`"));
     assert!(query("/api/events?drive=md4").contains("the nearest is 'md3'"));
-    assert_eq!(query("/api/bench?drive=md3"), "nothing is asked for in a query here");
+    assert_eq!(query("/api/bench?drive=md3"), "this call takes no query");
     assert_eq!(md3.call("GET", "/api/bench?", "").status, 200);
     let head = md3.call("HEAD", "/api/bench", "");
     assert_eq!((head.status, head.body.as_str()), (200, ""));
@@ -436,7 +436,7 @@ fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
     assert_eq!(disturbed["drop"], 0.25);
     assert_eq!((&disturbed["delay_ms"], &disturbed["exception_code"]), (&2.5.into(), &6.into()));
     assert_eq!(md3.call("GET", "/api/bench", "").ok()["buses"][0]["faults"], disturbed);
-    // What is told may be put again.
+    // The faults of a response may be put again.
     assert_eq!(put("rs485", &disturbed.to_string()).status, 204);
     assert_eq!(faults(), disturbed);
     assert_eq!(put("md3.rs485", "{\"mute\":true}").status, 204, "its other name");
@@ -475,7 +475,7 @@ fn a_line_that_is_mute_answers_nobody() {
 }
 
 #[test]
-fn connections_that_idle_keep_nobody_waiting() {
+fn idle_connections_block_no_other_client() {
     let md3 = md3();
     let mut idle: Vec<_> = (0..200).map(|_| md3.control()).collect();
     assert_eq!(md3.call("GET", "/api/bench", "").status, 200);
@@ -520,7 +520,7 @@ fn what_takes_long_in_manual_time_holds_up_neither_looks_nor_the_end() {
     let before = trace();
     let mut line = md3.connect();
     line.write_all(&rtu::read(1, 0x1D, 1)).unwrap();
-    // Time stands but for the request.
+    // Time is stopped except for the request.
     let mut looks = 0;
     while trace() == before {
         looks += 1;
@@ -550,7 +550,7 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
     assert!(pin("ANALOG", "{}").problem(422).contains("{\"milliamps\":12}"));
 }
 
-/// "Operation is permitted with closed contact" (RS, 6): that of HARD_STOP is closed until somebody uses it, and `open`
+/// "Operation is permitted with closed contact" (RS, 6): that of HARD_STOP is closed until it is used, and `open`
 /// opens it. "Power supply protection, VDC: 8 - 30" (3).
 #[test]
 fn an_emergency_stop_and_a_supply_out_of_its_range() {

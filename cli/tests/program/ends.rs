@@ -30,7 +30,7 @@ fn cable(link: &str) -> OwnedFd {
     master
 }
 
-/// What comes on a cable within `patience`, up to `count` bytes.
+/// Bytes that arrive on a cable within `patience`, up to `count`.
 fn heard(cable: &OwnedFd, count: usize, patience: Duration) -> Vec<u8> {
     let mut bytes = Vec::new();
     let timeout = Timespec::try_from(patience).unwrap();
@@ -80,7 +80,7 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
 
     drop(plugged);
     let plugged = cable(&device);
-    // Nobody tells when it has been found again, and what was sent before that is lost.
+    // Nothing reports that it is open again, and bytes sent before that are lost.
     let answers = std::iter::repeat_with(|| {
         rustix::io::write(&plugged, &request).unwrap();
         heard(&plugged, reply.len(), Duration::from_millis(200))
@@ -90,7 +90,7 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     assert_eq!(md3.stop(), Some(0));
 }
 
-/// What `drivetwin` says on stdout when `input` is all that it hears.
+/// Stdout of `drivetwin` with `input` as its whole standard input.
 fn piped(arguments: &[&str], input: &[u8]) -> (Vec<u8>, Option<i32>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(arguments)
@@ -128,7 +128,7 @@ fn standard_input_and_output_belong_to_one_line() {
 }
 
 #[test]
-fn a_bench_whose_output_nobody_reads_ends_though_more_input_may_come() {
+fn a_bench_ends_when_its_output_is_closed_though_more_input_may_come() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(["run", "md3", "--fast-boot", "--time", "manual", "--listen", "stdio:"])
         .stdin(Stdio::piped())
@@ -151,12 +151,12 @@ fn stamps(stream: &[u8]) -> Vec<u32> {
 }
 
 #[test]
-fn a_stream_of_a_minute_waits_for_those_who_read_it_afterwards() {
+fn a_stream_of_a_minute_waits_for_a_late_reader() {
     let qsb = Running::start("qsb-d", &["--time", "manual", "--fast-boot"], Stdio::inherit());
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
     let port = rustix::fs::open(qsb.pty(), flags, Mode::empty()).unwrap();
     qsb.notice();
-    // It is reset by who opens the port.
+    // A program that opens the port resets it.
     qsb.advance(1.0);
     let mut line = qsb.connect();
     // With time stamps, 512 records a second.

@@ -1,4 +1,4 @@
-//! Files on a disk that takes no more, which a limit of their size stands for.
+//! Files on a full disk, simulated by a limit of the file size.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::TcpStream;
@@ -13,7 +13,7 @@ use crate::running::{Scratch, ask};
 const BLOCKS: u32 = 32;
 
 /// Starts an MD3 none of whose files may become longer than `blocks`, asks it again and again, and ends it: the exit
-/// code, and what it said.
+/// code, and its stderr.
 fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i32>, String) {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     let mut child = Command::new("sh")
@@ -40,7 +40,7 @@ fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i3
 }
 
 #[test]
-fn a_memory_that_cannot_be_kept_is_told_and_the_drive_goes_on() {
+fn a_memory_that_cannot_be_stored_is_logged_and_the_drive_runs_on() {
     let scratch = Scratch::new("full-memory");
     let file = scratch.file("md3.nv");
     // EEPROMControl: save (MD3 7.20).
@@ -54,7 +54,7 @@ fn a_memory_that_cannot_be_kept_is_told_and_the_drive_goes_on() {
 }
 
 #[test]
-fn a_file_that_is_full_is_told_and_the_drive_goes_on() {
+fn a_full_disk_is_logged_and_the_drive_runs_on() {
     let scratch = Scratch::new("full-files");
     // All registers; MotionControl: move (MD3 7.15).
     let requests = [rtu::read(1, 0, 32), rtu::write(1, 0x11, 1)];

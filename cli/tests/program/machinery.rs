@@ -39,7 +39,8 @@ closed = { above_rev = 5000 }
 to = "reader.DIO1"
 "#;
 
-/// When the shaft is so many turns on, in seconds since it began: up to 16,000 steps/s in 0.16 s and 1,280 steps.
+/// Time at which the shaft has made that many turns, in seconds since its start: up to 16,000 steps/s in 0.16 s and
+/// 1,280 steps.
 fn comes_to(turns: f64) -> f64 {
     0.16 + (turns * 1_600.0 - 1_280.0) / 16_000.0
 }

@@ -37,7 +37,7 @@ fn a_program_goes_to_bytes_or_digits_and_back() {
 }
 
 #[test]
-fn what_is_wrong_with_a_program_is_told_in_one_sentence() {
+fn an_error_in_a_program_is_one_sentence() {
     let scratch = Scratch::new("asm-wrong");
     let file = |name: &str, content: &[u8]| {
         let path = scratch.file(name);
@@ -110,13 +110,13 @@ fn a_drive_has_its_program_at_power_on_and_its_memory_keeps_it() {
     assert_eq!(runs(&["--program", &source, "--set", "MODE_USER_PROGRAM=3"]), [4, 1_500]);
     let kept = std::fs::read(&memory).unwrap();
     assert!(kept.windows(LINES.len()).any(|part| part == LINES));
-    // The settings that were preset are saved, the program is, and nothing else has to be said.
+    // The presets and the program are saved, so no further options are needed.
     assert_eq!(runs(&[]), [4, 1_500]);
     // Another one takes its place.
     std::fs::write(&source, "mov_modbus_const SPEED, 700\nfor 1, 1").unwrap();
     assert_eq!(runs(&["--program", &source]), [5, 700]);
 
-    // A file that is somebody else's is left alone.
+    // A file of another drive is not changed.
     let foreign = vec![7; 1 << 16];
     std::fs::write(&memory, &foreign).unwrap();
     let said = refused(&["run", "rs434544", "--program", &source, "--nv", &memory]);

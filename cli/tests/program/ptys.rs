@@ -62,7 +62,7 @@ fn unseen<T>(md3: &Running, act: impl FnOnce() -> T) -> T {
 }
 
 #[test]
-fn a_pty_that_changes_hands_again_and_again_answers_each() {
+fn a_pty_answers_each_of_many_successive_programs() {
     let md3 = Running::md3(&["--fast-boot", "--time", "manual"]);
     for value in 0..500 {
         let port = open(&md3.pty());
@@ -125,7 +125,7 @@ fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
     answer(&next, 10);
     drop(next);
 
-    // Its reply has come, and nobody has read it.
+    // Its reply has come, and is unread.
     let port = open(&md3.pty());
     request(&port, 7);
     wait(&port);
@@ -196,7 +196,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
 }
 
 #[test]
-fn a_pty_that_nobody_has_set_changes_no_character() {
+fn a_pty_with_default_settings_changes_no_character() {
     let md3 = Running::md3(&["--fast-boot"]);
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
     // Ctrl-C, Ctrl-\\, Ctrl-Z, Ctrl-S, Ctrl-Q, Ctrl-D, CR and LF, both ways.
@@ -214,7 +214,7 @@ fn a_pty_that_nobody_has_set_changes_no_character() {
     }
 }
 
-/// The baud rate that a pty has when nobody has set one.
+/// Default baud rate of a pty.
 fn baud(path: &Path) -> u32 {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
     tcgetattr(rustix::fs::open(path, flags, Mode::empty()).unwrap()).unwrap().output_speed()
@@ -241,7 +241,7 @@ fn a_pty_has_the_baud_rate_of_its_drive() {
 }
 
 #[test]
-fn a_pty_is_told_by_the_name_of_its_link_too() {
+fn a_pty_is_listed_with_its_link() {
     let scratch = Scratch::new("told");
     let link = scratch.file("md3.tty");
     let md3 = Running::md3(&["--listen", &format!("pty:{link}")]);

@@ -44,7 +44,7 @@ fn variants_have_their_registers_and_pins_only() {
 }
 
 #[test]
-fn the_reference_tells_the_letters_of_a_register() {
+fn the_reference_has_the_letters_of_a_register() {
     let text = String::from_utf8(drivetwin(&["describe", "qsb-m", "--markdown"]).stdout).unwrap();
     for row in [
         "| 0x00 | Mode | MODE | u8 | R/W |",

@@ -142,7 +142,7 @@ fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
     std::fs::write(&file, format!("{text}1006.1 < tx 01 0")).unwrap();
     let replayed = drivetwin(&["replay", &file]);
     let said = String::from_utf8(replayed.stdout).unwrap();
-    let expected = format!("{file}: its last line has no end, so it is left out\n{file}: as expected\n");
+    let expected = format!("{file}: the last line is incomplete and is ignored\n{file}: as expected\n");
     assert_eq!((replayed.status.code(), said), (Some(0), expected));
     // With a letter of several bytes, of which half is there.
     std::fs::write(&file, [text.as_bytes(), b"# \xC3"].concat()).unwrap();

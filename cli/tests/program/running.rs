@@ -14,7 +14,7 @@ pub(crate) fn drivetwin(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_drivetwin")).args(arguments).output().unwrap()
 }
 
-/// Runs `drivetwin`, which refuses its arguments: what it says, in one sentence.
+/// Runs `drivetwin` with arguments that it refuses. Returns its error message.
 pub(crate) fn refused(arguments: &[&str]) -> String {
     let output = drivetwin(arguments);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -30,7 +30,7 @@ pub(crate) struct Running {
     /// The name of its first drive.
     name: String,
     child: Child,
-    /// The line that says where everything is.
+    /// The banner as JSON.
     pub(crate) ready: Value,
 }
 
@@ -40,7 +40,7 @@ impl Running {
         Self::start("md3", options, Stdio::inherit())
     }
 
-    /// Starts a drive that says what it has to say there, and waits until it is ready.
+    /// Starts a drive with that file as its stderr, and waits until it is ready.
     pub(crate) fn start(what: &str, options: &[&str], stderr: Stdio) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
             .args(["run", what, "--json"])
@@ -56,7 +56,7 @@ impl Running {
         Self { name, child, ready }
     }
 
-    /// Starts a bench of what a file says.
+    /// Starts a bench from the text of a bench file.
     pub(crate) fn bench(file: &str, options: &[&str]) -> Self {
         Self::start(file, options, Stdio::inherit())
     }

@@ -17,23 +17,20 @@ const USER_REGISTER: u16 = 0x1D;
 const EEPROM_CONTROL: u16 = 0x1A;
 
 #[test]
-fn what_is_wrong_with_options_is_told_in_one_sentence() {
+fn an_error_in_options_is_one_sentence() {
     let in_a_file = Scratch::new("options");
     let file = in_a_file.file("something");
     std::fs::write(&file, "something").unwrap();
     let linked = format!("pty:{file}");
     let both = in_a_file.file("both");
     for (arguments, told) in [
-        (
-            vec![],
-            "a command is missing: run, list, describe, replay, asm, disasm; `drivetwin --help` tells more",
-        ),
+        (vec![], "a command is missing: run, list, describe, replay, asm, disasm; see `drivetwin --help`"),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
         (
             vec!["run", "plotter"],
-            "there is no kind 'plotter'; what there is: md3, md3-low, qsb-d, qsb-m, qsb-s, rs434544, rs434546, mdrobot",
+            "there is no kind 'plotter'; available: md3, md3-low, qsb-d, qsb-m, qsb-s, rs434544, rs434546, mdrobot",
         ),
         (
             vec!["run", "qsb-s", "--set", "MdAccel=1"],
@@ -43,11 +40,11 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "qsb-m", "--set", "Version=1"], "Version cannot be preset"),
         (vec!["run", "qsb-d", "--address", "1"], "qsb-d has no bus address"),
         (vec!["run", "/nowhere/bench.toml"], "/nowhere/bench.toml: No such file"),
-        (vec!["run", "bench.toml", "--listen", "pty:"], "--listen is for a single drive; in bench.toml"),
-        (vec!["run", "bench.toml", "--address", "1"], "--address is for a single drive; in bench.toml"),
-        (vec!["run", "bench.toml", "--nv", "x.nv"], "its [[drive]] says it, like nv = \"x.nv\""),
-        (vec!["run", "bench.toml", "--set", "Speed=1"], "--set is for a single drive; in bench.toml"),
-        (vec!["run", "bench.toml", "--program", "x"], "--program is for a single drive; in bench.toml"),
+        (vec!["run", "bench.toml", "--listen", "pty:"], "--listen is for a single drive only; in bench.toml"),
+        (vec!["run", "bench.toml", "--address", "1"], "--address is for a single drive only; in bench.toml"),
+        (vec!["run", "bench.toml", "--nv", "x.nv"], "set it in [[drive]], for instance nv = \"x.nv\""),
+        (vec!["run", "bench.toml", "--set", "Speed=1"], "--set is for a single drive only; in bench.toml"),
+        (vec!["run", "bench.toml", "--program", "x"], "--program is for a single drive only; in bench.toml"),
         (
             vec!["run", "md3", "--listen", "serial:/nowhere/tty"],
             "serial:/nowhere/tty cannot be opened: No such file",
@@ -57,7 +54,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
             "serial:/dev/null cannot be opened: not a serial",
         ),
         (vec!["run", "md3", "--json", "--listen", "stdio:"], "--json and stdio: cannot share stdout"),
-        (vec!["run", "md3", "--listen", "stdio:", "--listen", "stdio:"], "stdio: is there twice"),
+        (vec!["run", "md3", "--listen", "stdio:", "--listen", "stdio:"], "stdio: is given twice"),
         (
             vec!["run", "md3", "--listen", "rs422=pty:"],
             "there is no port of md3 'rs422'; the nearest is 'rs485'",
@@ -67,7 +64,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
         (vec!["run", "md3", "--control", "loopback"], "--control"),
         (vec!["run", "md3", "--seed", "abc"], "it takes a whole number from 0"),
         (vec!["run", "md3", "--set", "MotionControl=1"], "of MotionControl only bit 5 can be preset"),
-        (vec!["run", "md3", "--listen", "pty:a", "--listen", "pty:a"], "pty:a is there twice"),
+        (vec!["run", "md3", "--listen", "pty:a", "--listen", "pty:a"], "pty:a is given twice"),
         (
             vec!["run", "md3", "--nv", &both, "--record", &both],
             "keeps the memory of a drive; use another file",
@@ -108,7 +105,7 @@ fn what_is_wrong_with_options_is_told_in_one_sentence() {
 }
 
 #[test]
-fn a_port_in_use_is_told_before_anything_is_touched() {
+fn a_port_in_use_is_reported_before_any_change() {
     let scratch = Scratch::new("in-use");
     let (memory, trace) = (scratch.file("md3.nv"), scratch.file("md3.trace"));
     let waves = scratch.file("md3.vcd");
@@ -120,7 +117,7 @@ fn a_port_in_use_is_told_before_anything_is_touched() {
     let files = ["run", "md3", "--nv", &memory, "--record", &trace, "--vcd", &waves];
     let options = [&files[..], &["--set", "UserRegister=7"]].concat();
     let said = refused(&[&options[..], &["--listen", &listen]].concat());
-    assert_eq!(said, format!("{listen} is in use; another port, or port 0, is free"));
+    assert_eq!(said, format!("{listen} is in use; use another port, or port 0 for any free one"));
     let said = refused(&[&options[..], &["--control", &address]].concat());
     assert!(said.starts_with(&format!("--control {address} is in use")), "{said}");
     assert!(!Path::new(&memory).exists());
@@ -280,7 +277,7 @@ fn a_memory_is_kept_by_one_drive_at_a_time() {
 }
 
 #[test]
-fn a_memory_of_another_drive_is_told_of() {
+fn a_memory_of_another_drive_is_logged() {
     let scratch = Scratch::new("longer");
     let memory = scratch.file("mdrive.nv");
     std::fs::write(&memory, [0; 4_096]).unwrap();
@@ -293,7 +290,7 @@ fn a_memory_of_another_drive_is_told_of() {
 }
 
 #[test]
-fn a_bad_memory_is_what_the_manual_says_and_stays_as_it_is_until_a_save() {
+fn an_invalid_memory_acts_as_in_the_manual_and_is_unchanged_until_a_save() {
     let scratch = Scratch::new("bad");
     let memory = scratch.file("md3.nv");
     for bad in [vec![0; 54], vec![0x55; 54], vec![0xFF; 1_000], vec![0; 1_000], vec![7; 10]] {
@@ -322,7 +319,7 @@ fn open(path: &Path) -> OwnedFd {
 fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
     let scratch = Scratch::new("pty");
     let link = scratch.file("md3.tty");
-    // A link left behind by somebody who was killed.
+    // A link that a killed process left behind.
     std::os::unix::fs::symlink("/dev/pts/4000000", &link).unwrap();
     let listen = format!("pty:{link}");
     let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--listen", &listen]);
@@ -335,7 +332,7 @@ fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
         assert!(!settings.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON));
         settings.make_raw();
         settings.local_modes.remove(waiting);
-        // The second one speaks at the wrong rate and is not understood.
+        // The second one sends at the wrong baud rate and gets no answer.
         settings.set_speed(if value == 2 { 19_200 } else { 9_600 }).unwrap();
         tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
         rustix::io::write(&port, &rtu::write(1, USER_REGISTER, value)).unwrap();
@@ -401,7 +398,7 @@ fn nobody_inherits_what_the_last_one_left_on_a_pty() {
 }
 
 #[test]
-fn a_log_that_nobody_reads_stops_nothing() {
+fn an_unread_log_blocks_nothing() {
     let (_unread, full) = std::io::pipe().unwrap();
     rustix::fs::fcntl_setfl(&full, OFlags::NONBLOCK).unwrap();
     while rustix::io::write(&full, &[b'.'; 4_096]).is_ok() {}
@@ -415,7 +412,7 @@ fn a_log_that_nobody_reads_stops_nothing() {
 }
 
 #[test]
-fn a_client_that_has_said_all_still_hears_its_last_reply() {
+fn a_client_that_has_sent_all_still_receives_its_last_reply() {
     let md3 = Running::md3(&["--fast-boot", "--time", "x10"]);
     // Half a second here.
     assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":5000}").status, 204);
@@ -434,7 +431,7 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
     let (log, its_end) = pipe().unwrap();
     let md3 = Running::start("md3", &["--fast-boot"], its_end.into());
     let mut log = BufReader::new(log).lines().map(Result::unwrap);
-    let mut told = || log.any(|line| line.contains("lets nobody in"));
+    let mut told = || log.any(|line| line.contains("cannot accept connections"));
     // The first three are open all the while.
     let none = Rlimit { current: Some(3), ..getrlimit(Resource::Nofile) };
     let before = prlimit(Some(md3.pid()), Resource::Nofile, none).unwrap();
@@ -453,7 +450,7 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
 }
 
 #[test]
-fn a_link_of_somebody_else_stays() {
+fn a_link_of_another_process_is_kept() {
     let scratch = Scratch::new("links");
     let link = scratch.file("md3.tty");
     let listen = format!("pty:{link}");
@@ -479,9 +476,9 @@ fn a_link_of_somebody_else_stays() {
 }
 
 #[test]
-fn sigterm_does_not_wait_for_somebody_who_reads_where_the_ports_are() {
+fn sigterm_does_not_wait_for_a_reader_of_the_banner() {
     let (_reader, mut writer) = pipe().unwrap();
-    // As much as the system keeps for a reader; more would wait for him.
+    // As much as the system buffers for a reader; more would block.
     writer.write_all(&[b'x'; 65_536]).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
@@ -500,7 +497,7 @@ fn sigterm_does_not_wait_for_somebody_who_reads_where_the_ports_are() {
 }
 
 #[test]
-fn every_file_that_is_not_complete_is_told_at_the_end() {
+fn every_incomplete_file_is_reported_at_the_end() {
     let scratch = Scratch::new("incomplete");
     let (pipe, log) = (scratch.file("md3.vcd"), scratch.file("log"));
     let record = scratch.file("md3.trace");
@@ -517,7 +514,7 @@ fn every_file_that_is_not_complete_is_told_at_the_end() {
     let last = said.lines().last().unwrap();
     assert!(last.contains(&format!("--vcd {pipe} is not complete")), "{said}");
     assert!(last.contains(&format!("--record {record}")), "{said}");
-    // A disk that is full at the beginning is told then.
+    // A disk that is full at the start is reported then.
     let full = drivetwin(&["run", "md3", "--record", "/dev/full"]);
     let said = String::from_utf8(full.stderr).unwrap();
     assert!(full.status.code() == Some(2) && said.contains("--record /dev/full: No space left"), "{said}");

@@ -13,7 +13,7 @@ const USER_REGISTER: u16 = 0x1D;
 /// A register of the RS drives that a drive of factory state does not look at.
 const TARGET_POSITION1: u16 = 0x501B;
 
-/// What tells a drive from all others, on its own line.
+/// A register value that identifies a drive, on its own line.
 enum Mark {
     /// A register on Modbus.
     Register(u16),
@@ -42,7 +42,7 @@ fn line(connection: &mut TcpStream) -> String {
     String::from_utf8(text).unwrap().trim_end().to_owned()
 }
 
-/// Asks a drive what tells it from all others.
+/// Reads the register that identifies a drive.
 fn request(number: usize) -> Vec<u8> {
     match KINDS[number % KINDS.len()].2 {
         Mark::Register(address) => rtu::read(1, address, 1).to_vec(),

@@ -30,7 +30,7 @@ pub trait Rotor: Device {
 
 /// Motion of a shaft from an instant on, to compute with where a tick more or less does not matter.
 ///
-/// *d* ticks later it has made `d·(2h + half_acceleration·d)` of the `turn` parts of a turn.
+/// *d* ticks later it has made `d·(2·half_speed + half_acceleration·d)` of the `turn` parts of a turn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Kinematics {
     /// From when on.

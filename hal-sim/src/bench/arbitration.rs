@@ -1,59 +1,60 @@
-//! Arbitration: which client a line belongs to, and until when.
+//! Arbitration: which client a line serves, and until when.
 
 use drivetwin_firmware::device::{Duration, Instant};
 
 use super::events::EventKind;
-use super::lines::{judgement, silence_after};
+use super::lines::{end_detection_time, inter_frame_gap};
 use super::{Bench, Bus};
 use crate::line::faults::Text;
 use crate::line::{LineState, PendingFrame, Request, SerialLine};
 use crate::scheduler::Phase;
 
-/// Longest time by which a drive's output may lie ahead before a client has to wait (HOST-14).
+/// Longest time that queued output of a drive may take before clients have to wait (HOST-14).
 const AHEAD: Duration = Duration::secs(1);
 
-/// Turns.
+/// Arbitration of lines.
 impl Bench {
-    /// Gives a free line to whose bytes came first. Where each character has its time a client also goes on
-    /// while it has the line, with one character behind the other.
+    /// Gives a free line to the client whose bytes came first. On a line with timed characters the client that is
+    /// served also sends its next character.
     pub(super) fn serve(&mut self, bus: u32) {
         let framed = self.framed(bus);
         loop {
             let first = self.first_waiting(bus);
-            let wire = &mut self.buses[bus as usize];
-            let goes_on = framed.is_none() && first == Some(wire.served) && wire.free <= self.now;
-            if wire.turn != LineState::Free && !goes_on {
-                if wire.turn == LineState::Kept && first.is_some() {
+            let serial_line = &mut self.buses[bus as usize];
+            let goes_on =
+                framed.is_none() && first == Some(serial_line.served) && serial_line.free <= self.now;
+            if serial_line.turn != LineState::Free && !goes_on {
+                if serial_line.turn == LineState::Kept && first.is_some() {
                     self.set_turn(bus, LineState::Asked);
                 }
-                return self.speak_into(bus);
+                return self.transmit_into_collisions(bus);
             }
             let Some(id) = first else {
-                if wire.turn == LineState::Free {
-                    wire.until = Instant::NEVER;
+                if serial_line.turn == LineState::Free {
+                    serial_line.until = Instant::NEVER;
                 }
                 return;
             };
-            if framed.is_none() && self.holds_back(bus, id) {
+            if framed.is_none() && self.defer_client(bus, id) {
                 return;
             }
-            let Some(outside) = self.clients.get_mut(&id) else { return };
-            match outside.offer(self.now, framed, self.settings.patience) {
-                PendingFrame::Message(length, came) => {
+            let Some(state) = self.clients.get_mut(&id) else { return };
+            match state.next_frame(self.now, framed, self.settings.frame_timeout) {
+                PendingFrame::Complete(length, came) => {
                     self.transmit(bus, id, length, came);
                     if framed.is_none() {
                         return;
                     }
                 }
-                PendingFrame::Half(_) if outside.left => {
-                    // The line was its own until it left.
-                    let wire = &mut self.buses[bus as usize];
-                    wire.free = wire.free.max(self.now);
+                PendingFrame::Partial(_) if state.left => {
+                    // The line was reserved for it until it left.
+                    let serial_line = &mut self.buses[bus as usize];
+                    serial_line.free = serial_line.free.max(self.now);
                     self.forget(id);
                 }
-                PendingFrame::Half(until) | PendingFrame::Unsure(_, until) => {
+                PendingFrame::Partial(until) | PendingFrame::Ambiguous(_, until) => {
                     self.turn_until(bus, until);
-                    return self.speak_into(bus);
+                    return self.transmit_into_collisions(bus);
                 }
             }
         }
@@ -66,17 +67,20 @@ impl Bench {
         waiting.min().map(|(_, id)| id)
     }
 
-    /// Sends what only waits for silence to show that it is all. Whether there is such.
-    pub(super) fn end_bursts(&mut self) -> bool {
+    /// Sends frames that only wait for the inter-frame gap to show that they are complete. Returns whether there was
+    /// one.
+    pub(super) fn flush_ambiguous(&mut self) -> bool {
         let mut ended = false;
         for bus in 0..self.buses.len() as u32 {
-            if self.buses[bus as usize].half_until().is_none() {
+            if self.buses[bus as usize].partial_until().is_none() {
                 continue;
             }
             let framed = self.framed(bus);
             let Some(id) = self.first_waiting(bus) else { continue };
-            let Some(outside) = self.clients.get_mut(&id) else { continue };
-            if let PendingFrame::Unsure(length, _) = outside.offer(self.now, framed, self.settings.patience) {
+            let Some(state) = self.clients.get_mut(&id) else { continue };
+            if let PendingFrame::Ambiguous(length, _) =
+                state.next_frame(self.now, framed, self.settings.frame_timeout)
+            {
                 self.transmit(bus, id, length, self.now);
                 ended = true;
             }
@@ -84,75 +88,75 @@ impl Bench {
         ended
     }
 
-    /// The end of the patience with half a message behind which another client waits.
-    pub(super) fn half_in_the_way(&self) -> Option<Instant> {
+    /// Time at which a partial frame behind which another client waits is given up.
+    pub(super) fn blocking_partial_timeout(&self) -> Option<Instant> {
         let waits = |id: &&u32| self.clients.get(id).is_some_and(|client| client.backlog() > 0);
-        let several = |wire: &&SerialLine| wire.clients.iter().filter(waits).nth(1).is_some();
-        self.buses.iter().filter(several).filter_map(SerialLine::half_until).min()
+        let several = |serial_line: &&SerialLine| serial_line.clients.iter().filter(waits).nth(1).is_some();
+        self.buses.iter().filter(several).filter_map(SerialLine::partial_until).min()
     }
 
-    /// Holds a client back while a drive has more than that to say. Answers are longer than commands, so a
-    /// client that does not wait for them would make an endless queue. Whether it does; the turn waits with it.
-    fn holds_back(&mut self, bus: u32, client: u32) -> bool {
-        let wire = &mut self.buses[bus as usize];
-        let ahead = AHEAD + wire.disturbance.faults().delay;
-        if wire.sends_until <= self.now + ahead {
+    /// Defers a client while the queued output of a drive takes more than [`AHEAD`]: answers are longer than commands,
+    /// so the queue of a client that does not wait for them would grow without end. Returns whether the client is
+    /// deferred; its turn goes on meanwhile.
+    fn defer_client(&mut self, bus: u32, client: u32) -> bool {
+        let serial_line = &mut self.buses[bus as usize];
+        let ahead = AHEAD + serial_line.disturbance.faults().delay;
+        if serial_line.sends_until <= self.now + ahead {
             return false;
         }
-        let until = wire.sends_until - ahead;
-        wire.served = client;
+        let until = serial_line.sends_until - ahead;
+        serial_line.served = client;
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
         true
     }
 
-    /// Puts the first `length` bytes of a client on a line, as if sent without gaps from when they came, or from
-    /// when the line is free.
+    /// Transmits the first `length` bytes of a client, without gaps, from their arrival or from when the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
-        let Some(outside) = self.clients.get_mut(&client) else { return };
-        let (mark, order) = (outside.mark(), outside.order().unwrap_or_default());
-        let (bytes, sender) = (outside.take(length), outside.sender);
-        if outside.left && outside.backlog() == 0 {
+        let Some(state) = self.clients.get_mut(&client) else { return };
+        let (flags, order) = (state.flags(), state.order().unwrap_or_default());
+        let (bytes, sender) = (state.take(length), state.sender);
+        if state.left && state.backlog() == 0 {
             self.forget(client);
         }
-        let unreadable = if mark.unreadable { vec![0] } else { Vec::new() };
+        let unreadable = if flags.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };
         let request =
-            Request { client, order, sender, count: length, text, refused: None, noise: mark.noise };
-        let wire = &self.buses[bus as usize];
-        let start = came.max(match &wire.air {
-            // It speaks into what others say.
-            Some(air) if wire.turn != LineState::Free => air.free.max(self.now),
-            _ => wire.free,
+            Request { client, order, sender, count: length, text, refused: None, noise: flags.noise };
+        let serial_line = &self.buses[bus as usize];
+        let start = came.max(match &serial_line.collisions {
+            // It transmits while others do.
+            Some(collisions) if serial_line.turn != LineState::Free => collisions.free.max(self.now),
+            _ => serial_line.free,
         });
         let request = if self.framed(bus).is_some() { self.disturbed_request(bus, request) } else { request };
-        self.put(bus, start, &request);
+        self.transmit_request(bus, start, &request);
     }
 
-    /// Changes the turn on a line.
+    /// Changes the state of a line.
     pub(super) fn set_turn(&mut self, bus: u32, turn: LineState) {
-        let wire = &mut self.buses[bus as usize];
-        let before = std::mem::replace(&mut wire.turn, turn);
+        let serial_line = &mut self.buses[bus as usize];
+        let before = std::mem::replace(&mut serial_line.turn, turn);
         self.busy += usize::from(turn.is_busy());
         self.busy -= usize::from(before.is_busy());
     }
 
-    /// The present turn, or the patience with half a message, ends at `at`.
+    /// Schedules the end of the present turn, or of the wait for the rest of a partial frame.
     pub(super) fn turn_until(&mut self, bus: u32, at: Instant) {
         self.buses[bus as usize].until = at;
-        if let Some(&(seat, _)) = self.ports(Bus(bus)).first() {
-            self.schedule(at, Phase::Turn, seat.0, EventKind::Turn { bus });
+        if let Some(&(drive, _)) = self.ports(Bus(bus)).first() {
+            self.schedule(at, Phase::Turn, drive.0, EventKind::TurnEnd { bus });
         }
     }
 
-    /// A turn may be over: then the line is free, and goes to whoever waits.
+    /// Ends a turn if it is over: the line is free then, and serves the next client.
     pub(super) fn turn_ends(&mut self, bus: u32, at: Instant) {
-        let wire = &mut self.buses[bus as usize];
-        if wire.until != at {
+        let serial_line = &mut self.buses[bus as usize];
+        if serial_line.until != at {
             return;
         }
-        wire.until = Instant::NEVER;
-        if wire.turn == LineState::Free {
+        serial_line.until = Instant::NEVER;
+        if serial_line.turn == LineState::Free {
             self.serve(bus);
         } else if self.framed(bus).is_some() {
             self.turn_ends_of_frames(bus, at);
@@ -161,42 +165,42 @@ impl Bench {
         }
     }
 
-    /// Ends a turn on a line where silence ends a message: it lasts until all drives have judged that, and answered,
-    /// and what follows it is over (HOST-4).
+    /// Ends a turn on a line with frames: it lasts until all drives have detected the inter-frame gap and answered,
+    /// and repetitions and noise are over (HOST-4).
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
-        // Once: drives may answer each other's answers for ever.
+        // Once only: drives may answer each other's answers for ever.
         if self.buses[bus as usize].turn == LineState::Asked && self.answers(bus, at) {
             return;
         }
         let from = if self.fast() {
             at
         } else {
-            let silence = self.lines(bus).map(silence_after).max().unwrap_or(Duration::ZERO);
-            let wire = &self.buses[bus as usize];
-            // A character that began no sooner ends a tick after the drives have judged the silence.
-            (wire.free + Duration::TICK).max(wire.sends_until) + silence
+            let gap = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+            let serial_line = &self.buses[bus as usize];
+            // A character that began no sooner ends one tick after the drives have detected the gap.
+            (serial_line.free + Duration::TICK).max(serial_line.sends_until) + gap
         };
         match self.buses[bus as usize].behind.pop_front() {
-            Some(request) => self.put(bus, self.heard_by_all(bus, from), &request),
+            Some(request) => self.transmit_request(bus, self.received_by_all(bus, from), &request),
             None => self.free(bus, from),
         }
     }
 
-    /// Ends a turn on a line where each character has its time: the client goes on; or, held back, tries again; or it
-    /// has said all. Then it keeps the line for as long as silence would take to end a message: programs write a
-    /// command in pieces, and those of two clients must not mix (HOST-13). An answer that begins at once ends the exchange
-    /// before that.
+    /// Ends a turn on a line with timed characters: the client sends its next character, a deferred client tries
+    /// again, or all is sent. In the last case the client keeps the line for an inter-frame gap, because programs
+    /// write a command in pieces, and those of two clients must not mix. An answer that begins at once ends the turn
+    /// earlier (HOST-13).
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
-        let wire = &mut self.buses[bus as usize];
-        let spoke = wire.turn == LineState::Asked && wire.free == at;
-        let answered = wire.turn == LineState::Answering;
-        wire.free = at;
+        let serial_line = &mut self.buses[bus as usize];
+        let transmitted = serial_line.turn == LineState::Asked && serial_line.free == at;
+        let answered = serial_line.turn == LineState::Answering;
+        serial_line.free = at;
         self.serve(bus);
         if self.buses[bus as usize].until != Instant::NEVER {
             return;
         }
-        if spoke && !self.fast() {
-            let quiet = self.lines(bus).map(judgement).max().unwrap_or(Duration::ZERO);
+        if transmitted && !self.fast() {
+            let quiet = self.lines(bus).map(end_detection_time).max().unwrap_or(Duration::ZERO);
             self.buses[bus as usize].kept_until = at + quiet;
             if !self.answers(bus, at) {
                 self.turn_until(bus, at + quiet);
@@ -209,16 +213,16 @@ impl Bench {
             self.set_turn(bus, turn);
             return self.turn_until(bus, kept_until);
         }
-        // Once: streams never end, and both directions run at once.
+        // Once only: streams never end, and both directions run at the same time.
         if answered || !self.answers(bus, at) {
             self.free(bus, at);
         }
     }
 
-    /// Returns whether a drive still sends: then the turn lasts until that has left.
+    /// Returns whether a drive still sends; the turn then lasts until the end of its transmission.
     fn answers(&mut self, bus: u32, at: Instant) -> bool {
-        let wire = &mut self.buses[bus as usize];
-        let until = wire.sends_until;
+        let serial_line = &mut self.buses[bus as usize];
+        let until = serial_line.sends_until;
         let answers = until > at;
         if answers {
             self.set_turn(bus, LineState::Answering);
@@ -227,21 +231,21 @@ impl Bench {
         answers
     }
 
-    /// Time at which all drives have received what was sent until then: where characters take no time the others
-    /// receive an answer a tick later.
-    fn heard_by_all(&self, bus: u32, at: Instant) -> Instant {
+    /// Time at which all drives have received the characters sent by `at`: where characters take no time, other drives
+    /// receive an answer one tick later.
+    fn received_by_all(&self, bus: u32, at: Instant) -> Instant {
         let waits = self.fast() && self.ports(Bus(bus)).len() > 1;
         if waits { at + Duration::TICK } else { at }
     }
 
-    /// A turn is over: the line is free from then on, and goes to whoever waits.
+    /// Ends a turn: the line is free from `from` on, and serves the next client.
     fn free(&mut self, bus: u32, from: Instant) {
-        let from = self.heard_by_all(bus, from);
-        let wire = &mut self.buses[bus as usize];
-        (wire.free, wire.refusal) = (from, None);
-        if let Some(air) = &mut wire.air {
-            air.spoke.clear();
-            air.free = from;
+        let from = self.received_by_all(bus, from);
+        let serial_line = &mut self.buses[bus as usize];
+        (serial_line.free, serial_line.refusal) = (from, None);
+        if let Some(collisions) = &mut serial_line.collisions {
+            collisions.transmitted.clear();
+            collisions.free = from;
         }
         self.set_turn(bus, LineState::Free);
         self.serve(bus);

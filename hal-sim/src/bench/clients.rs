@@ -1,4 +1,4 @@
-//! Clients: somebody outside who talks and listens on a line, or on a TCP connection.
+//! Clients: programs outside the bench that send and receive on a line or a TCP connection.
 
 use drivetwin_firmware::device::{Duration, Instant, Port};
 
@@ -7,12 +7,13 @@ use crate::line::{CharFlags, ClientState, Sender};
 
 /// Clients.
 impl Bench {
-    /// Sets the longest wait for the rest of half a message, in time of the bench (HOST-3).
-    pub fn set_patience(&mut self, patience: Duration) {
-        self.settings.patience = patience;
+    /// Sets the longest wait for the rest of a partial frame, in bench time; see
+    /// [`Settings::frame_timeout`](super::Settings::frame_timeout) (HOST-3).
+    pub fn set_frame_timeout(&mut self, frame_timeout: Duration) {
+        self.settings.frame_timeout = frame_timeout;
     }
 
-    /// Connects a client to a line.
+    /// Connects a client to a line. Several clients may share a line; their requests are sent one after the other.
     pub fn connect(&mut self, bus: Bus) -> Client {
         self.connected += 1;
         self.clients.insert(self.connected, ClientState::new(bus.0, self.arrivals));
@@ -20,37 +21,37 @@ impl Bench {
         Client(self.connected)
     }
 
-    /// A client leaves, and takes its half message along. What was complete is still sent, on a TCP connection unless
-    /// it waits because answers were not read.
+    /// Disconnects a client. A partial frame is dropped. Complete requests are still sent; on a TCP connection not
+    /// those that wait because answers were not read.
     pub fn disconnect(&mut self, client: Client) {
         if self.connections.has(client.0) {
             return self.disconnect_tcp(client.0);
         }
-        let Some(outside) = self.clients.leave(client.0) else { return };
-        let bus = outside.bus;
-        if outside.backlog() == 0 {
+        let Some(state) = self.clients.leave(client.0) else { return };
+        let bus = state.bus;
+        if state.backlog() == 0 {
             self.forget(client.0);
         }
         self.serve(bus);
     }
 
-    /// A client's bytes arrive now.
+    /// Sends bytes of a client now: a part of a frame, a frame, or several frames.
     pub fn send(&mut self, client: Client, bytes: &[u8]) {
         self.send_from(client, bytes, Sender::default());
     }
 
-    /// A client's bytes arrive now, from a port with these settings. A drive whose line they do not
-    /// fit hears characters that nobody can read.
+    /// Sends bytes of a client now, from a port with these serial settings. A drive with other settings receives
+    /// framing errors.
     pub fn send_from(&mut self, client: Client, bytes: &[u8], sender: Sender) {
         if self.connections.has(client.0) {
             return self.send_messages(client.0, bytes);
         }
-        let Some(outside) = self.clients.get_mut(&client.0).filter(|outside| !outside.left) else { return };
+        let Some(state) = self.clients.get_mut(&client.0).filter(|state| !state.left) else { return };
         if bytes.is_empty() {
             return;
         }
-        let bus = outside.bus;
-        outside.sender = sender;
+        let bus = state.bus;
+        state.sender = sender;
         if self.framed(bus).is_some() {
             self.queue(client, bytes, CharFlags::default());
         } else {
@@ -59,24 +60,24 @@ impl Bench {
         self.serve(bus);
     }
 
-    /// Bytes of a client wait for the line.
-    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], mark: CharFlags) {
-        if let Some(outside) = self.clients.get_mut(&client.0) {
+    /// Queues bytes of a client for the line.
+    pub(super) fn queue(&mut self, client: Client, bytes: &[u8], flags: CharFlags) {
+        if let Some(state) = self.clients.get_mut(&client.0) {
             self.arrivals += 1;
-            outside.arrive(self.now, self.arrivals, bytes, mark);
+            state.arrive(self.now, self.arrivals, bytes, flags);
         }
     }
 
-    /// Bytes of a client that are not on the line yet, or on a TCP connection not on their way to the drive. A host
-    /// that reads only while this is small holds back who sends faster than the line, or does not read what is
-    /// answered.
+    /// Number of bytes of a client that are not on the line yet, or on a TCP connection not delivered to the drive. A
+    /// host that reads from a client only while this is small throttles clients that send faster than the line, or
+    /// that do not read their answers.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
         let on_a_line = self.clients.get(&client.0).map(ClientState::backlog);
         on_a_line.unwrap_or_else(|| self.connections.backlog(client.0))
     }
 
-    /// Appends the characters that have reached a client by now; returns how many.
+    /// Appends the characters that have reached a client by now to `into`. Returns their number.
     pub fn receive(&mut self, client: Client, into: &mut Vec<u8>) -> usize {
         if self.connections.has(client.0) {
             return self.receive_messages(client.0, into);
@@ -84,37 +85,38 @@ impl Bench {
         self.clients.receive(client.0, self.now, into)
     }
 
-    /// The clients that can read something now, or that their connection is closed.
-    pub fn audible(&self) -> impl Iterator<Item = Client> {
-        self.clients.audible(self.now).chain(self.connections.audible()).map(Client)
+    /// Clients that can read a character now, or whose connection was closed.
+    pub fn readable(&self) -> impl Iterator<Item = Client> {
+        self.clients.readable(self.now).chain(self.connections.readable()).map(Client)
     }
 
-    /// A client's port gives characters their time itself, as a real serial port does: what a drive says
-    /// reaches it whole, as the first character begins.
+    /// Declares that the port of a client times characters itself, as a real serial port does: a reply of a drive is
+    /// delivered whole when its first character begins.
     pub fn set_self_paced(&mut self, client: Client) {
-        if let Some(outside) = self.clients.get_mut(&client.0) {
-            outside.paces_itself = true;
+        if let Some(state) = self.clients.get_mut(&client.0) {
+            state.paces_itself = true;
         }
     }
 
-    /// Sends a whole frame to the first port of a device, [settles](Self::settle), and returns what came. Silence ends
-    /// a frame that could be half of a longer one.
-    pub fn ask(&mut self, seat: DriveId, frame: &[u8]) -> Vec<u8> {
+    /// Sends a whole frame to the first port of a drive, [runs until the bench is idle](Self::run_until_idle), and
+    /// returns the reply; empty if there is none. A frame that could be the beginning of a longer one is ended by the
+    /// inter-frame gap.
+    pub fn ask(&mut self, drive: DriveId, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
-        if let Ok(client) = self.connect_to(seat, Port(0)) {
+        if let Ok(client) = self.connect_to(drive, Port(0)) {
             self.send(client, frame);
-            let settling = self.begin_to_settle_halves();
-            self.settle_until(settling, Instant::NEVER);
+            let idle_run = self.begin_idle_run_flushing();
+            self.continue_idle_run(idle_run, Instant::NEVER);
             self.receive(client, &mut reply);
             self.disconnect(client);
         }
         reply
     }
 
-    /// A client is gone for good.
+    /// Removes a client.
     pub(super) fn forget(&mut self, id: u32) {
-        if let Some(outside) = self.clients.remove(&id) {
-            self.buses[outside.bus as usize].clients.retain(|&other| other != id);
+        if let Some(state) = self.clients.remove(&id) {
+            self.buses[state.bus as usize].clients.retain(|&other| other != id);
         }
     }
 }

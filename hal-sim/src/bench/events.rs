@@ -1,30 +1,30 @@
-//! Events that are under way on a bench.
+//! Events that are scheduled on a bench.
 
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
 use crate::record::trace::InputRecord;
 use crate::slot::PinStimulus;
 
-/// An event that is under way.
+/// A scheduled event.
 #[derive(Debug)]
 pub(crate) enum EventKind {
-    /// To be fed to a device.
-    InputRecord(InputRecord),
-    /// To be fed to a device that shares a line with the one that began to say it then.
-    Overheard { fed: InputRecord, began: Instant },
-    /// A character to be fed to a device, if it overlaps no other one: it belongs to what has that number on the
+    /// An input of a drive.
+    Input(InputRecord),
+    /// An input of a drive that shares its line with the sender, which began to send at `began`.
+    Overheard { input: InputRecord, began: Instant },
+    /// A received character that is corrupt if it overlaps another one; `number` identifies its transmission on the
     /// line.
-    Exposed { fed: InputRecord, number: u32 },
-    /// To be fed to a device, unless the connection on which that client said it is closed by then.
-    TcpSend { client: u32, fed: InputRecord },
-    /// A change of a pin from outside.
-    Hand { pin: Pin, drive: PinStimulus },
-    /// Levels at the pins of a device that was seated at this instant.
-    Contacts,
-    /// The other end of a wire takes a level.
-    Wired { wire: u32, level: Level },
-    /// The next edge of a train of pulses. `number` tells it from earlier trains on the pin; so it is
-    /// with encoders, waves and axes.
+    MayCollide { input: InputRecord, number: u32 },
+    /// An input of a drive on a TCP connection; dropped if the connection of the client is closed by then.
+    TcpInput { client: u32, input: InputRecord },
+    /// A stimulus of a pin from outside.
+    Stimulus { pin: Pin, stimulus: PinStimulus },
+    /// Levels at the pins of a drive that was added at this instant.
+    InitialLevels,
+    /// The level at the input end of a wire changes.
+    WireLevel { wire: u32, level: Level },
+    /// The next edge of a pulse train. `number` distinguishes it from earlier trains on the pin; likewise for
+    /// encoders, waves and axes.
     Pulse { pin: Pin, number: u32 },
     /// The next edge of an encoder.
     Encoder { encoder: Encoder, number: u32 },
@@ -32,10 +32,11 @@ pub(crate) enum EventKind {
     Wave { pin: Pin, number: u32 },
     /// The next edge of the step pulses of an axis.
     Steps { axis: Axis, number: u32 },
-    /// Work is due at a motor, which has a number in place of a device; `number` tells it from earlier predictions.
+    /// A motor is due, whose index is that of [`motor_at`](super::motors::motor_at); `number` distinguishes it from
+    /// earlier predictions.
     Motor { number: u32 },
     /// Reports of a motor arrive at its drive.
     MotorReports { motor: u32 },
-    /// The turn of a client on a line may end.
-    Turn { bus: u32 },
+    /// The turn of a client on a line may be over.
+    TurnEnd { bus: u32 },
 }

@@ -1,4 +1,4 @@
-//! Lines: what they are called, which ports are on them, and at which settings.
+//! Lines: names, ports and serial settings.
 
 use drivetwin_firmware::device::{Duration, Line, Port};
 use drivetwin_protocol::line::Parity;
@@ -10,32 +10,32 @@ use crate::line::{LineMode, SerialLine};
 use crate::record::trace::{self, InputRecord};
 use crate::scheduler::Phase;
 
-/// The silence that ends a message on a line of Modbus: in ASCII none, because a line feed does.
-pub(super) fn silence_after(line: Line) -> Duration {
+/// Inter-frame gap on a Modbus line; zero in Modbus ASCII, where a line feed ends a frame.
+pub(super) fn inter_frame_gap(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { Timing::of(line).t3_5 }
 }
 
-/// Time from the last character of a message until a drive on the line knows that it is over.
-pub(super) fn judgement(line: Line) -> Duration {
-    if ascii::is_on(line) { Duration::ZERO } else { silence_after(line) + line.character() }
+/// Time from the last character of a frame until a drive on the line detects its end.
+pub(super) fn end_detection_time(line: Line) -> Duration {
+    if ascii::is_on(line) { Duration::ZERO } else { inter_frame_gap(line) + line.character() }
 }
 
 /// Lines.
 impl Bench {
-    /// Puts several serial ports on one line. Clients connect after it.
+    /// Puts several serial ports on one line. Clients must be connected after this call.
     ///
     /// # Panics
-    /// If the name is no name, or taken.
+    /// If the name is not valid or is taken.
     pub fn share(&mut self, name: &str, ports: &[(DriveId, Port)]) -> Bus {
-        assert!(trace::is_name(name), "\"{name}\" is no name for a line: use one word without dots");
-        assert!(!self.is_taken(name), "there are two things called {name}");
+        assert!(trace::is_name(name), "\"{name}\" is not a valid name for a line: use one word without dots");
+        assert!(!self.is_taken(name), "the name {name} is in use already");
         let bus = self.buses.len();
         let mut shared: Vec<(DriveId, Port)> = Vec::new();
-        for &(seat, port) in ports {
-            if let Some(Bus(old)) = self.bus(seat, port) {
-                self.buses[old as usize].ports.retain(|&other| other != (seat, port));
-                self.at_mut(seat).set_bus(port, bus);
-                shared.push((seat, port));
+        for &(drive, port) in ports {
+            if let Some(Bus(old)) = self.bus(drive, port) {
+                self.buses[old as usize].ports.retain(|&other| other != (drive, port));
+                self.at_mut(drive).set_bus(port, bus);
+                shared.push((drive, port));
             }
         }
         shared.sort_by(|a, b| (self.name(a.0), a.1).cmp(&(self.name(b.0), b.1)));
@@ -46,63 +46,64 @@ impl Bench {
 
     /// The line of a serial port; `None` for any other port.
     #[must_use]
-    pub fn bus(&self, seat: DriveId, port: Port) -> Option<Bus> {
-        self.at(seat).bus(port).map(Bus)
+    pub fn bus(&self, drive: DriveId, port: Port) -> Option<Bus> {
+        self.at(drive).bus(port).map(Bus)
     }
 
-    /// The name of a line: as given to [`share`](Self::share); of a line that a drive has for itself that of its
-    /// port, or where drives are several those of both, `reader.usb`.
+    /// The name of a line: as given to [`share`](Self::share). The line of a single port has the name of the port, or
+    /// on a bench of several drives `drive.port`, for instance `reader.usb`.
     #[must_use]
     pub fn bus_name(&self, bus: Bus) -> &str {
-        let wire = &self.buses[bus.0 as usize];
-        wire.port.filter(|_| self.seats.len() == 1).unwrap_or(&wire.name)
+        let serial_line = &self.buses[bus.0 as usize];
+        serial_line.port.filter(|_| self.slots.len() == 1).unwrap_or(&serial_line.name)
     }
 
-    /// The ports on a line, by the names of their seats.
+    /// The ports on a line, sorted by the names of their drives.
     #[must_use]
     pub fn ports(&self, bus: Bus) -> &[(DriveId, Port)] {
         &self.buses[bus.0 as usize].ports
     }
 
-    /// All lines with a drive on them, by the names of their first drives and ports.
+    /// All lines with a drive, sorted by the names of their first drives and ports.
     #[must_use]
     pub fn buses(&self) -> Vec<Bus> {
         let lines = (0..self.buses.len() as u32).map(Bus);
         let mut lines: Vec<Bus> = lines.filter(|&bus| !self.ports(bus).is_empty()).collect();
-        lines.sort_by_key(|&bus| self.ports(bus).first().map(|&(seat, port)| (self.name(seat), port)));
+        lines.sort_by_key(|&bus| self.ports(bus).first().map(|&(drive, port)| (self.name(drive), port)));
         lines
     }
 
-    /// The line of that name. A line that a drive has for itself may also be called by the name of its port
-    /// alone, if no other line can.
+    /// The line of that name. The line of a single port is also found by the name of its port alone if no other line
+    /// is.
     #[must_use]
     pub fn find_bus(&self, name: &str) -> Option<Bus> {
         let lines = self.buses();
-        let wire = |bus: &Bus| &self.buses[bus.0 as usize];
-        let called = lines.iter().find(|bus| wire(bus).name == name);
-        let mut alike = lines.iter().filter(|bus| wire(bus).port == Some(name));
+        let serial_line = |bus: &Bus| &self.buses[bus.0 as usize];
+        let called = lines.iter().find(|bus| serial_line(bus).name == name);
+        let mut alike = lines.iter().filter(|bus| serial_line(bus).port == Some(name));
         called.or_else(|| alike.next().filter(|_| alike.next().is_none())).copied()
     }
 
-    /// The settings of a line now: those of its first drive, by name.
+    /// The serial settings of a line now: those of its first drive by name.
     #[must_use]
     pub fn line(&self, bus: Bus) -> Line {
-        let first = self.ports(bus).first().and_then(|&(seat, port)| self.at(seat).line_at(port, self.now));
+        let first = self.ports(bus).first().and_then(|&(drive, port)| self.at(drive).line_at(port, self.now));
         first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
     }
 
-    /// Returns whether all that was said on a line is answered. Half a message may wait for its rest there.
+    /// Returns whether all requests on a line are answered. A partial frame may still wait for its rest.
     #[must_use]
     pub fn is_answered(&self, bus: Bus) -> bool {
         !self.buses[bus.0 as usize].turn.is_busy()
     }
 
-    /// Opens or closes the port at the other end of a line (DTR, a pty).
+    /// Reports to the drives of a line that a program opened (`true`) or closed the port at its other end (DTR, a
+    /// pty).
     pub fn attach(&mut self, bus: Bus, here: bool) {
         for n in 0..self.ports(bus).len() {
-            let (seat, port) = self.ports(bus)[n];
-            let at = self.at(seat).free(self.now, Phase::Line);
-            self.send_to(at, seat.0, InputRecord::HostPresence { port, here });
+            let (drive, port) = self.ports(bus)[n];
+            let at = self.at(drive).free(self.now, Phase::Line);
+            self.send_to(at, drive.0, InputRecord::HostPresence { port, here });
         }
     }
 
@@ -110,15 +111,15 @@ impl Bench {
         self.settings.line == LineMode::Fast
     }
 
-    /// The settings of a line of Modbus, on which messages go whole; `None` where each character has its time.
+    /// The settings of a Modbus line, on which frames are sent whole; `None` on a line with timed characters.
     pub(super) fn framed(&self, bus: u32) -> Option<Line> {
-        let &(seat, port) = self.ports(Bus(bus)).first()?;
-        let serial = self.at(seat).serial(port).filter(|serial| serial.silence)?;
+        let &(drive, port) = self.ports(Bus(bus)).first()?;
+        let serial = self.at(drive).serial(port).filter(|serial| serial.framed)?;
         Some(serial.line_at(self.now))
     }
 
-    /// The settings of all drives on a line now.
+    /// The serial settings of all drives on a line now.
     pub(super) fn lines(&self, bus: u32) -> impl Iterator<Item = Line> {
-        self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).line_at(port, self.now))
+        self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).line_at(port, self.now))
     }
 }

@@ -1,14 +1,30 @@
 //! A bench of drives on virtual time.
 //!
-//! Nothing on a bench is faster than a tick of 62.5 ns: whatever a drive does reaches others a tick
-//! later at the earliest, so there is no loop without delay. What happens at one instant has one
-//! order: power, faults, pins, lines, deadlines; then the names of the seats; then what was caused
-//! first. So a bench does the same whatever order its drives were added in, and its
-//! [trace](Bench::trace) replays exactly.
+//! The resolution is one tick of 62.5 ns. An output of a drive reaches other drives one tick later at the earliest, so
+//! there is no loop without delay. Events of one instant have a fixed order: by kind (power, faults, pins, lines,
+//! deadlines), then by the name of the drive, then by the order in which they were scheduled. So the order in which
+//! drives are added makes no difference, and the [trace](Bench::trace) replays exactly.
 //!
-//! Time goes from event to event: a tournament holds the next deadline of each seat, a heap what is
-//! under way, and only the drive that is due is woken. Step pulses and the edges of waves are made
-//! where a [wire](Bench::wire) listens, one ahead; where none does, a move is one event.
+//! Time advances from event to event: a tournament tree holds the next deadline of each drive, a heap holds scheduled
+//! events, and only the drive that is due is called. Step pulses and the edges of waves become events only where a
+//! [wire](Bench::wire) is connected, one edge ahead; elsewhere a whole move is one event.
+//!
+//! ```
+//! use drivetwin_firmware::device::{Axis, Duration, Instant};
+//! use drivetwin_firmware::md3::Md3;
+//! use drivetwin_protocol::modbus::rtu;
+//! use drivetwin_sim::bench::Bench;
+//!
+//! let mut bench = Bench::new();
+//! let drive = bench.add::<Md3>("x");
+//! // The MD3 ignores requests while it starts, for 2.5 s.
+//! bench.run_until(Instant::ZERO + Duration::secs(3));
+//! // Write 1, Move, to MotionControl: 10,000 steps by default.
+//! let request = rtu::write(1, 0x11, 1);
+//! assert_eq!(bench.ask(drive, &request), &request[..]);
+//! bench.run_until(bench.now() + Duration::secs(10));
+//! assert_eq!(bench.motion(drive, Axis(0)).position, 10_000);
+//! ```
 
 mod arbitration;
 mod clients;
@@ -43,20 +59,20 @@ use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
-pub use tcp_clients::{Ended, Outlet, TurnedAway};
+pub use tcp_clients::{ConnectError, Ended, Outlet};
 
-/// Settings of a whole bench.
+/// Settings of a bench, fixed at its creation ([`Bench::with`]).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settings {
-    /// Seed of every random choice.
+    /// Seed of every random choice: the same seed and calls give the same trace. Default: 1.
     pub seed: u64,
-    /// Time that characters take.
+    /// Whether characters take time on serial lines.
     pub line: LineMode,
-    /// Longest wait for the rest of half a message, in time of the bench.
-    pub patience: Duration,
-    /// Retention of the trace.
+    /// Longest wait for the rest of a partial frame of a client, in bench time. Default: 20 ms.
+    pub frame_timeout: Duration,
+    /// Retention of the [trace](Bench::trace). Default: a ring of 64 MiB.
     pub trace: Retention,
-    /// Retention of the frames on the lines.
+    /// Retention of the [frames](Bench::capture) on the lines. Default: none.
     pub capture: Retention,
 }
 
@@ -65,37 +81,38 @@ impl Default for Settings {
         Self {
             seed: 1,
             line: LineMode::Timed,
-            patience: Duration::millis(20),
+            frame_timeout: Duration::millis(20),
             trace: Retention::default(),
             capture: Retention::Off,
         }
     }
 }
 
-/// Options of a device that is added.
+/// Options of a drive for [`Bench::add_with`]; the default is a factory-new drive.
 #[derive(Default)]
 pub struct Setup {
-    /// No start-up delay.
+    /// True to skip the start-up delay of the drive.
     pub boot_fast: bool,
-    /// Content of its memory; cut or filled up with `0xFF` to its size. `None`: a new memory.
+    /// Content of the non-volatile memory, truncated or padded with `0xFF` to its size. `None`: erased memory, as a
+    /// factory-new drive has.
     pub memory: Option<Vec<u8>>,
-    /// Called for each store to its memory.
-    pub keep: Option<PersistFn>,
-    /// Rows and their values: saved ones are in the memory before the first power-on, others are
-    /// set after every power-on.
+    /// Function that is called for each store to the memory, for instance to write a file.
+    pub persist: Option<PersistFn>,
+    /// Registers to preset: row of the register map, value. Saved registers are written to the memory before the first
+    /// power-on; others are set after every power-on.
     pub presets: Vec<(usize, i64)>,
-    /// The brush motor that it turns is one of the bench, and not its own: whatever its registers say of a motor
-    /// from then on is for the drive itself.
-    pub apart: bool,
+    /// True if the drive turns a motor of the bench ([`attach_motor`](Bench::attach_motor)) instead of its internal
+    /// motor model. Later changes of its motor registers then change the drive's control only, not the motor.
+    pub external_motor: bool,
 }
 
-/// Reason why a device cannot be added; the bench is as before.
+/// Reason why a drive cannot be added. The bench is unchanged then.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum AddError {
-    /// A name is one word without dots that begins with no digit and none of `#`, `<`, `>` and `"`, and is not
-    /// `end`.
+    /// The name is not valid. A valid name is one word without dots, does not begin with a digit, `#`, `<`, `>` or
+    /// `"`, and is not `end`.
     Name(String),
-    /// There is a seat, a shared line or a motor of that name.
+    /// A drive, a shared line or a motor has that name.
     Taken(String),
     /// A preset is refused.
     Preset {
@@ -109,8 +126,10 @@ pub enum AddError {
 impl fmt::Display for AddError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Name(name) => write!(f, "\"{name}\" is no name for a drive: use one word without dots"),
-            Self::Taken(name) => write!(f, "there are two things called {name}"),
+            Self::Name(name) => {
+                write!(f, "\"{name}\" is not a valid name for a drive: use one word without dots")
+            }
+            Self::Taken(name) => write!(f, "the name {name} is in use already"),
             Self::Preset { row, why } => write!(f, "the preset of row {row} is refused: {why:?}"),
         }
     }
@@ -118,69 +137,73 @@ impl fmt::Display for AddError {
 
 impl std::error::Error for AddError {}
 
-/// A train of pulses, or an encoder, runs on that pin already.
+/// Error: a pulse train or an encoder drives that pin already.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Busy;
 
 impl fmt::Display for Busy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a train of pulses, or an encoder, runs on that pin already")
+        f.write_str("a pulse train or an encoder drives that pin already")
     }
 }
 
 impl std::error::Error for Busy {}
 
-/// Change of a device's power.
+/// Change of a drive's power, for [`Bench::power`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PowerAction {
-    /// Power goes.
+    /// Power off.
     Off,
-    /// Power comes.
+    /// Power on.
     On,
-    /// Power goes, and comes again a tick later.
+    /// Power off, and on again one tick later.
     Cycle,
-    /// Power fails in the middle of the next save, and stays away.
+    /// Power fails in the middle of the next save, and stays off.
     Cut,
 }
 
-/// State of [`Bench::settle_until`] between two calls.
+/// State of [`Bench::continue_idle_run`] between two calls.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Settling {
-    /// Time by which changes of pins and power have arrived, and waits for half messages have ended.
-    hands: Instant,
+pub struct IdleRun {
+    /// Time by which scheduled changes of pins and power have arrived, and waits for partial frames have ended.
+    inputs_due: Instant,
 }
 
-/// Drives, lines and time.
+/// Test bench: drives, serial lines, motors, wires and clients on one virtual clock.
+///
+/// Drives are [added](Self::add), time [advances](Self::run_until) on request only, and tests [send
+/// requests](Self::ask), [drive pins](Self::set_pin) and read registers, pins and motion. The [module](self) has an
+/// example.
 pub struct Bench {
     settings: Settings,
     now: Instant,
-    seats: Vec<Slot>,
-    /// Names of seats, shared lines and motors; of a seat which one.
+    slots: Vec<Slot>,
+    /// Names in use by drives, shared lines and motors; for a drive, its handle.
     names: HashMap<String, Option<DriveId>>,
-    /// Seats by name, and the place of each among them.
+    /// Slots sorted by name, and the rank of each slot.
     order: Vec<u32>,
     ranks: Vec<u32>,
     deadlines: Tournament,
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
-    under_way: Queue<EventKind>,
+    scheduled: Queue<EventKind>,
     /// Wires between pins.
     wires: Vec<PinWire>,
-    /// Motors, and the rank of each.
+    /// Motors, and the rank of each motor.
     motors: Vec<MotorSlot>,
     motor_ranks: Vec<u32>,
     buses: Vec<SerialLine>,
-    /// Lines on which somebody is being served, and what is on its way on TCP connections.
+    /// Number of lines that serve a client, plus inputs that are scheduled on TCP connections.
     busy: usize,
     clients: Clients,
     /// Clients of TCP ports.
     connections: Connections,
-    /// Clients there have been.
+    /// Number of clients so far.
     connected: u32,
     /// Bytes that have arrived from clients, in the order of arrival.
     arrivals: u64,
     /// Outputs of the device that was called last.
-    outbox: Outputs,
+    outputs: Outputs,
     trace: Trace,
     capture: Capture,
 }
@@ -191,27 +214,27 @@ impl Default for Bench {
     }
 }
 
-/// Drives on their seats.
+/// Drives.
 impl Bench {
-    /// An empty bench at the beginning of time.
+    /// An empty bench at [`Instant::ZERO`], with default [`Settings`].
     #[must_use]
     pub fn new() -> Self {
         Self::with(Settings::default())
     }
 
-    /// An empty bench with other settings.
+    /// An empty bench at [`Instant::ZERO`], with these settings.
     #[must_use]
     pub fn with(settings: Settings) -> Self {
         Self {
             settings,
             now: Instant::ZERO,
-            seats: Vec::new(),
+            slots: Vec::new(),
             names: HashMap::new(),
             order: Vec::new(),
             ranks: Vec::new(),
             deadlines: Tournament::new(&[]),
             indexed: true,
-            under_way: Queue::default(),
+            scheduled: Queue::default(),
             wires: Vec::new(),
             motors: Vec::new(),
             motor_ranks: Vec::new(),
@@ -221,7 +244,7 @@ impl Bench {
             connections: Connections::default(),
             connected: 0,
             arrivals: 0,
-            outbox: Outputs::default(),
+            outputs: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
         }
@@ -230,10 +253,10 @@ impl Bench {
     /// Seats a device and powers it on now.
     ///
     /// # Panics
-    /// If the name is no name, or taken.
+    /// If the name is not valid or is taken.
     pub fn add<D: Device + Default + 'static>(&mut self, name: &str) -> DriveId {
         match self.add_with(name, Box::new(D::default()), Setup::default()) {
-            Ok(seat) => seat,
+            Ok(drive) => drive,
             Err(error) => panic!("{error}"),
         }
     }
@@ -241,7 +264,7 @@ impl Bench {
     /// Seats a device and powers it on now. Each of its serial ports gets a line of its own.
     ///
     /// # Errors
-    /// Its name or a preset is refused.
+    /// The name is not valid or taken, or the drive refuses a preset.
     pub fn add_with(
         &mut self,
         name: &str,
@@ -254,43 +277,43 @@ impl Bench {
         if self.is_taken(name) {
             return Err(AddError::Taken(name.to_owned()));
         }
-        let place = u32::try_from(self.seats.len()).expect("a bench has room for four billion drives");
-        let Setup { boot_fast, memory, keep, presets, apart } = setup;
+        let index = u32::try_from(self.slots.len()).expect("a bench has room for four billion drives");
+        let Setup { boot_fast, memory, persist, presets, external_motor } = setup;
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
-        let mut seated = Slot::new(place, name, device, self.settings.seed, boot_fast, memory, keep);
-        if apart {
-            seated.part();
+        let mut slot = Slot::new(index, name, device, self.settings.seed, boot_fast, memory, persist);
+        if external_motor {
+            slot.detach_motor();
         }
-        let apart = seated.halls.is_some();
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
+        let external_motor = slot.halls.is_some();
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
         let mut result = Ok(());
         for &(row, value) in presets.iter().filter(|(row, _)| saved(*row)) {
             result = result.and_then(|()| {
-                seated.preset(now, row, value, &mut tape).map_err(|why| AddError::Preset { row, why })
+                slot.preset(now, row, value, &mut context).map_err(|why| AddError::Preset { row, why })
             });
         }
-        // What it finds in its memory is where its trace begins.
-        tape.trace.rewind(mark);
-        let memory = seated.body.memory.clone();
+        // The trace begins with the content of the memory, so stores of presets are not recorded.
+        context.trace.rewind(mark);
+        let memory = slot.state.memory.clone();
         if result.is_ok() {
-            seated.presets = presets.into_iter().filter(|(row, _)| !saved(*row)).collect();
-            seated.power_on(now, &mut tape);
-            result = seated.preset_again(now, &mut tape).map_err(|(row, why)| AddError::Preset { row, why });
+            slot.presets = presets.into_iter().filter(|(row, _)| !saved(*row)).collect();
+            slot.power_on(now, &mut context);
+            result = slot.preset_again(now, &mut context).map_err(|(row, why)| AddError::Preset { row, why });
         }
         if let Err(error) = result {
-            tape.trace.rewind(mark);
-            self.outbox.clear();
+            context.trace.rewind(mark);
+            self.outputs.clear();
             return Err(error);
         }
-        seated.know_parted();
+        slot.record_detached_motor();
         self.trace.drives.push(trace::TraceDrive {
             name: name.to_owned(),
             spec,
             boot_fast,
             fast_line: self.settings.line == LineMode::Fast,
-            apart,
+            external_motor,
             from: now,
             memory,
         });
@@ -300,131 +323,132 @@ impl Bench {
                     self.settings.seed,
                     name,
                     serial.name,
-                    (DriveId(place), port),
+                    (DriveId(index), port),
                 ));
-                seated.set_bus(port, self.buses.len() - 1);
+                slot.set_bus(port, self.buses.len() - 1);
             }
         }
-        self.seats.push(seated);
-        self.names.insert(name.to_owned(), Some(DriveId(place)));
+        self.slots.push(slot);
+        self.names.insert(name.to_owned(), Some(DriveId(index)));
         self.indexed = false;
-        self.after(place);
-        Ok(DriveId(place))
+        self.finish_call(index);
+        Ok(DriveId(index))
     }
 
-    /// Presets rows that are not saved, now and after every power-on, in place of those it was seated with. At the
-    /// instant of its power-on that is after what stands at its pins, which a preset of [`Setup`] comes before: nobody
-    /// knows its wires then.
+    /// Presets registers that are not saved, now and after every power-on, in place of those of [`Setup::presets`]. At
+    /// the instant of power-on they are applied after the initial levels of the pins; those of [`Setup`] are applied
+    /// before, because no wire is connected yet.
     ///
     /// # Errors
-    /// A preset is refused; those before it are set.
-    pub fn preset(&mut self, seat: DriveId, presets: Vec<(usize, i64)>) -> Result<(), AddError> {
+    /// The drive refuses a preset; the presets before it are applied.
+    pub fn preset(&mut self, drive: DriveId, presets: Vec<(usize, i64)>) -> Result<(), AddError> {
         self.run_until(self.now);
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
-        let seated = &mut self.seats[seat.0 as usize];
-        seated.presets = presets;
-        let result = seated.preset_again(self.now, &mut tape);
-        self.after(seat.0);
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
+        let slot = &mut self.slots[drive.0 as usize];
+        slot.presets = presets;
+        let result = slot.preset_again(self.now, &mut context);
+        self.finish_call(drive.0);
         result.map_err(|(row, why)| AddError::Preset { row, why })
     }
 
-    /// All seats, in the order in which they were added.
+    /// All drives, in the order in which they were added.
     pub fn drives(&self) -> impl ExactSizeIterator<Item = DriveId> + use<> {
         (0..self.trace.drives.len() as u32).map(DriveId)
     }
 
-    /// Description of a device.
+    /// Description of a drive: its kind, ports, pins, axes, faults and registers.
     #[must_use]
-    pub fn spec(&self, seat: DriveId) -> &'static Spec {
-        self.at(seat).spec
+    pub fn spec(&self, drive: DriveId) -> &'static Spec {
+        self.at(drive).spec
     }
 
-    /// The name of a seat.
+    /// The name of a drive, as given to [`add`](Self::add).
     #[must_use]
-    pub fn name(&self, seat: DriveId) -> &str {
-        &self.at(seat).name
+    pub fn name(&self, drive: DriveId) -> &str {
+        &self.at(drive).name
     }
 
-    /// The seat of that name.
+    /// The drive of that name, if there is one.
     #[must_use]
     pub fn find_drive(&self, name: &str) -> Option<DriveId> {
         self.names.get(name).copied().flatten()
     }
 
-    /// Returns whether a device, a shared line or a motor has that name: they have one list of names. The name of a
-    /// line that a drive has for itself has a dot, which no other name has.
+    /// Returns whether a drive, a shared line or a motor has that name: all three share one list of names. The name of
+    /// a line of a single port has a dot, which no other name has.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
 
-    /// Everything that has happened.
+    /// Record of all inputs and outputs of the drives, as far as [`Settings::trace`] retains it.
     #[must_use]
     pub fn trace(&self) -> &Trace {
         &self.trace
     }
 
-    /// All of the [trace](Self::trace) is written, and may be dropped by [`Retention::Written`].
-    pub fn has_written(&mut self) {
-        self.trace.has_written();
+    /// Marks all events of the [trace](Self::trace) as written to a file, so that [`Retention::Written`] may drop
+    /// them.
+    pub fn mark_written(&mut self) {
+        self.trace.mark_written();
     }
 
-    /// Frames that were on the lines.
+    /// Frames that were on the lines and TCP connections, as far as [`Settings::capture`] retains them.
     #[must_use]
     pub fn capture(&self) -> &Capture {
         &self.capture
     }
 
-    fn at(&self, seat: DriveId) -> &Slot {
-        &self.seats[seat.0 as usize]
+    fn at(&self, drive: DriveId) -> &Slot {
+        &self.slots[drive.0 as usize]
     }
 
-    fn at_mut(&mut self, seat: DriveId) -> &mut Slot {
-        &mut self.seats[seat.0 as usize]
+    fn at_mut(&mut self, drive: DriveId) -> &mut Slot {
+        &mut self.slots[drive.0 as usize]
     }
 }
 
 /// Time.
 impl Bench {
-    /// Present time.
+    /// Present bench time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.now
     }
 
-    /// The next instant at which something happens, or a client can read a character;
-    /// [`Instant::NEVER`] if nothing is under way.
+    /// The next instant with an event, or at which a client can read a character; [`Instant::NEVER`] if nothing is
+    /// scheduled.
     #[must_use]
     pub fn next(&self) -> Instant {
-        let heard = if self.connections.audible().next().is_some() { self.now } else { Instant::NEVER };
-        self.next_event().min(self.clients.due()).min(heard)
+        let readable = if self.connections.readable().next().is_some() { self.now } else { Instant::NEVER };
+        self.next_event().min(self.clients.due()).min(readable)
     }
 
     fn next_event(&self) -> Instant {
-        let under_way = self.under_way.first().map_or(Instant::NEVER, |key| key.at);
+        let scheduled = self.scheduled.first().map_or(Instant::NEVER, |key| key.at);
         let deadline = if self.indexed {
             self.deadlines.first().0
         } else {
-            self.seats.iter().map(Slot::deadline).min().unwrap_or(Instant::NEVER)
+            self.slots.iter().map(Slot::deadline).min().unwrap_or(Instant::NEVER)
         };
-        under_way.min(deadline)
+        scheduled.min(deadline)
     }
 
-    /// Brings everything to `at`, which is included. Time does not go back, and without end only
-    /// until nothing more is to happen.
+    /// Runs the bench up to and including `at`. Time never goes back: an `at` in the past handles only events that are
+    /// due now. With [`Instant::NEVER`] it runs until no event is left.
     pub fn run_until(&mut self, at: impl Into<Instant>) {
         let at = at.into();
         self.index();
         loop {
             let (due, rank) = self.deadlines.first();
-            match self.under_way.first() {
-                Some(key) if (key.at, key.class) < (due, Phase::Deadline) => {
+            match self.scheduled.first() {
+                Some(key) if (key.at, key.phase) < (due, Phase::Deadline) => {
                     if key.at > at {
                         break;
                     }
                     self.now = self.now.max(key.at);
-                    if let Some(event) = self.under_way.pop() {
-                        self.happen(event);
+                    if let Some(event) = self.scheduled.pop() {
+                        self.handle(event);
                     }
                 }
                 _ if due > at || due == Instant::NEVER => break,
@@ -440,39 +464,39 @@ impl Bench {
         self.trace.end = self.now;
     }
 
-    /// Runs until every complete request is answered to its end, or judged, and what was done to
-    /// pins and power has arrived; so a typed line has its effect before the next one is taken (MDRIVE-36).
-    pub fn settle(&mut self) {
-        let settling = self.begin_to_settle();
-        self.settle_until(settling, Instant::NEVER);
+    /// Runs until the bench is idle: every complete request is answered or rejected, and scheduled changes of pins and
+    /// power have arrived. A move may still be under way (MDRIVE-36).
+    pub fn run_until_idle(&mut self) {
+        let idle_run = self.begin_idle_run();
+        self.continue_idle_run(idle_run, Instant::NEVER);
     }
 
-    /// Begins to [settle](Self::settle) by way of [`settle_until`](Self::settle_until).
-    pub fn begin_to_settle(&mut self) -> Settling {
+    /// Begins a [`run_until_idle`](Self::run_until_idle) in pieces, by [`continue_idle_run`](Self::continue_idle_run).
+    pub fn begin_idle_run(&mut self) -> IdleRun {
         self.run_until(self.now);
-        // A power cycle takes longest: power goes within a tick and comes a tick later.
-        Settling { hands: self.now + Duration::TICK * 2 }
+        // A power cycle takes longest: power off within a tick, power on a tick later.
+        IdleRun { inputs_due: self.now + Duration::TICK * 2 }
     }
 
-    /// Begins to [settle](Self::settle) with all that has been said, because nobody will say the rest of
-    /// half a message any more.
-    pub fn begin_to_settle_halves(&mut self) -> Settling {
-        let Settling { hands } = self.begin_to_settle();
-        let halves = self.buses.iter().filter_map(SerialLine::half_until).max();
-        Settling { hands: halves.map_or(hands, |until| hands.max(until)) }
+    /// Begins a [`run_until_idle`](Self::run_until_idle) that also flushes partial frames, because no client will send
+    /// the rest of one.
+    pub fn begin_idle_run_flushing(&mut self) -> IdleRun {
+        let IdleRun { inputs_due } = self.begin_idle_run();
+        let partial = self.buses.iter().filter_map(SerialLine::partial_until).max();
+        IdleRun { inputs_due: partial.map_or(inputs_due, |until| inputs_due.max(until)) }
     }
 
-    /// Goes on to [settle](Self::settle), but not beyond `at`; whether that is over. In how many pieces it is done
-    /// makes no difference, as long as nothing is done to the bench in between.
-    pub fn settle_until(&mut self, settling: Settling, at: Instant) -> bool {
+    /// Continues a [`run_until_idle`](Self::run_until_idle), but not beyond `at`. Returns whether the bench is idle.
+    /// The number of pieces makes no difference as long as nothing else is done to the bench in between.
+    pub fn continue_idle_run(&mut self, idle_run: IdleRun, at: Instant) -> bool {
         loop {
             let mut next = self.next_event();
-            if next == Instant::NEVER || (next > settling.hands && self.busy == 0) {
-                // Nobody says more before this is over.
-                if self.end_bursts() {
+            if next == Instant::NEVER || (next > idle_run.inputs_due && self.busy == 0) {
+                // No client sends more before this returns.
+                if self.flush_ambiguous() {
                     continue;
                 }
-                let Some(until) = self.half_in_the_way() else { return true };
+                let Some(until) = self.blocking_partial_timeout() else { return true };
                 next = until;
             }
             self.run_until(next.min(at));
@@ -482,175 +506,176 @@ impl Bench {
         }
     }
 
-    /// Wakes the seat of that rank at its deadline.
+    /// Calls the drive of that rank at its deadline.
     fn wake(&mut self, rank: u32, due: Instant) {
-        let place = self.order[rank as usize];
-        let seated = &mut self.seats[place as usize];
-        let next = seated.wake(due, &mut tape(&mut self.trace, &mut self.outbox, self.settings));
-        let off = !seated.body.powered;
+        let index = self.order[rank as usize];
+        let slot = &mut self.slots[index as usize];
+        let next = slot.wake(due, &mut call_context(&mut self.trace, &mut self.outputs, self.settings));
+        let off = !slot.state.powered;
         self.deadlines.set(rank, next);
-        self.tell_motors(place);
-        self.carry_all();
+        self.schedule_motor_commands(index);
+        self.route_outputs();
         if off {
-            self.hush(place);
-            self.lose_connections(place);
+            self.cancel_output(index);
+            self.lose_connections(index);
         }
-        self.note_taking(place);
+        self.update_tcp_busy(index);
     }
 
-    /// After a device has been called otherwise: its deadline, what it has sent, what an end of power
-    /// cuts.
-    fn after(&mut self, place: u32) {
-        let seated = &self.seats[place as usize];
-        let off = !seated.body.powered;
+    /// Handles the results of a call of a drive: its deadline, its outputs, and the end of its transmissions if power
+    /// is off.
+    fn finish_call(&mut self, index: u32) {
+        let slot = &self.slots[index as usize];
+        let off = !slot.state.powered;
         if self.indexed {
-            self.deadlines.set(self.ranks[place as usize], seated.deadline());
+            self.deadlines.set(self.ranks[index as usize], slot.deadline());
         }
-        self.tell_motors(place);
-        self.carry_all();
+        self.schedule_motor_commands(index);
+        self.route_outputs();
         if off {
-            self.hush(place);
-            self.lose_connections(place);
+            self.cancel_output(index);
+            self.lose_connections(index);
         }
-        self.note_taking(place);
+        self.update_tcp_busy(index);
     }
 
-    /// Puts the seats in order, if there are new ones.
+    /// Sorts the slots by name if drives were added.
     fn index(&mut self) {
         if self.indexed {
             return;
         }
-        self.order = (0..self.seats.len() as u32).collect();
-        let seats = &self.seats;
-        self.order.sort_by(|&a, &b| seats[a as usize].name.cmp(&seats[b as usize].name));
-        self.ranks = vec![0; seats.len()];
-        for (rank, &place) in (0..).zip(&self.order) {
-            self.ranks[place as usize] = rank;
+        self.order = (0..self.slots.len() as u32).collect();
+        let slots = &self.slots;
+        self.order.sort_by(|&a, &b| slots[a as usize].name.cmp(&slots[b as usize].name));
+        self.ranks = vec![0; slots.len()];
+        for (rank, &index) in (0..).zip(&self.order) {
+            self.ranks[index as usize] = rank;
         }
         let deadlines: Vec<Instant> =
-            self.order.iter().map(|&place| seats[place as usize].deadline()).collect();
+            self.order.iter().map(|&index| slots[index as usize].deadline()).collect();
         self.deadlines = Tournament::new(&deadlines);
         self.rank_motors();
         let (ranks, motor_ranks) = (&self.ranks, &self.motor_ranks);
-        self.under_way.rank(|place| match motors::at_place(place) {
+        self.scheduled.rank(|index| match motors::motor_at(index) {
             Some(motor) => motor_ranks[motor],
-            None => ranks[place as usize],
+            None => ranks[index as usize],
         });
         self.indexed = true;
     }
 
-    /// Sends something on its way.
+    /// Schedules an event.
     #[inline(always)]
-    fn schedule(&mut self, at: Instant, class: Phase, place: u32, what: EventKind) {
-        // As long as there are seats without a rank all get theirs before the next event.
-        let rank = self.ranks.get(place as usize).copied().unwrap_or(0);
-        self.under_way.push(at, class, rank, place, what);
+    fn schedule(&mut self, at: Instant, phase: Phase, index: u32, what: EventKind) {
+        // While slots have no rank, `index` ranks all of them before the next event.
+        let rank = self.ranks.get(index as usize).copied().unwrap_or(0);
+        self.scheduled.push(at, phase, rank, index, what);
     }
 
-    /// Sends something on its way to a device, to arrive at `at`.
-    fn send_to(&mut self, at: Instant, place: u32, fed: InputRecord) {
-        self.schedule(at, Phase::of(&fed), place, EventKind::InputRecord(fed));
+    /// Schedules an input of a drive at `at`.
+    fn send_to(&mut self, at: Instant, index: u32, input: InputRecord) {
+        self.schedule(at, Phase::of(&input), index, EventKind::Input(input));
     }
 
     /// Handles an event.
-    fn happen(&mut self, event: Event<EventKind>) {
-        match event.what {
-            EventKind::InputRecord(fed) => self.deliver(event.seat, &fed),
-            EventKind::Overheard { fed, began } => {
-                // Where characters take no time, who begins at the same instant sends meanwhile.
-                if !(self.fast() && self.seats[event.seat as usize].began(&fed) == Some(began)) {
-                    self.deliver(event.seat, &fed);
+    fn handle(&mut self, event: Event<EventKind>) {
+        match event.kind {
+            EventKind::Input(input) => self.deliver(event.target, &input),
+            EventKind::Overheard { input, began } => {
+                // Where characters take no time, a drive that began to send at the same instant is still sending.
+                if !(self.fast() && self.slots[event.target as usize].began(&input) == Some(began)) {
+                    self.deliver(event.target, &input);
                 }
             }
-            EventKind::Exposed { fed, number } => {
-                let fed = self.exposed(event.seat, fed, number);
-                self.deliver(event.seat, &fed);
+            EventKind::MayCollide { input, number } => {
+                let input = self.exposed(event.target, input, number);
+                self.deliver(event.target, &input);
             }
-            EventKind::TcpSend { client, fed } => self.hear(event.seat, client, &fed),
-            EventKind::Hand { pin, drive } => self.hand(event.seat, pin, drive),
-            EventKind::Wired { wire, level } => self.wired(wire, level),
-            EventKind::Contacts => self.find_contacts(event.seat),
-            EventKind::Pulse { pin, number } => self.pulse_edge(event.seat, pin, number),
-            EventKind::Encoder { encoder, number } => self.encoder_edge(event.seat, encoder, number),
-            EventKind::Wave { pin, number } => self.wave_edge(event.seat, pin, number),
-            EventKind::Steps { axis, number } => self.axis_edge(event.seat, axis, number),
-            EventKind::Motor { number } => self.motor_is_due(event.seat, number, event.key.class),
-            EventKind::MotorReports { motor } => self.felt(motor),
-            EventKind::Turn { bus } => self.turn_ends(bus, event.key.at),
+            EventKind::TcpInput { client, input } => self.tcp_input_arrives(event.target, client, &input),
+            EventKind::Stimulus { pin, stimulus } => self.stimulus_arrives(event.target, pin, stimulus),
+            EventKind::WireLevel { wire, level } => self.wire_level_arrives(wire, level),
+            EventKind::InitialLevels => self.report_initial_levels(event.target),
+            EventKind::Pulse { pin, number } => self.pulse_edge(event.target, pin, number),
+            EventKind::Encoder { encoder, number } => self.encoder_edge(event.target, encoder, number),
+            EventKind::Wave { pin, number } => self.wave_edge(event.target, pin, number),
+            EventKind::Steps { axis, number } => self.axis_edge(event.target, axis, number),
+            EventKind::Motor { number } => self.motor_is_due(event.target, number, event.key.phase),
+            EventKind::MotorReports { motor } => self.deliver_motor_reports(motor),
+            EventKind::TurnEnd { bus } => self.turn_ends(bus, event.key.at),
         }
     }
 
-    /// Feeds a device now, unless it cannot hear.
-    fn deliver(&mut self, place: u32, fed: &InputRecord) {
+    /// Delivers an input to a drive now, unless it cannot receive.
+    fn deliver(&mut self, index: u32, input: &InputRecord) {
         let now = self.now;
-        if let InputRecord::Fault { fault, on } = *fed {
-            self.hold(place, fault, on);
+        if let InputRecord::Fault { fault, on } = *input {
+            self.set_shaft_blocked(index, fault, on);
         }
-        let seated = &mut self.seats[place as usize];
-        if !seated.hears(now, fed) {
+        let slot = &mut self.slots[index as usize];
+        if !slot.receives(now, input) {
             return;
         }
-        let comes = matches!(fed, InputRecord::Power(Power::On)) && !seated.body.powered;
-        let reports = if comes { self.motors_report(place) } else { Vec::new() };
-        let seated = &mut self.seats[place as usize];
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
-        // Only a preset can be refused, and it does not come this way.
-        let _ = seated.feed(now, fed, &mut tape);
-        if comes {
-            for fed in seated.surroundings().into_iter().chain(reports) {
-                let _ = seated.feed(now, &fed, &mut tape);
+        let powers_on = matches!(input, InputRecord::Power(Power::On)) && !slot.state.powered;
+        let reports = if powers_on { self.motors_report(index) } else { Vec::new() };
+        let slot = &mut self.slots[index as usize];
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
+        // Only a preset can be refused, and presets are not delivered here.
+        let _ = slot.feed(now, input, &mut context);
+        if powers_on {
+            for input in slot.state_to_report().into_iter().chain(reports) {
+                let _ = slot.feed(now, &input, &mut context);
             }
-            // They were accepted at the first power-on.
-            let _ = seated.preset_again(now, &mut tape);
+            // The drive accepted them at the first power-on.
+            let _ = slot.preset_again(now, &mut context);
         }
-        self.after(place);
+        self.finish_call(index);
     }
 
-    /// Feeds a device as a trace says, at an instant that is not over. Several characters for a port
-    /// where each has its time follow back to back.
-    pub(crate) fn feed(&mut self, seat: DriveId, at: Instant, fed: &InputRecord) {
-        if matches!(fed, InputRecord::Poke { .. }) && at > Instant::ZERO {
+    /// Delivers an input of a trace to a drive, at an instant that is not over. Several characters for a port with
+    /// timed characters follow back to back.
+    pub(crate) fn feed(&mut self, drive: DriveId, at: Instant, input: &InputRecord) {
+        if matches!(input, InputRecord::Poke { .. }) && at > Instant::ZERO {
             self.run_until(at);
         } else if at > Instant::ZERO {
             self.run_until(at - Duration::TICK);
         }
         self.now = self.now.max(at);
         self.index();
-        // At power-on a preset comes after the deadlines of its own drive; others are still told their contacts.
-        if matches!(fed, InputRecord::Poke { .. }) {
-            while self.at(seat).deadline() <= at {
-                self.wake(self.ranks[seat.0 as usize], self.at(seat).deadline());
+        // At power-on a preset comes after the deadlines of its own drive; other drives still receive their initial
+        // levels.
+        if matches!(input, InputRecord::Poke { .. }) {
+            while self.at(drive).deadline() <= at {
+                self.wake(self.ranks[drive.0 as usize], self.at(drive).deadline());
             }
         }
-        let serial = |port| self.at(seat).serial(port).filter(|serial| !serial.silence);
-        if let InputRecord::Bytes { port, ref bytes } = *fed
+        let serial = |port| self.at(drive).serial(port).filter(|serial| !serial.framed);
+        if let InputRecord::Bytes { port, ref bytes } = *input
             && let Some(serial) = serial(port)
         {
             let character = self.takes(serial.line_at(at), 1);
             let single = |&byte| InputRecord::Bytes { port, bytes: vec![byte] };
-            // Those of the same instant keep their place among what else happens at it.
+            // Characters of the same instant keep their order among the other events of it.
             let count = if character == Duration::ZERO { bytes.len() } else { 1 };
             let (now, later) = bytes.split_at(count.min(bytes.len()));
             for (n, byte) in (1..).zip(later) {
-                self.send_to(at + character * n, seat.0, single(byte));
+                self.send_to(at + character * n, drive.0, single(byte));
             }
             for byte in now {
-                self.feed_now(seat, at, &single(byte));
+                self.feed_now(drive, at, &single(byte));
             }
             return;
         }
-        self.feed_now(seat, at, fed);
+        self.feed_now(drive, at, input);
     }
 
-    fn feed_now(&mut self, seat: DriveId, at: Instant, fed: &InputRecord) {
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
-        // A preset that is refused does nothing, and is not recorded.
-        let _ = self.seats[seat.0 as usize].feed(at, fed, &mut tape);
-        self.after(seat.0);
+    fn feed_now(&mut self, drive: DriveId, at: Instant, input: &InputRecord) {
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
+        // A refused preset has no effect and is not recorded.
+        let _ = self.slots[drive.0 as usize].feed(at, input, &mut context);
+        self.finish_call(drive.0);
     }
 }
 
-/// The place for the outputs of a device.
-fn tape<'a>(trace: &'a mut Trace, outbox: &'a mut Outputs, settings: Settings) -> CallContext<'a> {
-    CallContext { trace, outbox, fast: settings.line == LineMode::Fast }
+/// Context of a call of a drive.
+fn call_context<'a>(trace: &'a mut Trace, outputs: &'a mut Outputs, settings: Settings) -> CallContext<'a> {
+    CallContext { trace, outputs, fast: settings.line == LineMode::Fast }
 }

@@ -1,8 +1,7 @@
-//! Motors of their own.
+//! Motors outside of drives.
 //!
-//! A motor hears what its drive does a tick later, and what it does arrives a tick later: at its drive the edges of
-//! Hall sensors and the current that it draws, elsewhere what the [sensors](super::shaft_sensors) on its shaft show
-//! (BENCH-6).
+//! A motor receives commands of its drive one tick later. Its reactions arrive one tick later: at its drive the edges
+//! of Hall sensors and the motor current, elsewhere the levels of the [sensors](super::shaft_sensors) on its shaft (BENCH-6).
 
 use std::collections::VecDeque;
 
@@ -19,64 +18,64 @@ use crate::record::trace::{self, InputRecord};
 use crate::scheduler::Phase;
 use crate::slot::{MotorCommand, Wakes};
 
-/// A motor on the bench.
+/// Handle of a motor, returned by [`Bench::attach_motor`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Motor(u32);
 
-/// Model of a motor.
+/// Model of a motor for [`Bench::attach_motor`]: its kind and parameters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MotorModel {
-    /// A stepper motor, which follows the plans and steps of its drive.
+    /// A stepper motor, which follows the motion plans and steps of its drive.
     Stepper(stepper::StepperParameters),
-    /// A motor with brushes, or a brushless one, turned by the duty of a drive that was added
-    /// [`apart`](super::Setup::apart), or that may turn a stepper motor or this
+    /// A brush or brushless motor, turned by the duty of a drive that was added with
+    /// [`external_motor`](super::Setup::external_motor), or of one that turns either kind of motor
     /// ([`dc_motor`](drivetwin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
 
-/// State of a shaft.
+/// State of a motor's shaft at an instant, returned by [`Bench::turn`].
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct ShaftState {
-    /// Turns from where it began.
+    /// Revolutions since the motor was attached, signed.
     pub revolutions: f64,
-    /// Turns per minute, signed.
+    /// Speed in revolutions per minute, signed.
     pub rpm: f64,
-    /// True if it cannot follow its drive.
+    /// True if the shaft cannot follow its drive.
     pub stalled: bool,
-    /// Current in mA; of a stepper motor the peak current that its drive gives it.
+    /// Current in mA; for a stepper motor the peak phase current that its drive sets.
     pub ma: i32,
 }
 
-/// Places from here on are those of motors, not of seats.
+/// Indices from here on are those of motors, not of drives.
 const MOTORS: u32 = 1 << 31;
 
-/// Which motor has that place; `None` for a seat's.
-pub(super) fn at_place(place: u32) -> Option<usize> {
-    place.checked_sub(MOTORS).map(|motor| motor as usize)
+/// The motor of an event target; `None` if the target is a drive.
+pub(super) fn motor_at(index: u32) -> Option<usize> {
+    index.checked_sub(MOTORS).map(|motor| motor as usize)
 }
 
 /// Units of an angle in a turn.
 pub(super) const TURN: f64 = (1_u64 << 32) as f64;
 
-/// A motor that is fitted to a drive.
+/// A motor that is attached to a drive.
 pub(super) struct MotorSlot {
     name: String,
     drive: (DriveId, Axis),
     machine: Machine,
     /// Present motion.
-    pace: Kinematics,
-    /// Angle at which the shaft began.
+    kinematics: Kinematics,
+    /// Angle of the shaft when the motor was attached.
     began: i64,
     /// Microsteps that its drive reported last.
     microsteps: u16,
-    /// Commands on their way to it, by time.
+    /// Commands on their way to the motor, by time.
     inbox: VecDeque<(Instant, MotorCommand)>,
-    /// The ends of the wires of its Hall sensors.
+    /// Wires of its Hall sensors.
     halls: Vec<u32>,
-    felt: MotorReports,
+    reports: MotorReports,
     sensors: Vec<Sensor>,
     wakes: Wakes,
-    /// Tells what is due next from what was foreseen earlier.
+    /// Distinguishes the next event from earlier predictions.
     number: u32,
 }
 
@@ -100,13 +99,13 @@ impl Machine {
         }
     }
 
-    fn hear(&mut self, at: Instant, told: &MotorCommand, out: &mut MotorReports) {
+    fn apply(&mut self, at: Instant, command: &MotorCommand, out: &mut MotorReports) {
         const AXIS: Axis = Axis(0);
         let plan;
-        let input = match *told {
-            MotorCommand::Plan(told) => {
-                // What is heard a tick later is also done a tick later.
-                plan = told.delayed(Duration::TICK);
+        let input = match *command {
+            MotorCommand::Plan(at_drive) => {
+                // A command that arrives one tick later is also executed one tick later.
+                plan = at_drive.delayed(Duration::TICK);
                 Input::Plan { axis: AXIS, plan: &plan }
             }
             MotorCommand::Microsteps(microsteps) => {
@@ -118,7 +117,7 @@ impl Machine {
             MotorCommand::Steps(steps) => Input::Step { axis: AXIS, steps },
             MotorCommand::Current(ma) => Input::CurrentLimit { axis: AXIS, ma },
             MotorCommand::Duty(duty) => Input::Duty { axis: AXIS, duty },
-            MotorCommand::Held(on) => Input::Fault { fault: STALL, on },
+            MotorCommand::Blocked(on) => Input::Fault { fault: STALL, on },
         };
         self.rotor_mut().input(at, input, out);
     }
@@ -132,7 +131,7 @@ struct MotorReports {
     motor: Option<Box<motor::Parameters>>,
     rotation: Option<Rotation>,
     /// True if its arrival is scheduled.
-    foreseen: bool,
+    is_scheduled: bool,
 }
 
 impl MotorReports {
@@ -166,11 +165,12 @@ impl Context for MotorReports {
 
 /// Motors.
 impl Bench {
-    /// Has an axis turn a motor from now on. A drive has one motor an axis. It hears what the drive does at
-    /// present, and its shaft stands until then.
+    /// Attaches a motor to an axis of a drive, from now on. An axis has at most one motor. The motor takes over the
+    /// present commands of the drive; until then its shaft is at rest.
     ///
     /// # Errors
-    /// One sentence: why not.
+    /// One sentence that states the reason: the name is not valid or taken, there is no such axis, the axis has a
+    /// motor, or the drive does not turn that kind of motor.
     pub fn attach_motor(
         &mut self,
         name: &str,
@@ -180,10 +180,10 @@ impl Bench {
     ) -> Result<Motor, String> {
         let of = self.name(drive).to_owned();
         if !trace::is_name(name) {
-            return Err(format!("\"{name}\" is no name for a motor: use one word without dots"));
+            return Err(format!("\"{name}\" is not a valid name for a motor: use one word without dots"));
         }
         if self.is_taken(name) {
-            return Err(format!("there are two things called {name}"));
+            return Err(format!("the name {name} is in use already"));
         }
         if self.spec(drive).axes.get(usize::from(axis.0)).is_none() {
             return Err(format!("{of} has no axis {}, so it cannot turn {name}", axis.0));
@@ -210,64 +210,65 @@ impl Bench {
             let (has, wants) = (is.hall_sensors, halls.len());
             return Err(format!("{of} turns a motor with {wants} Hall sensors, and {name} has {has}"));
         }
-        let place = u32::try_from(self.motors.len()).expect("a bench has room for two billion motors");
+        let index = u32::try_from(self.motors.len()).expect("a bench has room for two billion motors");
         let halls = halls.unwrap_or_default().iter().map(|&pin| self.end_of_wire((drive, pin))).collect();
         let mut motor = MotorSlot {
             name: name.to_owned(),
             drive: (drive, axis),
             began: 0,
-            pace: machine.rotor().kinematics(),
+            kinematics: machine.rotor().kinematics(),
             machine,
             microsteps: 1,
             inbox: VecDeque::new(),
             halls,
-            felt: MotorReports::default(),
+            reports: MotorReports::default(),
             sensors: Vec::new(),
             wakes: Wakes::default(),
             number: 0,
         };
         let now = self.now;
         let rotor = motor.machine.rotor_mut();
-        rotor.power_on(now, Boot::default(), &mut motor.felt);
-        (motor.began, motor.pace) = (rotor.angle_at(now), rotor.kinematics());
+        rotor.power_on(now, Boot::default(), &mut motor.reports);
+        (motor.began, motor.kinematics) = (rotor.angle_at(now), rotor.kinematics());
         let arrives = now + Duration::TICK;
         motor.microsteps = self.at(drive).microsteps(axis);
-        let mut told = self.at_mut(drive).turns(axis, place);
-        told.extend(self.is_held(drive).then_some(MotorCommand::Held(true)));
-        motor.inbox.extend(told.into_iter().map(|told| (arrives, told)));
+        let mut commands = self.at_mut(drive).turns(axis, index);
+        commands.extend(self.is_shaft_blocked(drive).then_some(MotorCommand::Blocked(true)));
+        motor.inbox.extend(commands.into_iter().map(|command| (arrives, command)));
         self.names.insert(motor.name.clone(), None);
         self.motors.push(motor);
         self.indexed = false;
-        self.carry_felt(place as usize);
-        self.foresee_motor(place as usize);
-        Ok(Motor(place))
+        self.schedule_motor_reports(index as usize);
+        self.schedule_motor(index as usize);
+        Ok(Motor(index))
     }
 
-    /// The motor that a drive has parted from when it was seated [`apart`](super::Setup::apart): as its registers
-    /// described it when it had been powered on for the first time, with its memory and its presets (BENCH-5).
+    /// Parameters of the internal motor of a drive that was added with
+    /// [`external_motor`](super::Setup::external_motor), as its registers described it after the first power-on, with
+    /// its memory and presets; `None` for any other drive (BENCH-5).
     #[must_use]
     pub fn detached_motor(&self, drive: DriveId) -> Option<motor::Parameters> {
-        self.at(drive).parted
+        self.at(drive).detached_motor
     }
 
-    /// Puts a sensor beside a motor's shaft, whose first wire goes `to` that pin. A drive that was seated at this
-    /// instant finds its first level at power-on, and no edge.
-    pub(super) fn put_sensor(&mut self, motor: Motor, to: (DriveId, Pin), sees: SensorKind) {
+    /// Adds a sensor to a motor's shaft, whose first wire goes `to` that pin. A drive that was added at this instant
+    /// receives the first level as its initial level, without an edge.
+    pub(super) fn add_sensor(&mut self, motor: Motor, to: (DriveId, Pin), kind: SensorKind) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
-        let MotorSlot { machine, pace, sensors, began, .. } = &mut self.motors[motor.0 as usize];
-        let mut sensor = Sensor::new(key, sees, *began);
-        sensor.foresee(machine.rotor(), pace, now);
-        let shown = sensor.seen();
-        sensor.foresee(machine.rotor(), pace, now);
-        let place = sensors.partition_point(|other| other.key <= sensor.key);
-        sensors.insert(place, sensor);
+        let MotorSlot { machine, kinematics, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let mut sensor = Sensor::new(key, kind, *began);
+        sensor.predict(machine.rotor(), kinematics, now);
+        let shown = sensor.take_change();
+        sensor.predict(machine.rotor(), kinematics, now);
+        let index = sensors.partition_point(|other| other.key <= sensor.key);
+        sensors.insert(index, sensor);
         for (wire, level) in shown.into_iter().flatten() {
-            self.stands(wire, level);
+            self.set_initial_level(wire, level);
         }
-        self.foresee_motor(motor.0 as usize);
+        self.schedule_motor(motor.0 as usize);
     }
 
-    /// All motors, in the order in which they were fitted.
+    /// All motors, in the order in which they were attached.
     pub fn motors(&self) -> impl ExactSizeIterator<Item = Motor> + use<> {
         (0..self.motors.len() as u32).map(Motor)
     }
@@ -278,18 +279,18 @@ impl Bench {
         &self.motors[motor.0 as usize].name
     }
 
-    /// The drive and axis that turn a motor.
+    /// Drive and axis to which a motor is attached.
     #[must_use]
     pub fn turned_by(&self, motor: Motor) -> (DriveId, Axis) {
         self.motors[motor.0 as usize].drive
     }
 
-    /// State of a motor's shaft now.
+    /// Position, speed and current of a motor's shaft now.
     #[must_use]
     pub fn turn(&self, motor: Motor) -> ShaftState {
         let MotorSlot {
             machine,
-            pace: Kinematics { since, half_speed, half_acceleration, turn, .. },
+            kinematics: Kinematics { since, half_speed, half_acceleration, turn, .. },
             began,
             ..
         } = &self.motors[motor.0 as usize];
@@ -304,116 +305,118 @@ impl Bench {
         }
     }
 
-    /// State of the brush motor on an axis, if the bench has one there and the drive looks at its Hall sensors: that
-    /// is where the shaft is for such a drive.
-    pub(super) fn shaft(&self, seat: DriveId, axis: Axis) -> Option<Shaft> {
-        self.at(seat).halls?;
-        let &(_, motor) = self.at(seat).motors.iter().find(|(of, _)| *of == axis)?;
+    /// State of the brush motor that is attached to an axis, if the drive reads its Hall sensors: for such a drive
+    /// this is the position of the axis.
+    pub(super) fn shaft(&self, drive: DriveId, axis: Axis) -> Option<Shaft> {
+        self.at(drive).halls?;
+        let &(_, motor) = self.at(drive).motors.iter().find(|(of, _)| *of == axis)?;
         self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
     }
 
-    /// The ranks of motors come after those of all seats, by name.
+    /// Ranks the motors after all drives, by name.
     pub(super) fn rank_motors(&mut self) {
         let mut order: Vec<usize> = (0..self.motors.len()).collect();
         order.sort_by(|&a, &b| self.motors[a].name.cmp(&self.motors[b].name));
         self.motor_ranks = vec![0; order.len()];
-        for (rank, place) in (self.seats.len() as u32..).zip(order) {
-            self.motor_ranks[place] = rank;
+        for (rank, index) in (self.slots.len() as u32..).zip(order) {
+            self.motor_ranks[index] = rank;
         }
     }
 
-    /// After a device was called: its motors will hear what it did.
-    pub(super) fn tell_motors(&mut self, place: u32) {
+    /// Schedules the commands of a drive for its motors, after a call of the drive.
+    pub(super) fn schedule_motor_commands(&mut self, index: u32) {
         for n in 0.. {
-            let seated = &self.seats[place as usize];
-            let Some(&(axis, motor)) = seated.motors.get(n) else { break };
-            let fitted = &mut self.motors[motor as usize];
-            let heard = fitted.inbox.len();
-            let microsteps = seated.microsteps(axis);
-            if fitted.microsteps != microsteps {
-                fitted.microsteps = microsteps;
-                fitted.inbox.push_back((self.now + Duration::TICK, MotorCommand::Microsteps(microsteps)));
+            let slot = &self.slots[index as usize];
+            let Some(&(axis, motor)) = slot.motors.get(n) else { break };
+            let microsteps = slot.microsteps(axis);
+            let driven = &mut self.motors[motor as usize];
+            let waiting = driven.inbox.len();
+            if driven.microsteps != microsteps {
+                driven.microsteps = microsteps;
+                driven.inbox.push_back((self.now + Duration::TICK, MotorCommand::Microsteps(microsteps)));
             }
-            for (_, _, at, told) in self.outbox.told.iter().filter(|told| (told.0, told.1) == (place, axis)) {
-                fitted.inbox.push_back((*at + Duration::TICK, told.clone()));
+            for (_, _, at, command) in
+                self.outputs.motor_commands.iter().filter(|entry| (entry.0, entry.1) == (index, axis))
+            {
+                driven.inbox.push_back((*at + Duration::TICK, command.clone()));
             }
-            if fitted.inbox.len() > heard {
-                self.foresee_motor(motor as usize);
+            if driven.inbox.len() > waiting {
+                self.schedule_motor(motor as usize);
             }
         }
-        self.outbox.told.clear();
+        self.outputs.motor_commands.clear();
     }
 
-    /// Returns whether the shaft of a drive's motor is blocked, by the fault of that name.
-    fn is_held(&self, drive: DriveId) -> bool {
+    /// Returns whether the shaft of a drive's motor is blocked, by the fault `stall`.
+    fn is_shaft_blocked(&self, drive: DriveId) -> bool {
         let stall = self.spec(drive).faults.iter().position(|fault| *fault == "stall");
         stall.is_some_and(|stall| self.faulty(drive, Fault(stall as u8)))
     }
 
-    /// The cause of a fault comes or goes: if it is a held shaft, then at once.
-    pub(super) fn hold(&mut self, place: u32, fault: Fault, on: bool) {
-        let seated = &self.seats[place as usize];
-        if seated.motors.is_empty() || seated.spec.faults.get(usize::from(fault.0)) != Some(&"stall") {
+    /// Blocks or releases the shaft of a drive's motor at once if the fault is `stall`.
+    pub(super) fn set_shaft_blocked(&mut self, index: u32, fault: Fault, on: bool) {
+        let slot = &self.slots[index as usize];
+        if slot.motors.is_empty() || slot.spec.faults.get(usize::from(fault.0)) != Some(&"stall") {
             return;
         }
         for n in 0.. {
-            let Some(&(_, motor)) = self.seats[place as usize].motors.get(n) else { break };
-            // Before what the drive did a tick ago, and so is this instant.
-            self.motors[motor as usize].inbox.push_front((self.now, MotorCommand::Held(on)));
-            self.foresee_motor(motor as usize);
+            let Some(&(_, motor)) = self.slots[index as usize].motors.get(n) else { break };
+            // Before commands that the drive gave one tick ago and that arrive at this instant.
+            self.motors[motor as usize].inbox.push_front((self.now, MotorCommand::Blocked(on)));
+            self.schedule_motor(motor as usize);
         }
     }
 
-    /// Foresees what is due at a motor next: something that it hears, something that its sensors saw a tick ago,
-    /// or its own deadline.
-    fn foresee_motor(&mut self, motor: usize) {
-        let fitted = &mut self.motors[motor];
-        fitted.number = fitted.number.wrapping_add(1);
-        let number = fitted.number;
-        let told = fitted.inbox.front().map_or(Instant::NEVER, |(at, _)| *at);
-        let seen = fitted.sensors.iter().map(Sensor::next).min().unwrap_or(Instant::NEVER);
-        let outside = told.min(seen + Duration::TICK);
-        let due = fitted.machine.rotor().deadline();
-        let (at, class) = if outside <= due { (outside, Phase::Pin) } else { (due, Phase::Deadline) };
+    /// Schedules the next event of a motor: a command, a change of a sensor one tick ago, or its own deadline.
+    fn schedule_motor(&mut self, motor: usize) {
+        let slot = &mut self.motors[motor];
+        slot.number = slot.number.wrapping_add(1);
+        let number = slot.number;
+        let command = slot.inbox.front().map_or(Instant::NEVER, |(at, _)| *at);
+        let seen = slot.sensors.iter().map(Sensor::next).min().unwrap_or(Instant::NEVER);
+        let input_due = command.min(seen + Duration::TICK);
+        let due = slot.machine.rotor().deadline();
+        let (at, phase) = if input_due <= due { (input_due, Phase::Pin) } else { (due, Phase::Deadline) };
         if at < Instant::NEVER {
             let rank = self.motor_ranks.get(motor).copied().unwrap_or(0);
-            self.under_way.push(at, class, rank, MOTORS + motor as u32, EventKind::Motor { number });
+            self.scheduled.push(at, phase, rank, MOTORS + motor as u32, EventKind::Motor { number });
         }
     }
 
-    /// Handles a prediction of a motor that is due.
-    pub(super) fn motor_is_due(&mut self, place: u32, number: u32, class: Phase) {
-        let Some(motor) = at_place(place).filter(|&motor| self.motors[motor].number == number) else {
+    /// Handles the next event of a motor.
+    pub(super) fn motor_is_due(&mut self, index: u32, number: u32, phase: Phase) {
+        let Some(motor) = motor_at(index).filter(|&motor| self.motors[motor].number == number) else {
             return;
         };
         let now = self.now;
-        self.see(motor);
-        let MotorSlot { name, machine, pace, inbox, felt, sensors, wakes, .. } = &mut self.motors[motor];
-        let mut looks = false;
+        self.update_sensors(motor);
+        let MotorSlot { name, machine, kinematics, inbox, reports, sensors, wakes, .. } =
+            &mut self.motors[motor];
+        let mut changed = false;
         while inbox.front().is_some_and(|(at, _)| *at <= now)
-            && let Some((_, told)) = inbox.pop_front()
+            && let Some((_, command)) = inbox.pop_front()
         {
-            machine.hear(now, &told, felt);
-            looks = true;
+            machine.apply(now, &command, reports);
+            changed = true;
         }
-        if class == Phase::Deadline {
-            machine.rotor_mut().timeout(now, felt);
+        if phase == Phase::Deadline {
+            machine.rotor_mut().timeout(now, reports);
             wakes.count(name, now, machine.rotor().deadline());
-            looks = true;
+            changed = true;
         }
         let rotor = machine.rotor();
-        if looks && rotor.kinematics() != *pace {
-            *pace = rotor.kinematics();
+        if changed && rotor.kinematics() != *kinematics {
+            *kinematics = rotor.kinematics();
             for sensor in sensors {
-                sensor.foresee(rotor, pace, now);
+                sensor.predict(rotor, kinematics, now);
             }
         }
-        self.carry_felt(motor);
-        self.foresee_motor(motor);
+        self.schedule_motor_reports(motor);
+        self.schedule_motor(motor);
     }
 
-    /// Reports of the motors of a drive that gets power: parameters, rotation, current.
-    pub(super) fn motors_report(&self, place: u32) -> Vec<InputRecord> {
+    /// Reports of the motors of a drive at its power-on: parameters, rotation, current.
+    pub(super) fn motors_report(&self, index: u32) -> Vec<InputRecord> {
         let of = |&(axis, motor): &(Axis, u32)| {
             let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
             let rotation = motor.rotation_at(self.now);
@@ -421,40 +424,40 @@ impl Bench {
             let draws = InputRecord::MotorCurrent { axis, ma: motor.draws_ma() };
             Some([InputRecord::Motor { axis, parameters }, InputRecord::Rotation { axis, rotation }, draws])
         };
-        let seated = &self.seats[place as usize];
-        // Other drives do not look at what they turn.
-        if seated.halls.is_none() {
+        let slot = &self.slots[index as usize];
+        // Other drives have no feedback of their motors.
+        if slot.halls.is_none() {
             return Vec::new();
         }
-        seated.motors.iter().filter_map(of).flatten().collect()
+        slot.motors.iter().filter_map(of).flatten().collect()
     }
 
-    /// Lets the sensors of a motor see its shaft as it was a tick ago.
-    fn see(&mut self, motor: usize) {
+    /// Updates the sensors of a motor to the position of its shaft one tick ago.
+    fn update_sensors(&mut self, motor: usize) {
         for n in 0.. {
-            let MotorSlot { machine, pace, sensors, .. } = &mut self.motors[motor];
+            let MotorSlot { machine, kinematics, sensors, .. } = &mut self.motors[motor];
             let Some(sensor) = sensors.get_mut(n) else { break };
             if sensor.next() >= self.now {
                 continue;
             }
-            let news = sensor.seen();
-            sensor.foresee(machine.rotor(), pace, self.now);
-            for (wire, level) in news.into_iter().flatten() {
-                self.wired(wire, level);
+            let changes = sensor.take_change();
+            sensor.predict(machine.rotor(), kinematics, self.now);
+            for (wire, level) in changes.into_iter().flatten() {
+                self.wire_level_arrives(wire, level);
             }
         }
     }
 
-    /// Sends reports of a motor on their way to its drive.
-    fn carry_felt(&mut self, motor: usize) {
-        let MotorSlot { felt, drive: (drive, _), .. } = &mut self.motors[motor];
-        if self.seats[drive.0 as usize].halls.is_none() {
-            // Its drive is told nothing of it.
-            *felt = MotorReports::default();
+    /// Schedules the reports of a motor for its drive.
+    fn schedule_motor_reports(&mut self, motor: usize) {
+        let MotorSlot { reports, drive: (drive, _), .. } = &mut self.motors[motor];
+        if self.slots[drive.0 as usize].halls.is_none() {
+            // Its drive has no feedback of its motor.
+            *reports = MotorReports::default();
             return;
         }
-        if felt.is_news() && !felt.foreseen {
-            felt.foreseen = true;
+        if reports.is_news() && !reports.is_scheduled {
+            reports.is_scheduled = true;
             let drive = drive.0;
             let what = EventKind::MotorReports { motor: motor as u32 };
             self.schedule(self.now + Duration::TICK, Phase::Pin, drive, what);
@@ -462,10 +465,10 @@ impl Bench {
     }
 
     /// Delivers reports of a motor to its drive.
-    pub(super) fn felt(&mut self, motor: u32) {
-        let MotorSlot { felt, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
-        let (felt, drive, axis) = (std::mem::take(felt), *drive, *axis);
-        let MotorReports { halls, draws, motor: parameters, rotation, .. } = felt;
+    pub(super) fn deliver_motor_reports(&mut self, motor: u32) {
+        let MotorSlot { reports, drive: (drive, axis), .. } = &mut self.motors[motor as usize];
+        let (reports, drive, axis) = (std::mem::take(reports), *drive, *axis);
+        let MotorReports { halls, draws, motor: parameters, rotation, .. } = reports;
         if let Some(parameters) = parameters {
             self.deliver(drive.0, &InputRecord::Motor { axis, parameters });
         }
@@ -474,7 +477,7 @@ impl Bench {
         }
         for (n, level) in halls.into_iter().enumerate() {
             if let (Some(&wire), Some(level)) = (self.motors[motor as usize].halls.get(n), level) {
-                self.wired(wire, level);
+                self.wire_level_arrives(wire, level);
             }
         }
         if let Some(ma) = draws {

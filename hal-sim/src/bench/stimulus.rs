@@ -7,82 +7,100 @@ use drivetwin_protocol::registers::Shape;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::events::EventKind;
-use super::{Bench, Busy, DriveId, Motion, PinStimulus, PowerAction, Statistics, tape};
+use super::{Bench, Busy, DriveId, Motion, PinStimulus, PowerAction, Statistics, call_context};
 use crate::record::trace::{InputRecord, Power};
 use crate::scheduler::Phase;
 use crate::slot::{EdgeTrain, PinState, PulseTrain, Signal};
 use crate::value::Value;
 
-/// The most edges a second: one a tick.
+/// Maximum number of edges per second: one per tick.
 const MOST_HZ: f64 = TICKS_PER_SECOND as f64;
 
-/// Ticks between edges of which `hz` come in a second, limited to one in 1,000,000 s and one a tick.
-/// Not a number counts as the least.
+/// Ticks between edges at `hz` edges per second, clamped to one per 1,000,000 s and one per tick. NaN counts as the
+/// minimum.
 fn ticks_per_edge(hz: f64) -> f64 {
     MOST_HZ / if hz > 0.0 { hz.clamp(1e-6, MOST_HZ) } else { 1e-6 }
 }
 
 /// Pins, faults, power and registers.
 impl Bench {
-    /// Drives a pin from outside, and ends a train of pulses, or the turning of an encoder, there. It
-    /// arrives a tick later. Whatever [wires](Self::wire) do to the pin counts only while it is open.
-    pub fn set_pin(&mut self, seat: DriveId, pin: Pin, drive: PinStimulus) {
+    /// Drives a pin from outside. The change arrives one tick later, and ends a pulse train or an encoder motion on
+    /// the pin. The levels of [wires](Self::wire) count only while the stimulus is [`Open`](PinStimulus::Open).
+    /// Without effect if there is no such pin.
+    ///
+    /// ```
+    /// use drivetwin_firmware::device::{Duration, Level};
+    /// use drivetwin_firmware::md3::Md3;
+    /// use drivetwin_sim::bench::{Bench, PinStimulus};
+    ///
+    /// let mut bench = Bench::new();
+    /// let drive = bench.add::<Md3>("x");
+    /// let pin = bench.spec(drive).pin("J2.2").unwrap();
+    /// bench.set_pin(drive, pin, PinStimulus::Low);
+    /// bench.run_until(bench.now() + Duration::TICK);
+    /// assert_eq!(bench.level(drive, pin), Level::Low);
+    /// // Three pulses, away from the present level and back, at 1 kHz.
+    /// bench.pulse(drive, pin, 3, 1_000.0)?;
+    /// assert!(bench.pulse(drive, pin, 1, 1_000.0).is_err(), "a train runs");
+    /// bench.run_until(bench.now() + Duration::millis(4));
+    /// assert_eq!(bench.level(drive, pin), Level::Low);
+    /// # Ok::<(), drivetwin_sim::bench::Busy>(())
+    /// ```
+    pub fn set_pin(&mut self, drive: DriveId, pin: Pin, stimulus: PinStimulus) {
         let at = self.now + Duration::TICK;
-        let Some(state) = self.at_mut(seat).pin_mut(pin) else { return };
+        let Some(state) = self.at_mut(drive).pin_mut(pin) else { return };
         state.train = None;
-        state.hands = drive;
-        for encoder in self.at_mut(seat).encoders_at(pin) {
+        state.stimulus = stimulus;
+        for encoder in self.at_mut(drive).encoders_at(pin) {
             encoder.edges = None;
         }
-        self.schedule(at, Phase::Pin, seat.0, EventKind::Hand { pin, drive });
+        self.schedule(at, Phase::Pin, drive.0, EventKind::Stimulus { pin, stimulus });
     }
 
-    /// A change of a pin from outside arrives.
-    pub(super) fn hand(&mut self, place: u32, pin: Pin, drive: PinStimulus) {
-        if let Some(state) = self.seats[place as usize].pin_mut(pin) {
-            state.hold(drive);
+    /// Handles a stimulus of a pin that arrives.
+    pub(super) fn stimulus_arrives(&mut self, index: u32, pin: Pin, stimulus: PinStimulus) {
+        if let Some(state) = self.slots[index as usize].pin_mut(pin) {
+            state.stimulus_arrives(stimulus);
         }
-        self.look(place, pin);
+        self.report_pin(index, pin);
     }
 
-    /// Tells a device what it sees at a pin, if that is news.
-    pub(super) fn look(&mut self, place: u32, pin: Pin) {
-        let Some(state) = self.seats[place as usize].pin(pin) else { return };
+    /// Reports the signal at a pin to the drive, if it has changed.
+    pub(super) fn report_pin(&mut self, index: u32, pin: Pin) {
+        let Some(state) = self.slots[index as usize].pin(pin) else { return };
         let signal = state.seen();
-        if signal != state.told {
-            self.deliver(place, &signal.fed(pin));
+        if signal != state.reported {
+            self.deliver(index, &signal.input(pin));
         }
     }
 
-    /// A train of `count` pulses on an input pin, away from its present level and back, `hz` a
-    /// second (limited to 0.5 µHz to 8 MHz), each of half its period. Edges are made one by one as time comes
-    /// to them, each at the tick nearest to its instant.
+    /// Starts a train of `count` pulses on an input pin, away from its present level and back, at `hz` pulses per
+    /// second (clamped to 0.5 µHz to 8 MHz), with a duty of 50 %. Each edge is at the nearest tick.
     ///
     /// # Errors
-    /// One runs there already, or an encoder turns.
-    pub fn pulse(&mut self, seat: DriveId, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
-        self.pulse_width(seat, pin, count, hz, 0.5)
+    /// A pulse train or an encoder motion runs on the pin.
+    pub fn pulse(&mut self, drive: DriveId, pin: Pin, count: u32, hz: f64) -> Result<(), Busy> {
+        self.pulse_width(drive, pin, count, hz, 0.5)
     }
 
-    /// As [`pulse`](Self::pulse), with pulses that take the share `duty` of their period, as a PWM encoder
-    /// makes them: from 0 to 1, but a tick at least, and a tick less than the period at most. Not a number
-    /// counts as a half.
+    /// Like [`pulse`](Self::pulse), with a duty from 0 to 1, as a PWM encoder makes them. A pulse is at least one tick
+    /// long and at most one tick shorter than its period. NaN counts as 0.5.
     ///
     /// # Errors
     /// As [`pulse`](Self::pulse).
     pub fn pulse_width(
         &mut self,
-        seat: DriveId,
+        drive: DriveId,
         pin: Pin,
         count: u32,
         hz: f64,
         duty: f64,
     ) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
-        if self.runs(seat, pin) {
+        if self.runs(drive, pin) {
             return Err(Busy);
         }
-        let Some(state) = self.at_mut(seat).pin_mut(pin).filter(|_| count > 0) else { return Ok(()) };
+        let Some(state) = self.at_mut(drive).pin_mut(pin).filter(|_| count > 0) else { return Ok(()) };
         state.trains = state.trains.wrapping_add(1);
         let number = state.trains;
         let count = 2 * u64::from(count);
@@ -91,14 +109,14 @@ impl Bench {
         let duty = if duty.is_nan() { 0.5 } else { duty };
         let second_later = ((2.0 * duty - 1.0) * ticks_per_edge).clamp(-most, most);
         let edges = EdgeTrain { start, ticks_per_edge, second_later, made: 0, count };
-        state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.hands });
-        self.schedule(start, Phase::Pin, seat.0, EventKind::Pulse { pin, number });
+        state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.stimulus });
+        self.schedule(start, Phase::Pin, drive.0, EventKind::Pulse { pin, number });
         Ok(())
     }
 
-    /// The next edge of a train.
-    pub(super) fn pulse_edge(&mut self, place: u32, pin: Pin, number: u32) {
-        let Some(state) = self.seats[place as usize].pin_mut(pin).filter(|state| state.trains == number)
+    /// Handles the next edge of a pulse train.
+    pub(super) fn pulse_edge(&mut self, index: u32, pin: Pin, number: u32) {
+        let Some(state) = self.slots[index as usize].pin_mut(pin).filter(|state| state.trains == number)
         else {
             return;
         };
@@ -107,36 +125,35 @@ impl Bench {
         let before = train.before;
         train.edges.made += 1;
         let due = train.edges.due();
-        let drive = if high { PinStimulus::High } else { PinStimulus::Low };
-        state.hands = drive;
-        state.hold(drive);
+        let stimulus = if high { PinStimulus::High } else { PinStimulus::Low };
+        state.stimulus = stimulus;
+        state.stimulus_arrives(stimulus);
         match due {
-            Some(due) => self.schedule(due, Phase::Pin, place, EventKind::Pulse { pin, number }),
-            None => (state.train, state.hands) = (None, before),
+            Some(due) => self.schedule(due, Phase::Pin, index, EventKind::Pulse { pin, number }),
+            None => (state.train, state.stimulus) = (None, before),
         }
-        self.look(place, pin);
+        self.report_pin(index, pin);
         if due.is_none() {
-            self.hand(place, pin, before);
+            self.stimulus_arrives(index, pin, before);
         }
     }
 
-    /// Turns the encoder at a device's inputs A and B: `counts` edges, four to a cycle, `hz` a second
-    /// (limited to 1 µHz to 16 MHz), from the present levels; A leads B, or B leads A if `counts` is
-    /// negative. Edges are made one by one as time comes to them, each at the tick nearest to its
-    /// instant; the pins keep the levels of the last ones. An index pulse is for hands to
-    /// [make](Self::set_pin).
+    /// Turns the encoder at a drive's inputs A and B: `counts` edges, four per cycle, at `hz` edges per second
+    /// (clamped to 1 µHz to 16 MHz), from the present levels. A leads B; with negative `counts` B leads A. Each edge
+    /// is at the nearest tick; the pins keep the levels of the last edges. An index pulse is made by
+    /// [`set_pin`](Self::set_pin).
     ///
     /// # Errors
-    /// It turns already, or a train of pulses runs on A or B.
-    pub fn encoder(&mut self, seat: DriveId, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
+    /// The encoder turns already, or a pulse train runs on A or B.
+    pub fn encoder(&mut self, drive: DriveId, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
-        let Some((_, &EncoderSpec { a, b, .. })) = self.at_mut(seat).encoder_mut(encoder) else {
+        let Some((_, &EncoderSpec { a, b, .. })) = self.at_mut(drive).encoder_mut(encoder) else {
             return Ok(());
         };
-        if self.runs(seat, a) || self.runs(seat, b) {
+        if self.runs(drive, a) || self.runs(drive, b) {
             return Err(Busy);
         }
-        let Some((state, _)) = self.at_mut(seat).encoder_mut(encoder).filter(|_| counts != 0) else {
+        let Some((state, _)) = self.at_mut(drive).encoder_mut(encoder).filter(|_| counts != 0) else {
             return Ok(());
         };
         state.turns = state.turns.wrapping_add(1);
@@ -145,15 +162,14 @@ impl Bench {
         let count = u64::from(counts.unsigned_abs());
         state.edges =
             Some(EdgeTrain { start, ticks_per_edge: ticks_per_edge(hz), second_later: 0.0, made: 0, count });
-        self.schedule(start, Phase::Pin, seat.0, EventKind::Encoder { encoder, number });
+        self.schedule(start, Phase::Pin, drive.0, EventKind::Encoder { encoder, number });
         Ok(())
     }
 
-    /// The next edge of an encoder.
-    pub(super) fn encoder_edge(&mut self, place: u32, encoder: Encoder, number: u32) {
-        let seated = &mut self.seats[place as usize];
-        let Some((state, spec)) = seated.encoder_mut(encoder).filter(|(state, _)| state.turns == number)
-        else {
+    /// Handles the next edge of an encoder.
+    pub(super) fn encoder_edge(&mut self, index: u32, encoder: Encoder, number: u32) {
+        let slot = &mut self.slots[index as usize];
+        let Some((state, spec)) = slot.encoder_mut(encoder).filter(|(state, _)| state.turns == number) else {
             return;
         };
         let (back, Some(edges)) = (state.back, &mut state.edges) else { return };
@@ -163,129 +179,132 @@ impl Bench {
         if due.is_none() {
             state.edges = None;
         }
-        let high = |pin| seated.pin(pin).is_some_and(PinState::is_high);
+        let high = |pin| slot.pin(pin).is_some_and(PinState::is_high);
         // Where A leads, A changes while the two are alike.
         let pin = if (high(spec.a) == high(spec.b)) == back { spec.b } else { spec.a };
-        let drive = if high(pin) { PinStimulus::Low } else { PinStimulus::High };
+        let stimulus = if high(pin) { PinStimulus::Low } else { PinStimulus::High };
         if let Some(due) = due {
-            self.schedule(due, Phase::Pin, place, EventKind::Encoder { encoder, number });
+            self.schedule(due, Phase::Pin, index, EventKind::Encoder { encoder, number });
         }
         if is_first {
-            self.plug(place, *spec);
+            self.drive_channels(index, *spec);
         }
-        if let Some(state) = self.seats[place as usize].pin_mut(pin) {
-            state.hands = drive;
+        if let Some(state) = self.slots[index as usize].pin_mut(pin) {
+            state.stimulus = stimulus;
         }
-        self.hand(place, pin, drive);
+        self.stimulus_arrives(index, pin, stimulus);
     }
 
-    /// An encoder that begins to turn drives both of its channels: a device that tells an open pin from a high one
-    /// would not see its first edges else.
-    fn plug(&mut self, place: u32, EncoderSpec { a, b, .. }: EncoderSpec) {
+    /// Drives both channels of an encoder that begins to turn: a drive that distinguishes an open pin from a high one
+    /// would miss the first edges otherwise.
+    fn drive_channels(&mut self, index: u32, EncoderSpec { a, b, .. }: EncoderSpec) {
         for pin in [a, b] {
-            let Some(state) = self.seats[place as usize].pin_mut(pin) else { continue };
+            let Some(state) = self.slots[index as usize].pin_mut(pin) else { continue };
             if state.seen() == Signal::Open {
-                state.hands = PinStimulus::High;
-                self.hand(place, pin, PinStimulus::High);
+                state.stimulus = PinStimulus::High;
+                self.stimulus_arrives(index, pin, PinStimulus::High);
             }
         }
     }
 
     /// Returns whether a train of pulses, or an encoder, runs on a pin.
-    fn runs(&mut self, seat: DriveId, pin: Pin) -> bool {
-        let seated = self.at_mut(seat);
-        seated.encoders_at(pin).any(|encoder| encoder.edges.is_some())
-            || seated.pin(pin).is_some_and(|state| state.train.is_some())
+    fn runs(&mut self, drive: DriveId, pin: Pin) -> bool {
+        let slot = self.at_mut(drive);
+        slot.encoders_at(pin).any(|encoder| encoder.edges.is_some())
+            || slot.pin(pin).is_some_and(|state| state.train.is_some())
     }
 
-    /// A pin as it is seen from outside now.
+    /// The level at a pin now, as measured from outside.
     #[must_use]
-    pub fn level(&self, seat: DriveId, pin: Pin) -> Level {
-        self.at(seat).level(self.now, pin)
+    pub fn level(&self, drive: DriveId, pin: Pin) -> Level {
+        self.at(drive).level(self.now, pin)
     }
 
-    /// The cause of a fault comes or goes.
-    pub fn fault(&mut self, seat: DriveId, fault: Fault, on: bool) {
-        let at = self.at(seat).free(self.now, Phase::Fault);
-        self.send_to(at, seat.0, InputRecord::Fault { fault, on });
+    /// Sets (`true`) or clears the cause of a fault.
+    pub fn fault(&mut self, drive: DriveId, fault: Fault, on: bool) {
+        let at = self.at(drive).free(self.now, Phase::Fault);
+        self.send_to(at, drive.0, InputRecord::Fault { fault, on });
     }
 
     /// Returns whether the cause of a fault is present.
     #[must_use]
-    pub fn faulty(&self, seat: DriveId, fault: Fault) -> bool {
-        self.at(seat).body.faults.get(usize::from(fault.0)).copied().unwrap_or(false)
+    pub fn faulty(&self, drive: DriveId, fault: Fault) -> bool {
+        self.at(drive).state.faults.get(usize::from(fault.0)).copied().unwrap_or(false)
     }
 
-    /// Does something to a device's power, now or a tick later.
-    pub fn power(&mut self, seat: DriveId, action: PowerAction) {
-        let at = self.at(seat).free(self.now, Phase::Power);
+    /// Switches the power of a drive, now or one tick later.
+    pub fn power(&mut self, drive: DriveId, action: PowerAction) {
+        let at = self.at(drive).free(self.now, Phase::Power);
         let power = match action {
             PowerAction::Off | PowerAction::Cycle => Power::Off,
             PowerAction::On => Power::On,
             PowerAction::Cut => Power::Cut(None),
         };
-        self.send_to(at, seat.0, InputRecord::Power(power));
+        self.send_to(at, drive.0, InputRecord::Power(power));
         if action == PowerAction::Cycle {
-            self.send_to(at + Duration::TICK, seat.0, InputRecord::Power(Power::On));
+            self.send_to(at + Duration::TICK, drive.0, InputRecord::Power(Power::On));
         }
     }
 
-    /// Returns whether a device has power.
+    /// Returns whether a drive has power.
     #[must_use]
-    pub fn powered(&self, seat: DriveId) -> bool {
-        self.at(seat).body.powered
+    pub fn powered(&self, drive: DriveId) -> bool {
+        self.at(drive).state.powered
     }
 
-    /// Presets a register past the bus.
+    /// Presets a register directly, not through its bus. `row` is the row of the register map
+    /// ([`Spec::find`](drivetwin_firmware::device::Spec::find)).
     ///
     /// # Errors
-    /// The device refuses it; nothing has changed then. Without power it takes nothing.
-    pub fn poke(&mut self, seat: DriveId, row: usize, value: i64) -> Result<(), PresetError> {
-        // After all else that happens now, so that a replay does the same.
+    /// The drive refuses the value, and nothing changes. A drive without power refuses all: [`PresetError::ReadOnly`].
+    pub fn poke(&mut self, drive: DriveId, row: usize, value: i64) -> Result<(), PresetError> {
+        // After all other events of this instant, so that a replay does the same.
         self.run_until(self.now);
-        if !self.powered(seat) {
+        if !self.powered(drive) {
             return Err(PresetError::ReadOnly);
         }
-        let mut tape = tape(&mut self.trace, &mut self.outbox, self.settings);
-        let result = self.seats[seat.0 as usize].feed(self.now, &InputRecord::Poke { row, value }, &mut tape);
-        self.after(seat.0);
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
+        let result =
+            self.slots[drive.0 as usize].feed(self.now, &InputRecord::Poke { row, value }, &mut context);
+        self.finish_call(drive.0);
         self.run_until(self.now);
         result
     }
 
-    /// A register as it reads now, without the bus's side effects.
+    /// The value of a register now, without the side effects of a bus read. `row` is the row of the register map.
     #[must_use]
-    pub fn peek(&self, seat: DriveId, row: usize) -> i64 {
-        self.at(seat).peek(self.now, row)
+    pub fn peek(&self, drive: DriveId, row: usize) -> i64 {
+        self.at(drive).peek(self.now, row)
     }
 
-    /// The same as users see it.
+    /// The value of a register as users see it: a number, or a list of words.
     #[must_use]
-    pub fn value(&self, seat: DriveId, row: usize) -> Value {
-        let table = self.spec(seat).registers;
+    pub fn value(&self, drive: DriveId, row: usize) -> Value {
+        let table = self.spec(drive).registers;
         let shape = table.list.get(row).map_or(Shape::U16, |entry| entry.shape);
-        let value = self.peek(seat, row);
+        let value = self.peek(drive, row);
         Value::with_words(shape, value, |n| match shape {
-            Shape::Words(5..) => self.at(seat).peek_word(self.now, row, n),
+            Shape::Words(5..) => self.at(drive).peek_word(self.now, row, n),
             _ => table.word(shape, value, n),
         })
     }
 
-    /// Motion of an axis now; with a motor of the bench that motor's.
+    /// Motion of an axis now: position in steps or counts, speed, current. With an attached brush motor it is the
+    /// motion of that motor.
     #[must_use]
-    pub fn motion(&self, seat: DriveId, axis: Axis) -> Motion {
-        self.shaft(seat, axis).map_or_else(|| self.at(seat).motion(self.now, axis), Motion::from)
+    pub fn motion(&self, drive: DriveId, axis: Axis) -> Motion {
+        self.shaft(drive, axis).map_or_else(|| self.at(drive).motion(self.now, axis), Motion::from)
     }
 
-    /// Statistics of a port since its device was added.
+    /// Statistics of a port since its drive was added.
     #[must_use]
-    pub fn statistics(&self, seat: DriveId, port: Port) -> Statistics {
-        self.at(seat).body.ports.get(usize::from(port.0)).map(|port| port.statistics).unwrap_or_default()
+    pub fn statistics(&self, drive: DriveId, port: Port) -> Statistics {
+        self.at(drive).state.ports.get(usize::from(port.0)).map(|port| port.statistics).unwrap_or_default()
     }
 
-    /// The non-volatile memory of a device.
+    /// Content of the non-volatile memory of a drive.
     #[must_use]
-    pub fn memory(&self, seat: DriveId) -> &[u8] {
-        &self.at(seat).body.memory
+    pub fn memory(&self, drive: DriveId) -> &[u8] {
+        &self.at(drive).state.memory
     }
 }

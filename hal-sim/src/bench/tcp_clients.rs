@@ -1,9 +1,9 @@
-//! TCP ports of drives: who connects to them, what goes back and forth.
+//! TCP ports of drives: connections and messages.
 //!
-//! A message takes no time, and a drive hears it at the instant at which its last byte came, and what it answers then
-//! is there at once. It hears one message of a connection after the other, and those of several in turns. Of a client
-//! that leaves its answers unread it hears no more until they are taken, so that there are never many of them. While a
-//! drive [takes](drivetwin_firmware::device::Device::takes) nothing all of them wait.
+//! A message takes no time: a drive receives it at the instant at which its last byte arrives, and its answer is
+//! available at once. A drive receives the messages of one connection one after the other, and those of several
+//! connections in turn. While a client leaves its answers unread, its further messages wait, which bounds the unread
+//! answers. While a drive [takes](drivetwin_firmware::device::Device::takes) no messages all clients wait.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -19,10 +19,10 @@ use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
 use crate::slot::{MOST_CONNECTIONS, Tcp, TcpSend};
 
-/// Room that a connection keeps when all is read.
+/// Buffer capacity that a connection keeps when all is read, in bytes.
 const KEPT_BYTES: usize = 1 << 10;
 
-/// Bytes of answers that a client may leave unread before the drive hears no more of it.
+/// Bytes of unread answers above which the messages of a client wait.
 const UNREAD_BYTES: usize = 4 << 10;
 
 /// A line or TCP port that a client connects to.
@@ -36,35 +36,35 @@ pub enum Outlet {
 
 /// Reason why a TCP port refuses a connection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum TurnedAway {
+pub enum ConnectError {
     /// The drive has no power.
     NoPower,
     /// The drive does not accept connections yet.
     Booting,
-    /// As many are there as a port takes.
+    /// The port has its maximum number of connections.
     Full,
 }
 
-impl fmt::Display for TurnedAway {
+impl fmt::Display for ConnectError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoPower => f.write_str("the drive has no power"),
-            Self::Booting => f.write_str("the drive boots"),
-            Self::Full => write!(f, "{MOST_CONNECTIONS} are there"),
+            Self::Booting => f.write_str("the drive is starting"),
+            Self::Full => write!(f, "the port has its maximum of {MOST_CONNECTIONS} connections"),
         }
     }
 }
 
-impl std::error::Error for TurnedAway {}
+impl std::error::Error for ConnectError {}
 
-/// Reason why a connection is closed.
+/// Reason why the connection of a client was closed, returned by [`Bench::ended`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ended {
-    /// The drive has closed it.
+    /// The drive closed the connection.
     ByDrive,
-    /// The drive has lost its power.
+    /// The drive lost its power.
     NoPower,
-    /// The bytes were no Modbus/TCP.
+    /// The client sent bytes that are not Modbus/TCP.
     Broken(Broken),
 }
 
@@ -80,59 +80,59 @@ impl fmt::Display for Ended {
 
 /// A client on a TCP connection.
 struct Connection {
-    seat: DriveId,
+    drive: DriveId,
     port: Port,
     link: Link,
-    /// Splitter of messages, on a port where the length in a header ends one.
+    /// Splitter of messages, on a Modbus/TCP port.
     splitter: Option<Splitter>,
-    /// Bytes of the client that are not on their way to the drive yet.
-    unheard: Vec<u8>,
-    /// Count of the client's inputs that are on their way there.
-    under_way: usize,
-    /// Bytes of the drive that the client has not taken.
+    /// Bytes of the client that are not scheduled for the drive yet.
+    pending: Vec<u8>,
+    /// Number of inputs of the client that are scheduled for the drive.
+    scheduled: usize,
+    /// Bytes of the drive that the client has not received.
     inbox: Vec<u8>,
-    /// True while what the client has taken is not read further on.
+    /// True while the host does not pass on the bytes that the client received.
     held_back: bool,
-    /// True if it is gone, and only what it has said before is still to be heard.
-    is_gone: bool,
+    /// True if the client has left, and only its earlier input is still to be delivered.
+    has_left: bool,
     ended: Option<Ended>,
 }
 
 impl Connection {
-    /// Returns whether the client takes its answers.
+    /// Returns whether the client reads its answers.
     fn reads(&self) -> bool {
-        self.is_gone || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
+        self.has_left || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
     }
 
-    /// Puts bytes of the client back, ahead of all else.
+    /// Puts bytes of the client back, before all others.
     fn put_back(&mut self, mut bytes: Vec<u8>) {
-        bytes.append(&mut self.unheard);
-        self.unheard = bytes;
+        bytes.append(&mut self.pending);
+        self.pending = bytes;
     }
 
-    /// The next message of what it has said.
+    /// The next complete message of the client, if there is one.
     fn next(&mut self) -> Result<Option<InputRecord>, Broken> {
         let (port, link) = (self.port, self.link);
-        let mut rest = self.unheard.as_slice();
+        let mut rest = self.pending.as_slice();
         let bytes = match &mut self.splitter {
             Some(splitter) => splitter.next(&mut rest)?.map(<[u8]>::to_vec),
             None => next_line(&mut rest).map(<[u8]>::to_vec),
         };
-        let taken = self.unheard.len() - rest.len();
-        self.unheard.drain(..taken);
-        if self.unheard.is_empty() {
-            self.unheard.shrink_to(KEPT_BYTES);
+        let taken = self.pending.len() - rest.len();
+        self.pending.drain(..taken);
+        if self.pending.is_empty() {
+            self.pending.shrink_to(KEPT_BYTES);
         }
         Ok(bytes.map(|bytes| InputRecord::Message { port, link, bytes }))
     }
 }
 
-/// Everybody outside who is on a TCP connection.
+/// All clients on TCP connections.
 #[derive(Default)]
 pub(super) struct Connections {
     all: BTreeMap<u32, Connection>,
-    /// For whom there is something to read, or an end.
-    audible: BTreeSet<u32>,
+    /// Clients with bytes to read, or whose connection was closed.
+    readable: BTreeSet<u32>,
 }
 
 impl Connections {
@@ -141,65 +141,65 @@ impl Connections {
     }
 
     /// Clients with bytes to read.
-    pub(super) fn audible(&self) -> impl Iterator<Item = u32> {
-        self.audible.iter().copied()
+    pub(super) fn readable(&self) -> impl Iterator<Item = u32> {
+        self.readable.iter().copied()
     }
 
-    /// Bytes that somebody has said and that wait until he has read what is answered.
+    /// Number of bytes of a client that are not delivered yet.
     pub(super) fn backlog(&self, client: u32) -> usize {
-        self.all.get(&client).map_or(0, |connection| connection.unheard.len())
+        self.all.get(&client).map_or(0, |connection| connection.pending.len())
     }
 
-    /// A connection has ended.
+    /// Marks a connection as closed.
     fn end(&mut self, client: u32, ended: Ended) {
         if let Some(connection) = self.all.get_mut(&client) {
             connection.ended.get_or_insert(ended);
-            connection.unheard = Vec::new();
-            if connection.is_gone {
+            connection.pending = Vec::new();
+            if connection.has_left {
                 self.forget(client);
             } else {
-                self.audible.insert(client);
+                self.readable.insert(client);
             }
         }
     }
 
-    /// The client has gone.
+    /// Removes a client.
     fn forget(&mut self, client: u32) {
         self.all.remove(&client);
-        self.audible.remove(&client);
+        self.readable.remove(&client);
     }
 }
 
 /// TCP ports.
 impl Bench {
-    /// Outlet of a device's port: its line or TCP port.
+    /// Outlet of a drive's port: its line or TCP port.
     #[must_use]
-    pub fn outlet(&self, seat: DriveId, port: Port) -> Outlet {
-        self.bus(seat, port).map_or(Outlet::Tcp(seat, port), Outlet::Line)
+    pub fn outlet(&self, drive: DriveId, port: Port) -> Outlet {
+        self.bus(drive, port).map_or(Outlet::Tcp(drive, port), Outlet::Line)
     }
 
-    /// All lines with a drive on them, as [`buses`](Self::buses) has them, then all TCP ports, by the names of their
-    /// drives.
+    /// All lines with a drive, in the order of [`buses`](Self::buses), then all TCP ports, sorted by the names of
+    /// their drives.
     #[must_use]
     pub fn outlets(&self) -> Vec<Outlet> {
-        let mut seats: Vec<DriveId> = self.drives().collect();
-        seats.sort_by_key(|&seat| self.name(seat));
-        let ports = seats.into_iter().flat_map(|seat| {
-            let ports = (0..).map(Port).zip(self.spec(seat).ports);
-            ports.filter(|(_, port)| port.is_tcp()).map(move |(port, _)| Outlet::Tcp(seat, port))
+        let mut slots: Vec<DriveId> = self.drives().collect();
+        slots.sort_by_key(|&drive| self.name(drive));
+        let ports = slots.into_iter().flat_map(|drive| {
+            let ports = (0..).map(Port).zip(self.spec(drive).ports);
+            ports.filter(|(_, port)| port.is_tcp()).map(move |(port, _)| Outlet::Tcp(drive, port))
         });
         self.buses().into_iter().map(Outlet::Line).chain(ports).collect()
     }
 
-    /// The name of an outlet: that of the [line](Self::bus_name), or of the TCP port in the same way, `modbus` or
-    /// where drives are several `x.modbus`.
+    /// The name of an outlet: that of the [line](Self::bus_name) or of the TCP port, `modbus`, or on a bench of
+    /// several drives `x.modbus`.
     #[must_use]
     pub fn outlet_name(&self, outlet: Outlet) -> String {
         match outlet {
             Outlet::Line(bus) => self.bus_name(bus).to_owned(),
-            Outlet::Tcp(seat, port) => {
-                let name = self.spec(seat).ports.get(usize::from(port.0)).map_or("", |port| port.name);
-                if self.seats.len() == 1 { name.to_owned() } else { format!("{}.{name}", self.name(seat)) }
+            Outlet::Tcp(drive, port) => {
+                let name = self.spec(drive).ports.get(usize::from(port.0)).map_or("", |port| port.name);
+                if self.slots.len() == 1 { name.to_owned() } else { format!("{}.{name}", self.name(drive)) }
             }
         }
     }
@@ -208,28 +208,28 @@ impl Bench {
     #[must_use]
     pub fn has_tcp_port(&self, name: &str) -> bool {
         let (drive, port) = name.split_once('.').map_or((None, name), |(drive, port)| (Some(drive), port));
-        let drives = self.seats.iter().filter(|seat| drive.is_none_or(|drive| drive == seat.name));
-        drives.flat_map(|seat| seat.spec.ports).any(|of| of.is_tcp() && of.name == port)
+        let drives = self.slots.iter().filter(|slot| drive.is_none_or(|drive| drive == slot.name));
+        drives.flat_map(|slot| slot.spec.ports).any(|of| of.is_tcp() && of.name == port)
     }
 
-    /// Connects a client to a port of a device: to its TCP port, or to the line that its serial port is on.
+    /// Connects a client to a port of a drive: to its TCP port, or to the line of its serial port.
     ///
     /// # Errors
-    /// A TCP port lets nobody in now. A line always does.
+    /// The TCP port refuses connections now. A line never refuses.
     ///
     /// # Panics
-    /// If the device has no such port.
-    pub fn connect_to(&mut self, seat: DriveId, port: Port) -> Result<Client, TurnedAway> {
-        self.join(self.outlet(seat, port))
+    /// If the drive has no such port.
+    pub fn connect_to(&mut self, drive: DriveId, port: Port) -> Result<Client, ConnectError> {
+        self.join(self.outlet(drive, port))
     }
 
-    /// Returns whether an outlet accepts connections: the TCP port of a drive that is starting does not. Without power
-    /// it does, and closes each at once.
+    /// Returns whether an outlet takes connections: the TCP port of a drive that is starting does not. Without power
+    /// [`join`](Self::join) refuses at once, so nothing has to wait.
     #[must_use]
     pub fn accepts(&self, outlet: Outlet) -> bool {
         match outlet {
             Outlet::Line(_) => true,
-            Outlet::Tcp(seat, port) => !self.powered(seat) || self.at(seat).accepts(port),
+            Outlet::Tcp(drive, port) => !self.powered(drive) || self.at(drive).accepts(port),
         }
     }
 
@@ -240,37 +240,37 @@ impl Bench {
     ///
     /// # Panics
     /// If there is no such port.
-    pub fn join(&mut self, outlet: Outlet) -> Result<Client, TurnedAway> {
-        let (seat, port) = match outlet {
+    pub fn join(&mut self, outlet: Outlet) -> Result<Client, ConnectError> {
+        let (drive, port) = match outlet {
             Outlet::Line(bus) => return Ok(self.connect(bus)),
-            Outlet::Tcp(seat, port) => (seat, port),
+            Outlet::Tcp(drive, port) => (drive, port),
         };
-        if !self.powered(seat) {
-            return Err(TurnedAway::NoPower);
+        if !self.powered(drive) {
+            return Err(ConnectError::NoPower);
         }
         if !self.accepts(outlet) {
-            return Err(TurnedAway::Booting);
+            return Err(ConnectError::Booting);
         }
         let client = self.connected + 1;
-        let tcp = self.at_mut(seat).body.tcp(port).expect("the device has such a port");
-        let link = tcp.let_in(client).ok_or(TurnedAway::Full)?;
+        let tcp = self.at_mut(drive).state.tcp(port).expect("the device has such a port");
+        let link = tcp.connect(client).ok_or(ConnectError::Full)?;
         let splitter = tcp.framed.then(Splitter::new);
-        let (unheard, inbox) = (Vec::new(), Vec::new());
+        let (pending, inbox) = (Vec::new(), Vec::new());
         self.connected = client;
         let connection = Connection {
-            seat,
+            drive,
             port,
             link,
             splitter,
-            unheard,
-            under_way: 0,
+            pending,
+            scheduled: 0,
             inbox,
             held_back: false,
-            is_gone: false,
+            has_left: false,
             ended: None,
         };
         self.connections.all.insert(client, connection);
-        self.tell(client, seat, InputRecord::Opened { port, link });
+        self.schedule_tcp_input(client, drive, InputRecord::Opened { port, link });
         Ok(Client(client))
     }
 
@@ -281,138 +281,138 @@ impl Bench {
         self.connections.all.get(&client.0).and_then(|connection| connection.ended)
     }
 
-    /// Returns whether everything from a client is received, and on a line answered.
+    /// Returns whether all input of a client is executed, and on a line answered.
     #[must_use]
     pub fn is_served(&self, client: Client) -> bool {
         match (self.connections.all.get(&client.0), self.clients.get(&client.0)) {
             (Some(connection), _) => {
-                let Connection { seat, port, .. } = *connection;
+                let Connection { drive, port, .. } = *connection;
                 let tcp =
-                    self.at(seat).body.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
+                    self.at(drive).state.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
                 let executed = tcp.is_none_or(|tcp| tcp.busy_with != Some(Some(client.0)));
-                executed && connection.under_way == 0 && connection.unheard.is_empty()
+                executed && connection.scheduled == 0 && connection.pending.is_empty()
             }
-            (None, Some(outside)) => self.is_answered(Bus(outside.bus)),
+            (None, Some(state)) => self.is_answered(Bus(state.bus)),
             (None, None) => true,
         }
     }
 
-    /// Returns whether input of a client is on its way to a drive, on a TCP connection.
+    /// Returns whether input of a client on a TCP connection is scheduled for the drive.
     #[must_use]
     pub fn is_under_way(&self, client: Client) -> bool {
-        self.connections.all.get(&client.0).is_some_and(|connection| connection.under_way > 0)
+        self.connections.all.get(&client.0).is_some_and(|connection| connection.scheduled > 0)
     }
 
-    /// Sets whether what a client [receives](Self::receive) is not read further on: meanwhile a drive gets no more of
-    /// it on a TCP connection. Without effect on a line.
+    /// Sets whether the host cannot pass on the bytes that a client [receives](Self::receive): meanwhile further
+    /// messages of a client on a TCP connection wait. Without effect on a line.
     pub fn hold_back(&mut self, client: Client, held_back: bool) {
         if let Some(connection) = self.connections.all.get_mut(&client.0)
             && std::mem::replace(&mut connection.held_back, held_back) != held_back
         {
-            self.go_on(client.0);
+            self.resume_client(client.0);
         }
     }
 
-    /// Number of clients that are connected to a TCP port now.
+    /// Number of clients that are connected to a TCP port of a drive now.
     #[must_use]
-    pub fn connections(&self, seat: DriveId, port: Port) -> usize {
-        let port = self.at(seat).body.ports.get(usize::from(port.0));
+    pub fn connections(&self, drive: DriveId, port: Port) -> usize {
+        let port = self.at(drive).state.ports.get(usize::from(port.0));
         port.and_then(|port| port.tcp.as_ref()).map_or(0, |tcp| tcp.connected())
     }
 
-    /// Bytes of somebody on a TCP connection arrive now.
+    /// Handles bytes that a client on a TCP connection sends now.
     pub(super) fn send_messages(&mut self, client: u32, bytes: &[u8]) {
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         if connection.ended.is_none() {
-            connection.unheard.extend_from_slice(bytes);
-            self.go_on(client);
+            connection.pending.extend_from_slice(bytes);
+            self.resume_client(client);
         }
     }
 
-    /// Appends what the drive has said to somebody on a TCP connection; how much.
+    /// Appends the bytes that the drive sent to a client on a TCP connection. Returns their number.
     pub(super) fn receive_messages(&mut self, client: u32, into: &mut Vec<u8>) -> usize {
         let Some(connection) = self.connections.all.get_mut(&client) else { return 0 };
-        self.connections.audible.remove(&client);
+        self.connections.readable.remove(&client);
         let count = connection.inbox.len();
         into.append(&mut connection.inbox);
         connection.inbox.shrink_to(KEPT_BYTES);
-        self.go_on(client);
+        self.resume_client(client);
         count
     }
 
-    /// A drive is to hear the next that somebody on a connection has said, when it has heard all before it, takes more,
-    /// and that is read which it has answered; behind the last that he has left, if he has.
-    fn go_on(&mut self, client: u32) {
+    /// Schedules the next message of a client if the drive has received all earlier ones, takes more, and its answers
+    /// are read; after the last message the end of the connection, if the client has left.
+    fn resume_client(&mut self, client: u32) {
         let Some(connection) = self.connections.all.get(&client) else { return };
-        let Connection { seat, port, is_gone, .. } = *connection;
-        if connection.under_way > 0 || !connection.reads() {
+        let Connection { drive, port, has_left, .. } = *connection;
+        if connection.scheduled > 0 || !connection.reads() {
             return;
         }
-        let has_more = is_gone || (connection.ended.is_none() && !connection.unheard.is_empty());
-        let tcp = self.at_mut(seat).body.tcp(port);
+        let has_more = has_left || (connection.ended.is_none() && !connection.pending.is_empty());
+        let tcp = self.at_mut(drive).state.tcp(port);
         match tcp.filter(|tcp| tcp.busy_with.is_some()) {
-            Some(tcp) if has_more => tcp.hold(client),
+            Some(tcp) if has_more => tcp.enqueue(client),
             Some(_) => {}
             None => {
-                if !self.tell_next(client) && is_gone {
-                    self.hang_up(client);
+                if !self.schedule_next_message(client) && has_left {
+                    self.close_connection(client);
                     self.connections.forget(client);
                 }
             }
         }
     }
 
-    /// After a device has been called: whether its TCP ports take more, and who goes on then.
-    pub(super) fn note_taking(&mut self, place: u32) {
-        for number in 0..self.seats[place as usize].body.ports.len() {
+    /// Updates, after a call of a drive, which of its TCP ports take messages, and resumes their clients.
+    pub(super) fn update_tcp_busy(&mut self, index: u32) {
+        for number in 0..self.slots[index as usize].state.ports.len() {
             let port = Port(number as u8);
-            let seated = &mut self.seats[place as usize];
-            if seated.body.tcp(port).is_none() {
+            let slot = &mut self.slots[index as usize];
+            if slot.state.tcp(port).is_none() {
                 continue;
             }
-            let takes = seated.takes(port);
-            let Some(tcp) = seated.body.tcp(port) else { continue };
+            let takes = slot.takes(port);
+            let Some(tcp) = slot.state.tcp(port) else { continue };
             match (takes, tcp.busy_with) {
                 (false, None) => {
-                    tcp.busy_with = Some(tcp.heard);
+                    tcp.busy_with = Some(tcp.last_served);
                     self.busy += 1;
                 }
                 (true, Some(_)) => {
                     tcp.busy_with = None;
                     self.busy -= 1;
-                    self.release(place, port);
+                    self.release(index, port);
                 }
                 _ => {}
             }
         }
     }
 
-    /// Whoever waits longest goes on, if the device takes more.
-    fn release(&mut self, place: u32, port: Port) {
-        while let Some(client) = self.seats[place as usize].body.tcp(port).and_then(Tcp::release) {
-            self.go_on(client);
-            if self.connections.all.get(&client).is_some_and(|connection| connection.under_way > 0) {
+    /// Resumes the client that waits longest, if the drive takes more.
+    fn release(&mut self, index: u32, port: Port) {
+        while let Some(client) = self.slots[index as usize].state.tcp(port).and_then(Tcp::next_waiting) {
+            self.resume_client(client);
+            if self.connections.all.get(&client).is_some_and(|connection| connection.scheduled > 0) {
                 break;
             }
         }
     }
 
-    /// A drive is to hear the next that somebody on a connection has said; whether there is such.
-    fn tell_next(&mut self, client: u32) -> bool {
+    /// Schedules the next message of a client. Returns whether there is one.
+    fn schedule_next_message(&mut self, client: u32) -> bool {
         let connection = self.connections.all.get_mut(&client);
         let Some(connection) = connection.filter(|connection| connection.ended.is_none()) else {
             return false;
         };
-        let (seat, port) = (connection.seat, connection.port);
+        let (drive, port) = (connection.drive, connection.port);
         match connection.next() {
-            Ok(Some(fed)) => {
-                self.tell(client, seat, fed);
+            Ok(Some(input)) => {
+                self.schedule_tcp_input(client, drive, input);
                 true
             }
             Ok(None) => false,
             Err(broken) => {
-                self.at_mut(seat).body.ports[usize::from(port.0)].statistics.broken += 1;
-                self.hang_up(client);
+                self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
+                self.close_connection(client);
                 self.connections.end(client, Ended::Broken(broken));
                 false
             }
@@ -421,83 +421,83 @@ impl Bench {
 
     /// Disconnects a client from a TCP port. If it has not read its answers, no more of its input is delivered.
     pub(super) fn disconnect_tcp(&mut self, client: u32) {
-        self.connections.audible.remove(&client);
+        self.connections.readable.remove(&client);
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         if connection.ended.is_some() {
             return self.connections.forget(client);
         }
         if !connection.reads() {
-            connection.unheard.clear();
+            connection.pending.clear();
         }
-        connection.is_gone = true;
-        // Requests have no time, so the drive hears all of them now. Of lines one waits for the other.
+        connection.has_left = true;
+        // Requests take no time, so the drive receives all of them now. Lines of text wait for each other.
         if connection.splitter.is_some() {
-            while self.tell_next(client) {}
-            self.hang_up(client);
+            while self.schedule_next_message(client) {}
+            self.close_connection(client);
             self.connections.forget(client);
         } else {
-            self.go_on(client);
+            self.resume_client(client);
         }
     }
 
-    /// The drive is to hear that a connection is closed, if it is still open to it.
-    fn hang_up(&mut self, client: u32) {
-        let Some(&Connection { seat, port, link, .. }) = self.connections.all.get(&client) else { return };
-        if self.at_mut(seat).body.tcp(port).is_some_and(|tcp| tcp.leave(link, client)) {
-            self.tell(client, seat, InputRecord::Closed { port, link });
+    /// Schedules the end of a connection for the drive, if the drive has not closed it.
+    fn close_connection(&mut self, client: u32) {
+        let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) else { return };
+        if self.at_mut(drive).state.tcp(port).is_some_and(|tcp| tcp.leave(link, client)) {
+            self.schedule_tcp_input(client, drive, InputRecord::Closed { port, link });
         }
     }
 
-    /// A drive is to hear something of somebody on a connection, at the first instant at which it still can.
-    fn tell(&mut self, client: u32, seat: DriveId, fed: InputRecord) {
+    /// Schedules an input of a client for the drive, at the first instant that is possible.
+    fn schedule_tcp_input(&mut self, client: u32, drive: DriveId, input: InputRecord) {
         if let Some(connection) = self.connections.all.get_mut(&client) {
-            connection.under_way += 1;
+            connection.scheduled += 1;
         }
         self.busy += 1;
-        let at = self.at(seat).free(self.now, Phase::Line);
-        self.schedule(at, Phase::Line, seat.0, EventKind::TcpSend { client, fed });
+        let at = self.at(drive).free(self.now, Phase::Line);
+        self.schedule(at, Phase::Line, drive.0, EventKind::TcpInput { client, input });
     }
 
-    /// A drive hears something of somebody on a connection, and then the next that he has said.
-    pub(super) fn hear(&mut self, place: u32, client: u32, fed: &InputRecord) {
+    /// Delivers an input of a client to the drive, and schedules the next one.
+    pub(super) fn tcp_input_arrives(&mut self, index: u32, client: u32, input: &InputRecord) {
         self.busy -= 1;
         let (InputRecord::Opened { port, .. }
         | InputRecord::Message { port, .. }
-        | InputRecord::Closed { port, .. }) = *fed
+        | InputRecord::Closed { port, .. }) = *input
         else {
             return;
         };
-        let Some(tcp) = self.seats[place as usize].body.tcp(port) else { return };
+        let Some(tcp) = self.slots[index as usize].state.tcp(port) else { return };
         let takes = tcp.busy_with.is_none();
-        tcp.heard = if takes { Some(client) } else { tcp.heard };
+        tcp.last_served = if takes { Some(client) } else { tcp.last_served };
         if let Some(connection) = self.connections.all.get_mut(&client) {
-            connection.under_way -= 1;
-            // Somebody else's message of the same instant came first.
-            if let (false, InputRecord::Message { bytes, .. }) = (takes, fed) {
+            connection.scheduled -= 1;
+            // Another client's message of the same instant came first.
+            if let (false, InputRecord::Message { bytes, .. }) = (takes, input) {
                 connection.put_back(bytes.clone());
             }
         }
-        if takes || !matches!(fed, InputRecord::Message { .. }) {
-            self.hear_if_open(place, client, fed);
+        if takes || !matches!(input, InputRecord::Message { .. }) {
+            self.deliver_if_open(index, client, input);
         }
-        self.go_on(client);
-        self.release(place, port);
+        self.resume_client(client);
+        self.release(index, port);
     }
 
-    /// A drive hears something of somebody on a connection, unless that has been closed meanwhile.
-    fn hear_if_open(&mut self, place: u32, client: u32, fed: &InputRecord) {
+    /// Delivers an input of a client to the drive, unless the connection has been closed meanwhile.
+    fn deliver_if_open(&mut self, index: u32, client: u32, input: &InputRecord) {
         let (InputRecord::Opened { port, link }
         | InputRecord::Message { port, link, .. }
-        | InputRecord::Closed { port, link }) = *fed
+        | InputRecord::Closed { port, link }) = *input
         else {
             return;
         };
-        let Some(state) = self.seats[place as usize].body.ports.get_mut(usize::from(port.0)) else { return };
+        let Some(state) = self.slots[index as usize].state.ports.get_mut(usize::from(port.0)) else { return };
         let (Some(tcp), statistics) = (&mut state.tcp, &mut state.statistics) else { return };
-        let at = (DriveId(place), port, link);
-        match fed {
-            InputRecord::Opened { .. } if tcp.hear_opened(link, client) => statistics.connections += 1,
-            InputRecord::Closed { .. } if tcp.hear_closed(link, client) => {
+        let at = (DriveId(index), port, link);
+        match input {
+            InputRecord::Opened { .. } if tcp.report_opened(link, client) => statistics.connections += 1,
+            InputRecord::Closed { .. } if tcp.report_closed(link, client) => {
                 self.record_message(at, Source::Client, &[]);
             }
             InputRecord::Message { bytes, .. } if tcp.known(link) == Some(client) => {
@@ -506,44 +506,44 @@ impl Bench {
             }
             _ => return,
         }
-        self.deliver(place, fed);
+        self.deliver(index, input);
     }
 
-    /// Carries what a drive says on a connection, or that it closes it.
-    pub(super) fn carry_said(&mut self, said: &TcpSend, bytes: &[u8]) {
-        let TcpSend { seat, port, link, client, count } = *said;
+    /// Passes a message of a drive to its client, or closes the connection.
+    pub(super) fn receive_from_drive(&mut self, send: &TcpSend, bytes: &[u8]) {
+        let TcpSend { drive, port, link, client, count } = *send;
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         match count {
             Some(0) => return,
-            Some(_) if connection.is_gone => {}
+            Some(_) if connection.has_left => {}
             Some(_) => {
                 connection.inbox.extend_from_slice(bytes);
-                self.connections.audible.insert(client);
+                self.connections.readable.insert(client);
             }
             None => self.connections.end(client, Ended::ByDrive),
         }
-        self.record_message((DriveId(seat), port, link), Source::Drive(DriveId(seat)), bytes);
+        self.record_message((DriveId(drive), port, link), Source::Drive(DriveId(drive)), bytes);
     }
 
-    /// Power is gone, and with it all connections to a drive.
-    pub(super) fn lose_connections(&mut self, place: u32) {
-        let ports = self.seats[place as usize].body.ports.iter_mut();
+    /// Closes all connections of a drive at power-off.
+    pub(super) fn lose_connections(&mut self, index: u32) {
+        let ports = self.slots[index as usize].state.ports.iter_mut();
         let clients: Vec<u32> = ports.filter_map(|port| port.tcp.as_mut()).flat_map(Tcp::close_all).collect();
         for client in clients {
             self.connections.end(client, Ended::NoPower);
-            if let Some(&Connection { seat, port, link, .. }) = self.connections.all.get(&client) {
-                self.record_message((seat, port, link), Source::Drive(seat), &[]);
+            if let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) {
+                self.record_message((drive, port, link), Source::Drive(drive), &[]);
             }
         }
     }
 
-    /// Keeps what is on a connection; nothing when that is over.
-    fn record_message(&mut self, (seat, port, link): (DriveId, Port, Link), from: Source, bytes: &[u8]) {
+    /// Records a message on a connection; without bytes the end of the connection.
+    fn record_message(&mut self, (drive, port, link): (DriveId, Port, Link), from: Source, bytes: &[u8]) {
         let at = self.now;
         self.capture.record(|| Frame {
             at,
             lasts: Duration::ZERO,
-            on: Medium::Tcp(seat, port, link),
+            on: Medium::Tcp(drive, port, link),
             from,
             line: None,
             bytes: bytes.to_vec(),

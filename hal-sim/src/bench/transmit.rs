@@ -1,10 +1,10 @@
-//! Speech: what is said on a line, and who hears it when.
+//! Transmission: characters on a line, and the time at which each receiver gets them.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::modbus::ascii;
 
 use super::events::EventKind;
-use super::lines::judgement;
+use super::lines::end_detection_time;
 use super::{Bench, Bus, DriveId};
 use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
@@ -15,22 +15,22 @@ use crate::slot::Sent;
 /// Origin of characters on a line.
 #[derive(Clone, Copy)]
 pub(super) enum Origin {
-    /// A client, or nobody.
+    /// A client, or noise.
     Client(Sender),
-    /// A drive, on its line, beginning then.
+    /// A drive: its serial settings, and the start of its transmission.
     Drive(Line, Instant),
 }
 
 impl Origin {
-    /// The settings in which it reaches a port that is on `line`.
-    pub(super) fn spoken(self, line: Line) -> Line {
+    /// Serial settings of the characters at a port with the settings `line`.
+    pub(super) fn settings_on(self, line: Line) -> Line {
         match self {
             Self::Client(sender) => Line { baud: sender.baud.unwrap_or(line.baud), ..line },
             Self::Drive(own, _) => own,
         }
     }
 
-    /// Returns whether a port on `line` can read it.
+    /// Returns whether a port with the settings `line` can read the characters.
     fn fits(self, line: Line) -> bool {
         match self {
             Self::Client(sender) => sender.fits(line),
@@ -38,206 +38,209 @@ impl Origin {
         }
     }
 
-    /// On its way to a device.
-    fn carries(self, fed: InputRecord) -> EventKind {
+    /// Event that delivers an input to a drive.
+    fn carries(self, input: InputRecord) -> EventKind {
         match self {
-            Self::Client(_) => EventKind::InputRecord(fed),
-            Self::Drive(_, began) => EventKind::Overheard { fed, began },
+            Self::Client(_) => EventKind::Input(input),
+            Self::Drive(_, began) => EventKind::Overheard { input, began },
         }
     }
 }
 
-/// Characters that follow each other.
+/// Characters that follow each other without gaps.
 #[derive(Clone, Copy)]
 pub(super) struct TxBurst<'a> {
     pub(super) bytes: &'a [u8],
-    /// Places of those in which a drive finds that they are wrong.
+    /// Indices of characters with a parity or framing error.
     pub(super) unreadable: &'a [usize],
-    pub(super) voice: Origin,
-    /// Their number where they may collide.
+    pub(super) origin: Origin,
+    /// Number of the transmission where characters may collide.
     pub(super) number: Option<u32>,
 }
 
 /// Times of a transmission.
 struct TxTiming {
-    /// The end of its last character.
+    /// End of its last character.
     last: Instant,
-    /// Time at which it is known that no more follows.
-    judged: Instant,
+    /// Time at which receivers detect that no more follows.
+    detected: Instant,
 }
 
-/// Speech.
+/// Transmission on lines.
 impl Bench {
-    /// Puts a message, or noise, on a line from `start` on.
-    pub(super) fn put(&mut self, bus: u32, start: Instant, request: &Request) {
+    /// Transmits a request or noise on a line from `start` on.
+    pub(super) fn transmit_request(&mut self, bus: u32, start: Instant, request: &Request) {
         let &Request { client, order, count, ref text, ref refused, noise, .. } = request;
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
-        let voice = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
+        let origin = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
         let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
-        let line = voice.spoken(self.line(Bus(bus)));
-        let number = self.on_air(bus, start, line, bytes.len());
-        let words = TxBurst { bytes, unreadable: &text.unreadable, voice, number };
-        let (mut last, mut judged) = (start, start);
+        let line = origin.settings_on(self.line(Bus(bus)));
+        let number = self.occupy_line(bus, start, line, bytes.len());
+        let burst = TxBurst { bytes, unreadable: &text.unreadable, origin, number };
+        let (mut last, mut detected) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
-            let (seat, port) = self.ports(Bus(bus))[n];
-            let said = self.times(seat, port, start, count, voice);
-            self.say(seat, port, start, words);
-            (last, judged) = (last.max(said.last), judged.max(said.judged));
+            let (drive, port) = self.ports(Bus(bus))[n];
+            let timing = self.times(drive, port, start, count, origin);
+            self.schedule_characters(drive, port, start, burst);
+            (last, detected) = (last.max(timing.last), detected.max(timing.detected));
         }
         let framed = self.framed(bus).is_some();
         if noise && framed {
-            self.reach_clients(bus, start, line, &text.bytes, number, None);
+            self.deliver_to_clients(bus, start, line, &text.bytes, number, None);
         }
         let source = if noise { Source::Noise } else { Source::Client };
         self.record(bus, start, line, source, &text.bytes, number);
-        let wire = &mut self.buses[bus as usize];
-        wire.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(wire.refusal);
-        wire.free = wire.free.max(last);
-        let free = wire.turn == LineState::Free;
-        // What follows a character is looked for when it has ended.
-        let mut until = if framed { judged } else { last };
-        if let Some(air) = &mut wire.air {
-            air.spoke.push(client);
-            // What it speaks into may last longer.
-            if !free && wire.until < Instant::NEVER {
-                until = until.max(wire.until);
+        let serial_line = &mut self.buses[bus as usize];
+        serial_line.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(serial_line.refusal);
+        serial_line.free = serial_line.free.max(last);
+        let free = serial_line.turn == LineState::Free;
+        // The next character is looked for when this one has ended.
+        let mut until = if framed { detected } else { last };
+        if let Some(collisions) = &mut serial_line.collisions {
+            collisions.transmitted.push(client);
+            // The transmission that it overlaps may last longer.
+            if !free && serial_line.until < Instant::NEVER {
+                until = until.max(serial_line.until);
             }
         }
-        (wire.served, wire.said) = (client, order);
+        (serial_line.served, serial_line.served_order) = (client, order);
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
     }
 
-    /// Times at which so many characters, sent to a port from `start` on, are received.
-    fn times(&self, seat: DriveId, port: Port, start: Instant, count: usize, voice: Origin) -> TxTiming {
-        let Some(serial) = self.at(seat).serial(port) else { return TxTiming { last: start, judged: start } };
+    /// Times at which `count` characters, sent to a port from `start` on, are received.
+    fn times(&self, drive: DriveId, port: Port, start: Instant, count: usize, origin: Origin) -> TxTiming {
+        let Some(serial) = self.at(drive).serial(port) else {
+            return TxTiming { last: start, detected: start };
+        };
         if self.fast() {
-            let at = self.at(seat).free(start, Phase::Line);
-            return TxTiming { last: at, judged: at };
+            let at = self.at(drive).free(start, Phase::Line);
+            return TxTiming { last: at, detected: at };
         }
         let line = serial.line_at(start);
-        let character = voice.spoken(line).character();
+        let character = origin.settings_on(line).character();
         let last = self.first_ends(start, character) + character * count.saturating_sub(1) as u64;
-        TxTiming { last, judged: last + judgement(line) }
+        TxTiming { last, detected: last + end_detection_time(line) }
     }
 
-    /// End of a character that begins at `start`, or as soon as it still can: a line may have been free for a part of a
+    /// End of a character that begins at `start`, or as soon as possible: the line may have been free for a part of a
     /// character by now.
     fn first_ends(&self, start: Instant, character: Duration) -> Instant {
         (start + character).max(self.now + Duration::TICK)
     }
 
-    /// Says something to a port from `start` on.
-    fn say(&mut self, seat: DriveId, port: Port, start: Instant, words: TxBurst<'_>) {
-        let TxBurst { bytes, unreadable, voice, number } = words;
-        let Some(serial) = self.at(seat).serial(port).filter(|_| !bytes.is_empty()) else { return };
+    /// Schedules characters for a port from `start` on.
+    fn schedule_characters(&mut self, drive: DriveId, port: Port, start: Instant, burst: TxBurst<'_>) {
+        let TxBurst { bytes, unreadable, origin, number } = burst;
+        let Some(serial) = self.at(drive).serial(port).filter(|_| !bytes.is_empty()) else { return };
         let line = serial.line_at(start);
-        let (framed, fit, ascii) = (serial.silence, voice.fits(line), ascii::is_on(line));
-        // Characters that nobody can read come one by one, as do those that have their time, and those that may
-        // collide. In ASCII what comes together ends at latest with a line feed.
+        let (framed, fit, ascii) = (serial.framed, origin.fits(line), ascii::is_on(line));
+        // Corrupt characters, timed characters and characters that may collide are delivered one by one. In ASCII a
+        // delivery ends at the latest with a line feed.
         let whole = framed && fit && unreadable.is_empty() && number.is_none();
         let pieces = bytes.split_inclusive(|&byte| !whole || (ascii && byte == b'\n'));
-        let message = |place: usize, piece: &[u8]| {
-            let readable = fit && !unreadable.contains(&place);
-            let fed = if readable {
+        let message = |index: usize, piece: &[u8]| {
+            let readable = fit && !unreadable.contains(&index);
+            let input = if readable {
                 InputRecord::Bytes { port, bytes: piece.to_vec() }
             } else {
                 InputRecord::RxError { port }
             };
             match number {
-                Some(number) => EventKind::Exposed { fed, number },
-                None => voice.carries(fed),
+                Some(number) => EventKind::MayCollide { input, number },
+                None => origin.carries(input),
             }
         };
         if self.fast() {
-            let at = self.at(seat).free(start, Phase::Line);
-            let over = || voice.carries(InputRecord::Idle { port });
-            for (place, piece) in pieces.enumerate() {
-                self.schedule(at, Phase::Line, seat.0, message(place, piece));
+            let at = self.at(drive).free(start, Phase::Line);
+            let over = || origin.carries(InputRecord::Idle { port });
+            for (index, piece) in pieces.enumerate() {
+                self.schedule(at, Phase::Line, drive.0, message(index, piece));
                 if whole {
-                    self.schedule(at, Phase::Line, seat.0, over());
+                    self.schedule(at, Phase::Line, drive.0, over());
                 }
             }
             if framed && !whole {
-                self.schedule(at, Phase::Line, seat.0, over());
+                self.schedule(at, Phase::Line, drive.0, over());
             }
             return;
         }
-        let character = voice.spoken(line).character();
+        let character = origin.settings_on(line).character();
         let mut end = self.first_ends(start, character);
-        for (place, piece) in pieces.enumerate() {
-            self.schedule(end, Phase::Line, seat.0, message(place, piece));
+        for (index, piece) in pieces.enumerate() {
+            self.schedule(end, Phase::Line, drive.0, message(index, piece));
             end += character * piece.len() as u64;
         }
     }
 
-    /// Carries what the device called last has sent.
-    pub(super) fn carry_all(&mut self) {
-        if self.outbox.is_empty() {
+    /// Routes the outputs of the drive that was called last.
+    pub(super) fn route_outputs(&mut self) {
+        if self.outputs.is_empty() {
             return;
         }
-        let mut outbox = std::mem::take(&mut self.outbox);
-        let mut bytes = outbox.bytes.as_slice();
-        for sent in &outbox.sent {
+        let mut outputs = std::mem::take(&mut self.outputs);
+        let mut bytes = outputs.bytes.as_slice();
+        for sent in &outputs.sent {
             let (message, rest) = bytes.split_at(sent.count);
-            self.carry(sent, message);
+            self.transmit_from_drive(sent, message);
             bytes = rest;
         }
-        let mut messages = outbox.messages.as_slice();
-        for said in &outbox.said {
-            let (message, rest) = messages.split_at(said.count.unwrap_or(0));
-            self.carry_said(said, message);
+        let mut messages = outputs.messages.as_slice();
+        for send in &outputs.tcp_sends {
+            let (message, rest) = messages.split_at(send.count.unwrap_or(0));
+            self.receive_from_drive(send, message);
             messages = rest;
         }
-        for (seat, moved) in &outbox.moved {
-            self.carry_moved(*seat, moved);
+        for (drive, change) in &outputs.pin_changes {
+            self.schedule_pin_change(*drive, change);
         }
-        outbox.clear();
-        self.outbox = outbox;
+        outputs.clear();
+        self.outputs = outputs;
     }
 
-    /// Carries what a drive sends to all who listen; nobody hears himself.
-    fn carry(&mut self, sent: &Sent, bytes: &[u8]) {
-        let Some(Bus(bus)) = self.bus(DriveId(sent.seat), sent.port) else { return };
-        let wire = &mut self.buses[bus as usize];
-        let start = sent.start.max(wire.held_up);
-        match wire.disturbance.reply() {
-            None if wire.refusal.is_none() => {
+    /// Transmits the characters of a drive to all other ports and clients of its line.
+    fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
+        let Some(Bus(bus)) = self.bus(DriveId(sent.drive), sent.port) else { return };
+        let serial_line = &mut self.buses[bus as usize];
+        let start = sent.start.max(serial_line.held_up);
+        match serial_line.disturbance.reply() {
+            None if serial_line.refusal.is_none() => {
                 let end = start + self.takes(sent.line, bytes.len());
-                let wire = &mut self.buses[bus as usize];
-                wire.sends_until = wire.sends_until.max(end);
-                self.reach(bus, start, sent, (bytes, &[]), (sent.line, bytes));
+                let serial_line = &mut self.buses[bus as usize];
+                serial_line.sends_until = serial_line.sends_until.max(end);
+                self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
-            fate => self.carry_disturbed(bus, sent, bytes, &fate.unwrap_or_default()),
+            fate => self.transmit_with_faults(bus, sent, bytes, &fate.unwrap_or_default()),
         }
     }
 
-    /// Time that so many characters take.
+    /// Time that `count` characters take.
     pub(super) fn takes(&self, line: Line, count: usize) -> Duration {
         if self.fast() { Duration::ZERO } else { line.character() * count as u64 }
     }
 
-    /// Sends characters of a drive to all others on the line, from `start` on; `outside` is what clients make of it.
-    pub(super) fn reach(
+    /// Delivers characters of a drive to all others on the line, from `start` on; `to_clients` has the characters as
+    /// clients read them.
+    pub(super) fn deliver_from_drive(
         &mut self,
         bus: u32,
         start: Instant,
         sent: &Sent,
         (bytes, unreadable): (&[u8], &[usize]),
-        outside: (Line, &[u8]),
+        to_clients: (Line, &[u8]),
     ) {
-        let number = self.on_air(bus, start, sent.line, bytes.len());
-        self.reach_clients(bus, start, outside.0, outside.1, number, Some(DriveId(sent.seat)));
-        let voice = Origin::Drive(sent.line, sent.start);
-        let words = TxBurst { bytes, unreadable, voice, number };
-        self.reach_drives(bus, start, sent.line, words, Some((DriveId(sent.seat), sent.port)));
-        self.record(bus, start, sent.line, Source::Drive(DriveId(sent.seat)), bytes, number);
+        let number = self.occupy_line(bus, start, sent.line, bytes.len());
+        self.deliver_to_clients(bus, start, to_clients.0, to_clients.1, number, Some(DriveId(sent.drive)));
+        let origin = Origin::Drive(sent.line, sent.start);
+        let burst = TxBurst { bytes, unreadable, origin, number };
+        self.deliver_to_drives(bus, start, sent.line, burst, Some((DriveId(sent.drive), sent.port)));
+        self.record(bus, start, sent.line, Source::Drive(DriveId(sent.drive)), bytes, number);
     }
 
-    /// Characters reach all clients, from `start` on; `from` is the drive that says them, if one does. What it answers
-    /// to somebody who has left does not reach those who have come since that was asked: one of them may have taken
+    /// Delivers characters to all clients, from `start` on; `from` is the drive that sends them, if any. An answer to
+    /// a client that has left is not delivered to clients that connected after the request: one of them may have taken
     /// over the port.
-    pub(super) fn reach_clients(
+    pub(super) fn deliver_to_clients(
         &mut self,
         bus: u32,
         start: Instant,
@@ -246,48 +249,49 @@ impl Bench {
         number: Option<u32>,
         from: Option<DriveId>,
     ) {
-        let told = RxBurst { start, character: self.takes(line, 1), bytes, from };
-        let wire = &self.buses[bus as usize];
-        let air = wire.air.as_ref().zip(number);
-        let asker_left = self.clients.get(&wire.served).is_none_or(|asker| asker.left);
+        let rx_burst = RxBurst { start, character: self.takes(line, 1), bytes, from };
+        let serial_line = &self.buses[bus as usize];
+        let collisions = serial_line.collisions.as_ref().zip(number);
+        let asker_left = self.clients.get(&serial_line.served).is_none_or(|asker| asker.left);
         let is_framed = self.framed(bus).is_some();
         let has_left = from.is_some() && is_framed && asker_left;
-        for &id in &wire.clients {
-            if has_left && self.clients.came_after(id, wire.said) {
+        for &id in &serial_line.clients {
+            if has_left && self.clients.came_after(id, serial_line.served_order) {
                 continue;
             }
-            self.clients.hear(id, told, |end, byte| {
-                let (air, _) = air.filter(|(air, number)| air.spoils(*number, end))?;
-                Some(air.garbage(line, end, byte))
+            self.clients.push(id, rx_burst, |end, byte| {
+                let (collisions, _) =
+                    collisions.filter(|(collisions, number)| collisions.collides(*number, end))?;
+                Some(collisions.garbage(line, end, byte))
             });
         }
     }
 
-    /// Characters reach all drives but the one that has sent them, from `start` on.
-    pub(super) fn reach_drives(
+    /// Delivers characters to all drives but the sender, from `start` on.
+    pub(super) fn deliver_to_drives(
         &mut self,
         bus: u32,
         start: Instant,
         line: Line,
-        words: TxBurst<'_>,
+        burst: TxBurst<'_>,
         sender: Option<(DriveId, Port)>,
     ) {
         let start = match (self.fast(), self.buses[bus as usize].turn) {
             (false, _) => start,
-            // What nobody asked for takes its time: two drives with one address may answer each
-            // other's answers for ever, and must not do so every tick.
-            (true, LineState::Free) => start + line.character() * words.bytes.len() as u64,
+            // Unsolicited output takes time: two drives with one address may answer each other's answers for ever, and
+            // must not do so every tick.
+            (true, LineState::Free) => start + line.character() * burst.bytes.len() as u64,
             (true, _) => start + Duration::TICK,
         };
         for n in 0..self.ports(Bus(bus)).len() {
-            let (seat, port) = self.ports(Bus(bus))[n];
-            if Some((seat, port)) != sender {
-                self.say(seat, port, start, words);
+            let (drive, port) = self.ports(Bus(bus))[n];
+            if Some((drive, port)) != sender {
+                self.schedule_characters(drive, port, start, burst);
             }
         }
     }
 
-    /// Keeps what is on a line, if it is anything; `number` is its own where it may collide.
+    /// Records the characters of a transmission; `number` identifies it where characters may collide.
     pub(super) fn record(
         &mut self,
         bus: u32,
@@ -301,7 +305,7 @@ impl Bench {
             return;
         }
         let lasts = self.takes(line, bytes.len());
-        let air = self.buses[bus as usize].air.as_ref().zip(number);
+        let collisions = self.buses[bus as usize].collisions.as_ref().zip(number);
         self.capture.record(|| Frame {
             at,
             lasts,
@@ -309,30 +313,32 @@ impl Bench {
             from,
             line: Some(line),
             bytes: bytes.to_vec(),
-            collided: air.is_some_and(|(air, number)| air.met(number).next().is_some()),
+            collided: collisions
+                .is_some_and(|(collisions, number)| collisions.overlapped(number).next().is_some()),
         });
     }
 
-    /// Power is gone: what a device was still sending was never sent.
-    pub(super) fn hush(&mut self, place: u32) {
+    /// Cancels the characters that a drive has not sent yet, at power-off.
+    pub(super) fn cancel_output(&mut self, index: u32) {
         let now = self.now;
-        for port in (0..self.spec(DriveId(place)).ports.len() as u8).map(Port) {
-            let Some(serial) = self.at_mut(DriveId(place)).body.serial(port) else { continue };
+        for port in (0..self.spec(DriveId(index)).ports.len() as u8).map(Port) {
+            let Some(serial) = self.at_mut(DriveId(index)).state.serial(port) else { continue };
             if serial.sends_until <= now {
                 continue;
             }
             serial.sends_until = now;
-            let Some(Bus(bus)) = self.bus(DriveId(place), port) else { continue };
-            let serials = self.ports(Bus(bus)).iter().filter_map(|&(seat, port)| self.at(seat).serial(port));
+            let Some(Bus(bus)) = self.bus(DriveId(index), port) else { continue };
+            let serials =
+                self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
-            let wire = &mut self.buses[bus as usize];
-            // What was held up still comes, and what is no drive's.
-            let delay = wire.disturbance.faults().delay;
+            let serial_line = &mut self.buses[bus as usize];
+            // Delayed replies and noise still come.
+            let delay = serial_line.disturbance.faults().delay;
             let until = now + delay;
-            wire.sends_until = (sends_until + delay).max(wire.held_up);
-            self.capture.cut(Bus(bus), DriveId(place), until);
-            for &id in &wire.clients {
-                self.clients.hush(id, DriveId(place), until);
+            serial_line.sends_until = (sends_until + delay).max(serial_line.held_up);
+            self.capture.cut(Bus(bus), DriveId(index), until);
+            for &id in &serial_line.clients {
+                self.clients.cancel_from(id, DriveId(index), until);
             }
         }
     }

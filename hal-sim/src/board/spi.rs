@@ -21,11 +21,11 @@ impl Counter {
         Self(Rc::new(RefCell::new(counter)))
     }
 
-    /// The counter, whose pins a test moves.
+    /// The counter, whose pins a test drives.
     ///
     /// # Panics
     ///
-    /// If what this returned before is still there.
+    /// If an earlier returned reference is still in use.
     #[must_use]
     pub fn chip(&self) -> RefMut<'_, Ls7366r> {
         self.0.borrow_mut()
@@ -50,11 +50,11 @@ impl SpiDevice for Counter {
                         transmission.exchange(*byte);
                     }
                 }
-                // The longer of the two says how long it takes.
+                // The longer of the two determines the length.
                 Operation::Transfer(read, written) => {
-                    for place in 0..read.len().max(written.len()) {
-                        let miso = transmission.exchange(written.get(place).copied().unwrap_or(0));
-                        if let Some(byte) = read.get_mut(place) {
+                    for index in 0..read.len().max(written.len()) {
+                        let miso = transmission.exchange(written.get(index).copied().unwrap_or(0));
+                        if let Some(byte) = read.get_mut(index) {
                             *byte = miso;
                         }
                     }

@@ -1,6 +1,6 @@
-//! The hardware of a board that is not there: a clock, UARTs, pins and a memory that implement
-//! embedded-hal, embedded-io and embedded-storage, so that the [shell](drivetwin_firmware::shell) of a
-//! board runs on the host, on virtual time, with everything it does on record.
+//! Simulated hardware of a board: a clock, UARTs, pins and a memory that implement embedded-hal, embedded-io and
+//! embedded-storage. The [shell](drivetwin_firmware::shell) of a board runs on it on the host, on virtual time, and
+//! all outputs are recorded.
 //!
 //! A [`Board`] is a handle; clones of it, its UARTs, pins and memory share one state.
 
@@ -19,7 +19,7 @@ use embedded_storage::{ReadStorage, Storage};
 /// Characters that a UART takes before the first of them has left.
 const FIFO: usize = 16;
 
-/// Output of a board.
+/// Output of a simulated board, with its data.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Done {
     /// Characters left back to back, from the stamp on.
@@ -44,7 +44,7 @@ pub enum Done {
     Duty(Axis, i32),
 }
 
-/// A board: what its interrupts caught, what it did, and what time it is.
+/// A simulated board: inputs caught by interrupts, recorded outputs, and the time.
 #[derive(Clone, Debug)]
 pub struct Board(Rc<RefCell<State>>);
 
@@ -95,7 +95,7 @@ impl Board {
         }
     }
 
-    /// An interrupt catches something at `at`, not before anything it caught.
+    /// Adds an input that an interrupt catches at `at`, not before any earlier one.
     pub fn catch(&self, at: Instant, caught: BoardEvent) {
         self.0.borrow_mut().caught.push_back((at, caught));
     }
@@ -105,16 +105,16 @@ impl Board {
         self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
     }
 
-    /// A message comes on a TCP connection, as [`come`](Self::come).
+    /// Adds a message on a TCP connection, like [`come`](Self::come).
     ///
     /// # Panics
-    /// If it is longer than what comes at once.
+    /// If it is longer than the buffer of a board.
     pub fn say(&self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
         let message = Adu::from_slice(bytes).expect("no more than comes at once");
         self.0.borrow_mut().came.push_back((at, port, link, LinkEvent::Message, message));
     }
 
-    /// The clock goes on to `now`.
+    /// Advances the clock to `now`.
     pub fn set_now(&self, now: Instant) {
         let mut state = self.0.borrow_mut();
         state.now = state.now.max(now);
@@ -128,7 +128,7 @@ impl Board {
         ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
     }
 
-    /// Time of the oldest input that waits; [`Instant::NEVER`] if there is none.
+    /// Time of the oldest waiting input; [`Instant::NEVER`] if there is none.
     #[must_use]
     pub fn caught_at(&self) -> Instant {
         let state = self.0.borrow();
@@ -167,8 +167,8 @@ impl State {
     fn send(&mut self, port: usize, bytes: &[u8]) -> usize {
         let (Some(line), Some(busy)) = (self.uarts.get(port), self.busy.get_mut(port)) else { return 0 };
         let character = line.character();
-        let (free, place) = match *busy {
-            Some((free, place)) if free > self.now => (free, place),
+        let (free, index) = match *busy {
+            Some((free, index)) if free > self.now => (free, index),
             _ => {
                 self.done.push((self.now, Done::Sent(Port(port as u8), Vec::new())));
                 (self.now, self.done.len() - 1)
@@ -176,10 +176,10 @@ impl State {
         };
         let waiting = (free.since(self.now) + character - Duration::TICK) / character;
         let taken = bytes.len().min(FIFO.saturating_sub(waiting as usize));
-        if let Some((_, Done::Sent(_, sent))) = self.done.get_mut(place) {
+        if let Some((_, Done::Sent(_, sent))) = self.done.get_mut(index) {
             sent.extend_from_slice(&bytes[..taken]);
         }
-        *busy = Some((free + character * taken as u64, place));
+        *busy = Some((free + character * taken as u64, index));
         taken
     }
 }
@@ -196,7 +196,7 @@ impl Inputs for Board {
     }
 }
 
-/// The acting half of a [`Board`].
+/// Output side of a [`Board`].
 #[derive(Debug)]
 pub struct SimOutputs {
     board: Board,
@@ -294,7 +294,7 @@ impl embedded_io::WriteReady for Uart {
     }
 }
 
-/// TCP connections without limits, on which everything is at its end at once.
+/// TCP connections without limits, on which output is delivered at once.
 #[derive(Debug)]
 pub struct Network(Board);
 
@@ -327,7 +327,7 @@ impl Links for Network {
     }
 }
 
-/// A pin on a wire.
+/// An input or output pin of a simulated board.
 #[derive(Debug)]
 pub struct WiredPin(Board, usize);
 
@@ -378,7 +378,7 @@ pub struct Memory {
     stored: Vec<u8>,
 }
 
-/// A place outside the memory.
+/// Error: an offset outside the memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct OutOfBounds;
 
@@ -402,10 +402,10 @@ impl Storage for Memory {
         let mut state = self.board.0.borrow_mut();
         let taken = state.cut.map_or(bytes.len(), |left| left.min(bytes.len()));
         state.cut = state.cut.map(|left| left - taken);
-        let place = offset as usize;
-        let target = state.memory.get_mut(place..place + bytes.len()).ok_or(OutOfBounds)?;
+        let index = offset as usize;
+        let target = state.memory.get_mut(index..index + bytes.len()).ok_or(OutOfBounds)?;
         target[..taken].copy_from_slice(&bytes[..taken]);
-        self.stored[place..place + bytes.len()].copy_from_slice(bytes);
+        self.stored[index..index + bytes.len()].copy_from_slice(bytes);
         let now = state.now;
         state.done.push((now, Done::Stored(offset, bytes[..taken].to_vec())));
         Ok(())
@@ -415,7 +415,7 @@ impl Storage for Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::echo_device::{Echo, MCODE};
+    use crate::testing::echo_device::{EchoDevice, MCODE};
     use drivetwin_firmware::device::{Boot, Device};
     use drivetwin_firmware::md3::Md3;
     use drivetwin_firmware::qsb::Qsb;
@@ -507,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_that_is_closed_at_power_on_is_told_before_the_drive_is_ready() {
+    fn a_contact_that_is_closed_at_power_on_is_reported_before_the_drive_is_ready() {
         for fast in [true, false] {
             let boot = Boot { fast, ..Boot::default() };
             assert_eq!(steps_of_a_contact(boot, Instant::ZERO), [], "fast: {fast}");
@@ -579,7 +579,7 @@ mod tests {
     }
 
     /// An echo with power, on a board.
-    fn powered(echo: Echo) -> (Board, Shell<Echo, Board, SimOutputs>) {
+    fn powered(echo: EchoDevice) -> (Board, Shell<EchoDevice, Board, SimOutputs>) {
         let board = Board::new(echo.spec(), Vec::new());
         let mut shell = Shell::new(echo, board.clone(), board.outputs());
         shell.power_on(Instant::ZERO, Boot::default());
@@ -587,8 +587,8 @@ mod tests {
     }
 
     #[test]
-    fn the_shell_tells_a_drive_what_comes_by_tcp_and_does_what_it_says() {
-        let (board, mut shell) = powered(Echo::default());
+    fn the_shell_delivers_tcp_input_and_output() {
+        let (board, mut shell) = powered(EchoDevice::default());
         let second = |n| Instant::ZERO + Duration::secs(n);
         board.come(second(1), MCODE, Link(0), LinkEvent::Opened);
         board.come(second(2), MCODE, Link(1), LinkEvent::Opened);
@@ -603,13 +603,13 @@ mod tests {
             board.set_now(second(n));
             while shell.poll().is_ok() {}
         }
-        let said = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
+        let output = |n, link, bytes: &[u8]| (second(n), Done::Message(MCODE, Link(link), bytes.to_vec()));
         let expected = [
-            said(1, 0, b">"),
-            said(2, 1, b">"),
-            // Once, because the drive is told a second later that nobody is there.
-            said(2, 0, b"T"),
-            said(2, 1, b"a"),
+            output(1, 0, b">"),
+            output(2, 1, b">"),
+            // Once, because the closing is reported to the drive one second later.
+            output(2, 0, b"T"),
+            output(2, 1, b"a"),
             (second(4), Done::Closed(MCODE, Link(1))),
         ];
         assert_eq!(*board.done(), expected);
@@ -619,20 +619,20 @@ mod tests {
     #[test]
     fn what_comes_by_tcp_waits_for_no_deadline_and_no_deadline_for_it() {
         const TEN_MS: Duration = Duration::millis(10);
-        let (board, mut shell) = powered(Echo { ring: Some(TEN_MS), ..Echo::default() });
-        // The loop comes late: three deadlines are over, and somebody has connected and said things.
+        let (board, mut shell) = powered(EchoDevice { ring: Some(TEN_MS), ..EchoDevice::default() });
+        // The loop is late: three deadlines are over, and a client has connected and sent messages.
         let late = Instant::ZERO + TEN_MS * 3;
         board.come(late, MCODE, Link(0), LinkEvent::Opened);
         board.say(late, MCODE, Link(0), b"a");
         board.say(late, MCODE, Link(0), b"b");
         board.set_now(late);
         let mut rings = 0;
-        for said in [">", "a", "b"] {
+        for output in [">", "a", "b"] {
             shell.poll().expect("there is something to do");
             let done: Vec<_> = board.done().iter().map(|(_, done)| done.clone()).collect();
             rings += 1;
             let message = |text: &str| Done::Message(MCODE, Link(0), text.as_bytes().to_vec());
-            assert!(done.contains(&message(said)), "{said} is answered in turn {rings}");
+            assert!(done.contains(&message(output)), "{output} is answered in turn {rings}");
             assert_eq!(done.iter().filter(|done| **done == message("T")).count(), rings);
         }
     }
@@ -673,7 +673,7 @@ mod tests {
             }
         }
 
-        let echo = Echo { ring: Some(HOUR), ..Echo::default() };
+        let echo = EchoDevice { ring: Some(HOUR), ..EchoDevice::default() };
         let board = Board::new(echo.spec(), Vec::new());
         let mut shell: Shell<_, _, _> = Shell::new(echo, board.clone(), Alone(board.outputs()));
         shell.power_on(Instant::ZERO, Boot::default());

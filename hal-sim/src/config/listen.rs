@@ -1,22 +1,22 @@
-//! Listening places of ports, as users write them.
+//! Listening addresses of ports, as users write them.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Listening place of a port: `[PORT=]URI`.
+/// Listening address of a port: `[PORT=]URI`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Listen {
-    /// Which port of the drive; its first one if not said.
+    /// Name of the port; `None`: the first port of the drive.
     pub port: Option<String>,
-    /// Place that it is reached by.
+    /// Listening address.
     pub uri: Uri,
 }
 
-/// A place that a port is reached by.
+/// Kind and address of a listening address.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Uri {
-    /// A pseudo terminal, and where to link it.
+    /// A pseudo terminal, and the path of its link, if any.
     Pty(Option<PathBuf>),
     /// `HOST:PORT`.
     Tcp(String),

@@ -13,7 +13,7 @@ use crate::value::Value;
 pub struct Preset {
     /// Row of the register map.
     pub row: usize,
-    /// Which half is meant, if not the whole.
+    /// Half of the register to set; `None`: the whole.
     half: Option<Half>,
     value: i64,
 }
@@ -44,7 +44,7 @@ impl Preset {
         Ok(Self { row, half, value })
     }
 
-    /// `text`, as somebody typed it, for the register or the rows of text called `name`.
+    /// Presets for `text`, as typed by a user, for the register or the rows of text called `name`.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -59,7 +59,8 @@ impl Preset {
         Self::new(spec, name, &number).map(|preset| vec![preset])
     }
 
-    /// `text` for the rows of text called `name`, or `name` with 1, 2 and so on behind it; `None` if there are none.
+    /// Presets of `text` for the rows of text called `name`, or `name` followed by 1, 2 and so on; `None` if there are
+    /// no such rows.
     pub fn text(spec: &Spec, name: &str, text: &str) -> Option<Result<Vec<Self>, String>> {
         let rows: Vec<usize> = text_rows(spec, name).collect();
         let most = CHARACTERS * rows.len();
@@ -78,16 +79,16 @@ impl Preset {
         Some(Ok(presets.map(|(&row, part)| Self { row, half: None, value: registers::text(part) }).collect()))
     }
 
-    /// Returns whether only half of the value is set.
+    /// Returns whether it sets only a half of the register.
     pub fn is_half(&self) -> bool {
         self.half.is_some()
     }
 
-    /// Checks that a save keeps all that is set: of some registers it keeps some bits, and the others are lost until
-    /// the drive has started.
+    /// Checks that a save stores all bits of the preset: of some registers only some bits are saved, and others would
+    /// be lost before the drive has started.
     ///
     /// # Errors
-    /// One sentence: which bits can be preset.
+    /// One sentence that names the bits that can be preset.
     pub fn check_saved(&self, spec: &Spec) -> Result<(), String> {
         let Some(row) = spec.registers.rows.get(self.row) else { return Ok(()) };
         let word = i64::from(row.saved);
@@ -101,7 +102,7 @@ impl Preset {
         Err(format!("of {} only {bits} can be preset, so it cannot be {}", row.name, self.value))
     }
 
-    /// The register's new value, where `old` is its present one.
+    /// New value of the register, whose present value is `old`.
     pub fn onto(&self, spec: &Spec, old: i64) -> i64 {
         let pair = match self.half {
             None => return self.value,
@@ -153,15 +154,15 @@ fn text_rows<'a>(spec: &'a Spec, name: &'a str) -> impl Iterator<Item = usize> +
     let is_part = move |row: &Row| {
         row.name.strip_prefix(name).is_some_and(|part| matches!(part.as_bytes(), [] | [b'1'..=b'9']))
     };
-    spec.rows().filter(move |(_, row)| row.legal == Legal::Text && is_part(row)).map(|(place, _)| place)
+    spec.rows().filter(move |(_, row)| row.legal == Legal::Text && is_part(row)).map(|(index, _)| index)
 }
 
-/// A value as somebody typed it.
+/// A value as typed by a user.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Number {
     /// A number.
     Decimal(i64),
-    /// The bits of one: `0xFFFF` is −1 where the register is a signed word.
+    /// The bits of a number: `0xFFFF` is −1 where the register is a signed word.
     Bits(i64),
     /// Words, in bus order, of a register that has words with a meaning each.
     Words(Vec<i64>),
@@ -194,8 +195,8 @@ impl Number {
         }
     }
 
-    /// As a value of that shape; bits that it does not hold stay, so that it is refused. `None` if it has another
-    /// number of words.
+    /// Converts to a value of a shape; excess bits are kept, so that the value is refused later. `None` if the number
+    /// of words differs.
     fn shaped(&self, entries: &Entries, shape: Shape) -> Option<i64> {
         match (self, shape) {
             (Self::Words(words), Shape::Words(count)) => {
@@ -214,7 +215,7 @@ impl Number {
         }
     }
 
-    /// As the end of a sentence.
+    /// The value as text for messages.
     fn shown(&self, entries: &Entries, shape: Shape) -> String {
         match self {
             Self::Words(words) => Value::Words(words.clone()).to_string(),
@@ -230,7 +231,7 @@ fn bits_of(word: i64) -> Option<u16> {
     u16::try_from(word).ok().or_else(|| i16::try_from(word).ok().map(i16::cast_unsigned))
 }
 
-/// Values that a row, or a half of it, takes, in words.
+/// Legal values of a row, or of a half of it, as text.
 fn takes(row: &Row, half: Option<Half>) -> String {
     if half.is_some() {
         let (least, greatest) = Shape::U16.limits();
@@ -257,7 +258,7 @@ fn span(least: i64, greatest: i64) -> String {
     format!("{least} to {greatest}")
 }
 
-/// The reason why a drive does not take a preset of that row, called `name` here, in one sentence.
+/// The reason why a drive refuses a preset of a row, called `name` in the message, in one sentence.
 pub fn refusal(spec: &Spec, row: usize, name: &str, refused: PresetError) -> String {
     let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
     let why = match refused {
@@ -406,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_said_with_what_the_row_takes() {
+    fn a_value_that_is_not_a_number_is_refused_with_the_legal_values() {
         let typed = |name: &str, text: &str| Preset::typed(&spec(), name, text);
         assert_eq!(typed("Speed", "0x10"), Ok(vec![preset("Speed", "16").unwrap()]));
         for (name, text, sentence) in [
@@ -420,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_row_does_not_take_is_said_with_what_it_takes() {
+    fn an_illegal_value_is_refused_with_the_legal_values() {
         assert_eq!(preset("DeviceAddress", "300").unwrap_err(), "DeviceAddress takes 1 to 247, not 300");
         assert_eq!(preset("Mode", "1").unwrap_err(), "Mode takes one of 0, 3, not 1");
         assert_eq!(preset("SpeedHigh", "-1").unwrap_err(), "SpeedHigh takes 0 to 65535, not -1");
@@ -434,7 +435,7 @@ mod tests {
         );
         assert_eq!(
             preset("Jo", "1").unwrap_err(),
-            "there is no register of toy 'Jo'; what there is: DeviceAddress, Speed, Mode, Control"
+            "there is no register of toy 'Jo'; available: DeviceAddress, Speed, Mode, Control"
         );
     }
 }

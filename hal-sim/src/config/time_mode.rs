@@ -5,24 +5,24 @@ use std::str::FromStr;
 
 use drivetwin_firmware::device::Duration;
 
-/// Longest wait for the rest of half a message, in ms of the wall clock.
+/// Longest wait for the rest of a partial frame, in ms of the wall clock.
 const PATIENCE_MS: u64 = 20;
 
 /// The greatest factor of [`TimeMode::Times`].
 const FASTEST: u32 = 1000;
 
-/// Time mode of a bench.
+/// Relation of bench time to the wall clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TimeMode {
-    /// So many times as fast as the wall clock.
+    /// Bench time runs that many times as fast as the wall clock.
     Times(u32),
-    /// Time stands, but for what a request or a call needs.
+    /// Bench time is stopped, except for the time that a request or a call needs.
     Manual,
 }
 
 impl TimeMode {
-    /// Longest wait for the rest of half a message, in time of the bench.
-    pub fn patience(self) -> Duration {
+    /// Longest wait for the rest of a partial frame, in bench time.
+    pub fn frame_timeout(self) -> Duration {
         match self {
             Self::Times(factor) => Duration::millis(PATIENCE_MS) * u64::from(factor),
             Self::Manual => Duration::millis(PATIENCE_MS),
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn patience_is_wall_time() {
-        assert_eq!(TimeMode::Times(10).patience(), Duration::millis(200));
-        assert_eq!(TimeMode::Manual.patience(), Duration::millis(20));
+        assert_eq!(TimeMode::Times(10).frame_timeout(), Duration::millis(200));
+        assert_eq!(TimeMode::Manual.frame_timeout(), Duration::millis(20));
     }
 }

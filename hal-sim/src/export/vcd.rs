@@ -1,18 +1,18 @@
 //! Waveforms of the pins: VCD (IEEE 1364-2001, section 18), as GTKWave and its like read it.
 //!
-//! The unit is 100 ps, the coarsest one of the format in which a tick of 62.5 ns is whole: 625 of
-//! them. Each drive is a scope, each of its pins a wire, analogue inputs are reals in volts. Both bear
-//! the names users know, with `_` for whatever is neither letter nor digit, because readers take a dot
-//! for a step into a hierarchy: `J2.5` is `J2_5`.
+//! The unit is 100 ps, the coarsest one of the format in which a tick of 62.5 ns is whole: 625 of them. Each drive is
+//! a scope, each of its pins a wire; analogue inputs are reals in volts. Names are those of drives and pins, with `_`
+//! for any character that is neither letter nor digit, because readers take a dot for a level of hierarchy: `J2.5` is
+//! `J2_5`.
 //!
 //! | value | what a probe at the pin sees |
 //! |---|---|
-//! | `0` `1` | what the drive drives, else what comes from outside, else what the pin rests at |
-//! | `z` | nothing: an output is let go, or an input is open, and nothing is wired to it |
-//! | `x` `nan` | nobody knows: the drive has no power, or what was recorded of it is lost |
+//! | `0` `1` | the output of the drive, else the stimulus from outside, else the idle level |
+//! | `z` | floating: a released output or an open input, without a wire |
+//! | `x` `nan` | unknown: the drive has no power, or its events are lost |
 //!
-//! STEP and DIR come from the plans of the axes, lights and clocks from their waves, edge by edge while
-//! the file is written. Of several changes of a pin at one instant the last one is told.
+//! Edges of STEP and DIR are computed from the plans of the axes, those of lights and clocks from their waves, while
+//! the file is written. Of several changes of a pin at one instant the last one is written.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -25,24 +25,24 @@ use crate::scheduler::Tournament;
 use crate::signals::pin_waveform::{PinOutput, level_of};
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 
-/// The unit of a file, and how many of it make a tick (HOST-11).
+/// Time unit of a file, and number of units per tick (HOST-11).
 const TIMESCALE: &str = "100 ps";
 const UNITS_PER_TICK: u128 = 625;
 
-/// So much text is written at once, and as much again at most is kept.
+/// Bytes of text that are written at once; at most as many again are buffered.
 const CHUNK: usize = 64 << 10;
 
-/// Writes all that a trace tells.
+/// Writes all waveforms of a trace.
 ///
 /// # Errors
-/// Those of the writer.
+/// Errors of the writer.
 pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
     let mut waves = Waves::new(trace, out)?;
     waves.follow(trace)?;
     waves.finish()
 }
 
-/// A file that follows a trace as it grows. It holds no more than what the pins do at present.
+/// Writer of a VCD file while a trace grows. It holds only the present state of the pins.
 pub struct Waves<W> {
     out: W,
     /// Whole lines that are not written yet.
@@ -51,9 +51,9 @@ pub struct Waves<W> {
     motors: Vec<Motor>,
     /// The drives of the trace.
     drives: Vec<Drive>,
-    /// Drives that are yet to be seated, the next one last.
-    seats: Vec<(Instant, usize)>,
-    /// Next change of each wire, and behind them of each motor, by itself.
+    /// Drives that are not added yet, the next one last.
+    not_added: Vec<(Instant, usize)>,
+    /// Next change of each wire, followed by that of each motor.
     edges: Tournament,
     now: Instant,
     /// Wires that may have changed at `now`.
@@ -66,7 +66,7 @@ pub struct Waves<W> {
     end: Instant,
 }
 
-/// Places of a drive's wires and motors.
+/// Indices of a drive's wires and motors.
 struct Drive {
     wires: Range<usize>,
     motors: Range<usize>,
@@ -75,11 +75,11 @@ struct Drive {
 /// An axis with step pulses.
 struct Motor {
     axis: Axis,
-    /// Places of the wires that carry them.
+    /// Indices of the wires of STEP and DIR.
     step: usize,
     dir: usize,
     shaper: Shaper,
-    /// Which of them the drive uses itself.
+    /// Outputs that the drive uses itself.
     lent: Lent,
 }
 
@@ -92,7 +92,7 @@ struct VcdVar {
     known: bool,
     drives: PinOutput,
     /// Stimulus from outside, if there is one, in mV.
-    outside: Option<i32>,
+    applied: Option<i32>,
     /// Value that was written last.
     shown: Option<Value>,
 }
@@ -106,10 +106,10 @@ enum Value {
 }
 
 impl<W: Write> Waves<W> {
-    /// Begins the file, about the drives that the trace tells of so far.
+    /// Begins the file with the drives of the trace.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
         let (mut wires, mut motors, mut drives) = (Vec::new(), Vec::new(), Vec::new());
         let mut header = Vec::new();
@@ -129,17 +129,17 @@ impl<W: Write> Waves<W> {
             let axes = (0..).map(Axis).zip(drive.spec.axes);
             motors.extend(axes.filter_map(|(axis, spec)| {
                 let (step, dir) = spec.step_dir?;
-                let place = |pin: Pin| first + usize::from(pin.0);
+                let index = |pin: Pin| first + usize::from(pin.0);
                 let (shaper, lent) = (Shaper::default(), Lent::default());
-                Some(Motor { axis, step: place(step), dir: place(dir), shaper, lent })
+                Some(Motor { axis, step: index(step), dir: index(dir), shaper, lent })
             }));
             drives.push(Drive { wires: first..wires.len(), motors: first_motor..motors.len() });
             writeln!(header, "$upscope $end")?;
         }
         writeln!(header, "$enddefinitions $end")?;
         out.write_all(&header)?;
-        let mut seats: Vec<_> = trace.drives.iter().map(|drive| drive.from).zip(0..).collect();
-        seats.sort_unstable_by(|a, b| b.cmp(a));
+        let mut not_added: Vec<_> = trace.drives.iter().map(|drive| drive.from).zip(0..).collect();
+        not_added.sort_unstable_by(|a, b| b.cmp(a));
         Ok(Self {
             out,
             text: Vec::new(),
@@ -148,7 +148,7 @@ impl<W: Write> Waves<W> {
             wires,
             motors,
             drives,
-            seats,
+            not_added,
             now: Instant::ZERO,
             stamped: None,
             taken: 0,
@@ -156,11 +156,10 @@ impl<W: Write> Waves<W> {
         })
     }
 
-    /// Writes what the trace tells beyond what it told last time. The last instant waits, since more
-    /// may happen in it.
+    /// Writes the events since the last call. The last instant waits, since more may happen in it.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
         if trace.lost > self.taken {
             let resumes = trace.events().next().map_or(trace.end, |entry| entry.at);
@@ -180,7 +179,7 @@ impl<W: Write> Waves<W> {
     /// Ends the file where the trace has come to.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.tell_changes();
         // So that the file shows how far it goes.
@@ -191,8 +190,8 @@ impl<W: Write> Waves<W> {
 
     /// Takes an event.
     fn happen(&mut self, entry: &Entry) -> io::Result<()> {
-        if let Event::Output(did) = &entry.event
-            && matches!(did.group(), Group::Tx | Group::Line)
+        if let Event::Output(output) = &entry.event
+            && matches!(output.group(), Group::Tx | Group::Line)
         {
             // No pin shows it, and its stamp may lie ahead.
             return Ok(());
@@ -200,17 +199,17 @@ impl<W: Write> Waves<W> {
         self.run_until(entry.at)?;
         let (at, drive) = (entry.at, entry.drive);
         match &entry.event {
-            Event::Input(fed) => match *fed {
+            Event::Input(input) => match *input {
                 InputRecord::Power(Power::On) => self.power(drive, true),
                 InputRecord::Power(Power::Off) => self.power(drive, false),
                 InputRecord::Edge { pin, high } => {
-                    self.outside(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
+                    self.set_stimulus(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
                 }
-                InputRecord::Open { pin } => self.outside(drive, pin, None),
-                InputRecord::Millivolts { pin, mv } => self.outside(drive, pin, Some(mv)),
+                InputRecord::Open { pin } => self.set_stimulus(drive, pin, None),
+                InputRecord::Millivolts { pin, mv } => self.set_stimulus(drive, pin, Some(mv)),
                 _ => {}
             },
-            Event::Output(did) => match did {
+            Event::Output(output) => match output {
                 OutputRecord::PowerOff => self.power(drive, false),
                 &OutputRecord::Level { pin, level } => self.drive(drive, pin, PinOutput::Level(level)),
                 &OutputRecord::Wave { pin, period, high } => {
@@ -229,85 +228,85 @@ impl<W: Write> Waves<W> {
         Ok(())
     }
 
-    /// Power comes to a drive, or goes: all pins are let go. What comes from outside is told anew.
+    /// Handles a change of power of a drive: all its pins are released, and stimuli are recorded again after power-on.
     fn power(&mut self, drive: usize, on: bool) {
         let Some(drive) = self.drives.get(drive) else { return };
-        for place in drive.wires.clone() {
-            let wire = &mut self.wires[place];
-            (wire.known, wire.drives, wire.outside) = (on, PinOutput::NOTHING, None);
-            self.edges.set(place as u32, Instant::NEVER);
-            self.changed.push(place);
+        for index in drive.wires.clone() {
+            let wire = &mut self.wires[index];
+            (wire.known, wire.drives, wire.applied) = (on, PinOutput::NOTHING, None);
+            self.edges.set(index as u32, Instant::NEVER);
+            self.changed.push(index);
         }
-        for place in drive.motors.clone() {
-            let motor = &mut self.motors[place];
+        for index in drive.motors.clone() {
+            let motor = &mut self.motors[index];
             (motor.shaper, motor.lent) = (Shaper::default(), Lent::default());
-            self.edges.set((self.wires.len() + place) as u32, Instant::NEVER);
+            self.edges.set((self.wires.len() + index) as u32, Instant::NEVER);
         }
     }
 
-    /// A motor is told how to turn.
-    fn turn(&mut self, drive: usize, axis: Axis, tell: impl FnOnce(&mut Motor)) {
-        let Some(place) = self.motor(drive, axis) else { return };
-        tell(&mut self.motors[place]);
-        self.make_pulses(place);
+    /// Handles a change of an axis.
+    fn turn(&mut self, drive: usize, axis: Axis, change: impl FnOnce(&mut Motor)) {
+        let Some(index) = self.motor(drive, axis) else { return };
+        change(&mut self.motors[index]);
+        self.make_pulses(index);
     }
 
     /// All edges of a motor up to now.
-    fn make_pulses(&mut self, place: usize) {
-        let Motor { step, dir, shaper, lent, .. } = &mut self.motors[place];
+    fn make_pulses(&mut self, index: usize) {
+        let Motor { step, dir, shaper, lent, .. } = &mut self.motors[index];
         while shaper.take(self.now).is_some() {}
         let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
-        for (place, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
-            let wire = &mut self.wires[place];
+        for (index, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
+            let wire = &mut self.wires[index];
             (wire.known, wire.drives) = (true, PinOutput::Level(level_of(shaper.is_high(output))));
-            self.changed.push(place);
+            self.changed.push(index);
         }
-        self.edges.set((self.wires.len() + place) as u32, shaper.due());
+        self.edges.set((self.wires.len() + index) as u32, shaper.due());
     }
 
     /// Marks the pulses of a motor as unknown: a text has where it goes, not when it steps.
     fn lose(&mut self, drive: usize, axis: Axis) {
-        let Some(place) = self.motor(drive, axis) else { return };
-        let Motor { step, dir, .. } = self.motors[place];
-        for place in [step, dir] {
-            self.wires[place].known = false;
-            self.changed.push(place);
+        let Some(index) = self.motor(drive, axis) else { return };
+        let Motor { step, dir, .. } = self.motors[index];
+        for index in [step, dir] {
+            self.wires[index].known = false;
+            self.changed.push(index);
         }
     }
 
     /// Sets the stimulus of a pin from outside, or none.
-    fn outside(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
-        let Some(place) = self.place(drive, pin) else { return };
-        let wire = &mut self.wires[place];
-        (wire.known, wire.outside) = (true, mv);
-        self.changed.push(place);
+    fn set_stimulus(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
+        let Some(index) = self.index(drive, pin) else { return };
+        let wire = &mut self.wires[index];
+        (wire.known, wire.applied) = (true, mv);
+        self.changed.push(index);
     }
 
     /// A drive does something with a pin.
     fn drive(&mut self, drive: usize, pin: Pin, drives: PinOutput) {
-        let Some(place) = self.place(drive, pin) else { return };
+        let Some(index) = self.index(drive, pin) else { return };
         for motor in self.drives[drive].motors.clone() {
             let Motor { step, dir, lent, .. } = &mut self.motors[motor];
-            lent.step |= *step == place;
-            lent.dir |= *dir == place;
+            lent.step |= *step == index;
+            lent.dir |= *dir == index;
         }
-        let wire = &mut self.wires[place];
+        let wire = &mut self.wires[index];
         (wire.known, wire.drives) = (true, drives);
-        self.edges.set(place as u32, drives.next_edge(self.now));
-        self.changed.push(place);
+        self.edges.set(index as u32, drives.next_edge(self.now));
+        self.changed.push(index);
     }
 
-    fn place(&self, drive: usize, pin: Pin) -> Option<usize> {
+    fn index(&self, drive: usize, pin: Pin) -> Option<usize> {
         self.drives.get(drive)?.wires.clone().nth(pin.0.into())
     }
 
     fn motor(&self, drive: usize, axis: Axis) -> Option<usize> {
-        self.drives.get(drive)?.motors.clone().find(|&place| self.motors[place].axis == axis)
+        self.drives.get(drive)?.motors.clone().find(|&index| self.motors[index].axis == axis)
     }
 
     /// Marks all as unknown before `at`.
     fn forget(&mut self, at: Instant) -> io::Result<()> {
-        self.seats.retain(|(from, _)| *from > at);
+        self.not_added.retain(|(from, _)| *from > at);
         self.run_until(at)?;
         for drive in 0..self.drives.len() {
             self.power(drive, false);
@@ -317,7 +316,7 @@ impl<W: Write> Waves<W> {
 
     /// Goes to `to`, and makes what edges there are up to then.
     fn run_until(&mut self, to: Instant) -> io::Result<()> {
-        while let Some((from, drive)) = self.seats.pop_if(|(from, _)| *from <= to) {
+        while let Some((from, drive)) = self.not_added.pop_if(|(from, _)| *from <= to) {
             self.make_edges(from)?;
             self.power(drive, true);
         }
@@ -331,12 +330,12 @@ impl<W: Write> Waves<W> {
                 return self.pass(to);
             }
             self.pass(due)?;
-            let place = source as usize;
-            if let Some(motor) = place.checked_sub(self.wires.len()) {
+            let index = source as usize;
+            if let Some(motor) = index.checked_sub(self.wires.len()) {
                 self.make_pulses(motor);
             } else {
-                self.edges.set(source, self.wires[place].drives.next_edge(due));
-                self.changed.push(place);
+                self.edges.set(source, self.wires[index].drives.next_edge(due));
+                self.changed.push(index);
             }
         }
     }
@@ -361,8 +360,8 @@ impl<W: Write> Waves<W> {
         let mut changed = std::mem::take(&mut self.changed);
         changed.sort_unstable();
         changed.dedup();
-        for place in changed.drain(..) {
-            let wire = &mut self.wires[place];
+        for index in changed.drain(..) {
+            let wire = &mut self.wires[index];
             let value = wire.value(self.now);
             if wire.shown.replace(value) != Some(value) {
                 let change = format!("{value}{}\n", wire.code);
@@ -394,13 +393,13 @@ impl<W: Write> Waves<W> {
 
 impl VcdVar {
     fn new(pin: &'static PinSpec, code: String) -> Self {
-        Self { pin, code, known: false, drives: PinOutput::NOTHING, outside: None, shown: None }
+        Self { pin, code, known: false, drives: PinOutput::NOTHING, applied: None, shown: None }
     }
 
     fn value(&self, at: Instant) -> Value {
         let logic = |high| Value::Bit(if high { '1' } else { '0' });
         if self.pin.role == Role::Analogue {
-            return match self.outside {
+            return match self.applied {
                 _ if !self.known => Value::NotANumber,
                 Some(mv) => Value::Millivolts(mv),
                 None if self.pin.idle == Level::High => Value::Millivolts(LOGIC_HIGH_MV),
@@ -411,7 +410,7 @@ impl VcdVar {
             _ if !self.known => Value::Bit('x'),
             Level::High => logic(true),
             Level::Low => logic(false),
-            Level::Float => match (self.outside, self.pin.idle) {
+            Level::Float => match (self.applied, self.pin.idle) {
                 (Some(mv), _) => logic(mv > HIGH_MV),
                 (None, Level::Float) => Value::Bit('z'),
                 (None, rest) => logic(rest == Level::High),
@@ -431,12 +430,12 @@ impl fmt::Display for Value {
     }
 }
 
-/// Code of the wire at a place: printable characters, as few as possible.
-fn code(place: usize) -> String {
+/// Code of a wire by its index: printable characters, as few as possible.
+fn code(index: usize) -> String {
     const FIRST: u8 = b'!';
     const COUNT: usize = (b'~' - FIRST) as usize + 1;
     let mut code = String::new();
-    let mut rest = place;
+    let mut rest = index;
     loop {
         code.push(char::from(FIRST + (rest % COUNT) as u8));
         if rest < COUNT {
@@ -475,7 +474,7 @@ mod tests {
     use super::*;
     use crate::bench::{Bench, PinStimulus, PowerAction, Settings, Setup};
     use crate::record::trace::Retention;
-    use crate::testing::toy::{LEVEL, Toy};
+    use crate::testing::test_device::{LEVEL, TestDevice};
 
     fn text(trace: &Trace) -> String {
         let mut text = Vec::new();
@@ -494,7 +493,7 @@ mod tests {
     #[test]
     fn a_file_from_its_beginning_to_its_end() {
         let mut bench = Bench::new();
-        let toy = bench.add::<Toy>("a-toy");
+        let toy = bench.add::<TestDevice>("a-toy");
         bench.run_until(500.micros());
         bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(2_500));
         bench.run_until(2.millis());
@@ -542,11 +541,11 @@ r2.5 \"
     #[test]
     fn a_contact_that_is_not_wired_floats() {
         let mut bench = Bench::new();
-        let seat = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
-        let dir = bench.spec(seat).pin("DIR").unwrap();
+        let id = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
+        let dir = bench.spec(id).pin("DIR").unwrap();
         for drive in [PinStimulus::Low, PinStimulus::Open] {
             bench.run_until(bench.now() + 1.millis());
-            bench.set_pin(seat, dir, drive);
+            bench.set_pin(id, dir, drive);
         }
         bench.run_until(bench.now() + 1.millis());
         let text = text(bench.trace());
@@ -563,10 +562,10 @@ r2.5 \"
     }
 
     #[test]
-    fn what_is_seated_later_is_unknown_until_then() {
+    fn a_drive_that_is_added_later_is_unknown_until_then() {
         let mut bench = Bench::new();
         bench.run_until(1.millis());
-        bench.add::<Toy>("late");
+        bench.add::<TestDevice>("late");
         bench.run_until(1_500.micros());
         assert_eq!(
             changes(bench.trace()),
@@ -578,7 +577,7 @@ r2.5 \"
     fn what_is_lost_is_unknown_until_it_is_told() {
         // Room for a few events only.
         let mut bench = Bench::with(Settings { trace: Retention::Ring(1_000), ..Settings::default() });
-        let toy = bench.add::<Toy>("toy");
+        let toy = bench.add::<TestDevice>("toy");
         bench.run_until(1.millis());
         for mv in 0..100 {
             bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(mv));

@@ -11,80 +11,80 @@ use crate::ids::DriveId;
 #[derive(Default)]
 pub(crate) struct ClientState {
     pub(crate) bus: u32,
-    /// The place of what arrived last before it came.
+    /// Arrival order of the last bytes before it connected.
     since: u64,
-    /// True once it has left, and only its whole messages are still sent.
+    /// True once it has left, and only its complete frames are still sent.
     pub(crate) left: bool,
-    /// True if its port paces characters itself, so that it gets what a drive sends at once.
+    /// True if its port times characters itself, so that replies are delivered at once.
     pub(crate) paces_itself: bool,
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
     pub(super) bytes: VecDeque<u8>,
     /// Arrival of the bytes, in pieces.
     pub(super) arrivals: VecDeque<Arrival>,
-    /// Characters for it, as they end.
+    /// Received characters, by the time of their end.
     inbox: VecDeque<RxChar>,
 }
 
-/// A character for somebody outside.
+/// A character for a client.
 #[derive(Clone, Copy)]
 struct RxChar {
     /// End of the character.
     end: Instant,
     byte: u8,
-    /// The drive that says it, if one does.
+    /// The drive that sends it, if any.
     from: Option<DriveId>,
-    /// True once it has collided: it stays corrupt as it is, whatever else it meets.
-    spoiled: bool,
+    /// True once it has collided: a further collision does not change it.
+    collided: bool,
 }
 
-/// Characters for clients that follow each other from `start` on.
+/// Characters for clients, without gaps from `start` on.
 #[derive(Clone, Copy)]
 pub(crate) struct RxBurst<'a> {
     pub(crate) start: Instant,
     pub(crate) character: Duration,
     pub(crate) bytes: &'a [u8],
-    /// The drive that says them, if one does.
+    /// The drive that sends them, if any.
     pub(crate) from: Option<DriveId>,
 }
 
-/// Bytes that came together.
+/// Bytes that arrived together.
 #[derive(Clone, Copy)]
 pub(super) struct Arrival {
-    /// Their place in the order of arrival.
+    /// Arrival order.
     order: u64,
     pub(super) at: Instant,
     pub(super) count: usize,
-    mark: CharFlags,
+    flags: CharFlags,
 }
 
-/// Kind of a character that a client has for a line on which each character has its time.
+/// Flags of a character that a client sends on a line with timed characters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct CharFlags {
-    /// Noise: no client has sent it.
+    /// Noise, not sent by a client.
     pub(crate) noise: bool,
-    /// A drive finds that it is wrong.
+    /// Received with a parity or framing error.
     pub(crate) unreadable: bool,
 }
 
 impl ClientState {
-    /// A client on `bus` that comes when so much has arrived.
+    /// A client that connects to `bus` after `since` arrivals.
     pub(crate) fn new(bus: u32, since: u64) -> Self {
         Self { bus, since, ..Self::default() }
     }
 
-    /// Bytes arrive.
-    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], mark: CharFlags) {
+    /// Queues bytes.
+    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], flags: CharFlags) {
         self.bytes.extend(bytes);
-        self.arrivals.push_back(Arrival { order, at, count: bytes.len(), mark });
+        self.arrivals.push_back(Arrival { order, at, count: bytes.len(), flags });
     }
 
-    /// Mark of its first waiting byte.
-    pub(crate) fn mark(&self) -> CharFlags {
-        self.arrivals.front().map(|arrival| arrival.mark).unwrap_or_default()
+    /// Flags of its first waiting byte.
+    pub(crate) fn flags(&self) -> CharFlags {
+        self.arrivals.front().map(|arrival| arrival.flags).unwrap_or_default()
     }
 
-    /// The place of its first waiting byte in the order of arrival.
+    /// Arrival order of its first waiting byte.
     pub(crate) fn order(&self) -> Option<u64> {
         self.arrivals.front().map(|arrival| arrival.order)
     }
@@ -94,7 +94,7 @@ impl ClientState {
         self.bytes.len()
     }
 
-    /// Takes the first bytes that wait.
+    /// Takes the first waiting bytes.
     pub(crate) fn take(&mut self, length: usize) -> Vec<u8> {
         let mut left = length;
         while let Some(arrival) = self.arrivals.front_mut()
@@ -109,13 +109,13 @@ impl ClientState {
         self.bytes.drain(..length).collect()
     }
 
-    /// A character for it. Two drives that send at once are mixed.
-    fn hear(&mut self, heard: RxChar) {
-        let place = self.inbox.partition_point(|other| other.end <= heard.end);
-        self.inbox.insert(place, heard);
+    /// Adds a received character. The characters of two drives that send at once are mixed.
+    fn push(&mut self, rx_char: RxChar) {
+        let place = self.inbox.partition_point(|other| other.end <= rx_char.end);
+        self.inbox.insert(place, rx_char);
     }
 
-    /// Characters of that length that are on their way to it, and on the line in that time, become others.
+    /// Corrupts the characters on their way to it that are on the line between `from` and `until`.
     pub(crate) fn garble(
         &mut self,
         from: Instant,
@@ -123,38 +123,38 @@ impl ClientState {
         character: Duration,
         garbage: impl Fn(Instant, u8) -> u8,
     ) {
-        let met = |heard: &&mut RxChar| from < heard.end && heard.end - character < until;
-        for heard in self.inbox.iter_mut().filter(met).filter(|heard| !heard.spoiled) {
-            heard.byte = garbage(heard.end, heard.byte);
-            heard.spoiled = true;
+        let met = |rx_char: &&mut RxChar| from < rx_char.end && rx_char.end - character < until;
+        for rx_char in self.inbox.iter_mut().filter(met).filter(|rx_char| !rx_char.collided) {
+            rx_char.byte = garbage(rx_char.end, rx_char.byte);
+            rx_char.collided = true;
         }
     }
 
-    /// Characters of a drive that end after `at` never came.
-    fn hush(&mut self, seat: DriveId, at: Instant) {
-        self.inbox.retain(|heard| heard.end <= at || heard.from != Some(seat));
+    /// Drops characters of a drive that end after `at`.
+    fn cancel_from(&mut self, drive: DriveId, at: Instant) {
+        self.inbox.retain(|rx_char| rx_char.end <= at || rx_char.from != Some(drive));
     }
 
     /// End of the next character for it.
     fn due(&self) -> Instant {
-        self.inbox.front().map_or(Instant::NEVER, |heard| heard.end)
+        self.inbox.front().map_or(Instant::NEVER, |rx_char| rx_char.end)
     }
 
     /// Appends the characters that have ended by `now`.
     fn receive(&mut self, now: Instant, into: &mut Vec<u8>) -> usize {
-        let count = self.inbox.partition_point(|heard| heard.end <= now);
-        into.extend(self.inbox.drain(..count).map(|heard| heard.byte));
+        let count = self.inbox.partition_point(|rx_char| rx_char.end <= now);
+        into.extend(self.inbox.drain(..count).map(|rx_char| rx_char.byte));
         count
     }
 }
 
-/// Everybody outside, and who can read something when. There may be thousands of them, of whom few hear
-/// something at a time.
+/// All clients of lines, and when each can read a character. There may be thousands, of which few receive characters
+/// at a time.
 #[derive(Default)]
 pub(crate) struct Clients {
     all: BTreeMap<u32, ClientState>,
-    /// Time at which each one can read its next character, if there is one.
-    audible: BTreeSet<(Instant, u32)>,
+    /// Time at which each client can read its next character, if there is one.
+    readable: BTreeSet<(Instant, u32)>,
 }
 
 impl Clients {
@@ -166,77 +166,77 @@ impl Clients {
         self.all.get_mut(id)
     }
 
-    pub(crate) fn insert(&mut self, id: u32, outside: ClientState) {
-        self.all.insert(id, outside);
+    pub(crate) fn insert(&mut self, id: u32, state: ClientState) {
+        self.all.insert(id, state);
     }
 
     pub(crate) fn remove(&mut self, id: &u32) -> Option<ClientState> {
-        let outside = self.all.remove(id)?;
-        self.audible.remove(&(outside.due(), *id));
-        Some(outside)
+        let state = self.all.remove(id)?;
+        self.readable.remove(&(state.due(), *id));
+        Some(state)
     }
 
-    /// Returns whether a client came behind that place in the order of arrival.
+    /// Returns whether a client connected after that point in the order of arrival.
     pub(crate) fn came_after(&self, id: u32, order: u64) -> bool {
-        self.all.get(&id).is_some_and(|outside| outside.since >= order)
+        self.all.get(&id).is_some_and(|state| state.since >= order)
     }
 
-    /// A client hears nothing more, and is here only until its whole messages are sent.
+    /// Disconnects a client: it receives nothing more, and stays only until its complete frames are sent.
     pub(crate) fn leave(&mut self, id: u32) -> Option<&ClientState> {
-        self.listening(id, |outside| outside.inbox.clear());
-        let outside = self.all.get_mut(&id)?;
-        outside.left = true;
-        Some(outside)
+        self.with_inbox(id, |state| state.inbox.clear());
+        let state = self.all.get_mut(&id)?;
+        state.left = true;
+        Some(state)
     }
 
-    /// Characters for a client, all of them as the first one begins if its port paces itself. `garbage`: what
-    /// is heard of one that ends then and collides with what is on the line already.
-    pub(crate) fn hear(&mut self, id: u32, told: RxBurst<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
-        let RxBurst { start, character, bytes, from } = told;
-        self.listening(id, |outside| {
+    /// Adds characters for a client; all of them at the start of the first one if its port times characters itself.
+    /// `garbage` returns the corrupt byte for a character that collides.
+    pub(crate) fn push(&mut self, id: u32, burst: RxBurst<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
+        let RxBurst { start, character, bytes, from } = burst;
+        self.with_inbox(id, |state| {
             for (n, &byte) in (1..).zip(bytes) {
                 let end = start + character * n;
                 let garbage = garbage(end, byte);
-                outside.hear(RxChar {
-                    end: if outside.paces_itself { start } else { end },
+                state.push(RxChar {
+                    end: if state.paces_itself { start } else { end },
                     byte: garbage.unwrap_or(byte),
                     from,
-                    spoiled: garbage.is_some(),
+                    collided: garbage.is_some(),
                 });
             }
         });
     }
 
-    /// Characters of a drive for a client that end after `at` never came.
-    pub(crate) fn hush(&mut self, id: u32, seat: DriveId, at: Instant) {
-        self.listening(id, |outside| outside.hush(seat, at));
+    /// Drops characters of a drive for a client that end after `at`.
+    pub(crate) fn cancel_from(&mut self, id: u32, drive: DriveId, at: Instant) {
+        self.with_inbox(id, |state| state.cancel_from(drive, at));
     }
 
-    /// Appends the characters that a client can read by `now`; returns how many.
+    /// Appends the characters that a client can read by `now`. Returns their number.
     pub(crate) fn receive(&mut self, id: u32, now: Instant, into: &mut Vec<u8>) -> usize {
-        self.listening(id, |outside| outside.receive(now, into)).unwrap_or(0)
+        self.with_inbox(id, |state| state.receive(now, into)).unwrap_or(0)
     }
 
     /// Earliest time at which a client can read a character.
     pub(crate) fn due(&self) -> Instant {
-        self.audible.first().map_or(Instant::NEVER, |&(at, _)| at)
+        self.readable.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
     /// Clients that can read a character by `now`.
-    pub(crate) fn audible(&self, now: Instant) -> impl Iterator<Item = u32> {
-        self.audible.iter().take_while(move |&&(at, _)| at <= now).map(|&(_, id)| id)
+    pub(crate) fn readable(&self, now: Instant) -> impl Iterator<Item = u32> {
+        self.readable.iter().take_while(move |&&(at, _)| at <= now).map(|&(_, id)| id)
     }
 
-    /// Does something with what a client that has not left hears.
-    fn listening<T>(&mut self, id: u32, act: impl FnOnce(&mut ClientState) -> T) -> Option<T> {
-        let outside = self.all.get_mut(&id).filter(|outside| !outside.left)?;
-        let before = outside.due();
-        let result = act(outside);
-        let after = outside.due();
+    /// Changes the received characters of a client that has not left.
+    fn with_inbox<T>(&mut self, id: u32, act: impl FnOnce(&mut ClientState) -> T) -> Option<T> {
+        let state = self.all.get_mut(&id).filter(|state| !state.left)?;
+        let before = state.due();
+        let result = act(state);
+        let after = state.due();
         if before != after {
-            self.audible.remove(&(before, id));
+            self.readable.remove(&(before, id));
             if after < Instant::NEVER {
-                self.audible.insert((after, id));
+                self.readable.insert((after, id));
             }
         }
         Some(result)

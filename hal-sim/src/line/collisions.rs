@@ -5,22 +5,22 @@ use drivetwin_firmware::device::{Duration, Instant, Line};
 use crate::line::faults::data_bits;
 use crate::rng::Rng;
 
-/// No character takes longer: 12 bits at 50 baud.
+/// Longest character: 12 bits at 50 baud.
 const LONGEST_CHARACTER: Duration = Duration::millis(240);
 
 /// Characters on a line on which they may overlap.
-pub(crate) struct Air {
+pub(crate) struct CollisionTracker {
     spans: Vec<Span>,
     /// Count of transmissions.
     count: u32,
-    /// Clients that have spoken since the line was free (BENCH-15).
-    pub(crate) spoke: Vec<u32>,
+    /// Clients that have sent since the line was free (BENCH-15).
+    pub(crate) transmitted: Vec<u32>,
     /// Last time at which the line was free.
     pub(crate) free: Instant,
-    dice: Rng,
+    rng: Rng,
 }
 
-/// Characters that somebody sends back to back.
+/// Characters of one sender, without gaps.
 struct Span {
     number: u32,
     /// The number of their frame in the capture.
@@ -30,15 +30,16 @@ struct Span {
     character: Duration,
 }
 
-impl Air {
-    /// Silence, on the line of that name.
+impl CollisionTracker {
+    /// A tracker without characters, for the line of that name.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
-        let dice = Rng::new(seed, &format!("collisions on {line}"));
-        Self { spans: Vec::new(), count: 0, spoke: Vec::new(), free: Instant::ZERO, dice }
+        let rng = Rng::new(seed, &format!("collisions on {line}"));
+        Self { spans: Vec::new(), count: 0, transmitted: Vec::new(), free: Instant::ZERO, rng }
     }
 
-    /// Adds `count` characters from `from` on, which `frame` of the capture will be; returns a number for them.
-    pub(crate) fn carry(
+    /// Adds `count` characters from `from` on, which become `frame` of the capture. Returns the number of the
+    /// transmission.
+    pub(crate) fn add(
         &mut self,
         now: Instant,
         from: Instant,
@@ -53,8 +54,8 @@ impl Air {
         self.count
     }
 
-    /// The frames that those of that number overlap.
-    pub(crate) fn met(&self, number: u32) -> impl Iterator<Item = u64> {
+    /// The frames that a transmission overlaps.
+    pub(crate) fn overlapped(&self, number: u32) -> impl Iterator<Item = u64> {
         let own = self.spans.iter().find(|span| span.number == number);
         let meets = move |span: &&Span| {
             own.is_some_and(|own| span.number != number && span.from < own.until && own.from < span.until)
@@ -62,8 +63,8 @@ impl Air {
         self.spans.iter().filter(meets).map(|span| span.frame)
     }
 
-    /// Returns whether a character of that number that ends at `end` overlaps another one.
-    pub(crate) fn spoils(&self, number: u32, end: Instant) -> bool {
+    /// Returns whether a character of a transmission that ends at `end` overlaps another one.
+    pub(crate) fn collides(&self, number: u32, end: Instant) -> bool {
         let own = self.spans.iter().find(|span| span.number == number);
         let began = own.map_or(end, |span| end - span.character);
         self.spans.iter().any(|span| span.number != number && span.from < end && span.until > began)
@@ -72,8 +73,8 @@ impl Air {
     /// Byte that clients receive for a character of a line that ends at `end` and overlaps another one: the same for
     /// all clients, and never the character itself.
     pub(crate) fn garbage(&self, line: Line, end: Instant, byte: u8) -> u8 {
-        let mut dice = self.dice.clone();
-        dice.skip(end.ticks());
-        byte ^ (dice.next() % u64::from(data_bits(line)) + 1) as u8
+        let mut rng = self.rng.clone();
+        rng.skip(end.ticks());
+        byte ^ (rng.next() % u64::from(data_bits(line)) + 1) as u8
     }
 }

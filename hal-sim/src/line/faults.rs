@@ -1,4 +1,4 @@
-//! Faults of a line: frames lost, changed, doubled, cut, delayed, and noise between them.
+//! Faults of a line: frames lost, corrupted, duplicated, truncated, delayed, and noise between frames.
 
 use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
@@ -7,41 +7,61 @@ use drivetwin_protocol::modbus::{ascii, rtu};
 
 use crate::rng::Rng;
 
-/// The longest that a reply may be late.
+/// Maximum of [`LineFaults::delay`]: 60 s.
 pub const LONGEST_DELAY: Duration = Duration::secs(60);
 
-/// The slowest and the fastest rate at which clients may talk.
+/// Range of [`LineFaults::baud`] in bits per second: 50 to 4,000,000.
 pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 
-/// Faults of a line. Rates are per frame, for requests and replies alike unless a field says otherwise, from 0 to 1; by
-/// default there are none. Where each character has its time, a frame is what a client has written at once, or what a
-/// drive has sent at once.
+/// Faults of a line, set by [`Bench::set_line_faults`](crate::bench::Bench::set_line_faults). Rates are shares of the
+/// frames, from 0 to 1, for requests and replies alike unless a field says otherwise. The default has no faults. On a
+/// line with timed characters, a frame is a write of a client, or an output of a drive.
+///
+/// ```
+/// use drivetwin_firmware::device::{Duration, Instant, Port};
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_protocol::modbus::rtu;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::line::faults::LineFaults;
+///
+/// let mut bench = Bench::new();
+/// let drive = bench.add::<Md3>("x");
+/// bench.run_until(Instant::ZERO + Duration::secs(3));
+/// let bus = bench.bus(drive, Port(0)).unwrap();
+/// let faults = LineFaults { drop: 1.0, ..LineFaults::NONE };
+/// assert_eq!(faults.check(), Ok(()));
+/// bench.set_line_faults(bus, faults);
+/// assert!(bench.ask(drive, &rtu::read(1, 0, 1)).is_empty());
+/// bench.set_line_faults(bus, LineFaults::NONE);
+/// assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
+/// ```
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct LineFaults {
-    /// Frames that are lost.
+    /// Share of frames that are lost.
     pub drop: f64,
-    /// Frames in which a data bit is turned over (BENCH-11). Drives on a line with parity notice it in that character.
+    /// Share of frames in which one data bit is inverted. On a line with parity, drives detect a parity error in that
+    /// character (BENCH-11).
     pub corrupt: f64,
-    /// Frames that come twice: a reply again when the line has been silent behind it, a request again when its
-    /// answer is over; what was written to a line on which each character has its time, at once. Replies that lag
-    /// by half a second, because the line is full, come once.
+    /// Share of frames that come twice: a reply again after an inter-frame gap, a request again after its answer, on a
+    /// line with timed characters at once. Replies that lag by half a second, because the line is full, come once.
     pub duplicate: f64,
-    /// Frames whose end is missing: at least a character, and all but one at most.
+    /// Share of frames whose end is missing: at least one character, and at most all but one.
     pub truncate: f64,
-    /// Replies that bear the address of no drive of the line, with a good check sum; only of Modbus.
+    /// Share of replies with an address that no drive of the line has, and a valid checksum; only on Modbus lines.
     pub wrong_address: f64,
-    /// Requests that are not carried out but refused, with `exception_code`; only of Modbus.
+    /// Share of requests that are not executed but answered with the exception `exception_code`; only on Modbus lines.
     pub exception: f64,
-    /// The code of such a refusal, 1 to 255.
+    /// Code of the exception, 1 to 255.
     pub exception_code: u8,
-    /// Frames after which, when the line has been silent, it carries one to eight characters of noise;
-    /// not behind replies that lag by half a second, because the line is full.
+    /// Share of frames after which, behind an inter-frame gap, one to eight characters of noise follow; not behind
+    /// replies that lag by half a second, because the line is full.
     pub noise: f64,
-    /// Every reply is late by that, up to a minute.
+    /// Delay of every reply, up to 60 s ([`LONGEST_DELAY`]).
     pub delay: Duration,
-    /// No reply reaches anybody.
+    /// True if no reply is delivered.
     pub mute: bool,
-    /// Clients talk and listen at that rate, 50 to 4,000,000 bits per second, whatever the drives do.
+    /// Baud rate of the clients, 50 to 4,000,000 bits per second, whatever the settings of the drives. `None`: that of
+    /// the drives.
     pub baud: Option<u32>,
 }
 
@@ -52,7 +72,7 @@ impl Default for LineFaults {
 }
 
 impl LineFaults {
-    /// No faults.
+    /// No faults: all rates 0, no delay; the default.
     pub const NONE: Self = Self {
         drop: 0.0,
         corrupt: 0.0,
@@ -67,7 +87,7 @@ impl LineFaults {
         baud: None,
     };
 
-    /// The rates, by name.
+    /// The seven rates with their names, for tables of settings.
     pub fn shares(&mut self) -> [(&'static str, &mut f64); 7] {
         [
             ("drop", &mut self.drop),
@@ -83,7 +103,7 @@ impl LineFaults {
     /// Checks that every value is in its range.
     ///
     /// # Errors
-    /// One sentence: which is not, and what it takes.
+    /// One sentence that names the value and its range.
     pub fn check(&self) -> Result<(), String> {
         let mut own = *self;
         if let Some((name, share)) = own.shares().iter().find(|(_, share)| !(0.0..=1.0).contains(&**share)) {
@@ -93,7 +113,7 @@ impl LineFaults {
             return Err("exception_code takes 1 to 255, not 0".into());
         }
         if self.delay > LONGEST_DELAY {
-            return Err("a reply can be late by 60 s at most".into());
+            return Err("delay takes 60 s at most".into());
         }
         match self.baud.filter(|baud| !BAUDS.contains(baud)) {
             Some(baud) => {
@@ -103,24 +123,24 @@ impl LineFaults {
         }
     }
 
-    /// Checks that a line with that port can have these faults: [`check`](Self::check), and addresses and exceptions
-    /// only on lines of Modbus.
+    /// Checks that a line with that port can have these faults: [`check`](Self::check), and `wrong_address` and
+    /// `exception` only on a Modbus line.
     ///
     /// # Errors
-    /// One sentence: what cannot be.
+    /// One sentence that names the fault and the reason.
     pub fn check_for(&self, port: &PortSpec) -> Result<(), String> {
         self.check()?;
         let needs_modbus = [("wrong_address", self.wrong_address), ("exception", self.exception)];
         match needs_modbus.iter().find(|(_, share)| *share > 0.0) {
             Some((name, _)) if port.framing != Framing::Silence => {
-                Err(format!("{name} is for lines of Modbus, and {} is none", port.name))
+                Err(format!("{name} is for Modbus lines only, and {} is not one", port.name))
             }
             _ => Ok(()),
         }
     }
 }
 
-/// Faults of a line, and the random stream that decides about its frames.
+/// Faults of a line, and the random streams for its frames.
 pub(crate) struct Disturbance {
     faults: LineFaults,
     /// True if there are no faults.
@@ -154,71 +174,71 @@ impl Disturbance {
         &self.faults
     }
 
-    /// Faults of the next request; `None`: it has none.
-    pub(crate) fn request(&mut self) -> Option<Fate> {
+    /// Faults of the next request; `None` if it has none.
+    pub(crate) fn request(&mut self) -> Option<FrameFaults> {
         self.fate(|this| &mut this.requests)
     }
 
-    /// Faults of the next reply; `None`: it has none.
-    pub(crate) fn reply(&mut self) -> Option<Fate> {
+    /// Faults of the next reply; `None` if it has none.
+    pub(crate) fn reply(&mut self) -> Option<FrameFaults> {
         self.fate(|this| &mut this.replies)
     }
 
-    fn fate(&mut self, dice: impl Fn(&mut Self) -> &mut Rng) -> Option<Fate> {
+    fn fate(&mut self, rng: impl Fn(&mut Self) -> &mut Rng) -> Option<FrameFaults> {
         let faults = self.faults;
         if self.quiet {
-            dice(self).skip(Fate::THROWS);
+            rng(self).skip(FrameFaults::DRAWS);
             return None;
         }
-        Some(Fate::throw(&faults, dice(self)))
+        Some(FrameFaults::draw(&faults, rng(self)))
     }
 }
 
 /// Faults of one frame.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Fate {
+pub(crate) struct FrameFaults {
     /// The frame is lost.
     pub(crate) lost: bool,
-    /// Random number that says where it ends too early.
+    /// Random number for the length of a truncated frame.
     cut: Option<u64>,
-    /// Random number that says which bits are inverted.
+    /// Random number for the inverted bit.
     flip: Option<u64>,
     /// The frame comes twice.
     pub(crate) twice: bool,
     /// The frame has another address.
-    pub(crate) elsewhere: bool,
+    pub(crate) wrong_address: bool,
     /// The request is refused with an exception.
     pub(crate) refused: bool,
-    /// Random number that gives noise behind it.
+    /// Random number for the noise behind it.
     noise: Option<u64>,
-    /// The seed of the characters that somebody at another baud rate takes it for.
+    /// Seed of the characters that a receiver at another baud rate reads.
     garbage: u64,
 }
 
-impl Fate {
-    /// Random numbers that a frame takes, whatever the faults are: so no rate changes what another one does (BENCH-10).
-    const THROWS: u64 = 11;
+impl FrameFaults {
+    /// Random numbers per frame, whatever the faults are: so one rate does not change the effect of another (BENCH-10).
+    const DRAWS: u64 = 11;
 
-    fn throw(faults: &LineFaults, dice: &mut Rng) -> Self {
+    fn draw(faults: &LineFaults, rng: &mut Rng) -> Self {
         let mut which = |share: f64| {
-            let (gen_bool, number) = (dice.gen_bool(share), dice.next());
+            let (gen_bool, number) = (rng.gen_bool(share), rng.next());
             gen_bool.then_some(number)
         };
         let (cut, flip, noise) = (which(faults.truncate), which(faults.corrupt), which(faults.noise));
         Self {
-            lost: dice.gen_bool(faults.drop),
+            lost: rng.gen_bool(faults.drop),
             cut,
             flip,
-            twice: dice.gen_bool(faults.duplicate),
-            elsewhere: dice.gen_bool(faults.wrong_address),
-            refused: dice.gen_bool(faults.exception),
+            twice: rng.gen_bool(faults.duplicate),
+            wrong_address: rng.gen_bool(faults.wrong_address),
+            refused: rng.gen_bool(faults.exception),
             noise,
-            garbage: dice.next(),
+            garbage: rng.next(),
         }
     }
 
-    /// The frame as its faults leave it.
-    pub(crate) fn spoil(&self, line: Line, bytes: &[u8]) -> Text {
+    /// The frame with its faults applied.
+    pub(crate) fn apply(&self, line: Line, bytes: &[u8]) -> Text {
         if self.lost {
             return Text::default();
         }
@@ -235,12 +255,12 @@ impl Fate {
         text
     }
 
-    /// The noise behind it.
+    /// The noise behind the frame.
     pub(crate) fn noise(&self, line: Line) -> Option<Text> {
-        let mut dice = Rng::branch(self.noise?);
+        let mut rng = Rng::branch(self.noise?);
         let mut text = Text::default();
-        for place in 0..=(dice.next() % 8) as usize {
-            let number = dice.next();
+        for place in 0..=(rng.next() % 8) as usize {
+            let number = rng.next();
             text.bytes.push(number as u8 & data_bits(line));
             if number >> 63 == 1 {
                 text.unreadable.push(place);
@@ -249,16 +269,16 @@ impl Fate {
         Some(text)
     }
 
-    /// Bytes that a reader at `baud` bits per second makes of `count` characters of `line`: as many as fit into their
-    /// time, and no more.
+    /// Bytes that a receiver at `baud` bits per second reads for `count` characters of `line`: as many as fit into
+    /// their time, at most `count`.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
         let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
-        let mut dice = Rng::branch(self.garbage);
-        (0..room.min(count as u64)).map(|_| dice.next() as u8 & data_bits(line)).collect()
+        let mut rng = Rng::branch(self.garbage);
+        (0..room.min(count as u64)).map(|_| rng.next() as u8 & data_bits(line)).collect()
     }
 }
 
-/// The bits that a character of a line has.
+/// Mask of the data bits of a character.
 pub(crate) fn data_bits(line: Line) -> u8 {
     if line.data == 7 { 0x7F } else { 0xFF }
 }
@@ -267,11 +287,11 @@ pub(crate) fn data_bits(line: Line) -> u8 {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Text {
     pub(crate) bytes: Vec<u8>,
-    /// Places of those in which a drive finds that they are wrong.
+    /// Indices of characters with a parity or framing error.
     pub(crate) unreadable: Vec<usize>,
 }
 
-/// A request that is refused without being carried out.
+/// A request that is refused without being executed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Refusal {
     unit: u8,
@@ -280,29 +300,29 @@ pub(crate) struct Refusal {
 }
 
 impl Refusal {
-    /// A user-defined function (application, 5) that no drive has (BENCH-12).
-    const NOBODYS: u8 = 110;
+    /// A user-defined function code (application, 5) that no drive supports (BENCH-12).
+    const UNUSED_FUNCTION: u8 = 110;
 
-    /// Refusal of a request on a line of Modbus, and what the drives get instead. `None` where it cannot be refused: a
-    /// broadcast, or no request.
+    /// Refusal of a request on a Modbus line, and the request that the drives receive instead. `None` where it cannot
+    /// be refused: a broadcast, or no request.
     pub(crate) fn of(line: Line, request: &[u8], code: u8) -> Option<(Self, Vec<u8>)> {
         let (unit, mut pdu) = opened(line, request)?;
         let function = pdu.first_mut().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
         let refusal = Self { unit, function: *function, code };
-        *function = Self::NOBODYS;
+        *function = Self::UNUSED_FUNCTION;
         Some((refusal, framed(line, unit, &pdu)))
     }
 
-    /// The answer that replaces a drive's reply, if that is the reply to the request.
+    /// The exception that replaces a drive's reply, if that is the reply to the request.
     pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
         let (unit, pdu) = opened(line, reply)?;
-        let refused = unit == self.unit && pdu.first() == Some(&(Self::NOBODYS | EXCEPTION_BIT));
+        let refused = unit == self.unit && pdu.first() == Some(&(Self::UNUSED_FUNCTION | EXCEPTION_BIT));
         refused.then(|| framed(line, unit, &[self.function | EXCEPTION_BIT, self.code]))
     }
 }
 
-/// A reply from another address, with a good check sum: the next one up of 1 to 247 that is free, or where none is
-/// one of those that are reserved (serial, 2.2; BENCH-13). `None` where even they are taken.
+/// A reply from another address, with a valid checksum: the next higher free address of 1 to 247, or if none is free a
+/// reserved one (serial, 2.2). `None` if these are taken, too (BENCH-13).
 pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec<u8>> {
     let (unit, pdu) = opened(line, reply)?;
     let others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);
@@ -310,13 +330,13 @@ pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec
     Some(framed(line, other, &pdu))
 }
 
-/// Address and PDU of a good frame on a line of Modbus.
+/// Address and PDU of a valid frame on a Modbus line.
 fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
     let split = |body: &[u8]| body.split_first().map(|(&unit, pdu)| (unit, pdu.to_vec()));
     if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::verify_crc(frame)?) }
 }
 
-/// The frame of an address and a PDU on a line of Modbus.
+/// The frame of an address and a PDU on a Modbus line.
 fn framed(line: Line, unit: u8, pdu: &[u8]) -> Vec<u8> {
     if ascii::is_on(line) { ascii::frame(unit, pdu).to_vec() } else { rtu::frame(unit, pdu).to_vec() }
 }
@@ -340,10 +360,7 @@ mod tests {
                 "corrupt takes a share of the frames from 0 to 1, not NaN",
             ),
             (LineFaults { exception_code: 0, ..quiet }, "exception_code takes 1 to 255, not 0"),
-            (
-                LineFaults { delay: LONGEST_DELAY + Duration::TICK, ..quiet },
-                "a reply can be late by 60 s at most",
-            ),
+            (LineFaults { delay: LONGEST_DELAY + Duration::TICK, ..quiet }, "delay takes 60 s at most"),
             (LineFaults { baud: Some(49), ..quiet }, "baud takes 50 to 4000000 bits per second, not 49"),
         ] {
             assert_eq!(wrong(faults), message);
@@ -356,7 +373,10 @@ mod tests {
         let (rs485, usb) = (port("rs485", Framing::Silence), port("usb", Framing::Character));
         let faults = LineFaults { exception: 0.1, ..LineFaults::NONE };
         assert_eq!(faults.check_for(&rs485), Ok(()));
-        assert_eq!(faults.check_for(&usb).unwrap_err(), "exception is for lines of Modbus, and usb is none");
+        assert_eq!(
+            faults.check_for(&usb).unwrap_err(),
+            "exception is for Modbus lines only, and usb is not one"
+        );
         let both = LineFaults { drop: 2.0, ..faults };
         assert!(both.check_for(&usb).unwrap_err().starts_with("drop "));
         assert_eq!(LineFaults { drop: 0.5, ..LineFaults::NONE }.check_for(&usb), Ok(()));

@@ -12,33 +12,33 @@ use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
-pub(crate) use collisions::Air;
+pub(crate) use collisions::CollisionTracker;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
-/// Time that characters take.
+/// Whether characters take time on serial lines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum LineMode {
-    /// Their time at the line's rate.
+    /// Each character takes its time at the line's baud rate.
     #[default]
     Timed,
-    /// None, for load tests (HOST-5): a frame and its end come at one instant, replies leave at once.
+    /// Characters take no time, for load tests: a frame and its end arrive at one instant, replies leave at once (HOST-5).
     Fast,
 }
 
-/// Serial settings of a sender as far as they are known; `None` fits every line.
+/// Serial settings of a client's port as far as they are known; a field that is `None` fits every line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Sender {
-    /// Bits per second.
+    /// Baud rate in bits per second; `None` if unknown.
     pub baud: Option<u32>,
-    /// Stop bits.
+    /// Number of stop bits, 1 or 2; `None` if unknown.
     pub stop: Option<u8>,
-    /// True for odd parity; a pty shows no more of the parity.
+    /// True for odd parity, false for even or no parity: a pty does not report more.
     pub odd: Option<bool>,
 }
 
 impl Sender {
-    /// Returns whether a drive on `line` can read it.
+    /// Returns whether a drive with the settings `line` can read characters of this sender.
     #[must_use]
     pub fn fits(self, line: Line) -> bool {
         self.baud.is_none_or(|baud| baud == line.baud)
@@ -49,50 +49,50 @@ impl Sender {
 
 /// A line and the ports on it.
 pub(crate) struct SerialLine {
-    /// Name of the line: as given to it, or the names of its drive and port.
+    /// Name of the line: as given, or the names of its drive and port.
     pub(crate) name: String,
-    /// The name of its port, where a drive has it for itself.
+    /// Name of the port, for the line of a single port.
     pub(crate) port: Option<&'static str>,
-    /// By the names of their seats.
+    /// Ports, sorted by the names of their drives.
     pub(crate) ports: Vec<(DriveId, Port)>,
     /// Clients that are connected.
     pub(crate) clients: Vec<u32>,
     pub(crate) turn: LineState,
     /// The client that was served last.
     pub(crate) served: u32,
-    /// The place of what it said in the order of arrival.
-    pub(crate) said: u64,
-    /// End of `turn`, or of the wait for the rest of half a message.
+    /// Arrival order of its last request.
+    pub(crate) served_order: u64,
+    /// End of `turn`, or of the wait for the rest of a partial frame.
     pub(crate) until: Instant,
-    /// From when a client's character may begin.
+    /// Earliest start of a client's next character.
     pub(crate) free: Instant,
-    /// The end of the time for which the client served last keeps a line on which each character has its time.
+    /// End of the time for which the client served last keeps a line with timed characters.
     pub(crate) kept_until: Instant,
     /// Time at which the last character of a drive has left.
     pub(crate) sends_until: Instant,
     pub(crate) disturbance: Disturbance,
-    /// Requests that come, as they are, before the line is free again.
+    /// Requests that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
     /// The request that is refused now.
     pub(crate) refusal: Option<Refusal>,
-    /// Until when replies are on the line that were held up, or came twice: no other one overtakes them.
+    /// End of delayed and repeated replies: no other reply overtakes them.
     pub(crate) held_up: Instant,
     /// Characters on the line, where they may collide.
-    pub(crate) air: Option<Air>,
+    pub(crate) collisions: Option<CollisionTracker>,
 }
 
 /// A client's message, or noise, on a line.
 #[derive(Clone, Default)]
 pub(crate) struct Request {
     pub(crate) client: u32,
-    /// Place in the order of arrival.
+    /// Arrival order.
     pub(crate) order: u64,
     pub(crate) sender: Sender,
     /// Number of characters.
     pub(crate) count: usize,
     /// Characters as they are on the line.
     pub(crate) text: Text,
-    /// Refusal of the request, and what the drives get instead of it.
+    /// Refusal of the request, and the request that the drives receive instead.
     pub(crate) refused: Option<(Refusal, Vec<u8>)>,
     /// True for noise, which no client has sent.
     pub(crate) noise: bool,
@@ -101,14 +101,14 @@ pub(crate) struct Request {
 /// State of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum LineState {
-    /// Free, or given to half a message.
+    /// Free, or reserved for a partial frame.
     Free,
-    /// A message, or a character, is on its way to the drives, or they are judging it, or the client is
-    /// held back.
+    /// A frame or character is on its way to the drives, or they wait for the inter-frame gap, or the client is
+    /// deferred.
     Asked,
     /// A drive answers.
     Answering,
-    /// All is answered and nobody waits, but the client served last keeps the line and may go on.
+    /// All is answered and no client waits, but the client served last keeps the line and may send more.
     Kept,
 }
 
@@ -129,7 +129,7 @@ impl SerialLine {
             clients: Vec::new(),
             turn: LineState::Free,
             served: 0,
-            said: 0,
+            served_order: 0,
             until: Instant::NEVER,
             free: Instant::ZERO,
             kept_until: Instant::ZERO,
@@ -138,16 +138,16 @@ impl SerialLine {
             behind: VecDeque::new(),
             refusal: None,
             held_up: Instant::ZERO,
-            air: None,
+            collisions: None,
         }
     }
 
-    /// End of the wait for the rest of half a message, if one waits.
-    pub(crate) fn half_until(&self) -> Option<Instant> {
+    /// End of the wait for the rest of a partial frame, if there is one.
+    pub(crate) fn partial_until(&self) -> Option<Instant> {
         (self.turn == LineState::Free && self.until != Instant::NEVER).then_some(self.until)
     }
 
-    /// The line that a drive has for itself at a port called `name`.
+    /// The line of a single port called `name`.
     pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (DriveId, Port)) -> Self {
         Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }
     }

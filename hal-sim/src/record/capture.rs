@@ -1,5 +1,5 @@
-//! Captures of lines and TCP connections: frames as a probe on the wires sees them, with their faults. Of frames that
-//! collided it keeps the bytes of each sender, and that no receiver could read them (BENCH-16).
+//! Capture of lines and TCP connections: frames as a probe on the wires reads them, with their faults. For frames that
+//! collided it has the bytes of each sender, and the mark that no receiver could read them (BENCH-16).
 
 use std::collections::VecDeque;
 
@@ -8,36 +8,36 @@ use drivetwin_firmware::device::{Duration, Instant, Line, Link, Port};
 use crate::ids::{Bus, DriveId};
 use crate::record::trace::{Retention, allocated, make_room};
 
-/// Frames that were on the lines and connections.
+/// Recorded frames of the lines and TCP connections of a bench, see [`Bench::capture`](crate::bench::Bench::capture).
 #[derive(Clone, Debug)]
 pub struct Capture {
     frames: VecDeque<Frame>,
-    keep: Retention,
+    retention: Retention,
     bytes: usize,
-    /// Frames that a full ring has dropped.
+    /// Number of frames that a full ring has dropped.
     lost: u64,
 }
 
-/// Characters that were sent together.
+/// A frame: characters that were sent together.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Start of the first one.
+    /// Bench time of the start of the first character.
     pub at: Instant,
-    /// Time that all of them take; on a connection none.
+    /// Duration of the frame; zero on a TCP connection.
     pub lasts: Duration,
-    /// Line or connection.
+    /// Line or TCP connection.
     pub on: Medium,
-    /// Sender.
+    /// Sender of the frame.
     pub from: Source,
-    /// The settings of the line; `None` on a connection.
+    /// Serial settings of the line; `None` on a TCP connection.
     pub line: Option<Line>,
-    /// The characters; none when a connection is over.
+    /// Bytes of the frame; empty at the end of a TCP connection.
     pub bytes: Vec<u8>,
-    /// True if some of them overlapped others on the line.
+    /// True if some characters overlapped others on the line.
     pub collided: bool,
 }
 
-/// Medium that carries frames.
+/// Medium of a frame: a serial line or a TCP connection.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Medium {
     /// A line.
@@ -46,7 +46,7 @@ pub enum Medium {
     Tcp(DriveId, Port, Link),
 }
 
-/// Sender of a frame.
+/// Sender of a frame: a client, a drive, or noise.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Source {
     /// A client.
@@ -59,37 +59,37 @@ pub enum Source {
 
 impl Capture {
     /// An empty capture.
-    pub(crate) fn new(keep: Retention) -> Self {
-        Self { frames: VecDeque::new(), keep, bytes: 0, lost: 0 }
+    pub(crate) fn new(retention: Retention) -> Self {
+        Self { frames: VecDeque::new(), retention, bytes: 0, lost: 0 }
     }
 
-    /// Frames so far, with those that a ring has dropped.
+    /// Number of frames so far, including those that a ring has dropped.
     #[must_use]
     pub fn seen(&self) -> u64 {
         self.lost + self.frames.len() as u64
     }
 
-    /// The frames that are kept, in the order in which they were sent on their way; those after the first `seen`.
+    /// The retained frames after the first `seen`, in the order of recording.
     pub fn since(&self, seen: u64) -> impl Iterator<Item = &Frame> {
         let skip = usize::try_from(seen.saturating_sub(self.lost)).unwrap_or(usize::MAX);
         self.frames.iter().skip(skip)
     }
 
-    /// Frames that a full ring has dropped.
+    /// Number of frames that a full ring has dropped.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// A copy without the frames, which [`copy_on`](Self::copy_on) brings.
+    /// A copy without the frames; [`copy_on`](Self::copy_on) adds them.
     #[must_use]
     pub fn outline(&self) -> Self {
         Self { lost: self.lost, ..Self::new(Retention::All) }
     }
 
-    /// Brings at most `most` more frames of what this is an [outline](Self::outline) of, none beyond the
-    /// first `seen`; whether there are more. What the ring has dropped meanwhile is lost here, too, with all
-    /// before it.
+    /// Copies at most `most` more frames of the capture of which this is an [outline](Self::outline), none beyond the
+    /// first `seen`. Returns whether there are more. Frames that the ring has dropped meanwhile are lost here, too,
+    /// with all before them.
     pub fn copy_on(&mut self, original: &Self, seen: u64, most: usize) -> bool {
         if original.lost > self.seen() {
             self.frames.clear();
@@ -105,10 +105,10 @@ impl Capture {
         self.seen() < seen
     }
 
-    /// Ends the frame of a drive on a line at `at`.
-    pub(crate) fn cut(&mut self, bus: Bus, seat: DriveId, at: Instant) {
-        let said = |frame: &&mut Frame| frame.on == Medium::Line(bus) && frame.from == Source::Drive(seat);
-        for frame in self.frames.iter_mut().filter(said).filter(|frame| frame.end() > at) {
+    /// Truncates the frame of a drive on a line at `at`.
+    pub(crate) fn cut(&mut self, bus: Bus, drive: DriveId, at: Instant) {
+        let is_cut = |frame: &&mut Frame| frame.on == Medium::Line(bus) && frame.from == Source::Drive(drive);
+        for frame in self.frames.iter_mut().filter(is_cut).filter(|frame| frame.end() > at) {
             let Some(line) = frame.line else { continue };
             self.bytes -= frame.size();
             let whole = at.since(frame.at) / line.character();
@@ -118,22 +118,22 @@ impl Capture {
         }
     }
 
-    /// Others overlap a frame, the first one being 0.
+    /// Marks a frame as collided; the first one has number 0.
     pub(crate) fn collide(&mut self, number: u64) {
-        let place = number.checked_sub(self.lost).and_then(|place| usize::try_from(place).ok());
-        if let Some(frame) = place.and_then(|place| self.frames.get_mut(place)) {
+        let index = number.checked_sub(self.lost).and_then(|index| usize::try_from(index).ok());
+        if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
             frame.collided = true;
         }
     }
 
-    /// A frame is on a line.
+    /// Records a frame.
     pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
-        if self.keep == Retention::Off {
+        if self.retention == Retention::Off {
             return;
         }
         let frame = frame();
         self.bytes += frame.size();
-        if let Retention::Ring(most) | Retention::Written(most) = self.keep {
+        if let Retention::Ring(most) | Retention::Written(most) = self.retention {
             while self.bytes > most
                 && let Some(oldest) = self.frames.pop_front()
             {
@@ -153,7 +153,7 @@ impl Frame {
         self.at + self.lasts
     }
 
-    /// Bytes of memory that it takes.
+    /// Memory that it takes, in bytes.
     fn size(&self) -> usize {
         size_of::<Self>() + allocated(self.bytes.len())
     }

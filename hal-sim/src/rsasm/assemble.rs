@@ -13,7 +13,7 @@ use drivetwin_firmware::rs434::program::instruction::{
 use drivetwin_firmware::rs434::{LINES, Reg};
 use drivetwin_protocol::registers::{Register as _, Space};
 
-use super::cursor::{Cursor, Place, Token};
+use super::cursor::{Cursor, Position, Token};
 use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
 use crate::suggest;
 
@@ -39,11 +39,11 @@ pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
     let source = source.strip_prefix('\u{FEFF}').unwrap_or(source);
     for (index, text) in source.lines().enumerate() {
         let mut cursor = Cursor::new(index + 1, text);
-        let Some((place, content)) = names.part(&mut cursor, length)? else { continue };
+        let Some((position, content)) = names.part(&mut cursor, length)? else { continue };
         parts.push(Part { at: length, content, operands: cursor });
         length += content.lines();
         if length > LINES {
-            return Err(place.error(format!("the program is longer than {LINES} lines from here on")));
+            return Err(position.error(format!("the program is longer than {LINES} lines from here on")));
         }
     }
     if parts.is_empty() {
@@ -58,7 +58,7 @@ pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
     Ok(program)
 }
 
-/// A command or what stands in its place.
+/// A command, or a directive in its place.
 struct Part<'a> {
     /// First line in the program.
     at: usize,
@@ -92,7 +92,7 @@ impl Content {
 #[derive(Clone, Copy)]
 enum Meaning {
     Constant(i64),
-    /// The line of the program that it stands before.
+    /// The line of the program that follows it.
     Label(usize),
 }
 
@@ -101,74 +101,73 @@ struct Names<'a>(BTreeMap<&'a str, Meaning>);
 
 impl<'a> Names<'a> {
     /// Reads a line of the text up to what a command works with; `at` is the next line of the program.
-    fn part(&mut self, cursor: &mut Cursor<'a>, at: usize) -> Result<Option<(Place, Content)>, Error> {
+    fn part(&mut self, cursor: &mut Cursor<'a>, at: usize) -> Result<Option<(Position, Content)>, Error> {
         loop {
-            let (place, word) = match cursor.next()? {
+            let (position, word) = match cursor.next()? {
                 (_, Token::End) => return Ok(None),
-                (place, Token::Word(word)) => (place, word),
-                (place, _) => {
-                    return Err(place.error("here comes a command, a label or the name of a constant"));
+                (position, Token::Word(word)) => (position, word),
+                (position, _) => {
+                    return Err(position.error("here comes a command, a label or the name of a constant"));
                 }
             };
             if cursor.skips(':')? {
-                self.define(place, word, Meaning::Label(at))?;
+                self.define(position, word, Meaning::Label(at))?;
             } else if cursor.skips('=')? {
                 let value = self.number(cursor, PAIRS)?;
                 cursor.end()?;
-                self.define(place, word, Meaning::Constant(value))?;
+                self.define(position, word, Meaning::Constant(value))?;
                 return Ok(None);
             } else {
-                return Ok(Some((place, self.content(place, word, cursor)?)));
+                return Ok(Some((position, self.content(position, word, cursor)?)));
             }
         }
     }
 
-    fn content(&self, place: Place, word: &str, cursor: &mut Cursor<'a>) -> Result<Content, Error> {
+    fn content(&self, position: Position, word: &str, cursor: &mut Cursor<'a>) -> Result<Content, Error> {
         match (word, instruction::code(word)) {
             (WORD, _) => Ok(Content::Word),
             (ZERO, _) => Ok(Content::Zero(self.number(cursor, 1..=LINES as i64)? as usize)),
             (_, Some(code)) => Ok(Content::Opcode(code, COMMANDS[usize::from(code)])),
             (_, None) => {
                 let known = MNEMONICS.into_iter().chain([WORD, ZERO]);
-                Err(place.error(suggest::unknown("command", word, known)))
+                Err(position.error(suggest::unknown("command", word, known)))
             }
         }
     }
 
-    fn define(&mut self, place: Place, name: &'a str, meaning: Meaning) -> Result<(), Error> {
+    fn define(&mut self, position: Position, name: &'a str, meaning: Meaning) -> Result<(), Error> {
         if !name.starts_with(|first: char| first.is_alphabetic() || first == '_') || name.contains('.') {
-            return Err(
-                place.error(format!("'{name}' cannot be a name: take a letter, then letters, digits and _"))
-            );
+            return Err(position
+                .error(format!("'{name}' cannot be a name: take a letter, then letters, digits and _")));
         }
         if let Some(what) = reserved(name) {
-            return Err(place.error(format!("'{name}' is {what} and cannot be another name")));
+            return Err(position.error(format!("'{name}' is {what} and cannot be another name")));
         }
         match self.0.insert(name, meaning) {
             None => Ok(()),
-            Some(_) => Err(place.error(format!("'{name}' has a meaning already"))),
+            Some(_) => Err(position.error(format!("'{name}' has a meaning already"))),
         }
     }
 
     /// A number, or the name of a constant that the text has defined before.
     fn number(&self, cursor: &mut Cursor<'a>, takes: RangeInclusive<i64>) -> Result<i64, Error> {
-        let (place, token) = cursor.next()?;
+        let (position, token) = cursor.next()?;
         let value = match token {
             Token::Number(value) => value,
             Token::Word(name) => match self.0.get(name) {
                 Some(Meaning::Constant(value)) => *value,
                 Some(Meaning::Label(_)) => {
                     return Err(
-                        place.error(format!("'{name}' is a label; here comes a number or a constant"))
+                        position.error(format!("'{name}' is a label; here comes a number or a constant"))
                     );
                 }
-                None => return Err(place.error(self.unknown("constant", name))),
+                None => return Err(position.error(self.unknown("constant", name))),
             },
             Token::Sign(_) | Token::End => {
-                return Err(place.error("a number or the name of a constant is missing"));
+                return Err(position.error("a number or the name of a constant is missing"));
             }
         };
-        within(place, value, takes)
+        within(position, value, takes)
     }
 
     /// There is no constant, or label, of that name.
@@ -197,11 +196,11 @@ fn reserved(name: &str) -> Option<&'static str> {
     }
 }
 
-fn within(place: Place, value: i64, takes: RangeInclusive<i64>) -> Result<i64, Error> {
+fn within(position: Position, value: i64, takes: RangeInclusive<i64>) -> Result<i64, Error> {
     if takes.contains(&value) {
         return Ok(value);
     }
-    Err(place.error(format!("here comes a number from {} to {}, not {value}", takes.start(), takes.end())))
+    Err(position.error(format!("here comes a number from {} to {}, not {value}", takes.start(), takes.end())))
 }
 
 /// Reads what a command works with.
@@ -302,21 +301,21 @@ impl Reader<'_, '_> {
 
     /// uAdrSysReg.
     fn system(&mut self) -> Result<u32, Error> {
-        let (place, token) = self.cursor.next()?;
+        let (position, token) = self.cursor.next()?;
         let Token::Word(name) = token else {
-            return Err(place.error(format!("a system register is missing: one of {}", SYSTEM.join(", "))));
+            return Err(position.error(format!("a system register is missing: one of {}", SYSTEM.join(", "))));
         };
         match SYSTEM.iter().position(|known| *known == name) {
             Some(number) => Ok(number as u32),
-            None => Err(place.error(suggest::unknown("system register", name, SYSTEM.into_iter()))),
+            None => Err(position.error(suggest::unknown("system register", name, SYSTEM.into_iter()))),
         }
     }
 
     /// uTypeModbusReg and uData: a register by its name, or by its space and address.
     fn modbus(&mut self) -> Result<u32, Error> {
-        let (place, token) = self.cursor.next()?;
+        let (position, token) = self.cursor.next()?;
         let Token::Word(name) = token else {
-            return Err(place.error(
+            return Err(position.error(
                 "a register is missing: its name, or discrete, coil, input or holding and its address",
             ));
         };
@@ -325,7 +324,7 @@ impl Reader<'_, '_> {
         }
         let table = Reg::TABLE;
         let unknown =
-            || place.error(suggest::unknown("register", name, table.rows.iter().map(|row| row.name)));
+            || position.error(suggest::unknown("register", name, table.rows.iter().map(|row| row.name)));
         let named = table.find(name).ok_or_else(unknown)?;
         let row = table.rows.get(named.row).ok_or_else(unknown)?;
         let space = SPACES.iter().position(|(_, space)| *space == row.space).ok_or_else(unknown)?;
@@ -335,11 +334,11 @@ impl Reader<'_, '_> {
     /// The same, of a coil or a holding register: a command that writes a constant knows no others.
     fn written(&mut self) -> Result<u32, Error> {
         let mut ahead = self.cursor;
-        let (place, _) = ahead.next()?;
+        let (position, _) = ahead.next()?;
         let fields = self.modbus()?;
         match SPACES.get((fields >> 12 & 0xF) as usize) {
             Some((_, Space::Coil | Space::Holding)) => Ok(fields),
-            _ => Err(place.error("this is an input, which cannot be written")),
+            _ => Err(position.error("this is an input, which cannot be written")),
         }
     }
 
@@ -366,35 +365,35 @@ impl Reader<'_, '_> {
     /// Lines of a loop: up to a label, or a number.
     fn body(&mut self) -> Result<i64, Error> {
         let mut ahead = self.cursor;
-        let (place, _) = ahead.next()?;
+        let (position, _) = ahead.next()?;
         let Some(line) = self.label()? else { return self.number(BYTES) };
         let lines = line as i64 - self.at as i64 - 1;
         if BYTES.contains(&lines) {
             return Ok(lines);
         }
-        Err(place.error(format!("the loop ends 0 to 255 lines behind its first one, not {lines}")))
+        Err(position.error(format!("the loop ends 0 to 255 lines behind its first one, not {lines}")))
     }
 
     /// The line of a label, if one comes next.
     fn label(&mut self) -> Result<Option<usize>, Error> {
         let mut ahead = self.cursor;
-        let (place, Token::Word(name)) = ahead.next()? else { return Ok(None) };
+        let (position, Token::Word(name)) = ahead.next()? else { return Ok(None) };
         match self.names.0.get(name) {
             Some(Meaning::Constant(_)) => Ok(None),
             Some(Meaning::Label(line)) => {
                 self.cursor = ahead;
                 Ok(Some(*line))
             }
-            None => Err(place.error(self.names.unknown("label", name))),
+            None => Err(position.error(self.names.unknown("label", name))),
         }
     }
 
     /// bTypeJmp of a shift, with the commas around it.
     fn way(&mut self) -> Result<u32, Error> {
         self.cursor.comma()?;
-        let (place, token) = self.cursor.next()?;
+        let (position, token) = self.cursor.next()?;
         let way = WAYS.iter().position(|way| token == Token::Word(way));
-        let way = way.ok_or_else(|| place.error("here comes left or right"))?;
+        let way = way.ok_or_else(|| position.error("here comes left or right"))?;
         self.cursor.comma()?;
         Ok(if way == 1 { Instruction::TYPE_JMP } else { 0 })
     }

@@ -4,13 +4,13 @@ use super::Error;
 
 /// Place in the text: line and column, from 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Place {
+pub(super) struct Position {
     pub(super) line: usize,
     pub(super) column: usize,
 }
 
-impl Place {
-    /// An error at this place.
+impl Position {
+    /// An error at this position.
     pub(super) fn error(self, what: impl Into<String>) -> Error {
         Error { line: self.line, column: self.column, what: what.into() }
     }
@@ -27,22 +27,22 @@ pub(super) enum Token<'a> {
     End,
 }
 
-/// A place in a line, and what is left of it from there.
+/// A position in a line, and the rest of the line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cursor<'a> {
-    place: Place,
+    position: Position,
     rest: &'a str,
 }
 
 impl<'a> Cursor<'a> {
     pub(super) fn new(line: usize, text: &'a str) -> Self {
-        Self { place: Place { line, column: 1 }, rest: text }
+        Self { position: Position { line, column: 1 }, rest: text }
     }
 
     /// Steps over what comes next.
-    pub(super) fn next(&mut self) -> Result<(Place, Token<'a>), Error> {
+    pub(super) fn next(&mut self) -> Result<(Position, Token<'a>), Error> {
         self.take(char::is_whitespace);
-        let place = self.place;
+        let position = self.position;
         let token = match self.rest.chars().next() {
             None | Some(';') => Token::End,
             Some(sign @ (',' | ':' | '=')) => {
@@ -55,13 +55,13 @@ impl<'a> Cursor<'a> {
                 let digits = self.take(is_of_a_word);
                 let text = &start[..1 + digits.len()];
                 Token::Number(number(text).ok_or_else(|| {
-                    place.error(format!("'{text}' is no number of a program; 500, -5 and 0x1F4 are"))
+                    position.error(format!("'{text}' is no number of a program; 500, -5 and 0x1F4 are"))
                 })?)
             }
             Some(first) if is_of_a_word(first) => Token::Word(self.take(is_of_a_word)),
-            Some(other) => return Err(place.error(format!("{other:?} means nothing here"))),
+            Some(other) => return Err(position.error(format!("{other:?} means nothing here"))),
         };
-        Ok((place, token))
+        Ok((position, token))
     }
 
     /// Steps over one of `,:=` if it comes next.
@@ -87,7 +87,7 @@ impl<'a> Cursor<'a> {
     pub(super) fn comma(&mut self) -> Result<(), Error> {
         match self.next()? {
             (_, Token::Sign(',')) => Ok(()),
-            (place, _) => Err(place.error("a comma is missing")),
+            (position, _) => Err(position.error("a comma is missing")),
         }
     }
 
@@ -95,7 +95,9 @@ impl<'a> Cursor<'a> {
     pub(super) fn end(&mut self) -> Result<(), Error> {
         match self.next()? {
             (_, Token::End) => Ok(()),
-            (place, _) => Err(place.error("nothing more belongs to this line; a comment begins with ;")),
+            (position, _) => {
+                Err(position.error("nothing more belongs to this line; a comment begins with ;"))
+            }
         }
     }
 
@@ -105,11 +107,11 @@ impl<'a> Cursor<'a> {
         self.step(length)
     }
 
-    /// Takes so many bytes.
+    /// Takes a number of bytes.
     fn step(&mut self, length: usize) -> &'a str {
         let (taken, rest) = self.rest.split_at(length);
         self.rest = rest;
-        self.place.column += taken.chars().count();
+        self.position.column += taken.chars().count();
         taken
     }
 }

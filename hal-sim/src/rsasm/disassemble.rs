@@ -1,7 +1,7 @@
 //! Lines of a program to text that assembles to the same lines.
 //!
-//! What a command would not say itself, like bits in fields that it does not use, or a system register that there
-//! is none of, makes its line a number (RS434-34).
+//! A line with content that the text of its command cannot express, like bits in unused fields or an unknown system
+//! register, becomes a number (RS434-34).
 
 use std::fmt::Write as _;
 
@@ -51,7 +51,7 @@ fn label(at: usize) -> String {
     format!("line_{at}")
 }
 
-/// A command that text can say exactly.
+/// A command that has an exact text.
 #[derive(Clone, Copy)]
 struct Found {
     instruction: Instruction,
@@ -64,7 +64,7 @@ struct Listing<'a> {
     program: &'a [u32],
     /// Lines at which a command begins, or the program ends.
     begins: Vec<bool>,
-    /// Which of these places somebody jumps to.
+    /// Lines that are targets of jumps.
     labelled: Vec<bool>,
 }
 
@@ -95,7 +95,7 @@ impl<'a> Listing<'a> {
         rest.take_while(|(n, (line, labelled))| **line == 0 && (*n == 0 || !**labelled)).count()
     }
 
-    /// The command here, if text can say it exactly.
+    /// The command here, if it has an exact text.
     fn command(&self, at: usize) -> Option<Found> {
         let instruction = Instruction(self.program[at]);
         let command = instruction.command()?;
@@ -130,15 +130,18 @@ impl<'a> Listing<'a> {
             OperandForm::NoOperand => String::new(),
             OperandForm::Target if instruction.type_jmp() => {
                 let distance = data.cast_signed();
-                format!("{RELATIVE} {}", self.place(at, found).unwrap_or_else(|| format!("{distance:+}")))
+                format!(
+                    "{RELATIVE} {}",
+                    self.target_label(at, found).unwrap_or_else(|| format!("{distance:+}"))
+                )
             }
             OperandForm::Target | OperandForm::Subroutine => {
-                self.place(at, found).unwrap_or_else(|| data.to_string())
+                self.target_label(at, found).unwrap_or_else(|| data.to_string())
             }
             OperandForm::Time => data.to_string(),
             OperandForm::Loop => {
                 let [lines, times] = data.to_be_bytes();
-                format!("{}, {times}", self.place(at, found).unwrap_or_else(|| lines.to_string()))
+                format!("{}, {times}", self.target_label(at, found).unwrap_or_else(|| lines.to_string()))
             }
             OperandForm::Register => register().into(),
             OperandForm::Modbus => modbus(),
@@ -166,8 +169,8 @@ impl<'a> Listing<'a> {
         if operands.is_empty() { mnemonic.into() } else { format!("{mnemonic} {operands}") }
     }
 
-    /// The label to which a command goes; `None` if it has to be said by a number.
-    fn place(&self, at: usize, found: Found) -> Option<String> {
+    /// The label of a command's target; `None` if it needs a number.
+    fn target_label(&self, at: usize, found: Found) -> Option<String> {
         target(at, found).filter(|to| self.labelled.get(*to) == Some(&true)).map(label)
     }
 }

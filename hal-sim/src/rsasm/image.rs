@@ -12,14 +12,14 @@ pub struct Image {
 }
 
 impl Image {
-    /// The image of a program.
+    /// The image of an assembled program, one word per line.
     #[must_use]
     pub fn of(program: &[u32]) -> Self {
         let bytes = program::image(program.iter().copied()).to_vec();
         Self { offset: (MEMORY - bytes.len()) as u16, bytes }
     }
 
-    /// Puts it into a drive's memory.
+    /// Writes the image to the content of a drive's memory.
     pub fn put_into(&self, memory: &mut [u8]) {
         for (place, byte) in memory.iter_mut().skip(self.offset.into()).zip(&self.bytes) {
             *place = *byte;

@@ -53,12 +53,12 @@ pub fn runs_on(spec: &Spec) -> bool {
     spec.find("CMD_W").is_some()
 }
 
-/// An error in a program's text.
+/// First error in the text of a program, with its position.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Error {
-    /// In which line of the text, from 1.
+    /// Line of the error, from 1.
     pub line: usize,
-    /// At which character of it, from 1.
+    /// Column of the error, in characters from 1.
     pub column: usize,
     /// The error in one sentence.
     pub what: String,
@@ -94,7 +94,7 @@ pub fn to_bytes(program: &[u32]) -> Vec<u8> {
 /// The program in the bytes of a file.
 ///
 /// # Errors
-/// One sentence: they are none.
+/// One sentence: the bytes are not a program.
 pub fn from_bytes(bytes: &[u8]) -> Result<Vec<u32>, String> {
     let (lines, rest) = bytes.as_chunks();
     match bytes.len() {

@@ -54,8 +54,8 @@ fn each_form_of_operands_has_its_fields() {
         (".zero 3", vec![0, 0, 0]),
     ] {
         assert_eq!(lines(source), expected, "{source}");
-        let told = disassemble(&expected);
-        assert_eq!(lines(&told), expected, "{source} comes back as {told}");
+        let text = disassemble(&expected);
+        assert_eq!(lines(&text), expected, "{source} comes back as {text}");
     }
 }
 
@@ -126,7 +126,7 @@ fn what_text_cannot_say_exactly_is_a_number() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_its_place() {
+fn an_error_has_its_position() {
     for (source, expected) in [
         ("", "1:1: there is no command in this program"),
         ("; nothing\n\n", "1:1: there is no command in this program"),

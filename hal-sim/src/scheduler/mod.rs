@@ -1,4 +1,4 @@
-//! The order of events: classes of one instant, a queue of events, a tournament of deadlines.
+//! The order of events: phases of one instant, a queue of events, a tournament of deadlines.
 
 mod queue;
 mod tournament;
@@ -15,16 +15,16 @@ pub(crate) enum Phase {
     Pin,
     Line,
     Deadline,
-    /// A preset: it returns what became of it, so it cannot wait for its turn.
+    /// A preset: it returns a result, so it cannot be queued.
     Preset,
     /// End of a turn on a line, after all drives have acted.
     Turn,
 }
 
 impl Phase {
-    /// Class of an input.
-    pub(crate) fn of(fed: &InputRecord) -> Self {
-        match fed {
+    /// Phase of an input.
+    pub(crate) fn of(input: &InputRecord) -> Self {
+        match input {
             InputRecord::Power(_) => Self::Power,
             InputRecord::Fault { .. } => Self::Fault,
             InputRecord::Edge { .. }

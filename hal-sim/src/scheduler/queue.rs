@@ -7,23 +7,23 @@ use drivetwin_firmware::device::Instant;
 
 use super::Phase;
 
-/// The total order of everything that happens on a bench. Seats count by the rank of their names, so
-/// that the order in which they were added never matters.
+/// The total order of events on a bench. Drives are ordered by the rank of their names, so that the order in which
+/// they were added makes no difference.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) struct EventKey {
     pub(crate) at: Instant,
-    pub(crate) class: Phase,
+    pub(crate) phase: Phase,
     pub(crate) rank: u32,
     pub(crate) sequence: u64,
 }
 
-/// An event that is under way.
+/// A scheduled event.
 #[derive(Debug)]
 pub(crate) struct Event<T> {
     pub(crate) key: EventKey,
-    /// To which seat.
-    pub(crate) seat: u32,
-    pub(crate) what: T,
+    /// Index of the drive or motor.
+    pub(crate) target: u32,
+    pub(crate) kind: T,
 }
 
 impl<T> PartialEq for Event<T> {
@@ -46,7 +46,7 @@ impl<T> Ord for Event<T> {
     }
 }
 
-/// Everything under way, the first on top.
+/// All scheduled events, the first on top.
 #[derive(Debug)]
 pub(crate) struct Queue<T> {
     events: BinaryHeap<Reverse<Event<T>>>,
@@ -60,13 +60,13 @@ impl<T> Default for Queue<T> {
 }
 
 impl<T> Queue<T> {
-    /// Sends something on its way.
-    // Where it is inlined an event is written once, and not copied about on its way to its place.
+    /// Schedules an event.
+    // Inlined, an event is written once and not copied.
     #[inline(always)]
-    pub(crate) fn push(&mut self, at: Instant, class: Phase, rank: u32, seat: u32, what: T) {
+    pub(crate) fn push(&mut self, at: Instant, phase: Phase, rank: u32, target: u32, kind: T) {
         self.sequence += 1;
-        let key = EventKey { at, class, rank, sequence: self.sequence };
-        self.events.push(Reverse(Event { key, seat, what }));
+        let key = EventKey { at, phase, rank, sequence: self.sequence };
+        self.events.push(Reverse(Event { key, target, kind }));
     }
 
     /// The key of the first.
@@ -78,11 +78,11 @@ impl<T> Queue<T> {
         self.events.pop().map(|Reverse(event)| event)
     }
 
-    /// Gives every event the rank that its seat has now.
+    /// Updates the rank of every event.
     pub(crate) fn rank(&mut self, rank: impl Fn(u32) -> u32) {
         let mut events = std::mem::take(&mut self.events).into_vec();
         for Reverse(event) in &mut events {
-            event.key.rank = rank(event.seat);
+            event.key.rank = rank(event.target);
         }
         self.events = events.into();
     }

@@ -2,8 +2,8 @@
 
 use drivetwin_firmware::device::Instant;
 
-/// The next deadline of every seat, in a tree of winners: a change costs one comparison a level.
-/// Of equal deadlines the lower rank wins.
+/// The next deadline of every drive, in a tree of winners: a change costs one comparison per level. Of equal deadlines
+/// the lower rank wins.
 #[derive(Debug)]
 pub(crate) struct Tournament {
     /// The root at 1, the children of `n` at `2n` and `2n + 1`; the leaves are the second half.
@@ -24,12 +24,12 @@ impl Tournament {
         Self { nodes }
     }
 
-    /// The earliest deadline and whose it is.
+    /// The earliest deadline and its rank.
     pub(crate) fn first(&self) -> (Instant, u32) {
         self.nodes[1]
     }
 
-    /// The next deadline of one.
+    /// Sets the next deadline of a rank.
     pub(crate) fn set(&mut self, rank: u32, deadline: Instant) {
         let mut node = self.nodes.len() / 2 + rank as usize;
         self.nodes[node] = (deadline, rank);

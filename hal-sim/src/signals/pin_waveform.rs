@@ -12,7 +12,7 @@ pub(crate) enum PinOutput {
 }
 
 impl PinOutput {
-    /// The pin is let go.
+    /// The pin is released.
     pub(crate) const NOTHING: Self = Self::Level(Level::Float);
 
     /// The level at `at`, which is not before a wave began.
@@ -60,7 +60,7 @@ mod tests {
         }
     }
 
-    /// The level so many ticks after the beginning, and the ticks at which it changes next.
+    /// The level that many ticks after the start, and the tick of its next change.
     fn after(drives: PinOutput, ticks: u64) -> (Level, Option<u64>) {
         let at = Instant::from_ticks(SINCE + ticks);
         let next = drives.next_edge(at);

@@ -1,16 +1,15 @@
 //! Step pulses: what an axis does, as edges of its STEP and DIR pins.
 //!
-//! Plans are walked step by step ([`StepIterator`]), one step ahead, so that a pulse knows when the next
-//! one comes. STEP rises at each step and is high for 2 µs, or half the interval to the next step if
-//! that is shorter. DIR is high forward; it changes 5 µs before the first step of a reversal, or half
-//! the interval if that is shorter, but not while a pulse is high, and not before anybody knew of the
-//! step. Steps without a plan are passed through as they come, at most one every 4 µs; what comes
-//! closer follows behind. One that turns DIR comes 2 µs after that.
+//! Plans are computed step by step ([`StepIterator`]), one step ahead, because the width of a pulse depends on the
+//! next step. STEP rises at each step and is high for 2 µs, or half the interval to the next step if that is shorter.
+//! DIR is high for forward; it changes 5 µs before the first step of a reversal, or half the interval if that is
+//! shorter, but not while a pulse is high, and not before the step is planned. Steps without a plan are passed
+//! through, at most one every 4 µs; closer steps are delayed. A step that reverses DIR follows that change by 2 µs.
 //!
-//! STEP and DIR may serve other purposes, too: a level or a wave that the device puts at one of them takes
-//! it, and a plan takes them back. They are low then until its first step.
+//! STEP and DIR may serve other purposes, too: a level or wave that the drive puts out there lends the pin, and a plan
+//! returns it. The pins are low then until the first step of the plan.
 //!
-//! There is no clock here: whoever listens says how far time has come.
+//! This module has no clock: the caller passes the time.
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Plan};
 use drivetwin_firmware::motion::{CYCLE, DIR_SETUP, HIGH, SETUP, Step, StepIterator};
@@ -27,7 +26,7 @@ pub(crate) enum StepDir {
 }
 
 impl StepDir {
-    /// Which of the pins `step` and `dir` that one is.
+    /// The output of a pin, if it is `step` or `dir`.
     pub(crate) fn at((step, dir): (Pin, Pin), pin: Pin) -> Option<Self> {
         match pin {
             _ if pin == step => Some(Self::Step),
@@ -68,26 +67,25 @@ pub(crate) struct Edge {
     pub(crate) at: Instant,
     /// Output of the edge.
     pub(crate) output: StepDir,
-    /// To which level.
+    /// Level after the edge: true for high.
     pub(crate) high: bool,
 }
 
-/// A pulse on STEP.
+/// A pulse on a STEP output, returned by [`Bench::pulses`](crate::bench::Bench::pulses).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Pulse {
-    /// Start: the instant of the step.
+    /// Start of the pulse: the instant of the step.
     pub rise: Instant,
-    /// End of the pulse.
+    /// End of the pulse: the falling edge.
     pub fall: Instant,
-    /// True if DIR was high.
+    /// True if DIR was high at the rising edge: a forward step.
     pub forward: bool,
 }
 
 /// Shapes the pulses of one axis.
 ///
-/// Tell it what happens to the axis in the order of time, and before each time
-/// [take](Self::take) the edges up to that instant: what is due at the very instant of a change is
-/// still made.
+/// Changes of the axis are passed in the order of time. Before each change the caller must [take](Self::take) the
+/// edges up to its instant: an edge at the very instant of a change is still made.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Shaper {
     walker: Option<StepIterator>,
@@ -97,9 +95,9 @@ pub(crate) struct Shaper {
     direct: i32,
     /// Last rise of STEP.
     rose: Option<Instant>,
-    /// From when on a step without a plan may follow the last change of DIR.
+    /// Earliest time of a step without a plan, after the last change of DIR.
     settled: Instant,
-    /// The last edge or news: nothing comes before it any more.
+    /// Time of the last edge or change: no edge comes before it.
     since: Instant,
     powered: bool,
     step: bool,
@@ -129,7 +127,7 @@ impl Shaper {
         (self.since, self.powered) = (at, true);
     }
 
-    /// Power goes: both outputs fall, and nothing more comes.
+    /// Switches power off: both outputs fall, and no more edges come.
     pub(crate) fn power_off(&mut self, at: Instant) {
         *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
     }
@@ -142,12 +140,12 @@ impl Shaper {
         }
     }
 
-    /// Time of the next edge if the axis goes on like this; [`Instant::NEVER`] if there is none.
+    /// Time of the next edge if the axis does not change; [`Instant::NEVER`] if there is none.
     pub(crate) fn due(&self) -> Instant {
         self.next().map_or(Instant::NEVER, |edge| edge.at)
     }
 
-    /// The next edge that comes by `until`.
+    /// The next edge, if it is due by `until`.
     pub(crate) fn take(&mut self, until: Instant) -> Option<Edge> {
         let edge = self.next().filter(|edge| edge.at <= until)?;
         self.since = edge.at;
@@ -301,11 +299,11 @@ impl Iterator for Edges<'_> {
     }
 }
 
-/// The pulses of an axis in a recording that rise up to `until`, in the order of time. `drive` is its
-/// place in [`Trace::drives`].
+/// The pulses of an axis in a trace that rise up to `until`, in the order of time. `drive` is an index in
+/// [`Trace::drives`].
 ///
-/// They are complete if the recording is: all is kept, and nothing is [lost](Trace::lost). One that
-/// was read from a text tells no plans, only what they do; replay it.
+/// They are complete if the trace is: all events are retained, and none is [lost](Trace::lost). A trace that was read
+/// from text has no plans but their courses only; replay it first.
 pub fn pulses(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> impl Iterator<Item = Pulse> {
     let mut edges = edges(trace, drive, axis, until);
     let (mut forward, mut rise) = (false, None);

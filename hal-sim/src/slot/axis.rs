@@ -1,4 +1,4 @@
-//! Axes of a device: where they are, and who listens to their pulses.
+//! Axes of a drive: their motion and their step pulses.
 
 use drivetwin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role, Shaft};
 use drivetwin_firmware::motion::HIGH;
@@ -8,18 +8,18 @@ use crate::signals::pin_waveform::level_of;
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 use crate::slot::MotorCommand;
 
-/// Motion of an axis at an instant.
+/// Motion of an axis at an instant, returned by [`Bench::motion`](crate::bench::Bench::motion).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Motion {
-    /// Steps or counts since the first power-on.
+    /// Position in steps or counts since the first power-on.
     pub position: i32,
-    /// Steps or counts per second, signed.
+    /// Speed in steps or counts per second, signed.
     pub speed: I48F16,
-    /// True while it moves.
+    /// True while the axis moves.
     pub moving: bool,
-    /// Peak current in mA; of a motor what it draws.
+    /// Peak phase current in mA; for a motor model the current that it draws.
     pub current_ma: u32,
-    /// Duty of a motor without steps: 1/65536 of full on, signed.
+    /// Duty of a motor without steps, signed, in 1/65536 of full on.
     pub duty: i32,
 }
 
@@ -43,21 +43,21 @@ pub(super) struct AxisState {
     steps: i32,
     /// True if the last step before the plan was forward.
     forward: bool,
-    /// Direction of the last of `steps`, if there are any.
+    /// Direction of the last of `steps`, if any.
     stepped: Option<bool>,
     pub(super) current_ma: u32,
-    /// True once the device has reported its current.
-    pub(super) tells_current: bool,
+    /// True once the drive has set a current.
+    pub(super) reports_current: bool,
     pub(super) duty: i32,
-    /// True if a motor of the bench is turned.
+    /// True if a motor of the bench is attached.
     pub(super) turns_motor: bool,
-    /// Makes the pulses for whoever is wired to them.
+    /// Makes the pulses for wires; `None` without a wire.
     pub(super) shaper: Option<Shaper>,
     /// Count of changes of the next edge.
     changes: u32,
-    /// Which of STEP and DIR serve the device for other purposes, too.
+    /// Outputs of STEP and DIR that the drive also uses for other purposes.
     shared: Lent,
-    /// Which do at present.
+    /// Outputs that it uses for other purposes at present.
     lent: Lent,
 }
 
@@ -73,7 +73,7 @@ impl AxisState {
             forward: false,
             stepped: None,
             current_ma: 0,
-            tells_current: false,
+            reports_current: false,
             duty: 0,
             turns_motor: false,
             shaper: None,
@@ -93,11 +93,11 @@ impl AxisState {
             shaper.power_off(at);
         }
         (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
-        // DIR is low then, wherever it went last.
+        // DIR is low then, whatever the last direction.
         self.stepped = Some(false);
     }
 
-    /// From `at` on it follows `plan`, and has all its outputs.
+    /// Follows `plan` from `at` on, with all outputs.
     pub(super) fn follow(&mut self, at: Instant, plan: &Plan) {
         let lent = std::mem::take(&mut self.lent);
         if let Some(shaper) = &mut self.shaper {
@@ -107,7 +107,7 @@ impl AxisState {
         (self.plan, self.steps, self.stepped) = (*plan, 0, None);
     }
 
-    /// The device itself uses an output until the next plan; whether it can.
+    /// Lends an output to the drive until the next plan. Returns whether the output is shared.
     pub(super) fn lend(&mut self, output: StepDir) -> bool {
         let is_shared = self.shared.has(output);
         if is_shared {
@@ -132,11 +132,10 @@ impl AxisState {
         self.stepped = Some(steps > 0);
     }
 
-    /// Commands for a motor that has received none so far, or all of which are void: as a drive gives them, first the
-    /// motion of the axis, then its current. A current that was never reported is left out: the motor of such a drive
-    /// has its rated current, also without power.
-    pub(super) fn told(&self) -> impl Iterator<Item = MotorCommand> + use<> {
-        let current = self.tells_current.then_some(MotorCommand::Current(self.current_ma));
+    /// Commands that bring a motor up to date, in the order of a drive: motion of the axis, then current. A current
+    /// that was never set is left out: the motor of such a drive has its rated current, also without power.
+    pub(super) fn motor_commands(&self) -> impl Iterator<Item = MotorCommand> + use<> {
+        let current = self.reports_current.then_some(MotorCommand::Current(self.current_ma));
         [MotorCommand::Plan(self.plan), MotorCommand::Duty(self.duty)].into_iter().chain(current)
     }
 
@@ -151,7 +150,7 @@ impl AxisState {
         }
     }
 
-    /// Which of its outputs a pin is.
+    /// The output of a pin: STEP, DIR, or none.
     pub(super) fn output(&self, pin: Pin) -> Option<StepDir> {
         StepDir::at(self.step_dir?, pin)
     }
@@ -161,7 +160,7 @@ impl AxisState {
         let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
         let mut shaper = match &self.shaper {
             Some(shaper) => shaper.clone(),
-            // No pulse is longer.
+            // The longest pulse.
             None => self.pulses(self.plan.start().max(at - HIGH), powered),
         };
         while shaper.take(at).is_some() {}
@@ -180,14 +179,13 @@ impl AxisState {
         if powered { Shaper::new(at, &self.plan, self.forward_at(at)) } else { Shaper::default() }
     }
 
-    /// Time of the next edge, and a number that tells it from earlier predictions.
+    /// Time of the next edge, and a number that distinguishes it from earlier predictions.
     pub(super) fn next_edge(&mut self) -> Option<(Instant, u32)> {
         self.changes = self.changes.wrapping_add(1);
         Some((self.shaper.as_ref()?.due(), self.changes))
     }
 
-    /// The edge that was foreseen under that number, if it comes by `until`; no level while the pin is
-    /// lent.
+    /// The edge that was predicted under that number, if it is due by `until`; without a level while the pin is lent.
     pub(super) fn take_edge(&mut self, number: u32, until: Instant) -> Option<(Pin, Option<Level>)> {
         if self.changes != number {
             return None;
@@ -195,8 +193,7 @@ impl AxisState {
         self.take(until).map(|(pin, _, level)| (pin, level))
     }
 
-    /// The next edge for whoever is wired to the pulses, if it comes by `until`: of which pin, when,
-    /// and to which level, if it is not lent.
+    /// The next edge, if it is due by `until`: pin, time, and level, if the pin is not lent.
     pub(super) fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Option<Level>)> {
         let (step, dir) = self.step_dir?;
         let edge = self.shaper.as_mut()?.take(until)?;

@@ -1,4 +1,4 @@
-//! A device on a bench: its wake-ups, its inputs, and its state as others see it.
+//! A drive on a bench: its deadlines, its inputs, and its state as seen from outside.
 
 mod axis;
 mod pins;
@@ -26,85 +26,84 @@ use state::{SlotContext, SlotState};
 pub use tcp_port::MOST_CONNECTIONS;
 pub(crate) use tcp_port::Tcp;
 
-/// A device, and all that it has to do with.
+/// A drive and its surroundings.
 pub(crate) struct Slot {
     pub(crate) name: String,
     pub(crate) spec: &'static Spec,
     device: Box<dyn Device>,
-    pub(crate) body: SlotState,
+    pub(crate) state: SlotState,
     boot_fast: bool,
-    /// Once it has parted from the motor that it brings: its pins for the Hall sensors.
+    /// Pins for the Hall sensors, if the internal motor is detached.
     pub(crate) halls: Option<&'static [Pin]>,
-    /// And that motor, as its registers described it after its first power-on.
-    pub(crate) parted: Option<Parameters>,
-    /// Motors of the bench that it turns.
+    /// Parameters of the detached motor, as the registers described it after the first power-on.
+    pub(crate) detached_motor: Option<Parameters>,
+    /// Axes with an attached motor, and the index of that motor.
     pub(crate) motors: Vec<(Axis, u32)>,
     /// Rows that are set after every power-on, and their values.
     pub(crate) presets: Vec<(usize, i64)>,
-    /// Seeds of its random choices, one for each power-on.
-    dice: Rng,
-    /// The last that happened to it: nothing can come before it any more.
+    /// Random stream of the seeds, one for each power-on.
+    rng: Rng,
+    /// Time and phase of its last event: no event can come before that.
     last: (Instant, Phase),
     wakes: Wakes,
-    /// Next wake-up; without power never.
+    /// Next deadline; [`Instant::NEVER`] without power.
     deadline: Instant,
 }
 
 impl Slot {
-    /// A device without power, in its seat.
+    /// A drive without power.
     pub(crate) fn new(
-        seat: u32,
+        drive: u32,
         name: &str,
         device: Box<dyn Device>,
         seed: u64,
         boot_fast: bool,
         memory: Option<Vec<u8>>,
-        keep: Option<PersistFn>,
+        persist: Option<PersistFn>,
     ) -> Self {
         let spec = device.spec();
-        let body = SlotState::new(seat, name, spec, seed, memory, keep);
-        let dice = Rng::new(seed, name);
+        let state = SlotState::new(drive, name, spec, seed, memory, persist);
+        let rng = Rng::new(seed, name);
         let last = (Instant::ZERO, Phase::Power);
         Self {
             name: name.to_owned(),
             spec,
             device,
-            body,
+            state,
             boot_fast,
             halls: None,
-            parted: None,
+            detached_motor: None,
             motors: Vec::new(),
             presets: Vec::new(),
-            dice,
+            rng,
             last,
             wakes: Wakes::default(),
             deadline: Instant::NEVER,
         }
     }
 
-    /// Next wake-up; without power never.
+    /// Next deadline; [`Instant::NEVER`] without power.
     pub(crate) fn deadline(&self) -> Instant {
         self.deadline
     }
 
-    /// Parts from the motor that it brings, before its first power-on.
-    pub(crate) fn part(&mut self) {
+    /// Detaches the internal motor, before the first power-on.
+    pub(crate) fn detach_motor(&mut self) {
         self.halls = self.device.detach_motor();
     }
 
-    /// After its first power-on: what the motor is that it has parted from.
-    pub(crate) fn know_parted(&mut self) {
-        self.parted = self.halls.and_then(|_| self.device.internal_motor());
+    /// Records the parameters of the detached motor, after the first power-on.
+    pub(crate) fn record_detached_motor(&mut self) {
+        self.detached_motor = self.halls.and_then(|_| self.device.internal_motor());
     }
 
-    /// An axis turns a motor of the bench from now on; returns what that must know, in the order in which it is
-    /// [told](MotorCommand).
+    /// Attaches a motor of the bench to an axis. Returns the commands that bring the motor up to date, in their order.
     pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<MotorCommand> {
         self.motors.push((axis, motor));
         let microsteps = MotorCommand::Microsteps(self.microsteps(axis));
-        let Some(state) = self.body.axis(axis) else { return Vec::new() };
+        let Some(state) = self.state.axis(axis) else { return Vec::new() };
         state.turns_motor = true;
-        std::iter::once(microsteps).chain(state.told()).collect()
+        std::iter::once(microsteps).chain(state.motor_commands()).collect()
     }
 
     /// Returns whether a TCP port accepts connections.
@@ -112,162 +111,162 @@ impl Slot {
         self.device.accepts(port)
     }
 
-    /// Returns whether it takes what comes on the connections of a TCP port.
+    /// Returns whether the drive takes messages on a TCP port.
     pub(crate) fn takes(&self, port: Port) -> bool {
-        !self.body.powered || self.device.takes(port)
+        !self.state.powered || self.device.takes(port)
     }
 
-    /// Steps of its plans in a full step of the motor on an axis.
+    /// Steps of its motion plans per full step of the motor on an axis.
     pub(crate) fn microsteps(&self, axis: Axis) -> u16 {
         self.device.microsteps(axis)
     }
 
-    /// Wakes it at its deadline; returns the next one.
+    /// Calls the drive at its deadline. Returns the next deadline.
     ///
     /// # Panics
-    /// If it wants to be woken at one instant for ever: time would stand still.
-    pub(crate) fn wake(&mut self, due: Instant, tape: &mut CallContext<'_>) -> Instant {
-        self.device.timeout(due, &mut SlotContext { body: &mut self.body, tape });
-        let next = self.done(due, Phase::Deadline, tape);
+    /// If it sets deadlines at one instant for ever, so that time would not advance.
+    pub(crate) fn wake(&mut self, due: Instant, context: &mut CallContext<'_>) -> Instant {
+        self.device.timeout(due, &mut SlotContext { state: &mut self.state, context });
+        let next = self.done(due, Phase::Deadline, context);
         self.wakes.count(&self.name, due, next);
         next
     }
 
-    /// Sets what is preset after every power-on; returns what it refuses.
+    /// Applies the presets for every power-on. The error has the row that the drive refuses.
     pub(crate) fn preset_again(
         &mut self,
         at: Instant,
-        tape: &mut CallContext<'_>,
+        context: &mut CallContext<'_>,
     ) -> Result<(), (usize, PresetError)> {
         for n in 0..self.presets.len() {
             let (row, value) = self.presets[n];
             // A preset comes after the deadlines of its instant.
             while self.deadline() <= at {
-                self.wake(self.deadline(), tape);
+                self.wake(self.deadline(), context);
             }
-            self.feed(at, &InputRecord::Poke { row, value }, tape).map_err(|why| (row, why))?;
+            self.feed(at, &InputRecord::Poke { row, value }, context).map_err(|why| (row, why))?;
         }
         Ok(())
     }
 
-    /// Powers it on, untold by the trace: at the beginning that goes without saying.
-    pub(crate) fn power_on(&mut self, at: Instant, tape: &mut CallContext<'_>) {
-        let boot = Boot { seed: self.dice.next(), fast: self.boot_fast, fast_line: tape.fast };
-        self.body.power_on(at);
-        self.device.power_on(at, boot, &mut SlotContext { body: &mut self.body, tape });
-        self.done(at, Phase::Power, tape);
+    /// Powers the drive on. This is not recorded in the trace: the initial power-on is implied.
+    pub(crate) fn power_on(&mut self, at: Instant, context: &mut CallContext<'_>) {
+        let boot = Boot { seed: self.rng.next(), fast: self.boot_fast, fast_line: context.fast };
+        self.state.power_on(at);
+        self.device.power_on(at, boot, &mut SlotContext { state: &mut self.state, context });
+        self.done(at, Phase::Power, context);
     }
 
-    /// Notes what comes to it from outside, and says whether it hears it: not without power, and not
-    /// on a pair of wires on which it sends.
-    pub(crate) fn hears(&mut self, at: Instant, fed: &InputRecord) -> bool {
-        match *fed {
-            InputRecord::Edge { pin, high } => self.tell(pin, Signal::Digital(high)),
-            InputRecord::Millivolts { pin, mv } => self.tell(pin, Signal::Millivolts(mv)),
-            InputRecord::Open { pin } => self.tell(pin, Signal::Open),
+    /// Notes an input, and returns whether the drive receives it: not without power, and not on a half-duplex line
+    /// while it sends.
+    pub(crate) fn receives(&mut self, at: Instant, input: &InputRecord) -> bool {
+        match *input {
+            InputRecord::Edge { pin, high } => self.set_reported(pin, Signal::Digital(high)),
+            InputRecord::Millivolts { pin, mv } => self.set_reported(pin, Signal::Millivolts(mv)),
+            InputRecord::Open { pin } => self.set_reported(pin, Signal::Open),
             InputRecord::Fault { fault, on } => {
-                if let Some(cause) = self.body.faults.get_mut(usize::from(fault.0)) {
+                if let Some(cause) = self.state.faults.get_mut(usize::from(fault.0)) {
                     *cause = on;
                 }
             }
             InputRecord::Bytes { port, .. } | InputRecord::RxError { port } | InputRecord::Idle { port }
-                if self.serial(port).is_some_and(|serial| serial.silence && serial.sends_until > at) =>
+                if self.serial(port).is_some_and(|serial| serial.framed && serial.sends_until > at) =>
             {
                 return false;
             }
             _ => {}
         }
-        self.body.powered || matches!(fed, InputRecord::Power(_))
+        self.state.powered || matches!(input, InputRecord::Power(_))
     }
 
-    fn tell(&mut self, pin: Pin, signal: Signal) {
+    fn set_reported(&mut self, pin: Pin, signal: Signal) {
         if let Some(pin) = self.pin_mut(pin) {
-            pin.told = signal;
+            pin.reported = signal;
         }
     }
 
-    /// Feeds it. Without power it hears nothing.
+    /// Delivers an input and records it. Without power the drive receives nothing.
     pub(crate) fn feed(
         &mut self,
         at: Instant,
-        fed: &InputRecord,
-        tape: &mut CallContext<'_>,
+        input: &InputRecord,
+        context: &mut CallContext<'_>,
     ) -> Result<(), PresetError> {
-        let heard = match fed {
-            InputRecord::Power(Power::On) => !self.body.powered,
+        let is_input = match input {
+            InputRecord::Power(Power::On) => !self.state.powered,
             InputRecord::Power(Power::Cut(_)) => true,
-            _ => self.body.powered,
+            _ => self.state.powered,
         };
-        if !heard {
+        if !is_input {
             return Ok(());
         }
-        let mark = tape.trace.mark();
-        tape.trace.fed(at, self.body.seat, fed);
-        match *fed {
-            InputRecord::Power(Power::On) => self.power_on(at, tape),
-            InputRecord::Power(Power::Off) => self.body.power_off(at, tape.outbox),
-            InputRecord::Power(Power::Cut(cut)) => self.body.cut(cut),
+        let mark = context.trace.mark();
+        context.trace.record_input(at, self.state.drive, input);
+        match *input {
+            InputRecord::Power(Power::On) => self.power_on(at, context),
+            InputRecord::Power(Power::Off) => self.state.power_off(at, context.outputs),
+            InputRecord::Power(Power::Cut(cut)) => self.state.cut(cut),
             InputRecord::Poke { row, value } => {
-                let hand = &mut SlotContext { body: &mut self.body, tape };
-                if let Err(why) = self.device.poke(at, row, value, hand) {
-                    tape.trace.rewind(mark);
+                let sink = &mut SlotContext { state: &mut self.state, context };
+                if let Err(why) = self.device.poke(at, row, value, sink) {
+                    context.trace.rewind(mark);
                     return Err(why);
                 }
             }
             _ => {
-                if let Some(input) = fed.input() {
-                    self.device.input(at, input, &mut SlotContext { body: &mut self.body, tape });
+                if let Some(input) = input.input() {
+                    self.device.input(at, input, &mut SlotContext { state: &mut self.state, context });
                 }
             }
         }
-        self.done(at, Phase::of(fed), tape);
+        self.done(at, Phase::of(input), context);
         Ok(())
     }
 
-    /// Puts a value into its memory before its first power-on (PROJECT-6).
+    /// Writes a preset to the memory, before the first power-on (PROJECT-6).
     pub(crate) fn preset(
         &mut self,
         at: Instant,
         row: usize,
         value: i64,
-        tape: &mut CallContext<'_>,
+        context: &mut CallContext<'_>,
     ) -> Result<(), PresetError> {
-        self.device.poke(at, row, value, &mut SlotContext { body: &mut self.body, tape })
+        self.device.poke(at, row, value, &mut SlotContext { state: &mut self.state, context })
     }
 
-    /// After a call of the device: whether that was its last, and its next deadline.
-    fn done(&mut self, at: Instant, class: Phase, tape: &mut CallContext<'_>) -> Instant {
-        self.last = (at, class);
-        if self.body.dead {
-            self.body.power_off(at, tape.outbox);
+    /// Handles the end of a call of the drive: a power cut, and the next deadline.
+    fn done(&mut self, at: Instant, phase: Phase, context: &mut CallContext<'_>) -> Instant {
+        self.last = (at, phase);
+        if self.state.dead {
+            self.state.power_off(at, context.outputs);
         }
-        self.deadline = if self.body.powered { self.device.deadline() } else { Instant::NEVER };
+        self.deadline = if self.state.powered { self.device.deadline() } else { Instant::NEVER };
         self.deadline
     }
 
-    /// The first instant from `now` on at which something of that class can still come to it.
-    pub(crate) fn free(&self, now: Instant, class: Phase) -> Instant {
-        if self.last > (now, class) { now + Duration::TICK } else { now }
+    /// The first instant from `now` on at which an event of that phase can still reach the drive.
+    pub(crate) fn free(&self, now: Instant, phase: Phase) -> Instant {
+        if self.last > (now, phase) { now + Duration::TICK } else { now }
     }
 
-    /// All that differs from what it believes untold, and that it must be told when power comes: faults, then pins.
-    pub(crate) fn surroundings(&self) -> Vec<InputRecord> {
-        let faults = (0..).zip(&self.body.faults).filter(|(_, on)| **on);
-        let pins = (0..).zip(&self.body.pins).filter(|(_, pin)| pin.away());
+    /// Inputs that differ from the state that a drive assumes at power-on: faults, then pins.
+    pub(crate) fn state_to_report(&self) -> Vec<InputRecord> {
+        let faults = (0..).zip(&self.state.faults).filter(|(_, on)| **on);
+        let pins = (0..).zip(&self.state.pins).filter(|(_, pin)| pin.is_news());
         faults
-            .map(|(place, _)| InputRecord::Fault { fault: Fault(place), on: true })
-            .chain(pins.map(|(place, pin)| pin.told.fed(Pin(place))))
+            .map(|(index, _)| InputRecord::Fault { fault: Fault(index), on: true })
+            .chain(pins.map(|(index, pin)| pin.reported.input(Pin(index))))
             .collect()
     }
 
     /// A pin.
     pub(crate) fn pin_mut(&mut self, pin: Pin) -> Option<&mut PinState> {
-        self.body.pins.get_mut(usize::from(pin.0))
+        self.state.pins.get_mut(usize::from(pin.0))
     }
 
     /// A pin.
     pub(crate) fn pin(&self, pin: Pin) -> Option<&PinState> {
-        self.body.pins.get(usize::from(pin.0))
+        self.state.pins.get(usize::from(pin.0))
     }
 
     /// An encoder input, and its pins.
@@ -275,24 +274,24 @@ impl Slot {
         &mut self,
         encoder: Encoder,
     ) -> Option<(&mut EncoderState, &'static EncoderSpec)> {
-        let place = usize::from(encoder.0);
-        Some((self.body.encoders.get_mut(place)?, self.spec.encoders.get(place)?))
+        let index = usize::from(encoder.0);
+        Some((self.state.encoders.get_mut(index)?, self.spec.encoders.get(index)?))
     }
 
     /// The encoder inputs of which a pin is A or B.
     pub(crate) fn encoders_at(&mut self, pin: Pin) -> impl Iterator<Item = &mut EncoderState> {
-        let encoders = self.body.encoders.iter_mut().zip(self.spec.encoders);
+        let encoders = self.state.encoders.iter_mut().zip(self.spec.encoders);
         encoders.filter(move |(_, spec)| spec.a == pin || spec.b == pin).map(|(state, _)| state)
     }
 
     /// A serial port.
     pub(crate) fn serial(&self, port: Port) -> Option<&Serial> {
-        self.body.ports.get(usize::from(port.0))?.serial.as_ref()
+        self.state.ports.get(usize::from(port.0))?.serial.as_ref()
     }
 
-    /// Time at which it began to send its last message on the port that `fed` comes to.
-    pub(crate) fn began(&self, fed: &InputRecord) -> Option<Instant> {
-        match *fed {
+    /// Time at which it began to send its last message on the port that `input` comes to.
+    pub(crate) fn began(&self, input: &InputRecord) -> Option<Instant> {
+        match *input {
             InputRecord::Bytes { port, .. } | InputRecord::RxError { port } | InputRecord::Idle { port } => {
                 self.serial(port)?.began
             }
@@ -300,7 +299,7 @@ impl Slot {
         }
     }
 
-    /// The settings of a character that begins at `at`; `None` if that is no serial port.
+    /// Serial settings of a character that begins at `at`; `None` if the port is not serial.
     pub(crate) fn line_at(&self, port: Port, at: Instant) -> Option<Line> {
         self.serial(port).map(|serial| serial.line_at(at))
     }
@@ -312,7 +311,7 @@ impl Slot {
 
     /// Puts a serial port on a line.
     pub(crate) fn set_bus(&mut self, port: Port, bus: usize) {
-        if let Some(serial) = self.body.serial(port) {
+        if let Some(serial) = self.state.serial(port) {
             serial.bus = bus as u32;
         }
     }
@@ -322,12 +321,12 @@ impl Slot {
         self.device.peek(at, row)
     }
 
-    /// A word of a register of more than four.
+    /// One word of a register of more than four words.
     pub(crate) fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
         self.device.peek_word(at, row, word)
     }
 
-    /// A pin as it is seen from outside (HOST-12).
+    /// The level at a pin, as measured from outside (HOST-12).
     pub(crate) fn level(&self, at: Instant, pin: Pin) -> Level {
         match self.pulses_at(at, pin) {
             Some(level) => level,
@@ -335,9 +334,9 @@ impl Slot {
         }
     }
 
-    /// The level of STEP or DIR; `None` for any other pin, and while the device uses it itself.
+    /// The level of STEP or DIR; `None` for any other pin, and while the drive uses the pin itself.
     fn pulses_at(&self, at: Instant, pin: Pin) -> Option<Level> {
-        self.body.axes.iter().find_map(|axis| axis.level(at, pin, self.body.powered))
+        self.state.axes.iter().find_map(|axis| axis.level(at, pin, self.state.powered))
     }
 
     /// Level that the device drives at a pin.
@@ -359,57 +358,60 @@ impl Slot {
     pub(crate) fn axis_at(&self, pin: Pin) -> Option<Axis> {
         (0..)
             .map(Axis)
-            .zip(&self.body.axes)
+            .zip(&self.state.axes)
             .find(|(_, axis)| axis.output(pin).is_some())
             .map(|(axis, _)| axis)
     }
 
     /// Makes the pulses of an axis from now on, for a wire.
     pub(crate) fn listen(&mut self, at: Instant, axis: Axis) {
-        let powered = self.body.powered;
-        if let Some(axis) = self.body.axis(axis) {
+        let powered = self.state.powered;
+        if let Some(axis) = self.state.axis(axis) {
             axis.listen(at, powered);
         }
     }
 
-    /// Time of the next edge of an axis, and a number that tells it from earlier predictions.
+    /// Time of the next edge of an axis, and a number that distinguishes it from earlier predictions.
     pub(crate) fn next_edge(&mut self, axis: Axis) -> Option<(Instant, u32)> {
-        self.body.axis(axis)?.next_edge()
+        self.state.axis(axis)?.next_edge()
     }
 
-    /// The edge of an axis that was foreseen under that number, and due by `until`; no level while the
-    /// device uses the pin itself.
+    /// The edge of an axis that was predicted under that number, if it is due by `until`; without a level while the
+    /// drive uses the pin itself.
     pub(crate) fn take_edge(
         &mut self,
         axis: Axis,
         number: u32,
         until: Instant,
     ) -> Option<(Pin, Option<Level>)> {
-        self.body.axis(axis)?.take_edge(number, until)
+        self.state.axis(axis)?.take_edge(number, until)
     }
 
-    /// Motion of an axis: that of its motor, if it has one of its own, else as commanded.
+    /// Motion of an axis: that of the internal motor, if there is one, else as commanded.
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
-        let told = || self.body.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
-        self.device.shaft(at, axis).map(Motion::from).or_else(told).unwrap_or_default()
+        let commanded = || self.state.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
+        self.device.shaft(at, axis).map(Motion::from).or_else(commanded).unwrap_or_default()
     }
 }
 
-/// Wake-ups in a row after which something wanted to be woken again at once.
+/// Count of consecutive calls after which the next deadline was due at once.
 #[derive(Default)]
 pub(crate) struct Wakes(u32);
 
 impl Wakes {
-    /// Wake-ups at one instant after which a device is taken for hanging.
+    /// Calls at one instant after which a drive is considered to hang.
     const MOST: u32 = 1_000_000;
 
-    /// Counts a wake-up at `due`, after which the next one is at `next`.
+    /// Counts a call at `due`, after which the next deadline is `next`.
     ///
     /// # Panics
-    /// If it wants to be woken at one instant for ever: time would stand still.
+    /// If it sets deadlines at one instant for ever, so that time would not advance.
     pub(crate) fn count(&mut self, name: &str, due: Instant, next: Instant) {
         self.0 = if next > due { 0 } else { self.0 + 1 };
-        assert!(self.0 < Self::MOST, "{name}: deadline {due:?} comes again and again");
+        assert!(
+            self.0 < Self::MOST,
+            "{name}: it sets the deadline {due:?} again and again, so time cannot advance"
+        );
     }
 }
 

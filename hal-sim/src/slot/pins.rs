@@ -1,39 +1,39 @@
-//! Pins of a device, and what runs on them.
+//! Pins of a drive: stimulus, wires, outputs and pulse trains.
 
 use drivetwin_firmware::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
 
 use crate::record::trace::InputRecord;
 use crate::signals::pin_waveform::{PinOutput, level_of};
 
-/// Stimulus of a pin from outside.
+/// Stimulus of a pin from outside, for [`Bench::set_pin`](crate::bench::Bench::set_pin).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PinStimulus {
     /// Pulled to ground.
     Low,
     /// Driven high.
     High,
-    /// Let go.
+    /// Not driven.
     Open,
     /// A voltage, in mV.
     Millivolts(i32),
 }
 
-/// A pin and what both sides do to it.
+/// A pin, with its stimulus and its output.
 pub(crate) struct PinState {
     spec: &'static PinSpec,
     /// Stimulus from outside.
-    pub(crate) hands: PinStimulus,
+    pub(crate) stimulus: PinStimulus,
     /// Stimulus that has arrived.
-    held: PinStimulus,
-    /// Hands have been there.
-    touched: bool,
+    arrived: PinStimulus,
+    /// True once it was driven from outside.
+    was_driven: bool,
     /// Stimulus by wires.
-    pub(crate) wired: PinStimulus,
-    /// The wires that drive it, and those that it drives: places in the bench's list.
+    pub(crate) wire_stimulus: PinStimulus,
+    /// Wires that drive the pin, and wires that the pin drives: indices in the bench's list.
     pub(crate) driven_by: Vec<u32>,
     pub(crate) drives_wires: Vec<u32>,
-    /// Signal that the device was given last.
-    pub(crate) told: Signal,
+    /// Signal that was reported to the drive last.
+    pub(crate) reported: Signal,
     /// The train of pulses that runs.
     pub(crate) train: Option<PulseTrain>,
     /// Count of trains.
@@ -48,40 +48,40 @@ impl PinState {
     pub(super) fn new(spec: &'static PinSpec) -> Self {
         let mut pin = Self {
             spec,
-            hands: PinStimulus::Open,
-            held: PinStimulus::Open,
-            touched: false,
-            wired: PinStimulus::Open,
+            stimulus: PinStimulus::Open,
+            arrived: PinStimulus::Open,
+            was_driven: false,
+            wire_stimulus: PinStimulus::Open,
             driven_by: Vec::new(),
             drives_wires: Vec::new(),
-            told: Signal::Open,
+            reported: Signal::Open,
             train: None,
             trains: 0,
             drives: PinOutput::NOTHING,
             changes: 0,
         };
-        pin.told = pin.signal(PinStimulus::Open);
+        pin.reported = pin.signal(PinStimulus::Open);
         pin
     }
 
-    /// Idle level: a contact that is wired is pulled up.
+    /// Idle level: a wired contact is pulled up.
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
-        let used = self.spec.high_once_used && (wired || self.touched);
+        let used = self.spec.high_once_used && (wired || self.was_driven);
         if used || self.spec.reports_open() && wired { Level::High } else { self.spec.idle }
     }
 
-    /// A stimulus of a pin arrives.
-    pub(crate) fn hold(&mut self, drive: PinStimulus) {
-        (self.held, self.touched) = (drive, true);
+    /// Handles a stimulus that arrives.
+    pub(crate) fn stimulus_arrives(&mut self, drive: PinStimulus) {
+        (self.arrived, self.was_driven) = (drive, true);
     }
 
-    /// Signal that the device sees of what has arrived: a pin that is released from outside follows its wires.
+    /// Signal at the drive: a pin without a stimulus follows its wires.
     pub(crate) fn seen(&self) -> Signal {
-        self.signal(if self.held == PinStimulus::Open { self.wired } else { self.held })
+        self.signal(if self.arrived == PinStimulus::Open { self.wire_stimulus } else { self.arrived })
     }
 
-    /// Signal that the device sees with that stimulus.
+    /// Signal at the drive for a stimulus.
     fn signal(&self, drive: PinStimulus) -> Signal {
         let rests_high = self.rest() == Level::High;
         if self.spec.role == Role::Analogue {
@@ -104,37 +104,37 @@ impl PinState {
         })
     }
 
-    /// Stimulus that holds: from outside, else by wires.
-    fn outside(&self) -> PinStimulus {
-        if self.hands == PinStimulus::Open { self.wired } else { self.hands }
+    /// Stimulus in effect: from outside, else by wires.
+    fn applied(&self) -> PinStimulus {
+        if self.stimulus == PinStimulus::Open { self.wire_stimulus } else { self.stimulus }
     }
 
-    /// Returns whether the device would see a high level now.
+    /// Returns whether the drive would read a high level now.
     pub(crate) fn is_high(&self) -> bool {
-        match self.signal(self.outside()) {
+        match self.signal(self.applied()) {
             Signal::Digital(high) => high,
             Signal::Millivolts(mv) => mv > HIGH_MV,
-            // Its pull-up is there all the same.
+            // The pull-up is effective all the same.
             Signal::Open => true,
         }
     }
 
-    /// Returns whether the signal is another one than a device assumes before its first input.
-    pub(super) fn away(&self) -> bool {
-        self.told != Self::new(self.spec).told
+    /// Returns whether the signal differs from the one that a drive assumes at power-on.
+    pub(super) fn is_news(&self) -> bool {
+        self.reported != Self::new(self.spec).reported
     }
 
-    /// The pin as it is seen from outside.
+    /// The level at the pin, as measured from outside.
     pub(super) fn level(&self, at: Instant) -> Level {
         match self.drives.level(at) {
-            Level::Float if self.outside() == PinStimulus::Open => self.rest(),
+            Level::Float if self.applied() == PinStimulus::Open => self.rest(),
             Level::Float => level_of(self.is_high()),
             level => level,
         }
     }
 }
 
-/// Signal at an input of a device.
+/// Signal at an input of a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Signal {
     Digital(bool),
@@ -145,7 +145,7 @@ pub(crate) enum Signal {
 
 impl Signal {
     /// Input of the device for that signal.
-    pub(crate) fn fed(self, pin: Pin) -> InputRecord {
+    pub(crate) fn input(self, pin: Pin) -> InputRecord {
         match self {
             Self::Digital(high) => InputRecord::Edge { pin, high },
             Self::Millivolts(mv) => InputRecord::Millivolts { pin, mv },
@@ -159,7 +159,7 @@ impl Signal {
 pub(crate) struct EdgeTrain {
     pub(crate) start: Instant,
     pub(crate) ticks_per_edge: f64,
-    /// Ticks by which every second edge comes later than that.
+    /// Additional delay of every second edge, in ticks.
     pub(crate) second_later: f64,
     /// Edges made.
     pub(crate) made: u64,

@@ -1,4 +1,4 @@
-//! Ports of a device, and how they send.
+//! Ports of a drive, and their transmission.
 
 use drivetwin_firmware::device::{Duration, Framing, Instant, Line, PortSpec};
 
@@ -7,32 +7,32 @@ use super::tcp_port::Tcp;
 /// Statistics of a port since its device was added.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Statistics {
-    /// Requests carried out.
+    /// Number of requests that were executed.
     pub requests: u64,
-    /// Requests refused with an exception.
+    /// Number of requests that were refused with an exception.
     pub refused: u64,
-    /// Frames whose check sum did not hold.
+    /// Number of frames with a wrong checksum.
     pub crc: u64,
-    /// Frames with a silence inside.
+    /// Number of frames with a gap inside.
     pub gap: u64,
-    /// Frames of a wrong length.
+    /// Number of frames of a wrong length.
     pub length: u64,
-    /// Frames with a parity or framing error.
+    /// Number of frames with a parity or framing error.
     pub spoiled: u64,
-    /// Frames for another address.
+    /// Number of frames for another address.
     pub foreign: u64,
-    /// Frames that came while the device was starting.
+    /// Number of frames that arrived while the drive was starting.
     pub starting: u64,
-    /// Connections so far, on a TCP port.
+    /// Number of connections so far, on a TCP port.
     pub connections: u64,
-    /// Messages to the device, on a TCP port; of MCode pieces of them.
+    /// Number of messages to the drive, on a TCP port; for MCode of pieces of lines.
     pub messages: u64,
-    /// Connections that were closed because the bytes were no Modbus/TCP, on a TCP port.
+    /// Number of connections that were closed because of bytes that are not Modbus/TCP.
     pub broken: u64,
 }
 
 impl Statistics {
-    /// Frames ignored, for whatever reason.
+    /// Number of frames that were ignored, for any reason.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.crc + self.gap + self.length + self.spoiled + self.foreign + self.starting
@@ -63,9 +63,9 @@ pub(crate) struct Serial {
     line: Line,
     /// Settings that hold later.
     later: Vec<(Instant, Line)>,
-    /// Silence ends its messages, or in ASCII a line feed: one pair of wires for both directions.
-    /// Otherwise each character has its time, and both directions run at once.
-    pub(crate) silence: bool,
+    /// True for half-duplex Modbus: a gap ends a frame, or in ASCII a line feed. False for timed characters, full
+    /// duplex.
+    pub(crate) framed: bool,
     /// Time at which its last message began to leave.
     pub(super) began: Option<Instant>,
     /// Time at which its last character has left.
@@ -73,19 +73,19 @@ pub(crate) struct Serial {
 }
 
 impl Serial {
-    fn new(line: Line, silence: bool) -> Self {
+    fn new(line: Line, framed: bool) -> Self {
         Self {
             bus: 0,
             factory: line,
             line,
             later: Vec::new(),
-            silence,
+            framed,
             began: None,
             sends_until: Instant::ZERO,
         }
     }
 
-    /// The settings are those of the factory again.
+    /// Restores the factory settings.
     pub(super) fn power_on(&mut self) {
         self.line = self.factory;
         self.later.clear();
@@ -96,15 +96,15 @@ impl Serial {
         self.later.iter().rev().find(|(from, _)| *from <= at).map_or(self.line, |&(_, line)| line)
     }
 
-    /// Other settings, when all has left.
+    /// Changes the settings once all characters are sent.
     pub(super) fn change(&mut self, at: Instant, line: Line) {
         self.line = self.line_at(at);
         self.later.retain(|(from, _)| *from > at);
         self.later.push((at.max(self.sends_until), line));
     }
 
-    /// So many characters leave behind all others; `fast`: they take no time. Returns when the first
-    /// one begins, and its settings.
+    /// Sends `count` characters behind all others; with `fast` they take no time. Returns the start of the first one,
+    /// and its settings.
     pub(super) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
         let start = at.max(self.sends_until);
         let line = self.line_at(start);

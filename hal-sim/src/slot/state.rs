@@ -1,4 +1,4 @@
-//! State of a device on the bench: its memory, its power, and its outputs.
+//! State of a drive on the bench: memory, power and outputs.
 
 use drivetwin_firmware::device::{
     Axis, Context, DropReason, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, Spec,
@@ -12,50 +12,50 @@ use crate::record::trace::{Cut, Trace};
 use crate::rng::Rng;
 use crate::signals::pin_waveform::PinOutput;
 
-/// Told each range of bytes as it is stored: where it begins, and the bytes.
+/// Function that is called for each store to the memory: offset of the first byte, and the bytes.
 pub type PersistFn = Box<dyn FnMut(u16, &[u8])>;
 
-/// State of a device that outlives a call: memory, power and outputs.
+/// State of a drive between calls: memory, power and outputs.
 pub(crate) struct SlotState {
-    pub(super) seat: u32,
+    pub(super) drive: u32,
     pub(crate) memory: Vec<u8>,
-    keep: Option<PersistFn>,
+    persist: Option<PersistFn>,
     pub(crate) powered: bool,
-    /// The next power cut, and whether it has come.
+    /// The scheduled power cut, and whether it has happened.
     cut: Option<Place>,
     pub(super) dead: bool,
-    /// Random stream of the places where power fails.
-    dice: Rng,
+    /// Random stream of the points at which power fails.
+    rng: Rng,
     pub(crate) pins: Vec<PinState>,
     pub(super) axes: Vec<AxisState>,
     pub(super) encoders: Vec<EncoderState>,
     pub(crate) ports: Vec<PortState>,
-    /// Which causes of faults are there.
+    /// True for each fault whose cause is present.
     pub(crate) faults: Vec<bool>,
 }
 
-/// Place in a save at which power fails.
+/// Point in a save at which power fails.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// Stores that still go through.
+    /// Stores that are still completed.
     stores: u32,
     part: Part,
 }
 
-/// Part of a store that goes through.
+/// Part of a store that is completed.
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Bytes(usize),
-    /// A random part; `whole`: it may be all of it.
+    /// A random part; `whole`: it may be the whole store.
     Random {
         number: u64,
         whole: bool,
     },
 }
 
-/// Characters that leave a port.
+/// Characters that a port sends.
 pub(crate) struct Sent {
-    pub(crate) seat: u32,
+    pub(crate) drive: u32,
     pub(crate) port: Port,
     /// Start of the first one.
     pub(crate) start: Instant,
@@ -64,130 +64,130 @@ pub(crate) struct Sent {
     pub(crate) count: usize,
 }
 
-/// A message of a device on a TCP connection.
+/// A message of a drive on a TCP connection.
 pub(crate) struct TcpSend {
-    pub(crate) seat: u32,
+    pub(crate) drive: u32,
     pub(crate) port: Port,
     pub(crate) link: Link,
     /// The client.
     pub(crate) client: u32,
-    /// Number of bytes, which are in [`Outputs::messages`]; `None`: the device closes the connection.
+    /// Number of bytes, which are in [`Outputs::messages`]; `None`: the drive closes the connection.
     pub(crate) count: Option<usize>,
 }
 
-/// Change of an output that has a wire.
+/// Change of an output with a wire.
 pub(crate) enum PinChange {
-    /// A pin took a level then.
+    /// A pin changes to a level.
     Pin { pin: Pin, at: Instant, level: Level },
-    /// A pin repeats from now on.
+    /// A pin carries a wave from now on.
     Wave { pin: Pin },
-    /// An axis has other steps before it.
+    /// The next steps of an axis change.
     Axis { axis: Axis },
 }
 
-/// A command to a motor: from its drive, or from outside.
+/// A command to a motor, from its drive or from outside.
 ///
-/// Of one instant it hears first how large the drive's steps are, which is what a plan is made of: a plan in steps of
-/// another size would make the shaft jump. The rest comes in the order in which the drive did it.
+/// Of one instant the step size comes first, because plans are in steps: a plan in steps of another size would make
+/// the shaft jump. The other commands keep the order in which the drive gave them.
 #[derive(Clone, Debug)]
 pub(crate) enum MotorCommand {
     Plan(Plan),
-    /// From the next plan on, and for what is left of the present one.
+    /// Step size from the next plan on, and for the rest of the present one.
     Microsteps(u16),
     Steps(i32),
     Current(u32),
     Duty(i32),
     /// The shaft is blocked, or released.
-    Held(bool),
+    Blocked(bool),
 }
 
-/// Outputs of a device in one call.
+/// Outputs of a drive in one call.
 #[derive(Default)]
 pub(crate) struct Outputs {
-    /// Commands to its motors: the device, its axis, the time.
-    pub(crate) told: Vec<(u32, Axis, Instant, MotorCommand)>,
+    /// Commands to its motors: drive, axis, time.
+    pub(crate) motor_commands: Vec<(u32, Axis, Instant, MotorCommand)>,
     pub(crate) sent: Vec<Sent>,
-    /// All characters, one message behind the other.
+    /// Characters of all entries of `sent`.
     pub(crate) bytes: Vec<u8>,
-    pub(crate) said: Vec<TcpSend>,
-    /// All that it says, one message behind the other.
+    pub(crate) tcp_sends: Vec<TcpSend>,
+    /// Bytes of all entries of `tcp_sends`.
     pub(crate) messages: Vec<u8>,
-    /// And whose output it was.
-    pub(crate) moved: Vec<(u32, PinChange)>,
+    /// Changes of outputs, and the drive of each.
+    pub(crate) pin_changes: Vec<(u32, PinChange)>,
 }
 
 impl Outputs {
     pub(crate) fn is_empty(&self) -> bool {
-        self.sent.is_empty() && self.said.is_empty() && self.moved.is_empty()
+        self.sent.is_empty() && self.tcp_sends.is_empty() && self.pin_changes.is_empty()
     }
 
-    /// Empties it, and keeps its room.
+    /// Clears all outputs, and keeps the allocated memory.
     pub(crate) fn clear(&mut self) {
         self.sent.clear();
         self.bytes.clear();
-        self.said.clear();
+        self.tcp_sends.clear();
         self.messages.clear();
-        self.moved.clear();
-        self.told.clear();
+        self.pin_changes.clear();
+        self.motor_commands.clear();
     }
 }
 
-/// Destination of a device's outputs, beside its body.
+/// Destination of a drive's outputs, besides its own state.
 pub(crate) struct CallContext<'a> {
     pub(crate) trace: &'a mut Trace,
-    pub(crate) outbox: &'a mut Outputs,
+    pub(crate) outputs: &'a mut Outputs,
     /// True if characters take no time.
     pub(crate) fast: bool,
 }
 
-/// The sink of one call of a device.
+/// The sink of one call of a drive.
 pub(super) struct SlotContext<'a, 'b> {
-    pub(super) body: &'a mut SlotState,
-    pub(super) tape: &'a mut CallContext<'b>,
+    pub(super) state: &'a mut SlotState,
+    pub(super) context: &'a mut CallContext<'b>,
 }
 
 impl Context for SlotContext<'_, '_> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
-        if self.body.dead {
+        if self.state.dead {
             return;
         }
         if let Output::Store { offset, bytes } = output {
-            let bytes = self.body.store(offset, bytes);
-            self.tape.trace.did(at, self.body.seat, Output::Store { offset, bytes });
-            if self.body.dead {
-                self.tape.trace.power_fails(at, self.body.seat);
+            let bytes = self.state.store(offset, bytes);
+            self.context.trace.record_output(at, self.state.drive, Output::Store { offset, bytes });
+            if self.state.dead {
+                self.context.trace.record_power_cut(at, self.state.drive);
             }
             return;
         }
-        self.body.put(at, output, self.tape);
-        self.tape.trace.did(at, self.body.seat, output);
+        self.state.put(at, output, self.context);
+        self.context.trace.record_output(at, self.state.drive, output);
     }
 
     fn memory(&self) -> &[u8] {
-        &self.body.memory
+        &self.state.memory
     }
 }
 
 impl SlotState {
-    /// State of a device without power, with that name.
+    /// State of a drive without power.
     pub(super) fn new(
-        seat: u32,
+        drive: u32,
         name: &str,
         spec: &'static Spec,
         seed: u64,
         memory: Option<Vec<u8>>,
-        keep: Option<PersistFn>,
+        persist: Option<PersistFn>,
     ) -> Self {
         let mut memory = memory.unwrap_or_default();
         memory.resize(usize::from(spec.memory), 0xFF);
         Self {
-            seat,
+            drive,
             memory,
-            keep,
+            persist,
             powered: false,
             cut: None,
             dead: false,
-            dice: Rng::new(seed, &format!("power cuts of {name}")),
+            rng: Rng::new(seed, &format!("power cuts of {name}")),
             pins: spec.pins.iter().map(PinState::new).collect(),
             axes: spec.axes.iter().map(|axis| AxisState::new(axis, spec.pins)).collect(),
             encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
@@ -196,7 +196,7 @@ impl SlotState {
         }
     }
 
-    /// Stores as much as power allows, and returns it.
+    /// Stores bytes up to a power cut, and returns the bytes that were stored.
     fn store<'a>(&mut self, offset: u16, bytes: &'a [u8]) -> &'a [u8] {
         let part = match &mut self.cut {
             None => bytes.len(),
@@ -209,7 +209,7 @@ impl SlotState {
                 let part = match *part {
                     Part::Bytes(part) => part.min(length),
                     Part::Random { number, whole } => {
-                        // A cut that leaves the memory as it was is in no save's middle.
+                        // A cut that leaves the memory unchanged is not in the middle of a save.
                         let old = self.memory.get(usize::from(offset)..).unwrap_or(&[]);
                         let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
                         let least = if whole { (same + 1).min(length) } else { 0 };
@@ -227,55 +227,55 @@ impl SlotState {
         if let Some(place) = self.memory.get_mut(from..from + part) {
             place.copy_from_slice(bytes);
         }
-        if let Some(keep) = &mut self.keep {
-            keep(offset, bytes);
+        if let Some(persist) = &mut self.persist {
+            persist(offset, bytes);
         }
         bytes
     }
 
-    /// Does anything but a store.
-    fn put(&mut self, at: Instant, output: Output<'_>, tape: &mut CallContext<'_>) {
+    /// Handles any output but a store.
+    fn put(&mut self, at: Instant, output: Output<'_>, context: &mut CallContext<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
                 let Some(serial) = self.serial(port) else { return };
-                let (start, line) = serial.send(at, bytes.len(), tape.fast);
-                tape.outbox.sent.push(Sent { seat: self.seat, port, start, line, count: bytes.len() });
-                tape.outbox.bytes.extend_from_slice(bytes);
+                let (start, line) = serial.send(at, bytes.len(), context.fast);
+                context.outputs.sent.push(Sent { drive: self.drive, port, start, line, count: bytes.len() });
+                context.outputs.bytes.extend_from_slice(bytes);
             }
             Output::Line { port, line } => {
                 if let Some(serial) = self.serial(port) {
                     serial.change(at, line);
                 }
             }
-            Output::Level { pin, level } => self.drive(pin, at, PinOutput::Level(level), tape.outbox),
+            Output::Level { pin, level } => self.drive(pin, at, PinOutput::Level(level), context.outputs),
             Output::Wave { pin, period, high } => {
-                self.drive(pin, at, PinOutput::Wave { since: at, period, high }, tape.outbox);
+                self.drive(pin, at, PinOutput::Wave { since: at, period, high }, context.outputs);
             }
             Output::Plan { axis, plan } => {
-                self.take_back(axis, at, tape.outbox);
-                self.shape(axis, at, tape.outbox, |axis| axis.follow(at, plan));
-                self.tell(axis, at, tape.outbox, || MotorCommand::Plan(*plan));
+                self.take_back(axis, at, context.outputs);
+                self.shape(axis, at, context.outputs, |axis| axis.follow(at, plan));
+                self.command_motor(axis, at, context.outputs, || MotorCommand::Plan(*plan));
             }
             Output::Step { axis, steps } => {
-                self.shape(axis, at, tape.outbox, |axis| axis.step(at, steps));
-                self.tell(axis, at, tape.outbox, || MotorCommand::Steps(steps));
+                self.shape(axis, at, context.outputs, |axis| axis.step(at, steps));
+                self.command_motor(axis, at, context.outputs, || MotorCommand::Steps(steps));
             }
             Output::CurrentLimit { axis, ma } => {
                 if let Some(axis) = self.axis(axis) {
-                    (axis.current_ma, axis.tells_current) = (ma, true);
+                    (axis.current_ma, axis.reports_current) = (ma, true);
                 }
-                self.tell(axis, at, tape.outbox, || MotorCommand::Current(ma));
+                self.command_motor(axis, at, context.outputs, || MotorCommand::Current(ma));
             }
             Output::Duty { axis, duty } => {
                 if let Some(axis) = self.axis(axis) {
                     axis.duty = duty;
                 }
-                self.tell(axis, at, tape.outbox, || MotorCommand::Duty(duty));
+                self.command_motor(axis, at, context.outputs, || MotorCommand::Duty(duty));
             }
             Output::Log(note) => self.count(note),
-            Output::Message { port, link, bytes } => self.say(port, link, Some(bytes), tape.outbox),
-            Output::Close { port, link } => self.say(port, link, None, tape.outbox),
-            // A store has its own way, and no motor has a seat.
+            Output::Message { port, link, bytes } => self.send_tcp(port, link, Some(bytes), context.outputs),
+            Output::Close { port, link } => self.send_tcp(port, link, None, context.outputs),
+            // A store is handled by the caller, and motors have no slot.
             Output::Store { .. }
             | Output::MotorCurrent { .. }
             | Output::Motor { .. }
@@ -283,20 +283,26 @@ impl SlotState {
         }
     }
 
-    /// Says something on a TCP connection, or closes it (`None`), if somebody is there.
-    fn say(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outbox: &mut Outputs) {
-        let seat = self.seat;
+    /// Sends bytes on a TCP connection, or closes it (`None`), if a client is connected.
+    fn send_tcp(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outputs: &mut Outputs) {
+        let drive = self.drive;
         let Some(tcp) = self.tcp(port) else { return };
         let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
         let Some(client) = client else { return };
-        outbox.said.push(TcpSend { seat, port, link, client, count: bytes.map(<[u8]>::len) });
-        outbox.messages.extend_from_slice(bytes.unwrap_or_default());
+        outputs.tcp_sends.push(TcpSend { drive, port, link, client, count: bytes.map(<[u8]>::len) });
+        outputs.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
-    /// The motor of an axis, if it has one, is to hear of it.
-    fn tell(&self, axis: Axis, at: Instant, outbox: &mut Outputs, told: impl FnOnce() -> MotorCommand) {
+    /// Adds a command to the motor of an axis, if there is one.
+    fn command_motor(
+        &self,
+        axis: Axis,
+        at: Instant,
+        outputs: &mut Outputs,
+        command: impl FnOnce() -> MotorCommand,
+    ) {
         if self.axes.get(usize::from(axis.0)).is_some_and(|axis| axis.turns_motor) {
-            outbox.told.push((self.seat, axis, at, told()));
+            outputs.motor_commands.push((self.drive, axis, at, command()));
         }
     }
 
@@ -320,54 +326,56 @@ impl SlotState {
         } += 1;
     }
 
-    fn drive(&mut self, pin: Pin, at: Instant, drives: PinOutput, outbox: &mut Outputs) {
+    fn drive(&mut self, pin: Pin, at: Instant, drives: PinOutput, outputs: &mut Outputs) {
         let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
         state.drives = drives;
         state.changes = state.changes.wrapping_add(1);
         let is_wired = !state.drives_wires.is_empty();
-        let reaches_wires = self.lend(pin, at, outbox);
+        let reaches_wires = self.lend(pin, at, outputs);
         if is_wired && reaches_wires {
-            let moved = match drives {
+            let change = match drives {
                 PinOutput::Level(level) => PinChange::Pin { pin, at, level },
                 PinOutput::Wave { .. } => PinChange::Wave { pin },
             };
-            outbox.moved.push((self.seat, moved));
+            outputs.pin_changes.push((self.drive, change));
         }
     }
 
-    /// An axis leaves a pin to the device, if it can; where pulses have pins of their own, they stay there.
-    fn lend(&mut self, pin: Pin, at: Instant, outbox: &mut Outputs) -> bool {
+    /// Lends an output of an axis to the drive, if the pin is shared; pins for pulses only stay with the axis.
+    fn lend(&mut self, pin: Pin, at: Instant, outputs: &mut Outputs) -> bool {
         for axis in (0..self.axes.len() as u8).map(Axis) {
             let Some(output) = self.axis(axis).and_then(|axis| axis.output(pin)) else { continue };
-            self.shape(axis, at, outbox, |_| {});
+            self.shape(axis, at, outputs, |_| {});
             return self.axis(axis).is_some_and(|axis| axis.lend(output));
         }
         true
     }
 
-    /// An axis takes its pins from the device, and they are low.
-    fn take_back(&mut self, axis: Axis, at: Instant, outbox: &mut Outputs) {
+    /// Returns the pins of an axis from the drive; they are low then.
+    fn take_back(&mut self, axis: Axis, at: Instant, outputs: &mut Outputs) {
         let Some(state) = self.axes.get(usize::from(axis.0)) else { return };
         for pin in state.lent() {
             let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { continue };
             state.drives = PinOutput::NOTHING;
             state.changes = state.changes.wrapping_add(1);
-            outbox.moved.push((self.seat, PinChange::Pin { pin, at, level: Level::Low }));
+            outputs.pin_changes.push((self.drive, PinChange::Pin { pin, at, level: Level::Low }));
         }
     }
 
-    /// Changes an axis; if its pulses are wired, edges up to then come first.
+    /// Changes an axis. If its pulses are wired, the edges up to now come first.
     fn shape(
         &mut self,
         axis: Axis,
         at: Instant,
-        outbox: &mut Outputs,
+        outputs: &mut Outputs,
         gen_bool: impl FnOnce(&mut AxisState),
     ) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {
             while let Some((pin, at, level)) = state.take(at) {
-                outbox.moved.extend(level.map(|level| (self.seat, PinChange::Pin { pin, at, level })));
+                outputs
+                    .pin_changes
+                    .extend(level.map(|level| (self.drive, PinChange::Pin { pin, at, level })));
             }
         };
         moves(state);
@@ -375,7 +383,7 @@ impl SlotState {
         // Without power the outputs fall at once.
         moves(state);
         if state.shaper.is_some() {
-            outbox.moved.push((self.seat, PinChange::Axis { axis }));
+            outputs.pin_changes.push((self.drive, PinChange::Axis { axis }));
         }
     }
 
@@ -403,15 +411,15 @@ impl SlotState {
         }
     }
 
-    pub(super) fn power_off(&mut self, at: Instant, outbox: &mut Outputs) {
+    pub(super) fn power_off(&mut self, at: Instant, outputs: &mut Outputs) {
         (self.powered, self.dead) = (false, false);
         for pin in (0..self.pins.len() as u8).map(Pin) {
-            self.drive(pin, at, PinOutput::NOTHING, outbox);
+            self.drive(pin, at, PinOutput::NOTHING, outputs);
         }
         for axis in (0..self.axes.len() as u8).map(Axis) {
-            self.shape(axis, at, outbox, |axis| axis.power_off(at));
-            for told in self.axis(axis).map(|axis| axis.told()).into_iter().flatten() {
-                self.tell(axis, at, outbox, || told);
+            self.shape(axis, at, outputs, |axis| axis.power_off(at));
+            for command in self.axis(axis).map(|axis| axis.motor_commands()).into_iter().flatten() {
+                self.command_motor(axis, at, outputs, || command);
             }
         }
     }
@@ -420,10 +428,9 @@ impl SlotState {
         self.cut = Some(match cut {
             Some(Cut { stores, bytes }) => Place { stores, part: Part::Bytes(bytes) },
             None => {
-                // A save is two stores. After the whole first one is in its middle, after the second
-                // is not.
-                let stores = u32::from(self.dice.next() % 2 == 1);
-                Place { stores, part: Part::Random { number: self.dice.next(), whole: stores == 0 } }
+                // A save is two stores. The end of the first one is in its middle, the end of the second is not.
+                let stores = u32::from(self.rng.next() % 2 == 1);
+                Place { stores, part: Part::Random { number: self.rng.next(), whole: stores == 0 } }
             }
         });
     }

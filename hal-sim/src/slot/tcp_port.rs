@@ -1,28 +1,28 @@
-//! TCP ports of a device, and the client of each connection.
+//! TCP ports of a drive, and the client of each connection.
 
 use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Framing, Link, PortSpec};
 
-/// Connections that a TCP port takes at once; the next one is turned away.
+/// Maximum number of connections of a TCP port; a further one is refused.
 pub const MOST_CONNECTIONS: usize = 64;
 
 /// A TCP port.
 ///
-/// A device hears of who comes and goes when its turn comes. So a number may be given to somebody while the device
-/// still takes it for that of who had it before.
+/// Openings and closings are reported to the drive in their turn. So a connection number may belong to a new client
+/// while the drive still uses it for the previous one.
 pub(crate) struct Tcp {
-    /// The length in a header ends its messages (Modbus/TCP), so they go whole.
+    /// True for Modbus/TCP, whose messages are delivered whole.
     pub(crate) framed: bool,
     numbers: Vec<Number>,
-    /// Clients that have connected, and the device does not know yet.
-    coming: Vec<u32>,
-    /// Client whose message the device is busy with, while it takes no other one.
+    /// Clients that have connected, which was not reported to the drive yet.
+    not_reported: Vec<u32>,
+    /// Client whose message the drive executes, while it takes no other one.
     pub(crate) busy_with: Option<Option<u32>>,
-    /// Client that was heard last.
-    pub(crate) heard: Option<u32>,
-    /// Clients that have more to say, or want to leave, once the device takes it: the one who waits longest first.
-    held: VecDeque<u32>,
+    /// Client whose message was delivered last.
+    pub(crate) last_served: Option<u32>,
+    /// Clients with more messages, or that have left, in the order of their waiting time.
+    waiting: VecDeque<u32>,
 }
 
 /// The number of a connection.
@@ -30,7 +30,7 @@ pub(crate) struct Tcp {
 struct Number {
     /// Client that has the connection.
     given: Option<u32>,
-    /// Client that has the connection as far as the device knows.
+    /// Client of the connection as reported to the drive.
     known: Option<u32>,
 }
 
@@ -39,10 +39,10 @@ impl Tcp {
         Self {
             framed: spec.framing == Framing::Mbap,
             numbers: Vec::new(),
-            coming: Vec::new(),
+            not_reported: Vec::new(),
             busy_with: None,
-            heard: None,
-            held: VecDeque::new(),
+            last_served: None,
+            waiting: VecDeque::new(),
         }
     }
 
@@ -51,19 +51,19 @@ impl Tcp {
         self.numbers.iter().filter(|number| number.given.is_some()).count()
     }
 
-    /// Gives somebody the lowest free number; `None` if there is no room for him.
-    pub(crate) fn let_in(&mut self, client: u32) -> Option<Link> {
+    /// Assigns the lowest free number to a client; `None` if all are in use.
+    pub(crate) fn connect(&mut self, client: u32) -> Option<Link> {
         let free = self.numbers.iter().position(|number| number.given.is_none());
-        let place = free.unwrap_or(self.numbers.len());
-        if place == MOST_CONNECTIONS {
+        let index = free.unwrap_or(self.numbers.len());
+        if index == MOST_CONNECTIONS {
             return None;
         }
         if free.is_none() {
             self.numbers.push(Number::default());
         }
-        self.numbers[place].given = Some(client);
-        self.coming.push(client);
-        Some(Link(place as u8))
+        self.numbers[index].given = Some(client);
+        self.not_reported.push(client);
+        Some(Link(index as u8))
     }
 
     /// Removes a client; returns whether it was still connected.
@@ -71,46 +71,49 @@ impl Tcp {
         self.number(link).is_some_and(|number| number.given.take_if(|given| *given == client).is_some())
     }
 
-    /// A client waits until the device takes more.
-    pub(crate) fn hold(&mut self, client: u32) {
-        if !self.held.contains(&client) {
-            self.held.push_back(client);
+    /// Queues a client until the drive takes more.
+    pub(crate) fn enqueue(&mut self, client: u32) {
+        if !self.waiting.contains(&client) {
+            self.waiting.push_back(client);
         }
     }
 
-    /// Next client to be served, if the device takes more.
-    pub(crate) fn release(&mut self) -> Option<u32> {
-        if self.busy_with.is_none() { self.held.pop_front() } else { None }
+    /// Next client to be served, if the drive takes more.
+    pub(crate) fn next_waiting(&mut self) -> Option<u32> {
+        if self.busy_with.is_none() { self.waiting.pop_front() } else { None }
     }
 
-    /// Client of a connection number as far as the device knows.
+    /// Client of a connection number as reported to the drive.
     pub(crate) fn known(&self, link: Link) -> Option<u32> {
         self.numbers.get(usize::from(link.0))?.known
     }
 
-    /// The device hears that somebody has come; not if power was away since.
-    pub(crate) fn hear_opened(&mut self, link: Link, client: u32) -> bool {
-        let Some(place) = self.coming.iter().position(|&coming| coming == client) else { return false };
-        self.coming.remove(place);
+    /// Marks an opening as reported to the drive; returns false if power was off since.
+    pub(crate) fn report_opened(&mut self, link: Link, client: u32) -> bool {
+        let Some(index) = self.not_reported.iter().position(|&not_reported| not_reported == client) else {
+            return false;
+        };
+        self.not_reported.remove(index);
         self.number(link).is_some_and(|number| number.known.replace(client).is_none())
     }
 
-    /// The device hears that somebody has left; not if it has closed the connection itself, or power was away since.
-    pub(crate) fn hear_closed(&mut self, link: Link, client: u32) -> bool {
+    /// Marks a closing as reported to the drive; returns false if the drive closed the connection itself, or power was
+    /// off since.
+    pub(crate) fn report_closed(&mut self, link: Link, client: u32) -> bool {
         self.number(link).is_some_and(|number| number.known.take_if(|known| *known == client).is_some())
     }
 
-    /// The device closes a connection; whose that was.
+    /// Closes a connection on behalf of the drive. Returns its client.
     pub(crate) fn close(&mut self, link: Link) -> Option<u32> {
         let client = self.number(link)?.known.take()?;
         self.leave(link, client);
         Some(client)
     }
 
-    /// All connections are gone; who was there.
+    /// Closes all connections. Returns their clients.
     pub(crate) fn close_all(&mut self) -> impl Iterator<Item = u32> + use<> {
-        self.coming.clear();
-        self.held.clear();
+        self.not_reported.clear();
+        self.waiting.clear();
         std::mem::take(&mut self.numbers).into_iter().filter_map(|number| number.given)
     }
 
@@ -126,18 +129,18 @@ mod tests {
     #[test]
     fn the_lowest_number_that_is_free_is_given_though_the_device_may_not_know() {
         let mut tcp = Tcp::new(&PortSpec { name: "mcode", framing: Framing::Return, line: None });
-        let numbers: Vec<_> = (10..13).map(|client| tcp.let_in(client)).collect();
+        let numbers: Vec<_> = (10..13).map(|client| tcp.connect(client)).collect();
         assert_eq!(numbers, [Some(Link(0)), Some(Link(1)), Some(Link(2))]);
-        assert!((0..).zip(10..13).all(|(link, client)| tcp.hear_opened(Link(link), client)));
+        assert!((0..).zip(10..13).all(|(link, client)| tcp.report_opened(Link(link), client)));
         assert!(tcp.leave(Link(1), 11) && !tcp.leave(Link(1), 11) && !tcp.leave(Link(9), 11));
-        assert_eq!((tcp.connected(), tcp.let_in(20), tcp.let_in(21)), (2, Some(Link(1)), Some(Link(3))));
+        assert_eq!((tcp.connected(), tcp.connect(20), tcp.connect(21)), (2, Some(Link(1)), Some(Link(3))));
         assert_eq!(tcp.known(Link(1)), Some(11));
-        assert!(tcp.hear_closed(Link(1), 11) && !tcp.hear_closed(Link(1), 11));
-        assert!(tcp.hear_opened(Link(1), 20) && !tcp.hear_opened(Link(1), 20));
+        assert!(tcp.report_closed(Link(1), 11) && !tcp.report_closed(Link(1), 11));
+        assert!(tcp.report_opened(Link(1), 20) && !tcp.report_opened(Link(1), 20));
         assert_eq!((tcp.close(Link(1)), tcp.close(Link(1)), tcp.known(Link(1))), (Some(20), None, None));
-        // Of 21 it has not heard, and never does.
+        // The opening of 21 is never reported.
         assert_eq!(tcp.close_all().collect::<Vec<_>>(), [10, 12, 21]);
-        assert!(!tcp.hear_opened(Link(3), 21));
-        assert_eq!((tcp.connected(), tcp.known(Link(0)), tcp.let_in(30)), (0, None, Some(Link(0))));
+        assert!(!tcp.report_opened(Link(3), 21));
+        assert_eq!((tcp.connected(), tcp.known(Link(0)), tcp.connect(30)), (0, None, Some(Link(0))));
     }
 }

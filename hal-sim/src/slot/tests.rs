@@ -130,13 +130,13 @@ impl Fixture {
         self.bench.poke(self.lender, 0, what.into()).unwrap();
     }
 
-    fn levels(&self, seat: DriveId) -> [Level; 2] {
-        [STEP, DIR].map(|pin| self.bench.level(seat, pin))
+    fn levels(&self, drive: DriveId) -> [Level; 2] {
+        [STEP, DIR].map(|pin| self.bench.level(drive, pin))
     }
 
-    /// What the other one heard up to then: pins and levels with their instants in µs, without the tick
+    /// Inputs of the other drive up to then: pins and levels with their instants in µs, without the tick
     /// that a wire takes.
-    fn heard(&mut self, ms: u64) -> Vec<String> {
+    fn received(&mut self, ms: u64) -> Vec<String> {
         self.bench.run_until(ms.millis());
         let ear = self.ear.0 as usize;
         let edges = self.bench.trace().events().filter(|entry| entry.drive == ear);
@@ -166,8 +166,8 @@ fn a_plan_takes_pins_that_were_let_go() {
     assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
     fixture.poke(10, 7);
     assert_eq!(fixture.levels(fixture.lender), [Level::Low; 2]);
-    let heard = ["S- 10000", "D- 10000", "D+ 109995", "S+ 110000", "S- 110002", "S+ 210000", "S- 210002"];
-    assert_eq!(fixture.heard(500), heard);
+    let received = ["S- 10000", "D- 10000", "D+ 109995", "S+ 110000", "S- 110002", "S+ 210000", "S- 210002"];
+    assert_eq!(fixture.received(500), received);
     assert_eq!(pulses(&fixture), [(110_000.0, 110_002.0, true), (210_000.0, 210_002.0, true)]);
 }
 
@@ -178,12 +178,12 @@ fn a_level_takes_its_pin_until_the_next_plan() {
     fixture.poke(150, 1);
     assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
     // The second step is not seen. DIR was not taken, and is high from the first one.
-    let before = fixture.heard(299).len();
-    assert_eq!(fixture.heard(299)[before - 1], "S+ 150000");
+    let before = fixture.received(299).len();
+    assert_eq!(fixture.received(299)[before - 1], "S+ 150000");
     fixture.poke(300, 8);
     fixture.poke(600, 5);
     fixture.poke(700, 2);
-    let heard = [
+    let received = [
         "S- 300000",
         "D- 399995",
         "S+ 400000",
@@ -193,7 +193,7 @@ fn a_level_takes_its_pin_until_the_next_plan() {
         "D+ 600000",
         "S+ 700000",
     ];
-    assert_eq!(fixture.heard(900)[before..], heard);
+    assert_eq!(fixture.received(900)[before..], received);
     let expected =
         [(110_000.0, 110_002.0, true), (400_000.0, 400_002.0, false), (500_000.0, 500_002.0, false)];
     assert_eq!(pulses(&fixture), expected);
@@ -226,7 +226,7 @@ fn a_plan_that_turns_the_direction_at_once_is_heard() {
     fixture.poke(10, 11);
     fixture.bench.run_until(10_003.micros());
     // It has come 190.687 steps in the 1 ms before, of which 93 µs were a ramp: the next one is 1.57 µs away.
-    assert_eq!(fixture.heard(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
+    assert_eq!(fixture.received(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
     assert_eq!(fixture.levels(fixture.ear), fixture.levels(fixture.lender));
 }
 
@@ -236,7 +236,7 @@ fn a_level_cuts_a_pulse_off() {
     fixture.poke(10, 7);
     fixture.bench.run_until(110_001.micros());
     fixture.bench.poke(fixture.lender, 0, 0).unwrap();
-    assert_eq!(fixture.heard(400)[3..], ["S+ 110000", "S- 110001"]);
+    assert_eq!(fixture.received(400)[3..], ["S+ 110000", "S- 110001"]);
     assert_eq!(pulses(&fixture), [(110_000.0, 110_001.0, true)]);
     // A plan does not bring the rest of it back.
     let mut fixture = Fixture::new(true);
@@ -278,7 +278,7 @@ fn without_power_the_pins_are_let_go() {
     fixture.bench.run_until(300.millis());
     assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
     // DIR was high; STEP comes up when it is let go.
-    assert_eq!(fixture.heard(500).last().unwrap(), "S+ 150000");
+    assert_eq!(fixture.received(500).last().unwrap(), "S+ 150000");
     assert_eq!(pulses(&fixture).len(), 1);
 }
 
@@ -305,18 +305,18 @@ proptest! {
     fn wires_levels_and_waveforms_agree(
         orders in proptest::collection::vec((1_u64..150, 0_u8..11, 0_u64..100), 1..20),
     ) {
-        let (mut fixture, mut deaf) = (Fixture::new(true), Fixture::new(false));
+        let (mut fixture, mut except) = (Fixture::new(true), Fixture::new(false));
         let mut samples = Vec::new();
         let mut ms = 1;
         for (wait, what, sample) in orders {
             ms += wait;
-            for fixture in [&mut fixture, &mut deaf] {
+            for fixture in [&mut fixture, &mut except] {
                 // Beside all steps, which are at whole milliseconds after a plan began, or between.
                 fixture.bench.run_until((1_000 * ms + 300).micros());
                 fixture.bench.poke(fixture.lender, 0, what.into()).unwrap();
             }
             let at = Instant::from((1_000 * ms + 300).micros()) + (sample * sample * 15).micros();
-            let levels = [&mut fixture, &mut deaf].map(|fixture| {
+            let levels = [&mut fixture, &mut except].map(|fixture| {
                 fixture.bench.run_until(at);
                 fixture.levels(fixture.lender)
             });

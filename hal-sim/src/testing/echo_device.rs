@@ -1,5 +1,5 @@
-//! A device for tests with two TCP ports: of Modbus/TCP, where it sends each ADU back, and of lines of text, where it
-//! does the same with characters, except some.
+//! Test device with two TCP ports: Modbus/TCP, where it sends each ADU back, and lines of text, where it sends most
+//! characters back.
 
 use drivetwin_firmware::device::{
     Boot, Context, Device, Duration, Framing, Input, Instant, Link, LogEvent, Output, Port, PortSpec,
@@ -22,20 +22,20 @@ pub const MODBUS: Port = Port(0);
 /// The port of lines of text.
 pub const MCODE: Port = Port(1);
 
-/// Connections that its port of text takes.
+/// Maximum number of connections of its text port.
 const MOST: u8 = 4;
 
 /// A device that echoes. On its port of text it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends
 /// `T` at the deadlines of this instant and of each second after it, until the connection is closed.
 #[derive(Debug, Default)]
-pub struct Echo {
-    /// Interval at which it sends `T` to its first connection, there or not, from power-on.
+pub struct EchoDevice {
+    /// Interval at which it sends `T` to connection 0, open or not, from power-on.
     pub ring: Option<Duration>,
-    /// The next such instant, and the connection.
+    /// Next time of sending `T`, and the connection.
     pub due: Option<(Instant, Link)>,
 }
 
-impl Echo {
+impl EchoDevice {
     fn answer(&mut self, at: Instant, link: Link, text: &[u8], out: &mut dyn Context) {
         for byte in text {
             let say = |bytes: &[u8], out: &mut dyn Context| {
@@ -51,7 +51,7 @@ impl Echo {
     }
 }
 
-impl Device for Echo {
+impl Device for EchoDevice {
     fn spec(&self) -> &'static Spec {
         &SPEC
     }

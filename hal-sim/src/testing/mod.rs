@@ -1,4 +1,4 @@
 //! Devices for tests.
 
 pub mod echo_device;
-pub mod toy;
+pub mod test_device;

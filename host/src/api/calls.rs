@@ -21,7 +21,7 @@ use super::{Api, stopping};
 use crate::event_loop::EventLoop;
 use drivetwin_sim::suggest;
 
-/// The longest way to go at once, in seconds.
+/// Longest advance of the clock per call, in seconds.
 const MAX_ADVANCE: f64 = 86_400.0;
 
 /// The bench: drives, lines, motors, time.
@@ -37,12 +37,14 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
     let places = api.places.clone();
-    api.call(move |event_loop| Ok(Json(Drive::of(&event_loop.bench, seat(event_loop, &name)?, &places))))
-        .await?
+    api.call(move |event_loop| {
+        Ok(Json(Drive::of(&event_loop.bench, find_drive(event_loop, &name)?, &places)))
+    })
+    .await?
 }
 
-/// Drives an input pin from outside. While the drive drives the pin itself, its level is what is seen;
-/// what comes from outside counts once the drive lets go.
+/// Drives an input pin from outside. While the drive itself drives the pin, its output has precedence, and the
+/// stimulus takes effect when the drive releases the pin.
 #[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
     (status = 204),
 ))]
@@ -52,11 +54,11 @@ pub(super) async fn drive_pin(
     Body(level): Body<PinLevel>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        let pin = input(event_loop, seat, &pin)?;
-        let driving = driving(&level, pin_spec(event_loop, seat, pin))?;
-        event_loop.bench.set_pin(seat, pin, driving);
-        event_loop.settle();
+        let id = find_drive(event_loop, &name)?;
+        let pin = input(event_loop, id, &pin)?;
+        let stimulus = pin_stimulus(&level, pin_spec(event_loop, id, pin))?;
+        event_loop.bench.set_pin(id, pin, stimulus);
+        event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -65,7 +67,7 @@ pub(super) async fn drive_pin(
 /// Sends a train of pulses into an input pin.
 #[utoipa::path(post, path = "/api/drives/{name}/pins/{pin}/pulses", request_body = Pulses, responses(
     (status = 204, description = "The train has begun."),
-    (status = 409, description = "One runs there.", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "A pulse train or an encoder drives that pin already.", body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn pulse_pin(
     State(api): State<Api>,
@@ -73,8 +75,8 @@ pub(super) async fn pulse_pin(
     Body(pulses): Body<Pulses>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        let pin = input(event_loop, seat, &pin)?;
+        let id = find_drive(event_loop, &name)?;
+        let pin = input(event_loop, id, &pin)?;
         if pulses.count == 0 || !(0.000_001..=8_000_000.0).contains(&pulses.hz) {
             return Err(Problem::refused(
                 "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
@@ -84,10 +86,10 @@ pub(super) async fn pulse_pin(
         if !(duty > 0.0 && duty < 1.0) {
             return Err(Problem::refused("the duty of a pulse is between 0 and 1"));
         }
-        if role(event_loop, seat, pin) == Some(Role::Analogue) {
+        if role(event_loop, id, pin) == Some(Role::Analogue) {
             return Err(Problem::refused("an analogue input takes no pulses"));
         }
-        let begun = event_loop.bench.pulse_width(seat, pin, pulses.count, pulses.hz, duty);
+        let begun = event_loop.bench.pulse_width(id, pin, pulses.count, pulses.hz, duty);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })
@@ -96,8 +98,8 @@ pub(super) async fn pulse_pin(
 
 /// Turns the drive's encoder: quadrature edges on its inputs A and B.
 #[utoipa::path(post, path = "/api/drives/{name}/encoder", request_body = Turn, responses(
-    (status = 204, description = "It has begun to turn."),
-    (status = 409, description = "It turns already, or pulses run on one of its inputs.", body = Problem,
+    (status = 204, description = "The encoder has begun to turn."),
+    (status = 409, description = "The encoder turns already, or a pulse train runs on A or B.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn encoder(
@@ -106,8 +108,8 @@ pub(super) async fn encoder(
     Body(turn): Body<Turn>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        if event_loop.bench.spec(seat).encoders.is_empty() {
+        let id = find_drive(event_loop, &name)?;
+        if event_loop.bench.spec(id).encoders.is_empty() {
             return Err(Problem::refused(format!("{name} has no encoder input")));
         }
         let counts = i32::try_from(turn.counts).ok().filter(|counts| *counts != 0);
@@ -116,14 +118,14 @@ pub(super) async fn encoder(
                 "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
             )
         })?;
-        let begun = event_loop.bench.encoder(seat, Encoder(0), counts, turn.hz);
+        let begun = event_loop.bench.encoder(id, Encoder(0), counts, turn.hz);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
 }
 
-/// Presets a register, past the bus.
+/// Presets a register directly, not through its bus.
 #[utoipa::path(put, path = "/api/drives/{name}/registers/{register}", request_body = NewValue, responses(
     (status = 204),
     (status = 409, description = "The drive has no power.", body = Problem, content_type = "application/problem+json"),
@@ -134,26 +136,26 @@ pub(super) async fn preset(
     Body(value): Body<NewValue>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        let spec = event_loop.bench.spec(seat);
+        let id = find_drive(event_loop, &name)?;
+        let spec = event_loop.bench.spec(id);
         let known = spec.find(&register).is_some();
         let status = if known { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::NOT_FOUND };
         let preset = Preset::new(spec, &register, &value.value.into())
             .map_err(|sentence| Problem::new(status, sentence))?;
-        if !event_loop.bench.powered(seat) {
+        if !event_loop.bench.powered(id) {
             return Err(Problem::conflict(format!("{name} has no power")));
         }
-        let value = preset.onto(spec, event_loop.bench.peek(seat, preset.row));
-        event_loop.bench.poke(seat, preset.row, value).map_err(|refused: PresetError| {
+        let value = preset.onto(spec, event_loop.bench.peek(id, preset.row));
+        event_loop.bench.poke(id, preset.row, value).map_err(|refused: PresetError| {
             Problem::refused(preset::refusal(spec, preset.row, &register, refused))
         })?;
-        event_loop.settle();
+        event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
 }
 
-/// Brings about the cause of a fault.
+/// Sets the cause of a fault.
 #[utoipa::path(put, path = "/api/drives/{name}/faults/{fault}", responses(
     (status = 204),
 ))]
@@ -164,7 +166,7 @@ pub(super) async fn fault(
     set_fault(&api, name, fault, true).await
 }
 
-/// Takes the cause of a fault away.
+/// Clears the cause of a fault.
 #[utoipa::path(delete, path = "/api/drives/{name}/faults/{fault}", responses(
     (status = 204),
 ))]
@@ -177,13 +179,13 @@ pub(super) async fn heal(
 
 async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        let faults = event_loop.bench.spec(seat).faults;
+        let id = find_drive(event_loop, &name)?;
+        let faults = event_loop.bench.spec(id).faults;
         let found = (0..).map(Fault).zip(faults).find(|(_, known)| **known == fault);
         let (fault, _) = found
             .ok_or_else(|| Problem::not_found(suggest::unknown("fault", &fault, faults.iter().copied())))?;
-        event_loop.bench.fault(seat, fault, on);
-        event_loop.settle();
+        event_loop.bench.fault(id, fault, on);
+        event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
@@ -199,22 +201,22 @@ pub(super) async fn power(
     Body(power): Body<Power>,
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
-        let seat = seat(event_loop, &name)?;
-        event_loop.bench.power(seat, power.action.into());
-        event_loop.settle();
+        let id = find_drive(event_loop, &name)?;
+        event_loop.bench.power(id, power.action.into());
+        event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
 }
 
-/// The serial lines, with what disturbs them.
+/// The serial lines and their faults.
 #[utoipa::path(get, path = "/api/buses", responses((status = 200, body = Vec<Bus>)))]
 pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Problem> {
     let places = api.places.clone();
     Ok(Json(api.call(move |event_loop| Bus::all(&event_loop.bench, &places)).await?))
 }
 
-/// Disturbs a line from its next frame on. What is not named is off.
+/// Sets the faults of a line, from its next frame on. A fault that is not given is off.
 #[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
 pub(super) async fn disturb(
     State(api): State<Api>,
@@ -232,32 +234,32 @@ pub(super) async fn disturb(
             let names = buses.iter().map(|&bus| bench.bus_name(bus));
             Problem::not_found(suggest::unknown("bus", &name, names))
         })?;
-        for &(seat, port) in bench.ports(bus) {
-            let port = bench.spec(seat).ports.get(usize::from(port.0));
+        for &(id, port) in bench.ports(bus) {
+            let port = bench.spec(id).ports.get(usize::from(port.0));
             port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
         }
         bench.set_line_faults(bus, faults);
-        event_loop.settle();
+        event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
     .await?
 }
 
-/// Lets time run otherwise.
+/// Sets the time mode.
 #[utoipa::path(put, path = "/api/time", request_body = Mode, responses(
     (status = 200, body = Time),
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
-    let pace: TimeMode =
+    let time_mode: TimeMode =
         mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
-    api.call(move |event_loop| event_loop.set_pace(pace)).await?;
+    api.call(move |event_loop| event_loop.set_time_mode(time_mode)).await?;
     Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
 
-/// Moves the clock on in manual time; answers when the bench is there.
+/// Advances the clock in manual time. The response comes when the bench has reached that time.
 #[utoipa::path(post, path = "/api/time/advance", request_body = Advance, responses(
     (status = 200, body = Time),
-    (status = 409, description = "Somebody does so already, or time runs by itself.", body = Problem,
+    (status = 409, description = "Another call advances the clock, or the time mode is not manual.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn advance(
@@ -270,13 +272,13 @@ pub(super) async fn advance(
     // Not negative, and far below what a tick counter holds.
     let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
     let Ok(_turn) = api.advancing.try_acquire() else {
-        return Err(Problem::conflict("somebody advances the clock already"));
+        return Err(Problem::conflict("another call advances the clock; wait until it has ended"));
     };
     let (done, there) = oneshot::channel();
     let begun = api.call(move |event_loop| {
-        if event_loop.pace() != TimeMode::Manual {
+        if event_loop.time_mode() != TimeMode::Manual {
             return Err(Problem::conflict(
-                "time runs by itself; PUT {\"mode\":\"manual\"} to /api/time first",
+                "the time mode is not manual; PUT {\"mode\":\"manual\"} to /api/time first",
             ));
         }
         event_loop.advance(span, done);
@@ -288,35 +290,35 @@ pub(super) async fn advance(
 }
 
 /// The drive of that name.
-fn seat(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
+fn find_drive(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
     let bench = &event_loop.bench;
     bench.find_drive(name).ok_or_else(|| {
-        Problem::not_found(suggest::unknown("drive", name, bench.drives().map(|seat| bench.name(seat))))
+        Problem::not_found(suggest::unknown("drive", name, bench.drives().map(|id| bench.name(id))))
     })
 }
 
 /// The pin of that name, which must be one that can be driven from outside.
-fn input(event_loop: &EventLoop, seat: DriveId, name: &str) -> Result<Pin, Problem> {
-    let spec = event_loop.bench.spec(seat);
+fn input(event_loop: &EventLoop, id: DriveId, name: &str) -> Result<Pin, Problem> {
+    let spec = event_loop.bench.spec(id);
     let pin = spec.pin(name).ok_or_else(|| {
         Problem::not_found(suggest::unknown("pin", name, spec.pin_names().map(|(name, _)| name)))
     })?;
-    match role(event_loop, seat, pin) {
+    match role(event_loop, id, pin) {
         Some(Role::Output | Role::Led) => Err(Problem::refused(format!("{name} is an output"))),
         _ => Ok(pin),
     }
 }
 
-fn role(event_loop: &EventLoop, seat: DriveId, pin: Pin) -> Option<Role> {
-    pin_spec(event_loop, seat, pin).map(|pin| pin.role)
+fn role(event_loop: &EventLoop, id: DriveId, pin: Pin) -> Option<Role> {
+    pin_spec(event_loop, id, pin).map(|pin| pin.role)
 }
 
-fn pin_spec(event_loop: &EventLoop, seat: DriveId, pin: Pin) -> Option<&'static PinSpec> {
-    event_loop.bench.spec(seat).pins.get(usize::from(pin.0))
+fn pin_spec(event_loop: &EventLoop, id: DriveId, pin: Pin) -> Option<&'static PinSpec> {
+    event_loop.bench.spec(id).pins.get(usize::from(pin.0))
 }
 
-/// Converts the level that a call asks for into what drives the pin.
-fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<PinStimulus, Problem> {
+/// Converts the requested level to a stimulus of the pin.
+fn pin_stimulus(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<PinStimulus, Problem> {
     let (role, shunt_ohm) = pin.map_or((None, 0), |pin| (Some(pin.role), pin.shunt_ohm));
     let levels = role != Some(Role::Analogue);
     let voltages = matches!(role, Some(Role::Analogue | Role::AnalogueOrDigital));
@@ -337,14 +339,14 @@ fn driving(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<PinStimulus, Prob
             if !(-1_000.0..=1_000.0).contains(&milliamps) {
                 return Err(Problem::refused("milliamps are -1000 to 1000"));
             }
-            // The device is told the voltage across its shunt.
+            // The drive receives the voltage across its shunt.
             Ok(PinStimulus::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
         }
         PinLevel { level: None, volts: None, milliamps: Some(_) } => {
             Err(Problem::refused("this pin takes no current"))
         }
         PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
-            "the body says nothing; it takes one of {}",
+            "the body has no level; it takes one of {}",
             match (levels, voltages) {
                 (true, true) => {
                     "{\"level\":\"low\"}, {\"level\":\"high\"}, {\"level\":\"open\"} and {\"volts\":2.5}"

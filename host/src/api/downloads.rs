@@ -1,7 +1,7 @@
-//! `GET /api/trace`: what happened, in the form that is wanted.
+//! `GET /api/trace`: the recorded events, in one of several formats.
 //!
-//! The trace is copied piece by piece, so that the bench goes on meanwhile, and written by a thread that
-//! waits for its reader: waveforms of a short trace may take days of step pulses.
+//! The trace is copied in pieces, so that the bench runs on meanwhile, and written by a thread that waits for its
+//! reader: waveforms of a short trace may contain days of step pulses.
 
 use std::io::{self, BufWriter, Write};
 use std::time::Duration;
@@ -20,33 +20,32 @@ use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use utoipa::ToSchema;
 
-use super::guard::Asked;
+use super::guard::QueryParameters;
 use super::problem::Problem;
-use super::{Api, nobody_more};
+use super::{Api, too_many};
 
-/// Events that are copied at once.
+/// Maximum number of events per piece.
 const PIECE: usize = 4_096;
 
-/// Bytes of the trace that are copied at most: all that the ring holds, and of a trace that keeps everything the
-/// end, since there is no bound to it.
+/// Maximum number of bytes that are copied: the whole ring; of an unbounded trace the end.
 const RECENT: usize = Retention::RING;
 
 /// Bytes that are sent at once, and how many such pieces may wait for the reader.
 const CHUNK: usize = 64 << 10;
 const CHUNKS: usize = 4;
 
-/// Longest time for which a reader may take nothing.
+/// Longest time without progress of a reader.
 const STALL: Duration = Duration::from_secs(30);
 
 /// Parameters of the call.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Wanted {
+pub(super) struct TraceParameters {
     #[serde(default)]
     format: Format,
 }
 
-/// A form of what happened.
+/// Format of a download.
 #[derive(Clone, Copy, Default, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Format {
@@ -60,7 +59,7 @@ pub(super) enum Format {
 }
 
 /// Writes a trace.
-type Written = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
+type TraceWriter = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
 
 /// The recording, as far back as the ring reaches: the last 64 MiB.
 #[utoipa::path(get, path = "/api/trace",
@@ -70,10 +69,13 @@ type Written = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
         (Vec<u8> = "application/x-pcapng"),
     ))),
 )]
-pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) -> Result<Response, Problem> {
-    let place = api.exports.clone().try_acquire_owned();
-    let place = place.map_err(|_| nobody_more("be sent a trace"))?;
-    let (media, written): (_, Written) = match wanted.format {
+pub(super) async fn trace(
+    State(api): State<Api>,
+    QueryParameters(parameters): QueryParameters<TraceParameters>,
+) -> Result<Response, Problem> {
+    let permit = api.exports.clone().try_acquire_owned();
+    let permit = permit.map_err(|_| too_many("download a trace"))?;
+    let (media, writer): (_, TraceWriter) = match parameters.format {
         Format::Trace => {
             let trace = events(&api).await?;
             ("text/plain; charset=utf-8", Box::new(move |out| trace.write(out)))
@@ -84,15 +86,15 @@ pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) 
         }
         Format::Pcapng => {
             let frames =
-                copied(&api, pcapng::Snapshot::begin, |copy, bench| copy.go_on(bench, PIECE)).await?;
+                copy_in_pieces(&api, pcapng::Snapshot::begin, |copy, bench| copy.go_on(bench, PIECE)).await?;
             ("application/x-pcapng", Box::new(move |out| frames.write(out)))
         }
     };
     let (pipe, body) = pipe();
     tokio::task::spawn_blocking(move || {
-        let _place = place;
-        // The body ends early; there is nobody else to tell.
-        let _ = pipe.fill(written);
+        let _permit = permit;
+        // On an error the body ends early, which is its only report.
+        let _ = pipe.fill(writer);
     });
     Ok(([(header::CONTENT_TYPE, media)], body).into_response())
 }
@@ -100,18 +102,18 @@ pub(super) async fn trace(State(api): State<Api>, Asked(wanted): Asked<Wanted>) 
 /// A copy of the trace as it is now.
 async fn events(api: &Api) -> Result<Trace, Problem> {
     let begin = |bench: &Bench| bench.trace().outline();
-    copied(api, begin, |copy, bench| copy.copy_back(bench.trace(), RECENT, PIECE)).await
+    copy_in_pieces(api, begin, |copy, bench| copy.copy_back(bench.trace(), RECENT, PIECE)).await
 }
 
-/// A copy of something as it is now: begun at one look, and gone on with at others while there is more.
-async fn copied<T: Send + 'static>(
+/// Copies the present state of something: begun by one query, and continued by others while there is more.
+async fn copy_in_pieces<T: Send + 'static>(
     api: &Api,
     begin: fn(&Bench) -> T,
     go_on: fn(&mut T, &Bench) -> bool,
 ) -> Result<T, Problem> {
-    let mut copy = api.look(begin).await?;
+    let mut copy = api.query(begin).await?;
     loop {
-        let piece = api.look(move |bench| {
+        let piece = api.query(move |bench| {
             let more = go_on(&mut copy, bench);
             (copy, more)
         });

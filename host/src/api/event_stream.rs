@@ -1,8 +1,8 @@
-//! `GET /api/events`: what happens, as it happens.
+//! `GET /api/events`: live events.
 //!
-//! The queue of a reader is the ring of the trace: it holds nothing but how far it has come, looks when
-//! the trace has grown, and takes a piece when its last one is on the way. So a slow reader costs no more
-//! than a quick one, and misses only what the ring has dropped.
+//! The queue of a reader is the ring of the trace: a reader holds only its position, and takes the next piece when the
+//! trace has grown and its last piece is sent. So a slow reader costs no more than a fast one, and misses only events
+//! that the ring has dropped.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -19,33 +19,33 @@ use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio::time::timeout;
 use utoipa::ToSchema;
 
-use super::guard::Asked;
+use super::guard::QueryParameters;
 use super::problem::Problem;
 use super::schema::seconds;
-use super::{Api, nobody_more};
+use super::{Api, too_many};
 use drivetwin_sim::suggest;
 
-/// Longest silence before a comment keeps the connection alive.
+/// Longest time without an event before a comment keeps the connection alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// Events that are looked at and taken at once.
+/// Maximum number of events per piece.
 const PIECE: usize = 256;
 
 /// Parameters of the call.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Whose {
+pub(super) struct EventParameters {
     drive: Option<String>,
 }
 
 /// The data of an event `fed` (to a drive) or `did` (by a drive).
 #[derive(Serialize, ToSchema)]
 pub(super) struct Happened {
-    /// Time since the beginning. Outputs of a drive may lie ahead.
+    /// Bench time in seconds. Outputs of a drive may lie ahead.
     #[schema(example = 2.513176875)]
     seconds: f64,
     drive: String,
-    /// As a trace has it.
+    /// The event as a line of a trace has it.
     #[schema(example = "tx 01 03 02 00 01 79 84")]
     words: String,
 }
@@ -53,13 +53,13 @@ pub(super) struct Happened {
 /// The data of an event `lost`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Lost {
-    /// Events of the bench that a slow reader has missed.
+    /// Number of events that a slow reader has missed.
     events: u64,
 }
 
-/// Events as they happen, as server-sent events. Each has its number in the trace as `id`, `fed` or
-/// `did` as `event`, and a `Happened` as `data`. A reader that is too slow gets the event `lost` with a `Lost`
-/// and goes on with what follows.
+/// Live events, as server-sent events. Each has its number in the trace as `id`, `fed` (input of a drive) or `did`
+/// (output of a drive) as `event`, and a `Happened` as `data`. A reader that is too slow gets the event `lost` with a
+/// `Lost`, and then the following events.
 #[utoipa::path(get, path = "/api/events",
     params(
         ("drive" = Option<String>, Query, description = "only what happens to this drive"),
@@ -70,26 +70,26 @@ pub(super) struct Lost {
 pub(super) async fn events(
     State(api): State<Api>,
     headers: HeaderMap,
-    Asked(whose): Asked<Whose>,
+    QueryParameters(parameters): QueryParameters<EventParameters>,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
-    let place = api.readers.clone().try_acquire_owned();
-    let place = place.map_err(|_| nobody_more("follow the bench"))?;
-    // Before the first look: what comes after it is told.
+    let permit = api.readers.clone().try_acquire_owned();
+    let permit = permit.map_err(|_| too_many("follow the bench"))?;
+    // Before the first query, so that no later event is missed.
     let grown = api.handle.watch();
-    let outline = api.look(|bench| bench.trace().outline()).await?;
-    let drive = whose.drive.map(|name| place_of(&outline, &name)).transpose()?;
+    let outline = api.query(|bench| bench.trace().outline()).await?;
+    let drive = parameters.drive.map(|name| drive_index(&outline, &name)).transpose()?;
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     let mark = outline.mark();
     let mark = last.map_or(mark, |last: u64| last.min(mark));
-    let reader = Reader { api, grown, outline, drive, mark, ready: VecDeque::new(), _place: place };
+    let reader = Reader { api, grown, outline, drive, mark, ready: VecDeque::new(), _permit: permit };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
         let event = reader.next().await?;
         Some((Ok(event), reader))
     })))
 }
 
-/// The place of the drive of that name.
-fn place_of(trace: &Trace, name: &str) -> Result<usize, Problem> {
+/// Index of the drive of that name.
+fn drive_index(trace: &Trace, name: &str) -> Result<usize, Problem> {
     let names = || trace.drives.iter().map(|drive| drive.name.as_str());
     let unknown = || Problem::refused(suggest::unknown("drive", name, names()));
     names().position(|other| other == name).ok_or_else(unknown)
@@ -99,35 +99,35 @@ fn place_of(trace: &Trace, name: &str) -> Result<usize, Problem> {
 struct Reader {
     api: Api,
     grown: watch::Receiver<u64>,
-    /// The drives of the trace, to put events into words.
+    /// The drives of the trace, to format events.
     outline: Trace,
-    /// The drive whose events are wanted; `None` for all.
+    /// Index of the drive whose events are wanted; `None` for all.
     drive: Option<usize>,
     /// Mark in the trace up to which events were taken.
     mark: u64,
     /// Events of the last piece that are still to be sent.
     ready: VecDeque<Event>,
-    _place: OwnedSemaphorePermit,
+    _permit: OwnedSemaphorePermit,
 }
 
 impl Reader {
-    /// The next event, or a comment after a long silence; `None` when the bench is gone.
+    /// The next event, or a comment after a long time without one; `None` when the bench has ended.
     async fn next(&mut self) -> Option<Event> {
         match timeout(KEEP_ALIVE, self.wait()).await {
             Ok(event) => event,
-            // What is under way is looked at again.
+            // The pending query is repeated.
             Err(_) => Some(Event::default().comment("")),
         }
     }
 
-    /// The next event, whatever happens to others meanwhile; `None` when the bench is gone.
+    /// The next wanted event; `None` when the bench has ended.
     async fn wait(&mut self) -> Option<Event> {
         loop {
             if let Some(event) = self.ready.pop_front() {
                 return Some(event);
             }
             let (mark, drive) = (self.mark, self.drive);
-            let piece = self.api.look(move |bench| Piece::of(bench.trace(), mark, drive)).await.ok()?;
+            let piece = self.api.query(move |bench| Piece::of(bench.trace(), mark, drive)).await.ok()?;
             self.take(piece);
             if self.mark == mark {
                 self.grown.changed().await.ok()?;
@@ -135,7 +135,7 @@ impl Reader {
         }
     }
 
-    /// Puts a piece into words.
+    /// Formats a piece.
     fn take(&mut self, piece: Piece) {
         if piece.lost > 0 {
             let id = self.mark + piece.lost;
@@ -161,9 +161,9 @@ fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {
 /// Some events, with their numbers.
 struct Piece {
     entries: Vec<(u64, Entry)>,
-    /// Events before them that the ring had dropped.
+    /// Number of events before them that the ring had dropped.
     lost: u64,
-    /// Mark behind the last of them.
+    /// Mark behind the last event.
     end: u64,
 }
 

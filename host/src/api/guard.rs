@@ -1,10 +1,9 @@
-//! A web page must not be able to drive a bench (HOST-6).
+//! Protection of the bench against requests of web pages (HOST-6).
 //!
-//! A page may send "simple" requests anywhere, and may rename its own host to a loopback address. So the `Host` of a
-//! request must be a loopback one, or the very address that the API was told to listen on, or a name that the user
-//! allows; and what changes something has a media type that no page may send without asking first, which is never
-//! allowed. Where a browser says that a page of another origin asks, nothing is answered, so that a page takes nobody's
-//! place either.
+//! A web page may send "simple" requests to any address, and may resolve its own host name to a loopback address. So
+//! the `Host` of a request must be a loopback name, the listening address of the API, or a name that the user allows;
+//! and a request that changes something must have a media type that needs a CORS preflight, which is never granted.
+//! Requests with the origin of another page are refused.
 
 use std::error::Error as _;
 use std::net::{IpAddr, SocketAddr};
@@ -59,7 +58,7 @@ fn name_of(host: &str) -> Option<&str> {
     (port.is_empty() || is_port(port)).then_some(name)
 }
 
-/// Lets only requests through that a web page cannot make.
+/// Refuses requests that a web page may have made.
 pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Next) -> Response {
     match page(&request, &hosts) {
         None => next.run(request).await,
@@ -67,7 +66,7 @@ pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Ne
     }
 }
 
-/// One sentence that says why a web page may have made a request; `None` if it cannot have.
+/// The reason why a web page may have made a request, in one sentence; `None` if it cannot have.
 fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     let headers = request.headers();
     let mut hosts = headers.get_all(header::HOST).iter().map(|host| host.to_str().unwrap_or(""));
@@ -94,22 +93,22 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
 pub(super) async fn no_query(request: Request, next: Next) -> Response {
     match request.uri().query() {
         None | Some("") => next.run(request).await,
-        Some(_) => Problem::refused("nothing is asked for in a query here").into_response(),
+        Some(_) => Problem::refused("this call takes no query").into_response(),
     }
 }
 
 /// The query of a request.
-pub(super) struct Asked<T>(pub(super) T);
+pub(super) struct QueryParameters<T>(pub(super) T);
 
-impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for QueryParameters<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
-        let asked = Query::try_from_uri(&parts.uri);
-        asked.map(|Query(asked)| Self(asked)).map_err(|error| {
-            // What is said first is which part of the framework says so.
+        let query = Query::try_from_uri(&parts.uri);
+        query.map(|Query(query)| Self(query)).map_err(|error| {
+            // The source has the reason without the name of the framework.
             let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
-            Problem::refused(format!("the query is not what is wanted here: {why}"))
+            Problem::refused(format!("the query is not valid: {why}"))
         })
     }
 }
@@ -140,14 +139,14 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
             };
             Problem::new(error.status(), detail)
         })?;
-        // A struct may be read of an array, too, but nobody has said so.
+        // Serde would accept an array for a struct, which is not documented.
         if bytes.trim_ascii_start().starts_with(b"[") {
-            return Err(Problem::refused("the body is an array; an object is wanted here"));
+            return Err(Problem::refused("the body is an array; this call takes an object"));
         }
         serde_json::from_slice(&bytes).map(Self).map_err(|error| {
             let status =
                 if error.is_data() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::BAD_REQUEST };
-            Problem::new(status, format!("the body is not what is wanted here: {error}"))
+            Problem::new(status, format!("the body is not valid: {error}"))
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The control API: HTTP and JSON, described by itself at `/openapi.json`.
 //!
-//! It runs on a thread of its own. Each call becomes one piece of work for the thread that owns the
-//! bench, which does them one at a time. What is long is brought from there in pieces.
+//! It runs on a thread of its own. Each call becomes one job for the thread that owns the bench, which executes one
+//! job at a time. Long data is copied from there in pieces.
 
 mod calls;
 mod downloads;
@@ -35,16 +35,16 @@ use guard::Hosts;
 use problem::Problem;
 pub(crate) use schema::Places;
 
-/// Connections served at once; for the next one all that idle are closed.
+/// Maximum number of connections; for a further one all idle connections are closed.
 const MAX_CONNECTIONS: usize = 64;
 
-/// Connections that may follow the bench at once.
+/// Maximum number of connections that stream events.
 const MAX_READERS: usize = 16;
 
-/// Connections that may download a trace at once, each from a copy of it.
+/// Maximum number of simultaneous downloads of a trace, each from a copy of it.
 const MAX_EXPORTS: usize = 2;
 
-/// Longest time for the head of a request to come, and for a connection to idle.
+/// Longest wait for the head of a request, also on an idle connection.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// State that every call needs.
@@ -54,14 +54,14 @@ struct Api {
     places: Arc<Places>,
     /// Free while no call advances the clock.
     advancing: Arc<Semaphore>,
-    /// Room for those who follow the bench.
+    /// Permits for event streams.
     readers: Arc<Semaphore>,
-    /// Room for those who are sent a trace.
+    /// Permits for downloads of a trace.
     exports: Arc<Semaphore>,
 }
 
 impl Api {
-    /// Does something with the bench, on its thread.
+    /// Executes a job on the thread of the bench.
     async fn call<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut EventLoop) -> T + Send + 'static,
@@ -77,16 +77,16 @@ impl Api {
         answer.await.map_err(|_| stopping())
     }
 
-    /// Looks at the bench, on its thread; calls that are under way are not waited for.
-    async fn look<T: Send + 'static>(
+    /// Executes a query on the thread of the bench, without waiting for pending jobs.
+    async fn query<T: Send + 'static>(
         &self,
-        look: impl FnOnce(&Bench) -> T + Send + 'static,
+        query: impl FnOnce(&Bench) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
         let caller = Arc::new(());
         self.handle.query(Arc::downgrade(&caller), |bench| {
             // The caller may have left.
-            let _ = done.send(look(bench));
+            let _ = done.send(query(bench));
         });
         answer.await.map_err(|_| stopping())
     }
@@ -96,9 +96,9 @@ fn stopping() -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the bench is stopping")
 }
 
-/// As many do `what` as may.
-fn nobody_more(what: &str) -> Problem {
-    let detail = format!("nobody more can {what} now; wait until somebody leaves");
+/// Error: the maximum number of clients that `what` is reached.
+fn too_many(what: &str) -> Problem {
+    let detail = format!("the maximum number of clients that {what} is reached; wait until one disconnects");
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
 }
 
@@ -161,8 +161,8 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(event_stream::events))
 }
 
-/// Takes connections. Where there is no room for one more, each present one ends: at once if it idles,
-/// else with the answer that is under way.
+/// Accepts connections. If the maximum is reached, each present connection ends: at once if it is idle, else after its
+/// present answer.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
     let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let crowded = Arc::new(Notify::new());
@@ -171,7 +171,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
             Ok(accepted) => accepted,
             Err(error) => {
                 warn!("the control API cannot take a connection: {error}");
-                // There may be no descriptor left for it; wait until somebody leaves.
+                // There may be no descriptor left for it; wait until a connection ends.
                 crowded.notify_waiters();
                 tokio::time::sleep(Duration::from_secs(1)).await;
                 continue;
@@ -180,7 +180,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
         if room.available_permits() == 0 {
             crowded.notify_waiters();
         }
-        let Ok(place) = Arc::clone(&room).acquire_owned().await else { return };
+        let Ok(permit) = Arc::clone(&room).acquire_owned().await else { return };
         let service = TowerToHyperService::new(router.clone());
         // Counts from now on, not from when the task first runs.
         let leave = Arc::clone(&crowded).notified_owned();
@@ -198,7 +198,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
             if let Err(error) = ended {
                 debug!("control API, {peer}: {error}");
             }
-            drop(place);
+            drop(permit);
         });
     }
 }

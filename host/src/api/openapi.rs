@@ -8,13 +8,13 @@ use super::downloads::Format;
 use super::event_stream::{Happened, Lost};
 use super::problem::{self, Problem};
 
-/// A part of the document: what the calls themselves do not name.
+/// The part of the document that is not derived from the calls.
 #[derive(OpenApi)]
 #[openapi(
     info(
         title = "drivetwin",
         description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents. \
-                       What changes something has `Content-Type: application/json`, also without a body."
+                       A request that changes something needs `Content-Type: application/json`, even without a body."
     ),
     components(schemas(Problem, Format, Happened, Lost))
 )]
@@ -25,7 +25,7 @@ pub(super) fn begin() -> openapi::OpenApi {
     Frame::openapi()
 }
 
-/// Adds to each call what is answered before it is reached, and where its parts are read.
+/// Adds the common error responses to each call.
 pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
     for item in document.paths.paths.values_mut() {
         let PathItem { get, put, post, delete, .. } = item;
@@ -35,22 +35,22 @@ pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
             refuse(
                 operation,
                 "403",
-                "It comes from a web page, or might: the Host is no loopback address, the Origin is another one, or what changes something lacks `Content-Type: application/json`.",
+                "The request comes from a web page, or might: its Host is not a loopback address or an allowed name, its Origin is another site, or it changes something without `Content-Type: application/json`.",
             );
-            refuse(operation, "422", "Something is asked for that cannot be.");
+            refuse(operation, "422", "The request is well formed but cannot be executed.");
             refuse(operation, "503", "The bench is stopping, or there is no room for one more reader.");
             if names_something {
-                refuse(operation, "404", "There is nothing of that name; the nearest is offered.");
+                refuse(operation, "404", "Unknown name; the detail has the nearest one.");
             }
             if has_body || names_something {
-                refuse(operation, "400", "A name is no UTF-8, or the body no JSON.");
+                refuse(operation, "400", "A name is not UTF-8, or the body is not JSON.");
             }
             for response in operation.responses.responses.values_mut() {
                 if let RefOr::T(response) = response
                     && response.description.is_empty()
                 {
                     response.description =
-                        if response.content.is_empty() { "It is done." } else { "As it is now." }.into();
+                        if response.content.is_empty() { "Done." } else { "The present state." }.into();
                 }
             }
             if has_body {
@@ -62,14 +62,14 @@ pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
     document
 }
 
-/// Returns whether a part of the path is a name.
+/// Returns whether the path has a name as a parameter.
 fn names_something(operation: &Operation) -> bool {
     operation.parameters.iter().flatten().any(
         |parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == ParameterIn::Path),
     )
 }
 
-/// A status that bears a problem document; where the call says more about it, that holds.
+/// Adds a problem document for a status, unless the call describes it itself.
 fn refuse(operation: &mut Operation, status: &str, when: &str) {
     operation.responses.responses.entry(status.to_owned()).or_insert_with(|| {
         let mut response = Response::new(when);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn every_refusal_is_a_problem_document_and_every_call_tells_its_own() {
+    fn every_refusal_is_a_problem_document_and_every_call_lists_its_own() {
         for (name, call) in calls() {
             let responses = call["responses"].as_object().unwrap();
             let has = |status: &str| responses.contains_key(status);

@@ -11,7 +11,7 @@ pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 /// A problem document (RFC 9457).
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Problem {
-    /// No more than the status says.
+    /// Always `about:blank`: the status is the type of the problem.
     #[serde(rename = "type")]
     kind: &'static str,
     /// The status in words.
@@ -44,7 +44,7 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, detail)
     }
 
-    /// The request is well formed and asks for what cannot be.
+    /// The request is well formed but cannot be executed.
     pub(super) fn refused(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, detail)
     }

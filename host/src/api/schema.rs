@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 
 use crate::event_loop::EventLoop;
 
-/// An object whose members stay in the order of the manual.
+/// An object whose members are in the order of the manual.
 pub(super) struct InOrder<V>(Vec<(&'static str, V)>);
 
 impl<V: Serialize> Serialize for InOrder<V> {
@@ -21,7 +21,7 @@ impl<V: Serialize> Serialize for InOrder<V> {
     }
 }
 
-/// A whole bench.
+/// State of the bench: time, drives, lines, motors.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Bench {
     drives: Vec<Seated>,
@@ -45,50 +45,50 @@ pub(super) struct Bus {
     /// Serial settings now.
     #[schema(example = "9600 8E1")]
     line: String,
-    /// Drives on it.
+    /// Names of the drives on the line.
     drives: Vec<String>,
-    /// URIs where it is reached.
+    /// Listening addresses, as URIs.
     #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
     /// Faults of the line.
     faults: Faults,
 }
 
-/// Faults of a line. Rates are per frame, for requests and replies alike unless it says otherwise.
+/// Faults of a line. Rates are shares of the frames, 0 to 1, for requests and replies alike unless stated otherwise.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schema(example = json!({"drop": 0.01, "delay_ms": 5}))]
 pub(super) struct Faults {
-    /// Frames that are lost.
+    /// Share of frames that are lost.
     #[schema(minimum = 0, maximum = 1)]
     drop: f64,
-    /// Frames in which a bit is turned over.
+    /// Share of frames in which one bit is inverted.
     #[schema(minimum = 0, maximum = 1)]
     corrupt: f64,
-    /// Frames that come twice.
+    /// Share of frames that come twice.
     #[schema(minimum = 0, maximum = 1)]
     duplicate: f64,
-    /// Frames whose end is missing.
+    /// Share of frames whose end is missing.
     #[schema(minimum = 0, maximum = 1)]
     truncate: f64,
-    /// Replies that bear the address of no drive of the line.
+    /// Share of replies with an address that no drive of the line has.
     #[schema(minimum = 0, maximum = 1)]
     wrong_address: f64,
-    /// Requests that are refused with `exception_code`.
+    /// Share of requests that are not executed but answered with `exception_code`.
     #[schema(minimum = 0, maximum = 1)]
     exception: f64,
-    /// The code of such a refusal.
+    /// Modbus exception code for `exception`.
     #[schema(minimum = 1, maximum = 255)]
     exception_code: u8,
-    /// Frames after which the line carries some characters of noise.
+    /// Share of frames that are followed by some characters of noise.
     #[schema(minimum = 0, maximum = 1)]
     noise: f64,
-    /// Every reply is late by so many milliseconds.
+    /// Delay of every reply, in milliseconds.
     #[schema(minimum = 0, maximum = 60000)]
     delay_ms: f64,
-    /// No reply reaches anybody.
+    /// True if no reply is delivered.
     mute: bool,
-    /// Clients talk and listen at that rate, whatever the drives do.
+    /// Baud rate of the clients, whatever the settings of the drives.
     #[schema(minimum = 50, maximum = 4000000)]
     baud: Option<u32>,
 }
@@ -99,11 +99,11 @@ struct Motor {
     name: String,
     /// The drive that turns it.
     drive: String,
-    /// Turns from where it began.
+    /// Revolutions since the start, signed.
     revolutions: f64,
-    /// Turns per minute, signed.
+    /// Speed in revolutions per minute, signed.
     rpm: f64,
-    /// True if it cannot follow its drive.
+    /// True if the shaft cannot follow its drive.
     stalled: bool,
     /// Current in A.
     current: f64,
@@ -115,7 +115,7 @@ pub(super) struct Time {
     /// `real`, `xN` or `manual`.
     #[schema(example = "real")]
     mode: String,
-    /// Since the beginning.
+    /// Bench time since the start, in seconds.
     seconds: f64,
 }
 
@@ -125,13 +125,13 @@ pub(super) struct Drive {
     name: String,
     kind: &'static str,
     powered: bool,
-    /// Values by the manual's names.
+    /// Register values, by the names of the manual.
     #[schema(value_type = BTreeMap<String, ValueSchema>)]
     registers: InOrder<Value>,
-    /// `low`, `high` or `open`, by the manual's names.
+    /// Pin levels, `low`, `high` or `open`, by the names of the manual.
     #[schema(value_type = BTreeMap<String, Shown>)]
     pins: InOrder<Shown>,
-    /// Which lights are on.
+    /// LEDs: true while lit.
     #[schema(value_type = BTreeMap<String, bool>)]
     leds: InOrder<bool>,
     /// Motion of the first axis; null if there is none.
@@ -156,14 +156,14 @@ enum Shown {
 /// Motion of an axis.
 #[derive(Serialize, ToSchema)]
 struct Motion {
-    /// Steps or counts.
+    /// Position in steps or counts.
     position: i32,
-    /// Steps or counts per second, signed.
+    /// Speed in steps or counts per second, signed.
     speed: f64,
     moving: bool,
-    /// A.
+    /// Current in A.
     current: f64,
-    /// −1 to 1.
+    /// Duty of a motor without steps, −1 to 1.
     duty: f64,
 }
 
@@ -178,22 +178,22 @@ enum Seen {
 /// Statistics of a TCP port.
 #[derive(Serialize, ToSchema)]
 struct TcpStatistics {
-    /// URIs where it is reached.
+    /// Listening addresses, as URIs.
     #[schema(example = json!(["tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
-    /// Clients that are connected now.
+    /// Number of clients that are connected now.
     connected: usize,
-    /// Connections that there have been.
+    /// Number of connections so far.
     connections: u64,
-    /// Connections that were closed because what came was no Modbus/TCP.
+    /// Number of connections that were closed because of bytes that are not Modbus/TCP.
     broken: u64,
-    /// Messages that reached the drive; on a port of text, pieces of them.
+    /// Number of messages to the drive; on a text port of pieces of lines.
     messages: u64,
-    /// Requests carried out.
+    /// Number of requests that were executed.
     requests: u64,
-    /// Requests refused with an exception.
+    /// Number of requests that were refused with an exception.
     refused: u64,
-    /// Requests ignored.
+    /// Number of requests that were ignored.
     dropped: u64,
 }
 
@@ -203,23 +203,23 @@ struct Statistics {
     /// Serial settings now.
     #[schema(example = "9600 8E1")]
     line: String,
-    /// Requests carried out.
+    /// Number of requests that were executed.
     requests: u64,
-    /// Requests refused with an exception.
+    /// Number of requests that were refused with an exception.
     refused: u64,
-    /// Frames ignored: the sum of the following.
+    /// Number of frames that were ignored: the sum of the following.
     dropped: u64,
-    /// The check sum did not hold.
+    /// Frames with a wrong checksum.
     crc: u64,
-    /// A silence inside.
+    /// Frames with a gap inside.
     gap: u64,
-    /// A wrong length.
+    /// Frames of a wrong length.
     length: u64,
     /// Frames with a parity or framing error.
     spoiled: u64,
     /// Frames for another address.
     foreign: u64,
-    /// While the drive was starting.
+    /// Frames that arrived while the drive was starting.
     starting: u64,
 }
 
@@ -228,7 +228,7 @@ struct Statistics {
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"level": "low"}))]
 pub(super) struct PinLevel {
-    /// Pulled low, driven high, or let go.
+    /// Pulled low, driven high, or not driven.
     pub(super) level: Option<Driven>,
     /// A voltage, on an analogue input.
     pub(super) volts: Option<f64>,
@@ -255,17 +255,17 @@ pub(super) struct Pulses {
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
     pub(super) hz: f64,
-    /// The share of its period that a pulse takes; half of it by default.
+    /// Duty: the share of its period that a pulse takes, above 0 and below 1; 0.5 by default.
     #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub(super) duty: Option<f64>,
 }
 
-/// A turn of an encoder.
+/// Motion of an encoder.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"counts": 400, "hz": 10000}))]
 pub(super) struct Turn {
-    /// Edges, four in a cycle; negative the other way, not 0.
+    /// Number of edges, four per cycle; negative for the other direction, not 0.
     #[schema(minimum = -2147483648, maximum = 2147483647)]
     pub(super) counts: i64,
     /// Edges per second of bench time.
@@ -273,7 +273,7 @@ pub(super) struct Turn {
     pub(super) hz: f64,
 }
 
-/// A number, or its words, each 0 to 65,535 and in bus order, where a register has words with a meaning each.
+/// A number, or a list of words, each 0 to 65,535 in bus order, for a register whose words have a meaning each.
 // The schema of `Value`, which knows nothing of HTTP.
 #[derive(Serialize, ToSchema)]
 #[schema(as = Value)]
@@ -286,7 +286,7 @@ enum ValueSchema {
     Words(Vec<i64>),
 }
 
-/// A register's new value.
+/// New value of a register.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"value": 5}))]
@@ -303,8 +303,8 @@ pub(super) struct Power {
     pub(super) action: Action,
 }
 
-/// Action on the power: `off`, `on`, `cycle` for both at once, or `cut`: the drive runs on, and power fails in the
-/// middle of its next save.
+/// `off`, `on`, `cycle` (off and on again), or `cut`: the drive runs on, and power fails in the middle of its next
+/// save.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Action {
@@ -334,11 +334,11 @@ pub(super) struct Mode {
     pub(super) mode: String,
 }
 
-/// A way to go in manual time.
+/// Advance of the clock in manual time.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Advance {
-    /// At most a day.
+    /// Bench time to run, 0 to 86,400 s.
     #[schema(minimum = 0, maximum = 86400, example = 1.25)]
     pub(super) seconds: f64,
 }
@@ -349,11 +349,11 @@ pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
 impl Bench {
     pub(super) fn of(event_loop: &EventLoop, places: &Places) -> Self {
         let bench = &event_loop.bench;
-        let name = |seat: DriveId| bench.name(seat).to_owned();
-        let drives = bench.drives().map(|seat| Seated {
-            name: name(seat),
-            kind: bench.spec(seat).kind,
-            powered: bench.powered(seat),
+        let name = |id: DriveId| bench.name(id).to_owned();
+        let drives = bench.drives().map(|id| Seated {
+            name: name(id),
+            kind: bench.spec(id).kind,
+            powered: bench.powered(id),
         });
         let motors = bench.motors().map(|motor| Motor::of(bench, motor));
         Self {
@@ -370,7 +370,7 @@ impl Bus {
         let bus = |bus: bench::Bus| Self {
             name: bench.bus_name(bus).to_owned(),
             line: bench.line(bus).to_string(),
-            drives: bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat).to_owned()).collect(),
+            drives: bench.ports(bus).iter().map(|&(id, _)| bench.name(id).to_owned()).collect(),
             listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
             faults: bench.line_faults(bus).into(),
         };
@@ -450,28 +450,28 @@ impl TryFrom<Faults> for LineFaults {
 
 impl Time {
     pub(super) fn of(event_loop: &EventLoop) -> Self {
-        Self { mode: event_loop.pace().to_string(), seconds: seconds(event_loop.bench.now()) }
+        Self { mode: event_loop.time_mode().to_string(), seconds: seconds(event_loop.bench.now()) }
     }
 }
 
 impl Drive {
-    pub(super) fn of(bench: &bench::Bench, seat: DriveId, places: &Places) -> Self {
-        let spec = bench.spec(seat);
+    pub(super) fn of(bench: &bench::Bench, id: DriveId, places: &Places) -> Self {
+        let spec = bench.spec(id);
         let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
         let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
         let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
         let faults = (0..).map(drivetwin_firmware::device::Fault).zip(spec.faults);
         let ports = (0..).map(Port).zip(spec.ports);
-        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, seat, port, places)));
+        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, id, port, places)));
         Self {
-            name: bench.name(seat).to_owned(),
+            name: bench.name(id).to_owned(),
             kind: spec.kind,
-            powered: bench.powered(seat),
-            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.value(seat, row))).collect()),
-            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(seat, pin)))).collect()),
-            leds: InOrder(lights.map(|(name, pin)| (name, bench.level(seat, pin) == Level::High)).collect()),
-            motion: spec.axes.first().map(|_| Motion::of(bench.motion(seat, Axis(0)))),
-            faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(seat, fault))).collect()),
+            powered: bench.powered(id),
+            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.value(id, row))).collect()),
+            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(id, pin)))).collect()),
+            leds: InOrder(lights.map(|(name, pin)| (name, bench.level(id, pin) == Level::High)).collect()),
+            motion: spec.axes.first().map(|_| Motion::of(bench.motion(id, Axis(0)))),
+            faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(id, fault))).collect()),
             ports: InOrder(ports.collect()),
         }
     }
@@ -500,13 +500,13 @@ impl Motion {
 }
 
 impl Seen {
-    fn of(bench: &bench::Bench, seat: DriveId, port: Port, places: &Places) -> Self {
-        let seen = bench.statistics(seat, port);
-        match bench.outlet(seat, port) {
+    fn of(bench: &bench::Bench, id: DriveId, port: Port, places: &Places) -> Self {
+        let seen = bench.statistics(id, port);
+        match bench.outlet(id, port) {
             Outlet::Line(bus) => Self::Serial(Statistics::of(bench.line(bus).to_string(), seen)),
             outlet @ Outlet::Tcp(..) => Self::Tcp(TcpStatistics {
                 listen: places.get(&outlet).cloned().unwrap_or_default(),
-                connected: bench.connections(seat, port),
+                connected: bench.connections(id, port),
                 connections: seen.connections,
                 broken: seen.broken,
                 messages: seen.messages,
@@ -543,17 +543,17 @@ pub(super) fn seconds(at: Instant) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use drivetwin_sim::testing::echo_device::{Echo, MODBUS};
+    use drivetwin_sim::testing::echo_device::{EchoDevice, MODBUS};
 
     #[test]
-    fn a_tcp_port_tells_where_it_is_who_is_there_and_what_came() {
+    fn a_tcp_port_has_its_addresses_clients_and_counts() {
         let mut bench = bench::Bench::new();
-        let echo = bench.add::<Echo>("echo");
+        let echo = bench.add::<EchoDevice>("echo");
         let places = Places::from([(bench.outlet(echo, MODBUS), vec!["tcp:127.0.0.1:5020".to_owned()])]);
         let [client, _] = [(); 2].map(|()| bench.connect_to(echo, MODBUS).unwrap());
         bench.send(client, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
         bench.send(client, &[0, 1, 2, 3]);
-        bench.settle();
+        bench.run_until_idle();
         let drive = serde_json::to_value(Drive::of(&bench, echo, &places)).unwrap();
         let expected = serde_json::json!({
             "modbus": {"listen": ["tcp:127.0.0.1:5020"], "connected": 1, "connections": 2, "broken": 1,

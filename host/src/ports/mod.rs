@@ -1,12 +1,12 @@
 //! Endpoints of a bench for clients: ptys, TCP ports, serial ports, standard input and output.
 //!
-//! Each leads to a line, or to a TCP port of a drive.
+//! An endpoint belongs to a line, or to a TCP port of a drive.
 //!
-//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until input
-//! comes, [`Ports::take`] takes it, [`Ports::deliver`] delivers what the drives sent. Each touches only the
-//! endpoints with work to do, so idle ones cost nothing.
-//! No client is waited for: one that does not read for too long loses its connection (TCP) or its characters
-//! (elsewhere), and one that sends faster than its line is read only as fast as the line.
+//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until input arrives,
+//! [`Ports::take`] takes it, [`Ports::deliver`] delivers the output of the drives. Each handles only the endpoints
+//! with work to do, so idle ones cost nothing. The bench never waits for a client: one that does not read for too long
+//! loses its connection (TCP) or characters (elsewhere), and one that sends faster than its line is read at the speed
+//! of the line.
 
 mod poller;
 mod pty;
@@ -47,11 +47,11 @@ use unread::Unread;
 /// Bytes read from a client at once.
 const READ_BYTES: usize = 4096;
 
-/// Bytes of a client that may wait for the line, and bytes that may wait for it to read them, before it is read no
-/// further.
+/// Bytes of a client that wait for the line, or that the client has not read, above which reading from it is
+/// suspended.
 const BACKLOG_BYTES: usize = 4096;
 
-/// Time between two attempts to accept connections for which there was no room.
+/// Time between two attempts to accept connections for which the system has no room.
 const CROWDED: Duration = Duration::from_secs(1);
 
 /// An endpoint of a line or TCP port: a client sends and receives there, or may connect.
@@ -65,12 +65,11 @@ trait Endpoint {
     /// Events to wait for; with `None` not even errors.
     fn interest(&self, bench: &Bench) -> Option<EventFlags>;
 
-    /// Takes input; returns whether there was some. In manual time it has its whole effect before any endpoint
-    /// is asked again.
+    /// Takes input; returns whether there was some. In manual time it has its whole effect before more input is taken.
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
 
-    /// Delivers what the drives have sent by now. Returns whether more of the client's input is to be taken, because
-    /// it reads its answers.
+    /// Delivers the output of the drives so far. Returns whether reading from the client is to be resumed, because it
+    /// reads its answers.
     fn deliver(&mut self, bench: &mut Bench) -> bool;
 
     /// Time at which the endpoint is closed.
@@ -171,7 +170,7 @@ impl Ports {
         Ok(ports)
     }
 
-    /// Reaches `outlet` by a TCP port, from now on; returns its URI.
+    /// Opens a TCP port for `outlet`. Returns its URI.
     ///
     /// # Errors
     /// The system refuses to listen, or gives no timer.
@@ -186,10 +185,10 @@ impl Ports {
         Ok(uri)
     }
 
-    /// Reaches `bus` by a new pty, linked at `link`; returns its path.
+    /// Opens a new pty for `bus`, with a link at `link`. Returns its path.
     ///
     /// # Errors
-    /// There is no pty to be had, or no link to be made.
+    /// The system gives no pty, or the link cannot be made.
     pub(crate) fn add_pty(
         &mut self,
         bench: &Bench,
@@ -204,7 +203,7 @@ impl Ports {
         Ok(path)
     }
 
-    /// Reaches `bus` by a serial port of this machine; returns its URI.
+    /// Uses a serial port of this machine for `bus`. Returns its URI.
     pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) -> String {
         let uri = device.uri();
         let number = self.register(Box::new(serial_device::Serial::new(bench, bus, device)));
@@ -212,7 +211,7 @@ impl Ports {
         uri
     }
 
-    /// Reaches `bus` by standard input and output, with which the bench ends.
+    /// Uses standard input and output for `bus`. The bench ends when standard input ends.
     ///
     /// # Errors
     /// The system gives no sockets or threads.
@@ -223,7 +222,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Waits for another descriptor, too; returns the number that it gets.
+    /// Adds a descriptor that wakes the thread. Returns its number.
     ///
     /// # Errors
     /// The system cannot wait for that.
@@ -233,22 +232,21 @@ impl Ports {
         Ok(number)
     }
 
-    /// Sets the time after which [`wait`](Self::wait) ends, which is not zero, in place of the one before; `None`: not
-    /// before input comes.
+    /// Sets the time after which [`wait`](Self::wait) ends, not zero; `None`: only when input arrives.
     pub(crate) fn set_alarm(&self, left: Option<Duration>) {
         self.poller.set_alarm(left);
     }
 
-    /// Sleeps until input comes or the alarm rings; if it `looks` only, it does not sleep.
+    /// Sleeps until input arrives or the alarm expires. With `at_once` it does not sleep.
     ///
     /// # Errors
-    /// The system does not let it wait.
-    pub(crate) fn wait(&mut self, looks: bool) -> io::Result<()> {
-        self.poller.wait(looks)?;
+    /// The system cannot wait for events.
+    pub(crate) fn wait(&mut self, at_once: bool) -> io::Result<()> {
+        self.poller.wait(at_once)?;
         // A descriptor that is ready now is ready next time, too.
         if self.ready.is_empty() {
             self.ready.extend(self.poller.ready());
-            // A client that leaves makes room for one that comes.
+            // Connections first, so that a client that leaves makes room for a new one.
             let listeners = &self.listeners;
             self.ready.make_contiguous().sort_by_key(|(number, _)| listeners.contains_key(number));
         }
@@ -270,12 +268,12 @@ impl Ports {
         self.stdio.is_some_and(|stdio| !self.endpoints.contains_key(&stdio))
     }
 
-    /// Takes input, up to one that must have its effect before more is taken: in manual time its whole effect.
-    /// Returns whether there was one.
+    /// Takes input until an endpoint had some; this must have its effect, in manual time its whole effect, before more
+    /// is taken. Returns whether there was input.
     pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
         // Bytes of a program that opened a pty a moment ago are not its predecessor's.
         if !self.ready.is_empty() && !self.ptys.is_empty() {
-            self.openings.borrow_mut().hear();
+            self.openings.borrow_mut().read_events();
         }
         loop {
             if self.note_openings(bench, manual) {
@@ -283,15 +281,15 @@ impl Ports {
             }
             let Some((number, flags)) = self.ready.pop_front() else { return false };
             if let Some(registered) = self.endpoints.get_mut(&number) {
-                let said = registered.endpoint.take(bench, flags, manual);
-                let goes_on = flags.contains(EventFlags::OUT) && registered.endpoint.deliver(bench);
+                let took_input = registered.endpoint.take(bench, flags, manual);
+                let resumes = flags.contains(EventFlags::OUT) && registered.endpoint.deliver(bench);
                 self.note(bench, number);
-                if said || goes_on {
+                if took_input || resumes {
                     return true;
                 }
             } else if self.listeners.contains_key(&number) {
-                let goes_on = self.deliver(bench);
-                if self.accept(bench, number) || goes_on {
+                let resumes = self.deliver(bench);
+                if self.accept(bench, number) || resumes {
                     return true;
                 }
             } else {
@@ -300,17 +298,17 @@ impl Ports {
         }
     }
 
-    /// Hands out what the drives have sent by now. Whether a drive is to hear something because of that: more of who
-    /// has said more than he read, or that somebody has left.
+    /// Delivers the output of the drives so far. Returns whether the drives have new input because of that: reading
+    /// from a client was resumed, or a client has left.
     pub(crate) fn deliver(&mut self, bench: &mut Bench) -> bool {
-        let audible = bench.audible().filter_map(|client| self.clients.get(&client).copied());
-        let mut numbers: Vec<u64> = audible.chain(self.time_driven.iter().copied()).collect();
+        let readable = bench.readable().filter_map(|client| self.clients.get(&client).copied());
+        let mut numbers: Vec<u64> = readable.chain(self.time_driven.iter().copied()).collect();
         numbers.sort_unstable();
         numbers.dedup();
-        let mut heard = false;
+        let mut has_input = false;
         for number in numbers {
             if let Some(registered) = self.endpoints.get_mut(&number) {
-                heard |= registered.endpoint.deliver(bench);
+                has_input |= registered.endpoint.deliver(bench);
                 self.note(bench, number);
             }
         }
@@ -319,12 +317,12 @@ impl Ports {
             && at <= bench.now()
         {
             self.remove(bench, number);
-            heard = true;
+            has_input = true;
         }
-        heard
+        has_input
     }
 
-    /// A number for something new.
+    /// Assigns a new number.
     fn number(&mut self) -> u64 {
         self.last += 1;
         self.last
@@ -359,12 +357,12 @@ impl Ports {
         if wanted != *interest
             && let Some(fd) = endpoint.fd()
         {
-            let told = match (*interest, wanted) {
+            let registered_interest = match (*interest, wanted) {
                 (None, Some(wanted)) => self.poller.add(number, fd, wanted),
                 (Some(_), Some(wanted)) => self.poller.change(number, fd, wanted),
                 (_, None) => self.poller.remove(fd),
             };
-            if let Err(error) = told {
+            if let Err(error) = registered_interest {
                 error!("a port cannot be waited for: {error}");
             }
         }
@@ -388,7 +386,7 @@ impl Ports {
         }
     }
 
-    /// An end is looked at in other rounds than before.
+    /// Changes the poll interval of an endpoint.
     fn poll_every(&mut self, number: u64, old: Option<Duration>, new: Option<Duration>) {
         if let Some(group) = old.and_then(|interval| self.poll_groups.get_mut(&interval)) {
             group.endpoints.remove(&number);
@@ -399,7 +397,7 @@ impl Ports {
         let Some(interval) = new else { return };
         let group = match self.poll_group(interval) {
             Ok(group) => group,
-            Err(error) => return error!("a port cannot be looked at again: {error}"),
+            Err(error) => return error!("a port cannot be polled: {error}"),
         };
         if group.endpoints.is_empty() {
             timer::start(&group.timer, interval);
@@ -423,21 +421,21 @@ impl Ports {
     /// Polls the endpoints whose timer has expired, and listens again where no connection was accepted.
     fn poll_endpoints(&mut self, bench: &mut Bench, timer: u64) {
         let Some(group) = self.poll_groups.values().find(|group| group.number == timer) else { return };
-        timer::hear(&group.timer);
+        timer::acknowledge(&group.timer);
         for number in group.endpoints.iter().copied().collect::<Vec<_>>() {
             if let Some(registered) = self.endpoints.get_mut(&number) {
                 registered.endpoint.poll(bench);
                 self.note(bench, number);
             } else if let Some(listener) = self.listeners.get(&number) {
                 if let Err(error) = self.poller.add(number, listener.socket(), EventFlags::IN) {
-                    error!("tcp:{} lets nobody in any more: {error}", listener.address());
+                    error!("tcp:{} cannot accept connections any more: {error}", listener.address());
                 }
                 self.poll_every(number, Some(CROWDED), None);
             }
         }
     }
 
-    /// Listens again where a drive has booted by now.
+    /// Resumes listeners whose drives have booted.
     fn listen_again(&mut self, bench: &Bench) {
         let Self { booting, listeners, poller, .. } = self;
         booting.retain(|number| {
@@ -446,31 +444,31 @@ impl Ports {
                 return true;
             }
             if let Err(error) = poller.add(*number, listener.socket(), EventFlags::IN) {
-                error!("tcp:{} lets nobody in any more: {error}", listener.address());
+                error!("tcp:{} cannot accept connections any more: {error}", listener.address());
             }
             false
         });
     }
 
-    /// Lets in who knocks at a TCP port. Whether somebody has come of whom a drive is to hear.
+    /// Accepts the waiting connections of a TCP port. Returns whether the opening of one is reported to a drive.
     fn accept(&mut self, bench: &mut Bench, number: u64) -> bool {
         let mut came = false;
         while let Some(listener) = self.listeners.get_mut(&number) {
             if !listener.is_open(bench) {
-                // Who is not let in knocks without end.
+                // A waiting connection would be reported again and again.
                 let _ = self.poller.remove(listener.socket());
                 self.booting.insert(number);
                 break;
             }
             match listener.accept(bench) {
                 Ok(Some(connection)) => {
-                    came |= connection.is_told();
+                    came |= connection.is_reported();
                     let number = self.register(Box::new(connection));
                     self.note(bench, number);
                 }
                 Ok(None) => break,
                 Err(_) => {
-                    // Who is not let in knocks without end.
+                    // A waiting connection would be reported again and again.
                     let _ = self.poller.remove(listener.socket());
                     self.poll_every(number, None, Some(CROWDED));
                     break;
@@ -480,11 +478,11 @@ impl Ports {
         came
     }
 
-    /// An end is of no use any more.
+    /// Removes an endpoint.
     fn remove(&mut self, bench: &mut Bench, number: u64) {
         let Some(mut registered) = self.endpoints.remove(&number) else { return };
         if let Some(fd) = registered.endpoint.fd() {
-            // One that nothing is waited for is not there.
+            // Without interest it is not registered.
             let _ = self.poller.remove(fd);
         }
         registered.endpoint.leave(bench);
@@ -496,20 +494,20 @@ impl Ports {
         self.poll_every(number, registered.poll_interval, None);
     }
 
-    /// Tells each pty that somebody opened or left it, or wrote there, up to the first where something is said. Whether
-    /// there is such.
+    /// Handles openings, closings and writes of the ptys, up to the first one with input. Returns whether there was
+    /// one.
     fn note_openings(&mut self, bench: &mut Bench, manual: bool) -> bool {
         loop {
             let Some(watch) = self.openings.borrow().next() else { return false };
             let registered =
                 self.ptys.get(&watch).and_then(|&number| Some((number, self.endpoints.get_mut(&number)?)));
             let Some((number, registered)) = registered else {
-                self.openings.borrow_mut().of(watch);
+                self.openings.borrow_mut().take(watch);
                 continue;
             };
-            let said = registered.endpoint.opened_or_closed(bench, manual);
+            let took_input = registered.endpoint.opened_or_closed(bench, manual);
             self.note(bench, number);
-            if said {
+            if took_input {
                 return true;
             }
         }

@@ -1,8 +1,8 @@
 //! Waiting for many descriptors at once, and for an alarm.
 //!
-//! The system keeps the list of what is waited for, so a wake-up costs what is ready and not what is
-//! there. The alarm is one of them, because a timer counts in nanoseconds, which `epoll_wait` does not
-//! everywhere, and needs no word while it stays (HOST-1).
+//! The system keeps the list of descriptors, so a wake-up costs the ready ones only. The alarm is a descriptor, too: a
+//! timer has a resolution of nanoseconds, which `epoll_wait` does not have everywhere, and needs no call while it does
+//! not change (HOST-1).
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -14,7 +14,7 @@ use rustix::io::Errno;
 
 use super::timer;
 
-/// Descriptors that may be ready at once; the others come next time.
+/// Maximum number of ready descriptors per wait; others are reported next time.
 const READY: usize = 256;
 
 /// Number of the alarm; no descriptor has it.
@@ -43,7 +43,7 @@ impl Poller {
         Ok(poller)
     }
 
-    /// Waits for `interest` of `fd`, too; errors and the end of the other side are told unasked.
+    /// Adds `fd` with the events `interest`; errors and hang-ups are always reported.
     ///
     /// # Errors
     /// The system cannot wait for that.
@@ -51,7 +51,7 @@ impl Poller {
         Ok(epoll::add(&self.epoll, fd, EventData::new_u64(number), interest)?)
     }
 
-    /// Waits for something else of `fd` from now on.
+    /// Changes the events of `fd`.
     ///
     /// # Errors
     /// The system cannot wait for that.
@@ -59,28 +59,28 @@ impl Poller {
         Ok(epoll::modify(&self.epoll, fd, EventData::new_u64(number), interest)?)
     }
 
-    /// Does not wait for `fd` any more.
+    /// Removes `fd`.
     ///
     /// # Errors
-    /// The system did not.
+    /// The system refuses.
     pub(super) fn remove(&self, fd: impl AsFd) -> io::Result<()> {
         Ok(epoll::delete(&self.epoll, fd)?)
     }
 
-    /// The alarm rings when `left`, which is not zero, has passed, and not when it was to before; never if `None`.
+    /// Sets the alarm to expire after `left`, not zero; `None` disables it.
     pub(super) fn set_alarm(&self, left: Option<Duration>) {
-        timer::ring_after(&self.alarm, left.unwrap_or_default());
+        timer::start_once(&self.alarm, left.unwrap_or_default());
     }
 
-    /// Sleeps until something is ready, or the alarm rings; not at all if it `looks` only.
+    /// Sleeps until a descriptor is ready or the alarm expires. With `at_once` it does not sleep.
     ///
     /// # Errors
-    /// The system does not let it wait.
-    pub(super) fn wait(&mut self, looks: bool) -> io::Result<()> {
+    /// The system cannot wait for events.
+    pub(super) fn wait(&mut self, at_once: bool) -> io::Result<()> {
         const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
         self.ready.clear();
         let room = rustix::buffer::spare_capacity(&mut self.ready);
-        match epoll::wait(&self.epoll, room, looks.then_some(&AT_ONCE)) {
+        match epoll::wait(&self.epoll, room, at_once.then_some(&AT_ONCE)) {
             Ok(_) | Err(Errno::INTR) => Ok(()),
             Err(error) => Err(error.into()),
         }

@@ -1,16 +1,14 @@
 //! A line reached by a pseudo terminal, which programs take for a serial port.
 //!
-//! A pty never has parity. Some C libraries (Debian's is one) report `EINVAL` when parity was asked
-//! for and nothing else has changed: when a plain pty is opened for the second time, or when a program
-//! sets its port in two steps. So two flags without any effect on raw characters, which serial programs
-//! clear, wait there to be changed: `ECHOE` and `IEXTEN`. They are set when nobody has the pty open,
-//! and again a moment after somebody has cleared them, together with the other value of a third one
-//! (`ECHOK`), because the C library compares what was before with what it finds after that. A program
-//! that takes its second step within that moment still gets `EINVAL` (HOST-2).
+//! A pty never has parity. Some C libraries (for example Debian's) report `EINVAL` when parity was requested and no
+//! other setting has changed: when a plain pty is opened for the second time, or when a program configures its port in
+//! two steps. Therefore two flags that serial programs clear, and that have no effect on raw characters, are kept set:
+//! `ECHOE` and `IEXTEN`. They are set while no program has the pty open, and again shortly after a program has cleared
+//! them, together with a toggled third flag (`ECHOK`), because the C library compares the settings before and after. A
+//! program that takes its second step before that still gets `EINVAL` (HOST-2).
 //!
-//! The next one may open a pty before the last one is seen to have left it. Then what he wrote lies in one queue with
-//! what the last one wrote, so nothing of that queue is dropped: it is read to its end, and [`Openings`] tell whose it
-//! is.
+//! A program may open a pty before the closing of its predecessor is noticed. The bytes of both are then in one queue,
+//! so nothing of that queue is dropped: it is read to its end, and [`Openings`] determine the sender.
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -63,10 +61,10 @@ pub(super) struct Pty {
     warned: Option<Sender>,
 }
 
-/// The flags that wait to be changed.
+/// The flags that are kept set.
 const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 
-/// The flag that makes them different each time.
+/// The flag that is toggled each time.
 const OTHER: LocalModes = LocalModes::ECHOK;
 
 /// Flags of a terminal's lines and keys, which no serial port has.
@@ -79,11 +77,11 @@ const CHANGING: InputModes = InputModes::ICRNL
     .union(InputModes::ISTRIP)
     .union(InputModes::IXON);
 
-/// More bytes than the system keeps of those who have left.
+/// More bytes than the system buffers of programs that have closed the pty.
 const ALL: usize = 128 << 10;
 
-/// Time between two looks at the settings of an open pty, which does not tell when they change.
-const LOOK: Duration = Duration::from_millis(10);
+/// Poll interval of the settings of an open pty, whose changes are not reported.
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Reason why there is no pty.
 #[derive(Debug)]
@@ -104,10 +102,10 @@ impl fmt::Display for PtyError {
 }
 
 impl Pty {
-    /// A new pty of `bus`, linked at `link`, with the baud rate of its drive.
+    /// A new pty for `bus`, with a link at `link` and the baud rate of its drive.
     ///
     /// # Errors
-    /// There is none to be had, or no link to be made.
+    /// The system gives no pty, or the link cannot be made.
     pub(super) fn new(
         bench: &Bench,
         bus: Bus,
@@ -147,24 +145,24 @@ impl Pty {
         self.watch
     }
 
-    /// Returns whether a program is there of which no more is read for now.
+    /// Returns whether reading from the connected program is suspended.
     fn is_full(&self, bench: &Bench) -> bool {
         self.client.is_some_and(|client| !may_read(bench, client, &self.unread))
     }
 
-    fn arrive(&mut self, bench: &mut Bench) {
+    fn connect(&mut self, bench: &mut Bench) {
         info!("{} is opened", self.path.display());
         self.client = Some(bench.connect(self.bus));
         bench.attach(self.bus, true);
     }
 
-    /// Notes what the openings tell.
-    fn hear(&mut self) {
-        let told = self.openings.borrow_mut().of(self.watch);
-        self.openers.hear(&told);
+    /// Handles new openings and closings.
+    fn read_openings(&mut self) {
+        let events_seen = self.openings.borrow_mut().take(self.watch);
+        self.openers.handle(&events_seen);
     }
 
-    /// Reads what is there, up to `most` bytes. Whether nobody has the pty open.
+    /// Reads available bytes, up to `most`. Returns whether no program has the pty open.
     fn read(&mut self, bytes: &mut Vec<u8>, most: usize) -> bool {
         while bytes.len() < most {
             let mut room = ROOM;
@@ -179,18 +177,18 @@ impl Pty {
         false
     }
 
-    /// Says what has come and notes who came and left; `gone`: nobody had the pty open a moment ago. Returns whether
-    /// something was said.
-    fn go_on(&mut self, bench: &mut Bench, gone: bool, manual: bool) -> bool {
-        self.hear();
+    /// Sends new bytes to the bench and handles openings and closings; `hung_up`: no program had the pty open a moment
+    /// ago. Returns whether there was input.
+    fn process(&mut self, bench: &mut Bench, hung_up: bool, manual: bool) -> bool {
+        self.read_openings();
         if self.client.is_none() {
             if self.openers.changed && self.openers.unseen && !self.openers.left_wrote {
-                self.renew(true);
+                self.prepare_for_next(true);
             }
             if !self.openers.changed {
                 return false;
             }
-            self.arrive(bench);
+            self.connect(bench);
             if !self.openers.left_wrote {
                 self.openers.note();
                 return false;
@@ -198,46 +196,47 @@ impl Pty {
         }
         self.poll(bench);
         let full = self.is_full(bench);
-        if full && !gone && !self.openers.changed {
+        if full && !hung_up && !self.openers.changed {
             return false;
         }
-        let (mut bytes, mut nobody) = (Vec::new(), false);
+        let (mut bytes, mut was_closed) = (Vec::new(), false);
         loop {
             let changed = self.openers.changed;
-            // What is told of by now is read here, unless another one wrote it.
+            // Writes reported by now are read here, unless another program made them.
             let wrote = !changed && std::mem::take(&mut self.openers.wrote);
-            nobody |= self.read(&mut bytes, if gone || changed { ALL } else { READ_BYTES });
-            self.hear();
+            was_closed |= self.read(&mut bytes, if hung_up || changed { ALL } else { READ_BYTES });
+            self.read_openings();
             if self.openers.changed == changed {
                 break;
             }
             self.openers.left_wrote |= wrote;
         }
         let changed = self.openers.changed;
-        let (own, next) = bytes.split_at(if changed { self.of_who_left(bench, &bytes) } else { bytes.len() });
-        // Of somebody who is gone the line takes no more than it would have.
-        let most = match (gone || changed, full) {
+        let (own, next) =
+            bytes.split_at(if changed { self.predecessors_bytes(bench, &bytes) } else { bytes.len() });
+        // Of a program that has left, no more is taken than would have been read.
+        let most = match (hung_up || changed, full) {
             (true, true) if !manual => 0,
             (true, false) if !manual => READ_BYTES,
             _ => own.len(),
         };
-        self.say(bench, &own[..most.min(own.len())]);
-        if changed || nobody {
+        self.send(bench, &own[..most.min(own.len())]);
+        if changed || was_closed {
             self.leave(bench);
             self.openers.note();
-            self.renew(!changed);
+            self.prepare_for_next(!changed);
         }
         if changed {
-            self.arrive(bench);
-            self.say(bench, next);
+            self.connect(bench);
+            self.send(bench, next);
         }
-        // Another one may have come meanwhile.
-        (self.openers.changed && self.go_on(bench, false, manual)) || !bytes.is_empty()
+        // Another program may have opened the pty meanwhile.
+        (self.openers.changed && self.process(bench, false, manual)) || !bytes.is_empty()
     }
 
-    /// The number of bytes of those who have left, where another one came behind them: where both wrote, those before
-    /// the last message.
-    fn of_who_left(&self, bench: &Bench, bytes: &[u8]) -> usize {
+    /// Number of bytes of the programs that have left, when another one has opened the pty: if both wrote, the bytes
+    /// before the last message.
+    fn predecessors_bytes(&self, bench: &Bench, bytes: &[u8]) -> usize {
         match (self.openers.left_wrote, self.openers.wrote) {
             (false, _) => 0,
             (true, false) => bytes.len(),
@@ -245,15 +244,15 @@ impl Pty {
         }
     }
 
-    fn say(&mut self, bench: &mut Bench, bytes: &[u8]) {
+    fn send(&mut self, bench: &mut Bench, bytes: &[u8]) {
         let Some(client) = self.client.filter(|_| !bytes.is_empty()) else { return };
         let sender = self.sender(bench);
         bench.send_from(client, bytes, sender);
     }
 
-    /// Clears what the last one left: replies, stopped output, settings that suit no drive. A program that is there by
-    /// now is another one if `nobody` was before.
-    fn renew(&mut self, nobody: bool) {
+    /// Clears what the last program left: replies, stopped output, unsuitable settings. A program that has the pty
+    /// open now is a new one if `was_closed` had it open before.
+    fn prepare_for_next(&mut self, was_closed: bool) {
         let made_ready = self.reset();
         let path = self.path.display();
         match made_ready {
@@ -265,27 +264,28 @@ impl Pty {
             Err(error) => warn!("{path} cannot be made ready again: {error}"),
             Ok(()) => {}
         }
-        // The openings tell of the other end that was opened here, too, so the master tells who is there.
+        // The events include the opening by this process, so the state of the master decides whether a program is
+        // connected.
         let mut events = Vec::new();
         loop {
-            let here = !self.is_left();
-            let told = self.openings.borrow_mut().of(self.watch);
-            if told.is_empty() {
-                return self.openers.are(here, nobody, &events);
+            let is_open = !self.is_left();
+            let events_seen = self.openings.borrow_mut().take(self.watch);
+            if events_seen.is_empty() {
+                return self.openers.set_present(is_open, was_closed, &events);
             }
-            events.extend(told);
+            events.extend(events_seen);
         }
     }
 
-    /// Returns whether nobody has it open.
+    /// Returns whether no program has it open.
     fn is_left(&self) -> bool {
         let mut master = [PollFd::new(&self.master, PollFlags::empty())];
         let polled = poll(&mut master, Some(&Timespec::default()));
         polled.is_ok() && master[0].revents().contains(PollFlags::HUP)
     }
 
-    /// Drops what the drives sent and nobody has read, lets stopped output go on, and puts the flags that no opener is
-    /// to care for into the state that the next one needs. All other settings are his, and he may be there already.
+    /// Drops unread output, resumes stopped output, and restores the flags that the next program relies on. All other
+    /// settings belong to that program, which may be connected already.
     fn reset(&mut self) -> io::Result<()> {
         tcflush(&self.master, QueueSelector::OFlush)?;
         let far = ioctl_tiocgptpeer(&self.master, OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
@@ -300,14 +300,14 @@ impl Pty {
             let mut settings = settings;
             settings.local_modes.remove(COOKED);
             settings.output_modes.remove(OutputModes::OPOST);
-            // Output that Ctrl-S has stopped goes on without IXON.
+            // Without IXON, output that Ctrl-S has stopped is resumed.
             settings.input_modes.remove(CHANGING);
             tcsetattr(&self.master, OptionalActions::Now, &settings)?;
         }
         self.keep_waiting()
     }
 
-    /// Sets the flags that wait to be changed, if somebody has cleared them.
+    /// Sets the flags that are kept set, if a program has cleared them.
     fn keep_waiting(&mut self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.master)?;
         if !settings.local_modes.contains(WAITING) {
@@ -319,7 +319,7 @@ impl Pty {
         Ok(())
     }
 
-    /// Gives it the baud rate of the drive, if that is another one than before.
+    /// Sets the baud rate of the drive, if it has changed.
     fn follow(&mut self, bench: &Bench) -> io::Result<()> {
         let baud = bench.line(self.bus).baud;
         if std::mem::replace(&mut self.baud, baud) != baud {
@@ -330,8 +330,7 @@ impl Pty {
         Ok(())
     }
 
-    /// The settings of the other end. Whether there is parity at all, and 7 data bits, a pty does
-    /// not tell.
+    /// Serial settings of the program. A pty does not report whether there is parity, nor 7 data bits.
     fn sender(&mut self, bench: &Bench) -> Sender {
         let Ok(settings) = tcgetattr(&self.master) else { return Sender::default() };
         let control = settings.control_modes;
@@ -364,14 +363,14 @@ impl Endpoint for Pty {
         Some(self.master.as_fd())
     }
 
-    /// A pty that nobody has open is always "ready", so it is left to the openings then.
+    /// A pty that no program has open is always "ready", so it is left to the openings then.
     fn interest(&self, bench: &Bench) -> Option<EventFlags> {
         self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
     }
 
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool {
         ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR)
-            && self.go_on(bench, ready.contains(EventFlags::HUP), manual)
+            && self.process(bench, ready.contains(EventFlags::HUP), manual)
     }
 
     fn deliver(&mut self, bench: &mut Bench) -> bool {
@@ -382,9 +381,9 @@ impl Endpoint for Pty {
             return false;
         };
         self.unread.receive(bench, client);
-        // A failure here is the other end going away, which the next read tells.
+        // After a failure the program has left, which the next read reports.
         let _ = self.unread.write(&self.master);
-        // As on a real port, what is not read in time is lost.
+        // As on a real port, output that is not read in time is lost.
         if self.unread.lose() {
             warn!(
                 "{} is left with more than {MOST_MIB} MiB unread; what follows is lost",
@@ -394,14 +393,14 @@ impl Endpoint for Pty {
         false
     }
 
-    /// The drive's baud rate changes when it says so.
+    /// The drive may change its baud rate at any time.
     fn follows_time(&self) -> bool {
         self.client.is_none()
     }
 
-    /// An open pty does not tell when its settings change; while nobody is there nobody changes them.
+    /// Changes of the settings of an open pty are not reported.
     fn poll_interval(&self) -> Option<Duration> {
-        self.client.map(|_| LOOK)
+        self.client.map(|_| POLL_INTERVAL)
     }
 
     fn poll(&mut self, _bench: &mut Bench) {
@@ -411,7 +410,7 @@ impl Endpoint for Pty {
     }
 
     fn opened_or_closed(&mut self, bench: &mut Bench, manual: bool) -> bool {
-        self.go_on(bench, false, manual)
+        self.process(bench, false, manual)
     }
 
     fn leave(&mut self, bench: &mut Bench) {
@@ -424,7 +423,7 @@ impl Endpoint for Pty {
     }
 }
 
-/// The place of a master's last message, of Modbus RTU or ASCII; 0 where there is none.
+/// Offset of the last request, of Modbus RTU or ASCII; 0 if there is none.
 fn last_message(line: Line, bytes: &[u8]) -> usize {
     if ascii::is_on(line) {
         return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);
@@ -490,10 +489,10 @@ mod tests {
         let next = open();
         let request = rtu::write(1, USER_REGISTER, 7);
         assert_eq!(rustix::io::write(&next, &request), Ok(8));
-        pty.renew(true);
-        assert!(!pty.go_on(&mut bench, false, true), "it is noted that he is there");
-        assert!(pty.go_on(&mut bench, false, true), "it is read what he wrote");
-        bench.settle();
+        pty.prepare_for_next(true);
+        assert!(!pty.process(&mut bench, false, true), "it is noted that he is there");
+        assert!(pty.process(&mut bench, false, true), "it is read what he wrote");
+        bench.run_until_idle();
         pty.deliver(&mut bench);
         let mut came = [0; 64];
         let count = rustix::io::read(&next, &mut came).unwrap();

@@ -1,8 +1,8 @@
 //! Openings, closings and writes of the programs at the ptys.
 //!
-//! The system tells it in order, but apart from the bytes: those of one program lie beside those of the next. It may
-//! tell two openings, or two closings, one right behind the other, as one; so the last closing is told for certain by
-//! the pty's master only.
+//! The system reports these events in order, but not in relation to the bytes: those of one program are followed
+//! directly by those of the next. It may merge two consecutive openings or closings into one event; so only the pty's
+//! master reports the last closing reliably.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,10 +12,10 @@ use std::path::Path;
 
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, WatchFlags};
 
-/// All openings of ptys that are still to be noted.
+/// Events of the ptys that are still to be handled.
 pub(super) struct Openings {
     inotify: OwnedFd,
-    told: BTreeMap<i32, Vec<ReadFlags>>,
+    events: BTreeMap<i32, Vec<ReadFlags>>,
 }
 
 impl Openings {
@@ -25,36 +25,36 @@ impl Openings {
     /// The system gives no inotify instance.
     pub(super) fn new() -> io::Result<Self> {
         let inotify = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
-        Ok(Self { inotify, told: BTreeMap::new() })
+        Ok(Self { inotify, events: BTreeMap::new() })
     }
 
-    /// Tells of the pty at `path`, too, by the number that is returned.
+    /// Adds the pty at `path`. Returns the number of its watch.
     ///
     /// # Errors
-    /// The system cannot tell of it.
+    /// The system cannot watch it.
     pub(super) fn watch(&self, path: &Path) -> io::Result<i32> {
         let events =
             WatchFlags::OPEN | WatchFlags::MODIFY | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
         Ok(inotify::add_watch(&self.inotify, path, events)?)
     }
 
-    /// A pty of which something is told that it has not noted yet.
+    /// A pty with events that are not handled yet.
     pub(super) fn next(&self) -> Option<i32> {
-        self.told.keys().next().copied()
+        self.events.keys().next().copied()
     }
 
-    /// Lets a pty note what is told of it.
-    pub(super) fn of(&mut self, watch: i32) -> Vec<ReadFlags> {
-        self.hear();
-        self.told.remove(&watch).unwrap_or_default()
+    /// Takes the events of a pty.
+    pub(super) fn take(&mut self, watch: i32) -> Vec<ReadFlags> {
+        self.read_events();
+        self.events.remove(&watch).unwrap_or_default()
     }
 
-    /// Hears what is told of all ptys by now.
-    pub(super) fn hear(&mut self) {
+    /// Reads the events of all ptys.
+    pub(super) fn read_events(&mut self) {
         let mut buffer = [MaybeUninit::uninit(); 1024];
         let mut events = inotify::Reader::new(&self.inotify, &mut buffer);
         while let Ok(event) = events.next() {
-            self.told.entry(event.wd()).or_default().push(event.events());
+            self.events.entry(event.wd()).or_default().push(event.events());
         }
     }
 }
@@ -65,22 +65,22 @@ impl AsFd for Openings {
     }
 }
 
-/// The programs that have a pty open, as far as openings tell.
+/// State of the programs that have a pty open, as far as events show.
 #[derive(Default)]
 pub(super) struct Openers {
     count: u32,
     /// True while some of their bytes may still be unread.
     pub(super) wrote: bool,
-    /// True if a program opened it after all others had left, and is not noted yet.
+    /// True if a program opened it after all others had left, which is not handled yet.
     pub(super) changed: bool,
-    /// True if another one came and left since the last one was noted.
+    /// True if another program opened and closed it since the last one was handled.
     pub(super) unseen: bool,
-    /// True while bytes of those who left then may still be unread.
+    /// True while bytes of programs that left then may still be unread.
     pub(super) left_wrote: bool,
 }
 
 impl Openers {
-    pub(super) fn hear(&mut self, events: &[ReadFlags]) {
+    pub(super) fn handle(&mut self, events: &[ReadFlags]) {
         for event in events {
             if event.contains(ReadFlags::MODIFY) {
                 self.wrote = true;
@@ -96,21 +96,21 @@ impl Openers {
         }
     }
 
-    /// Notes who came last.
+    /// Marks the last opening as handled.
     pub(super) fn note(&mut self) {
         (self.changed, self.unseen, self.left_wrote) = (false, false, false);
     }
 
-    /// Notes for certain whether a program is there. It is another one if `nobody` was there before, or if one that can
-    /// write has closed the pty meanwhile; the events do not tell which of the openings was our own.
-    pub(super) fn are(&mut self, here: bool, nobody: bool, events: &[ReadFlags]) {
+    /// Sets whether a program has the pty open. It is a new one if `was_closed` had it open before, or if a program with
+    /// write access has closed the pty meanwhile; the events do not show which opening was our own.
+    pub(super) fn set_present(&mut self, is_open: bool, was_closed: bool, events: &[ReadFlags]) {
         let closed = events.iter().rposition(|event| event.contains(ReadFlags::CLOSE_WRITE));
         let before = closed.and_then(|last| events.get(..last)).unwrap_or_default();
         *self = Self {
-            count: here.into(),
-            wrote: here,
-            changed: here && (nobody || closed.is_some()),
-            left_wrote: here && before.iter().any(|event| event.contains(ReadFlags::MODIFY)),
+            count: is_open.into(),
+            wrote: is_open,
+            changed: is_open && (was_closed || closed.is_some()),
+            left_wrote: is_open && before.iter().any(|event| event.contains(ReadFlags::MODIFY)),
             ..Self::default()
         };
     }
@@ -129,33 +129,33 @@ mod tests {
     const CLOSE: ReadFlags = ReadFlags::CLOSE_WRITE;
 
     /// New program there; it wrote; the one before wrote.
-    fn told(events: &[ReadFlags]) -> (bool, bool, bool) {
+    fn state_after(events: &[ReadFlags]) -> (bool, bool, bool) {
         let mut openers = Openers::default();
-        openers.hear(&[OPEN]);
+        openers.handle(&[OPEN]);
         openers.note();
-        openers.hear(events);
+        openers.handle(events);
         (openers.changed, openers.wrote, openers.left_wrote)
     }
 
     #[test]
     fn who_comes_when_all_have_left_is_another_one() {
-        assert_eq!(told(&[]), (false, false, false));
-        assert_eq!(told(&[WRITE]), (false, true, false));
-        assert_eq!(told(&[CLOSE, OPEN]), (true, false, false));
-        assert_eq!(told(&[WRITE, CLOSE, OPEN]), (true, false, true));
-        assert_eq!(told(&[CLOSE, OPEN, WRITE]), (true, true, false));
-        assert_eq!(told(&[WRITE, CLOSE, OPEN, CLOSE, OPEN, WRITE]), (true, true, true));
+        assert_eq!(state_after(&[]), (false, false, false));
+        assert_eq!(state_after(&[WRITE]), (false, true, false));
+        assert_eq!(state_after(&[CLOSE, OPEN]), (true, false, false));
+        assert_eq!(state_after(&[WRITE, CLOSE, OPEN]), (true, false, true));
+        assert_eq!(state_after(&[CLOSE, OPEN, WRITE]), (true, true, false));
+        assert_eq!(state_after(&[WRITE, CLOSE, OPEN, CLOSE, OPEN, WRITE]), (true, true, true));
         let mut openers = Openers::default();
-        openers.hear(&[OPEN, CLOSE]);
+        openers.handle(&[OPEN, CLOSE]);
         assert!(!openers.unseen);
-        openers.hear(&[OPEN]);
+        openers.handle(&[OPEN]);
         assert!(openers.changed && openers.unseen);
         // One wrote and left, and another one came, while the other end was opened and closed here.
-        openers.are(true, false, &[OPEN, WRITE, CLOSE, OPEN, ReadFlags::CLOSE_NOWRITE, WRITE]);
+        openers.set_present(true, false, &[OPEN, WRITE, CLOSE, OPEN, ReadFlags::CLOSE_NOWRITE, WRITE]);
         assert!(openers.changed && openers.left_wrote && openers.wrote);
-        openers.are(true, false, &[OPEN, WRITE, ReadFlags::CLOSE_NOWRITE]);
+        openers.set_present(true, false, &[OPEN, WRITE, ReadFlags::CLOSE_NOWRITE]);
         assert!(!openers.changed && !openers.left_wrote && openers.wrote);
         // Two programs at once, as a shell's `cat` and `echo`, are one opener.
-        assert_eq!(told(&[OPEN, WRITE, CLOSE]), (false, true, false));
+        assert_eq!(state_after(&[OPEN, WRITE, CLOSE]), (false, true, false));
     }
 }

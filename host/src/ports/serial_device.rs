@@ -1,11 +1,11 @@
 //! A line reached by a serial port of this machine (HOST-16).
 //!
-//! It is the drive's end of a cable, so its settings follow the drive's, and it gives characters their time itself:
-//! what a drive sends goes there whole. Other settings wait until the port has sent what it has, which at 300 baud
-//! takes seconds, and with an adapter that hangs for ever; so a thread waits for that. A character of wrong parity
-//! comes as 0, by which its frame fails. The port is ours alone. One that is unplugged is looked for until it is back;
-//! meanwhile nobody is on that end of the line. Its modem lines are not read: a drive that its host resets (by DTR) is
-//! reset when the port is there, and not when a program at the other end opens its own.
+//! The port is the drive's end of a cable, so its settings follow those of the drive, and it times characters itself:
+//! replies are written whole. New settings wait until the port has sent its buffer, which takes seconds at 300 baud,
+//! and for ever with an adapter that hangs; so a thread waits for that. A character with a parity error is read as 0,
+//! which makes its frame invalid. The port is opened exclusively. An unplugged port is polled until it is back;
+//! meanwhile no client is connected. Its modem lines are not read: a drive that is reset by DTR is reset when the port
+//! appears, and not when a program at the other end opens its own port.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -28,11 +28,11 @@ use tracing::{info, warn};
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
-/// Time between two attempts to find a port that is gone.
+/// Time between two attempts to open an unplugged port.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Time between two looks whether it has its new settings.
-const LOOK: Duration = Duration::from_millis(1);
+/// Poll interval while new settings are pending.
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// A serial port that is open.
 pub(crate) struct Device {
@@ -44,7 +44,7 @@ impl Device {
     /// Opens the serial port `path`.
     ///
     /// # Errors
-    /// It is no serial port, it is not there, or another program has it.
+    /// It is not a serial port, does not exist, or another program uses it.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty())?;
@@ -64,11 +64,11 @@ impl Device {
 /// A serial port of a line.
 pub(super) struct Serial {
     path: PathBuf,
-    /// `None` while it is gone.
+    /// `None` while it is unplugged.
     fd: Option<OwnedFd>,
-    /// The settings it has.
+    /// Present settings.
     line: Line,
-    /// The thread that gives it others. Nothing is written meanwhile.
+    /// The thread that changes them. Nothing is written meanwhile.
     setter: Option<JoinHandle<()>>,
     bus: Bus,
     client: Option<Client>,
@@ -77,7 +77,7 @@ pub(super) struct Serial {
 }
 
 impl Serial {
-    /// A port of `bus`.
+    /// A serial port for `bus`.
     pub(super) fn new(bench: &mut Bench, bus: Bus, device: Device) -> Self {
         let Device { path, fd } = device;
         let line = bench.line(bus);
@@ -87,9 +87,9 @@ impl Serial {
         serial
     }
 
-    /// The port is there.
+    /// Connects the open port.
     fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
-        // What was sent before is for no client.
+        // Earlier output is not for the new client.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
         self.line = bench.line(self.bus);
         set(&fd, &self.path, self.line, OptionalActions::Now);
@@ -100,14 +100,14 @@ impl Serial {
         self.client = Some(client);
     }
 
-    /// Gives the port the settings of the line, if it has others.
+    /// Sets the port to the settings of the line, if they differ.
     fn follow(&mut self, bench: &Bench) {
         let line = bench.line(self.bus);
         if self.line == line {
             return;
         }
         let Some(fd) = &self.fd else { return };
-        // Asked for once only, whatever becomes of it.
+        // Attempted only once, whatever the result.
         self.line = line;
         let path = self.path.clone();
         let setter = fd.try_clone().and_then(|fd| {
@@ -161,7 +161,7 @@ impl Endpoint for Serial {
         let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
         self.unread.receive(bench, client);
         if self.setter.is_none() {
-            // A failure here is the port going away, which the next read tells.
+            // After a failure the port is unplugged, which the next read reports.
             let _ = self.unread.write(fd);
             if self.unread.is_empty() {
                 self.follow(bench);
@@ -174,7 +174,7 @@ impl Endpoint for Serial {
         false
     }
 
-    /// The line's settings change when a drive says so.
+    /// The drive may change its settings at any time.
     fn follows_time(&self) -> bool {
         self.client.is_some()
     }
@@ -182,7 +182,7 @@ impl Endpoint for Serial {
     fn poll_interval(&self) -> Option<Duration> {
         match self.fd {
             None => Some(RETRY),
-            Some(_) => self.setter.as_ref().map(|_| LOOK),
+            Some(_) => self.setter.as_ref().map(|_| POLL_INTERVAL),
         }
     }
 
@@ -208,7 +208,7 @@ impl Endpoint for Serial {
     }
 }
 
-/// Gives a port the settings of a line.
+/// Sets a port to the settings of a line.
 fn set(fd: &OwnedFd, path: &Path, line: Line, when: OptionalActions) {
     match try_set(fd, line, when) {
         Ok(()) => info!("serial:{} is {line}", path.display()),

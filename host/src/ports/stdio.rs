@@ -1,8 +1,8 @@
 //! A line reached by standard input and output (HOST-17).
 //!
-//! They may be shared with other programs, a shell for one, which non-blocking descriptors would surprise. So two
-//! threads copy between them and a pair of sockets, of which the bench's thread has the other end. The bench ends
-//! when input has ended and all is answered and written, or when nobody reads the output any more.
+//! They may be shared with other programs, for instance a shell, which do not expect non-blocking descriptors. So two
+//! threads copy between them and a socket pair, whose other end belongs to the bench's thread. The bench ends when
+//! input has ended and all answers are written, or when the reader of the output closes it.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::Shutdown;
@@ -19,8 +19,8 @@ use tracing::{debug, warn};
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
 
-/// Time between two looks whether all is written.
-const LOOK: Duration = Duration::from_millis(1);
+/// Poll interval until all output is written.
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Standard input and output as an end of a line.
 pub(super) struct Stdio {
@@ -113,7 +113,7 @@ impl Endpoint for Stdio {
     }
 
     fn poll_interval(&self) -> Option<Duration> {
-        (self.stage == Stage::Answered).then_some(LOOK)
+        (self.stage == Stage::Answered).then_some(POLL_INTERVAL)
     }
 
     fn poll(&mut self, _bench: &mut Bench) {
@@ -127,7 +127,7 @@ impl Endpoint for Stdio {
     }
 }
 
-/// Carries what comes to the bench, until nothing more does.
+/// Copies standard input to the bench, until it ends.
 fn copy_in(mut to: UnixStream) {
     let mut buffer = [0; READ_BYTES];
     let mut stdin = io::stdin().lock();
@@ -141,10 +141,10 @@ fn copy_in(mut to: UnixStream) {
     let _ = to.shutdown(Shutdown::Write);
 }
 
-/// Carries what the drives send out, until nothing more comes or nobody reads it.
+/// Copies output of the drives to standard output, until either ends.
 fn copy_out(mut from: UnixStream) {
     let mut buffer = [0; READ_BYTES];
-    // No line is waited for: `io::stdout` would keep what has no end of line.
+    // `io::stdout` would buffer text without a line end.
     let write = |bytes: &[u8]| {
         let mut stdout = io::stdout().lock();
         stdout.write_all(bytes).and_then(|()| stdout.flush())
@@ -162,6 +162,6 @@ fn copy_out(mut from: UnixStream) {
             Err(_) => break,
         }
     }
-    // Whoever still writes to the bench does so in vain.
+    // Further writes to the bench have no effect.
     let _ = from.shutdown(Shutdown::Both);
 }

@@ -1,4 +1,4 @@
-//! TCP listeners: for a line, with raw characters as serial device servers carry them, or for a TCP port of a drive.
+//! TCP listeners: for a line, with raw characters like a serial device server, or for a TCP port of a drive.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
@@ -7,25 +7,25 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::Instant;
-use drivetwin_sim::bench::{Bench, Client, Ended, MOST_CONNECTIONS, Outlet, TurnedAway};
+use drivetwin_sim::bench::{Bench, Client, ConnectError, Ended, MOST_CONNECTIONS, Outlet};
 use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
 use tracing::{info, warn};
 
 use super::unread::{Unread, share_mib};
-use super::web::{Gate, Judged};
+use super::web::{BrowserCheck, Verdict};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
 /// Interval at which a client that has sent all is polled until it leaves.
-const LOOK: Duration = Duration::from_secs(1);
+const POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Polls after which such a connection is closed: twice as long as a line may hold up an answer.
+/// Number of polls after which such a connection is closed: twice the longest delay of a reply.
 const LINGER_POLLS: u32 = 120;
 
 /// The same where the drive, or the host, has closed the connection.
 const LINGER_POLLS_CLOSED: u32 = 5;
 
-/// Silence of a client after which the system sends it keep-alive probes.
+/// Idle time of a client after which the system sends keep-alive probes.
 const KEEPALIVE_IDLE: Duration = Duration::from_secs(10);
 
 /// Keep-alive probes, and the time between two.
@@ -35,8 +35,8 @@ const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Time without any sign of a client after which its connection is dropped.
 const USER_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Reads by which what still came is taken before a connection is closed: else the system would take back what is
-/// on its way to the other end.
+/// Number of reads that drain a connection before it is closed: with unread input the system would discard output that
+/// is under way.
 const LAST_READS: usize = 16;
 
 /// A TCP port that is reserved, and does not listen yet.
@@ -67,15 +67,14 @@ fn bind_at(address: SocketAddr) -> io::Result<Bound> {
     Ok(Bound(socket))
 }
 
-/// Notices when nobody is at the other end any more, though he has not said that he leaves: a cable is pulled, a
-/// machine sleeps.
+/// Enables the detection of a lost client that did not close its connection: a pulled cable, a sleeping machine.
 fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
     sockopt::set_tcp_keepidle(stream, KEEPALIVE_IDLE)?;
     sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
     sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
     sockopt::set_socket_keepalive(stream, true)?;
-    // Where something waits to be acknowledged the system asks nothing. It would also give up who is there and does
-    // not read, as whoever takes his time with the stream of a line may.
+    // While output is not acknowledged the system sends no probes, so a timeout is needed. It also drops a client that
+    // is alive but does not read, which is legal with the stream of a line.
     if matches!(outlet, Outlet::Tcp(..)) {
         sockopt::set_tcp_user_timeout(stream, USER_TIMEOUT.as_millis() as u32)?;
     }
@@ -103,7 +102,7 @@ pub(super) struct Listener {
     /// True while a connection waits for which the system has no room.
     crowded: bool,
     /// True once a refusal is logged, until a connection is accepted.
-    turns_away: bool,
+    is_refusing: bool,
 }
 
 /// Connection of a client.
@@ -115,8 +114,8 @@ pub(super) struct Connection {
     presence: Rc<()>,
     outlet: Outlet,
     client: Client,
-    /// The beginning that it is judged by, until that is done.
-    gate: Option<Gate>,
+    /// Check of the beginning of the connection, until it is complete.
+    check: Option<BrowserCheck>,
     /// Bytes that the drives sent and the client has not taken.
     unread: Unread,
     /// True while the last bytes of the client are not acknowledged.
@@ -135,7 +134,7 @@ impl Listener {
     pub(super) fn new(outlet: Outlet, bound: Bound) -> io::Result<Self> {
         let socket = bound.listen()?;
         let address = socket.local_addr()?;
-        Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, turns_away: false })
+        Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, is_refusing: false })
     }
 
     /// Address of the listener.
@@ -166,14 +165,17 @@ impl Listener {
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
                 Err(error) => {
                     if !std::mem::replace(&mut self.crowded, true) {
-                        warn!("tcp:{} lets nobody in until there is room: {error}", self.address);
+                        warn!(
+                            "tcp:{} cannot accept connections until the system has room: {error}",
+                            self.address
+                        );
                     }
                     return Err(error);
                 }
             };
             self.crowded = false;
             if Rc::strong_count(&self.presence) > MOST_CONNECTIONS {
-                self.turn_away(peer, TurnedAway::Full);
+                self.refuse(peer, ConnectError::Full);
                 continue;
             }
             let prepared = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
@@ -184,12 +186,12 @@ impl Listener {
             let client = match bench.join(self.outlet) {
                 Ok(client) => client,
                 Err(why) => {
-                    self.turn_away(peer, why);
+                    self.refuse(peer, why);
                     continue;
                 }
             };
-            info!("{peer} comes to tcp:{}", self.address);
-            self.turns_away = false;
+            info!("{peer} connects to tcp:{}", self.address);
+            self.is_refusing = false;
             return Ok(Some(Connection {
                 stream,
                 peer,
@@ -197,7 +199,7 @@ impl Listener {
                 presence: Rc::clone(&self.presence),
                 outlet: self.outlet,
                 client,
-                gate: Some(Gate::new(matches!(self.outlet, Outlet::Line(_)))),
+                check: Some(BrowserCheck::new(matches!(self.outlet, Outlet::Line(_)))),
                 unread: Unread::default(),
                 unacknowledged: false,
                 linger_polls: None,
@@ -207,39 +209,42 @@ impl Listener {
     }
 
     /// Logs a refusal: once, until a connection is accepted again, because many clients try again and again.
-    fn turn_away(&mut self, peer: SocketAddr, why: TurnedAway) {
-        if !std::mem::replace(&mut self.turns_away, true) {
-            warn!("{peer} is turned away from tcp:{}, as all are until there is room: {why}", self.address);
+    fn refuse(&mut self, peer: SocketAddr, why: ConnectError) {
+        if !std::mem::replace(&mut self.is_refusing, true) {
+            warn!(
+                "{peer} is refused at tcp:{}, like all further connections until there is room: {why}",
+                self.address
+            );
         }
     }
 }
 
 impl Connection {
     /// Returns whether a drive is notified of connections.
-    pub(super) fn is_told(&self) -> bool {
+    pub(super) fn is_reported(&self) -> bool {
         matches!(self.outlet, Outlet::Tcp(..))
     }
 
     /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something
     /// was passed.
     fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
-        let Some(gate) = &mut self.gate else {
+        let Some(check) = &mut self.check else {
             bench.send(self.client, bytes);
             return true;
         };
-        match gate.judge(bytes) {
-            Judged::Unclear => return false,
-            Judged::Ordinary(bytes) => bench.send(self.client, &bytes),
-            Judged::Web => {
+        match check.inspect(bytes) {
+            Verdict::Unclear => return false,
+            Verdict::Ordinary(bytes) => bench.send(self.client, &bytes),
+            Verdict::Web => {
                 warn!(
-                    "{} is disconnected from tcp:{}: it speaks as a browser does, and this is the port of a drive",
+                    "{} is disconnected from tcp:{}: it sent an HTTP request or a TLS handshake, as browsers do; this is the port of a drive",
                     self.peer, self.address
                 );
                 self.over = true;
                 return false;
             }
         }
-        self.gate = None;
+        self.check = None;
         true
     }
 
@@ -281,7 +286,7 @@ impl Endpoint for Connection {
                 // It may have closed one direction only, and wait for a reply.
                 ReadResult::Closed => {
                     self.linger_polls = Some(LINGER_POLLS);
-                    let held = self.gate.take().map(|mut gate| gate.release()).unwrap_or_default();
+                    let held = self.check.take().map(|mut check| check.release()).unwrap_or_default();
                     if !held.is_empty() {
                         bench.send(self.client, &held);
                         return true;
@@ -332,7 +337,7 @@ impl Endpoint for Connection {
     }
 
     fn poll_interval(&self) -> Option<Duration> {
-        self.linger_polls.map(|_| LOOK)
+        self.linger_polls.map(|_| POLL_INTERVAL)
     }
 
     fn poll(&mut self, _bench: &mut Bench) {
@@ -345,7 +350,7 @@ impl Endpoint for Connection {
         for _ in 0..LAST_READS {
             let ReadResult::Bytes(_) = read_some(&self.stream, &mut room) else { break };
         }
-        info!("{} leaves tcp:{}", self.peer, self.address);
+        info!("{} disconnects from tcp:{}", self.peer, self.address);
         bench.disconnect(self.client);
     }
 }
@@ -357,8 +362,8 @@ mod tests {
     #[test]
     fn who_is_silent_for_10_s_is_asked_and_after_30_s_is_gone() {
         let mut bench = Bench::new();
-        let seat = bench.add::<drivetwin_sim::testing::echo_device::Echo>("echo");
-        let outlet = bench.outlet(seat, drivetwin_sim::testing::echo_device::MODBUS);
+        let drive = bench.add::<drivetwin_sim::testing::echo_device::EchoDevice>("echo");
+        let outlet = bench.outlet(drive, drivetwin_sim::testing::echo_device::MODBUS);
         let mut listener = Listener::new(outlet, bind("127.0.0.1:0").unwrap()).unwrap();
         let _far = TcpStream::connect(listener.address()).unwrap();
         let stream = loop {

@@ -13,7 +13,7 @@ use drivetwin_sim::config::time_mode::TimeMode;
 
 use super::{Ports, bind};
 use crate::event_loop::{BenchHandle, EventLoop, handle};
-use drivetwin_sim::testing::echo_device::{Echo, MCODE, MODBUS};
+use drivetwin_sim::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
 /// Longer than anything takes here.
 const LONG: Duration = Duration::from_secs(20);
@@ -21,30 +21,30 @@ const LONG: Duration = Duration::from_secs(20);
 /// An echo that runs on a thread of its own.
 struct Running {
     addresses: [SocketAddr; 2],
-    seat: DriveId,
-    door: BenchHandle,
+    drive: DriveId,
+    bench_handle: BenchHandle,
     stop: UnixStream,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Running {
-    fn start(pace: TimeMode) -> Self {
+    fn start(time_mode: TimeMode) -> Self {
         let (stop, stopped) = UnixStream::pair().unwrap();
-        let (ready, told) = mpsc::channel();
+        let (ready, started) = mpsc::channel();
         let thread = std::thread::spawn(move || {
             let mut bench = Bench::new();
-            let seat = bench.add::<Echo>("echo");
+            let drive = bench.add::<EchoDevice>("echo");
             let mut ports = Ports::new().unwrap();
             let addresses = [MODBUS, MCODE].map(|port| {
-                let uri = ports.add_tcp(Outlet::Tcp(seat, port), bind("127.0.0.1:0").unwrap()).unwrap();
+                let uri = ports.add_tcp(Outlet::Tcp(drive, port), bind("127.0.0.1:0").unwrap()).unwrap();
                 uri.strip_prefix("tcp:").unwrap().parse().unwrap()
             });
-            let (door, inbox) = handle().unwrap();
-            ready.send((addresses, seat, door)).unwrap();
-            EventLoop::new(bench, ports, pace, Vec::new(), inbox).run(&stopped).unwrap();
+            let (bench_handle, inbox) = handle().unwrap();
+            ready.send((addresses, drive, bench_handle)).unwrap();
+            EventLoop::new(bench, ports, time_mode, Vec::new(), inbox).run(&stopped).unwrap();
         });
-        let (addresses, seat, door) = told.recv().unwrap();
-        Self { addresses, seat, door, stop, thread: Some(thread) }
+        let (addresses, drive, bench_handle) = started.recv().unwrap();
+        Self { addresses, drive, bench_handle, stop, thread: Some(thread) }
     }
 
     fn connect(&self, port: Port) -> TcpStream {
@@ -65,25 +65,25 @@ impl Running {
     /// Does something with the bench.
     fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, DriveId) -> T + Send + 'static) -> T {
         let (done, result) = mpsc::channel();
-        let seat = self.seat;
+        let drive = self.drive;
         let caller = std::sync::Arc::new(());
-        self.door.submit(std::sync::Arc::downgrade(&caller), move |host| {
-            let result = act(&mut host.bench, seat);
-            host.settle();
+        self.bench_handle.submit(std::sync::Arc::downgrade(&caller), move |host| {
+            let result = act(&mut host.bench, drive);
+            host.begin_idle_run();
             move || done.send(result).unwrap()
         });
         result.recv_timeout(LONG).unwrap()
     }
 
-    /// Waits until so many are connected.
+    /// Waits until that many clients are connected.
     fn until_connected(&self, port: Port, count: usize) {
-        while self.call(move |bench, seat| bench.connections(seat, port)) != count {
+        while self.call(move |bench, drive| bench.connections(drive, port)) != count {
             std::thread::yield_now();
         }
     }
 
     fn statistics(&self, port: Port) -> Statistics {
-        self.call(move |bench, seat| bench.statistics(seat, port))
+        self.call(move |bench, drive| bench.statistics(drive, port))
     }
 }
 
@@ -161,7 +161,7 @@ fn a_browser_reaches_no_drive() {
         }
         assert_eq!(running.statistics(port).messages, 0, "nothing is heard");
     }
-    // Letters that a request may begin with are not kept from who sends no more.
+    // Letters that may begin an HTTP request are delivered when the client sends no more.
     let mut text = running.greeted();
     text.write_all(b"P").unwrap();
     text.shutdown(Shutdown::Write).unwrap();
@@ -169,7 +169,7 @@ fn a_browser_reaches_no_drive() {
 }
 
 #[test]
-fn who_sends_slowly_costs_nobody_anything() {
+fn a_slow_sender_delays_no_other_client() {
     let running = Running::start(TimeMode::Times(1));
     let (mut slow, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
     slow.write_all(&adu(1)[..11]).unwrap();
@@ -204,7 +204,7 @@ fn the_65th_is_closed_at_once_and_the_others_are_served() {
     // Who leaves makes room.
     for transaction in 0..100 {
         drop(streams.pop());
-        // The system does not tell of ends and beginnings in their order.
+        // The system does not report closings and openings in their order.
         running.until_connected(MODBUS, 63);
         streams.push(running.connect(MODBUS));
         exchange(streams.last_mut().unwrap(), transaction);
@@ -223,28 +223,28 @@ fn a_drive_closes_when_all_is_read_that_it_said() {
 }
 
 #[test]
-fn a_drive_without_power_lets_nobody_in() {
+fn a_drive_without_power_refuses_connections() {
     let running = Running::start(TimeMode::Times(1));
     let mut stream = running.connect(MODBUS);
     exchange(&mut stream, 1);
-    running.call(|bench, seat| bench.power(seat, PowerAction::Off));
+    running.call(|bench, drive| bench.power(drive, PowerAction::Off));
     assert_eq!(rest(&mut stream), [0; 0]);
     assert!(is_closed(&mut running.connect(MODBUS)));
-    running.call(|bench, seat| bench.power(seat, PowerAction::On));
+    running.call(|bench, drive| bench.power(drive, PowerAction::On));
     let mut stream = running.connect(MODBUS);
     exchange(&mut stream, 2);
-    running.call(|bench, seat| bench.power(seat, PowerAction::Cycle));
+    running.call(|bench, drive| bench.power(drive, PowerAction::Cycle));
     assert_eq!(rest(&mut stream), [0; 0]);
     exchange(&mut running.connect(MODBUS), 3);
 }
 
 #[test]
-fn who_has_said_all_gets_what_is_due_and_then_the_end() {
+fn a_client_that_has_sent_all_gets_its_answers_and_then_the_end() {
     let running = Running::start(TimeMode::Times(1));
     let mut stream = running.connect(MODBUS);
     let asked: Vec<u8> = (0..100).flat_map(adu).collect();
     stream.write_all(&asked).unwrap();
-    // Half a request is nobody's.
+    // A partial request is dropped.
     stream.write_all(&adu(100)[..7]).unwrap();
     stream.shutdown(Shutdown::Write).unwrap();
     assert_eq!(rest(&mut stream), asked);
@@ -258,26 +258,26 @@ fn who_does_not_read_is_not_read() {
     let mut longest = [0xA5; 260];
     longest[..6].copy_from_slice(&[0, 5, 0, 0, 0, 254]);
     let running = Running::start(TimeMode::Times(1));
-    let (mut deaf, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
-    let mut writer = deaf.try_clone().unwrap();
+    let (mut not_reading, mut other) = (running.connect(MODBUS), running.connect(MODBUS));
+    let mut writer = not_reading.try_clone().unwrap();
     writer.set_write_timeout(None).unwrap();
     let thread = std::thread::spawn(move || {
         let piece = longest.repeat(100);
         (0..MESSAGES / 100).try_for_each(|_| writer.write_all(&piece))
     });
-    // Until nothing of it is heard any more while another one is answered 200 times.
-    let mut heard = 0;
+    // Until none of its messages is delivered while another client is answered 200 times.
+    let mut received = 0;
     loop {
         (0..200).for_each(|transaction| exchange(&mut other, transaction));
-        let before = std::mem::replace(&mut heard, running.statistics(MODBUS).messages);
-        if heard == before + 200 {
+        let before = std::mem::replace(&mut received, running.statistics(MODBUS).messages);
+        if received == before + 200 {
             break;
         }
     }
-    assert!(heard < MESSAGES as u64 / 2, "{heard} of {MESSAGES}");
+    assert!(received < MESSAGES as u64 / 2, "{received} of {MESSAGES}");
     let mut came = longest.repeat(100);
     for _ in 0..MESSAGES / 100 {
-        deaf.read_exact(&mut came).unwrap();
+        not_reading.read_exact(&mut came).unwrap();
         assert!(came.chunks(260).all(|reply| reply == longest));
     }
     thread.join().unwrap().unwrap();
@@ -286,19 +286,19 @@ fn who_does_not_read_is_not_read() {
 #[test]
 fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
     const LINES: usize = 60;
-    for pace in [TimeMode::Times(1), TimeMode::Manual] {
-        let running = Running::start(pace);
-        let (mut deaf, mut other) = (running.greeted(), running.greeted());
-        deaf.write_all(&b"f\r".repeat(LINES)).unwrap();
+    for time_mode in [TimeMode::Times(1), TimeMode::Manual] {
+        let running = Running::start(time_mode);
+        let (mut not_reading, mut other) = (running.greeted(), running.greeted());
+        not_reading.write_all(&b"f\r".repeat(LINES)).unwrap();
         for _ in 0..LINES {
             other.write_all(b"a").unwrap();
             expect(&mut other, b"a");
         }
         // The system holds some of it between two sockets.
-        let heard = running.statistics(MCODE).messages - LINES as u64;
-        assert!(heard < LINES as u64 / 2, "{heard} of {LINES}");
+        let received = running.statistics(MCODE).messages - LINES as u64;
+        assert!(received < LINES as u64 / 2, "{received} of {LINES}");
         let mut came = vec![0; LINES * ((1 << 20) + 1)];
-        deaf.read_exact(&mut came).unwrap();
+        not_reading.read_exact(&mut came).unwrap();
         assert_eq!(running.statistics(MCODE).messages, 2 * LINES as u64);
     }
 }
@@ -306,9 +306,9 @@ fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
 #[test]
 fn who_never_reads_is_disconnected() {
     let running = Running::start(TimeMode::Times(1));
-    let (mut deaf, mut other) = (running.greeted(), running.greeted());
-    // More than may wait for somebody, though the system takes some of it.
-    deaf.write_all(&[b'f'; 40]).unwrap();
+    let (mut not_reading, mut other) = (running.greeted(), running.greeted());
+    // More than the maximum of unread bytes, though the system buffers some of it.
+    not_reading.write_all(&[b'f'; 40]).unwrap();
     running.until_connected(MCODE, 1);
     other.write_all(b"a").unwrap();
     expect(&mut other, b"a");
@@ -343,7 +343,7 @@ fn while_the_clock_is_advanced_all_is_answered() {
     // So far that it never comes there, with a `T` each second.
     let (done, mut there) = tokio::sync::oneshot::channel();
     let caller = std::sync::Arc::new(());
-    running.door.submit(std::sync::Arc::downgrade(&caller), move |host| {
+    running.bench_handle.submit(std::sync::Arc::downgrade(&caller), move |host| {
         host.advance(drivetwin_firmware::device::Duration::secs(1 << 36), done);
         || ()
     });

@@ -7,7 +7,7 @@ use std::time::Duration;
 use rustix::event::Timespec;
 use rustix::time::{Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags};
 
-/// A timer that stands.
+/// A stopped timer.
 ///
 /// # Errors
 /// The system gives none.
@@ -16,30 +16,30 @@ pub(super) fn new() -> io::Result<OwnedFd> {
     Ok(rustix::time::timerfd_create(TimerfdClockId::Monotonic, flags)?)
 }
 
-/// Tells from now on whenever `pause` has passed.
+/// Starts a timer that expires every `pause`.
 pub(super) fn start(timer: &OwnedFd, pause: Duration) {
     set(timer, pause, pause);
 }
 
-/// Tells once that `left` has passed; never if it is zero.
-pub(super) fn ring_after(timer: &OwnedFd, left: Duration) {
+/// Starts a timer that expires once, after `left`; never if that is zero.
+pub(super) fn start_once(timer: &OwnedFd, left: Duration) {
     set(timer, left, Duration::ZERO);
 }
 
-/// Tells nothing more.
+/// Stops a timer.
 pub(super) fn stop(timer: &OwnedFd) {
     set(timer, Duration::ZERO, Duration::ZERO);
 }
 
 /// Clears an expiry, after which the timer's descriptor is not readable.
-pub(super) fn hear(timer: &OwnedFd) {
-    // There is nothing to be read if it was stopped in between.
+pub(super) fn acknowledge(timer: &OwnedFd) {
+    // The read fails if it was stopped in between.
     let _ = rustix::io::read(timer, &mut [0; 8]);
 }
 
 fn set(timer: &OwnedFd, first: Duration, pause: Duration) {
     let times = Itimerspec { it_interval: timespec(pause), it_value: timespec(first) };
-    // It fails for times that are none.
+    // It fails only for invalid times.
     let _ = rustix::time::timerfd_settime(timer, TimerfdTimerFlags::empty(), &times);
 }
 

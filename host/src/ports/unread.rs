@@ -8,25 +8,25 @@ use rustix::io::Errno;
 
 use super::READ_BYTES;
 
-/// MiB that may wait for somebody who does not read: a QSB's stream of ten minutes, 14 MB at 230,400 baud, so
-/// that a test may move the standing clock on so far before it reads.
+/// Maximum unread output of a client in MiB: ten minutes of a QSB's stream at 230,400 baud (14 MB), so that a test may
+/// advance manual time that far before it reads.
 pub(super) const MOST_MIB: usize = 16;
 
-/// MiB that may wait for all clients of a port together (HOST-15).
+/// Maximum unread output of all clients of a port in MiB (HOST-15).
 const MOST_MIB_OF_PORT: usize = 64;
 
-/// MiB that may wait for each of so many clients of a port.
+/// Maximum unread output of each of `clients` clients of a port, in MiB.
 pub(super) fn share_mib(clients: usize) -> usize {
     (MOST_MIB_OF_PORT / clients.max(1)).clamp(1, MOST_MIB)
 }
 
-/// Bytes that wait for somebody.
+/// Unread bytes of a client.
 #[derive(Default)]
 pub(super) struct Unread {
     bytes: Vec<u8>,
-    /// So many of them are taken: to move up the others each time would take longer than to write them.
+    /// Number of bytes that are written already: to move the rest after each write would take longer than the write.
     taken: usize,
-    /// True if some were lost since all were taken.
+    /// True if some were lost since all were written.
     lost: bool,
 }
 
@@ -36,25 +36,25 @@ impl Unread {
         self.bytes.len() - self.taken
     }
 
-    /// Returns whether none waits.
+    /// Returns whether there are none.
     pub(super) fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Returns whether more wait than may.
+    /// Returns whether the maximum is exceeded.
     pub(super) fn is_too_much(&self) -> bool {
         self.len() > MOST_MIB << 20
     }
 
-    /// Adds what has reached a client by now.
+    /// Adds the bytes that have reached a client by now.
     pub(super) fn receive(&mut self, bench: &mut Bench, client: Client) {
         bench.receive(client, &mut self.bytes);
     }
 
-    /// Writes as many as the other end takes now.
+    /// Writes as many bytes as the other end accepts now.
     ///
     /// # Errors
-    /// The other end is gone.
+    /// The other end is closed.
     pub(super) fn write(&mut self, to: impl AsFd) -> io::Result<()> {
         while !self.is_empty() {
             match rustix::io::write(&to, &self.bytes[self.taken..]) {
@@ -73,7 +73,7 @@ impl Unread {
         Ok(())
     }
 
-    /// Drops what is more than may wait. Whether that is news.
+    /// Drops bytes beyond the maximum. Returns whether these are the first lost ones.
     pub(super) fn lose(&mut self) -> bool {
         let too_much = self.is_too_much();
         if too_much {
@@ -82,7 +82,7 @@ impl Unread {
         too_much && !std::mem::replace(&mut self.lost, true)
     }
 
-    /// None waits any more.
+    /// Drops all bytes.
     pub(super) fn clear(&mut self) {
         self.bytes.clear();
         self.bytes.shrink_to(READ_BYTES);

@@ -1,9 +1,9 @@
-//! Browsers that are led to a drive.
+//! Protection of drives against browsers.
 //!
-//! A web page may send a POST to any port of the machine that shows it, and a drive would carry out the lines or frames
-//! in its body. A connection that begins with the first line of an HTTP request is closed before the drive hears a
-//! byte. So is one to a TCP port of a drive that begins as TLS does, which a browser may try first: its second byte is
-//! Ctrl-C.
+//! A web page may make a browser send a POST to any port of its machine, and a drive would execute the lines or frames
+//! in its body. A connection that begins with the first line of an HTTP request is closed before the drive receives a
+//! byte. The same applies to a connection to a TCP port of a drive that begins with a TLS handshake, which a browser
+//! may try first: its second byte is Ctrl-C.
 
 /// Methods that a browser sends.
 const METHODS: [&[u8]; 9] =
@@ -12,39 +12,39 @@ const METHODS: [&[u8]; 9] =
 /// End of the first line, without the minor version.
 const VERSION: &[u8] = b" HTTP/1.";
 
-/// Bytes of a target, at most. A longer one is a browser's, too.
+/// Maximum length of a target in bytes. A longer one is a browser's, too.
 const MOST_TARGET: usize = 8_192;
 
 /// A record of a handshake, and the major version (RFC 8446, 5.1); the minor one is not 0, which a header of Modbus/TCP
 /// has there. On a serial line it may be a request to address 22.
 const TLS: &[u8] = &[22, 3];
 
-/// The beginning of a connection, as long as it may be that of a browser's.
-pub(super) struct Gate {
+/// The beginning of a connection, while it may be that of a browser.
+pub(super) struct BrowserCheck {
     beginning: Vec<u8>,
     /// True if TLS is refused, too.
     knows_tls: bool,
 }
 
-/// The judgement of a beginning.
+/// Result of the check.
 #[derive(PartialEq, Eq, Debug)]
-pub(super) enum Judged {
+pub(super) enum Verdict {
     /// The beginning of an HTTP request, so far.
     Unclear,
-    /// No browser's: the drive hears these bytes.
+    /// Not a browser: these bytes go to the drive.
     Ordinary(Vec<u8>),
     /// An HTTP request, or a handshake of TLS.
     Web,
 }
 
-impl Gate {
-    /// The gate of a new connection: to a TCP port of a drive, or to a line.
+impl BrowserCheck {
+    /// The check of a new connection: to a TCP port of a drive, or to a line.
     pub(super) fn new(is_line: bool) -> Self {
         Self { beginning: Vec::new(), knows_tls: !is_line }
     }
 
-    /// Judges the beginning with these bytes behind it.
-    pub(super) fn judge(&mut self, bytes: &[u8]) -> Judged {
+    /// Checks the beginning with these bytes appended.
+    pub(super) fn inspect(&mut self, bytes: &[u8]) -> Verdict {
         self.beginning.extend_from_slice(bytes);
         let is_web = match self.beginning.strip_prefix(TLS) {
             Some([]) if self.knows_tls => None,
@@ -53,13 +53,13 @@ impl Gate {
             _ => is_request(&self.beginning),
         };
         match is_web {
-            None => Judged::Unclear,
-            Some(true) => Judged::Web,
-            Some(false) => Judged::Ordinary(self.release()),
+            None => Verdict::Unclear,
+            Some(true) => Verdict::Web,
+            Some(false) => Verdict::Ordinary(self.release()),
         }
     }
 
-    /// The bytes of a connection that has ended before they were judged.
+    /// The bytes of a connection that has ended before the check was complete.
     pub(super) fn release(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.beginning)
     }
@@ -97,15 +97,15 @@ mod tests {
     use super::*;
 
     /// The judgements of a beginning that comes a byte at a time, but for `Unclear`, and at which byte.
-    fn first(bytes: &[u8]) -> (usize, Judged) {
-        let mut gate = Gate::new(false);
-        for (place, byte) in bytes.iter().enumerate() {
-            match gate.judge(&[*byte]) {
-                Judged::Unclear => {}
-                judged => return (place + 1, judged),
+    fn first(bytes: &[u8]) -> (usize, Verdict) {
+        let mut check = BrowserCheck::new(false);
+        for (index, byte) in bytes.iter().enumerate() {
+            match check.inspect(&[*byte]) {
+                Verdict::Unclear => {}
+                verdict => return (index + 1, verdict),
             }
         }
-        (bytes.len(), Judged::Unclear)
+        (bytes.len(), Verdict::Unclear)
     }
 
     #[test]
@@ -117,13 +117,17 @@ mod tests {
             "CONNECT localhost:503 HTTP/1.1\r\n",
             "PUT http://localhost:503/ HTTP/1.1\n",
         ] {
-            assert_eq!(first(line.as_bytes()), (line.find(['\r', '\n']).unwrap() + 1, Judged::Web), "{line}");
-            assert_eq!(Gate::new(false).judge(line.as_bytes()), Judged::Web);
+            assert_eq!(
+                first(line.as_bytes()),
+                (line.find(['\r', '\n']).unwrap() + 1, Verdict::Web),
+                "{line}"
+            );
+            assert_eq!(BrowserCheck::new(false).inspect(line.as_bytes()), Verdict::Web);
             let body = format!("{line}Host: localhost:503\r\n\r\nMR 1000\r");
-            assert_eq!(Gate::new(false).judge(body.as_bytes()), Judged::Web);
+            assert_eq!(BrowserCheck::new(false).inspect(body.as_bytes()), Verdict::Web);
         }
         let long = format!("GET /{} HTTP/1.1\r\n", "a".repeat(10_000));
-        assert_eq!(first(long.as_bytes()), (MOST_TARGET + 5, Judged::Web));
+        assert_eq!(first(long.as_bytes()), (MOST_TARGET + 5, Verdict::Web));
     }
 
     #[test]
@@ -150,17 +154,17 @@ mod tests {
             (b"R0E\r", 1),
             (b"\r", 1),
         ] {
-            assert_eq!(first(bytes), (at, Judged::Ordinary(bytes[..at].to_vec())), "{bytes:?}");
-            assert_eq!(Gate::new(false).judge(bytes), Judged::Ordinary(bytes.to_vec()));
+            assert_eq!(first(bytes), (at, Verdict::Ordinary(bytes[..at].to_vec())), "{bytes:?}");
+            assert_eq!(BrowserCheck::new(false).inspect(bytes), Verdict::Ordinary(bytes.to_vec()));
         }
         // TLS on a TCP port; on a line a request to address 22.
         let hello = [0x16, 3, 1, 2, 0, 1];
-        assert_eq!(first(&hello), (3, Judged::Web));
+        assert_eq!(first(&hello), (3, Verdict::Web));
         let transaction = [0x16, 3, 0, 0, 0, 6];
-        assert_eq!(first(&transaction), (3, Judged::Ordinary(transaction[..3].to_vec())));
-        assert_eq!(Gate::new(true).judge(&hello), Judged::Ordinary(hello.to_vec()));
-        let mut gate = Gate::new(false);
-        assert_eq!(gate.judge(b"P"), Judged::Unclear);
-        assert_eq!(gate.release(), b"P");
+        assert_eq!(first(&transaction), (3, Verdict::Ordinary(transaction[..3].to_vec())));
+        assert_eq!(BrowserCheck::new(true).inspect(&hello), Verdict::Ordinary(hello.to_vec()));
+        let mut check = BrowserCheck::new(false);
+        assert_eq!(check.inspect(b"P"), Verdict::Unclear);
+        assert_eq!(check.release(), b"P");
     }
 }

@@ -14,29 +14,32 @@ use drivetwin_sim::rsasm::Image;
 use crate::options::RunOptions;
 use crate::rs_programs;
 
-/// Configuration of a run, and its source.
+/// Configuration of a run: options, and the layout of the bench. The [crate](crate) has an example.
 pub struct Configuration {
     pub(super) options: RunOptions,
     pub(super) layout: Layout,
-    /// The bench file; `None` if options say it.
+    /// Path of the bench file; `None` for a single drive.
     file: Option<PathBuf>,
 }
 
 impl Configuration {
-    /// Reads what `options` say, or the file that they name.
+    /// Reads the options of a single drive, or the bench file that they name. Opens no ports.
     ///
     /// # Errors
-    /// One sentence: what is wrong, and where.
+    /// One sentence that names the option or the place in the file, and the error.
     pub fn read(options: RunOptions) -> Result<Self, String> {
         let is_file = options.what.ends_with(".toml");
         let is_path = options.what.contains(['/', '.']);
         if !is_file && is_path {
-            return Err(format!("'{}' is no bench file: its name must end in .toml", options.what));
+            return Err(format!(
+                "'{}' is not a bench file: the name of a bench file ends in .toml",
+                options.what
+            ));
         }
         let file = is_file.then(|| PathBuf::from(&options.what));
         let mut layout = match &file {
             Some(file) => {
-                of_one_drive(&options, file)?;
+                refuse_single_drive_options(&options, file)?;
                 read(file)?
             }
             None => Layout { drives: vec![drive(&options)?], ..Layout::default() },
@@ -50,7 +53,7 @@ impl Configuration {
         Ok(Self { options, layout, file })
     }
 
-    /// Returns whether standard input and output belong to a line.
+    /// Returns whether a line listens on standard input and output.
     #[must_use]
     pub fn uses_stdio(&self) -> bool {
         let own = self.layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);
@@ -58,10 +61,10 @@ impl Configuration {
         all.any(|uri| *uri == Uri::Stdio)
     }
 
-    /// The user programs of the drives, for each drive its own.
+    /// Assembles the user programs of the drives; one entry for each drive.
     ///
     /// # Errors
-    /// One sentence: what is wrong with one, and where.
+    /// One sentence that names the program and the error.
     pub(super) fn programs(&self) -> Result<Vec<Option<Image>>, String> {
         let load = |(place, drive): (usize, &DriveLayout)| {
             let Some(file) = &drive.program else { return Ok(None) };
@@ -71,7 +74,7 @@ impl Configuration {
         self.layout.drives.iter().enumerate().map(load).collect()
     }
 
-    /// A sentence about what is to be on the bench.
+    /// Adds the name of the bench file, if there is one, to a sentence about the bench.
     pub(super) fn wrong(&self, sentence: &str) -> String {
         match &self.file {
             Some(file) => format!("{}: {sentence}", file.display()),
@@ -79,7 +82,7 @@ impl Configuration {
         }
     }
 
-    /// A sentence about something of a drive, which is a key of the file or an option.
+    /// Adds the key of the bench file, or the option, to a sentence about a drive.
     pub(super) fn of(&self, drive: usize, key: &str, sentence: &str) -> String {
         match &self.file {
             Some(file) => {
@@ -91,8 +94,8 @@ impl Configuration {
     }
 }
 
-/// Options that speak of one drive have no place beside a bench file (BENCH-4).
-fn of_one_drive(options: &RunOptions, file: &Path) -> Result<(), String> {
+/// Refuses options for a single drive with a bench file (BENCH-4).
+fn refuse_single_drive_options(options: &RunOptions, file: &Path) -> Result<(), String> {
     let given = [
         ("--listen", !options.listen.is_empty(), "listen = [\"tcp:127.0.0.1:5020\"]"),
         ("--address", options.address.is_some(), "address = 1"),
@@ -102,7 +105,7 @@ fn of_one_drive(options: &RunOptions, file: &Path) -> Result<(), String> {
     ];
     match given.into_iter().find(|&(_, given, _)| given) {
         Some((option, _, key)) => Err(format!(
-            "{option} is for a single drive; in {} its [[drive]] says it, like {key}",
+            "{option} is for a single drive only; in {} set it in [[drive]], for instance {key}",
             file.display()
         )),
         None => Ok(()),
@@ -133,18 +136,18 @@ fn drive(options: &RunOptions) -> Result<DriveLayout, String> {
     })
 }
 
-/// Which ports are reached where; one without a wish gets a loopback TCP port, and a serial one a pty, too.
+/// Listening addresses of the ports. A port without one gets a free loopback TCP port, and a serial port also a pty.
 fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
     let mut places: Vec<(Port, Uri)> = Vec::new();
     for listen in listen {
-        let place = layout::reached(spec, listen).map_err(|sentence| format!("--listen: {sentence}"))?;
+        let place = layout::address(spec, listen).map_err(|sentence| format!("--listen: {sentence}"))?;
         if let Some((_, other)) = places.iter().find(|(_, other)| layout::clash(other, &place.1)) {
-            return Err(format!("--listen: {other} is there twice; only one port can have it"));
+            return Err(format!("--listen: {other} is given twice; use it for one port only"));
         }
         places.push(place);
     }
     for (port, of) in (0..).map(Port).zip(spec.ports) {
-        if places.iter().all(|(told, _)| *told != port) {
+        if places.iter().all(|(assigned, _)| *assigned != port) {
             places.push((port, Uri::Tcp("127.0.0.1:0".into())));
             places.extend(of.line.map(|_| (port, Uri::Pty(None))));
         }
@@ -162,11 +165,11 @@ fn presets(spec: &Spec, options: &RunOptions) -> Result<Vec<Preset>, String> {
             .push(Preset::new(spec, row.name, address).map_err(|sentence| format!("--address: {sentence}"))?);
     }
     for set in &options.set {
-        let told = Preset::typed(spec, &set.register, &set.value).and_then(|presets| {
+        let found = Preset::typed(spec, &set.register, &set.value).and_then(|presets| {
             presets.iter().try_for_each(|preset| preset.check_saved(spec))?;
             Ok(presets)
         });
-        presets.extend(told.map_err(|sentence| format!("--set: {sentence}"))?);
+        presets.extend(found.map_err(|sentence| format!("--set: {sentence}"))?);
     }
     Ok(presets)
 }
@@ -191,18 +194,18 @@ mod tests {
     }
 
     #[test]
-    fn a_port_is_reached_by_loopback_and_a_serial_one_by_a_pty_unless_told_otherwise_of_it() {
+    fn a_port_gets_a_loopback_address_and_a_serial_one_a_pty_by_default() {
         let spec = spec(PORTS);
         let default = places(&spec, &[]).unwrap();
         let tcp = || Uri::Tcp("127.0.0.1:0".into());
         assert_eq!(default, [(Port(0), tcp()), (Port(0), Uri::Pty(None)), (Port(1), tcp())]);
         for listen in ["pty:", "rs485=pty:"] {
-            let told = places(&spec, &[listen.parse().unwrap()]).unwrap();
-            assert_eq!(told, [(Port(0), Uri::Pty(None)), (Port(1), tcp())]);
+            let found = places(&spec, &[listen.parse().unwrap()]).unwrap();
+            assert_eq!(found, [(Port(0), Uri::Pty(None)), (Port(1), tcp())]);
         }
         let uri = || Uri::Tcp("127.0.0.1:5020".into());
-        let told = places(&spec, &["modbus=tcp:127.0.0.1:5020".parse().unwrap()]).unwrap();
-        assert_eq!(told, [(Port(1), uri()), (Port(0), tcp()), (Port(0), Uri::Pty(None))]);
+        let found = places(&spec, &["modbus=tcp:127.0.0.1:5020".parse().unwrap()]).unwrap();
+        assert_eq!(found, [(Port(1), uri()), (Port(0), tcp()), (Port(0), Uri::Pty(None))]);
     }
 
     #[test]
@@ -214,8 +217,11 @@ mod tests {
         };
         let unknown = "--listen: there is no port of toy 'rs458'; the nearest is 'rs485'";
         assert_eq!(wrong(&["rs458=pty:"]), unknown);
-        assert_eq!(wrong(&["modbus=pty:"]), "--listen: modbus of toy is a TCP port and has no pty");
-        let twice = |uri: &str| format!("--listen: {uri} is there twice; only one port can have it");
+        assert_eq!(
+            wrong(&["modbus=pty:"]),
+            "--listen: modbus of toy is a TCP port and cannot have a pty; use tcp:"
+        );
+        let twice = |uri: &str| format!("--listen: {uri} is given twice; use it for one port only");
         assert_eq!(wrong(&["pty:a", "rs485=pty:a"]), twice("pty:a"));
         assert_eq!(wrong(&["stdio:", "pty:", "stdio:"]), twice("stdio:"));
         assert_eq!(wrong(&["serial:/dev/ttyS0", "serial:/dev/ttyS0"]), twice("serial:/dev/ttyS0"));

@@ -1,7 +1,7 @@
 //! A run of a bench, in three steps: configuration, preparation, service.
 //!
-//! What can be wrong is found before anything listens: names and values, addresses in use, files. An
-//! old recording is overwritten last of all.
+//! Errors are found before anything listens: names and values, addresses in use, files. Old recordings are overwritten
+//! last.
 
 mod configuration;
 mod memories;
@@ -25,12 +25,13 @@ use memories::Memory;
 use output_files::OutputFiles;
 use reserved_ports::ReservedPorts;
 
-/// A bench that is built, with its ports reserved and its files open: nothing listens yet.
+/// A bench with reserved ports and open files. Nothing listens yet, and output files are unchanged. The [crate](crate)
+/// has an example.
 pub struct Prepared {
     bench: Bench,
-    seats: Vec<DriveId>,
+    drives: Vec<DriveId>,
     buses: Vec<Bus>,
-    pace: TimeMode,
+    time_mode: TimeMode,
     ports: ReservedPorts,
     control: Option<Bound>,
     allow_host: Vec<String>,
@@ -38,7 +39,7 @@ pub struct Prepared {
     files: OutputFiles,
 }
 
-/// A bench that can be reached.
+/// A bench whose ports and control API are open. The [crate](crate) has an example.
 pub struct Running {
     event_loop: EventLoop,
     banner: Banner,
@@ -49,7 +50,7 @@ impl Configuration {
     /// Reserves ports, opens files and builds the bench.
     ///
     /// # Errors
-    /// One sentence: what is wrong, and where.
+    /// One sentence that names the address, file or drive, and the error.
     pub fn prepare(self) -> Result<Prepared, String> {
         let programs = self.programs()?;
         let ports = ReservedPorts::all(&self.layout)?;
@@ -58,58 +59,62 @@ impl Configuration {
             Control::At(address) => Some(reserved_ports::reserve_tcp("--control ", address)?),
         };
         let mut memories = Vec::new();
-        for (place, program) in programs.iter().enumerate() {
-            memories.push(Memory::open(&self, place, program.as_ref())?);
+        for (index, program) in programs.iter().enumerate() {
+            memories.push(Memory::open(&self, index, program.as_ref())?);
         }
         let files = OutputFiles::open(&self.options, &memories)?;
 
-        let (trace, capture) = files.keep(control.is_some());
+        let (trace, capture) = files.retention(control.is_some());
         let settings = Settings { trace, capture, ..self.layout.settings() };
-        let given =
-            |memory: &Memory| Setup { memory: memory.content(), keep: memory.keeper(), ..Setup::default() };
-        let given = memories.iter().map(given).collect();
-        let built = self.layout.build(settings, given);
-        let Built { mut bench, seats, buses, .. } = built.map_err(|sentence| self.wrong(&sentence))?;
+        let setup = |memory: &Memory| Setup {
+            memory: memory.content(),
+            persist: memory.persist_fn(),
+            ..Setup::default()
+        };
+        let setups = memories.iter().map(setup).collect();
+        let built = self.layout.build(settings, setups);
+        let Built { mut bench, drives, buses, .. } = built.map_err(|sentence| self.wrong(&sentence))?;
         for (memory, program) in memories.iter().zip(&programs) {
-            program.as_ref().map_or(Ok(()), |program| memory.hold(program))?;
+            program.as_ref().map_or(Ok(()), |program| memory.store_program(program))?;
         }
 
         // A drive may change its line after it has read its pins.
         bench.run_until(bench.now());
-        let pace = self.layout.time.unwrap_or(TimeMode::Times(1));
+        let time_mode = self.layout.time.unwrap_or(TimeMode::Times(1));
         let allow_host = self.options.allow_host;
-        Ok(Prepared { bench, seats, buses, pace, ports, control, allow_host, memories, files })
+        Ok(Prepared { bench, drives, buses, time_mode, ports, control, allow_host, memories, files })
     }
 }
 
 impl Prepared {
-    /// Opens everything: from here on clients may come.
+    /// Opens the ports and the control API, and begins the output files. Clients may connect from now on; they are
+    /// served by [`Running::serve`].
     ///
     /// # Errors
-    /// One sentence: what cannot be opened, and why.
+    /// One sentence that names what cannot be opened, and the reason.
     pub fn open(self) -> Result<Running, String> {
-        let Self { mut bench, seats, buses, pace, ports, control, allow_host, memories, files } = self;
-        let (ports, addresses) = ports.open(&mut bench, &seats, &buses)?;
+        let Self { mut bench, drives, buses, time_mode, ports, control, allow_host, memories, files } = self;
+        let (ports, addresses) = ports.open(&mut bench, &drives, &buses)?;
         let (handle, inbox) =
-            event_loop::handle().map_err(|error| format!("the bench cannot be woken: {error}"))?;
-        let mut banner = Banner::new(&bench, &seats, addresses);
+            event_loop::handle().map_err(|error| format!("the system gives no event descriptor: {error}"))?;
+        let mut banner = Banner::new(&bench, &drives, addresses);
         if let Some(bound) = control {
             let api = bound.listen().and_then(|listener| {
                 let address = listener.local_addr()?;
                 api::serve(listener, &allow_host, handle, banner.places())?;
                 Ok(address)
             });
-            banner.controlled_at(api.map_err(|error| format!("--control cannot listen: {error}"))?);
+            banner.set_control(api.map_err(|error| format!("--control cannot listen: {error}"))?);
         }
         let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
-        let event_loop = EventLoop::new(bench, ports, pace, files, inbox);
+        let event_loop = EventLoop::new(bench, ports, time_mode, files, inbox);
         Ok(Running { event_loop, banner, memories })
     }
 }
 
 impl Running {
-    /// The banner, where everything is reached, as one line of JSON.
+    /// The banner as one line of JSON: URIs of all ports and of the control API.
     ///
     /// # Errors
     /// The banner cannot be written as JSON.
@@ -117,16 +122,16 @@ impl Running {
         self.banner.json().map_err(|error| error.to_string())
     }
 
-    /// The banner as text for people.
+    /// The banner as text: URIs of all ports and of the control API, and commands to try.
     #[must_use]
     pub fn text(&self) -> String {
         self.banner.text()
     }
 
-    /// Serves until something can be read from `stop`, or the ports are of no use any more; then ends the files.
+    /// Serves until `stop` becomes readable, or standard input has ended if a line uses it; then ends the files.
     ///
     /// # Errors
-    /// One sentence: what was not kept, or why the bench cannot go on.
+    /// One sentence: which files are not complete, or why the bench cannot run on.
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");

@@ -1,4 +1,4 @@
-//! The files that options name for what happens.
+//! Output files that options name.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::live_file::LiveFile;
 use crate::options::RunOptions;
 use crate::output_file::OutputFile;
 
-/// The files that options name, opened and as they were.
+/// The output files, opened without changing their content.
 pub(super) struct OutputFiles {
     record: Option<OutputFile>,
     waves: Option<OutputFile>,
@@ -18,10 +18,10 @@ pub(super) struct OutputFiles {
 }
 
 impl OutputFiles {
-    /// Opens them; no two may be the same, nor one that keeps a memory.
+    /// Opens them. No two may be the same file, and none may be a memory file.
     ///
     /// # Errors
-    /// One sentence: which one cannot be used, and why.
+    /// One sentence that names the file, and the reason why it cannot be used.
     pub(super) fn open(options: &RunOptions, memories: &[Memory]) -> Result<Self, String> {
         let record = open("--record", options.record.as_deref(), memories)?;
         let waves = open("--vcd", options.vcd.as_deref(), memories)?;
@@ -40,20 +40,20 @@ impl OutputFiles {
 
     /// Retention of the trace and of the frames: for these files, and for the control API if the bench is
     /// `controlled`.
-    pub(super) fn keep(&self, controlled: bool) -> (Retention, Retention) {
+    pub(super) fn retention(&self, controlled: bool) -> (Retention, Retention) {
         let ring = |wanted| if wanted { Retention::default() } else { Retention::Off };
         let trace = match self.record {
-            // The control API has what a ring holds; the file itself needs only what is not in it yet.
+            // The control API serves the events of a ring; the file itself needs only events that are not written yet.
             Some(_) => Retention::Written(if controlled { Retention::RING } else { 0 }),
             None => ring(controlled || self.waves.is_some()),
         };
         (trace, ring(controlled || self.frames.is_some()))
     }
 
-    /// Begins them anew, to follow the bench.
+    /// Begins the files.
     ///
     /// # Errors
-    /// One sentence: which one cannot be written, and why.
+    /// One sentence that names the file, and the reason why it cannot be written.
     pub(super) fn begin(self, bench: &Bench) -> Result<Vec<LiveFile>, String> {
         let record = self.record.map(|output| LiveFile::recording(output, bench));
         let waves = self.waves.map(|output| LiveFile::waves(output, bench));

@@ -1,4 +1,4 @@
-//! Listening places of a bench: reserved first, and opened when all else is right.
+//! Listening addresses of a bench: reserved first, and opened when everything else is checked.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,16 +12,16 @@ use drivetwin_sim::config::listen::Uri;
 use crate::banner::Address;
 use crate::ports::{self, Bound, Device, Ports};
 
-/// A line or a port that is reached.
+/// A line or port with a listening address.
 #[derive(Clone, Copy)]
 enum Reached {
-    /// A port, with its line if it has one: place of the drive in the layout.
+    /// A port, with its own line if it is serial: index of the drive in the layout.
     Own(usize, Port),
-    /// A line that drives share: place in the layout.
+    /// A line that drives share: index in the layout.
     Shared(usize),
 }
 
-/// A reserved place, which no other program can take any more.
+/// A reserved address, which no other program can take.
 enum Place {
     Tcp(Bound),
     Pty(Option<PathBuf>),
@@ -29,14 +29,14 @@ enum Place {
     Stdio,
 }
 
-/// All places where the lines and TCP ports of a layout will be reached.
+/// All reserved addresses of the lines and TCP ports of a layout.
 pub(super) struct ReservedPorts(Vec<(Reached, Place)>);
 
 impl ReservedPorts {
     /// Reserves all of them.
     ///
     /// # Errors
-    /// One sentence: which one is not to be had, and why.
+    /// One sentence that names the address, and the reason.
     pub(super) fn all(layout: &Layout) -> Result<Self, String> {
         check_links(layout)?;
         let mut places = Vec::new();
@@ -53,21 +53,21 @@ impl ReservedPorts {
         Ok(Self(places))
     }
 
-    /// Opens all of them; where each line and TCP port is reached then.
+    /// Opens all of them. Returns the addresses of each line and TCP port.
     ///
     /// # Errors
-    /// One sentence: which one cannot be opened, and why.
+    /// One sentence that names the address, and the reason.
     pub(super) fn open(
         self,
         bench: &mut Bench,
-        seats: &[DriveId],
+        drives: &[DriveId],
         buses: &[Bus],
     ) -> Result<(Ports, BTreeMap<Outlet, Vec<Address>>), String> {
         let mut ports = Ports::new().map_err(|error| format!("ports cannot be waited for: {error}"))?;
         let mut addresses: BTreeMap<Outlet, Vec<Address>> = BTreeMap::new();
         for (reached, place) in self.0 {
             let outlet = match reached {
-                Reached::Own(drive, port) => bench.outlet(seats[drive], port),
+                Reached::Own(drive, port) => bench.outlet(drives[drive], port),
                 Reached::Shared(bus) => Outlet::Line(buses[bus]),
             };
             let line = || match outlet {
@@ -114,7 +114,7 @@ fn check_links(layout: &Layout) -> Result<(), String> {
         if let (Some(Ok(folder)), Some(name)) = (folder, link.file_name())
             && let Some(other) = places.insert(folder.join(name), uri)
         {
-            return Err(format!("{other} and {uri} are the same place; use two"));
+            return Err(format!("{other} and {uri} are the same path; use two different ones"));
         }
     }
     Ok(())
@@ -137,13 +137,15 @@ fn reserve(uri: &Uri) -> Result<Place, String> {
     }
 }
 
-/// Reserves `HOST:PORT`; `what` begins the sentence.
+/// Reserves `HOST:PORT`; `what` begins the error message.
 ///
 /// # Errors
-/// One sentence: it is not to be had.
+/// One sentence: the address cannot be reserved.
 pub(super) fn reserve_tcp(what: &str, address: &str) -> Result<Bound, String> {
     ports::bind(address).map_err(|error| match error.kind() {
-        io::ErrorKind::AddrInUse => format!("{what}{address} is in use; another port, or port 0, is free"),
+        io::ErrorKind::AddrInUse => {
+            format!("{what}{address} is in use; use another port, or port 0 for any free one")
+        }
         _ => format!("{what}{address} cannot be listened on: {error}"),
     })
 }

@@ -111,7 +111,7 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
     let log = Transcript::with_memory(drive.memory.clone());
     let (powered, waiting, last) = (true, Vec::new(), drive.from);
     let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };
-    if drive.apart {
+    if drive.external_motor {
         alone.device.detach_motor();
     }
     // Any seed will do, as long as both times have the same one.

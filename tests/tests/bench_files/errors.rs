@@ -111,7 +111,7 @@ fn drives() {
             ),
             (
                 "set = { DeviceAddress = 2 }\naddress = 1",
-                "line 4, column 9: DeviceAddress is what 'address' says already",
+                "line 4, column 9: DeviceAddress is set by 'address' already",
             ),
             ("set = 5", "line 4, column 7: set takes a table, like { … }, not 5"),
             (
@@ -119,7 +119,7 @@ fn drives() {
                 "line 4, column 11: there is no fault of md3 'over_temprature'; the nearest is 'over_temperature'",
             ),
             ("faults = 'stall'", "line 4, column 10: faults takes a list of strings, not a string"),
-            ("listen = [3]", "line 4, column 11: listen takes a list of strings, and 3 is none"),
+            ("listen = [3]", "line 4, column 11: listen takes a list of strings, and 3 is not one"),
             (
                 "listen = ['udp:1']",
                 "line 4, column 11: 'udp:1' cannot be listened on: it takes pty:, pty:LINK, tcp:HOST:PORT, \
@@ -129,12 +129,12 @@ fn drives() {
                 "listen = ['pty:', 'rs458=pty:']",
                 "line 4, column 19: there is no port of md3 'rs458'; the nearest is 'rs485'",
             ),
-            ("listen = ['pty:a', 'pty:./a']", "line 4, column 20: pty:./a is there twice"),
+            ("listen = ['pty:a', 'pty:./a']", "line 4, column 20: pty:./a is given twice"),
             (
                 "listen = ['tcp:127.0.0.1:1', 'tcp:127.0.0.1:1']",
-                "line 4, column 30: tcp:127.0.0.1:1 is there twice",
+                "line 4, column 30: tcp:127.0.0.1:1 is given twice",
             ),
-            ("listen = ['stdio:', 'stdio:']", "line 4, column 21: stdio: is there twice"),
+            ("listen = ['stdio:', 'stdio:']", "line 4, column 21: stdio: is given twice"),
             (
                 "nv = 'x.nv'\n[[drive]]\nname = 'y'\nkind = 'md3'\nnv = './x.nv'",
                 "line 8, column 6: another drive keeps its memory in ./x.nv",
@@ -172,7 +172,7 @@ fn buses() {
             ("[[bus]]\nname = 'b'\ndrives = ['x', 'q']", "line 4, column 16: qsb-m has no port for a bus"),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['q.usb']",
-                "line 4, column 11: usb of qsb-m is no port for a bus",
+                "line 4, column 11: usb of qsb-m is not a port for a bus",
             ),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x.rs422']",
@@ -192,12 +192,12 @@ fn buses() {
             ),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['rs485=pty:']",
-                "line 5, column 11: a bus is one line, so 'rs485=' has nothing to choose",
+                "line 5, column 11: a bus is one line; leave out 'rs485='",
             ),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['pty:a']\n\
                  [[bus]]\nname = 'c'\ndrives = ['r']\nlisten = ['pty:a']",
-                "line 9, column 11: pty:a is there twice",
+                "line 9, column 11: pty:a is given twice",
             ),
         ],
     );
@@ -257,7 +257,7 @@ fn motors() {
     );
     // Bit 13 is the motor mode (MD3 User Guide, 7.2).
     let dc = "drive = [{name = 'x', kind = 'md3', set = {MotorCurrentAndMicrostepping = 0x250a}}]\n";
-    let says = "line 5, column 1: rated_ma is of a stepper motor; MotorCurrentAndMicrostepping of 'x' says a brush motor";
+    let says = "line 5, column 1: rated_ma is of a stepper motor; MotorCurrentAndMicrostepping of 'x' selects a brush motor";
     check(dc, &[("[[motor]]\nname = 'm'\ndrive = 'x'\nrated_ma = 1000", says)]);
     let encoder = "drive = [{name = 'e', kind = 'qsb-d'}]\n";
     check(encoder, &[("[[motor]]\nname = 'm'\ndrive = 'e'", "line 4, column 9: qsb-d turns no motor")]);
@@ -309,7 +309,7 @@ fn brushless_motors() {
     );
     let fed = "drive = [{name = 'd', kind = 'mdrobot', set = {VOLT_IN = 240}}]\n";
     let motor = "[[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 24";
-    check(fed, &[(motor, "line 5, column 1: VOLT_IN of 'd' is the same as supply_v: say one of them")]);
+    check(fed, &[(motor, "line 5, column 1: VOLT_IN of 'd' sets the same as supply_v; use one of them")]);
 }
 
 #[test]
@@ -378,7 +378,7 @@ fn wires() {
             ),
             (
                 "from = 'q.DIO1'\nto = 'J2'",
-                "line 4, column 6: 'J2' is no pin; a drive and its pin are, like x.J2.2",
+                "line 4, column 6: 'J2' is not a pin; write drive and pin, like x.J2.2",
             ),
             ("from = 'y.DIO1'\nto = 'x.J2.4'", "line 3, column 8: there is no drive 'y'; the nearest is 'x'"),
             (
@@ -407,7 +407,7 @@ fn faults_of_lines() {
             ("bus = 'x.rs422'", "line 3, column 7: there is no port of md3 'rs422'; the nearest is 'rs485'"),
             (
                 "bus = 'line1'",
-                "line 3, column 7: there is no bus 'line1'; what there is: x.rs485, q.usb, r.rs485",
+                "line 3, column 7: there is no bus 'line1'; available: x.rs485, q.usb, r.rs485",
             ),
             ("bus = 'rs485'", "line 3, column 7: several drives have a line 'rs485'; 'x.rs485' is one"),
             ("bus = 'usb'\ndrop = 1.1", "line 4, column 8: drop takes a number from 0 to 1, not 1.1"),
@@ -425,7 +425,7 @@ fn faults_of_lines() {
             ),
             (
                 "bus = 'usb'\nexception = 0.1",
-                "line 4, column 1: exception is for lines of Modbus, and usb is none",
+                "line 4, column 1: exception is for Modbus lines only, and usb is not one",
             ),
             ("bus = 'usb'\n[[fault]]\nbus = 'q.usb'", "line 5, column 7: 'q.usb' has a [[fault]] already"),
             (

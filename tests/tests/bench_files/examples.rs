@@ -19,7 +19,7 @@ fn two_drives_on_one_line_are_two_addresses() {
     let mut built = example("two-drives");
     let bench = &mut built.bench;
     let (carriage, lift) = (seat(bench, "carriage"), seat(bench, "lift"));
-    assert_eq!(built.seats, [carriage, lift]);
+    assert_eq!(built.drives, [carriage, lift]);
     assert_eq!(built.buses, [bench.find_bus("line1").unwrap()]);
     let client = bench.connect(built.buses[0]);
     bench.run_until(2_500.millis());

@@ -49,7 +49,7 @@ fn register(bench: &Bench, seat: DriveId, name: &str) -> i64 {
 /// Sends a client's message, waits until it is answered or judged, and returns what came.
 fn ask(bench: &mut Bench, client: Client, message: &[u8]) -> Vec<u8> {
     bench.send(client, message);
-    bench.settle();
+    bench.run_until_idle();
     let mut reply = Vec::new();
     bench.receive(client, &mut reply);
     reply

@@ -182,7 +182,7 @@ fn a_thousand_drives_are_a_bench() {
     let bus = (0..247).map(|n| format!("'d{n}'")).collect::<Vec<_>>().join(",");
     let text = format!("[[bus]]\nname = 'line'\ndrives = [{bus}]\n{}", drives.collect::<String>());
     let built = built(&text);
-    assert_eq!((built.seats.len(), built.bench.ports(built.buses[0]).len()), (1_000, 247));
+    assert_eq!((built.drives.len(), built.bench.ports(built.buses[0]).len()), (1_000, 247));
 }
 
 #[test]
@@ -207,17 +207,17 @@ fn a_motor_is_what_its_drive_says_at_power_on() {
         let drive = format!("[[drive]]\nname = 'x'\nkind = 'rs434544'\nset = {{{set}}}\n");
         let layout = layout(&format!("{drive}[[motor]]\nname = 'm'\ndrive = 'x'\n{motor}"));
         let given = vec![Setup { memory, ..Setup::default() }];
-        let Built { mut bench, seats, motors, .. } = layout.build(layout.settings(), given).unwrap();
+        let Built { mut bench, drives, motors, .. } = layout.build(layout.settings(), given).unwrap();
         bench.run_until(600.millis());
         if let Some(pulses) = later {
-            let row = bench.spec(seats[0]).find("PULSES_PER_REVOLUTION").unwrap().row;
-            bench.poke(seats[0], row, pulses).unwrap();
+            let row = bench.spec(drives[0]).find("PULSES_PER_REVOLUTION").unwrap().row;
+            bench.poke(drives[0], row, pulses).unwrap();
         }
-        bench.ask(seats[0], &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
+        bench.ask(drives[0], &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
         bench.run_until(3.secs());
-        let (turns, counts) = (bench.turn(motors[0]).revolutions, bench.motion(seats[0], Axis(0)).position);
+        let (turns, counts) = (bench.turn(motors[0]).revolutions, bench.motion(drives[0], Axis(0)).position);
         assert!(turns > 10.0, "{turns}");
-        ((f64::from(counts) / turns).round(), bench.memory(seats[0]).to_vec())
+        ((f64::from(counts) / turns).round(), bench.memory(drives[0]).to_vec())
     };
     let eight = "PULSES_PER_REVOLUTION = 8";
     assert_eq!(counts_per_turn("", "", None, None).0, 16.0);
@@ -237,7 +237,7 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
     for (set, poles, has) in
         [("", "", 4), (", HALL_TYPE = 3", "", 12), (", HALL_TYPE = 3", "poles = 8", 8), ("", "poles = 2", 2)]
     {
-        let Built { mut bench, seats, motors, .. } = built(&format!(
+        let Built { mut bench, drives, motors, .. } = built(&format!(
             "[[drive]]\nname = 'd'\nkind = 'mdrobot'\nset = {{UI_COM = 1{set}}}\n\
              [[motor]]\nname = 'm'\ndrive = 'd'\nload_mnm = -50\n{poles}\n\
              [[encoder]]\nmotor = 'm'\ncycles_per_rev = 100\nto = {{ a = 'd.ENC_A', b = 'd.ENC_B' }}\n"
@@ -248,8 +248,8 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
         assert!((turns - 25.46).abs() < 0.2, "{turns}");
         // A shaft begins in the middle of a count.
         let counts = |a_turn: f64| (turns * a_turn + 0.5).floor() as usize;
-        let halls = ["HU", "HV", "HW"].map(|name| bench.spec(seats[0]).pin(name).unwrap());
-        let channels = ["ENC_A", "ENC_B"].map(|name| bench.spec(seats[0]).pin(name).unwrap());
+        let halls = ["HU", "HV", "HW"].map(|name| bench.spec(drives[0]).pin(name).unwrap());
+        let channels = ["ENC_A", "ENC_B"].map(|name| bench.spec(drives[0]).pin(name).unwrap());
         let (mut state, mut states, mut edges) = ([true; 3], vec![], 0);
         for entry in bench.trace().events() {
             let Event::Input(InputRecord::Edge { pin, high }) = entry.event else { continue };
@@ -263,7 +263,7 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
         assert!(states.iter().zip(forward.iter().cycle()).all(|(state, expected)| state == expected));
         // The first one is where it stood.
         assert_eq!(states.len() - 1, counts(3.0 * f64::from(has)), "{has} poles, {turns} turns");
-        assert_eq!(bench.motion(seats[0], Axis(0)).position as usize, counts(3.0 * f64::from(has)));
+        assert_eq!(bench.motion(drives[0], Axis(0)).position as usize, counts(3.0 * f64::from(has)));
         assert_eq!(edges, counts(400.0));
     }
 }
@@ -335,7 +335,7 @@ fn what_feeds_a_brush_motor_feeds_its_drive() {
     let twice = "[[drive]]\nname = 'd'\nkind = 'rs434544'\nset = { SUPPLY = 120 }\n\
                  [[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 12";
     let error = drivetwin_sim::config::bench_file::parse(twice).unwrap_err().to_string();
-    assert!(error.contains("SUPPLY of 'd' is the same as supply_v"), "{error}");
+    assert!(error.contains("SUPPLY of 'd' sets the same as supply_v"), "{error}");
 }
 
 /// RS, 6: "operation is permitted with closed contact". Both the switch and the drive's own motor, as they are.
@@ -398,14 +398,14 @@ fn presets_are_there_at_power_on() {
 fn what_the_host_gives_a_drive_is_kept() {
     let layout = layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedHigh = 1 }\n");
     let mut first = layout.build(layout.settings(), Vec::new()).unwrap();
-    let x = first.seats[0];
+    let x = first.drives[0];
     let memory = first.bench.memory(x).to_vec();
-    first.bench.settle();
+    first.bench.run_until_idle();
     let given = vec![Setup { memory: Some(memory), boot_fast: true, ..Setup::default() }];
     let mut low = super::layout("[[drive]]\nname = 'x'\nkind = 'md3'\nset = { SpeedLow = 2 }\n");
     low.seed = Some(2);
     let second = low.build(low.settings(), given).unwrap();
-    assert_eq!(register(&second.bench, second.seats[0], "Speed"), 65_538);
+    assert_eq!(register(&second.bench, second.drives[0], "Speed"), 65_538);
 }
 
 /// An MD3 from the factory steps when J2.4 falls; one that is too hot does not move (7.15).
@@ -419,7 +419,7 @@ fn wires_and_faults_are_there_from_the_beginning() {
     );
     let bench = &mut built.bench;
     bench.run_until(10.millis());
-    let [x, y, z] = [0, 1, 2].map(|drive| built.seats[drive]);
+    let [x, y, z] = [0, 1, 2].map(|drive| built.drives[drive]);
     let before = bench.motion(y, Axis(0)).position;
     bench.ask(x, &rtu::write(1, 0x11, 1));
     bench.run_until(5.secs());

@@ -75,7 +75,7 @@ impl Rig {
     fn with(drive: Drive, motor: Option<Parameters>) -> Self {
         let settings = Settings { line: LineMode::Fast, trace: Retention::Off, ..Settings::default() };
         let mut bench = Bench::with(settings);
-        let setup = Setup { apart: motor.is_some(), boot_fast: true, ..Setup::default() };
+        let setup = Setup { external_motor: motor.is_some(), boot_fast: true, ..Setup::default() };
         let seat = bench.add_with("x", drive.device(), setup).unwrap();
         let motor = motor.map(|motor| {
             let motor = match drive {
@@ -100,7 +100,7 @@ impl Rig {
     /// The motor that comes with a new drive, as one of the bench.
     pub(crate) fn nominal(drive: Drive, change: impl FnOnce(Parameters) -> Parameters) -> Self {
         let mut bench = Bench::new();
-        let setup = Setup { apart: true, ..Setup::default() };
+        let setup = Setup { external_motor: true, ..Setup::default() };
         let seat = bench.add_with("x", drive.device(), setup).unwrap();
         Self::new(drive, change(bench.detached_motor(seat).unwrap()))
     }

@@ -2,13 +2,13 @@
 
 use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_protocol::time::{Duration, Span};
-use drivetwin_sim::bench::{Bench, Client, PowerAction, Setup, TurnedAway};
+use drivetwin_sim::bench::{Bench, Client, ConnectError, PowerAction, Setup};
 
 use crate::rig::{KINDS, MCODE, MODBUS, Rig, START, adu, request};
 
 impl Rig {
     fn heard_by(&mut self, client: Client) -> Vec<u8> {
-        self.bench.settle();
+        self.bench.run_until_idle();
         self.after(Duration::TICK);
         let mut bytes = Vec::new();
         self.bench.receive(client, &mut bytes);
@@ -186,19 +186,19 @@ fn connections_are_accepted_once_the_drive_has_booted() {
         let booted = bench.now() + 300.millis();
         bench.run_until(booted - Duration::TICK * 2);
         for port in [MODBUS, MCODE] {
-            assert_eq!(bench.connect_to(seat, port), Err(TurnedAway::Booting));
+            assert_eq!(bench.connect_to(seat, port), Err(ConnectError::Booting));
         }
         bench.run_until(booted + Duration::TICK);
         let client = bench.connect_to(seat, MCODE).expect("it has booted");
         bench.send(client, b"\x03");
-        bench.settle();
+        bench.run_until_idle();
         for port in [MODBUS, MCODE] {
             bench.connect_to(seat, port).expect("the Ethernet controller goes on");
         }
         bench.run_until(bench.now() + START);
         bench.power(seat, PowerAction::Off);
         bench.run_until(bench.now() + START);
-        assert_eq!(bench.connect_to(seat, MCODE), Err(TurnedAway::NoPower));
+        assert_eq!(bench.connect_to(seat, MCODE), Err(ConnectError::NoPower));
         bench.power(seat, PowerAction::On);
         bench.run_until(bench.now() + Duration::TICK);
     }
@@ -242,7 +242,7 @@ fn who_has_left_is_heard_to_the_end() {
     let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
     rig.bench.send(client, b"R1=1\rR2=2\r\nR3=3\rMR 1000\rnever ended");
     rig.bench.disconnect(client);
-    rig.bench.settle();
+    rig.bench.run_until_idle();
     rig.assert_now(&[("R1", 1), ("R2", 2), ("R3", 3), ("MR", 1000), ("ER", 0)]);
     assert_eq!(rig.bench.connections(rig.seat, MCODE), 1);
     // Power that is lost meanwhile ends it.
@@ -252,7 +252,7 @@ fn who_has_left_is_heard_to_the_end() {
     rig.bench.power(rig.seat, PowerAction::Cycle);
     rig.after(START);
     rig.connect();
-    rig.bench.settle();
+    rig.bench.run_until_idle();
     rig.heard();
     assert_eq!((rig.peek("R1"), rig.bench.connections(rig.seat, MCODE)), (0, 1));
 }

@@ -73,7 +73,7 @@ fn every_terminal_has_the_same_echo() {
     let mut rig = Rig::plus();
     let other = rig.bench.connect_to(rig.seat, MCODE).expect("room");
     rig.bench.send(other, b"R1=5\r");
-    rig.bench.settle();
+    rig.bench.run_until_idle();
     let mut came = Vec::new();
     rig.bench.receive(other, &mut came);
     assert_eq!(came, b"");

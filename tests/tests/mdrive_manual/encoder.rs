@@ -155,7 +155,7 @@ fn loaded(load: &str, set: &str) -> Rig {
     );
     let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
     let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
-    let mut rig = Rig::of(Kind::Plus, built.bench, built.seats[0]);
+    let mut rig = Rig::of(Kind::Plus, built.bench, built.drives[0]);
     rig.say("EM=2");
     rig.set(&["EE=1"]);
     rig

@@ -327,7 +327,7 @@ fn a_motor_of_the_bench_is_the_rotor() {
         );
         let layout = bench_file::parse(&text).unwrap_or_else(|error| panic!("{error}"));
         let built = layout.build(layout.settings(), Vec::new()).unwrap_or_else(|error| panic!("{error}"));
-        let mut rig = Rig::of(Kind::Hybrid, built.bench, built.seats[0]);
+        let mut rig = Rig::of(Kind::Hybrid, built.bench, built.drives[0]);
         rig.say("EM=2");
         rig.set(&["VM=51200", "MR 204800"]);
         rig.wait_still(10.secs());

@@ -192,7 +192,7 @@ impl Rig {
         let request = adu(self.transaction, 1, pdu);
         let client = self.modbus;
         self.bench.send(client, &request);
-        self.bench.settle();
+        self.bench.run_until_idle();
         let mut reply = Vec::new();
         self.bench.receive(client, &mut reply);
         assert!(reply.len() > 7, "to {pdu:02X?} came {reply:02X?}, {:?}", self.bench.ended(client));
@@ -300,7 +300,7 @@ impl Rig {
     /// Sends characters as they are; what has come once the lines among them are executed.
     pub(crate) fn key(&mut self, bytes: &[u8]) -> String {
         self.bench.send(self.mcode, bytes);
-        self.bench.settle();
+        self.bench.run_until_idle();
         self.after(Duration::TICK);
         self.heard()
     }

@@ -65,7 +65,7 @@ impl Rig {
 
     /// A rig whose motor is on the bench: the drive's own, changed.
     pub(crate) fn turning(settings: &[(u16, u16)], change: impl FnOnce(&mut Parameters)) -> (Self, Motor) {
-        let mut rig = Self::new(LineMode::Fast, Setup { apart: true, ..Setup::default() });
+        let mut rig = Self::new(LineMode::Fast, Setup { external_motor: true, ..Setup::default() });
         rig.after(BOOT + 1.millis());
         let mut motor = rig.bench.detached_motor(rig.seat).expect("a drive that has parted from its motor");
         change(&mut motor);

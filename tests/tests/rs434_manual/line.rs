@@ -136,7 +136,7 @@ fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
         rig.bench.run_until(next);
     }
     let took = rig.now().since(start);
-    rig.bench.settle();
+    rig.bench.run_until_idle();
     rig.bench.disconnect(client);
     took
 }
@@ -225,7 +225,7 @@ fn section_6_4_ascii_noise() {
 fn section_6_4_ascii_pauses() {
     for (pause, answered) in [(900.millis(), true), (1_100.millis(), false)] {
         let mut rig = restarted(&[(at::TYPE, 1)]);
-        rig.bench.set_patience(1.millis());
+        rig.bench.set_frame_timeout(1.millis());
         let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
         let client = rig.bench.connect(bus);
         let (one, other) = b":0103500B0001A0\r\n".split_at(6);
@@ -247,7 +247,7 @@ fn section_6_5_parity() {
     let client = rig.bench.connect(bus);
     let odd = Sender { odd: Some(true), ..Sender::default() };
     rig.bench.send_from(client, &rtu::write(1, at::SPEED, 500), odd);
-    rig.bench.settle();
+    rig.bench.run_until_idle();
     rig.after(100.millis());
     let mut reply = Vec::new();
     rig.bench.receive(client, &mut reply);

@@ -22,14 +22,14 @@ static SPEC: Spec = Spec {
 };
 
 /// Sends every message for its address back, the function `TWICE` twice at once.
-struct Echo {
+struct EchoDevice {
     address: u8,
     receiver: ascii::AsciiReceiver,
 }
 
 const TWICE: u8 = 2;
 
-impl Echo {
+impl EchoDevice {
     fn at(address: u8) -> Self {
         Self { address, receiver: ascii::AsciiReceiver::new(LINE) }
     }
@@ -52,7 +52,7 @@ impl Echo {
     }
 }
 
-impl Device for Echo {
+impl Device for EchoDevice {
     fn spec(&self) -> &'static Spec {
         &SPEC
     }
@@ -104,16 +104,16 @@ fn ask(address: u8, function: u8) -> Vec<u8> {
 fn echoes(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let mut echo =
-        |name, address| bench.add_with(name, Box::new(Echo::at(address)), Setup::default()).unwrap();
-    let seats = [echo("x", 1), echo("y", 2)];
-    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+        |name, address| bench.add_with(name, Box::new(EchoDevice::at(address)), Setup::default()).unwrap();
+    let slots = [echo("x", 1), echo("y", 2)];
+    let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
     let client = bench.connect(bus);
-    (bench, seats, client)
+    (bench, slots, client)
 }
 
 /// Requests and drops that a port has seen.
-fn seen(bench: &Bench, seat: DriveId) -> (u64, u64) {
-    let statistics = bench.statistics(seat, RS485);
+fn seen(bench: &Bench, drive: DriveId) -> (u64, u64) {
+    let statistics = bench.statistics(drive, RS485);
     (statistics.requests, statistics.dropped())
 }
 
@@ -123,124 +123,124 @@ fn the_reply_leaves_with_the_line_feed() {
     bench.send(client, &ask(1, 65));
     let first = Instant::ZERO + CHARACTER * (LENGTH + 1);
     bench.run_until(first - Duration::TICK);
-    assert_eq!(received(&mut bench, client), [0; 0]);
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
     bench.run_until(first);
-    assert_eq!(received(&mut bench, client), b":");
-    bench.settle();
-    assert_eq!(received(&mut bench, client), ask(1, 65)[1..]);
+    assert_eq!(received_by(&mut bench, client), b":");
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), ask(1, 65)[1..]);
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (2 * LENGTH));
 }
 
 #[test]
 fn half_a_message_waits_in_manual_time() {
-    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    let (mut bench, slots, client) = echoes(LineMode::Timed);
     bench.send(client, &ask(1, 65)[..8]);
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), Instant::ZERO);
     bench.send(client, b"\n");
-    bench.settle();
-    assert_eq!(received(&mut bench, client), ask(1, 65));
-    assert_eq!(seen(&bench, seats[0]), (1, 0));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), ask(1, 65));
+    assert_eq!(seen(&bench, slots[0]), (1, 0));
 }
 
 #[test]
 fn the_rest_may_come_a_second_after_half_a_message() {
-    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    let (mut bench, slots, client) = echoes(LineMode::Timed);
     bench.send(client, &ask(1, 65)[..4]);
     bench.run_until(Instant::from(20.millis()) - Duration::TICK);
     assert_eq!(stamps(&bench, "> rx"), [""; 0]);
-    // Its patience ends, and half the message goes to the drives; the other half goes whenever it comes.
+    // The frame timeout ends, and the partial frame goes to the drives; its rest goes whenever it arrives.
     let half = Instant::from(20.millis()) + CHARACTER * 4;
     bench.run_until(half + 1.secs());
     assert_eq!(stamps(&bench, "> rx"), ["21.041688", "21.041688"]);
     bench.send(client, &ask(1, 65)[4..]);
-    bench.settle();
-    assert_eq!(received(&mut bench, client), ask(1, 65));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), ask(1, 65));
     assert_eq!(bench.now(), half + 1.secs() + CHARACTER * (5 + LENGTH));
     bench.send(client, &ask(1, 65)[..4]);
     bench.run_until(bench.now() + 20.millis() + CHARACTER * 4 + 1.secs() + Duration::TICK);
     bench.send(client, &ask(1, 65)[4..]);
-    bench.settle();
-    assert_eq!(received(&mut bench, client), [0; 0]);
-    assert_eq!(bench.statistics(seats[0], RS485).gap, 1);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
+    assert_eq!(bench.statistics(slots[0], RS485).gap, 1);
 }
 
 #[test]
 fn noise_goes_at_once_and_means_nothing() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, seats, client) = echoes(line);
+        let (mut bench, slots, client) = echoes(line);
         let rtu = rtu::read(1, 0, 1);
         for noise in [&b"0123"[..], &rtu, b"\r\n", b":01", b"\r\n\r\n\n"] {
             bench.send(client, noise);
             bench.run_until(bench.now() + 100.millis());
             bench.send(client, &[noise, &ask(1, 65)].concat());
-            bench.settle();
-            assert_eq!(received(&mut bench, client), ask(1, 65), "{}", noise.escape_ascii());
+            bench.run_until_idle();
+            assert_eq!(received_by(&mut bench, client), ask(1, 65), "{}", noise.escape_ascii());
         }
         assert_eq!(bench.backlog(client), 0);
-        assert_eq!(seen(&bench, seats[0]).0, 5);
+        assert_eq!(seen(&bench, slots[0]).0, 5);
     }
 }
 
 #[test]
 fn messages_written_at_once_follow_each_other_without_a_silence() {
-    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    let (mut bench, slots, client) = echoes(LineMode::Timed);
     bench.send(client, &[ask(1, 65), ask(0, 66), ask(2, 67)].concat());
-    bench.settle();
-    assert_eq!(received(&mut bench, client), [ask(1, 65), ask(2, 67)].concat());
-    // Behind its answer the line is free; behind a message that nobody answers a tick later.
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), [ask(1, 65), ask(2, 67)].concat());
+    // Behind its answer the line is free; behind a frame without an answer one tick later.
     let spoken = CHARACTER * (5 * LENGTH) + Duration::TICK;
     assert_eq!(bench.now(), Instant::ZERO + spoken);
-    // Each hears what is meant for the other one, and its answer.
-    assert_eq!([seen(&bench, seats[0]), seen(&bench, seats[1])], [(2, 2), (2, 2)]);
+    // Each receives the requests for the other one, and its answers.
+    assert_eq!([seen(&bench, slots[0]), seen(&bench, slots[1])], [(2, 2), (2, 2)]);
 }
 
 #[test]
 fn what_two_messages_overheard_at_once_are() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, seats, client) = echoes(line);
+        let (mut bench, slots, client) = echoes(line);
         bench.send(client, &ask(1, TWICE));
         bench.run_until(1.secs());
-        assert_eq!(received(&mut bench, client), [ask(1, TWICE), ask(1, TWICE)].concat());
-        assert_eq!([seen(&bench, seats[0]), seen(&bench, seats[1])], [(1, 0), (0, 3)]);
+        assert_eq!(received_by(&mut bench, client), [ask(1, TWICE), ask(1, TWICE)].concat());
+        assert_eq!([seen(&bench, slots[0]), seen(&bench, slots[1])], [(1, 0), (0, 3)]);
     }
 }
 
 #[test]
 fn a_client_that_leaves_takes_its_half_message_along() {
-    let (mut bench, seats, client) = echoes(LineMode::Timed);
-    let other = bench.connect(bench.bus(seats[0], RS485).unwrap());
+    let (mut bench, slots, client) = echoes(LineMode::Timed);
+    let other = bench.connect(bench.bus(slots[0], RS485).unwrap());
     bench.send(client, &[ask(1, 65), b":02".to_vec()].concat());
     bench.send(other, &ask(2, 66));
     bench.disconnect(client);
-    bench.settle();
-    assert_eq!(received(&mut bench, other), [ask(1, 65), ask(2, 66)].concat());
-    assert_eq!(bench.statistics(seats[0], RS485).spoiled, 0);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, other), [ask(1, 65), ask(2, 66)].concat());
+    assert_eq!(bench.statistics(slots[0], RS485).spoiled, 0);
 }
 
 #[test]
 fn a_sender_with_other_settings_is_not_understood() {
-    let (mut bench, seats, client) = echoes(LineMode::Timed);
+    let (mut bench, slots, client) = echoes(LineMode::Timed);
     bench.send_from(client, &ask(1, 65), Sender { odd: Some(true), ..Sender::default() });
-    bench.settle();
-    assert_eq!(received(&mut bench, client), [0; 0]);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
     bench.send_from(client, &ask(1, 65), Sender { odd: Some(false), ..Sender::default() });
-    bench.settle();
-    assert_eq!(received(&mut bench, client), ask(1, 65));
-    assert_eq!(seen(&bench, seats[0]), (1, 0));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), ask(1, 65));
+    assert_eq!(seen(&bench, slots[0]), (1, 0));
 }
 
 #[test]
 fn fast_takes_no_time() {
-    let (mut bench, seats, _) = echoes(LineMode::Fast);
+    let (mut bench, slots, _) = echoes(LineMode::Fast);
     for function in 65..70 {
-        assert_eq!(bench.ask(seats[1], &ask(2, function)), ask(2, function));
+        assert_eq!(bench.ask(slots[1], &ask(2, function)), ask(2, function));
     }
     assert!(bench.now() <= Instant::ZERO + Duration::TICK * 10);
-    let make = |_: &str| Some(Box::new(Echo::at(2)) as Box<dyn Device>);
+    let make = |_: &str| Some(Box::new(EchoDevice::at(2)) as Box<dyn Device>);
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
-    let seat = bench.add_with("echo", make("echo").unwrap(), Setup::default()).unwrap();
-    assert_eq!(bench.ask(seat, &ask(2, 65)), ask(2, 65));
+    let drive = bench.add_with("echo", make("echo").unwrap(), Setup::default()).unwrap();
+    assert_eq!(bench.ask(drive, &ask(2, 65)), ask(2, 65));
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }

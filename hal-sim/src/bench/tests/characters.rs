@@ -11,8 +11,8 @@ const ANSWER: usize = 3;
 
 fn toy(line: LineMode) -> (Bench, DriveId, Bus) {
     let mut bench = Bench::with(Settings { line, trace: Retention::All, ..Settings::default() });
-    let toy = bench.add::<Toy>("toy");
-    let bus = bench.bus(toy, toy::USB).unwrap();
+    let toy = bench.add::<TestDevice>("toy");
+    let bus = bench.bus(toy, test_device::USB).unwrap();
     (bench, toy, bus)
 }
 
@@ -41,58 +41,58 @@ fn characters_have_the_same_stamps_however_they_come() {
     let client = bench.connect(bus);
     bench.send(client, b"r0");
     bench.run_until(ends(2) - Duration::TICK);
-    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::High);
+    assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::High);
     bench.run_until(ends(2));
-    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::Low, "heard while it sends");
+    assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::Low, "heard while it sends");
     // A client goes on in the middle of an answer.
     bench.send(client, b"1");
     bench.run_until(ends(3));
-    assert_eq!(bench.level(DriveId(0), toy::OUT), Level::High);
-    assert_eq!(received(&mut bench, client).len(), 2);
+    assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::High);
+    assert_eq!(received_by(&mut bench, client).len(), 2);
 }
 
 #[test]
 fn manual_time_goes_to_the_end_of_all_answers() {
-    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let (mut bench, drive, bus) = toy(LineMode::Timed);
     let (client, other) = (bench.connect(bus), bench.connect(bus));
-    bench.poke(seat, toy::Reg::Volume as usize, 9).unwrap();
+    bench.poke(drive, test_device::Reg::Volume as usize, 9).unwrap();
     bench.send(client, &[b'r'; 50]);
-    bench.settle();
-    let answers = received(&mut bench, client);
+    bench.run_until_idle();
+    let answers = received_by(&mut bench, client);
     assert_eq!(volumes(&answers), [9; 50]);
-    assert_eq!(received(&mut bench, other), answers, "others hear it, too");
+    assert_eq!(received_by(&mut bench, other), answers, "others hear it, too");
     // The first character, then answers without gaps.
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (1 + 50 * ANSWER as u64));
     // One character, typed by hand, and another one whenever the one before is over.
     for _ in 0..3 {
-        assert_eq!(volumes(&bench.ask(seat, b"r")), [9]);
+        assert_eq!(volumes(&bench.ask(drive, b"r")), [9]);
     }
 }
 
 #[test]
 fn a_stream_does_not_keep_manual_time_going() {
-    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let (mut bench, drive, bus) = toy(LineMode::Timed);
     let client = bench.connect(bus);
     bench.send(client, b"s");
-    bench.settle();
+    bench.run_until_idle();
     let (mut dots, mut answers) = (0, 0);
     for _ in 0..20 {
         let before = bench.now();
         bench.send(client, b"rr");
-        bench.settle();
+        bench.run_until_idle();
         assert!(bench.now() < before + 10.millis(), "the answers take 8 characters, 0.7 ms");
-        let heard = received(&mut bench, client);
-        dots += heard.iter().filter(|byte| **byte == b'.').count();
-        answers += heard.iter().filter(|byte| **byte == b'\n').count();
+        let received = received_by(&mut bench, client);
+        dots += received.iter().filter(|byte| **byte == b'.').count();
+        answers += received.iter().filter(|byte| **byte == b'\n').count();
     }
     assert_eq!(answers, 2 * 20);
-    let gone = bench.now().since(Instant::ZERO + CHARACTER).ticks() / toy::INTERVAL.ticks();
+    let gone = bench.now().since(Instant::ZERO + CHARACTER).ticks() / test_device::INTERVAL.ticks();
     assert!(dots as u64 == gone || dots as u64 + 1 == gone, "{dots} dots in {gone} intervals");
-    bench.ask(seat, b"s");
+    bench.ask(drive, b"s");
     bench.run_until(bench.now() + CHARACTER);
-    received(&mut bench, client);
-    bench.run_until(bench.now() + toy::INTERVAL * 10);
-    assert!(received(&mut bench, client).is_empty(), "it is over");
+    received_by(&mut bench, client);
+    bench.run_until(bench.now() + test_device::INTERVAL * 10);
+    assert!(received_by(&mut bench, client).is_empty(), "it is over");
 }
 
 #[test]
@@ -102,40 +102,40 @@ fn who_floods_is_held_back_and_nothing_is_lost() {
     let (mut bench, _, bus) = toy(LineMode::Timed);
     let (client, other) = (bench.connect(bus), bench.connect(bus));
     bench.send(client, &[b'r'; COMMANDS]);
-    let (mut answers, mut heard, mut most) = (Vec::new(), Vec::new(), 0);
+    let (mut answers, mut received, mut most) = (Vec::new(), Vec::new(), 0);
     while bench.next() < Instant::NEVER {
         bench.run_until(bench.next());
         bench.receive(client, &mut answers);
-        bench.receive(other, &mut heard);
+        bench.receive(other, &mut received);
         let given = COMMANDS - bench.backlog(client);
         most = most.max(given * ANSWER - answers.len());
     }
     // What is put within a second, the answer to the last character, and to the one under way.
     assert!((SECOND..=SECOND + 2 * ANSWER + 1).contains(&most), "{most} characters ahead");
     assert_eq!(volumes(&answers), [0; COMMANDS]);
-    assert_eq!(heard, answers);
+    assert_eq!(received, answers);
     assert_eq!(bench.now() - CHARACTER, Instant::ZERO + CHARACTER * (COMMANDS * ANSWER) as u64);
 }
 
 #[test]
 fn a_flood_ends_in_manual_time_and_when_its_client_leaves() {
-    let (mut bench, seat, bus) = toy(LineMode::Timed);
+    let (mut bench, drive, bus) = toy(LineMode::Timed);
     let (client, other) = (bench.connect(bus), bench.connect(bus));
     bench.send(client, &[b'r'; 8_000]);
     bench.disconnect(client);
-    bench.settle();
-    assert_eq!(volumes(&received(&mut bench, other)), [0; 8_000]);
-    assert_eq!(volumes(&bench.ask(seat, b"r")), [0]);
-    // Without power what it had to say is gone, and nobody is held back for it.
+    bench.run_until_idle();
+    assert_eq!(volumes(&received_by(&mut bench, other)), [0; 8_000]);
+    assert_eq!(volumes(&bench.ask(drive, b"r")), [0]);
+    // Without power its pending output is dropped, and no client is deferred.
     bench.send(other, &[b'r'; 8_000]);
     bench.run_until(bench.now() + 500.millis());
     let left = bench.backlog(other);
-    bench.power(seat, PowerAction::Cycle);
+    bench.power(drive, PowerAction::Cycle);
     bench.run_until(bench.now() + 1.millis());
     let again = bench.now();
-    received(&mut bench, other);
-    bench.settle();
-    let answers = received(&mut bench, other).len().div_euclid(ANSWER);
+    received_by(&mut bench, other);
+    bench.run_until_idle();
+    let answers = received_by(&mut bench, other).len().div_euclid(ANSWER);
     assert!((left - 20..=left).contains(&answers), "{answers} answers, {left} characters were left");
     assert!(bench.now() < again + CHARACTER * (left * ANSWER) as u64);
 }
@@ -147,7 +147,7 @@ fn clients_take_turns_in_the_order_of_arrival() {
     bench.send(one, b"11");
     bench.send(two, b"00");
     bench.send(one, b"11");
-    bench.settle();
+    bench.run_until_idle();
     let text = bench.trace().to_text();
     let said: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> rx ")?.1)).collect();
     assert_eq!(said.concat().replace("\"\"", ""), "\"110011\"");
@@ -166,43 +166,43 @@ fn an_exchange_ends_with_its_answer() {
     let bus = bench.bus(qsb, Port(0)).unwrap();
     let (client, other) = (bench.connect(bus), bench.connect(bus));
     bench.run_until(10.millis());
-    received(&mut bench, client);
-    received(&mut bench, other);
+    received_by(&mut bench, client);
+    received_by(&mut bench, other);
     let begin = bench.now();
     bench.send(client, b"R0E\r");
-    bench.settle();
+    bench.run_until_idle();
     let answer = b"r 0E 00000000 !\r\n";
-    assert_eq!(received(&mut bench, client), answer);
+    assert_eq!(received_by(&mut bench, client), answer);
     // 4 and 17 characters of 10 bits at 230,400 baud: 0.911 ms.
     let character = bench.line(bus).character();
     assert_eq!(bench.now(), begin + character * 21);
     // The line is still kept for the client: it goes on at once, another one waits for the silence of t3.5, which
     // manual time goes to its end.
     bench.send(client, b"R0E\r");
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), begin + character * 42);
-    received(&mut bench, other);
+    received_by(&mut bench, other);
     bench.send(other, b"R0E\r");
-    bench.settle();
-    assert_eq!(received(&mut bench, other), answer);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, other), answer);
     let quiet = Timing::of(bench.line(bus)).t3_5 + character;
     assert_eq!(bench.now(), begin + character * (21 + 4) + quiet + character * 21);
 }
 
 #[test]
 fn fast_takes_no_time_but_that_of_the_drive() {
-    let (mut bench, seat, bus) = toy(LineMode::Fast);
+    let (mut bench, drive, bus) = toy(LineMode::Fast);
     let client = bench.connect(bus);
     bench.send(client, &[b'r'; 1_000]);
-    bench.settle();
-    assert_eq!(volumes(&received(&mut bench, client)), [0; 1_000]);
-    assert_eq!(volumes(&bench.ask(seat, b"rr")), [0; 2]);
-    received(&mut bench, client);
+    bench.run_until_idle();
+    assert_eq!(volumes(&received_by(&mut bench, client)), [0; 1_000]);
+    assert_eq!(volumes(&bench.ask(drive, b"rr")), [0; 2]);
+    received_by(&mut bench, client);
     assert!(bench.now() <= Instant::ZERO + Duration::TICK);
     bench.send(client, b"s");
-    bench.settle();
+    bench.run_until_idle();
     bench.run_until(31.millis());
-    assert_eq!(received(&mut bench, client), [b'.'; 10]);
+    assert_eq!(received_by(&mut bench, client), [b'.'; 10]);
 }
 
 #[test]
@@ -217,13 +217,13 @@ fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
         let now = bench.now();
         bench.send(client, "R0E\r".repeat(COMMANDS).as_bytes());
         if manual {
-            bench.settle();
+            bench.run_until_idle();
         } else {
             bench.run_until(now);
         }
         assert_eq!(bench.now(), now);
         assert_eq!(bench.backlog(client), 0);
-        let answers = received(&mut bench, client);
+        let answers = received_by(&mut bench, client);
         assert!(answers == "r 0E 00000000 !\r\n".repeat(COMMANDS).as_bytes(), "{} characters", answers.len());
         // The line changes behind the answers, which have left.
         bench.send(client, b"W1610A\r");
@@ -240,18 +240,18 @@ fn fast_lets_a_polled_drive_stream() {
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
     // A record every 5/512 s, whatever the count is.
     bench.send(client, b"W0B0\rW0C5\rS0E\r");
-    bench.settle();
-    received(&mut bench, client);
+    bench.run_until_idle();
+    received_by(&mut bench, client);
     let begin = bench.now();
     // More polls in a second than 230,400 baud carries.
     for n in 1..=20_000 {
         bench.run_until(begin + 50.micros() * n);
         bench.send(client, b"R0B\r");
     }
-    bench.settle();
-    let heard = received(&mut bench, client);
+    bench.run_until_idle();
+    let received = received_by(&mut bench, client);
     let count =
-        |start: &[u8]| heard.split(|byte| *byte == b'\n').filter(|line| line.starts_with(start)).count();
+        |start: &[u8]| received.split(|byte| *byte == b'\n').filter(|line| line.starts_with(start)).count();
     assert_eq!((count(b"s 0E"), count(b"r 0B")), (102, 20_000));
     let make = |_: &str| Some(Box::new(Qsb::d()) as Box<dyn Device>);
     let text = bench.trace().to_text();
@@ -267,11 +267,11 @@ fn fast_leaves_a_stream_its_pace() {
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
     // Every tick of 512 Hz, whatever the count is.
     bench.send(client, b"W0B0\rW0C1\rS0E\r");
-    bench.settle();
-    received(&mut bench, client);
+    bench.run_until_idle();
+    received_by(&mut bench, client);
     bench.run_until(bench.now() + 1.secs());
-    let heard = received(&mut bench, client);
-    assert_eq!(heard.split(|byte| *byte == b'\n').filter(|line| line.starts_with(b"s 0E")).count(), 512);
+    let received = received_by(&mut bench, client);
+    assert_eq!(received.split(|byte| *byte == b'\n').filter(|line| line.starts_with(b"s 0E")).count(), 512);
     let make = |_: &str| Some(Box::new(Qsb::d()) as Box<dyn Device>);
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));

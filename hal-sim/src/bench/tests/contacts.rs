@@ -6,19 +6,19 @@ use drivetwin_firmware::motor::stepper::StepperParameters;
 use super::*;
 
 fn controller(bench: &mut Bench) -> (DriveId, impl Fn(&str) -> Pin + use<>) {
-    let seat = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
-    let spec = bench.spec(seat);
-    (seat, move |name: &str| spec.pin(name).unwrap())
+    let drive = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
+    let spec = bench.spec(drive);
+    (drive, move |name: &str| spec.pin(name).unwrap())
 }
 
-/// What the trace says of contacts from `from` on.
+/// Events of contacts in the trace, from `from` on.
 fn contacts(bench: &Bench, from: Instant) -> Vec<String> {
     let entries = bench.trace().events().filter(|entry| {
         entry.at >= from
             && matches!(entry.event, trace::Event::Input(InputRecord::Edge { .. } | InputRecord::Open { .. }))
     });
-    let told = |entry: &trace::Entry| (bench.trace().words(entry), entry.at.since(from).ticks());
-    entries.map(told).map(|(words, ticks)| format!("{ticks} {words}")).collect()
+    let command = |entry: &trace::Entry| (bench.trace().words(entry), entry.at.since(from).ticks());
+    entries.map(command).map(|(words, ticks)| format!("{ticks} {words}")).collect()
 }
 
 #[track_caller]
@@ -32,20 +32,20 @@ fn assert_replays(bench: &Bench) {
 }
 
 #[test]
-fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
+fn an_unwired_contact_is_reported_only_after_a_stimulus() {
     let mut bench = Bench::new();
-    let (seat, pin) = controller(&mut bench);
+    let (drive, pin) = controller(&mut bench);
     bench.run_until(1.secs());
-    assert_eq!(bench.level(seat, pin("START_STOP")), Level::Float);
+    assert_eq!(bench.level(drive, pin("START_STOP")), Level::Float);
     assert_eq!(contacts(&bench, Instant::ZERO), [""; 0]);
-    for drive in [
+    for stimulus in [
         PinStimulus::Low,
         PinStimulus::Open,
         PinStimulus::Open,
         PinStimulus::High,
         PinStimulus::Millivolts(1_400),
     ] {
-        bench.set_pin(seat, pin("START_STOP"), drive);
+        bench.set_pin(drive, pin("START_STOP"), stimulus);
         bench.run_until(bench.now() + 1.millis());
     }
     assert_eq!(
@@ -57,11 +57,11 @@ fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
             "64001 pin START_STOP low"
         ]
     );
-    // Power does not make it news that nobody is there, but that somebody is.
-    bench.set_pin(seat, pin("START_STOP"), PinStimulus::Open);
-    bench.set_pin(seat, pin("DIR"), PinStimulus::High);
+    // At power-on an input without a stimulus is not reported, one with a stimulus is.
+    bench.set_pin(drive, pin("START_STOP"), PinStimulus::Open);
+    bench.set_pin(drive, pin("DIR"), PinStimulus::High);
     bench.run_until(2.secs());
-    bench.power(seat, PowerAction::Cycle);
+    bench.power(drive, PowerAction::Cycle);
     bench.run_until(3.secs());
     assert_eq!(contacts(&bench, Instant::from(2.secs())), ["1 pin DIR high"]);
     assert_replays(&bench);
@@ -70,8 +70,8 @@ fn of_what_is_not_wired_nothing_is_told_until_hands_have_let_go() {
 #[test]
 fn pulses_at_an_open_pin_go_down_from_its_pull_up() {
     let mut bench = Bench::new();
-    let (seat, pin) = controller(&mut bench);
-    bench.pulse(seat, pin("DIR"), 2, 1_000.0).unwrap();
+    let (drive, pin) = controller(&mut bench);
+    bench.pulse(drive, pin("DIR"), 2, 1_000.0).unwrap();
     bench.run_until(1.secs());
     assert_eq!(
         contacts(&bench, Instant::ZERO),
@@ -88,30 +88,30 @@ fn pulses_at_an_open_pin_go_down_from_its_pull_up() {
 #[test]
 fn a_wire_pulls_up_what_it_does_not_drive() {
     let mut bench = Bench::new();
-    let (seat, pin) = controller(&mut bench);
-    let toy = bench.add::<Toy>("toy");
-    bench.wire((toy, toy::OUT), (seat, pin("DIR")));
-    assert_eq!(bench.level(seat, pin("DIR")), Level::High);
+    let (drive, pin) = controller(&mut bench);
+    let toy = bench.add::<TestDevice>("toy");
+    bench.wire((toy, test_device::OUT), (drive, pin("DIR")));
+    assert_eq!(bench.level(drive, pin("DIR")), Level::High);
     bench.run_until(1.millis());
     assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR high"]);
     // Hands, then the wire.
-    bench.set_pin(seat, pin("DIR"), PinStimulus::Low);
+    bench.set_pin(drive, pin("DIR"), PinStimulus::Low);
     bench.run_until(2.millis());
-    bench.set_pin(seat, pin("DIR"), PinStimulus::Open);
+    bench.set_pin(drive, pin("DIR"), PinStimulus::Open);
     bench.run_until(3.millis());
     assert_eq!(contacts(&bench, Instant::from(1.millis())), ["1 pin DIR low", "16001 pin DIR high"]);
-    bench.power(seat, PowerAction::Cycle);
+    bench.power(drive, PowerAction::Cycle);
     bench.run_until(4.millis());
     assert_eq!(contacts(&bench, Instant::from(3.millis())), ["1 pin DIR high"]);
-    assert_eq!(bench.level(seat, pin("DIR")), Level::High);
+    assert_eq!(bench.level(drive, pin("DIR")), Level::High);
     assert_replays(&bench);
 }
 
 #[test]
 fn hands_turn_the_encoder_that_has_no_index() {
     let mut bench = Bench::new();
-    let (seat, _) = controller(&mut bench);
-    bench.encoder(seat, Encoder(0), 4, 1_000.0).unwrap();
+    let (drive, _) = controller(&mut bench);
+    bench.encoder(drive, Encoder(0), 4, 1_000.0).unwrap();
     bench.run_until(1.secs());
     let edges = ["1 pin ENC_A low", "16001 pin ENC_B low", "32001 pin ENC_A high", "48001 pin ENC_B high"];
     assert_eq!(contacts(&bench, Instant::ZERO), edges);
@@ -120,14 +120,14 @@ fn hands_turn_the_encoder_that_has_no_index() {
 #[test]
 fn a_switch_is_a_contact_that_is_wired() {
     let mut bench = Bench::new();
-    let (seat, pin) = controller(&mut bench);
-    let toy = bench.add::<Toy>("toy");
+    let (drive, pin) = controller(&mut bench);
+    let toy = bench.add::<TestDevice>("toy");
     let motor =
         bench.attach_motor("m", toy, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
     // The shaft is at 0.
     for (name, from) in [("DIR", -1.0), ("START_STOP", 1.0)] {
         let closed = Closed { above_rev: Some(from), below_rev: None };
-        bench.switch(motor, closed, (seat, pin(name)));
+        bench.switch(motor, closed, (drive, pin(name)));
     }
     bench.run_until(1.millis());
     assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR low", "0 pin START_STOP high"]);

@@ -1,4 +1,4 @@
-//! Lines that are disturbed: what drives and clients hear of each frame, and when.
+//! Faults of lines: what drives and clients receive of each frame, and when.
 
 use super::*;
 use crate::record::capture::{Frame, Medium, Source};
@@ -14,19 +14,19 @@ fn line_faults(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [DriveI
     let settings =
         Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
-    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    let slots = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.run_until(start());
-    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
     bench.set_line_faults(bus, faults);
     let client = bench.connect(bus);
-    (bench, seats, bus, client)
+    (bench, slots, bus, client)
 }
 
 /// Sends a frame, settles, and returns what came.
 fn exchange(bench: &mut Bench, client: Client, frame: &[u8]) -> Vec<u8> {
     bench.send(client, frame);
-    bench.settle();
-    received(bench, client)
+    bench.run_until_idle();
+    received_by(bench, client)
 }
 
 /// Who sent each frame on the lines, and when, in ticks since `start()`.
@@ -83,7 +83,7 @@ fn a_lost_request_is_over_when_it_would_be_judged() {
 }
 
 #[test]
-fn a_reply_that_nobody_hears_takes_its_time() {
+fn a_muted_reply_takes_its_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let (mut bench, [x, y], bus, client) = line_faults(line, 1, LineFaults { mute: true, ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
@@ -92,7 +92,7 @@ fn a_reply_that_nobody_hears_takes_its_time() {
         }
         assert_eq!((bench.statistics(x, RS485).requests, stamps(&bench, "< tx").len()), (1, 1));
         assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..])]);
-        // Nor does the other drive: it has heard the request only.
+        // Nor does the other drive: it has received the request only.
         bench.run_until(1.secs());
         assert_eq!(bench.statistics(y, RS485).foreign, 1);
         bench.set_line_faults(bus, QUIET);
@@ -123,10 +123,11 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
             let client = bench.connect(bus);
             bench.send(client, &ASKED);
             bench.set_line_faults(bus, LineFaults { corrupt: 1.0, ..QUIET });
-            bench.settle();
-            let heard = received(&mut bench, client);
-            let turned: u32 = heard.iter().zip(ANSWER).map(|(heard, sent)| (heard ^ sent).count_ones()).sum();
-            assert_eq!((heard.len(), turned), (7, 1));
+            bench.run_until_idle();
+            let received = received_by(&mut bench, client);
+            let turned: u32 =
+                received.iter().zip(ANSWER).map(|(received, sent)| (received ^ sent).count_ones()).sum();
+            assert_eq!((received.len(), turned), (7, 1));
         }
     }
 }
@@ -155,23 +156,23 @@ fn what_comes_twice_comes_again_behind_silence() {
     let (mut bench, [x, _], _, client) =
         line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let write = rtu::write(1, 0x15, 7);
-    let heard = exchange(&mut bench, client, &write);
-    assert_eq!(heard, write.repeat(4), "the answer to a write is the write");
+    let received = exchange(&mut bench, client, &write);
+    assert_eq!(received, write.repeat(4), "the answer to a write is the write");
     assert_eq!(bench.statistics(x, RS485).requests, 2);
-    // Request, answer, answer, then the same again: each after t3.5, but for the drive's own patience.
+    // Request, answer, answer, then the same again: each after t3.5, except for the turnaround time of the drive.
     let round = leaves() + EIGHT + T3_5 + EIGHT + T3_5;
     let once = [Duration::ZERO, leaves(), leaves() + EIGHT + T3_5];
     let expected: Vec<u64> = once.iter().chain(&once.map(|at| at + round)).map(|at| at.ticks()).collect();
     assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected);
     assert_eq!(bench.now(), start() + round + round - T3_5);
-    // And for those who wait for the line.
+    // The same applies to clients that wait for the line.
     let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let other = bench.connect(bus);
     bench.send(client, &write);
     bench.send(other, &rtu::read(2, 0, 1));
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(frames(&bench)[6].0, (round + round).ticks());
-    assert_eq!(received(&mut bench, client).len(), 4 * 8 + 4 * 7);
+    assert_eq!(received_by(&mut bench, client).len(), 4 * 8 + 4 * 7);
 }
 
 #[test]
@@ -237,9 +238,9 @@ fn a_late_reply_occupies_the_line_later() {
     let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
     bench.send(client, &[ASKED, ASKED].concat());
     bench.run_until(start() + leaves() + delay + CHARACTER - Duration::TICK);
-    assert_eq!(received(&mut bench, client), [0; 0]);
-    bench.settle();
-    assert_eq!(received(&mut bench, client), ANSWER.repeat(2));
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), ANSWER.repeat(2));
     let round = leaves() + delay + SEVEN + T3_5;
     let expected = [Duration::ZERO, leaves() + delay, round, round + leaves() + delay];
     assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected.map(Duration::ticks));
@@ -261,43 +262,43 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
     bench.run_until(1.secs());
-    assert_eq!(received(&mut bench, client), ANSWER[..3]);
+    assert_eq!(received_by(&mut bench, client), ANSWER[..3]);
 }
 
 #[test]
-fn power_that_fails_cuts_what_its_drive_says_and_nothing_else() {
+fn a_power_failure_cuts_only_the_output_of_its_drive() {
     // Two with one address answer at once, and one of them loses power.
     let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, QUIET);
     bench.poke(y, Reg::DeviceAddress as usize, 1).unwrap();
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(
         bench.now(),
         start() + leaves() + SEVEN,
         "the line is that of the other one until it has answered"
     );
     let twice = ANSWER[..3].iter().flat_map(|&byte| [byte, byte]);
-    assert_eq!(received(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
+    assert_eq!(received_by(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
 
-    // What comes behind an answer comes for whoever listens.
+    // Noise behind an answer reaches all clients.
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
-    bench.settle();
-    let heard = received(&mut bench, client);
+    bench.run_until_idle();
+    let received = received_by(&mut bench, client);
     let answered: Vec<u8> = frames(&bench)[1..].iter().flat_map(|frame| frame.2).copied().collect();
-    assert_eq!(heard[..3], ANSWER[..3]);
-    assert_eq!((heard, frames(&bench).len()), (answered, 4));
+    assert_eq!(received[..3], ANSWER[..3]);
+    assert_eq!((received, frames(&bench).len()), (answered, 4));
 }
 
 #[test]
 fn noise_comes_behind_frames_and_spoils_none() {
     let faults = LineFaults { noise: 1.0, ..QUIET };
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, faults);
-    let heard = exchange(&mut bench, client, &ASKED);
+    let received = exchange(&mut bench, client, &ASKED);
     let seen = frames(&bench);
     let [
         (0, Source::Client, _),
@@ -308,16 +309,16 @@ fn noise_comes_behind_frames_and_spoils_none() {
     else {
         panic!("{seen:?}");
     };
-    assert_eq!(heard, [b, c, d].concat());
+    assert_eq!(received, [b, c, d].concat());
     assert_eq!((answer, first), (leaves().ticks(), (leaves() + SEVEN + T3_5).ticks()));
     assert!((1..=8).contains(&c.len()) && (1..=8).contains(&d.len()));
     // That behind the answer, then that behind the request.
     assert_eq!(second, first + (CHARACTER * c.len() as u64 + T3_5).ticks());
     for _ in 0..100 {
         bench.send(client, &ASKED);
-        bench.settle();
-        let heard = received(&mut bench, client);
-        assert_eq!(heard[..7], ANSWER);
+        bench.run_until_idle();
+        let received = received_by(&mut bench, client);
+        assert_eq!(received[..7], ANSWER);
     }
     let statistics = bench.statistics(x, RS485);
     assert_eq!(statistics.requests, 101);
@@ -338,10 +339,10 @@ fn another_baud_rate_is_garbage_both_ways() {
     bench.set_line_faults(bus, QUIET);
     bench.send(client, &ASKED);
     bench.set_line_faults(bus, faults);
-    bench.settle();
-    let heard = received(&mut bench, client);
-    assert_eq!(heard.len(), 3);
-    assert_ne!(heard, ANSWER[..3]);
+    bench.run_until_idle();
+    let received = received_by(&mut bench, client);
+    assert_eq!(received.len(), 3);
+    assert_ne!(received, ANSWER[..3]);
     bench.set_line_faults(bus, LineFaults { baud: Some(9_600), ..QUIET });
     assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
 }
@@ -350,8 +351,8 @@ fn another_baud_rate_is_garbage_both_ways() {
 fn characters_are_disturbed_by_what_was_written_at_once() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let mut bench = Bench::with(Settings { line, capture: Retention::All, ..Settings::default() });
-        let toy = bench.add::<Toy>("t");
-        let bus = bench.bus(toy, toy::USB).unwrap();
+        let toy = bench.add::<TestDevice>("t");
+        let bus = bench.bus(toy, test_device::USB).unwrap();
         let client = bench.connect(bus);
         bench.set_line_faults(bus, LineFaults { drop: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"rrr"), [0; 0]);
@@ -361,17 +362,17 @@ fn characters_are_disturbed_by_what_was_written_at_once() {
         assert_eq!(exchange(&mut bench, client, b"r").len(), 12);
         bench.set_line_faults(bus, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"10");
-        bench.settle();
-        assert_eq!(bench.level(toy, toy::OUT), Level::High, "the 1 was heard, and the 0 was not");
+        bench.run_until_idle();
+        assert_eq!(bench.level(toy, test_device::OUT), Level::High, "the 1 was heard, and the 0 was not");
         bench.set_line_faults(bus, LineFaults { mute: true, wrong_address: 1.0, exception: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"0r"), [0; 0]);
-        assert_eq!(bench.level(toy, toy::OUT), Level::Low);
+        assert_eq!(bench.level(toy, test_device::OUT), Level::Low);
         bench.set_line_faults(bus, LineFaults { wrong_address: 1.0, exception: 1.0, ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"r").len(), 3);
         let before = bench.capture().seen();
         bench.set_line_faults(bus, LineFaults { noise: 1.0, ..QUIET });
         bench.send(client, b"x");
-        bench.settle();
+        bench.run_until_idle();
         let noise = bench.capture().since(before).filter(|frame| frame.from == Source::Noise).count();
         assert!((1..=8).contains(&noise), "{noise}");
     }
@@ -380,20 +381,20 @@ fn characters_are_disturbed_by_what_was_written_at_once() {
 #[test]
 fn a_stream_that_comes_twice_does_not_pile_up() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("t");
-    let bus = bench.bus(toy, toy::USB).unwrap();
+    let toy = bench.add::<TestDevice>("t");
+    let bus = bench.bus(toy, test_device::USB).unwrap();
     let client = bench.connect(bus);
     bench.send(client, b"s");
     bench
         .set_line_faults(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
     // A copy and noise behind it, each after 1.75 ms, and the next one comes after 3 ms: there is no room.
     bench.run_until(20.secs());
-    let dots = received(&mut bench, client).iter().filter(|&&byte| byte == b'.').count();
+    let dots = received_by(&mut bench, client).iter().filter(|&&byte| byte == b'.').count();
     assert!((6_450..13_300).contains(&dots), "{dots}");
     bench.set_line_faults(bus, QUIET);
     bench.send(client, b"s");
     bench.run_until(Instant::from(20.secs()) + 520.millis());
-    received(&mut bench, client);
+    received_by(&mut bench, client);
     assert_eq!(bench.next(), Instant::NEVER, "half a second late at most");
 }
 
@@ -436,7 +437,7 @@ fn shares_are_what_they_say() {
     }
 }
 
-/// Whether a drive is heard to answer a request.
+/// Returns whether a client receives an answer to a request.
 fn is_answered(bench: &mut Bench, client: Client) -> bool {
     let before = bench.capture().seen();
     exchange(bench, client, &ASKED);
@@ -453,9 +454,9 @@ fn answered(seed: u64, faults: LineFaults) -> (Vec<bool>, String) {
 #[test]
 fn the_same_seed_is_the_same_chance() {
     let some = LineFaults { drop: 0.2, corrupt: 0.1, noise: 0.3, duplicate: 0.1, truncate: 0.1, ..QUIET };
-    let (heard, seen) = answered(5, some);
-    assert_eq!(answered(5, some), (heard.clone(), seen));
-    assert_ne!(answered(6, some).0, heard);
+    let (received, seen) = answered(5, some);
+    assert_eq!(answered(5, some), (received.clone(), seen));
+    assert_ne!(answered(6, some).0, received);
 }
 
 /// Which of 300 requests reach the line.
@@ -483,11 +484,11 @@ proptest! {
 /// The chances of replies go by their number, so what takes some of them away, or makes more, moves those.
 #[test]
 fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
-    let (heard, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
+    let (received, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
     let more = LineFaults { wrong_address: 0.5, exception: 0.3, ..QUIET };
     for other in [more, LineFaults { noise: 1.0, ..more }, LineFaults { delay: Duration::millis(1), ..more }]
     {
-        assert_eq!(answered(5, LineFaults { drop: 0.2, ..other }).0, heard);
+        assert_eq!(answered(5, LineFaults { drop: 0.2, ..other }).0, received);
     }
 }
 
@@ -559,12 +560,12 @@ fn a_disturbed_trace_replays_without_its_faults() {
 fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Client; 2]) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let mut names = ["x", "y", "z"].into_iter();
-    let seats = addresses.map(|address| md3(&mut bench, names.next().unwrap(), address));
+    let slots = addresses.map(|address| md3(&mut bench, names.next().unwrap(), address));
     bench.run_until(start());
-    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
     bench.set_collisions(bus, true);
     let clients = [bench.connect(bus), bench.connect(bus)];
-    (bench, seats, clients)
+    (bench, slots, clients)
 }
 
 #[test]
@@ -575,8 +576,8 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
     let into = CHARACTER * 2 + Duration::from_ticks(9_000);
     bench.run_until(start() + into);
     bench.send(b, &ASKED);
-    bench.settle();
-    assert_eq!((received(&mut bench, a), received(&mut bench, b)), (vec![], vec![]));
+    bench.run_until_idle();
+    assert_eq!((received_by(&mut bench, a), received_by(&mut bench, b)), (vec![], vec![]));
     // Characters 1 and 2 of a, then both, then b alone: one frame, which is spoiled.
     let all = EIGHT + into;
     assert_eq!(bench.now(), start() + all + T3_5 + CHARACTER);
@@ -585,28 +586,28 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
     assert_eq!(stamps(&bench, "x > spoiled").len(), 12, "{}", bench.trace().to_text());
     // The line is as good as before.
     bench.send(a, &ASKED);
-    bench.settle();
-    assert_eq!(received(&mut bench, b), ANSWER);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, b), ANSWER);
     assert_eq!(collided(&bench), [true, true, false, false]);
 }
 
 #[test]
-fn a_client_that_speaks_into_an_answer_spoils_it() {
+fn a_client_that_sends_during_an_answer_corrupts_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
     // At the end of the second character of the answer.
     bench.run_until(start() + leaves() + CHARACTER * 2);
     bench.send(b, &rtu::read(2, 0, 1));
-    bench.settle();
-    let heard = received(&mut bench, a);
-    assert_eq!((&heard[..2], heard.len()), (&ANSWER[..2], 7));
-    for (place, (heard, sent)) in heard.iter().zip(ANSWER).enumerate().skip(2) {
-        assert_ne!(*heard, sent, "character {place}");
+    bench.run_until_idle();
+    let received = received_by(&mut bench, a);
+    assert_eq!((&received[..2], received.len()), (&ANSWER[..2], 7));
+    for (index, (received, sent)) in received.iter().zip(ANSWER).enumerate().skip(2) {
+        assert_ne!(*received, sent, "character {index}");
     }
-    assert_eq!(received(&mut bench, b), heard);
-    // The request that was answered was sound, that answer and what was said into it are not.
+    assert_eq!(received_by(&mut bench, b), received);
+    // The answered request was valid; the answer and the request sent during it are corrupt.
     assert_eq!(collided(&bench), [false, true, true]);
-    // Who sends does not hear, and the other drive hears what nobody can read.
+    // A sender does not receive; the other drive receives corrupt characters.
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (1, 0));
     bench.run_until(1.secs());
     assert_eq!(bench.statistics(y, RS485).spoiled, 1);
@@ -619,15 +620,15 @@ fn collided(bench: &Bench) -> Vec<bool> {
 
 /// Drives with one address answer at once; no character of any of them is sound.
 fn answer_at_once<const N: usize>() {
-    let (mut bench, seats, [a, b]) = colliding([1; N]);
+    let (mut bench, slots, [a, b]) = colliding([1; N]);
     bench.send(a, &ASKED);
-    bench.settle();
-    let heard = received(&mut bench, a);
-    assert_eq!(heard.len(), ANSWER.len() * N);
-    assert!(!heard.chunks(N).zip(ANSWER).any(|(all, sent)| all.contains(&sent)), "{heard:02X?}");
-    assert_eq!(received(&mut bench, b), heard);
+    bench.run_until_idle();
+    let received = received_by(&mut bench, a);
+    assert_eq!(received.len(), ANSWER.len() * N);
+    assert!(!received.chunks(N).zip(ANSWER).any(|(all, sent)| all.contains(&sent)), "{received:02X?}");
+    assert_eq!(received_by(&mut bench, b), received);
     assert_eq!(collided(&bench), [&[false][..], &[true; N]].concat());
-    assert!(seats.iter().all(|&seat| bench.statistics(seat, RS485).requests == 1));
+    assert!(slots.iter().all(|&drive| bench.statistics(drive, RS485).requests == 1));
 }
 
 #[test]
@@ -640,13 +641,13 @@ fn drives_that_answer_at_once_spoil_each_other() {
 fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
     let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED.repeat(3));
-    bench.settle();
-    assert_eq!(received(&mut bench, a), ANSWER.repeat(3));
-    // Half a message of another one is on the line only when patience with it has ended, and no turn runs.
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, a), ANSWER.repeat(3));
+    // A partial frame of another client is on the line only after its frame timeout, and no turn runs.
     bench.send(b, &ASKED[..3]);
     bench.send(a, &ASKED);
     bench.run_until(bench.now() + 60.millis());
-    assert_eq!(received(&mut bench, a), ANSWER);
+    assert_eq!(received_by(&mut bench, a), ANSWER);
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 4, crc: 1, ..Statistics::default() });
     // Without collisions they wait for each other.
     let bus = bench.find_bus("line1").unwrap();
@@ -654,27 +655,27 @@ fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
     bench.run_until(1.secs());
     bench.send(a, &ASKED);
     bench.send(b, &ASKED);
-    bench.settle();
-    assert_eq!(received(&mut bench, b)[28..], ANSWER.repeat(2));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, b)[28..], ANSWER.repeat(2));
 }
 
 #[test]
 fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
-    // 16 registers: 37 characters of answer, into which b speaks at its beginning.
+    // 16 registers: 37 characters of answer, during whose start b sends.
     bench.send(a, &rtu::read(1, 0, 16));
     bench.run_until(start() + leaves() + CHARACTER);
     bench.send(b, &rtu::read(2, 0, 1));
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), start() + leaves() + CHARACTER * 37);
-    let heard = received(&mut bench, b);
+    let received = received_by(&mut bench, b);
     let sound = rtu::frame(1, &[&[3, 32][..], &[0; 32]].concat()).len();
-    assert_eq!(heard.len(), sound);
+    assert_eq!(received.len(), sound);
     // Characters 2 to 9 are spoiled, and no others.
     bench.send(a, &rtu::read(1, 0, 16));
-    bench.settle();
-    let clean = received(&mut bench, b);
-    let spoiled: Vec<usize> = (0..37).filter(|&place| heard[place] != clean[place]).collect();
+    bench.run_until_idle();
+    let clean = received_by(&mut bench, b);
+    let spoiled: Vec<usize> = (0..37).filter(|&index| received[index] != clean[index]).collect();
     assert_eq!(spoiled, [1, 2, 3, 4, 5, 6, 7, 8]);
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (2, 0));
 }

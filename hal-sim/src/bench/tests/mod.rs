@@ -23,8 +23,8 @@ use super::*;
 use crate::line::Sender;
 use crate::line::faults::LineFaults;
 use crate::replay;
-use crate::testing::echo_device::Echo;
-use crate::testing::toy::{self, Toy};
+use crate::testing::echo_device::EchoDevice;
+use crate::testing::test_device::{self, TestDevice};
 
 /// A character of 9,600 8E1.
 const CHARACTER: Duration = Duration::from_ticks(18_333);
@@ -36,8 +36,8 @@ const RS485: Port = Port(0);
 fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
-        "echo" => Some(Box::new(Echo::default())),
-        "toy" => Some(Box::new(Toy::default())),
+        "echo" => Some(Box::new(EchoDevice::default())),
+        "toy" => Some(Box::new(TestDevice::default())),
         _ => None,
     }
 }
@@ -52,22 +52,22 @@ fn md3(bench: &mut Bench, name: &str, address: i64) -> DriveId {
 /// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
 fn alone(line: LineMode) -> (Bench, DriveId, Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
-    let seat = md3(&mut bench, "x", 1);
+    let drive = md3(&mut bench, "x", 1);
     bench.run_until(start());
-    let client = bench.connect(bench.bus(seat, RS485).unwrap());
-    (bench, seat, client)
+    let client = bench.connect(bench.bus(drive, RS485).unwrap());
+    (bench, drive, client)
 }
 
 /// Two MD3s on one line, at addresses 1 and 2, at 1 ms.
 fn pair(line: LineMode) -> (Bench, [DriveId; 2], Bus) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
-    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
+    let slots = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
     bench.run_until(start());
-    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
-    (bench, seats, bus)
+    let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
+    (bench, slots, bus)
 }
 
-fn received(bench: &mut Bench, client: Client) -> Vec<u8> {
+fn received_by(bench: &mut Bench, client: Client) -> Vec<u8> {
     let mut bytes = Vec::new();
     bench.receive(client, &mut bytes);
     bytes
@@ -94,18 +94,18 @@ fn the_first_character_of_a_reply_ends_t3_5_and_two_characters_after_the_request
     let leaves = start() + EIGHT + T3_5 + CHARACTER;
     assert_eq!(bench.now(), start());
     bench.run_until(leaves + CHARACTER - Duration::TICK);
-    assert_eq!(received(&mut bench, client), [0; 0]);
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
     assert_eq!(bench.next(), leaves + CHARACTER);
     bench.run_until(leaves + CHARACTER);
-    assert_eq!(received(&mut bench, client), [1]);
+    assert_eq!(received_by(&mut bench, client), [1]);
     bench.run_until(leaves + CHARACTER * 7 - Duration::TICK);
-    assert_eq!(received(&mut bench, client), [3, 2, 0, 1, 0x79]);
+    assert_eq!(received_by(&mut bench, client), [3, 2, 0, 1, 0x79]);
     bench.run_until(leaves + CHARACTER * 7);
-    assert_eq!(received(&mut bench, client), [0x84]);
+    assert_eq!(received_by(&mut bench, client), [0x84]);
 }
 
 #[test]
-fn the_trace_tells_when_a_request_came_and_its_reply_left() {
+fn the_trace_has_the_times_of_request_and_reply() {
     // Architecture, "Tests": `1.000000 > rx 01 03 …`, `14.177083 < tx …`; a whole number of ticks in
     // a character makes it 14.176875.
     let text = "drivetwin trace 1
@@ -120,11 +120,11 @@ compare tx
 }
 
 #[test]
-fn a_replay_seats_all_drives_of_an_instant_before_anything_happens_at_it() {
+fn a_replay_adds_all_drives_of_an_instant_before_its_events() {
     let mut bench = Bench::new();
     let fast = || Setup { boot_fast: true, ..Setup::default() };
-    let seats = ["x", "y"].map(|name| bench.add_with(name, Box::new(Md3::new()), fast()).unwrap());
-    bench.fault(seats[0], Fault(0), true);
+    let slots = ["x", "y"].map(|name| bench.add_with(name, Box::new(Md3::new()), fast()).unwrap());
+    bench.fault(slots[0], Fault(0), true);
     bench.run_until(100.millis());
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
@@ -132,90 +132,90 @@ fn a_replay_seats_all_drives_of_an_instant_before_anything_happens_at_it() {
 
 #[test]
 fn manual_time_goes_to_the_end_of_the_reply() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
-    let reply = bench.ask(seat, &rtu::read(1, 0, 1));
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let reply = bench.ask(drive, &rtu::read(1, 0, 1));
     assert_eq!(reply, [1, 3, 2, 0, 1, 0x79, 0x84]);
     assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7);
-    // Another client hears it, too.
-    assert_eq!(received(&mut bench, client), reply);
+    // Another client receives it, too.
+    assert_eq!(received_by(&mut bench, client), reply);
 }
 
 #[test]
-fn manual_time_goes_to_the_end_of_a_long_reply_in_slices_though_nobody_reads_it() {
+fn manual_time_runs_to_the_end_of_a_long_unread_reply_in_slices() {
     let (mut bench, _, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 32));
-    let settling = bench.begin_to_settle();
+    let settling = bench.begin_idle_run();
     // 69 characters: nine slices, and two to the reply.
     let slices = (1..12).find(|_| {
         let slice = bench.next().max(bench.now()) + 10.millis();
-        bench.settle_until(settling, slice)
+        bench.continue_idle_run(settling, slice)
     });
     assert!(slices.is_some_and(|slices| slices > 2), "{slices:?}");
     assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 69);
-    assert_eq!(received(&mut bench, client).len(), 69);
+    assert_eq!(received_by(&mut bench, client).len(), 69);
 }
 
 #[test]
 fn manual_time_goes_on_until_a_request_without_a_reply_is_judged() {
-    let (mut bench, seat, _) = alone(LineMode::Timed);
-    assert_eq!(bench.ask(seat, &rtu::read(9, 0, 1)), [0; 0]);
+    let (mut bench, drive, _) = alone(LineMode::Timed);
+    assert_eq!(bench.ask(drive, &rtu::read(9, 0, 1)), [0; 0]);
     assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
-    assert_eq!(bench.statistics(seat, RS485).foreign, 1);
+    assert_eq!(bench.statistics(drive, RS485).foreign, 1);
 }
 
 #[test]
 fn a_full_length_with_a_bad_crc_is_over_at_once() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     bench.send(client, &[1, 3, 0, 0, 0, 1, 0, 0]);
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
-    assert_eq!(bench.statistics(seat, RS485).crc, 1);
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).crc, 1);
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
 }
 
 #[test]
 fn half_a_message_whose_rest_does_not_come_is_judged() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1)[..3]);
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), start());
-    let settling = bench.begin_to_settle_halves();
-    assert!(bench.settle_until(settling, Instant::NEVER));
+    let settling = bench.begin_idle_run_flushing();
+    assert!(bench.continue_idle_run(settling, Instant::NEVER));
     // Patience, and three characters on the line with the silence behind them.
     assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
-    assert_eq!(bench.statistics(seat, RS485).dropped(), 1);
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).dropped(), 1);
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
 }
 
 #[test]
 fn half_a_message_does_not_keep_another_client_waiting_in_manual_time() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1)[..3]);
-    bench.settle();
-    let other = bench.connect(bench.bus(seat, RS485).unwrap());
+    bench.run_until_idle();
+    let other = bench.connect(bench.bus(drive, RS485).unwrap());
     bench.send(other, &rtu::read(1, 0, 1));
-    bench.settle();
+    bench.run_until_idle();
     assert!(bench.now() > start() + 20.millis());
-    assert_eq!(received(&mut bench, other).len(), 7);
-    assert_eq!(bench.statistics(seat, RS485).dropped(), 1);
+    assert_eq!(received_by(&mut bench, other).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).dropped(), 1);
 }
 
 #[test]
 fn half_a_message_waits_in_manual_time() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     let frame = rtu::read(1, 0, 1);
     bench.send(client, &frame[..3]);
-    bench.settle();
+    bench.run_until_idle();
     assert_eq!(bench.now(), start());
     bench.send(client, &frame[3..]);
-    bench.settle();
-    assert_eq!(received(&mut bench, client).len(), 7);
-    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).dropped(), 0);
 }
 
 #[test]
 fn patience_ends_20_ms_after_the_last_byte() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     let frame = rtu::read(1, 0, 1);
     bench.send(client, &frame[..3]);
     bench.run_until(start() + 15.millis());
@@ -225,17 +225,17 @@ fn patience_ends_20_ms_after_the_last_byte() {
     // Then it goes to the drive as it is, which drops it.
     bench.run_until(start() + 35.millis() + CHARACTER * 5 + T3_5 + CHARACTER);
     assert_eq!(stamps(&bench, "> rx"), ["37.145813"]);
-    assert_eq!(bench.statistics(seat, RS485).crc, 1);
+    assert_eq!(bench.statistics(drive, RS485).crc, 1);
     bench.send(client, &frame[5..]);
     bench.run_until(200.millis());
-    assert_eq!(received(&mut bench, client), [0; 0]);
-    assert_eq!(bench.ask(seat, &frame).len(), 7);
+    assert_eq!(received_by(&mut bench, client), [0; 0]);
+    assert_eq!(bench.ask(drive, &frame).len(), 7);
 }
 
 #[test]
 fn what_came_apart_is_apart_though_the_line_was_busy() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
-    let other = bench.connect(bench.bus(seat, RS485).unwrap());
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let other = bench.connect(bench.bus(drive, RS485).unwrap());
     let bad = [1, 3, 0, 0, 0, 1, 0, 0];
     let half = &rtu::read(1, 0, 1)[..5];
     for (n, lost) in (0..).zip([&bad[..], half]) {
@@ -248,9 +248,9 @@ fn what_came_apart_is_apart_though_the_line_was_busy() {
         bench.send(other, &rtu::read(1, 0x14, 2));
         bench.run_until(now + 500.millis());
         // The answer to the first client, and behind it that to the good frame of the other.
-        let heard = received(&mut bench, other);
-        assert_eq!(heard.len(), 69 + 9);
-        assert_eq!(rtu::verify_crc(&heard[69..]), Some(&[1, 3, 4, 0x00, 0x00, 0x13, 0x88][..]));
+        let received = received_by(&mut bench, other);
+        assert_eq!(received.len(), 69 + 9);
+        assert_eq!(rtu::verify_crc(&received[69..]), Some(&[1, 3, 4, 0x00, 0x00, 0x13, 0x88][..]));
     }
 }
 
@@ -258,20 +258,20 @@ fn what_came_apart_is_apart_though_the_line_was_busy() {
 fn a_drive_that_is_ready_at_once_answers_at_once() {
     let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    let seat = bench.add_with("x", Box::new(Md3::new()), setup).unwrap();
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    let drive = bench.add_with("x", Box::new(Md3::new()), setup).unwrap();
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
     assert!(bench.now() <= Instant::ZERO + Duration::TICK);
 }
 
 #[test]
-fn bytes_just_before_patience_ends_complete_a_message() {
+fn bytes_just_before_the_frame_timeout_complete_a_frame() {
     let (mut bench, _, client) = alone(LineMode::Timed);
     let frame = rtu::read(1, 0, 1);
     bench.send(client, &frame[..7]);
     bench.run_until(start() + 20.millis() - Duration::TICK);
     bench.send(client, &frame[7..]);
     bench.run_until(100.millis());
-    assert_eq!(received(&mut bench, client).len(), 7);
+    assert_eq!(received_by(&mut bench, client).len(), 7);
 }
 
 #[test]
@@ -284,9 +284,9 @@ fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
             let drive = crate::catalog::make("rs434544").unwrap();
             let address = drive.spec().find("SLAVE_ADDRESS_MODBUS").unwrap().row;
             let setup = Setup { boot_fast: true, presets: vec![(address, 48)], ..Setup::default() };
-            let seat = bench.add_with("x", drive, setup).unwrap();
+            let drive = bench.add_with("x", drive, setup).unwrap();
             bench.run_until(5.secs());
-            let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
+            let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
             if paces_itself {
                 bench.set_self_paced(client);
             }
@@ -294,13 +294,13 @@ fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
             bench.run_until(bench.now() + 5.millis());
             bench.send(client, &request[cut..]);
             bench.run_until(bench.now() + 200.millis());
-            let statistics = bench.statistics(seat, Port(0));
+            let statistics = bench.statistics(drive, Port(0));
             assert_eq!(
                 (statistics.requests + statistics.refused, statistics.dropped()),
                 (1, 0),
                 "cut at {cut}"
             );
-            assert_eq!(received(&mut bench, client)[..1], [0x30], "cut at {cut}");
+            assert_eq!(received_by(&mut bench, client)[..1], [0x30], "cut at {cut}");
         }
     }
 }
@@ -312,26 +312,26 @@ fn a_request_of_any_length_is_answered_when_silence_has_ended_it() {
     let begin = rtu::frame(1, &[65, 0, 0, 0, 0]);
     let long = rtu::frame(1, &[&begin[1..], &[9, 9]].concat());
     for request in [&request[..], &long] {
-        let (mut bench, seat, client) = alone(LineMode::Timed);
+        let (mut bench, drive, client) = alone(LineMode::Timed);
         bench.send(client, &request[..request.len() - 4]);
         bench.run_until(start() + 19.millis());
         bench.send(client, &request[request.len() - 4..]);
         bench.run_until(start() + 100.millis());
-        assert_eq!(received(&mut bench, client)[..3], [1, 0xC1, 1]);
-        assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
-        // Where time stands nobody says more before it is answered.
-        assert_eq!(bench.ask(seat, request)[..3], [1, 0xC1, 1]);
+        assert_eq!(received_by(&mut bench, client)[..3], [1, 0xC1, 1]);
+        assert_eq!(bench.statistics(drive, RS485).dropped(), 0);
+        // In manual time no client sends more before it is answered.
+        assert_eq!(bench.ask(drive, request)[..3], [1, 0xC1, 1]);
     }
 }
 
 #[test]
 fn two_frames_written_at_once_are_two() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     let both = [rtu::read(1, 0, 1).as_slice(), rtu::read(1, 1, 1).as_slice()].concat();
     bench.send(client, &both);
-    bench.settle();
-    assert_eq!(received(&mut bench, client).len(), 14);
-    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 14);
+    assert_eq!(bench.statistics(drive, RS485).requests, 2);
     let reply_ends = start() + EIGHT + T3_5 + CHARACTER + CHARACTER * 7;
     let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Input(_))).nth(1);
     assert_eq!(second.unwrap().at, reply_ends + T3_5 + CHARACTER);
@@ -339,68 +339,68 @@ fn two_frames_written_at_once_are_two() {
 
 #[test]
 fn after_a_broadcast_the_line_is_free_a_tick_later_than_t3_5() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     let both = [rtu::write(0, 0x14, 1).as_slice(), rtu::read(1, 1, 1).as_slice()].concat();
     bench.send(client, &both);
-    bench.settle();
-    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+    bench.run_until_idle();
+    assert_eq!(bench.statistics(drive, RS485).requests, 2);
     let second = bench.trace().events().filter(|entry| matches!(entry.event, trace::Event::Input(_))).nth(1);
     assert_eq!(second.unwrap().at, start() + EIGHT + T3_5 + CHARACTER + Duration::TICK);
 }
 
 #[test]
 fn a_client_that_leaves_takes_its_half_message_along() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
-    let other = bench.connect(bench.bus(seat, RS485).unwrap());
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let other = bench.connect(bench.bus(drive, RS485).unwrap());
     bench.send(client, &rtu::read(1, 0, 1)[..3]);
     bench.send(other, &rtu::read(1, 0, 1));
     bench.run_until(start() + 5.millis());
-    assert_eq!(received(&mut bench, other), [0; 0]);
+    assert_eq!(received_by(&mut bench, other), [0; 0]);
     bench.disconnect(client);
-    bench.settle();
+    bench.run_until_idle();
     let left = start() + 5.millis();
     assert_eq!(bench.now(), left + EIGHT + T3_5 + CHARACTER + CHARACTER * 7);
-    assert_eq!(received(&mut bench, other).len(), 7);
-    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+    assert_eq!(received_by(&mut bench, other).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).dropped(), 0);
 }
 
 #[test]
 fn what_a_client_wrote_whole_is_sent_when_it_has_left() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     let two = [rtu::write(1, 0x15, 3).as_slice(), rtu::write(1, 0x15, 4).as_slice(), &[1, 6]].concat();
     bench.send(client, &two);
     bench.disconnect(client);
     bench.run_until(200.millis());
-    assert_eq!(bench.peek(seat, Reg::Speed as usize), 4);
-    assert_eq!(bench.statistics(seat, RS485), Statistics { requests: 2, ..Statistics::default() });
+    assert_eq!(bench.peek(drive, Reg::Speed as usize), 4);
+    assert_eq!(bench.statistics(drive, RS485), Statistics { requests: 2, ..Statistics::default() });
     assert_eq!(bench.backlog(client), 0);
 }
 
 #[test]
 fn a_line_belongs_to_a_client_until_its_reply_is_out() {
-    let (mut bench, seat, first) = alone(LineMode::Timed);
-    let bus = bench.bus(seat, RS485).unwrap();
+    let (mut bench, drive, first) = alone(LineMode::Timed);
+    let bus = bench.bus(drive, RS485).unwrap();
     let (second, third) = (bench.connect(bus), bench.connect(bus));
     bench.send(first, &rtu::read(1, 0, 1)[..4]);
     bench.send(second, &rtu::read(1, 0, 2));
     bench.run_until(start() + 1.millis());
     bench.send(third, &rtu::read(1, 0, 3));
     bench.send(first, &rtu::read(1, 0, 1)[4..]);
-    bench.settle();
-    let heard = received(&mut bench, first);
+    bench.run_until_idle();
+    let received = received_by(&mut bench, first);
     let lengths = [7, 9, 11];
-    assert_eq!(heard.len(), lengths.iter().sum::<usize>());
-    // In the order of their first bytes: nobody hears a request, everybody hears all replies.
-    assert_eq!([heard[2], heard[9], heard[18]], [2, 4, 6]);
-    assert_eq!(received(&mut bench, second), heard);
-    assert_eq!(received(&mut bench, third), heard);
-    assert_eq!(bench.statistics(seat, RS485).dropped(), 0);
+    assert_eq!(received.len(), lengths.iter().sum::<usize>());
+    // In the order of their first bytes: no client receives a request, every client receives all replies.
+    assert_eq!([received[2], received[9], received[18]], [2, 4, 6]);
+    assert_eq!(received_by(&mut bench, second), received);
+    assert_eq!(received_by(&mut bench, third), received);
+    assert_eq!(bench.statistics(drive, RS485).dropped(), 0);
 }
 
 #[test]
 fn who_comes_when_the_asker_has_left_does_not_hear_the_reply() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
-    let bus = bench.bus(seat, RS485).unwrap();
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let bus = bench.bus(drive, RS485).unwrap();
     let other = bench.connect(bus);
     bench.send(client, &rtu::read(1, 0, 1));
     bench.run_until(start() + 1.millis());
@@ -408,21 +408,21 @@ fn who_comes_when_the_asker_has_left_does_not_hear_the_reply() {
     let next = bench.connect(bus);
     bench.send(next, &rtu::read(1, 0, 2));
     bench.run_until(start() + 200.millis());
-    assert_eq!(received(&mut bench, other).len(), 7 + 9);
-    assert_eq!(received(&mut bench, next)[2..].len(), 7);
-    assert_eq!(bench.statistics(seat, RS485).requests, 2);
+    assert_eq!(received_by(&mut bench, other).len(), 7 + 9);
+    assert_eq!(received_by(&mut bench, next)[2..].len(), 7);
+    assert_eq!(bench.statistics(drive, RS485).requests, 2);
 }
 
 #[test]
-fn replies_are_lost_while_nobody_is_connected() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+fn replies_are_lost_without_a_client() {
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1));
     bench.disconnect(client);
     bench.run_until(start() + EIGHT + T3_5 + CHARACTER);
-    let late = bench.connect(bench.bus(seat, RS485).unwrap());
+    let late = bench.connect(bench.bus(drive, RS485).unwrap());
     bench.run_until(100.millis());
-    assert_eq!(bench.statistics(seat, RS485).requests, 1);
-    assert_eq!(received(&mut bench, late), [0; 0]);
+    assert_eq!(bench.statistics(drive, RS485).requests, 1);
+    assert_eq!(received_by(&mut bench, late), [0; 0]);
 }
 
 #[test]
@@ -431,8 +431,8 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
     let client = bench.connect(bus);
     for address in [1, 2, 1] {
         bench.send(client, &rtu::read(address, 0, 1));
-        bench.settle();
-        assert_eq!(received(&mut bench, client)[0], address);
+        bench.run_until_idle();
+        assert_eq!(received_by(&mut bench, client)[0], address);
     }
     // A request and a reply for the other one are both foreign.
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 2, foreign: 2, ..Statistics::default() });
@@ -444,25 +444,25 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
 /// Two ready drives with address 1 on one line, and a client there.
 fn two_of_one_address(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
-    let seats = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
+    let slots = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
     bench.run_until(start());
-    let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+    let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
     let client = bench.connect(bus);
-    (bench, seats, client)
+    (bench, slots, client)
 }
 
 #[test]
 fn drives_that_answer_at_once_do_not_hear_each_other() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, seats, client) = two_of_one_address(line);
+        let (mut bench, slots, client) = two_of_one_address(line);
         // The answer to a write looks like the write.
         bench.send(client, &rtu::write(1, 0x15, 7));
         bench.run_until(bench.now() + 1.secs());
-        for seat in seats {
-            assert_eq!(bench.statistics(seat, RS485), Statistics { requests: 1, ..Statistics::default() });
+        for drive in slots {
+            assert_eq!(bench.statistics(drive, RS485), Statistics { requests: 1, ..Statistics::default() });
         }
-        // A client hears both, and nothing else.
-        assert_eq!(received(&mut bench, client).len(), 16);
+        // A client receives both, and nothing else.
+        assert_eq!(received_by(&mut bench, client).len(), 16);
     }
 }
 
@@ -470,22 +470,22 @@ fn drives_that_answer_at_once_do_not_hear_each_other() {
 fn answers_at_once_are_mixed_whatever_the_order_of_the_drives() {
     let mixed = [["x", "y"], ["y", "x"]].map(|names| {
         let mut bench = Bench::new();
-        let seats = names.map(|name| {
+        let slots = names.map(|name| {
             let speed = if name == "x" { 3 } else { 4 };
-            let seat = md3(&mut bench, name, 1);
-            bench.poke(seat, Reg::Speed as usize, speed).unwrap();
-            seat
+            let drive = md3(&mut bench, name, 1);
+            bench.poke(drive, Reg::Speed as usize, speed).unwrap();
+            drive
         });
-        let bus = bench.share("line1", &seats.map(|seat| (seat, RS485)));
+        let bus = bench.share("line1", &slots.map(|drive| (drive, RS485)));
         assert_eq!(
-            bench.ports(bus).iter().map(|&(seat, _)| bench.name(seat)).collect::<Vec<_>>(),
+            bench.ports(bus).iter().map(|&(drive, _)| bench.name(drive)).collect::<Vec<_>>(),
             ["x", "y"]
         );
         bench.run_until(2.millis());
         let client = bench.connect(bus);
         bench.send(client, &rtu::read(1, 0x15, 1));
         bench.run_until(1.secs());
-        received(&mut bench, client)
+        received_by(&mut bench, client)
     });
     assert_eq!(mixed[0][..10], [1, 1, 3, 3, 2, 2, 0, 0, 3, 4]);
     assert_eq!(mixed[0], mixed[1]);
@@ -494,15 +494,15 @@ fn answers_at_once_are_mixed_whatever_the_order_of_the_drives() {
 #[test]
 fn drives_that_answer_each_other_for_ever_take_their_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, seats, client) = two_of_one_address(line);
-        bench.power(seats[1], PowerAction::Off);
+        let (mut bench, slots, client) = two_of_one_address(line);
+        bench.power(slots[1], PowerAction::Off);
         bench.send(client, &rtu::write(1, 0x15, 7));
         // It comes back when the request is over, and takes the answer for a request.
         let over = if line == LineMode::Fast { Duration::ZERO } else { 10.millis() };
         bench.run_until(bench.now() + over);
-        bench.power(seats[1], PowerAction::On);
+        bench.power(slots[1], PowerAction::On);
         bench.run_until(bench.now() + 1.secs());
-        let requests = bench.statistics(seats[0], RS485).requests;
+        let requests = bench.statistics(slots[0], RS485).requests;
         assert!((20..200).contains(&requests), "{requests} in a second");
     }
 }
@@ -510,15 +510,15 @@ fn drives_that_answer_each_other_for_ever_take_their_time() {
 #[test]
 fn an_input_comes_before_a_deadline_of_its_instant() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
-    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    let toy = bench.add::<TestDevice>("toy");
+    let client = bench.connect(bench.bus(toy, test_device::USB).unwrap());
     bench.send(client, b"s");
-    let first = Instant::ZERO + Duration::from_ticks(1_389) + toy::INTERVAL;
+    let first = Instant::ZERO + Duration::from_ticks(1_389) + test_device::INTERVAL;
     bench.run_until(first - Duration::TICK);
-    bench.set_pin(toy, toy::IN, PinStimulus::Low);
+    bench.set_pin(toy, test_device::IN, PinStimulus::Low);
     bench.run_until(first);
-    // What hands do when the deadline has passed comes after it.
-    bench.fault(toy, toy::STALL, true);
+    // A stimulus after the deadline comes after it.
+    bench.fault(toy, test_device::STALL, true);
     bench.run_until(first + Duration::TICK);
     let text = bench.trace().to_text();
     let script: Vec<&str> = text.lines().skip_while(|line| !line.contains("pin IN")).collect();
@@ -537,9 +537,9 @@ fn an_input_comes_before_a_deadline_of_its_instant() {
 
 #[test]
 fn fast_takes_no_time() {
-    let (mut bench, seat, _) = alone(LineMode::Fast);
+    let (mut bench, drive, _) = alone(LineMode::Fast);
     for _ in 0..3 {
-        assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)), [1, 3, 2, 0, 1, 0x79, 0x84]);
+        assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)), [1, 3, 2, 0, 1, 0x79, 0x84]);
     }
     assert_eq!(bench.now(), start());
     let text = bench.trace().to_text();
@@ -557,8 +557,8 @@ fn fast_lets_other_drives_hear_a_tick_later() {
     let (mut bench, [x, y], bus) = pair(LineMode::Fast);
     let client = bench.connect(bus);
     bench.send(client, &[rtu::read(1, 0, 1).as_slice(), &rtu::read(2, 0, 1)].concat());
-    bench.settle();
-    assert_eq!(received(&mut bench, client).len(), 14);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 14);
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 1, foreign: 2, ..Statistics::default() });
     assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 2, ..Statistics::default() });
     assert_eq!(bench.now(), start() + Duration::TICK * 2);
@@ -566,26 +566,26 @@ fn fast_lets_other_drives_hear_a_tick_later() {
 
 #[test]
 fn a_sender_with_other_settings_is_noise() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     for sender in [
         Sender { baud: Some(19_200), ..Sender::default() },
         Sender { stop: Some(2), ..Sender::default() },
         Sender { odd: Some(true), ..Sender::default() },
     ] {
         bench.send_from(client, &rtu::read(1, 0, 1), sender);
-        bench.settle();
+        bench.run_until_idle();
     }
-    assert_eq!(bench.statistics(seat, RS485), Statistics { spoiled: 3, ..Statistics::default() });
+    assert_eq!(bench.statistics(drive, RS485), Statistics { spoiled: 3, ..Statistics::default() });
     let right = Sender { baud: Some(9_600), stop: Some(1), odd: Some(false) };
     bench.send_from(client, &rtu::read(1, 0, 1), right);
-    bench.settle();
-    assert_eq!(received(&mut bench, client).len(), 7);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 7);
 }
 
 #[test]
 fn a_new_rate_holds_when_the_reply_has_left() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
-    let bus = bench.bus(seat, RS485).unwrap();
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let bus = bench.bus(drive, RS485).unwrap();
     let old = bench.line(bus);
     assert_eq!(old, Line::new(9_600, 8, Parity::Even, 1));
     let request = rtu::write(1, 0x1c, 0b0000_0011);
@@ -594,63 +594,63 @@ fn a_new_rate_holds_when_the_reply_has_left() {
     bench.run_until(reply_ends - Duration::TICK);
     assert_eq!(bench.line(bus), old);
     bench.run_until(reply_ends);
-    assert_eq!(received(&mut bench, client), request.as_slice());
+    assert_eq!(received_by(&mut bench, client), request.as_slice());
     let new = bench.line(bus);
     assert_ne!(new.baud, 9_600);
     // The next request and its reply come at the new rate.
     let asked = bench.now();
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
     let Timing { character, t3_5, .. } = Timing::of(new);
     assert_eq!(bench.now(), asked + t3_5 + character * 8 + t3_5 + character + character * 7);
 }
 
 #[test]
-fn without_power_nothing_is_heard_or_said() {
-    let (mut bench, seat, client) = alone(LineMode::Timed);
+fn without_power_a_drive_neither_receives_nor_sends() {
+    let (mut bench, drive, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 1));
     let leaves = start() + EIGHT + T3_5 + CHARACTER;
     bench.run_until(leaves + CHARACTER * 2);
-    bench.power(seat, PowerAction::Off);
-    bench.settle();
-    assert!(!bench.powered(seat));
+    bench.power(drive, PowerAction::Off);
+    bench.run_until_idle();
+    assert!(!bench.powered(drive));
     bench.run_until(100.millis());
     // What had ended by then.
-    assert_eq!(received(&mut bench, client), [1, 3]);
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)), [0; 0]);
-    assert_eq!(bench.poke(seat, 0, 1), Err(PresetError::ReadOnly));
-    bench.power(seat, PowerAction::On);
+    assert_eq!(received_by(&mut bench, client), [1, 3]);
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)), [0; 0]);
+    assert_eq!(bench.poke(drive, 0, 1), Err(PresetError::ReadOnly));
+    bench.power(drive, PowerAction::On);
     bench.run_until(bench.now() + 1.millis());
-    assert_eq!(bench.ask(seat, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
 }
 
 #[test]
 fn a_cycle_is_off_for_a_tick() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
+    let toy = bench.add::<TestDevice>("toy");
     bench.run_until(5.millis());
     bench.power(toy, PowerAction::Cycle);
-    bench.settle();
+    bench.run_until_idle();
     assert!(bench.powered(toy));
     assert_eq!(stamps(&bench, "> power off"), ["5.000000"]);
     assert_eq!(stamps(&bench, "> power on"), ["5.000063"]);
     // The light starts again.
-    assert_eq!(bench.level(toy, toy::LED), Level::High);
+    assert_eq!(bench.level(toy, test_device::LED), Level::High);
 }
 
 #[test]
-fn what_is_not_at_rest_is_told_when_power_comes() {
+fn inputs_that_are_not_at_rest_are_reported_at_power_on() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
+    let toy = bench.add::<TestDevice>("toy");
     bench.power(toy, PowerAction::Off);
-    bench.settle();
-    bench.set_pin(toy, toy::IN, PinStimulus::Low);
-    bench.set_pin(toy, toy::LEVEL, PinStimulus::Millivolts(2_500));
-    bench.fault(toy, toy::STALL, true);
+    bench.run_until_idle();
+    bench.set_pin(toy, test_device::IN, PinStimulus::Low);
+    bench.set_pin(toy, test_device::LEVEL, PinStimulus::Millivolts(2_500));
+    bench.fault(toy, test_device::STALL, true);
     bench.run_until(1.millis());
-    assert_eq!(bench.motion(toy, toy::MOTOR), Motion::default());
+    assert_eq!(bench.motion(toy, test_device::MOTOR), Motion::default());
     bench.power(toy, PowerAction::On);
     bench.run_until(1.millis());
-    let motion = bench.motion(toy, toy::MOTOR);
+    let motion = bench.motion(toy, test_device::MOTOR);
     assert_eq!((motion.position, motion.duty, motion.current_ma), (2, 2_500, 1));
     let text = bench.trace().to_text();
     let script: Vec<&str> = text.lines().skip_while(|line| !line.contains("power on")).collect();
@@ -674,43 +674,43 @@ fn what_is_not_at_rest_is_told_when_power_comes() {
 #[test]
 fn a_pin_arrives_a_tick_later() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
-    bench.set_pin(toy, toy::IN, PinStimulus::Low);
-    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    let toy = bench.add::<TestDevice>("toy");
+    bench.set_pin(toy, test_device::IN, PinStimulus::Low);
+    assert_eq!(bench.level(toy, test_device::IN), Level::Low);
     bench.run_until(Instant::ZERO);
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 0);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 0);
     bench.run_until(Instant::from_ticks(1));
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2);
     // No edge where the level stays.
-    bench.set_pin(toy, toy::IN, PinStimulus::Millivolts(1_400));
+    bench.set_pin(toy, test_device::IN, PinStimulus::Millivolts(1_400));
     bench.run_until(1.millis());
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2);
-    bench.set_pin(toy, toy::IN, PinStimulus::Open);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2);
+    bench.set_pin(toy, test_device::IN, PinStimulus::Open);
     bench.run_until(2.millis());
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 3);
 }
 
 #[test]
 fn pulses_are_made_edge_by_edge() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
-    bench.pulse(toy, toy::IN, 3, 1_000.0).unwrap();
-    assert_eq!(bench.pulse(toy, toy::IN, 1, 1.0), Err(Busy));
+    let toy = bench.add::<TestDevice>("toy");
+    bench.pulse(toy, test_device::IN, 3, 1_000.0).unwrap();
+    assert_eq!(bench.pulse(toy, test_device::IN, 1, 1.0), Err(Busy));
     // Low at 0, 1 and 2 ms and a tick, high again half a millisecond later.
     bench.run_until(Instant::from(2.millis()));
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2 * 3);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2 * 3);
     bench.run_until(Instant::from(2.millis()) + Duration::TICK);
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 2 * 3 + 2);
-    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2 * 3 + 2);
+    assert_eq!(bench.level(toy, test_device::IN), Level::Low);
     bench.run_until(Instant::from(2_500.micros()) + Duration::TICK);
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 3);
-    assert_eq!(bench.level(toy, toy::IN), Level::High);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 3 * 3);
+    assert_eq!(bench.level(toy, test_device::IN), Level::High);
     assert_eq!(bench.next(), Instant::NEVER);
-    bench.pulse(toy, toy::IN, 1, f64::NAN).unwrap();
-    bench.set_pin(toy, toy::IN, PinStimulus::High);
-    bench.pulse(toy, toy::IN, 250_000, 250_000.0).unwrap();
+    bench.pulse(toy, test_device::IN, 1, f64::NAN).unwrap();
+    bench.set_pin(toy, test_device::IN, PinStimulus::High);
+    bench.pulse(toy, test_device::IN, 250_000, 250_000.0).unwrap();
     bench.run_until(bench.now() + 1.secs() + Duration::TICK);
-    assert_eq!(bench.motion(toy, toy::MOTOR).position, 3 * 250_003);
+    assert_eq!(bench.motion(toy, test_device::MOTOR).position, 3 * 250_003);
 }
 
 #[test]
@@ -718,8 +718,8 @@ fn pulses_take_their_share_of_a_period() {
     // A period of 16,000 ticks; low from the first tick on, for a quarter of it, or as near as ticks go.
     for (duty, low) in [(0.25, 4_000), (0.75, 12_000), (0.0, 1), (1.0, 15_999), (1e-9, 1)] {
         let mut bench = Bench::new();
-        let toy = bench.add::<Toy>("toy");
-        bench.pulse_width(toy, toy::IN, 2, 1_000.0, duty).unwrap();
+        let toy = bench.add::<TestDevice>("toy");
+        bench.pulse_width(toy, test_device::IN, 2, 1_000.0, duty).unwrap();
         for (ticks, level) in [
             (1, Level::Low),
             (low, Level::Low),
@@ -730,7 +730,7 @@ fn pulses_take_their_share_of_a_period() {
             (16_001 + low, Level::High),
         ] {
             bench.run_until(Instant::from_ticks(ticks));
-            assert_eq!(bench.level(toy, toy::IN), level, "{duty}: {ticks}");
+            assert_eq!(bench.level(toy, test_device::IN), level, "{duty}: {ticks}");
         }
     }
 }
@@ -738,48 +738,50 @@ fn pulses_take_their_share_of_a_period() {
 #[test]
 fn a_wave_is_seen_without_events() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
+    let toy = bench.add::<TestDevice>("toy");
     bench.run_until(Instant::ZERO);
     assert_eq!(bench.next(), Instant::NEVER);
     for (ticks, level) in
         [(0, Level::High), (15_999, Level::High), (16_000, Level::Low), (64_000, Level::High)]
     {
         bench.run_until(Instant::from_ticks(ticks));
-        assert_eq!(bench.level(toy, toy::LED), level, "{ticks}");
+        assert_eq!(bench.level(toy, test_device::LED), level, "{ticks}");
     }
 }
 
 #[test]
 fn characters_have_their_time() {
     let mut bench = Bench::new();
-    let toy = bench.add::<Toy>("toy");
-    bench.poke(toy, toy::Reg::Volume as usize, b'v'.into()).unwrap();
-    assert_eq!(bench.poke(toy, toy::Reg::Volume as usize, 7), Err(PresetError::OutOfRange));
-    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    let toy = bench.add::<TestDevice>("toy");
+    bench.poke(toy, test_device::Reg::Volume as usize, b'v'.into()).unwrap();
+    assert_eq!(bench.poke(toy, test_device::Reg::Volume as usize, 7), Err(PresetError::OutOfRange));
+    let client = bench.connect(bench.bus(toy, test_device::USB).unwrap());
     bench.send(client, b"1r");
     let character = Duration::from_ticks(1_389);
     bench.run_until(Instant::ZERO + character * 5 - Duration::TICK);
-    assert_eq!(received(&mut bench, client)[1..], [b'v']);
+    assert_eq!(received_by(&mut bench, client)[1..], [b'v']);
     bench.run_until(Instant::ZERO + character * 5);
-    assert_eq!(received(&mut bench, client), [b'\n']);
+    assert_eq!(received_by(&mut bench, client), [b'\n']);
     // Both directions run at once: a stream does not stop a command.
     bench.send(client, b"s");
     bench.run_until(bench.now() + 10.millis());
     bench.send(client, b"s");
-    bench.settle();
-    assert_eq!(received(&mut bench, client), b"...");
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), b"...");
 }
 
 #[test]
 fn presets_are_in_the_memory_or_set_after_every_power_on() {
     let mut bench = Bench::new();
-    let presets = vec![(toy::Reg::Volume as usize, 5), (toy::Reg::Number as usize, 9)];
-    let toy = bench.add_with("toy", Box::new(Toy::default()), Setup { presets, ..Setup::default() }).unwrap();
+    let presets = vec![(test_device::Reg::Volume as usize, 5), (test_device::Reg::Number as usize, 9)];
+    let toy = bench
+        .add_with("toy", Box::new(TestDevice::default()), Setup { presets, ..Setup::default() })
+        .unwrap();
     assert_eq!(bench.memory(toy), [9, 255, 255, 255, 255, 255, 255, 255, 255, 255]);
-    assert_eq!(bench.peek(toy, toy::Reg::Volume as usize), 5);
+    assert_eq!(bench.peek(toy, test_device::Reg::Volume as usize), 5);
     bench.power(toy, PowerAction::Cycle);
-    bench.settle();
-    assert_eq!(bench.peek(toy, toy::Reg::Volume as usize), 5);
+    bench.run_until_idle();
+    assert_eq!(bench.peek(toy, test_device::Reg::Volume as usize), 5);
     let text = bench.trace().to_text();
     assert!(text.contains("memory toy 0x0000 09 FF FF"), "{text}");
     assert_eq!(text.matches("> poke Volume 5").count(), 2);
@@ -788,15 +790,16 @@ fn presets_are_in_the_memory_or_set_after_every_power_on() {
 #[test]
 fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
     let mut bench = Bench::new();
-    bench.add::<Toy>("toy");
+    bench.add::<TestDevice>("toy");
     let before = bench.trace().to_text();
-    let presets = vec![(toy::Reg::Number as usize, 9), (toy::Reg::Volume as usize, 7)];
-    let refused = bench.add_with("other", Box::new(Toy::default()), Setup { presets, ..Setup::default() });
+    let presets = vec![(test_device::Reg::Number as usize, 9), (test_device::Reg::Volume as usize, 7)];
+    let refused =
+        bench.add_with("other", Box::new(TestDevice::default()), Setup { presets, ..Setup::default() });
     assert_eq!(refused, Err(AddError::Preset { row: 0, why: PresetError::OutOfRange }));
-    let again = bench.add_with("toy", Box::new(Toy::default()), Setup::default());
+    let again = bench.add_with("toy", Box::new(TestDevice::default()), Setup::default());
     assert_eq!(again, Err(AddError::Taken("toy".to_owned())));
     for name in ["", "two words", "#1", ">", "end", "1st"] {
-        let refused = bench.add_with(name, Box::new(Toy::default()), Setup::default());
+        let refused = bench.add_with(name, Box::new(TestDevice::default()), Setup::default());
         assert_eq!(refused, Err(AddError::Name(name.to_owned())));
     }
     assert_eq!(bench.trace().to_text(), before);
@@ -804,7 +807,7 @@ fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
 }
 
 /// A toy with the power cut armed that begins to save at once: what its memory is when the power
-/// is gone, what its keeper was told, and when it went.
+/// is off, the stores that were persisted, and the time of the failure.
 fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     let mut bench = Bench::with(Settings { seed, ..Settings::default() });
     let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
@@ -814,10 +817,10 @@ fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
         keeper.borrow_mut()[from..from + bytes.len()].copy_from_slice(bytes);
     });
     let toy = bench
-        .add_with("toy", Box::new(Toy::default()), Setup { keep: Some(keep), ..Setup::default() })
+        .add_with("toy", Box::new(TestDevice::default()), Setup { persist: Some(keep), ..Setup::default() })
         .unwrap();
     bench.power(toy, PowerAction::Cut);
-    let client = bench.connect(bench.bus(toy, toy::USB).unwrap());
+    let client = bench.connect(bench.bus(toy, test_device::USB).unwrap());
     bench.send(client, b"ww");
     bench.run_until(1.secs());
     assert!(!bench.powered(toy));
@@ -852,18 +855,18 @@ fn power_fails_anywhere_in_a_save() {
 fn power_cut_inside_a_save_leaves_an_md3_a_bad_memory() {
     for seed in 0..40 {
         let mut bench = Bench::with(Settings { seed, line: LineMode::Fast, ..Settings::default() });
-        let seat = md3(&mut bench, "x", 1);
+        let drive = md3(&mut bench, "x", 1);
         bench.run_until(start());
-        bench.ask(seat, &rtu::write(1, 0x15, 1_234));
-        bench.power(seat, PowerAction::Cut);
-        bench.settle();
-        bench.ask(seat, &rtu::write(1, 0x1a, 1));
+        bench.ask(drive, &rtu::write(1, 0x15, 1_234));
+        bench.power(drive, PowerAction::Cut);
+        bench.run_until_idle();
+        bench.ask(drive, &rtu::write(1, 0x1a, 1));
         bench.run_until(bench.now() + 1.secs());
-        assert!(!bench.powered(seat));
-        bench.power(seat, PowerAction::On);
+        assert!(!bench.powered(drive));
+        bench.power(drive, PowerAction::On);
         bench.run_until(bench.now() + 10.secs());
-        assert_eq!(bench.ask(seat, &rtu::read(1, 0x15, 1))[3..5], 5_000_u16.to_be_bytes());
-        assert_eq!(bench.ask(seat, &rtu::read(1, 0x1a, 1))[3..5], [0xF1, 0x00]);
+        assert_eq!(bench.ask(drive, &rtu::read(1, 0x15, 1))[3..5], 5_000_u16.to_be_bytes());
+        assert_eq!(bench.ask(drive, &rtu::read(1, 0x1a, 1))[3..5], [0xF1, 0x00]);
     }
 }
 
@@ -878,10 +881,10 @@ const STEP: Pin = Pin(9);
 const DIR: Pin = Pin(10);
 
 /// The edges that were fed to a device after `from`: ticks since then, pin, level.
-fn edges(bench: &Bench, seat: DriveId, from: Instant) -> Vec<(u64, Pin, bool)> {
+fn edges(bench: &Bench, drive: DriveId, from: Instant) -> Vec<(u64, Pin, bool)> {
     let edge = |entry: &trace::Entry| match entry.event {
         trace::Event::Input(InputRecord::Edge { pin, high })
-            if entry.drive == seat.0 as usize && entry.at > from =>
+            if entry.drive == drive.0 as usize && entry.at > from =>
         {
             Some((entry.at.since(from).ticks(), pin, high))
         }
@@ -900,8 +903,8 @@ fn geared() -> (Bench, [DriveId; 2]) {
     (bench, [x, y])
 }
 
-fn command(bench: &mut Bench, seat: DriveId, bits: u16) {
-    bench.poke(seat, Reg::MotionControl as usize, i64::from(bits)).unwrap();
+fn command(bench: &mut Bench, drive: DriveId, bits: u16) {
+    bench.poke(drive, Reg::MotionControl as usize, i64::from(bits)).unwrap();
 }
 
 const MOVE: u16 = 1;
@@ -941,19 +944,19 @@ fn a_wire_carries_each_step_pulse_a_tick_later() {
 
 #[test]
 fn pulses_are_made_only_where_a_wire_listens() {
-    let (mut bench, seat, _) = alone(LineMode::Fast);
-    bench.poke(seat, Reg::MoveSteps as usize, 3).unwrap();
+    let (mut bench, drive, _) = alone(LineMode::Fast);
+    bench.poke(drive, Reg::MoveSteps as usize, 3).unwrap();
     let from = bench.now();
-    command(&mut bench, seat, MOVE);
+    command(&mut bench, drive, MOVE);
     assert_eq!(bench.next(), from + Duration::from_ticks(554_256));
     bench.run_until(1.secs());
-    command(&mut bench, seat, JOG);
+    command(&mut bench, drive, JOG);
     assert_eq!(bench.next(), Instant::NEVER);
-    // The levels are there for whoever looks.
+    // The levels are up to date at any time.
     bench.run_until(2.secs());
-    assert_eq!(bench.level(seat, DIR), Level::High);
-    command(&mut bench, seat, STOP);
-    assert_eq!(bench.level(seat, DIR), Level::High);
+    assert_eq!(bench.level(drive, DIR), Level::High);
+    command(&mut bench, drive, STOP);
+    assert_eq!(bench.level(drive, DIR), Level::High);
 
     let (mut bench, [x, _]) = geared();
     assert_eq!(bench.next(), Instant::NEVER);
@@ -972,7 +975,7 @@ fn pulses_are_made_only_where_a_wire_listens() {
 }
 
 #[test]
-fn a_listener_that_comes_late_hears_the_rest_of_a_move() {
+fn a_late_wire_carries_the_rest_of_a_move() {
     let (mut bench, [x, y], _) = pair(LineMode::Fast);
     let from = bench.now();
     command(&mut bench, x, MOVE);
@@ -980,10 +983,10 @@ fn a_listener_that_comes_late_hears_the_rest_of_a_move() {
     bench.wire((x, STEP), (y, J2_4));
     bench.wire((x, DIR), (y, J2_5));
     bench.run_until(from + 3.secs());
-    let heard = edges(&bench, y, from);
+    let received = edges(&bench, y, from);
     // Half of 10,000 steps; J2.5 was high before, and stays so. J2.4 falls when the wire comes.
-    assert_eq!(heard.iter().filter(|(_, pin, high)| *pin == J2_4 && *high).count(), 5_000);
-    assert!(heard.iter().all(|(_, pin, _)| *pin == J2_4));
+    assert_eq!(received.iter().filter(|(_, pin, high)| *pin == J2_4 && *high).count(), 5_000);
+    assert!(received.iter().all(|(_, pin, _)| *pin == J2_4));
 }
 
 #[test]
@@ -1000,9 +1003,9 @@ fn without_power_step_and_direction_fall() {
         let step_falls = off.min(32 + 1);
         let mut expected = vec![(J2_4, true, 1), (J2_4, false, step_falls), (J2_5, false, off)];
         expected.sort_by_key(|(_, _, at)| *at);
-        let heard: Vec<_> =
+        let received: Vec<_> =
             edges(&bench, y, first).into_iter().map(|(at, pin, high)| (pin, high, at)).collect();
-        assert_eq!(heard, expected, "{when}");
+        assert_eq!(received, expected, "{when}");
         assert_eq!(bench.pulses(x.step()).count(), 1);
         bench.power(x, PowerAction::On);
         bench.run_until(from + 2.secs());
@@ -1018,7 +1021,7 @@ fn a_power_cut_ends_the_pulses() {
     command(&mut bench, x, JOG);
     bench.run_until(500.millis());
     bench.power(x, PowerAction::Cut);
-    bench.settle();
+    bench.run_until_idle();
     bench.poke(x, Reg::EEPROMControl as usize, 1).unwrap();
     bench.run_until(1.secs());
     assert!(!bench.powered(x));
@@ -1032,8 +1035,8 @@ fn a_power_cut_ends_the_pulses() {
 /// An MD3 and a toy, BUSY of the one wired to the input of the other.
 fn busy() -> (Bench, DriveId, DriveId) {
     let (mut bench, x, _) = alone(LineMode::Fast);
-    let toy = bench.add::<Toy>("toy");
-    bench.wire((x, BUSY), (toy, toy::IN));
+    let toy = bench.add::<TestDevice>("toy");
+    bench.wire((x, BUSY), (toy, test_device::IN));
     bench.run_until(2.millis());
     (bench, x, toy)
 }
@@ -1047,7 +1050,7 @@ fn an_output_that_floats_leaves_the_input_to_its_pull_up() {
     bench.run_until(from + 1.secs());
     assert_eq!(
         edges(&bench, toy, Instant::ZERO),
-        [(32_001, toy::IN, false), (32_001 + 320_000, toy::IN, true)]
+        [(32_001, test_device::IN, false), (32_001 + 320_000, test_device::IN, true)]
     );
 }
 
@@ -1057,23 +1060,23 @@ fn hands_hold_an_input_until_they_let_go() {
     let from = bench.now();
     command(&mut bench, x, JOG);
     bench.run_until(3.millis());
-    bench.set_pin(toy, toy::IN, PinStimulus::High);
+    bench.set_pin(toy, test_device::IN, PinStimulus::High);
     bench.run_until(4.millis());
     command(&mut bench, x, STOP);
     bench.run_until(5.millis());
     command(&mut bench, x, JOG);
     bench.run_until(6.millis());
-    assert_eq!(bench.level(toy, toy::IN), Level::High);
-    // Pulses are made by hands, too.
-    bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
+    assert_eq!(bench.level(toy, test_device::IN), Level::High);
+    // A pulse train is a stimulus, too.
+    bench.pulse(toy, test_device::IN, 1, 1_000.0).unwrap();
     bench.run_until(7.millis());
-    bench.set_pin(toy, toy::IN, PinStimulus::Open);
-    assert_eq!(bench.level(toy, toy::IN), Level::Low);
+    bench.set_pin(toy, test_device::IN, PinStimulus::Open);
+    assert_eq!(bench.level(toy, test_device::IN), Level::Low);
     bench.run_until(8.millis());
-    let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
+    let command: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
     let ms = 16_000;
     assert_eq!(
-        told,
+        command,
         [(1, false), (ms + 1, true), (4 * ms + 1, false), (4 * ms + ms / 2 + 1, true), (5 * ms + 1, false),]
     );
 }
@@ -1082,16 +1085,16 @@ fn hands_hold_an_input_until_they_let_go() {
 fn after_a_train_the_wire_decides_again() {
     let (mut bench, x, toy) = busy();
     let from = bench.now();
-    bench.pulse(toy, toy::IN, 1, 1_000.0).unwrap();
+    bench.pulse(toy, test_device::IN, 1, 1_000.0).unwrap();
     command(&mut bench, x, JOG);
     bench.run_until(3.millis());
     // Low for half a millisecond, back up, and down again where BUSY has pulled the wire meanwhile.
-    let told: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
-    assert_eq!(told, [(1, false), (8_001, true), (8_001, false)]);
+    let command: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
+    assert_eq!(command, [(1, false), (8_001, true), (8_001, false)]);
 }
 
 #[test]
-fn direction_shows_the_last_step_whoever_made_it() {
+fn direction_shows_the_last_step_of_any_source() {
     let (mut bench, x, _) = alone(LineMode::Fast);
     bench.poke(x, Reg::MoveSteps as usize, 3).unwrap();
     command(&mut bench, x, MOVE);
@@ -1113,39 +1116,42 @@ fn direction_shows_the_last_step_whoever_made_it() {
 #[test]
 fn of_two_wires_to_one_input_low_wins() {
     let (mut bench, x, toy) = busy();
-    let other = bench.add::<Toy>("other");
-    bench.wire((other, toy::OUT), (toy, toy::IN));
+    let other = bench.add::<TestDevice>("other");
+    bench.wire((other, test_device::OUT), (toy, test_device::IN));
     bench.run_until(3.millis());
     // High against floating, then against low, then low against low and floating.
     assert_eq!(edges(&bench, toy, Instant::ZERO), []);
     command(&mut bench, x, JOG);
     bench.run_until(4.millis());
-    bench.poke(other, toy::Reg::Volume as usize, 1).unwrap();
+    bench.poke(other, test_device::Reg::Volume as usize, 1).unwrap();
     bench.run_until(5.millis());
     command(&mut bench, x, STOP);
     bench.run_until(6.millis());
-    assert_eq!(edges(&bench, toy, Instant::ZERO), [(3 * 16_000 + 1, toy::IN, false)]);
+    assert_eq!(edges(&bench, toy, Instant::ZERO), [(3 * 16_000 + 1, test_device::IN, false)]);
 }
 
 #[test]
 fn a_wave_has_edges_only_where_a_wire_listens() {
     let mut bench = Bench::new();
-    let (from, to) = (bench.add::<Toy>("a"), bench.add::<Toy>("b"));
+    let (from, to) = (bench.add::<TestDevice>("a"), bench.add::<TestDevice>("b"));
     bench.run_until(9.millis());
     assert_eq!(bench.next(), Instant::NEVER);
     // High for 1 ms of 4, from 0 on.
-    for seat in [to, from] {
-        bench.wire((from, toy::LED), (seat, toy::IN));
+    for drive in [to, from] {
+        bench.wire((from, test_device::LED), (drive, test_device::IN));
     }
     bench.run_until(14.millis());
     let ms = 16_000;
-    let expected =
-        [(9 * ms + 1, toy::IN, false), (12 * ms + 1, toy::IN, true), (13 * ms + 1, toy::IN, false)];
+    let expected = [
+        (9 * ms + 1, test_device::IN, false),
+        (12 * ms + 1, test_device::IN, true),
+        (13 * ms + 1, test_device::IN, false),
+    ];
     assert_eq!(edges(&bench, to, Instant::ZERO), expected);
     assert_eq!(edges(&bench, from, Instant::ZERO), expected);
     bench.power(from, PowerAction::Off);
     bench.run_until(1.secs());
-    assert_eq!(edges(&bench, to, Instant::from(14.millis())), [(1, toy::IN, true)]);
+    assert_eq!(edges(&bench, to, Instant::from(14.millis())), [(1, test_device::IN, true)]);
     assert_eq!(bench.next(), Instant::NEVER);
 }
 
@@ -1153,21 +1159,21 @@ fn a_wave_has_edges_only_where_a_wire_listens() {
 #[should_panic(expected = "a has no pin 99")]
 fn a_wire_has_two_ends() {
     let mut bench = Bench::new();
-    let a = bench.add::<Toy>("a");
-    bench.wire((a, toy::OUT), (a, Pin(99)));
+    let a = bench.add::<TestDevice>("a");
+    bench.wire((a, test_device::OUT), (a, Pin(99)));
 }
 
 #[test]
 fn an_encoder_turns_both_ways_from_where_it_is() {
-    let (mut bench, seat, _) = alone(LineMode::Fast);
+    let (mut bench, drive, _) = alone(LineMode::Fast);
     let from = bench.now();
     // Edges of 3 Hz are 5,333,333⅓ ticks apart.
-    bench.encoder(seat, Encoder(0), 5, 3.0).unwrap();
+    bench.encoder(drive, Encoder(0), 5, 3.0).unwrap();
     bench.run_until(from + 10.secs());
     // A leads B.
     let (a, b) = (ENCODER_A, ENCODER_B);
     assert_eq!(
-        edges(&bench, seat, from),
+        edges(&bench, drive, from),
         [
             (1, a, true),
             (5_333_334, b, true),
@@ -1178,10 +1184,10 @@ fn an_encoder_turns_both_ways_from_where_it_is() {
     );
     let from = bench.now();
     assert_eq!(bench.next(), Instant::NEVER);
-    bench.encoder(seat, Encoder(0), -6, 16_000.0).unwrap();
+    bench.encoder(drive, Encoder(0), -6, 16_000.0).unwrap();
     bench.run_until(from + 1.secs());
     assert_eq!(
-        edges(&bench, seat, from),
+        edges(&bench, drive, from),
         [
             (1, a, false),
             (1_001, b, true),
@@ -1191,35 +1197,35 @@ fn an_encoder_turns_both_ways_from_where_it_is() {
             (5_001, b, true),
         ]
     );
-    assert_eq!([a, b].map(|pin| bench.level(seat, pin)), [Level::Low, Level::High]);
+    assert_eq!([a, b].map(|pin| bench.level(drive, pin)), [Level::Low, Level::High]);
 }
 
 #[test]
 fn one_thing_at_a_time_runs_on_a_pin() {
-    let (mut bench, seat, _) = alone(LineMode::Fast);
-    bench.encoder(seat, Encoder(0), 1_000, 1_000.0).unwrap();
-    assert_eq!(bench.encoder(seat, Encoder(0), 1, 1.0), Err(Busy));
-    assert_eq!(bench.pulse(seat, ENCODER_A, 1, 1.0), Err(Busy));
-    assert_eq!(bench.pulse(seat, ENCODER_B, 1, 1.0), Err(Busy));
+    let (mut bench, drive, _) = alone(LineMode::Fast);
+    bench.encoder(drive, Encoder(0), 1_000, 1_000.0).unwrap();
+    assert_eq!(bench.encoder(drive, Encoder(0), 1, 1.0), Err(Busy));
+    assert_eq!(bench.pulse(drive, ENCODER_A, 1, 1.0), Err(Busy));
+    assert_eq!(bench.pulse(drive, ENCODER_B, 1, 1.0), Err(Busy));
     // The index pulse is another pin's.
-    bench.pulse(seat, Pin(4), 1, 1.0).unwrap();
+    bench.pulse(drive, Pin(4), 1, 1.0).unwrap();
     let from = bench.now();
     bench.run_until(from + 10.millis());
-    bench.set_pin(seat, ENCODER_B, PinStimulus::Open);
+    bench.set_pin(drive, ENCODER_B, PinStimulus::Open);
     bench.run_until(from + 2.secs());
-    let turned = edges(&bench, seat, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
+    let turned = edges(&bench, drive, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
     // Ten in 10 ms, the last of them up; B falls when it is let go, and no more come.
     assert_eq!(turned, 11);
-    bench.pulse(seat, ENCODER_B, 1, 1_000.0).unwrap();
-    assert_eq!(bench.encoder(seat, Encoder(0), 1, 1.0), Err(Busy));
+    bench.pulse(drive, ENCODER_B, 1, 1_000.0).unwrap();
+    assert_eq!(bench.encoder(drive, Encoder(0), 1, 1.0), Err(Busy));
     bench.run_until(bench.now() + 1.secs());
-    bench.encoder(seat, Encoder(0), 0, 1.0).unwrap();
+    bench.encoder(drive, Encoder(0), 0, 1.0).unwrap();
     assert_eq!(bench.next(), Instant::NEVER);
     // As fast as ticks come.
     let from = bench.now();
-    bench.encoder(seat, Encoder(0), 4_000, 1e9).unwrap();
+    bench.encoder(drive, Encoder(0), 4_000, 1e9).unwrap();
     bench.run_until(from + Duration::from_ticks(4_000));
-    assert_eq!(edges(&bench, seat, from).len(), 4_000);
+    assert_eq!(edges(&bench, drive, from).len(), 4_000);
     assert_eq!(bench.next(), Instant::NEVER);
 }
 
@@ -1247,47 +1253,47 @@ const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
 /// `twins`: the two answer to one address.
 fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5], Vec<Bus>) {
     let mut bench = Bench::with(Settings { seed: 7, line, ..Settings::default() });
-    let mut seats = [DriveId(0); 5];
-    for &place in order {
-        seats[place] = if NAMES[place] < "x" {
-            let setup = Setup { presets: vec![(toy::Reg::Volume as usize, 5)], ..Setup::default() };
-            bench.add_with(NAMES[place], Box::new(Toy::default()), setup).unwrap()
+    let mut slots = [DriveId(0); 5];
+    for &index in order {
+        slots[index] = if NAMES[index] < "x" {
+            let setup = Setup { presets: vec![(test_device::Reg::Volume as usize, 5)], ..Setup::default() };
+            bench.add_with(NAMES[index], Box::new(TestDevice::default()), setup).unwrap()
         } else {
-            let address = if twins && place == 3 { 1 } else { place as i64 };
+            let address = if twins && index == 3 { 1 } else { index as i64 };
             let presets = vec![(Reg::DeviceAddress as usize, address)];
             let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-            bench.add_with(NAMES[place], Box::new(Md3::new()), setup).unwrap()
+            bench.add_with(NAMES[index], Box::new(Md3::new()), setup).unwrap()
         };
     }
     // Which port is named first does not matter, either.
     let shared: Vec<(DriveId, Port)> =
-        order.iter().filter(|&&place| place == 1 || place == 3).map(|&place| (seats[place], RS485)).collect();
+        order.iter().filter(|&&index| index == 1 || index == 3).map(|&index| (slots[index], RS485)).collect();
     let line = bench.share("line1", &shared);
     // From a slow axis of its own to another MD3, and what else there is, in a ring.
-    let [b, x, a, y, z] = seats;
+    let [b, x, a, y, z] = slots;
     for (from, to) in [
         ((x, STEP), (y, J2_4)),
         ((x, DIR), (y, J2_5)),
-        ((y, STEP), (a, toy::IN)),
+        ((y, STEP), (a, test_device::IN)),
         ((y, BUSY), (z, J2_2)),
-        ((a, toy::OUT), (b, toy::IN)),
-        ((b, toy::LED), (x, J2_2)),
-        ((b, toy::OUT), (x, J2_2)),
+        ((a, test_device::OUT), (b, test_device::IN)),
+        ((b, test_device::LED), (x, J2_2)),
+        ((b, test_device::OUT), (x, J2_2)),
         ((z, STEP), (x, ENCODER_A)),
     ] {
         bench.wire(from, to);
     }
-    let own = |place: usize| bench.bus(seats[place], Port(0)).unwrap();
+    let own = |index: usize| bench.bus(slots[index], Port(0)).unwrap();
     let buses = vec![line, own(4), own(0), own(2)];
-    (bench, seats, buses)
+    (bench, slots, buses)
 }
 
-/// Does `acts` to such a bench, each so many ticks after the one before, and returns its trace.
+/// Does `acts` to such a bench, each after a number of ticks, and returns its trace.
 /// `chunks`: after how many ticks it is polled in between, again and again.
 fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): (LineMode, bool)) -> String {
-    let (mut bench, seats, buses) = drives(order, line, twins);
+    let (mut bench, slots, buses) = drives(order, line, twins);
     let mut clients: Vec<Client> = buses.iter().map(|&bus| bench.connect(bus)).collect();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let mut at = Instant::ZERO;
     for (wait, act) in acts {
         at += Duration::from_ticks(*wait);
@@ -1303,37 +1309,37 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
             Act::Send(n, bytes) => bench.send(clients[n % clients.len()], bytes),
             Act::Connect(n) => clients.push(bench.connect(buses[n % buses.len()])),
             Act::Disconnect(n) => bench.disconnect(clients[n % clients.len()]),
-            Act::Pin(n, drive) => bench.set_pin(seats[*n], Pin(0), *drive),
-            Act::Pulse(n, count, hz) => drop(bench.pulse(seats[*n], Pin(0), *count, f64::from(*hz))),
+            Act::Pin(n, drive) => bench.set_pin(slots[*n], Pin(0), *drive),
+            Act::Pulse(n, count, hz) => drop(bench.pulse(slots[*n], Pin(0), *count, f64::from(*hz))),
             Act::Encoder(n, counts, hz) => {
-                let _ = bench.encoder(seats[*n], Encoder(0), *counts, f64::from(*hz));
+                let _ = bench.encoder(slots[*n], Encoder(0), *counts, f64::from(*hz));
             }
             Act::Move(n, steps, bits) => {
-                let _ = bench.poke(seats[*n], Reg::MoveSteps as usize, *steps);
-                let _ = bench.poke(seats[*n], Reg::MotionControl as usize, i64::from(*bits));
+                let _ = bench.poke(slots[*n], Reg::MoveSteps as usize, *steps);
+                let _ = bench.poke(slots[*n], Reg::MotionControl as usize, i64::from(*bits));
             }
-            Act::Power(n, action) => bench.power(seats[*n], *action),
-            Act::Fault(n, on) => bench.fault(seats[*n], Fault(0), *on),
-            Act::Poke(n, value) => drop(bench.poke(seats[*n], 0, *value)),
+            Act::Power(n, action) => bench.power(slots[*n], *action),
+            Act::Fault(n, on) => bench.fault(slots[*n], Fault(0), *on),
+            Act::Poke(n, value) => drop(bench.poke(slots[*n], 0, *value)),
             Act::Disturb(n, faults) => bench.set_line_faults(buses[n % buses.len()], *faults),
             Act::Collide(n, collide) => bench.set_collisions(buses[n % buses.len()], *collide),
         }
         for client in &clients {
-            heard.push(received(&mut bench, *client));
+            received.push(received_by(&mut bench, *client));
         }
     }
     // However late replies are: nothing lasts for ever.
-    bench.settle();
+    bench.run_until_idle();
     let end = bench.now();
     assert!(end <= at + 600.secs(), "settled at {end:?} only");
     bench.run_until(end + 3.secs());
     assert!(clients.iter().all(|&client| bench.backlog(client) == 0), "a line is stuck");
-    format!("{}# {heard:?}\n", bench.trace().to_text())
+    format!("{}# {received:?}\n", bench.trace().to_text())
 }
 
 fn act() -> impl Strategy<Value = Act> {
-    let seat = 0..NAMES.len();
-    let drive = prop_oneof![
+    let drive = 0..NAMES.len();
+    let stimulus = prop_oneof![
         Just(PinStimulus::Low),
         Just(PinStimulus::High),
         Just(PinStimulus::Open),
@@ -1358,14 +1364,14 @@ fn act() -> impl Strategy<Value = Act> {
         8 => (0..8_usize, bytes).prop_map(|(n, bytes)| Act::Send(n, bytes)),
         1 => (0..8_usize).prop_map(Act::Connect),
         1 => (0..8_usize).prop_map(Act::Disconnect),
-        2 => (seat.clone(), drive).prop_map(|(n, drive)| Act::Pin(n, drive)),
-        1 => (seat.clone(), 0_u32..5, 1_u32..10_000_000).prop_map(|(n, count, hz)| Act::Pulse(n, count, hz)),
-        1 => (seat.clone(), -9..9, 1_u32..10_000_000).prop_map(|(n, counts, hz)| Act::Encoder(n, counts, hz)),
-        2 => (seat.clone(), -40_i64..40, prop_oneof![4 => Just(MOVE), 1 => Just(JOG), 1 => Just(STOP)])
+        2 => (drive.clone(), stimulus).prop_map(|(n, stimulus)| Act::Pin(n, stimulus)),
+        1 => (drive.clone(), 0_u32..5, 1_u32..10_000_000).prop_map(|(n, count, hz)| Act::Pulse(n, count, hz)),
+        1 => (drive.clone(), -9..9, 1_u32..10_000_000).prop_map(|(n, counts, hz)| Act::Encoder(n, counts, hz)),
+        2 => (drive.clone(), -40_i64..40, prop_oneof![4 => Just(MOVE), 1 => Just(JOG), 1 => Just(STOP)])
             .prop_map(|(n, steps, bits)| Act::Move(n, steps, bits)),
-        2 => (seat.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
-        1 => (seat.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
-        2 => (seat, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
+        2 => (drive.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
+        1 => (drive.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
+        2 => (drive, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
         3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
         1 => (0..8_usize, any::<bool>()).prop_map(|(n, collide)| Act::Collide(n, collide)),
     ]
@@ -1385,7 +1391,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
 
     #[test]
-    fn the_order_of_seats_changes_nothing(
+    fn the_order_of_drives_changes_nothing(
         acts in acts(), order in Just([0, 1, 2, 3, 4]).prop_shuffle(), mode in modes(),
     ) {
         prop_assert_eq!(perform(&acts, &order, &[], mode), perform(&acts, &[0, 1, 2, 3, 4], &[], mode));
@@ -1430,6 +1436,6 @@ proptest! {
         }
         split.0.run_until(1.secs());
         prop_assert_eq!(whole.0.trace().to_text(), split.0.trace().to_text());
-        prop_assert_eq!(received(&mut whole.0, whole.2), received(&mut split.0, split.2));
+        prop_assert_eq!(received_by(&mut whole.0, whole.2), received_by(&mut split.0, split.2));
     }
 }

@@ -30,31 +30,35 @@ enum Act {
 
 /// Three MD3s, each of which has a motor; each motor has an encoder at the next drive, and all have switches at the
 /// same pins.
-fn turning(seats: &[usize], motors: &[usize]) -> (Bench, [DriveId; 3], [Motor; 3]) {
+fn turning(slots: &[usize], motors: &[usize]) -> (Bench, [DriveId; 3], [Motor; 3]) {
     let mut bench = Bench::with(Settings { seed: 7, ..Settings::default() });
     let mut drives = [DriveId(0); 3];
-    for &place in seats {
-        drives[place] = md3(&mut bench, NAMES[place], 1);
+    for &index in slots {
+        drives[index] = md3(&mut bench, NAMES[index], 1);
     }
     let mut fitted = [None; 3];
-    for &place in motors {
-        let is = MotorModel::Stepper(if place == 1 { WEAK } else { StepperParameters::NOMINAL });
-        let motor = bench.attach_motor(["m", "l", "k"][place], drives[place], Axis(0), is).unwrap();
-        let next = drives[(place + 1) % 3];
-        let index = Some((next, Pin(4)));
-        bench.encode(motor, 50 + 50 * place as u32, [Some((next, ENCODER_A)), Some((next, Pin(6))), index]);
+    for &index in motors {
+        let is = MotorModel::Stepper(if index == 1 { WEAK } else { StepperParameters::NOMINAL });
+        let motor = bench.attach_motor(["m", "l", "k"][index], drives[index], Axis(0), is).unwrap();
+        let next = drives[(index + 1) % 3];
+        let index_pin = Some((next, Pin(4)));
+        bench.encode(
+            motor,
+            50 + 50 * index as u32,
+            [Some((next, ENCODER_A)), Some((next, Pin(6))), index_pin],
+        );
         for (n, drive) in drives.into_iter().enumerate() {
             let from = -0.1 + n as f64 / 10.0;
             let closed = Closed { above_rev: Some(from), below_rev: Some(from + 0.3) };
             bench.switch(motor, closed, (drive, J2_4));
         }
-        fitted[place] = Some(motor);
+        fitted[index] = Some(motor);
     }
     (bench, drives, fitted.map(Option::unwrap))
 }
 
-fn perform(acts: &[(u64, Act)], seats: &[usize], motors: &[usize], chunk: Option<u64>) -> String {
-    let (mut bench, drives, motors) = turning(seats, motors);
+fn perform(acts: &[(u64, Act)], slots: &[usize], motors: &[usize], chunk: Option<u64>) -> String {
+    let (mut bench, drives, motors) = turning(slots, motors);
     let mut at = Instant::ZERO;
     let mut turns = Vec::new();
     for (wait, act) in acts.iter().copied().chain([(48_000_000, Act::Command(0, 0))]) {
@@ -103,10 +107,10 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 32, ..ProptestConfig::default() })]
 
     #[test]
-    fn the_order_of_seats_and_motors_changes_nothing(
-        acts in acts(), seats in Just([0, 1, 2]).prop_shuffle(), motors in Just([0, 1, 2]).prop_shuffle(),
+    fn the_order_of_drives_and_motors_changes_nothing(
+        acts in acts(), slots in Just([0, 1, 2]).prop_shuffle(), motors in Just([0, 1, 2]).prop_shuffle(),
     ) {
-        prop_assert_eq!(perform(&acts, &seats, &motors, None), perform(&acts, &[0, 1, 2], &[0, 1, 2], None));
+        prop_assert_eq!(perform(&acts, &slots, &motors, None), perform(&acts, &[0, 1, 2], &[0, 1, 2], None));
     }
 
     #[test]
@@ -126,29 +130,35 @@ proptest! {
 #[test]
 fn a_motor_fits_its_drive() {
     let (mut bench, [x, ..], _) = turning(&[0, 1, 2], &[0, 1, 2]);
-    let seat = |bench: &mut Bench, name: &str, apart| {
-        bench.add_with(name, Box::new(rs434544()), Setup { apart, ..Setup::default() }).unwrap()
+    let add = |bench: &mut Bench, name: &str, external_motor| {
+        bench.add_with(name, Box::new(rs434544()), Setup { external_motor, ..Setup::default() }).unwrap()
     };
-    let (rig, apart) = (seat(&mut bench, "rig", false), seat(&mut bench, "apart", true));
+    let (rig, external) = (add(&mut bench, "rig", false), add(&mut bench, "apart", true));
     assert_eq!(bench.detached_motor(rig), None);
-    let own = bench.detached_motor(apart).unwrap();
+    let own = bench.detached_motor(external).unwrap();
     let brush = MotorModel::Brush(own);
     let three = MotorModel::Brush(motor::Parameters { hall_sensors: 3, ..own });
     let stepper = MotorModel::Stepper(StepperParameters::NOMINAL);
     for (name, drive, axis, is, why) in [
-        ("two words", rig, 0, stepper, "\"two words\" is no name for a motor: use one word without dots"),
-        ("m", apart, 0, brush, "there are two things called m"),
-        ("x", apart, 0, brush, "there are two things called x"),
+        (
+            "two words",
+            rig,
+            0,
+            stepper,
+            "\"two words\" is not a valid name for a motor: use one word without dots",
+        ),
+        ("m", external, 0, brush, "the name m is in use already"),
+        ("x", external, 0, brush, "the name x is in use already"),
         ("n", x, 0, stepper, "x turns a motor already, so it cannot turn n"),
         ("n", x, 1, stepper, "x has no axis 1, so it cannot turn n"),
         ("n", rig, 0, brush, "rig does not turn brush motors of a bench, and n is one"),
-        ("n", apart, 0, stepper, "apart turns a brush motor, and n is a stepper motor"),
-        ("n", apart, 0, three, "apart turns a motor with 2 Hall sensors, and n has 3"),
+        ("n", external, 0, stepper, "apart turns a brush motor, and n is a stepper motor"),
+        ("n", external, 0, three, "apart turns a motor with 2 Hall sensors, and n has 3"),
     ] {
         assert_eq!(bench.attach_motor(name, drive, Axis(axis), is), Err(why.to_owned()));
     }
-    let motor = bench.attach_motor("n", apart, Axis(0), brush).unwrap();
-    assert_eq!((bench.motor_name(motor), bench.turned_by(motor)), ("n", (apart, Axis(0))));
+    let motor = bench.attach_motor("n", external, Axis(0), brush).unwrap();
+    assert_eq!((bench.motor_name(motor), bench.turned_by(motor)), ("n", (external, Axis(0))));
     assert_eq!(bench.motors().len(), 4);
 }
 
@@ -163,7 +173,7 @@ fn a_switch_has_two_ends() {
     bench.poke(drive, Reg::MoveSteps as usize, 1_600).unwrap();
     bench.poke(drive, Reg::Speed as usize, 40_000).unwrap();
     // 80 and 160 of 1,600 steps, at 10,000 steps/s²: after √(2·80/10,000) s = 2,023,857.7 ticks, and √2 times that,
-    // 2,862,167.0; a tick later the motor hears of it, and another later the drive of the switch.
+    // 2,862,167.0; one tick later the motor receives it, and another tick later the drive of the switch.
     bench.poke(drive, Reg::MotionControl as usize, MOVE.into()).unwrap();
     let began = bench.now();
     bench.run_until(2.secs());

@@ -5,7 +5,7 @@ use drivetwin_firmware::motor::stepper::StepperParameters;
 use super::*;
 
 fn toy(bench: &mut Bench, name: &str) -> DriveId {
-    bench.add::<Toy>(name)
+    bench.add::<TestDevice>(name)
 }
 
 #[test]
@@ -19,7 +19,7 @@ fn a_line_of_one_drive_has_two_names() {
     let usb = toy(&mut bench, "t");
     assert_eq!(bench.bus_name(line.unwrap()), "x.rs485");
     assert_eq!((bench.find_bus("rs485"), bench.find_bus("x.rs485")), (line, line));
-    assert_eq!(bench.find_bus("usb"), bench.bus(usb, toy::USB));
+    assert_eq!(bench.find_bus("usb"), bench.bus(usb, test_device::USB));
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn a_shared_line_may_be_called_as_a_port_is() {
 }
 
 #[test]
-#[should_panic(expected = "there are two things called line1")]
+#[should_panic(expected = "the name line1 is in use already")]
 fn two_shared_lines_have_two_names() {
     let mut bench = Bench::new();
     let [x, y] = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
@@ -51,7 +51,7 @@ fn two_shared_lines_have_two_names() {
 }
 
 #[test]
-#[should_panic(expected = "there are two things called x")]
+#[should_panic(expected = "the name x is in use already")]
 fn a_line_is_not_called_as_a_drive_is() {
     let mut bench = Bench::new();
     let x = md3(&mut bench, "x", 1);
@@ -59,7 +59,7 @@ fn a_line_is_not_called_as_a_drive_is() {
 }
 
 #[test]
-#[should_panic(expected = "\"x.rs485\" is no name for a line")]
+#[should_panic(expected = "\"x.rs485\" is not a valid name for a line")]
 fn a_shared_line_is_not_called_as_a_drives_own() {
     let mut bench = Bench::new();
     md3(&mut bench, "x", 1);
@@ -76,16 +76,16 @@ fn drives_lines_and_motors_share_one_list_of_names() {
     bench.attach_motor("m", x, Axis(0), stepper()).unwrap();
     for name in ["x", "line1", "m"] {
         assert!(bench.is_taken(name));
-        let error = format!("there are two things called {name}");
-        let seat = bench.add_with(name, Box::new(Md3::new()), Setup::default());
-        assert_eq!(seat, Err(AddError::Taken(name.to_owned())));
-        assert_eq!(seat.unwrap_err().to_string(), error);
+        let error = format!("the name {name} is in use already");
+        let drive = bench.add_with(name, Box::new(Md3::new()), Setup::default());
+        assert_eq!(drive, Err(AddError::Taken(name.to_owned())));
+        assert_eq!(drive.unwrap_err().to_string(), error);
         assert_eq!(bench.attach_motor(name, y, Axis(0), stepper()), Err(error));
     }
     // Each part of the name of a drive's own line is one word.
     assert!(!bench.is_taken("x.rs485") && !bench.is_taken("rs485"));
-    let seat = bench.add_with("x.rs485", Box::new(Md3::new()), Setup::default());
-    assert_eq!(seat, Err(AddError::Name("x.rs485".to_owned())));
-    let error = "\"x.rs485\" is no name for a motor: use one word without dots".to_owned();
+    let drive = bench.add_with("x.rs485", Box::new(Md3::new()), Setup::default());
+    assert_eq!(drive, Err(AddError::Name("x.rs485".to_owned())));
+    let error = "\"x.rs485\" is not a valid name for a motor: use one word without dots".to_owned();
     assert_eq!(bench.attach_motor("x.rs485", y, Axis(0), stepper()), Err(error));
 }

@@ -31,7 +31,7 @@ fn replays(bench: &Bench) -> String {
     let text = String::from_utf8(recording.finish(bench.trace()).unwrap()).unwrap();
     let trace = Trace::parse(&text, &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None), "{text}");
-    // Both ways to write it tell the same.
+    // Both ways to write it give the same text.
     let whole = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(whole.to_text(), bench.trace().to_text());
     assert_eq!(replay::run(&whole, &make), Ok(None), "{text}");
@@ -66,7 +66,7 @@ fn what_comes_at_one_instant_comes_in_its_order() {
     let client = bench.connect(bus);
     for _ in 0..20 {
         bench.send(client, b"W0B5\rR0B\rR0E\r");
-        bench.settle();
+        bench.run_until_idle();
     }
     let text = replays(&bench);
     assert!(text.contains("> spoiled"), "{text}");
@@ -84,7 +84,7 @@ fn what_comes_at_one_instant_comes_in_its_order() {
         bench.run_until(bench.now() + Duration::TICK);
         bench.attach(bus, true);
         bench.send(client, b"R0E\r");
-        bench.settle();
+        bench.run_until_idle();
         bench.run_until(bench.now() + 100.millis());
     }
     replays(&bench);
@@ -111,13 +111,13 @@ fn a_preset_at_the_beginning_leaves_other_drives_alone() {
 #[test]
 fn only_what_is_written_is_dropped() {
     let mut bench = Bench::with(Settings { trace: Retention::Written(0), ..Settings::default() });
-    let seat = bench.add_with("x", Box::new(Md3::new()), fast()).unwrap();
+    let drive = bench.add_with("x", Box::new(Md3::new()), fast()).unwrap();
     let mut recording = Recording::new(bench.trace(), Vec::new()).unwrap();
     for n in 1..=100 {
-        bench.ask(seat, &rtu::read(1, 0, 1));
+        bench.ask(drive, &rtu::read(1, 0, 1));
         if n % 10 == 0 {
             recording.follow(bench.trace()).unwrap();
-            bench.has_written();
+            bench.mark_written();
             assert!(bench.trace().events().len() < 60, "{}", bench.trace().events().len());
         }
     }

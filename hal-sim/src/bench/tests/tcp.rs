@@ -15,16 +15,16 @@ fn adu(transaction: u8) -> [u8; 12] {
 /// An echo at 1 ms.
 fn echo() -> (Bench, DriveId) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
-    let seat = bench.add::<Echo>("echo");
+    let drive = bench.add::<EchoDevice>("echo");
     bench.run_until(start());
-    (bench, seat)
+    (bench, drive)
 }
 
-fn connected(bench: &mut Bench, seat: DriveId, port: Port) -> Client {
-    let client = bench.connect_to(seat, port).unwrap();
-    bench.settle();
+fn connected(bench: &mut Bench, drive: DriveId, port: Port) -> Client {
+    let client = bench.connect_to(drive, port).unwrap();
+    bench.run_until_idle();
     if port == MCODE {
-        assert_eq!(received(bench, client), b">");
+        assert_eq!(received_by(bench, client), b">");
     }
     client
 }
@@ -32,15 +32,15 @@ fn connected(bench: &mut Bench, seat: DriveId, port: Port) -> Client {
 /// Sends, settles, and returns what came.
 fn exchange(bench: &mut Bench, client: Client, bytes: &[u8]) -> Vec<u8> {
     bench.send(client, bytes);
-    bench.settle();
-    received(bench, client)
+    bench.run_until_idle();
+    received_by(bench, client)
 }
 
 /// What the drives were fed, without stamps.
-fn fed(bench: &Bench) -> Vec<String> {
+fn input(bench: &Bench) -> Vec<String> {
     let trace = bench.trace();
-    let fed = trace.events().filter(|entry| matches!(entry.event, trace::Event::Input(_)));
-    fed.map(|entry| trace.words(entry)).collect()
+    let input = trace.events().filter(|entry| matches!(entry.event, trace::Event::Input(_)));
+    input.map(|entry| trace.words(entry)).collect()
 }
 
 fn replays(bench: &Bench) {
@@ -50,278 +50,279 @@ fn replays(bench: &Bench) {
 
 #[test]
 fn what_is_asked_at_one_instant_is_answered_at_it_and_in_order() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MODBUS);
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MODBUS);
     let asked: Vec<u8> = (1..=5).flat_map(adu).collect();
     assert_eq!(exchange(&mut bench, client, &asked), asked);
     assert_eq!(bench.now(), start());
     let words = |transaction| format!("message 0 00 {transaction:02X} 00 00 00 06 01 03 00 8B 00 02");
-    assert_eq!(fed(&bench), [vec!["opened 0".to_owned()], (1..=5).map(words).collect()].concat());
+    assert_eq!(input(&bench), [vec!["opened 0".to_owned()], (1..=5).map(words).collect()].concat());
     assert_eq!(stamps(&bench, "> message").iter().filter(|stamp| *stamp == "1.000000").count(), 5);
     let seen = Statistics { requests: 5, connections: 1, messages: 5, ..Statistics::default() };
-    assert_eq!((bench.statistics(seat, MODBUS), bench.connections(seat, MODBUS)), (seen, 1));
-    assert_eq!(bench.ask(seat, &adu(9)), adu(9));
+    assert_eq!((bench.statistics(drive, MODBUS), bench.connections(drive, MODBUS)), (seen, 1));
+    assert_eq!(bench.ask(drive, &adu(9)), adu(9));
     replays(&bench);
 }
 
 #[test]
-fn a_message_is_heard_when_its_last_byte_has_come() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MODBUS);
+fn a_message_is_delivered_at_its_last_byte() {
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MODBUS);
     for (n, byte) in (1..).zip(adu(1)) {
         bench.run_until(n.millis());
-        assert_eq!(received(&mut bench, client), [0; 0]);
+        assert_eq!(received_by(&mut bench, client), [0; 0]);
         bench.send(client, &[byte]);
     }
     // Nothing is on its way yet, and then it is at once.
     assert_eq!((bench.is_served(client), bench.next()), (false, bench.now()));
     bench.run_until(bench.now());
-    assert_eq!((bench.is_served(client), received(&mut bench, client)), (true, adu(1).to_vec()));
+    assert_eq!((bench.is_served(client), received_by(&mut bench, client)), (true, adu(1).to_vec()));
     assert_eq!(bench.next(), Instant::NEVER);
     assert_eq!(stamps(&bench, "message 0"), ["12.000000", "12.000000"]);
 }
 
 #[test]
-fn text_is_heard_as_it_comes_and_cut_after_each_carriage_return() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MCODE);
+fn text_is_delivered_at_once_and_split_after_each_carriage_return() {
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MCODE);
     assert_eq!(exchange(&mut bench, client, b"PR"), b"PR");
     assert_eq!(exchange(&mut bench, client, b" P\r\nPR V\rP"), b" P\r\nPR V\rP");
     let text =
         ["\"PR\"", "\" P\\r\"", "\"\\nPR V\\r\"", "\"P\""].map(|text| format!("message:mcode 0 {text}"));
-    assert_eq!(fed(&bench)[1..], text);
+    assert_eq!(input(&bench)[1..], text);
     assert_eq!(bench.now(), start());
     replays(&bench);
 }
 
 #[test]
-fn who_leaves_4_kib_of_answers_unread_is_heard_no_further_until_he_reads() {
+fn a_client_with_4_kib_of_unread_answers_waits_until_it_reads() {
     // At a line feed, too, a line ends.
     for lines in [b"f\rf\rf\rf\r", b"f\nf\nf\nf\n"] {
-        let (mut bench, seat) = echo();
-        let [client, other] = [(); 2].map(|()| connected(&mut bench, seat, MCODE));
+        let (mut bench, drive) = echo();
+        let [client, other] = [(); 2].map(|()| connected(&mut bench, drive, MCODE));
         bench.send(client, lines);
-        for heard in 1..=4 {
+        for received in 1..=4 {
             assert_eq!(exchange(&mut bench, other, b"a"), b"a");
-            assert_eq!(bench.statistics(seat, MCODE).messages, 2 * heard);
-            assert_eq!(received(&mut bench, client).len(), (1 << 20) + 1);
+            assert_eq!(bench.statistics(drive, MCODE).messages, 2 * received);
+            assert_eq!(received_by(&mut bench, client).len(), (1 << 20) + 1);
         }
-        bench.settle();
-        assert!(bench.is_served(client) && received(&mut bench, client).is_empty());
+        bench.run_until_idle();
+        assert!(bench.is_served(client) && received_by(&mut bench, client).is_empty());
         replays(&bench);
     }
     // 4,096 bytes are 341 replies and a third.
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MODBUS);
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MODBUS);
     let asked = adu(1).repeat(700);
     assert_eq!(exchange(&mut bench, client, &asked).len(), 342 * 12);
     assert_eq!((bench.backlog(client), bench.is_served(client)), (12 * (700 - 343), false));
-    bench.settle();
-    assert_eq!(received(&mut bench, client).len(), 342 * 12);
-    bench.settle();
-    assert_eq!((received(&mut bench, client).len(), bench.is_served(client)), (16 * 12, true));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 342 * 12);
+    bench.run_until_idle();
+    assert_eq!((received_by(&mut bench, client).len(), bench.is_served(client)), (16 * 12, true));
 }
 
 #[test]
-fn who_is_held_back_is_heard_no_further_though_he_receives() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MODBUS);
+fn a_client_that_is_held_back_waits_though_it_receives() {
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MODBUS);
     bench.hold_back(client, true);
     assert_eq!(exchange(&mut bench, client, &adu(1)), [0; 0]);
     bench.hold_back(client, false);
-    bench.settle();
-    assert_eq!(received(&mut bench, client), adu(1));
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), adu(1));
 }
 
 #[test]
 fn who_leaves_without_reading_takes_along_what_waits_for_that() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MCODE);
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MCODE);
     bench.send(client, b"f\ra\rb\r");
-    bench.settle();
+    bench.run_until_idle();
     bench.disconnect(client);
-    bench.settle();
-    assert_eq!(fed(&bench), ["opened:mcode 0", "message:mcode 0 \"f\\r\"", "closed:mcode 0"]);
-    // What waits for its turn only is heard.
-    let client = connected(&mut bench, seat, MCODE);
+    bench.run_until_idle();
+    assert_eq!(input(&bench), ["opened:mcode 0", "message:mcode 0 \"f\\r\"", "closed:mcode 0"]);
+    // Messages that only wait for their turn are delivered.
+    let client = connected(&mut bench, drive, MCODE);
     bench.send(client, b"a\rb\r");
     bench.disconnect(client);
-    bench.settle();
-    let told = ["opened:mcode 0", "message:mcode 0 \"a\\r\"", "message:mcode 0 \"b\\r\"", "closed:mcode 0"];
-    assert_eq!(fed(&bench)[3..], told);
+    bench.run_until_idle();
+    let command =
+        ["opened:mcode 0", "message:mcode 0 \"a\\r\"", "message:mcode 0 \"b\\r\"", "closed:mcode 0"];
+    assert_eq!(input(&bench)[3..], command);
 }
 
 #[test]
 fn a_wrong_header_ends_its_connection_when_all_before_it_is_answered() {
     for (wrong, why) in [([0, 9, 0, 1, 0, 6], Broken::Protocol), ([0, 9, 0, 0, 1, 6], Broken::Length)] {
-        let (mut bench, seat) = echo();
-        let [client, other] = [(); 2].map(|()| connected(&mut bench, seat, MODBUS));
+        let (mut bench, drive) = echo();
+        let [client, other] = [(); 2].map(|()| connected(&mut bench, drive, MODBUS));
         bench.send(client, &[&adu(1)[..], &wrong[..], &adu(2)[..]].concat());
         bench.send(client, &adu(3));
-        bench.settle();
+        bench.run_until_idle();
         assert_eq!(bench.ended(client), Some(Ended::Broken(why)));
-        assert_eq!(received(&mut bench, client), adu(1));
-        assert_eq!(fed(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0"]);
+        assert_eq!(received_by(&mut bench, client), adu(1));
+        assert_eq!(input(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0"]);
         // To the others nothing happens, and the number is free.
         assert_eq!(exchange(&mut bench, other, &adu(4)), adu(4));
-        assert_eq!((bench.ended(other), bench.connections(seat, MODBUS)), (None, 1));
-        assert_eq!(bench.statistics(seat, MODBUS).broken, 1);
+        assert_eq!((bench.ended(other), bench.connections(drive, MODBUS)), (None, 1));
+        assert_eq!(bench.statistics(drive, MODBUS).broken, 1);
         bench.disconnect(client);
-        connected(&mut bench, seat, MODBUS);
-        assert_eq!(fed(&bench).last().unwrap(), "opened 0");
+        connected(&mut bench, drive, MODBUS);
+        assert_eq!(input(&bench).last().unwrap(), "opened 0");
         replays(&bench);
     }
 }
 
 #[test]
 fn a_port_takes_64_and_turns_the_next_one_away() {
-    let (mut bench, seat) = echo();
-    let clients: Vec<Client> = (0..64).map(|_| connected(&mut bench, seat, MODBUS)).collect();
-    assert_eq!(bench.connect_to(seat, MODBUS), Err(TurnedAway::Full));
-    assert_eq!(bench.connections(seat, MODBUS), 64);
+    let (mut bench, drive) = echo();
+    let clients: Vec<Client> = (0..64).map(|_| connected(&mut bench, drive, MODBUS)).collect();
+    assert_eq!(bench.connect_to(drive, MODBUS), Err(ConnectError::Full));
+    assert_eq!(bench.connections(drive, MODBUS), 64);
     for (transaction, &client) in (0..).zip(&clients) {
         assert_eq!(exchange(&mut bench, client, &adu(transaction)), adu(transaction));
     }
     // The other port has its own.
-    connected(&mut bench, seat, MCODE);
+    connected(&mut bench, drive, MCODE);
     bench.disconnect(clients[7]);
-    assert_eq!(bench.connections(seat, MODBUS), 63);
-    let client = connected(&mut bench, seat, MODBUS);
-    assert_eq!(fed(&bench).last().unwrap(), "opened 7");
+    assert_eq!(bench.connections(drive, MODBUS), 63);
+    let client = connected(&mut bench, drive, MODBUS);
+    assert_eq!(input(&bench).last().unwrap(), "opened 7");
     assert_eq!(exchange(&mut bench, client, &adu(64)), adu(64));
 }
 
 #[test]
-fn who_is_given_a_number_again_hears_nothing_that_is_for_who_had_it() {
-    let (mut bench, seat) = echo();
-    let [first, _] = [(); 2].map(|()| connected(&mut bench, seat, MODBUS));
+fn a_reused_connection_number_carries_nothing_of_its_previous_client() {
+    let (mut bench, drive) = echo();
+    let [first, _] = [(); 2].map(|()| connected(&mut bench, drive, MODBUS));
     bench.send(first, &adu(1));
     bench.disconnect(first);
-    // The drive has heard neither the request nor the end.
-    let third = bench.connect_to(seat, MODBUS).unwrap();
-    bench.settle();
-    assert_eq!(received(&mut bench, third), [0; 0]);
-    assert_eq!(fed(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0", "opened 0"]);
+    // The drive has received neither the request nor the end.
+    let third = bench.connect_to(drive, MODBUS).unwrap();
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, third), [0; 0]);
+    assert_eq!(input(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0", "opened 0"]);
     assert_eq!(exchange(&mut bench, third, &adu(2)), adu(2));
-    // Who has come and gone before it was heard was there all the same.
-    let fourth = bench.connect_to(seat, MODBUS).unwrap();
+    // A client that left before its opening was reported is reported all the same.
+    let fourth = bench.connect_to(drive, MODBUS).unwrap();
     bench.send(fourth, &adu(3));
     bench.disconnect(fourth);
-    bench.settle();
-    assert_eq!(fed(&bench)[6..], ["opened 2", "message 2 00 03 00 00 00 06 01 03 00 8B 00 02", "closed 2"]);
+    bench.run_until_idle();
+    assert_eq!(input(&bench)[6..], ["opened 2", "message 2 00 03 00 00 00 06 01 03 00 8B 00 02", "closed 2"]);
     replays(&bench);
 }
 
 #[test]
-fn a_drive_that_closes_hears_nothing_more_from_there() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MCODE);
+fn a_drive_receives_nothing_after_it_closes_a_connection() {
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MCODE);
     bench.send(client, b"ax\rbc\r");
-    bench.settle();
-    assert_eq!(received(&mut bench, client), b"a\r"[..1]);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client), b"a\r"[..1]);
     assert_eq!(bench.ended(client), Some(Ended::ByDrive));
     assert!(bench.is_served(client));
     bench.send(client, b"d");
     bench.disconnect(client);
-    bench.settle();
-    assert_eq!(fed(&bench), ["opened:mcode 0", "message:mcode 0 \"ax\\r\""]);
+    bench.run_until_idle();
+    assert_eq!(input(&bench), ["opened:mcode 0", "message:mcode 0 \"ax\\r\""]);
     assert_eq!(bench.trace().to_text().matches("close:mcode 0").count(), 1);
-    // Who comes next has the number, and nothing of what was said before.
-    let next = connected(&mut bench, seat, MCODE);
-    assert_eq!((fed(&bench).last().unwrap().as_str(), bench.ended(next)), ("opened:mcode 0", None));
+    // The next client has the number, and none of the earlier messages.
+    let next = connected(&mut bench, drive, MCODE);
+    assert_eq!((input(&bench).last().unwrap().as_str(), bench.ended(next)), ("opened:mcode 0", None));
     replays(&bench);
 }
 
 #[test]
 fn what_is_under_way_when_a_drive_closes_is_not_for_the_next_one() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MCODE);
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MCODE);
     bench.send(client, b"x\r");
     bench.send(client, b"old\r");
     bench.run_until(bench.now());
-    let next = bench.connect_to(seat, MCODE).unwrap();
-    bench.settle();
-    assert_eq!(received(&mut bench, next), b">");
-    assert_eq!(fed(&bench)[1..], ["message:mcode 0 \"x\\r\"", "opened:mcode 0"]);
+    let next = bench.connect_to(drive, MCODE).unwrap();
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, next), b">");
+    assert_eq!(input(&bench)[1..], ["message:mcode 0 \"x\\r\"", "opened:mcode 0"]);
 }
 
 #[test]
 fn a_drive_may_take_fewer() {
-    let (mut bench, seat) = echo();
+    let (mut bench, drive) = echo();
     for _ in 0..4 {
-        connected(&mut bench, seat, MCODE);
+        connected(&mut bench, drive, MCODE);
     }
-    let fifth = bench.connect_to(seat, MCODE).unwrap();
+    let fifth = bench.connect_to(drive, MCODE).unwrap();
     assert_eq!(bench.ended(fifth), None);
-    bench.settle();
-    assert_eq!((bench.ended(fifth), received(&mut bench, fifth)), (Some(Ended::ByDrive), Vec::new()));
-    assert_eq!(bench.connections(seat, MCODE), 4);
+    bench.run_until_idle();
+    assert_eq!((bench.ended(fifth), received_by(&mut bench, fifth)), (Some(Ended::ByDrive), Vec::new()));
+    assert_eq!(bench.connections(drive, MCODE), 4);
     replays(&bench);
 }
 
 #[test]
-fn power_ends_all_connections_and_lets_nobody_in_while_it_is_away() {
-    let (mut bench, seat) = echo();
-    let clients = [MODBUS, MCODE].map(|port| connected(&mut bench, seat, port));
+fn power_off_closes_all_connections_and_refuses_new_ones() {
+    let (mut bench, drive) = echo();
+    let clients = [MODBUS, MCODE].map(|port| connected(&mut bench, drive, port));
     assert_eq!(exchange(&mut bench, clients[1], b"a"), b"a");
     bench.run_until(2.millis());
-    bench.power(seat, PowerAction::Off);
+    bench.power(drive, PowerAction::Off);
     // Power goes first of what happens at an instant.
     bench.send(clients[0], &adu(1));
-    bench.settle();
-    let told = fed(&bench).len();
+    bench.run_until_idle();
+    let command = input(&bench).len();
     assert_eq!(clients.map(|client| bench.ended(client)), [Some(Ended::NoPower); 2]);
-    assert_eq!(received(&mut bench, clients[0]), [0; 0]);
-    assert_eq!(bench.connect_to(seat, MODBUS), Err(TurnedAway::NoPower));
+    assert_eq!(received_by(&mut bench, clients[0]), [0; 0]);
+    assert_eq!(bench.connect_to(drive, MODBUS), Err(ConnectError::NoPower));
     bench.send(clients[0], &adu(2));
     bench.disconnect(clients[1]);
-    bench.settle();
-    assert_eq!((fed(&bench).len(), fed(&bench).last().unwrap().as_str()), (told, "power off"));
-    bench.power(seat, PowerAction::On);
-    bench.settle();
-    let client = connected(&mut bench, seat, MODBUS);
-    assert_eq!(fed(&bench)[told..], ["power on", "opened 0"]);
-    bench.power(seat, PowerAction::Cycle);
-    bench.settle();
-    assert_eq!((bench.ended(client), bench.powered(seat)), (Some(Ended::NoPower), true));
-    assert_eq!(bench.connections(seat, MODBUS), 0);
-    connected(&mut bench, seat, MODBUS);
-    assert_eq!(fed(&bench).last().unwrap(), "opened 0");
+    bench.run_until_idle();
+    assert_eq!((input(&bench).len(), input(&bench).last().unwrap().as_str()), (command, "power off"));
+    bench.power(drive, PowerAction::On);
+    bench.run_until_idle();
+    let client = connected(&mut bench, drive, MODBUS);
+    assert_eq!(input(&bench)[command..], ["power on", "opened 0"]);
+    bench.power(drive, PowerAction::Cycle);
+    bench.run_until_idle();
+    assert_eq!((bench.ended(client), bench.powered(drive)), (Some(Ended::NoPower), true));
+    assert_eq!(bench.connections(drive, MODBUS), 0);
+    connected(&mut bench, drive, MODBUS);
+    assert_eq!(input(&bench).last().unwrap(), "opened 0");
     replays(&bench);
 }
 
 #[test]
-fn what_comes_at_an_instant_whose_deadlines_are_over_is_heard_a_tick_later() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MCODE);
+fn input_after_the_deadlines_of_an_instant_is_delivered_a_tick_later() {
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MCODE);
     assert_eq!(exchange(&mut bench, client, b"t"), b"T");
     assert_eq!(bench.now(), start());
     assert_eq!(exchange(&mut bench, client, b"a"), b"a");
     assert_eq!(bench.now(), start() + Duration::TICK);
     bench.run_until(start() + Duration::secs(1));
-    assert_eq!(received(&mut bench, client), b"T");
+    assert_eq!(received_by(&mut bench, client), b"T");
     replays(&bench);
 }
 
 #[test]
 fn a_connection_to_a_serial_port_is_one_to_its_line() {
-    let (mut bench, seat, _) = alone(LineMode::Timed);
-    let bus = bench.bus(seat, RS485).unwrap();
-    assert_eq!((bench.outlet(seat, RS485), bench.outlets()), (Outlet::Line(bus), vec![Outlet::Line(bus)]));
-    let client = bench.connect_to(seat, RS485).unwrap();
+    let (mut bench, drive, _) = alone(LineMode::Timed);
+    let bus = bench.bus(drive, RS485).unwrap();
+    assert_eq!((bench.outlet(drive, RS485), bench.outlets()), (Outlet::Line(bus), vec![Outlet::Line(bus)]));
+    let client = bench.connect_to(drive, RS485).unwrap();
     assert_eq!(exchange(&mut bench, client, &rtu::read(1, 0, 1)), [1, 3, 2, 0, 1, 0x79, 0x84]);
-    assert_eq!((bench.ended(client), bench.connections(seat, RS485)), (None, 0));
+    assert_eq!((bench.ended(client), bench.connections(drive, RS485)), (None, 0));
 }
 
 #[test]
 fn tcp_ports_have_names_and_are_no_lines() {
-    let (mut bench, seat) = echo();
-    assert_eq!((bench.bus(seat, MODBUS), bench.buses()), (None, vec![]));
+    let (mut bench, drive) = echo();
+    assert_eq!((bench.bus(drive, MODBUS), bench.buses()), (None, vec![]));
     let names = |bench: &Bench| -> Vec<String> {
         bench.outlets().into_iter().map(|outlet| bench.outlet_name(outlet)).collect()
     };
     assert_eq!(names(&bench), ["modbus", "mcode"]);
-    bench.add::<Echo>("a");
+    bench.add::<EchoDevice>("a");
     assert_eq!(names(&bench), ["a.modbus", "a.mcode", "echo.modbus", "echo.mcode"]);
     let known = ["mcode", "a.mcode", "b.mcode", "usb"].map(|name| bench.has_tcp_port(name));
     assert_eq!(known, [true, true, false, false]);
@@ -329,21 +330,21 @@ fn tcp_ports_have_names_and_are_no_lines() {
 
 #[test]
 fn a_capture_has_messages_whole_and_the_end_of_each_connection() {
-    let (mut bench, seat) = echo();
-    let client = connected(&mut bench, seat, MODBUS);
+    let (mut bench, drive) = echo();
+    let client = connected(&mut bench, drive, MODBUS);
     exchange(&mut bench, client, &[adu(1), adu(2)].concat());
     bench.disconnect(client);
-    bench.settle();
+    bench.run_until_idle();
     let frames: Vec<&Frame> = bench.capture().since(0).collect();
     let seen: Vec<_> = frames.iter().map(|frame| (frame.from, &frame.bytes[..])).collect();
-    let (request, reply) = (Source::Client, Source::Drive(seat));
+    let (request, reply) = (Source::Client, Source::Drive(drive));
     let (one, two) = (adu(1), adu(2));
     assert_eq!(seen, [(request, &one[..]), (reply, &one), (request, &two), (reply, &two), (request, &[])]);
-    let on = Medium::Tcp(seat, MODBUS, Link(0));
+    let on = Medium::Tcp(drive, MODBUS, Link(0));
     assert!(frames.iter().all(|frame| (frame.on, frame.at, frame.line) == (on, start(), None)));
 }
 
-/// What somebody does to two drives with TCP ports.
+/// Actions on two drives with TCP ports.
 #[derive(Clone, Debug)]
 enum Act {
     Connect(bool, bool),
@@ -377,16 +378,16 @@ fn happened(acts: &[Act], swapped: bool, slices: u64) -> (String, Vec<Vec<u8>>) 
     if swapped {
         names.reverse();
     }
-    let mut seats = names.map(|name| bench.add::<Echo>(name));
+    let mut slots = names.map(|name| bench.add::<EchoDevice>(name));
     if swapped {
-        seats.reverse();
+        slots.reverse();
     }
     let mut clients: Vec<(Client, Vec<u8>)> = Vec::new();
     for act in acts {
         match act {
             &Act::Connect(drive, port) => {
                 let port = if port { MODBUS } else { MCODE };
-                let client = bench.connect_to(seats[usize::from(drive)], port);
+                let client = bench.connect_to(slots[usize::from(drive)], port);
                 clients.extend(client.ok().map(|client| (client, Vec::new())));
             }
             Act::Send(client, bytes) if !clients.is_empty() => {
@@ -395,7 +396,7 @@ fn happened(acts: &[Act], swapped: bool, slices: u64) -> (String, Vec<Vec<u8>>) 
             Act::Leave(client) if !clients.is_empty() => {
                 bench.disconnect(clients[client % clients.len()].0);
             }
-            &Act::Power(drive, action) => bench.power(seats[usize::from(drive)], action),
+            &Act::Power(drive, action) => bench.power(slots[usize::from(drive)], action),
             &Act::Wait(ticks) => {
                 let end = bench.now() + Duration::TICK * ticks;
                 for slice in (0..slices).rev() {
@@ -404,15 +405,15 @@ fn happened(acts: &[Act], swapped: bool, slices: u64) -> (String, Vec<Vec<u8>>) 
             }
             Act::Send(..) | Act::Leave(_) => {}
         }
-        for (client, heard) in &mut clients {
-            bench.receive(*client, heard);
+        for (client, received) in &mut clients {
+            bench.receive(*client, received);
         }
     }
     bench.run_until(3.secs());
-    for (client, heard) in &mut clients {
-        bench.receive(*client, heard);
+    for (client, received) in &mut clients {
+        bench.receive(*client, received);
     }
-    (bench.trace().to_text(), clients.into_iter().map(|(_, heard)| heard).collect())
+    (bench.trace().to_text(), clients.into_iter().map(|(_, received)| received).collect())
 }
 
 proptest! {
@@ -421,8 +422,8 @@ proptest! {
         transactions in proptest::collection::vec(any::<u8>(), 1..20),
         cuts in proptest::collection::vec(1_usize..40, 0..30),
     ) {
-        let (mut bench, seat) = echo();
-        let client = connected(&mut bench, seat, MODBUS);
+        let (mut bench, drive) = echo();
+        let client = connected(&mut bench, drive, MODBUS);
         let asked: Vec<u8> = transactions.iter().copied().flat_map(adu).collect();
         let mut rest = asked.as_slice();
         for cut in cuts {
@@ -431,17 +432,17 @@ proptest! {
             rest = more;
         }
         bench.send(client, rest);
-        bench.settle();
-        prop_assert_eq!(received(&mut bench, client), asked);
-        prop_assert_eq!(bench.statistics(seat, MODBUS).messages, transactions.len() as u64);
+        bench.run_until_idle();
+        prop_assert_eq!(received_by(&mut bench, client), asked);
+        prop_assert_eq!(bench.statistics(drive, MODBUS).messages, transactions.len() as u64);
     }
 
     #[test]
     fn whatever_clients_do_replays_exactly_and_depends_on_no_order_of_seats(
         acts in proptest::collection::vec(act(), 0..60),
     ) {
-        let (text, heard) = happened(&acts, false, 1);
-        prop_assert_eq!(&happened(&acts, true, 3), &(text.clone(), heard));
+        let (text, received) = happened(&acts, false, 1);
+        prop_assert_eq!(&happened(&acts, true, 3), &(text.clone(), received));
         let trace = Trace::parse(&text, &make).unwrap();
         prop_assert_eq!(replay::run(&trace, &make), Ok(None), "{}", text);
     }

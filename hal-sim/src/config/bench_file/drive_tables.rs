@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use drivetwin_firmware::device::{Fault, Framing, Pin, Port, PortSpec, Spec};
 
 use super::Reader;
-use super::table::{Located, Table, Wrong};
+use super::table::{Located, LocatedError, Table};
 use crate::catalog;
 use crate::config::layout::{self, At, BusLayout, DriveLayout};
 use crate::config::listen::{Listen, Uri};
@@ -22,17 +22,17 @@ pub(super) const BUS: [&str; 4] = ["name", "listen", "drives", "collisions"];
 /// A line of the bench.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Line {
-    /// A line that drives share: place in the layout.
+    /// A line that drives share: index in the layout.
     Shared(usize),
     /// The line of a port.
     Own(usize, Port),
 }
 
 impl Reader {
-    pub(super) fn drive(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn drive(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let name = self.name(table, "drive")?;
         let kind = table.needed_text("kind")?;
-        let spec = catalog::make(kind.is).map_err(Wrong::at(kind.at))?.spec();
+        let spec = catalog::make(kind.is).map_err(LocatedError::at(kind.at))?.spec();
         let program = path(table, "program")?;
         if let Some(program) = &program
             && !rsasm::runs_on(spec)
@@ -57,22 +57,22 @@ impl Reader {
             faults: Vec::new(),
         };
         let listen = table.texts("listen")?;
-        self.nowhere.push(listen.as_ref().is_some_and(|listen| listen.is.is_empty()));
+        self.no_listen.push(listen.as_ref().is_some_and(|listen| listen.is.is_empty()));
         for text in listen.map_or(Vec::new(), |listen| listen.is) {
-            let place = layout::reached(spec, &self.listen(&text)?).map_err(Wrong::at(text.at))?;
-            self.place(&text, &place.1)?;
-            drive.listen.push(place);
+            let address = layout::address(spec, &self.listen(&text)?).map_err(LocatedError::at(text.at))?;
+            self.add_address(&text, &address.1)?;
+            drive.listen.push(address);
         }
         for fault in table.texts("faults")?.map_or(Vec::new(), |faults| faults.is) {
             let known = spec.faults.iter().position(|known| *known == fault.is);
-            let place = known.ok_or_else(|| {
+            let index = known.ok_or_else(|| {
                 fault.wrong(suggest::unknown(
                     &format!("fault of {}", spec.kind),
                     fault.is,
                     spec.faults.iter().copied(),
                 ))
             })?;
-            drive.faults.push(Fault(place as u8));
+            drive.faults.push(Fault(index as u8));
         }
         let presets = presets(table, spec)?;
         drive.presets = presets.iter().map(|preset| preset.is).collect();
@@ -80,14 +80,14 @@ impl Reader {
             let preset = presets.iter().find(|preset| preset.is.row == row);
             let name = spec.registers.rows.get(row).map_or("", |row| row.name);
             let at = preset.map_or(table.at, |preset| preset.at);
-            return Err(Wrong { at, what: preset::refusal(spec, row, name, why) });
+            return Err(LocatedError { at, what: preset::refusal(spec, row, name, why) });
         }
         self.layout.drives.push(drive);
         self.specs.push(spec);
         Ok(())
     }
 
-    pub(super) fn bus(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn bus(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let name = self.name(table, "bus")?;
         let mut bus = BusLayout {
             name,
@@ -100,7 +100,7 @@ impl Reader {
             return Err(drives.wrong("a bus needs a drive"));
         }
         for text in drives.is {
-            let (drive, port) = self.port(text.is).map_err(Wrong::at(text.at))?;
+            let (drive, port) = self.port(text.is).map_err(LocatedError::at(text.at))?;
             let spec = self.spec(drive);
             let of = (spec.ports.get(usize::from(port.0))).map_or("", |port| port.name);
             let what = || format!("{of} of {}", self.layout.drives[drive].name);
@@ -121,9 +121,9 @@ impl Reader {
             for text in listen.is {
                 let listen = self.listen(&text)?;
                 if let Some(port) = listen.port {
-                    return Err(text.wrong(format!("a bus is one line, so '{port}=' has nothing to choose")));
+                    return Err(text.wrong(format!("a bus is one line; leave out '{port}='")));
                 }
-                self.place(&text, &listen.uri)?;
+                self.add_address(&text, &listen.uri)?;
                 bus.listen.push(listen.uri);
             }
         }
@@ -131,29 +131,31 @@ impl Reader {
         Ok(())
     }
 
-    /// Ports of which the file does not say where they are reached get a loopback TCP port each (HOST-18).
+    /// Assigns a loopback TCP port to each port without a listening address in the file (HOST-18).
     pub(super) fn reach_the_others(&mut self) {
         for drive in 0..self.layout.drives.len() {
             let ports = (0..self.spec(drive).ports.len()).map(|port| Port(port as u8));
-            let told = |port| self.layout.drives[drive].listen.iter().any(|&(told, _)| told == port);
-            let left =
-                |&port: &Port| !self.nowhere[drive] && !told(port) && self.bus_of(drive, port).is_none();
+            let has_address =
+                |port| self.layout.drives[drive].listen.iter().any(|&(listed, _)| listed == port);
+            let left = |&port: &Port| {
+                !self.no_listen[drive] && !has_address(port) && self.bus_of(drive, port).is_none()
+            };
             let own = ports.filter(left);
-            let places: Vec<_> = own.map(|port| (port, Uri::Tcp("127.0.0.1:0".into()))).collect();
-            self.layout.drives[drive].listen.extend(places);
+            let addresses: Vec<_> = own.map(|port| (port, Uri::Tcp("127.0.0.1:0".into()))).collect();
+            self.layout.drives[drive].listen.extend(addresses);
         }
     }
 
-    fn listen(&self, text: &Located<&str>) -> Result<Listen, Wrong> {
+    fn listen(&self, text: &Located<&str>) -> Result<Listen, LocatedError> {
         text.is.parse().map_err(|error| text.wrong(format!("'{}' cannot be listened on: {error}", text.is)))
     }
 
-    /// A place to be reached, which may be taken.
-    fn place(&mut self, text: &Located<&str>, uri: &Uri) -> Result<(), Wrong> {
-        if self.places.iter().any(|other| layout::clash(other, uri)) {
-            return Err(text.wrong(format!("{uri} is there twice")));
+    /// Adds a listening address, which must not be in use.
+    fn add_address(&mut self, text: &Located<&str>, uri: &Uri) -> Result<(), LocatedError> {
+        if self.addresses.iter().any(|other| layout::clash(other, uri)) {
+            return Err(text.wrong(format!("{uri} is given twice")));
         }
-        self.places.push(uri.clone());
+        self.addresses.push(uri.clone());
         Ok(())
     }
 
@@ -187,7 +189,7 @@ impl Reader {
         let found = ports.find(|(_, port)| port.name == name);
         match found {
             Some((port, of)) if fits(of) => Ok((drive, port)),
-            Some(_) => Err(format!("{name} of {} is no port for a bus", spec.kind)),
+            Some(_) => Err(format!("{name} of {} is not a port for a bus", spec.kind)),
             None => Err(unknown_port(spec, name)),
         }
     }
@@ -269,7 +271,7 @@ impl Reader {
     pub(super) fn pin(&self, text: &str) -> Result<At, String> {
         let (drive, name) = text
             .split_once('.')
-            .ok_or_else(|| format!("'{text}' is no pin; a drive and its pin are, like x.J2.2"))?;
+            .ok_or_else(|| format!("'{text}' is not a pin; write drive and pin, like x.J2.2"))?;
         let drive = self.drive_named(drive)?;
         let spec = self.spec(drive);
         let pin: Option<Pin> = spec.pin(name);
@@ -291,7 +293,7 @@ fn unknown_port(spec: &Spec, name: &str) -> String {
 }
 
 /// A path, which is not empty.
-fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, Wrong> {
+fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, LocatedError> {
     let Some(text) = table.text(key)? else { return Ok(None) };
     if text.is.is_empty() {
         return Err(text.wrong(format!("{key} takes the name of a file")));
@@ -299,36 +301,36 @@ fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, Wrong>
     Ok(Some(Located { is: Path::new(text.is).to_owned(), at: text.at }))
 }
 
-/// Presets of `address` and `set`, in the order of the rows and halves behind the whole, so that the order in the file
-/// does not matter; each with the place of its value.
-fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Located<Preset>>, Wrong> {
+/// Presets of `address` and `set`, by row, with halves of a register behind the whole, so that the order in the file
+/// does not matter; each with the position of its value.
+fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Located<Preset>>, LocatedError> {
     let mut presets = Vec::new();
     let address = spec.address.and_then(|row| spec.registers.rows.get(row));
-    let told = table.integer("address")?;
-    if let Some(value) = &told {
+    let address_value = table.integer("address")?;
+    if let Some(value) = &address_value {
         let row = address.ok_or_else(|| value.wrong(format!("{} has no bus address", spec.kind)))?;
-        let preset = Preset::new(spec, row.name, &value.is).map_err(Wrong::at(value.at))?;
+        let preset = Preset::new(spec, row.name, &value.is).map_err(LocatedError::at(value.at))?;
         presets.push(Located { is: preset, at: value.at });
     }
     if let Some(set) = table.any_table("set")? {
         for key in set.keys() {
             if Preset::text(spec, key.is, "").is_some() {
                 let Some(text) = set.text(key.is)? else { continue };
-                let told = Preset::text(spec, key.is, text.is).unwrap_or_else(|| Ok(Vec::new()));
-                let told = told.map_err(Wrong::at(text.at))?;
-                presets.extend(told.into_iter().map(|preset| Located { is: preset, at: text.at }));
+                let text_presets = Preset::text(spec, key.is, text.is).unwrap_or_else(|| Ok(Vec::new()));
+                let text_presets = text_presets.map_err(LocatedError::at(text.at))?;
+                presets.extend(text_presets.into_iter().map(|preset| Located { is: preset, at: text.at }));
                 continue;
             }
             if spec.find(key.is).is_none() {
                 // The sentence is that of an unknown name.
-                Preset::new(spec, key.is, &Number::Decimal(0)).map_err(Wrong::at(key.at))?;
+                Preset::new(spec, key.is, &Number::Decimal(0)).map_err(LocatedError::at(key.at))?;
             }
             let Some(value) = set.integers(key.is)? else { continue };
             let preset = Preset::new(spec, key.is, &value.is)
                 .and_then(|preset| preset.check_saved(spec).map(|()| preset))
-                .map_err(Wrong::at(value.at))?;
-            if told.is_some() && spec.address == Some(preset.row) {
-                return Err(key.wrong(format!("{} is what 'address' says already", key.is)));
+                .map_err(LocatedError::at(value.at))?;
+            if address_value.is_some() && spec.address == Some(preset.row) {
+                return Err(key.wrong(format!("{} is set by 'address' already", key.is)));
             }
             presets.push(Located { is: preset, at: value.at });
         }

@@ -1,6 +1,6 @@
 //! Bench files: a [`Layout`] as TOML, as `docs/reference/bench-files.md` describes it.
 //!
-//! The order of tables and of keys does not matter: what a table names may stand behind it.
+//! The order of tables and keys does not matter: a table may name one that follows it.
 
 mod drive_tables;
 mod plant_tables;
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
-use crate::config::layout::{Disturbed, Layout};
+use crate::config::layout::{FaultLayout, Layout};
 use crate::config::listen::Uri;
 use crate::line::LineMode;
 use crate::line::faults::{BAUDS, LONGEST_DELAY, LineFaults};
@@ -20,21 +20,21 @@ use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
 use drivetwin_firmware::device::{Duration, Spec};
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
-use table::{Located, Table, Wrong};
+use table::{Located, LocatedError, Table};
 
-/// An error in a bench file.
+/// First error in the text of a bench file, with its position.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError {
-    /// In which line, from 1.
+    /// Line of the error, from 1.
     pub line: usize,
-    /// At which character of it, from 1.
+    /// Column of the error, in characters from 1.
     pub column: usize,
     /// The error in one sentence.
     pub what: String,
 }
 
 impl FileError {
-    fn new(text: &str, wrong: Wrong) -> Self {
+    fn new(text: &str, wrong: LocatedError) -> Self {
         let before = text.get(..wrong.at).unwrap_or(text);
         let start = before.rfind('\n').map_or(0, |at| at + 1);
         let (line, column) = (before.matches('\n').count() + 1, before[start..].chars().count() + 1);
@@ -50,13 +50,13 @@ impl fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// Reads a bench file. Its paths are as it says them: see [`Layout::relative_to`].
+/// Reads the text of a bench file. Its paths are returned unchanged; see [`Layout::relative_to`].
 ///
 /// # Errors
-/// What is wrong, and where.
+/// The first error of the text, with its line and column.
 pub fn parse(text: &str) -> Result<Layout, FileError> {
     let (root, errors) = DeTable::parse_recoverable(text);
-    let errors = errors.iter().map(|error| Wrong {
+    let errors = errors.iter().map(|error| LocatedError {
         at: error.span().map_or(0, |span| span.start),
         what: format!("this is not TOML: {}", error.message()),
     });
@@ -81,31 +81,31 @@ fn fault_keys() -> Vec<&'static str> {
 /// Ticks in a ms.
 const MILLI: f64 = Duration::millis(1).ticks() as f64;
 
-/// Tables that have been read so far, and the names they have taken.
+/// Tables that have been read so far, and the names in use.
 #[derive(Default)]
 struct Reader {
     layout: Layout,
-    /// Name of every drive, bus and motor, and which of them it is.
+    /// Name of every drive, bus and motor, and its kind.
     names: BTreeMap<String, &'static str>,
     /// Description of each drive.
     specs: Vec<&'static Spec>,
-    /// Which drives the file has reached nowhere.
-    nowhere: Vec<bool>,
-    /// Every place to be reached.
-    places: Vec<Uri>,
-    /// Every file of a memory.
+    /// True for each drive with an empty `listen` list, whose ports get no listening address.
+    no_listen: Vec<bool>,
+    /// Every listening address.
+    addresses: Vec<Uri>,
+    /// Every memory file.
     memories: Vec<PathBuf>,
 }
 
 impl Reader {
-    fn read(mut self, root: &Table<'_>) -> Result<Layout, Wrong> {
+    fn read(mut self, root: &Table<'_>) -> Result<Layout, LocatedError> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
         self.layout.time =
             read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
         self.layout.line = read_as(root.text("line")?, line_mode)?;
         let drives = root.each("drive", "[[drive]]", &DRIVE)?;
         if drives.is_empty() {
-            return Err(Wrong { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
+            return Err(LocatedError { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
         }
         for table in drives {
             self.drive(&table)?;
@@ -132,8 +132,8 @@ impl Reader {
         Ok(self.layout)
     }
 
-    /// The name of a drive, bus or motor, of which there is none yet.
-    fn name(&mut self, table: &Table<'_>, what: &'static str) -> Result<String, Wrong> {
+    /// Reads the name of a drive, bus or motor, which must not be in use.
+    fn name(&mut self, table: &Table<'_>, what: &'static str) -> Result<String, LocatedError> {
         let name = table.needed_text("name")?;
         let word = |name: &str| name.chars().all(|char| char.is_alphanumeric() || "-_".contains(char));
         if !trace::is_name(name.is) || !word(name.is) {
@@ -147,9 +147,9 @@ impl Reader {
         Ok(name.is.to_owned())
     }
 
-    fn fault(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    fn fault(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let bus = table.needed_text("bus")?;
-        let line = self.line_named(bus.is).map_err(Wrong::at(bus.at))?;
+        let line = self.line_named(bus.is).map_err(LocatedError::at(bus.at))?;
         let name = self.name_of(line);
         if self.layout.faults.iter().any(|other| other.bus == name) {
             return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
@@ -168,9 +168,9 @@ impl Reader {
         faults.baud = table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is);
         if let Some(port) = self.port_of(line) {
             let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
-            faults.check_for(port).map_err(Wrong::at(at))?;
+            faults.check_for(port).map_err(LocatedError::at(at))?;
         }
-        self.layout.faults.push(Disturbed { bus: name, faults });
+        self.layout.faults.push(FaultLayout { bus: name, faults });
         Ok(())
     }
 }
@@ -179,8 +179,8 @@ impl Reader {
 fn read_as<T>(
     text: Option<Located<&str>>,
     read: impl FnOnce(&str) -> Result<T, String>,
-) -> Result<Option<T>, Wrong> {
-    text.map(|text| read(text.is).map_err(Wrong::at(text.at))).transpose()
+) -> Result<Option<T>, LocatedError> {
+    text.map(|text| read(text.is).map_err(LocatedError::at(text.at))).transpose()
 }
 
 fn line_mode(text: &str) -> Result<LineMode, String> {

@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Axis, Pin, Role, Spec};
 use drivetwin_firmware::motor::{self, stepper};
 
 use super::Reader;
-use super::table::{Located, Table, Wrong};
+use super::table::{Located, LocatedError, Table};
 use crate::bench::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use crate::catalog;
 use crate::config::layout::{At, BrushKeys, EncoderLayout, MotorKind, MotorLayout, SwitchLayout, WireLayout};
@@ -48,7 +48,7 @@ impl Sort {
         own.map_or(Self::Stepper, |own| if own.is_brushless() { Self::Brushless } else { Self::Brush })
     }
 
-    /// The sorts that have a key, the first of them for sentences; all of them if that is none.
+    /// The kinds of motor that have a key, the first one for messages; all of them if no kind has it.
     fn with(key: &str) -> &'static [Self] {
         match key {
             "steps_per_rev" | "holding_mnm" | "rated_ma" | "pull_out_rpm" => &[Self::Stepper],
@@ -69,10 +69,10 @@ impl Sort {
 }
 
 impl Reader {
-    pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let name = self.name(table, "motor")?;
         let text = table.needed_text("drive")?;
-        let drive = self.drive_named(text.is).map_err(Wrong::at(text.at))?;
+        let drive = self.drive_named(text.is).map_err(LocatedError::at(text.at))?;
         let axis = Axis(0);
         let spec = self.spec(drive);
         if spec.axes.is_empty() {
@@ -102,7 +102,7 @@ impl Reader {
             && let Some(row) = spec.supply.and_then(|row| spec.registers.rows.get(row))
             && self.layout.drives[drive].presets.iter().any(|preset| Some(preset.row) == spec.supply)
         {
-            let what = format!("{} of '{}' is the same as supply_v: say one of them", row.name, text.is);
+            let what = format!("{} of '{}' sets the same as supply_v; use one of them", row.name, text.is);
             return Err(key.wrong(what));
         }
         let is = match sort {
@@ -113,8 +113,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Sort of a motor, and why. Where a drive turns a stepper or a brush motor the keys say, or else the `set` of
-    /// the drive.
+    /// Kind of a motor, and the reason. For a drive that turns either kind, the keys of the motor decide, or else the
+    /// `set` of the drive.
     fn sort(&self, table: &Table<'_>, drive: usize) -> (Sort, String) {
         let (sort, spec) = (Sort::of(self.spec(drive)), self.spec(drive));
         let Some((row, bit)) = spec.dc_motor else {
@@ -128,18 +128,18 @@ impl Reader {
         if drive.presets.iter().any(|preset| preset.row == row && preset.onto(spec, 0) & i64::from(bit) != 0)
         {
             let name = spec.registers.rows.get(row).map_or("", |row| row.name);
-            return (Sort::Brush, format!("{name} of '{}' says a brush motor", drive.name));
+            return (Sort::Brush, format!("{name} of '{}' selects a brush motor", drive.name));
         }
         (sort, format!("{} turns a stepper or a brush motor", spec.kind))
     }
 
-    pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn encoder(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
         let (least, most) = CYCLES_PER_REV.into_inner();
         let cycles = table.needs("cycles_per_rev", table.whole("cycles_per_rev", least, most)?)?;
         let to = table.needs("to", table.table("to", &["a", "b", "index"])?)?;
         if to.keys().is_empty() {
-            return Err(Wrong { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
+            return Err(LocatedError { at: to.at, what: "to takes a, b, index or some of them".to_owned() });
         }
         let mut taken = Vec::new();
         let mut pin = |key| {
@@ -156,12 +156,12 @@ impl Reader {
         Ok(())
     }
 
-    pub(super) fn switch(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn switch(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let motor = self.motor_named(&table.needed_text("motor")?)?;
         let closed = table.table("closed", &["above_rev", "below_rev"])?;
         let closed = table.needs("closed", closed)?;
         let bound = |key| closed.number(key, -FURTHEST_REV, FURTHEST_REV);
-        let wrong = |what: String| Wrong { at: closed.at, what };
+        let wrong = |what: String| LocatedError { at: closed.at, what };
         let closed = match (bound("above_rev")?, bound("below_rev")?) {
             (None, None) => return Err(wrong("closed takes above_rev, below_rev or both".to_owned())),
             (Some(above), Some(below)) if above.is >= below.is => {
@@ -177,7 +177,7 @@ impl Reader {
         Ok(())
     }
 
-    pub(super) fn wire(&mut self, table: &Table<'_>) -> Result<(), Wrong> {
+    pub(super) fn wire(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let (from, to) = (table.needed_text("from")?, table.needed_text("to")?);
         let wire = WireLayout { from: self.output(&from)?, to: self.input(&to)? };
         if wire.from == wire.to {
@@ -190,15 +190,15 @@ impl Reader {
         Ok(())
     }
 
-    fn motor_named(&self, text: &Located<&str>) -> Result<usize, Wrong> {
+    fn motor_named(&self, text: &Located<&str>) -> Result<usize, LocatedError> {
         let names = self.layout.motors.iter().map(|motor| motor.name.as_str());
-        let place = names.clone().position(|name| name == text.is);
-        place.ok_or_else(|| text.wrong(suggest::unknown("motor", text.is, names)))
+        let index = names.clone().position(|name| name == text.is);
+        index.ok_or_else(|| text.wrong(suggest::unknown("motor", text.is, names)))
     }
 
     /// A pin that a drive reads.
-    fn input(&self, text: &Located<&str>) -> Result<At, Wrong> {
-        let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
+    fn input(&self, text: &Located<&str>) -> Result<At, LocatedError> {
+        let at = self.pin(text.is).map_err(LocatedError::at(text.at))?;
         match self.role(at) {
             Role::Input | Role::Both | Role::Analogue | Role::AnalogueOrDigital => Ok(at),
             Role::Output => Err(text.wrong(format!("'{}' is an output; an input is wanted here", text.is))),
@@ -207,8 +207,8 @@ impl Reader {
     }
 
     /// A pin that a drive can drive.
-    fn output(&self, text: &Located<&str>) -> Result<At, Wrong> {
-        let at = self.pin(text.is).map_err(Wrong::at(text.at))?;
+    fn output(&self, text: &Located<&str>) -> Result<At, LocatedError> {
+        let at = self.pin(text.is).map_err(LocatedError::at(text.at))?;
         match self.role(at) {
             Role::Output | Role::Both | Role::Led => Ok(at),
             Role::Input | Role::Analogue | Role::AnalogueOrDigital => {
@@ -223,7 +223,7 @@ impl Reader {
     }
 }
 
-fn stepper(table: &Table<'_>) -> Result<stepper::StepperParameters, Wrong> {
+fn stepper(table: &Table<'_>) -> Result<stepper::StepperParameters, LocatedError> {
     use stepper::StepperParameters;
     let (least, most, nominal) =
         (StepperParameters::LEAST, StepperParameters::MOST, StepperParameters::NOMINAL);
@@ -243,7 +243,7 @@ fn stepper(table: &Table<'_>) -> Result<stepper::StepperParameters, Wrong> {
     })
 }
 
-fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
+fn brush(table: &Table<'_>) -> Result<BrushKeys, LocatedError> {
     use motor::Parameters;
     let (least, most) = (Parameters::LEAST, Parameters::MOST);
     let whole = |key, least, most| Ok(table.whole(key, least, most)?.map(|number| number.is));
@@ -266,13 +266,13 @@ fn brush(table: &Table<'_>) -> Result<BrushKeys, Wrong> {
 }
 
 /// A number of units as thousandths of them, within a range of thousandths.
-fn thousandths(table: &Table<'_>, key: &str, least: i32, most: i32) -> Result<Option<i32>, Wrong> {
+fn thousandths(table: &Table<'_>, key: &str, least: i32, most: i32) -> Result<Option<i32>, LocatedError> {
     let number = table.number(key, f64::from(least) / 1_000.0, f64::from(most) / 1_000.0)?;
     Ok(number.map(|number| (number.is * 1_000.0).round() as i32))
 }
 
 /// The same of what has no sign.
-fn unsigned(table: &Table<'_>, key: &str, least: u32, most: u32) -> Result<Option<u32>, Wrong> {
+fn unsigned(table: &Table<'_>, key: &str, least: u32, most: u32) -> Result<Option<u32>, LocatedError> {
     let number = thousandths(table, key, least.cast_signed(), most.cast_signed())?;
     Ok(number.map(i32::unsigned_abs))
 }

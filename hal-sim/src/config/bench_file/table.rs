@@ -1,4 +1,4 @@
-//! Tables of a bench file: their keys, and values of the kind that is wanted, each with its place.
+//! Tables of a bench file: keys, and values of the wanted type, each with its position.
 
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
@@ -8,13 +8,13 @@ use crate::suggest;
 
 /// An error at an offset of the text.
 #[derive(Debug)]
-pub(super) struct Wrong {
+pub(super) struct LocatedError {
     pub(super) at: usize,
     pub(super) what: String,
 }
 
-impl Wrong {
-    /// The error of a function that knows one sentence and no place.
+impl LocatedError {
+    /// Adds a position to the error of a function.
     pub(super) fn at(at: usize) -> impl Fn(String) -> Self {
         move |what| Self { at, what }
     }
@@ -29,8 +29,8 @@ pub(super) struct Located<T> {
 
 impl<T> Located<T> {
     /// An error at this value.
-    pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
-        Wrong { at: self.at, what: what.into() }
+    pub(super) fn wrong(&self, what: impl Into<String>) -> LocatedError {
+        LocatedError { at: self.at, what: what.into() }
     }
 }
 
@@ -51,7 +51,7 @@ impl<'a> Table<'a> {
         at: usize,
         keys: &'a DeTable<'a>,
         known: &[&str],
-    ) -> Result<Self, Wrong> {
+    ) -> Result<Self, LocatedError> {
         let table = Self { what, at, keys };
         let unknown = table.keys().into_iter().find(|key| !known.contains(&key.is));
         unknown.map_or(Ok(table), |key| {
@@ -65,9 +65,9 @@ impl<'a> Table<'a> {
         key: &str,
         what: &'static str,
         known: &[&str],
-    ) -> Result<Vec<Table<'a>>, Wrong> {
+    ) -> Result<Vec<Table<'a>>, LocatedError> {
         let Some(value) = self.keys.get(key) else { return Ok(Vec::new()) };
-        let wrong = |value: &Spanned<DeValue<'_>>| Wrong {
+        let wrong = |value: &Spanned<DeValue<'_>>| LocatedError {
             at: value.span().start,
             what: format!("{key} is written {what}, above its keys"),
         };
@@ -93,8 +93,8 @@ impl<'a> Table<'a> {
     }
 
     /// A value that has to be there.
-    pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, Wrong> {
-        value.ok_or_else(|| Wrong { at: self.at, what: format!("{} needs '{key}'", self.what) })
+    pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, LocatedError> {
+        value.ok_or_else(|| LocatedError { at: self.at, what: format!("{} needs '{key}'", self.what) })
     }
 
     /// The value of a key, if it is what `read` wants.
@@ -103,10 +103,10 @@ impl<'a> Table<'a> {
         key: &str,
         wants: impl FnOnce() -> String,
         read: impl FnOnce(&'a DeValue<'a>) -> Option<T>,
-    ) -> Result<Option<Located<T>>, Wrong> {
+    ) -> Result<Option<Located<T>>, LocatedError> {
         let Some(value) = self.keys.get(key) else { return Ok(None) };
         let at = value.span().start;
-        let is = read(value.get_ref()).ok_or_else(|| Wrong {
+        let is = read(value.get_ref()).ok_or_else(|| LocatedError {
             at,
             what: format!("{key} takes {}, not {}", wants(), shown(value.get_ref())),
         });
@@ -114,34 +114,43 @@ impl<'a> Table<'a> {
     }
 
     /// A string.
-    pub(super) fn text(&self, key: &str) -> Result<Option<Located<&'a str>>, Wrong> {
+    pub(super) fn text(&self, key: &str) -> Result<Option<Located<&'a str>>, LocatedError> {
         self.get(key, || "a string".to_owned(), DeValue::as_str)
     }
 
     /// A string that has to be there.
-    pub(super) fn needed_text(&self, key: &str) -> Result<Located<&'a str>, Wrong> {
+    pub(super) fn needed_text(&self, key: &str) -> Result<Located<&'a str>, LocatedError> {
         self.needs(key, self.text(key)?)
     }
 
     /// A list of strings.
-    pub(super) fn texts(&self, key: &str) -> Result<Option<Located<Vec<Located<&'a str>>>>, Wrong> {
+    pub(super) fn texts(&self, key: &str) -> Result<Option<Located<Vec<Located<&'a str>>>>, LocatedError> {
         let wants = || "a list of strings".to_owned();
         let Some(list) = self.get(key, wants, DeValue::as_array)? else { return Ok(None) };
         let texts = list.is.iter().map(|value| {
             let at = value.span().start;
-            let what = || format!("{key} takes {}, and {} is none", wants(), shown(value.get_ref()));
-            value.get_ref().as_str().map(|is| Located { is, at }).ok_or_else(|| Wrong { at, what: what() })
+            let what = || format!("{key} takes {}, and {} is not one", wants(), shown(value.get_ref()));
+            value
+                .get_ref()
+                .as_str()
+                .map(|is| Located { is, at })
+                .ok_or_else(|| LocatedError { at, what: what() })
         });
         Ok(Some(Located { is: texts.collect::<Result<_, _>>()?, at: list.at }))
     }
 
     /// `true` or `false`.
-    pub(super) fn flag(&self, key: &str) -> Result<Option<Located<bool>>, Wrong> {
+    pub(super) fn flag(&self, key: &str) -> Result<Option<Located<bool>>, LocatedError> {
         self.get(key, || "true or false".to_owned(), DeValue::as_bool)
     }
 
     /// A whole number in a range, which includes its ends.
-    pub(super) fn whole<T>(&self, key: &str, least: T, greatest: T) -> Result<Option<Located<T>>, Wrong>
+    pub(super) fn whole<T>(
+        &self,
+        key: &str,
+        least: T,
+        greatest: T,
+    ) -> Result<Option<Located<T>>, LocatedError>
     where
         T: Copy + PartialOrd + TryFrom<i128> + std::fmt::Display,
     {
@@ -153,7 +162,12 @@ impl<'a> Table<'a> {
     }
 
     /// A number in a range, which includes its ends.
-    pub(super) fn number(&self, key: &str, least: f64, greatest: f64) -> Result<Option<Located<f64>>, Wrong> {
+    pub(super) fn number(
+        &self,
+        key: &str,
+        least: f64,
+        greatest: f64,
+    ) -> Result<Option<Located<f64>>, LocatedError> {
         let wants = || format!("a number from {least} to {greatest}");
         self.get(key, wants, |value| {
             let value = match value {
@@ -166,12 +180,12 @@ impl<'a> Table<'a> {
     }
 
     /// Any whole number.
-    pub(super) fn integer(&self, key: &str) -> Result<Option<Located<Number>>, Wrong> {
+    pub(super) fn integer(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
         self.get(key, || "a whole number".to_owned(), integer)
     }
 
     /// Any whole number, or a list of some.
-    pub(super) fn integers(&self, key: &str) -> Result<Option<Located<Number>>, Wrong> {
+    pub(super) fn integers(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
         self.get(
             key,
             || "a whole number or a list of them".to_owned(),
@@ -187,13 +201,13 @@ impl<'a> Table<'a> {
     }
 
     /// A table that has no other keys than those.
-    pub(super) fn table(&self, key: &'static str, known: &[&str]) -> Result<Option<Table<'a>>, Wrong> {
+    pub(super) fn table(&self, key: &'static str, known: &[&str]) -> Result<Option<Table<'a>>, LocatedError> {
         let Some(keys) = self.any_table(key)? else { return Ok(None) };
         Self::new(key, keys.at, keys.keys, known).map(Some)
     }
 
     /// A table with whatever keys.
-    pub(super) fn any_table(&self, key: &'static str) -> Result<Option<Table<'a>>, Wrong> {
+    pub(super) fn any_table(&self, key: &'static str) -> Result<Option<Table<'a>>, LocatedError> {
         let keys = self.get(key, || "a table, like { … }".to_owned(), DeValue::as_table)?;
         Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is }))
     }

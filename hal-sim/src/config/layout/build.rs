@@ -8,99 +8,98 @@ use crate::bench::{AddError, Bench, Bus, DriveId, Motor, MotorModel, Settings, S
 use crate::catalog;
 use crate::config::preset::{self, Preset};
 
-/// A bench that was made of a [`Layout`].
+/// A bench that was made from a [`Layout`].
 pub struct Built {
-    /// The bench, at the beginning of time.
+    /// The bench, at [`Instant::ZERO`](drivetwin_firmware::device::Instant::ZERO).
     pub bench: Bench,
-    /// The seats of [`Layout::drives`].
-    pub seats: Vec<DriveId>,
-    /// The lines of [`Layout::buses`]; those of other ports are found by [`Bench::bus`].
+    /// Handles of [`Layout::drives`], in that order.
+    pub drives: Vec<DriveId>,
+    /// Handles of [`Layout::buses`], in that order; [`Bench::bus`] finds the lines of other ports.
     pub buses: Vec<Bus>,
-    /// The motors of [`Layout::motors`].
+    /// Handles of [`Layout::motors`], in that order.
     pub motors: Vec<Motor>,
 }
 
 impl Layout {
-    /// Makes the bench of a layout, for instance with its own [settings](Self::settings). It does not depend on the
-    /// order of what is in the layout.
+    /// Makes the bench of a layout, for instance with its own [settings](Self::settings). The order of entries in the
+    /// layout makes no difference to its behaviour.
     ///
-    /// `given` is what is known of each of [`drives`](Self::drives) beside the layout: the content of its memory, with
-    /// its user program, and who keeps it. Presets, a fast start and motors are added to it. Who is given nothing is
-    /// new.
+    /// `setups` has the memory content and persist function of each of [`drives`](Self::drives), in that order;
+    /// presets, fast start and motors are added from the layout. A drive without an entry starts with erased memory.
     ///
     /// # Errors
-    /// One sentence: a drive does not take a preset or its name, or there is no such kind, motor or line.
+    /// One sentence: a drive refuses a preset, a name is not valid, or there is no such kind, motor or line.
     ///
     /// # Panics
-    /// If a layout that was made by hand names a drive, a motor or a pin by a place where there is none, or two lines
-    /// alike: [`file::parse`](crate::config::bench_file::parse) and the command line make none of these.
-    pub fn build(&self, settings: Settings, given: Vec<Setup>) -> Result<Built, String> {
+    /// If the layout has an index of a drive, motor or pin that does not exist, or two lines of one name. Layouts of
+    /// [`bench_file::parse`](crate::config::bench_file::parse) and of the command line never have.
+    pub fn build(&self, settings: Settings, setups: Vec<Setup>) -> Result<Built, String> {
         let mut bench = Bench::with(settings);
-        let mut given: Vec<Setup> = given;
-        given.resize_with(self.drives.len(), Setup::default);
+        let mut setups: Vec<Setup> = setups;
+        setups.resize_with(self.drives.len(), Setup::default);
         let by_name = sorted(&self.drives, |drive| drive.name.clone());
-        let mut seats = vec![None; self.drives.len()];
+        let mut ids = vec![None; self.drives.len()];
         let mut later = vec![Vec::new(); self.drives.len()];
-        for &place in &by_name {
-            let setup = std::mem::take(&mut given[place]);
-            let (seat, not_saved) = self.add_drive(&mut bench, place, setup)?;
-            (seats[place], later[place]) = (Some(seat), not_saved);
+        for &index in &by_name {
+            let setup = std::mem::take(&mut setups[index]);
+            let (id, not_saved) = self.add_drive(&mut bench, index, setup)?;
+            (ids[index], later[index]) = (Some(id), not_saved);
         }
-        let seats: Vec<DriveId> = seats.into_iter().flatten().collect();
-        let buses = self.share(&mut bench, &seats);
-        let motors = self.attach_motors(&mut bench, &seats, &later)?;
-        self.put_up(&mut bench, &seats, &motors);
-        // Once all are connected, since a preset makes a drive with a fast start ready.
-        for place in by_name {
-            let presets = std::mem::take(&mut later[place]);
+        let ids: Vec<DriveId> = ids.into_iter().flatten().collect();
+        let buses = self.share(&mut bench, &ids);
+        let motors = self.attach_motors(&mut bench, &ids, &later)?;
+        self.connect_sensors(&mut bench, &ids, &motors);
+        // After all connections, because a preset ends the start-up of a drive with a fast start.
+        for index in by_name {
+            let presets = std::mem::take(&mut later[index]);
             if !presets.is_empty() {
-                bench.preset(seats[place], presets).map_err(|error| self.cannot_seat(place, &error))?;
+                bench.preset(ids[index], presets).map_err(|error| self.cannot_add(index, &error))?;
             }
         }
-        for disturbed in &self.faults {
-            let bus = bench.find_bus(&disturbed.bus);
-            let bus = bus.ok_or_else(|| format!("there is no bus '{}'", disturbed.bus))?;
-            bench.set_line_faults(bus, disturbed.faults);
+        for entry in &self.faults {
+            let bus = bench.find_bus(&entry.bus);
+            let bus = bus.ok_or_else(|| format!("there is no bus '{}'", entry.bus))?;
+            bench.set_line_faults(bus, entry.faults);
         }
-        Ok(Built { bench, seats, buses, motors })
+        Ok(Built { bench, drives: ids, buses, motors })
     }
 
-    /// Seats a drive with what is saved of its presets, and returns the others.
+    /// Adds a drive with its saved presets, and returns the other presets.
     fn add_drive(
         &self,
         bench: &mut Bench,
-        place: usize,
+        index: usize,
         mut setup: Setup,
     ) -> Result<(DriveId, Vec<(usize, i64)>), String> {
-        let drive = &self.drives[place];
+        let drive = &self.drives[index];
         let device = catalog::make(drive.kind)?;
         let spec = device.spec();
         setup.boot_fast |= drive.fast_boot;
-        for motor in self.motors.iter().filter(|motor| motor.drive == place) {
+        for motor in self.motors.iter().filter(|motor| motor.drive == index) {
             if let MotorKind::Stepper(is) = &motor.is {
                 setup.presets.extend(own_stepper(is, spec));
             }
         }
         setup.presets.extend(values(&drive.presets, spec, setup.memory.as_deref()));
-        setup.presets.extend(spec.supply.zip(self.supply(place)));
-        setup.apart |=
-            self.motors.iter().any(|motor| motor.drive == place && matches!(motor.is, MotorKind::Brush(_)));
+        setup.presets.extend(spec.supply.zip(self.supply(index)));
+        setup.external_motor |=
+            self.motors.iter().any(|motor| motor.drive == index && matches!(motor.is, MotorKind::Brush(_)));
         let saved = |&(row, _): &(usize, i64)| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, later) = std::mem::take(&mut setup.presets).into_iter().partition(saved);
         setup.presets = now;
-        let seat =
-            bench.add_with(&drive.name, device, setup).map_err(|error| self.cannot_seat(place, &error))?;
+        let id =
+            bench.add_with(&drive.name, device, setup).map_err(|error| self.cannot_add(index, &error))?;
         let mut faults = drive.faults.clone();
         faults.sort_unstable();
         for fault in faults {
-            bench.fault(seat, fault, true);
+            bench.fault(id, fault, true);
         }
-        Ok((seat, later))
+        Ok((id, later))
     }
 
-    /// The reason why a drive cannot be seated, in one sentence.
-    fn cannot_seat(&self, place: usize, error: &AddError) -> String {
-        let drive = &self.drives[place];
+    /// The reason why a drive cannot be added, in one sentence.
+    fn cannot_add(&self, index: usize, error: &AddError) -> String {
+        let drive = &self.drives[index];
         let AddError::Preset { row, why } = *error else { return error.to_string() };
         let Some(spec) = catalog::specs().find(|spec| spec.kind == drive.kind) else {
             return error.to_string();
@@ -119,14 +118,14 @@ impl Layout {
         self.motors.iter().find_map(of).map(|mv| i64::from((mv + 50) / 100))
     }
 
-    fn share(&self, bench: &mut Bench, seats: &[DriveId]) -> Vec<Bus> {
+    fn share(&self, bench: &mut Bench, ids: &[DriveId]) -> Vec<Bus> {
         let mut buses = vec![None; self.buses.len()];
-        for place in sorted(&self.buses, |bus| bus.name.clone()) {
-            let shared = &self.buses[place];
-            let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (seats[drive], port)).collect();
+        for index in sorted(&self.buses, |bus| bus.name.clone()) {
+            let shared = &self.buses[index];
+            let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (ids[drive], port)).collect();
             let bus = bench.share(&shared.name, &ports);
             bench.set_collisions(bus, shared.collisions);
-            buses[place] = Some(bus);
+            buses[index] = Some(bus);
         }
         buses.into_iter().flatten().collect()
     }
@@ -134,57 +133,56 @@ impl Layout {
     fn attach_motors(
         &self,
         bench: &mut Bench,
-        seats: &[DriveId],
+        ids: &[DriveId],
         presets: &[Vec<(usize, i64)>],
     ) -> Result<Vec<Motor>, String> {
         let mut motors = vec![None; self.motors.len()];
-        for place in sorted(&self.motors, |motor| motor.name.clone()) {
-            let motor = &self.motors[place];
-            let seat = seats[motor.drive];
+        for index in sorted(&self.motors, |motor| motor.name.clone()) {
+            let motor = &self.motors[index];
+            let id = ids[motor.drive];
             let is = match &motor.is {
                 MotorKind::Stepper(parameters) => MotorModel::Stepper(*parameters),
                 MotorKind::Brush(keys) => {
-                    let own = self.described(bench, motor.drive, seat, &presets[motor.drive])?;
-                    MotorModel::Brush(brush(bench, seat, own, keys)?)
+                    let own = self.described(bench, motor.drive, id, &presets[motor.drive])?;
+                    MotorModel::Brush(brush(bench, id, own, keys)?)
                 }
             };
-            motors[place] = Some(bench.attach_motor(&motor.name, seat, motor.axis, is)?);
+            motors[index] = Some(bench.attach_motor(&motor.name, id, motor.axis, is)?);
         }
         Ok(motors.into_iter().flatten().collect())
     }
 
-    /// The motor from which a drive has parted, as its registers describe it once these presets are set, which they are
-    /// not yet.
+    /// Parameters of the detached motor of a drive, as its registers will describe it after these presets.
     fn described(
         &self,
         bench: &Bench,
-        place: usize,
-        seat: DriveId,
+        index: usize,
+        id: DriveId,
         presets: &[(usize, i64)],
     ) -> Result<Option<motor::Parameters>, String> {
-        let drive = &self.drives[place];
+        let drive = &self.drives[index];
         let mut other = Bench::new();
-        let (memory, presets) = (Some(bench.memory(seat).to_vec()), presets.to_vec());
-        let setup = Setup { boot_fast: true, apart: true, memory, presets, ..Setup::default() };
-        let seat = other.add_with(&drive.name, catalog::make(drive.kind)?, setup);
-        Ok(other.detached_motor(seat.map_err(|error| self.cannot_seat(place, &error))?))
+        let (memory, presets) = (Some(bench.memory(id).to_vec()), presets.to_vec());
+        let setup = Setup { boot_fast: true, external_motor: true, memory, presets, ..Setup::default() };
+        let id = other.add_with(&drive.name, catalog::make(drive.kind)?, setup);
+        Ok(other.detached_motor(id.map_err(|error| self.cannot_add(index, &error))?))
     }
 
     /// Encoders, switches and wires.
-    fn put_up(&self, bench: &mut Bench, seats: &[DriveId], motors: &[Motor]) {
-        let at = |(drive, pin): At| (seats[drive], pin);
-        // By name, since what happens first at one pin at one instant may matter.
+    fn connect_sensors(&self, bench: &mut Bench, ids: &[DriveId], motors: &[Motor]) {
+        let at = |(drive, pin): At| (ids[drive], pin);
+        // By name, because the order of changes of one pin at one instant may matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
         let keys = |ats: [Option<At>; 3]| ats.map(|at| at.map(key));
         let named = |motor: usize| self.motors[motor].name.clone();
-        for place in sorted(&self.encoders, |encoder| {
+        for index in sorted(&self.encoders, |encoder| {
             (named(encoder.motor), keys([encoder.a, encoder.b, encoder.index]), encoder.cycles_per_rev)
         }) {
-            let encoder = &self.encoders[place];
+            let encoder = &self.encoders[index];
             let to = [encoder.a, encoder.b, encoder.index].map(|pin| pin.map(at));
             bench.encode(motors[encoder.motor], encoder.cycles_per_rev, to);
         }
-        for place in sorted(&self.switches, |switch| {
+        for index in sorted(&self.switches, |switch| {
             let bits = |bound: Option<f64>| bound.map(f64::to_bits);
             (
                 named(switch.motor),
@@ -193,24 +191,24 @@ impl Layout {
                 bits(switch.closed.below_rev),
             )
         }) {
-            let switch = &self.switches[place];
+            let switch = &self.switches[index];
             bench.switch(motors[switch.motor], switch.closed, at(switch.to));
         }
-        for place in sorted(&self.wires, |wire| (key(wire.from), key(wire.to))) {
-            let wire = &self.wires[place];
+        for index in sorted(&self.wires, |wire| (key(wire.from), key(wire.to))) {
+            let wire = &self.wires[index];
             bench.wire(at(wire.from), at(wire.to));
         }
     }
 }
 
-/// The places of things, in the order of their keys.
+/// Indices of entries, in the order of their keys.
 fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..things.len()).collect();
-    places.sort_by_key(|&place| key(&things[place]));
+    places.sort_by_key(|&index| key(&things[index]));
     places
 }
 
-/// A stepper motor to a drive that brings its own: the settings that describe that one.
+/// Presets of a drive with an internal motor that describe a stepper motor of the layout.
 fn own_stepper(is: &stepper::StepperParameters, spec: &Spec) -> impl Iterator<Item = (usize, i64)> {
     let mnm = |unm: i64| (unm + unm.signum() * 500) / 1_000;
     // The drive's motor is rated for another current.
@@ -227,17 +225,17 @@ fn own_stepper(is: &stepper::StepperParameters, spec: &Spec) -> impl Iterator<It
     .filter_map(|(name, value)| Some((spec.find(name)?.row, value)))
 }
 
-/// A brush motor, or a brushless one: what is not said of it is as its drive describes it, or nominal where the drive
-/// knows nothing of it.
+/// Parameters of a brush or brushless motor: keys that are not given are as the drive's registers describe the motor,
+/// or nominal if they do not.
 fn brush(
     bench: &Bench,
-    seat: DriveId,
+    id: DriveId,
     own: Option<motor::Parameters>,
     keys: &BrushKeys,
 ) -> Result<motor::Parameters, String> {
-    let nominal = bench.spec(seat).dc_motor.map(|_| motor::Parameters::NOMINAL);
+    let nominal = bench.spec(id).dc_motor.map(|_| motor::Parameters::NOMINAL);
     let own = own.or(nominal);
-    let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(seat)))?;
+    let own = own.ok_or_else(|| format!("{} turns no brush motor", bench.name(id)))?;
     Ok(motor::Parameters {
         supply_mv: keys.supply_mv.unwrap_or(own.supply_mv),
         no_load_rpm: keys.no_load_rpm.unwrap_or(own.no_load_rpm),
@@ -266,19 +264,19 @@ impl DriveLayout {
     }
 }
 
-/// The presets as whole values. A half goes onto what was set before, or is in the memory.
+/// Presets as whole values. A half replaces a part of an earlier preset or of the value in the memory.
 fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
     let mut values: Vec<(usize, i64)> = Vec::new();
     for preset in presets {
         let before = values.iter().position(|&(row, _)| row == preset.row);
         let old = match before {
-            Some(place) => values[place].1,
+            Some(index) => values[index].1,
             None if preset.is_half() => stored(spec, memory, preset.row),
             None => 0,
         };
         let value = preset.onto(spec, old);
         match before {
-            Some(place) => values[place].1 = value,
+            Some(index) => values[index].1 = value,
             None => values.push((preset.row, value)),
         }
     }
@@ -289,6 +287,6 @@ fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize,
 fn stored(spec: &Spec, memory: Option<&[u8]>, row: usize) -> i64 {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };
-    let seat = catalog::make(spec.kind).ok().and_then(|device| bench.add_with(spec.kind, device, setup).ok());
-    seat.map_or(0, |seat| bench.peek(seat, row))
+    let id = catalog::make(spec.kind).ok().and_then(|device| bench.add_with(spec.kind, device, setup).ok());
+    id.map_or(0, |id| bench.peek(id, row))
 }

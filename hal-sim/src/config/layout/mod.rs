@@ -1,7 +1,7 @@
 //! The configuration of a bench as plain data: from a bench file, or from the options of a single drive.
 //!
-//! What makes a [`Layout`] checks it: names are there once, places are those of something, pins and registers exist,
-//! values are legal. One function makes the [bench](Layout::build) of it, and relies on that (BENCH-1).
+//! The code that makes a [`Layout`] checks it: names are unique, indices, pins and registers exist, values are legal.
+//! [`Layout::build`] relies on that (BENCH-1).
 
 mod build;
 
@@ -19,45 +19,64 @@ use crate::line::LineMode;
 use crate::line::faults::LineFaults;
 use crate::suggest;
 
-/// Configuration of a bench.
+/// Configuration of a bench, from a [bench file](crate::config::bench_file) or made in code.
+///
+/// ```
+/// use drivetwin_sim::config::bench_file;
+///
+/// let layout = bench_file::parse(
+///     r#"
+///     seed = 7
+///     [[drive]]
+///     kind = "md3"
+///     name = "x"
+///     set = { Speed = 8000 }
+///     "#,
+/// )?;
+/// let built = layout.build(layout.settings(), Vec::new())?;
+/// let (bench, x) = (built.bench, built.drives[0]);
+/// let speed = bench.spec(x).find("Speed").unwrap();
+/// assert_eq!(bench.peek(x, speed.row), 8_000);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Layout {
-    /// Seed of every random choice.
+    /// Seed of every random choice; default 1.
     pub seed: Option<u64>,
-    /// Time mode.
+    /// Time mode of a run; a bench in a test ignores it, except for [`Settings::frame_timeout`].
     pub time: Option<TimeMode>,
-    /// Time that characters take.
+    /// Whether characters take time; default [`LineMode::Timed`].
     pub line: Option<LineMode>,
-    /// Drives.
+    /// Drives of the bench; other entries refer to them by index.
     pub drives: Vec<DriveLayout>,
-    /// Lines that drives share. A serial port that is on none has one of its own.
+    /// Lines that several ports share. Any other serial port has a line of its own.
     pub buses: Vec<BusLayout>,
-    /// Motors.
+    /// Motors that are attached to drives.
     pub motors: Vec<MotorLayout>,
-    /// Encoders on their shafts.
+    /// Encoders on motor shafts.
     pub encoders: Vec<EncoderLayout>,
-    /// Switches beside them.
+    /// Switches on motor shafts.
     pub switches: Vec<SwitchLayout>,
-    /// Wires from pin to pin.
+    /// Wires from output pins to input pins.
     pub wires: Vec<WireLayout>,
-    /// Faults of lines from the beginning.
-    pub faults: Vec<Disturbed>,
+    /// Faults of lines from the start.
+    pub faults: Vec<FaultLayout>,
 }
 
 impl Layout {
-    /// The settings of its bench: what is not said is as [`Settings::default`] has it.
+    /// Settings of its bench: a field that is `None` is as in [`Settings::default`].
     #[must_use]
     pub fn settings(&self) -> Settings {
         let default = Settings::default();
         Settings {
             seed: self.seed.unwrap_or(default.seed),
             line: self.line.unwrap_or(default.line),
-            patience: self.time.map_or(default.patience, TimeMode::patience),
+            frame_timeout: self.time.map_or(default.frame_timeout, TimeMode::frame_timeout),
             ..default
         }
     }
 
-    /// Takes its paths, which a bench file has relative to its folder, as relative to `folder` (BENCH-2).
+    /// Prefixes relative paths with `folder`: paths in a bench file are relative to its folder (BENCH-2).
     pub fn relative_to(&mut self, folder: &Path) {
         for drive in &mut self.drives {
             for path in [&mut drive.nv, &mut drive.program].into_iter().flatten() {
@@ -73,64 +92,63 @@ impl Layout {
     }
 }
 
-/// A pin of a drive: place in [`Layout::drives`].
+/// A pin of a drive: index in [`Layout::drives`], and pin.
 pub type At = (usize, Pin);
 
-/// A drive.
+/// A drive of a [`Layout`]: table `[[drive]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct DriveLayout {
-    /// Name of the drive.
+    /// Name of the drive: one word without dots, unique on the bench.
     pub name: String,
-    /// Kind of the drive.
+    /// Kind of the drive, as in [`catalog`](crate::catalog), for instance `md3`.
     pub kind: &'static str,
-    /// Listening places of its own ports.
+    /// Listening addresses of its ports.
     pub listen: Vec<(Port, Uri)>,
     /// File of its non-volatile memory.
     pub nv: Option<PathBuf>,
-    /// Registers that are preset, its address among them.
+    /// Registers to preset, including the bus address.
     pub presets: Vec<Preset>,
-    /// A user program of an RS drive, as text.
+    /// File of a user program of an RS drive, as text.
     pub program: Option<PathBuf>,
-    /// No start-up delay.
+    /// True to skip the start-up delay.
     pub fast_boot: bool,
-    /// Causes of faults that are there from the beginning.
+    /// Faults whose causes are present from the start.
     pub faults: Vec<Fault>,
 }
 
-/// A line that drives share.
+/// A line that several ports share: table `[[bus]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct BusLayout {
     /// Name of the line.
     pub name: String,
-    /// Listening places of the line.
+    /// Listening addresses of the line.
     pub listen: Vec<Uri>,
-    /// Drives on it: places in [`Layout::drives`], and ports.
+    /// Ports on the line: index in [`Layout::drives`], and port.
     pub drives: Vec<(usize, Port)>,
     /// True if characters that overlap corrupt each other.
     pub collisions: bool,
 }
 
-/// A motor.
+/// A motor on an axis of a drive: table `[[motor]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct MotorLayout {
     /// Name of the motor.
     pub name: String,
-    /// Drive that turns it: place in [`Layout::drives`].
+    /// Drive that turns it: index in [`Layout::drives`].
     pub drive: usize,
-    /// By which axis.
+    /// Axis of the drive.
     pub axis: Axis,
-    /// Kind of motor.
+    /// Kind and parameters of the motor.
     pub is: MotorKind,
 }
 
-/// Kind of a motor.
+/// Kind of a motor, with its parameters or keys.
 #[derive(Clone, Debug)]
 pub enum MotorKind {
     /// A stepper motor, which follows the steps of its drive.
     Stepper(motor::stepper::StepperParameters),
-    /// A motor with brushes, or a brushless one. A key that is not given is as the drive's registers describe the motor
-    /// when the drive has been powered on for the first time, with its memory and presets. From then on it is a motor
-    /// of its own and follows no register.
+    /// A brush or brushless motor. A key that is not given is as the drive's registers describe the motor after the
+    /// first power-on, with its memory and presets. Later changes of registers do not change the motor.
     Brush(BrushKeys),
 }
 
@@ -147,25 +165,25 @@ pub struct BrushKeys {
     pub hall_pulses: Option<u16>,
 }
 
-/// An encoder on the shaft of a motor.
+/// An encoder on the shaft of a motor: table `[[encoder]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct EncoderLayout {
-    /// Place in [`Layout::motors`].
+    /// Motor: index in [`Layout::motors`].
     pub motor: usize,
-    /// Cycles of A in a turn.
+    /// Cycles per revolution, within [`CYCLES_PER_REV`](crate::bench::CYCLES_PER_REV).
     pub cycles_per_rev: u32,
-    /// Pin of A.
+    /// Input pin that channel A is wired to.
     pub a: Option<At>,
-    /// Pin of B.
+    /// Input pin that channel B is wired to.
     pub b: Option<At>,
-    /// Pin of the index.
+    /// Input pin that the index is wired to.
     pub index: Option<At>,
 }
 
-/// A switch that the shaft of a motor closes.
+/// A switch that the shaft of a motor closes: table `[[switch]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct SwitchLayout {
-    /// Place in [`Layout::motors`].
+    /// Motor: index in [`Layout::motors`].
     pub motor: usize,
     /// Range in which it is closed.
     pub closed: Closed,
@@ -173,29 +191,29 @@ pub struct SwitchLayout {
     pub to: At,
 }
 
-/// A wire.
+/// A wire from an output pin to an input pin: table `[[wire]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct WireLayout {
-    /// An output.
+    /// Output pin that drives the wire.
     pub from: At,
-    /// An input.
+    /// Input pin at the other end.
     pub to: At,
 }
 
-/// Faults of a line.
+/// Faults of a line from the start: table `[[fault]]` of a bench file.
 #[derive(Clone, Debug)]
-pub struct Disturbed {
+pub struct FaultLayout {
     /// Name of the line, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
     pub bus: String,
-    /// Faults.
+    /// Faults of the line, checked by [`LineFaults::check_for`].
     pub faults: LineFaults,
 }
 
-/// Which port of a drive is meant, and that it can be reached so.
+/// Finds the port of a drive for a listening address, and checks that the port can have that kind of address.
 ///
 /// # Errors
-/// One sentence: there is no such port, or it is reached otherwise.
-pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
+/// One sentence: there is no such port, or it cannot have that kind of address.
+pub fn address(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
     let Listen { port: name, uri } = listen;
     let mut ports = (0..).map(Port).zip(spec.ports);
     let found = ports.find(|(_, port)| name.as_deref().is_none_or(|name| port.name == name));
@@ -204,27 +222,29 @@ pub fn reached(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
         suggest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
     })?;
     match (of.line, uri) {
-        (None, Uri::Pty(_)) => Err(format!("{} of {} is a TCP port and has no pty", of.name, spec.kind)),
+        (None, Uri::Pty(_)) => {
+            Err(format!("{} of {} is a TCP port and cannot have a pty; use tcp:", of.name, spec.kind))
+        }
         (None, Uri::Serial(_) | Uri::Stdio) => {
-            Err(format!("{} of {} is a TCP port and is reached by tcp: alone", of.name, spec.kind))
+            Err(format!("{} of {} is a TCP port; use tcp:", of.name, spec.kind))
         }
         _ => Ok((port, uri.clone())),
     }
 }
 
-/// A sentence about a TCP port where a line is wanted.
+/// Error message for a TCP port where a serial line is wanted.
 #[must_use]
 pub fn no_line(name: &str) -> String {
-    format!("{name} is a TCP port and no line")
+    format!("{name} is a TCP port, not a serial line")
 }
 
-/// Returns whether two paths in one folder are the same, as far as their text shows.
+/// Returns whether two paths relative to one folder have the same text, apart from `./`.
 pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
     // Joined to any folder, `./a` is `a`.
     Path::new("/").join(a) == Path::new("/").join(b)
 }
 
-/// Returns whether two listening places exclude each other.
+/// Returns whether two listening addresses exclude each other.
 #[must_use]
 pub fn clash(a: &Uri, b: &Uri) -> bool {
     match (a, b) {

@@ -27,12 +27,12 @@ const DROP_COUNT: u16 = 4;
 /// Stamps count units of 10⁻⁹ s.
 const NANOSECONDS: u8 = 9;
 
-/// In the flags of a packet (4.3): which way it went, and that its check sum is wrong, as where it collided.
+/// Flags of a packet (4.3): its direction, and a wrong checksum, also for collisions.
 const INBOUND: u32 = 1;
 const OUTBOUND: u32 = 2;
 const CHECK_SUM_ERROR: u32 = 1 << 24;
 
-/// The link type of packets that tell Wireshark what dissects them.
+/// Link type of packets that name their dissector.
 const EXPORTED_PDU: u16 = 252;
 
 /// Their tags (Wireshark's `exported_pdu_tlvs.h`).
@@ -45,11 +45,11 @@ const PROTOCOL_COLUMN: u16 = 33;
 /// The type of ports that Modbus has.
 const TCP: u32 = 2;
 
-/// The port of a drive, which is Modbus/TCP's: Wireshark tells queries from responses by it.
+/// Port number of drives, that of Modbus/TCP: Wireshark distinguishes queries from responses by it.
 const DRIVE_PORT: u32 = 502;
 
-/// The port of who talks to drives on the first line; one more on each other one, so that Wireshark
-/// finds the query of a response on its own line.
+/// Port number of clients on the first line; one more for each further line, so that Wireshark finds the query of a
+/// response on the same line.
 const FIRST_CLIENT_PORT: u32 = 1024;
 
 /// Protocol of a packet.
@@ -67,25 +67,25 @@ pub enum Protocol {
     Noise,
 }
 
-/// Which way a packet goes.
+/// Direction of a packet.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Way {
     /// To drives.
     In,
     /// From a drive.
     Out,
-    /// From nobody.
+    /// Noise, without a sender.
     NullContext,
 }
 
 /// A packet.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'a> {
-    /// On which line, as [`Blocks::line`] said.
+    /// Line, as returned by [`Blocks::line`].
     pub line: u32,
     /// Start of the packet.
     pub at: Instant,
-    /// Which way it goes.
+    /// Direction.
     pub way: Way,
     /// Protocol of its bytes.
     pub protocol: Protocol,
@@ -108,8 +108,8 @@ impl Packet<'_> {
         }
     }
 
-    /// The names of Wireshark's dissector and, where that has none, of the protocol. It takes any bytes for
-    /// Modbus, so what is broken is shown as data; and it knows no Modbus ASCII.
+    /// Names of Wireshark's dissector and, if that names none, of the protocol. The dissector takes any bytes for
+    /// Modbus, so invalid frames are shown as data; it does not support Modbus ASCII.
     fn names(&self) -> (&'static str, Option<&'static str>) {
         match self.protocol {
             Protocol::Rtu if self.is_whole() => ("mbrtu", None),
@@ -156,7 +156,7 @@ impl<W: Write> Blocks<W> {
     /// Begins the file.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn new(out: W) -> io::Result<Self> {
         let mut blocks = Self { out, lines: 0, block: Vec::new() };
         blocks.write(SECTION_HEADER, |block| {
@@ -171,10 +171,10 @@ impl<W: Write> Blocks<W> {
         Ok(blocks)
     }
 
-    /// Adds a line of that name; the number that its packets bear.
+    /// Adds a line of that name. Returns its number for packets.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn line(&mut self, name: &str) -> io::Result<u32> {
         self.write(INTERFACE_DESCRIPTION, |block| {
             block.extend(EXPORTED_PDU.to_le_bytes());
@@ -191,7 +191,7 @@ impl<W: Write> Blocks<W> {
     /// Adds a packet.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn packet(&mut self, packet: &Packet) -> io::Result<()> {
         let data = exported(packet);
         let length = (data.len() as u32).to_le_bytes();
@@ -213,10 +213,10 @@ impl<W: Write> Blocks<W> {
         })
     }
 
-    /// Sees that all of it has been written.
+    /// Flushes the writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -270,7 +270,7 @@ fn end_options(block: &mut Vec<u8>) {
     option(block, 0, &[]);
 }
 
-/// Everything begins at a multiple of 32 bits.
+/// All parts are aligned to 32 bits.
 fn pad(bytes: &mut Vec<u8>) {
     bytes.resize(bytes.len().next_multiple_of(4), 0);
 }

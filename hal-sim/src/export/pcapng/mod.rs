@@ -1,18 +1,18 @@
 //! Frames of the lines and TCP ports: pcapng, as Wireshark and its tools read it.
 //!
-//! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`), and each frame a packet,
-//! stamped with the bench's time (from the epoch on, in whole nanoseconds) at which its first character begins. A
-//! packet says what dissects it (`WIRESHARK_UPPER_PDU`), so nothing has to be set (BENCH-17):
+//! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`). Each frame is a packet
+//! with the bench time of the start of its first character (from the epoch, in whole nanoseconds). A packet names its
+//! dissector (`WIRESHARK_UPPER_PDU`), so Wireshark needs no settings (BENCH-17):
 //!
 //! | on the line | shown as |
 //! |---|---|
 //! | Modbus RTU, Modbus/TCP | that, a query or a response |
 //! | Modbus ASCII, commands of a QSB, MCode | lines of text |
-//! | frames with a wrong check sum, or that collided, noise | data; that nobody could read it is in the packet's flags, as a wrong check sum |
+//! | frames with a wrong checksum or a collision, noise | data, with the flag of a wrong checksum |
 //!
-//! The flags also tell which way a packet went: *inbound* to drives, *outbound* from one. That is the only way to
-//! tell a request of function 5 or 6 of Modbus RTU from its reply, which is the same, unless one tells Wireshark
-//! that RTU is on port 502 (`-o mbrtu.tcp.port:502`).
+//! The flags have the direction of a packet: *inbound* to drives, *outbound* from a drive. Only the direction
+//! distinguishes a request of function 5 or 6 of Modbus RTU from its reply, which has the same bytes, unless Wireshark
+//! has RTU on port 502 (`-o mbrtu.tcp.port:502`).
 
 mod blocks;
 
@@ -26,30 +26,30 @@ pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Outlet};
 use crate::record::capture::{Capture, Frame, Medium, Source};
 
-/// A line of text that is longer is cut there.
+/// Longest line of text in bytes; a longer one is split.
 const LONGEST_TEXT: usize = 1 << 10;
 
-/// Writes what a bench still knows of its lines.
+/// Writes all frames that a bench retains.
 ///
 /// # Errors
-/// Those of the writer.
+/// Errors of the writer.
 pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
     let mut file = Pcapng::new(bench, out)?;
     file.follow(bench)?;
     file.finish()
 }
 
-/// Frames that a bench still has at an instant, to be written elsewhere.
+/// Copy of the retained frames of a bench at an instant, for another thread to write.
 pub struct Snapshot {
     capture: Capture,
-    /// So many frames there were.
+    /// Number of frames at that instant.
     seen: u64,
     now: Instant,
     outlets: Vec<(Outlet, About)>,
 }
 
 impl Snapshot {
-    /// A copy as of now, without the frames.
+    /// A copy of the present state, without the frames.
     #[must_use]
     pub fn begin(bench: &Bench) -> Self {
         let outlets = bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet)));
@@ -62,16 +62,16 @@ impl Snapshot {
         }
     }
 
-    /// Brings at most `most` more of the frames; whether there are more. What the bench has forgotten
-    /// meanwhile is lost.
+    /// Copies at most `most` more frames. Returns whether there are more. Frames that the bench has dropped meanwhile
+    /// are lost.
     pub fn go_on(&mut self, bench: &Bench, most: usize) -> bool {
         self.capture.copy_on(bench.capture(), self.seen, most)
     }
 
-    /// Writes it.
+    /// Writes the frames.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn write(&self, out: impl Write) -> io::Result<()> {
         let mut file = Pcapng::with(self.outlets.iter().cloned(), out)?;
         file.take_ended(&self.capture, self.now, &|outlet| {
@@ -82,7 +82,7 @@ impl Snapshot {
     }
 }
 
-/// Facts of a line or a TCP port that a file needs.
+/// Properties of a line or TCP port that a file needs.
 #[derive(Clone, Default)]
 struct About {
     name: String,
@@ -94,9 +94,9 @@ impl About {
     fn of(bench: &Bench, outlet: Outlet) -> Self {
         let first = match outlet {
             Outlet::Line(bus) => bench.ports(bus).first().copied(),
-            Outlet::Tcp(seat, port) => Some((seat, port)),
+            Outlet::Tcp(drive, port) => Some((drive, port)),
         };
-        let port = first.and_then(|(seat, port)| bench.spec(seat).ports.get(usize::from(port.0)));
+        let port = first.and_then(|(drive, port)| bench.spec(drive).ports.get(usize::from(port.0)));
         Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.framing) }
     }
 }
@@ -105,25 +105,24 @@ impl About {
 fn outlet(on: Medium) -> Outlet {
     match on {
         Medium::Line(bus) => Outlet::Line(bus),
-        Medium::Tcp(seat, port, _) => Outlet::Tcp(seat, port),
+        Medium::Tcp(drive, port, _) => Outlet::Tcp(drive, port),
     }
 }
 
-/// A file that follows a bench. Between two calls it holds no more than the text of a line for each line and
+/// Writer of a pcapng file while a bench runs. Between two calls it buffers at most one line of text for each line and
 /// connection.
 ///
-/// What is in it, and in which order, does not depend on how often it follows: packets are written in the
-/// order in which they end.
+/// Content and order do not depend on how often it is called: packets are written in the order in which they end.
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
     /// Number of each line or connection in the file, and the end of a message on it.
     lines: BTreeMap<Medium, (u32, Option<Framing>)>,
     /// Text that is not written yet.
     texts: BTreeMap<(Medium, Way), Text>,
-    /// The first frame that is not taken, and those behind it that are.
+    /// Number of the first frame that is not taken, and frames behind it that are.
     first: u64,
     ahead: BTreeSet<u64>,
-    /// Frames that the bench forgot before they were taken.
+    /// Number of frames that the bench dropped before they were taken.
     lost: u64,
 }
 
@@ -133,7 +132,7 @@ struct Text {
     at: Instant,
     /// End of the last one.
     end: Instant,
-    /// Until then a line feed may follow a carriage return.
+    /// Time until which a line feed may follow a carriage return.
     open: Instant,
     bytes: Vec<u8>,
 }
@@ -142,7 +141,7 @@ impl<W: Write> Pcapng<W> {
     /// Begins the file, with the lines that the bench has by now.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn new(bench: &Bench, out: W) -> io::Result<Self> {
         Self::with(bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet))), out)
     }
@@ -164,10 +163,10 @@ impl<W: Write> Pcapng<W> {
         Ok(pcapng)
     }
 
-    /// Writes the frames that have ended since the last time.
+    /// Writes the frames that have ended since the last call.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
         self.take_ended(bench.capture(), bench.now(), &|outlet| About::of(bench, outlet))
     }
@@ -195,16 +194,16 @@ impl<W: Write> Pcapng<W> {
         self.write_texts(now)
     }
 
-    /// Ends the file. Text is written as far as it came, a frame that has not ended is not.
+    /// Ends the file. Partial text is written; a frame that has not ended is not.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_texts(Instant::NEVER)?;
         self.blocks.flush()
     }
 
-    /// The first so many frames are forgotten.
+    /// Forgets the first frames.
     fn skip(&mut self, forgotten: u64) {
         if forgotten > self.first {
             let taken = self.ahead.range(..forgotten).count() as u64;
@@ -236,7 +235,7 @@ impl<W: Write> Pcapng<W> {
         }
     }
 
-    /// Puts characters to those before them. A text ends with its line, or is cut.
+    /// Appends characters to the text before them. A text ends with its line, or is split.
     fn take_text(&mut self, key: (Medium, Way), frame: &Frame) -> io::Result<()> {
         let of_line = frame.line.map_or(Duration::ZERO, Line::character);
         let character = if frame.lasts > Duration::ZERO { of_line } else { Duration::ZERO };
@@ -255,7 +254,7 @@ impl<W: Write> Pcapng<W> {
         Ok(())
     }
 
-    /// Writes the texts of which it was clear before `at` that they are over.
+    /// Writes the texts that were complete before `at`.
     fn write_texts(&mut self, at: Instant) -> io::Result<()> {
         let over = |text: &Text| at == Instant::NEVER || (text.is_line() && text.open < at);
         let texts = self.texts.iter().filter(|(_, text)| over(text));
@@ -336,7 +335,7 @@ mod tests {
     use super::*;
     use crate::bench::{DriveId, Settings};
     use crate::record::trace::Retention;
-    use crate::testing::echo_device::{Echo, MCODE, MODBUS};
+    use crate::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
     /// A bench that keeps so much of its lines, and has been asked as often.
     fn asked(keep: Retention, times: usize) -> (Bench, DriveId) {
@@ -358,15 +357,15 @@ mod tests {
     #[test]
     fn each_connection_has_an_interface_and_its_text_lines_of_its_own() {
         let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
-        let echo = bench.add::<Echo>("echo");
+        let echo = bench.add::<EchoDevice>("echo");
         let [a, b, c] = [MCODE, MCODE, MODBUS].map(|port| bench.connect_to(echo, port).unwrap());
         for (client, text) in [(a, "PR"), (b, "MR 10\r\n"), (a, " P\r\n"), (b, "SL")] {
             bench.send(client, text.as_bytes());
-            bench.settle();
+            bench.run_until_idle();
         }
         bench.send(c, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
         bench.disconnect(b);
-        bench.settle();
+        bench.run_until_idle();
         let mut file = Vec::new();
         write(&bench, &mut file).unwrap();
         let mut copy = Snapshot::begin(&bench);

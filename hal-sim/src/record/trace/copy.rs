@@ -1,23 +1,24 @@
-//! Copies that are made piece by piece, so that nobody has to wait for the whole of a long trace.
+//! Copies that are made in pieces, so that the bench does not stop for a long trace.
 
 use super::{Entry, Retention, Trace};
 
 impl Trace {
-    /// The events that are kept of those after the first `mark`, in the order in which they happened.
+    /// The retained events after the first `mark`, in the order of recording.
     pub fn since(&self, mark: u64) -> impl ExactSizeIterator<Item = &Entry> {
         let skip = usize::try_from(mark.saturating_sub(self.lost)).unwrap_or(usize::MAX);
         self.events.range(skip.min(self.events.len())..)
     }
 
-    /// A copy without the events, which [`copy_back`](Self::copy_back) brings.
+    /// A copy without the events; [`copy_back`](Self::copy_back) adds them.
     #[must_use]
     pub fn outline(&self) -> Self {
         let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
         Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, Retention::All) }
     }
 
-    /// Brings at most `most` more events of what this is an [outline](Self::outline) of, the newest first, until
-    /// they hold on to `room` bytes; whether there are more. What the ring drops meanwhile is lost here, too.
+    /// Copies at most `most` more events of the trace of which this is an [outline](Self::outline), the newest first,
+    /// up to `room` bytes of memory. Returns whether there are more. Events that the ring drops meanwhile are lost
+    /// here, too.
     pub fn copy_back(&mut self, original: &Self, room: usize, most: usize) -> bool {
         let missing = usize::try_from(self.lost.saturating_sub(original.lost)).unwrap_or(usize::MAX);
         self.events.reserve(missing.min(room.saturating_sub(self.bytes) / size_of::<Entry>()));
@@ -39,12 +40,12 @@ mod tests {
 
     use super::*;
     use crate::bench::{Bench, PinStimulus, Settings};
-    use crate::testing::toy::{LEVEL, Toy};
+    use crate::testing::test_device::{LEVEL, TestDevice};
 
     /// A bench whose trace is that short, and something that happens on it again and again.
-    fn bench(keep: Retention) -> (Bench, impl Fn(&mut Bench, i32)) {
-        let mut bench = Bench::with(Settings { trace: keep, ..Settings::default() });
-        let toy = bench.add::<Toy>("toy");
+    fn bench(retention: Retention) -> (Bench, impl Fn(&mut Bench, i32)) {
+        let mut bench = Bench::with(Settings { trace: retention, ..Settings::default() });
+        let toy = bench.add::<TestDevice>("toy");
         let happen = move |bench: &mut Bench, times: i32| {
             for mv in 0..times {
                 bench.set_pin(toy, LEVEL, PinStimulus::Millivolts(mv));

@@ -1,13 +1,13 @@
-//! A recording of a bench, as text that people read and write.
+//! Trace: a recording of a bench, as text that people read and write.
 //!
 //! ```text
-//! drivetwin trace 1                     the format, before anything else
-//! seed 1                              of every random choice; 1 if not given
-//! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: seated then;
+//! drivetwin trace 1                     the format, before anything else seed 1                              of every
+//! random choice; 1 if not given drive md3 md3                       name and kind; `fast`: no start-up delay; `from
+//! 12.5`: added then;
 //!                                     `apart`: without the motor that it brings; `untimed`: on a line on which
 //!                                     characters take no time
-//! memory md3 0x0000 01 00 9A          what its memory held; 0xFF where nothing is said
-//! compare tx pins                     which outputs count: tx line pins motion stores; all if not given
+//! memory md3 0x0000 01 00 9A          content of its memory; 0xFF where not given compare tx pins
+//! which outputs count: tx line pins motion stores; all if not given
 //!
 //! # A comment, here or behind a line.
 //! 2500.000000 > rx 01 03 00 00 00 01 84 0A
@@ -15,42 +15,42 @@
 //! 2600.000000 end
 //! ```
 //!
-//! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several
-//! drives the name of one follows it. `>` is fed to the drive, `<` is what it did and is compared;
-//! `end` is how far time went, and a drive may have put something for later by then; without `end` time went to the
-//! last stamp, and what else came at that one is not compared. A drive has power when it is seated. Of the ports of a
-//! drive the first is meant unless the word says `rx:mcode`.
+//! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several drives the name
+//! of one follows it. `>` is an input of the drive, `<` an output, which a replay compares. `end` is the end of the
+//! recording; outputs with later stamps were scheduled by then. Without `end` the recording ends at its last stamp,
+//! and further outputs at that stamp are not compared. A drive is powered on when it is added. A word without a port
+//! refers to the first port of the drive; `rx:mcode` names a port.
 //!
-//! Words may be added within a version of the format: who does not know one says so, in which line. A version
-//! ends when what there is comes to mean something else.
+//! Words may be added within a version of the format: a reader that does not know a word reports it with its line. A
+//! change of the meaning of existing words needs a new version.
 //!
 //! | fed | |
 //! |---|---|
 //! | `rx 01 03` `rx "W15\r"` | characters, back to back; the stamp is the end of the first |
-//! | `spoiled` `idle` | a character nobody could read; the line says that the frame is over |
-//! | `attached on` | somebody opens the port, or leaves (`off`) |
-//! | `opened 0` `message 0 01 03` `closed 0` | somebody opens TCP connection 0, a message on it, it is closed |
+//! | `spoiled` `idle` | a character with a parity or framing error; the end of a frame |
+//! | `attached on` | a program opens the port, or closes it (`off`) |
+//! | `opened 0` `message 0 01 03` `closed 0` | TCP connection 0 is opened, a message on it, it is closed |
 //! | `pin J2.2 low` `millivolts ANALOG 2500` | an input changes |
-//! | `pin DIR open` | nobody drives it any more, and it is not wired; only of a pin that is open at rest |
+//! | `pin DIR open` | an input is not driven any more, and has no wire; only for a pin that is open at rest |
 //! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
-//! | `slipped motor 1` | steps made too many |
-//! | `draws motor 130` | mA that its motor draws |
-//! | `motor motor 24000 3000 500 400 10000 0 4 2 0` | its motor is this one: supply in mV, speed without load in rpm, winding in mΩ, inertia in g·cm², friction and load in µN·m, pulses of a Hall sensor, Hall sensors, cycles of an encoder |
-//! | `rotation motor 0 75000 0` | how its motor turns from now on: angle in 2⁻³² turns, speed in 2⁻⁵⁶ turns a tick, acceleration in 2⁻⁶⁴ turns a tick² |
-//! | `fault stall on` | the cause of a fault comes or goes |
-//! | `poke Speed 8000` | a register is preset past the bus |
-//! | `power off` `power on` | `power cut`: fails in the next save; `power cut 1 0`: one store goes through, of the next 0 bytes do |
+//! | `slipped motor 1` | steps that were made in excess |
+//! | `draws motor 130` | current of its motor in mA |
+//! | `motor motor 24000 3000 500 400 10000 0 4 2 0` | parameters of its motor: supply in mV, speed without load in rpm, winding in mΩ, inertia in g·cm², friction and load in µN·m, pulses of a Hall sensor, Hall sensors, cycles of an encoder |
+//! | `rotation motor 0 75000 0` | rotation of its motor from now on: angle in 2⁻³² turns, speed in 2⁻⁵⁶ turns a tick, acceleration in 2⁻⁶⁴ turns a tick² |
+//! | `fault stall on` | the cause of a fault is set or cleared (`off`) |
+//! | `poke Speed 8000` | a register is preset, not through the bus |
+//! | `power off` `power on` | `power cut`: power fails in the next save; `power cut 1 0`: after one store and 0 bytes of the next |
 //!
 //! | done | |
 //! |---|---|
-//! | `tx 01 03` `message 0 01` `close 0` | the stamp is the instant from which characters leave |
-//! | `line 19200 8E1` | the line from the next character on |
+//! | `tx 01 03` `message 0 01` `close 0` | output; the stamp is the start of transmission |
+//! | `line 19200 8E1` | serial settings from the next character on |
 //! | `pin J3.7 low` | or `high`, `float` |
 //! | `wave D6 500.000000 of 1500.000000` | high for that long at the beginning of each period |
-//! | `plan motor 0 500.000000@5000 500.000000@0 2500` | from a position, for so many ms (or `ever@`) to a speed in steps/s, …, to a position |
+//! | `plan motor 0 500.000000@5000 500.000000@0 2500` | start position, time in ms (or `ever`) and speed in steps/s at its end, …, end position |
 //! | `step motor 1` `current motor 1500` `duty motor -32768` | steps, mA, 1/65536 |
-//! | `store 0x0010 01 02` | into the memory |
-//! | `power off` | the cut has come, in the store before |
+//! | `store 0x0010 01 02` | a store to the memory |
+//! | `power off` | the power cut, in the store before |
 
 mod copy;
 mod recording;
@@ -74,21 +74,21 @@ pub(crate) use text::{is_name, without_comment};
 /// Makes a device of a kind; `None` if there is no such kind.
 pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
 
-/// Retention of a trace.
+/// Number of events that a trace or capture retains in memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Retention {
     /// No events.
     Off,
-    /// The last so many bytes, in memory.
+    /// The most recent events, up to so many bytes of memory.
     Ring(usize),
-    /// The same, and whatever has not been [written](crate::bench::Bench::has_written) yet.
+    /// Like `Ring`, but without dropping events that are not [written](crate::bench::Bench::mark_written) yet.
     Written(usize),
     /// Everything.
     All,
 }
 
 impl Retention {
-    /// Bytes of the ring that is kept by default: 64 MiB (HOST-20).
+    /// Default size of the ring: 64 MiB (HOST-20).
     pub const RING: usize = 64 << 20;
 }
 
@@ -99,54 +99,77 @@ impl Default for Retention {
     }
 }
 
-/// A recording, or a scenario.
+/// Inputs and outputs of the drives of a bench, recorded by [`Bench::trace`](crate::bench::Bench::trace) or read from
+/// text.
+///
+/// ```
+/// use drivetwin_firmware::device::{Duration, Instant};
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_protocol::modbus::rtu;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::record::trace::Trace;
+/// use drivetwin_sim::{catalog, replay};
+///
+/// let mut bench = Bench::new();
+/// let drive = bench.add::<Md3>("x");
+/// bench.run_until(Instant::ZERO + Duration::secs(3));
+/// bench.ask(drive, &rtu::read(1, 0, 1));
+/// let text = bench.trace().to_text();
+/// assert!(text.contains(" > rx 01 03"));
+///
+/// // A replay gives the same outputs.
+/// let make = |kind: &str| catalog::make(kind).ok();
+/// let trace = Trace::parse(&text, &make)?;
+/// assert_eq!(replay::run(&trace, &make)?, None);
+/// # Ok::<(), replay::Unplayable>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Seed of every random choice.
     pub seed: u64,
-    /// Drives on the bench.
+    /// Drives of the recorded bench, in the order in which they were added.
     pub drives: Vec<TraceDrive>,
-    /// Which outputs count when it is replayed.
+    /// Groups of outputs that a replay compares.
     pub compare: Vec<Group>,
-    /// Events that a full ring has dropped; a trace without its beginning cannot be replayed.
+    /// Number of events that a full ring has dropped; a trace without its beginning cannot be replayed.
     pub lost: u64,
-    /// Time at the end; of a text without `end` its last stamp.
+    /// End of the recording; in a text without `end` its last stamp.
     pub end: Instant,
-    /// True if it tells all until then. A text without `end` may break off within its last stamp.
+    /// True if it is complete up to `end`. A text without `end` may break off within its last stamp.
     pub ended: bool,
-    /// Number of events written, of those that wait for it.
+    /// Number of events that are marked as written.
     written: u64,
     events: VecDeque<Entry>,
-    keep: Retention,
-    /// Bytes that `events` holds on to.
+    retention: Retention,
+    /// Memory of `events`, in bytes.
     bytes: usize,
 }
 
-/// A drive that takes part.
+/// A drive of a trace: its kind, and its state when it was added.
 #[derive(Clone, Debug)]
 pub struct TraceDrive {
     /// Name of the drive.
     pub name: String,
-    /// Description of its kind.
+    /// Description of its kind, with names of pins, ports and registers.
     pub spec: &'static Spec,
-    /// True without start-up delay.
+    /// True if the start-up delay is skipped.
     pub boot_fast: bool,
-    /// Characters take no time on its serial lines.
+    /// True if characters take no time on its serial lines.
     pub fast_line: bool,
-    /// True if its motor is one of the bench, and not its own.
-    pub apart: bool,
+    /// True if a motor of the bench replaces its internal motor.
+    pub external_motor: bool,
     /// Time at which it was added and powered on.
     pub from: Instant,
     /// Content of its memory then, [`Spec::memory`] bytes.
     pub memory: Vec<u8>,
 }
 
-/// A line of a trace.
+/// An event of a trace, with its time and drive.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Entry {
-    /// Time of the event.
+    /// Bench time of the event. An output may lie ahead of the time at which it was recorded.
     pub at: Instant,
-    /// Drive: place in [`Trace::drives`].
+    /// Index of the drive in [`Trace::drives`].
     pub drive: usize,
     /// The event.
     pub event: Event,
@@ -157,9 +180,9 @@ pub struct Entry {
 /// An event: an input or an output of a drive.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Event {
-    /// Fed to a drive.
+    /// Input of a drive.
     Input(InputRecord),
-    /// Done by a drive.
+    /// Output of a drive.
     Output(OutputRecord),
 }
 
@@ -232,23 +255,23 @@ impl InputRecord {
     }
 }
 
-/// Change of a drive's power.
+/// Change of a drive's power, as recorded in a trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Power {
-    /// Power comes.
+    /// Power on.
     On,
-    /// Power goes.
+    /// Power off.
     Off,
-    /// Power fails in the next save; `None` leaves the place to the seed.
+    /// Power fails in the next save; with `None` the point depends on the seed.
     Cut(Option<Cut>),
 }
 
-/// Place in a save at which power fails (HOST-9).
+/// Point in a save at which power fails (HOST-9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Cut {
-    /// So many stores go through.
+    /// Number of stores that are completed.
     pub stores: u32,
-    /// Bytes of the next store that go through.
+    /// Bytes of the next store that are written.
     pub bytes: usize,
 }
 
@@ -270,7 +293,7 @@ pub enum OutputRecord {
     Wave { pin: Pin, period: Duration, high: Duration },
     /// [`Output::Plan`], as it was recorded.
     Plan { axis: Axis, plan: Box<Plan> },
-    /// [`Output::Plan`], as a text tells it.
+    /// [`Output::Plan`], as a text describes it.
     Course { axis: Axis, course: Box<Course> },
     /// [`Output::Step`]
     Step { axis: Axis, steps: i32 },
@@ -306,9 +329,9 @@ impl OutputRecord {
         })
     }
 
-    /// The record as a text has it at that stamp: of a plan its course. Traces are compared in this form.
+    /// The record as text represents it at that stamp: a plan as its course. Traces are compared in this form.
     #[must_use]
-    pub fn told(&self, at: Instant) -> Cow<'_, Self> {
+    pub fn as_text(&self, at: Instant) -> Cow<'_, Self> {
         match self {
             Self::Plan { axis, plan } => {
                 Cow::Owned(Self::Course { axis: *axis, course: Box::new(Course::of(plan, at)) })
@@ -334,7 +357,7 @@ impl OutputRecord {
     }
 }
 
-/// Outputs that are compared, or not, together.
+/// Group of outputs that a replay compares or ignores together.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Group {
     /// Characters and messages that are sent.
@@ -350,10 +373,10 @@ pub enum Group {
 }
 
 impl Group {
-    /// All of them.
+    /// All groups, which a replay compares by default.
     pub const ALL: [Self; 5] = [Self::Tx, Self::Line, Self::Pins, Self::Motion, Self::Stores];
 
-    /// As a trace names it.
+    /// Name of the group in a trace.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -366,18 +389,18 @@ impl Group {
     }
 }
 
-/// A plan as a trace tells it.
+/// A motion plan, as a trace describes it: start position, stretches, end position.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Course {
-    /// The position at its beginning.
+    /// Start position in steps.
     pub from: i32,
-    /// Stretches of the course.
+    /// Stretches of constant acceleration, in the order of time.
     pub legs: Vec<Leg>,
-    /// Final position; `None` if there is none.
+    /// Final position; `None` for a motion without end.
     pub to: Option<i32>,
 }
 
-/// A stretch of constant acceleration.
+/// A stretch of constant acceleration of a [`Course`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Leg {
     /// Time of the stretch; [`Duration::FOREVER`] without end.
@@ -434,7 +457,7 @@ impl Entry {
 
 impl Trace {
     /// A recording that has not begun.
-    pub(crate) fn new(seed: u64, keep: Retention) -> Self {
+    pub(crate) fn new(seed: u64, retention: Retention) -> Self {
         Self {
             seed,
             drives: Vec::new(),
@@ -444,7 +467,7 @@ impl Trace {
             ended: true,
             written: 0,
             events: VecDeque::new(),
-            keep,
+            retention,
             bytes: 0,
         }
     }
@@ -454,41 +477,41 @@ impl Trace {
         self.events.iter()
     }
 
-    /// Records what was fed to a drive.
-    pub(crate) fn fed(&mut self, at: Instant, drive: u32, fed: &InputRecord) {
-        if self.keep != Retention::Off {
-            self.record(at, drive, Event::Input(fed.clone()));
+    /// Records an input of a drive.
+    pub(crate) fn record_input(&mut self, at: Instant, drive: u32, input: &InputRecord) {
+        if self.retention != Retention::Off {
+            self.record(at, drive, Event::Input(input.clone()));
         }
     }
 
     /// Records what a drive did.
-    pub(crate) fn did(&mut self, at: Instant, drive: u32, output: Output<'_>) {
-        if self.keep == Retention::Off {
+    pub(crate) fn record_output(&mut self, at: Instant, drive: u32, output: Output<'_>) {
+        if self.retention == Retention::Off {
             return;
         }
-        if let Some(did) = OutputRecord::of(output) {
-            self.record(at, drive, Event::Output(did));
+        if let Some(record) = OutputRecord::of(output) {
+            self.record(at, drive, Event::Output(record));
         }
     }
 
     /// Records that power fails in a store.
-    pub(crate) fn power_fails(&mut self, at: Instant, drive: u32) {
-        if self.keep != Retention::Off {
+    pub(crate) fn record_power_cut(&mut self, at: Instant, drive: u32) {
+        if self.retention != Retention::Off {
             self.record(at, drive, Event::Output(OutputRecord::PowerOff));
         }
     }
 
     /// Returns whether no event is missing.
     pub(crate) fn is_whole(&self) -> bool {
-        self.keep != Retention::Off && self.lost == 0
+        self.retention != Retention::Off && self.lost == 0
     }
 
-    // Where it is inlined an entry is written once, and not copied about on its way to its place.
+    // Inlined, an entry is written once and not copied.
     #[inline(always)]
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
         self.bytes += entry.size();
-        let bound = match self.keep {
+        let bound = match self.retention {
             Retention::Ring(most) => Some((most, u64::MAX)),
             Retention::Written(most) => Some((most, self.written)),
             Retention::Off | Retention::All => None,
@@ -506,14 +529,14 @@ impl Trace {
         self.events.push_back(entry);
     }
 
-    /// Mark behind the last event: events so far, with those that a ring has dropped.
+    /// Number of events so far, including those that a ring has dropped.
     #[must_use]
     pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64
     }
 
-    /// All that has happened by now is written.
-    pub(crate) fn has_written(&mut self) {
+    /// Marks all events as written.
+    pub(crate) fn mark_written(&mut self) {
         self.written = self.mark();
     }
 

@@ -1,4 +1,4 @@
-//! A file that is written while a bench goes on.
+//! A trace file that is written while the bench runs.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -7,27 +7,27 @@ use drivetwin_firmware::device::Instant;
 
 use super::{Event, Trace};
 
-/// So much text is written at once.
+/// Bytes of text that are written at once.
 const CHUNK: usize = 64 << 10;
 
-/// Lines that wait for their stamp, at most. A drive may put far more than a second ahead where characters take no
-/// time.
+/// Maximum number of lines that wait for their stamp. Where characters take no time, outputs of a drive may lie far
+/// more than a second ahead.
 const MOST_AHEAD: usize = 100_000;
 
-/// A recording: the text of a [`Trace`], written as that grows, in the order of its stamps. It holds only what drives
-/// have put for later.
+/// Writer of the text of a [`Trace`] while that grows, in the order of the stamps. It buffers only outputs whose
+/// stamps lie ahead.
 pub struct Recording<W> {
     out: W,
     /// Whole lines that are not written yet.
     text: Vec<u8>,
     /// Events taken from the trace.
     taken: u64,
-    /// Lines whose stamps lie ahead. What was recorded first is first at its stamp.
+    /// Lines whose stamps lie ahead, by stamp and order of recording.
     ahead: BTreeMap<(Instant, u64), String>,
 }
 
 impl<W: Write> Recording<W> {
-    /// Begins the file, about the drives that the trace tells of so far.
+    /// Begins the file with the drives of the trace.
     ///
     /// # Errors
     /// Errors of the writer.
@@ -36,11 +36,11 @@ impl<W: Write> Recording<W> {
         Ok(Self { out, text: Vec::new(), taken: 0, ahead: BTreeMap::new() })
     }
 
-    /// Writes what has happened since the last time.
+    /// Writes the events since the last call.
     ///
     /// # Errors
-    /// Errors of the writer; or the trace has dropped some of that, which [`Retention::Written`](super::Retention)
-    /// does not.
+    /// Errors of the writer, or the trace has dropped events that were not written, which
+    /// [`Retention::Written`](super::Retention) prevents.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
         if trace.lost > self.taken {
             return Err(io::Error::other("events were dropped before they were written"));
@@ -64,7 +64,7 @@ impl<W: Write> Recording<W> {
         self.write_text()
     }
 
-    /// Ends the file where the trace has come to.
+    /// Ends the file at the present end of the trace.
     ///
     /// # Errors
     /// Errors of [`follow`](Self::follow).

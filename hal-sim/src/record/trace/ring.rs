@@ -2,15 +2,15 @@
 
 use std::collections::VecDeque;
 
-/// Bytes of memory that a vector of so many bytes takes: a word of the allocator's own before them, and all of it a
-/// multiple of two words, four at least.
+/// Memory that a vector of `bytes` bytes takes: with one word of the allocator, rounded up to two words, at least
+/// four.
 pub(crate) fn allocated(bytes: usize) -> usize {
     const WORD: usize = size_of::<usize>();
     if bytes == 0 { 0 } else { (bytes + WORD).next_multiple_of(2 * WORD).max(4 * WORD) }
 }
 
-/// Makes room for one more in the queue of a ring, with little to spare. By itself a queue grows to twice its size, and
-/// a ring goes through all of it in turn, so that half of its memory would be for nothing.
+/// Makes room for one more entry in the queue of a ring, with little to spare. By itself a queue doubles its size, and
+/// a ring uses all of it in turn, so that half of the memory would be wasted.
 pub(crate) fn make_room<T>(queue: &mut VecDeque<T>) {
     if queue.len() == queue.capacity() {
         queue.reserve_exact(queue.len() / 16 + 16);

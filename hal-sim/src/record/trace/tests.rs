@@ -7,12 +7,12 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::replay::{self, Difference, Unplayable};
-use crate::testing::toy::Toy;
+use crate::testing::test_device::TestDevice;
 
 fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
-        "toy" => Some(Box::new(Toy::default())),
+        "toy" => Some(Box::new(TestDevice::default())),
         "mdrobot" => Some(Box::new(mdrobot())),
         _ => None,
     }
@@ -88,7 +88,7 @@ fn every_word_is_read_and_written() {
 #[test]
 fn what_people_write_by_hand_is_read() {
     let trace = parse("\n# Nothing yet.\n  1 >  rx \"r\" 0d   # a comment\n1.5 t < tx 61\n2. end\n");
-    assert_eq!(trace.unwrap_err(), "line 7: \"2.\" is no time in milliseconds with up to six decimals");
+    assert_eq!(trace.unwrap_err(), "line 7: \"2.\" is not a time in milliseconds with up to six decimals");
     let trace = parse("  1 >  rx \"r\" 0d   # a comment\n1.5 t < tx 61\n").unwrap();
     let entries: Vec<&Entry> = trace.events().collect();
     assert_eq!(entries[0].event, Event::Input(InputRecord::Bytes { port: Port(0), bytes: vec![b'r', 13] }));
@@ -101,15 +101,15 @@ fn what_is_not_known_is_an_error_in_its_line() {
     for (lines, error) in [
         (
             "1 > tx 01",
-            "line 3: \"tx\" cannot be fed: rx, spoiled, idle, attached, opened, message, closed, pin, millivolts, count, slipped, draws, motor, rotation, fault, poke, power",
+            "line 3: \"tx\" is not an input; inputs are: rx, spoiled, idle, attached, opened, message, closed, pin, millivolts, count, slipped, draws, motor, rotation, fault, poke, power",
         ),
         (
             "1 < rx 01",
-            "line 3: no drive does \"rx\": tx, message, close, line, pin, wave, plan, step, current, duty, store, power",
+            "line 3: \"rx\" is not an output; outputs are: tx, message, close, line, pin, wave, plan, step, current, duty, store, power",
         ),
         ("1 > rx", "line 3: no bytes follow"),
-        ("1 > rx 1", "line 3: \"1\" is no byte of two hex digits"),
-        ("1 > rx +1", "line 3: \"+1\" is no byte of two hex digits"),
+        ("1 > rx 1", "line 3: \"1\" is not a byte of two hex digits"),
+        ("1 > rx +1", "line 3: \"+1\" is not a byte of two hex digits"),
         ("1 > rx \"r", "line 3: the closing quote is missing"),
         ("1 > rx \"\\t\"", "line 3: after \\ comes r, n, \" or \\"),
         ("1 > rx:com 01", "line 3: there is no port \"com\"; there are: usb, net"),
@@ -121,21 +121,21 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("1 > fault stal on", "line 3: there is no fault \"stal\"; there are: stall"),
         ("1 > poke Volum 1", "line 3: there is no register \"Volum\""),
         ("1 > power up", "line 3: power goes \"on\", \"off\" or \"cut\", not \"up\""),
-        ("1 < line 9600 9E1", "line 3: \"9E1\" is no format of characters, like 8E1"),
-        ("1 < store 10 01", "line 3: \"10\" is no place in a memory, like 0x0010"),
+        ("1 < line 9600 9E1", "line 3: \"9E1\" is not a character format like 8E1"),
+        ("1 < store 10 01", "line 3: \"10\" is not a memory address like 0x0010"),
         ("1 < wave LED 1 2", "line 3: \"of\" and a period are missing before \"2\""),
         ("1 < plan motor 0 1@5", "line 3: a plan ends with a position, unless it goes on for ever"),
         ("1 < plan motor 0 ever@5 6", "line 3: a plan ends with a position, unless it goes on for ever"),
-        ("1 < plan motor 0 1@0.0001 6", "line 3: \"0.0001\" is no speed in steps/s"),
+        ("1 < plan motor 0 1@0.0001 6", "line 3: \"0.0001\" is not a speed in steps/s"),
         ("1 < power on", "line 3: by itself power goes \"off\", not \"on\""),
         ("1 = rx 01", "line 3: after the stamp comes \">\", \"<\" or \"end\", not \"=\""),
-        ("1.0000001 > idle", "line 3: \"1.0000001\" is no time in milliseconds with up to six decimals"),
+        ("1.0000001 > idle", "line 3: \"1.0000001\" is not a time in milliseconds with up to six decimals"),
         (
             "2 > idle\n1 > idle",
-            "line 4: what is fed comes in the order of its stamps, to drives that are there",
+            "line 4: inputs must be in the order of their stamps, and not before their drive is added",
         ),
         ("2 > idle\n1 end", "line 4: time ends before the last line"),
-        ("1 > idle\nseed 5", "line 4: \"seed\" is no stamp in milliseconds"),
+        ("1 > idle\nseed 5", "line 4: \"seed\" is not a time stamp in milliseconds"),
         (
             "sed 5",
             "line 3: \"sed\" is not known here: seed, drive, memory, compare, lost, or a stamp in milliseconds",
@@ -143,8 +143,8 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("seed -1", "line 3: \"-1\" is not a seed"),
         ("compare tx leds", "line 3: \"leds\" cannot be compared: tx, line, pins, motion, stores"),
         ("drive u md4", "line 3: there is no kind \"md4\""),
-        ("drive t toy", "line 3: there are two drives called t"),
-        ("drive 1 toy", "line 3: \"1\" is no name for a drive"),
+        ("drive t toy", "line 3: two drives have the name t"),
+        ("drive 1 toy", "line 3: \"1\" is not a valid name for a drive"),
         ("drive u toy slow", "line 3: \"slow\" is not known here: fast, apart, untimed, from"),
         ("drive u toy\n1 > idle", "line 4: \">\" is none of the drives"),
         ("memory t 0x0009 01 02", "line 3: the memory of t has 10 bytes"),
@@ -156,7 +156,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
     assert_eq!(error(""), "line 1: a trace begins with \"drivetwin trace 1\"");
     assert_eq!(error("1 > idle"), "line 1: a trace begins with \"drivetwin trace 1\"");
     assert_eq!(error("drivetwin trace 2"), "line 1: version \"2\" of the format is not known, only 1");
-    let nobody = "line 2: no line above says which drive this is: \"drive NAME KIND\"";
+    let nobody = "line 2: there is no drive above this line; begin with \"drive NAME KIND\"";
     assert_eq!(error("drivetwin trace 1\n1 > idle"), nobody);
 }
 
@@ -197,7 +197,7 @@ fn a_rewrite_brings_what_is_compared_up_to_date_and_nothing_else() {
 }
 
 #[test]
-fn a_replay_tells_the_first_difference() {
+fn a_replay_returns_the_first_difference() {
     let letter = letter();
     let right = format!("{TOY}compare tx\n1 > rx \"r\"\n{letter}\n20 end\n");
     let run = |text: &str| replay::run(&Trace::parse(text, &make).unwrap(), &make).unwrap();
@@ -236,19 +236,19 @@ fn a_full_ring_drops_the_oldest() {
     .size();
     let mut trace = Trace::new(1, Retention::Ring(10 * size));
     for n in 0..25 {
-        trace.fed(Instant::from_ticks(n), 0, &InputRecord::Idle { port: Port(0) });
+        trace.record_input(Instant::from_ticks(n), 0, &InputRecord::Idle { port: Port(0) });
     }
     assert_eq!((trace.lost, trace.events().len()), (15, 10));
     assert_eq!(trace.events().next().unwrap().at, Instant::from_ticks(15));
     trace.rewind(trace.mark() - 2);
     assert_eq!((trace.events().len(), trace.mark()), (8, 23));
     let mut off = Trace::new(1, Retention::Off);
-    off.fed(Instant::ZERO, 0, &InputRecord::Idle { port: Port(0) });
+    off.record_input(Instant::ZERO, 0, &InputRecord::Idle { port: Port(0) });
     assert_eq!(off.events().len(), 0);
 }
 
 #[test]
-fn a_plan_is_told_by_its_stretches() {
+fn a_plan_is_written_as_its_stretches() {
     let start = Instant::from_ticks(5);
     let plan = Plan::profile(start, 100, -10_000, Limits::even(U24F8::from_num(5_000), 10_000));
     let leg = |ms, speed| Leg { time: Duration::millis(ms), speed };

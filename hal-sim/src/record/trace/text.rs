@@ -25,10 +25,10 @@ const FORMER_PROJECT: &str = "standin";
 /// Bytes in a line of memory.
 const MEMORY_ROW: usize = 16;
 
-/// An error in the text of a trace.
+/// First error in the text of a trace, with its line.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ParseError {
-    /// In which line, from 1.
+    /// Line of the error, from 1.
     pub line: usize,
     /// The error in one sentence.
     pub what: String,
@@ -42,7 +42,7 @@ impl fmt::Display for ParseError {
 
 impl std::error::Error for ParseError {}
 
-/// The whole lines of a file, and whether half a line behind them is left out: what a program leaves that is killed
+/// The complete lines of a file, and whether an incomplete last line is left out: what a program leaves that is killed
 /// while it writes. An `end` is whole without a line feed, too.
 #[must_use]
 pub fn whole_lines(file: &[u8]) -> (&[u8], bool) {
@@ -54,7 +54,7 @@ pub fn whole_lines(file: &[u8]) -> (&[u8], bool) {
 }
 
 impl Trace {
-    /// Reads a trace. `make` says what the kinds in it are.
+    /// Reads a trace. `make` makes a drive of a kind.
     ///
     /// # Errors
     /// What is wrong, and in which line.
@@ -113,7 +113,7 @@ impl Trace {
         let mut text = format!("{PROJECT} trace {VERSION}\nseed {}\n", self.seed);
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
-            let apart = if drive.apart { " apart" } else { "" };
+            let apart = if drive.external_motor { " apart" } else { "" };
             let untimed = if drive.fast_line { " untimed" } else { "" };
             let from = match drive.from {
                 Instant::ZERO => String::new(),
@@ -143,8 +143,8 @@ impl Trace {
     /// The events as the text has them: what a drive does may bear a stamp that lies ahead.
     fn in_order(&self) -> Vec<&Entry> {
         let mut rank = vec![0; self.drives.len()];
-        for (place, index) in self.by_name().into_iter().enumerate() {
-            rank[index] = place;
+        for (position, index) in self.by_name().into_iter().enumerate() {
+            rank[index] = position;
         }
         let mut events: Vec<&Entry> = self.events.iter().collect();
         events.sort_by_key(|entry| (entry.at, rank.get(entry.drive)));
@@ -167,8 +167,8 @@ impl Trace {
     pub fn words(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         match &entry.event {
-            Event::Input(fed) => fed_text(drive.spec, fed),
-            Event::Output(did) => did_text(drive.spec, entry.at, did),
+            Event::Input(input) => fed_text(drive.spec, input),
+            Event::Output(output) => did_text(drive.spec, entry.at, output),
         }
     }
 }
@@ -260,8 +260,8 @@ fn on_off(on: bool) -> &'static str {
 }
 
 /// An input in words.
-fn fed_text(spec: &'static Spec, fed: &InputRecord) -> String {
-    match fed {
+fn fed_text(spec: &'static Spec, input: &InputRecord) -> String {
+    match input {
         InputRecord::Power(Power::On) => "power on".to_owned(),
         InputRecord::Power(Power::Off) => "power off".to_owned(),
         InputRecord::Power(Power::Cut(None)) => "power cut".to_owned(),
@@ -306,8 +306,8 @@ fn fed_text(spec: &'static Spec, fed: &InputRecord) -> String {
 }
 
 /// An output at `at` in words.
-fn did_text(spec: &'static Spec, at: Instant, did: &OutputRecord) -> String {
-    match did {
+fn did_text(spec: &'static Spec, at: Instant, output: &OutputRecord) -> String {
+    match output {
         OutputRecord::Bytes { port, bytes } => {
             format!("{}{}", at_port(spec, "tx", *port), payload(port_of(spec, *port), bytes))
         }
@@ -363,7 +363,7 @@ struct Reader {
     /// True once the line with the version has come.
     begun: bool,
     /// The last stamp of what is fed.
-    fed: Instant,
+    last_input: Instant,
     /// The last stamp of all.
     last: Instant,
 }
@@ -371,10 +371,10 @@ struct Reader {
 impl Reader {
     fn new() -> Self {
         let trace = Trace { ended: false, ..Trace::new(1, Retention::All) };
-        Self { trace, begun: false, fed: Instant::ZERO, last: Instant::ZERO }
+        Self { trace, begun: false, last_input: Instant::ZERO, last: Instant::ZERO }
     }
 
-    /// The trace that was read. Where `end` says how far time went, what a drive put for later was under way then.
+    /// The trace that was read. With `end`, later outputs were scheduled by that time.
     fn finish(mut self) -> Trace {
         if !self.trace.ended {
             self.trace.end = self.last;
@@ -402,7 +402,7 @@ impl Reader {
         } else if self.trace.events.is_empty() {
             self.header(&mut words, make)
         } else {
-            Err(format!("\"{}\" is no stamp in milliseconds", words.next()))
+            Err(format!("\"{}\" is not a time stamp in milliseconds", words.next()))
         }
     }
 
@@ -427,9 +427,9 @@ impl Reader {
                 let drive = drive.ok_or_else(|| format!("there is no drive \"{name}\" above this line"))?;
                 let offset = words.address()?;
                 let bytes = words.bytes()?;
-                let place = drive.memory.get_mut(offset..offset + bytes.len());
+                let target = drive.memory.get_mut(offset..offset + bytes.len());
                 let size = drive.spec.memory;
-                place
+                target
                     .ok_or_else(|| format!("the memory of {name} has {size} bytes"))?
                     .copy_from_slice(&bytes);
             }
@@ -447,10 +447,10 @@ impl Reader {
     fn drive(&mut self, words: &mut Words<'_>, make: &Make<'_>) -> Result<(), String> {
         let (name, kind) = (words.next().to_owned(), words.next());
         if !is_name(&name) {
-            return Err(format!("\"{name}\" is no name for a drive"));
+            return Err(format!("\"{name}\" is not a valid name for a drive"));
         }
         if self.trace.drives.iter().any(|drive| drive.name == name) {
-            return Err(format!("there are two drives called {name}"));
+            return Err(format!("two drives have the name {name}"));
         }
         let spec = make(kind).ok_or_else(|| format!("there is no kind \"{kind}\""))?.spec();
         let mut drive = TraceDrive {
@@ -458,14 +458,14 @@ impl Reader {
             spec,
             boot_fast: false,
             fast_line: false,
-            apart: false,
+            external_motor: false,
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
         };
         while let Some(word) = words.more() {
             match word {
                 "fast" => drive.boot_fast = true,
-                "apart" => drive.apart = true,
+                "apart" => drive.external_motor = true,
                 "untimed" => drive.fast_line = true,
                 "from" => drive.from = Instant::from_ticks(words.millis()?),
                 _ => {
@@ -487,7 +487,7 @@ impl Reader {
             word = words.next();
         }
         if word == "end" && named.is_none() {
-            if at < self.fed {
+            if at < self.last_input {
                 return Err("time ends before the last line".to_owned());
             }
             self.trace.end = self.trace.end.max(at);
@@ -497,22 +497,25 @@ impl Reader {
         let drive = match (named, drives.len()) {
             (Some(drive), _) => drive,
             (None, 1) => 0,
-            (None, 0) => return Err("no line above says which drive this is: \"drive NAME KIND\"".to_owned()),
+            (None, 0) => {
+                return Err("there is no drive above this line; begin with \"drive NAME KIND\"".to_owned());
+            }
             (None, _) => return Err(format!("\"{word}\" is none of the drives")),
         };
         let spec = drives[drive].spec;
         let event = match word {
             ">" => {
-                if at < self.fed || at < drives[drive].from {
+                if at < self.last_input || at < drives[drive].from {
                     return Err(
-                        "what is fed comes in the order of its stamps, to drives that are there".to_owned()
+                        "inputs must be in the order of their stamps, and not before their drive is added"
+                            .to_owned(),
                     );
                 }
-                self.fed = at;
+                self.last_input = at;
                 self.trace.end = self.trace.end.max(at);
-                Event::Input(fed(spec, words)?)
+                Event::Input(input(spec, words)?)
             }
-            "<" => Event::Output(did(spec, words)?),
+            "<" => Event::Output(output(spec, words)?),
             _ => return Err(format!("after the stamp comes \">\", \"<\" or \"end\", not \"{word}\"")),
         };
         words.end()?;
@@ -525,12 +528,12 @@ impl Reader {
 /// Returns whether a drive can have that name. Dots are for what belongs to it, its pins and its own lines.
 pub(crate) fn is_name(name: &str) -> bool {
     let reserved = |first: char| first.is_ascii_digit() || "#<>\"".contains(first);
-    let parted = |char: char| char == '.' || char.is_whitespace();
-    !name.is_empty() && !name.starts_with(reserved) && !name.contains(parted) && name != "end"
+    let separators = |char: char| char == '.' || char.is_whitespace();
+    !name.is_empty() && !name.starts_with(reserved) && !name.contains(separators) && name != "end"
 }
 
 /// Parses an input.
-fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String> {
+fn input(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
         "rx" => InputRecord::Bytes { port, bytes: words.some_bytes()? },
@@ -593,7 +596,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String
         }
         "fault" => {
             let names = spec.faults.iter().copied();
-            InputRecord::Fault { fault: Fault(words.place("fault", names)?), on: words.either("on", "off")? }
+            InputRecord::Fault { fault: Fault(words.index("fault", names)?), on: words.either("on", "off")? }
         }
         "poke" => {
             let name = words.next();
@@ -630,7 +633,7 @@ fn fed(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String
                 "poke",
                 "power",
             ];
-            return Err(format!("\"{word}\" cannot be fed: {}", known(words)));
+            return Err(format!("\"{word}\" is not an input; inputs are: {}", known(words)));
         }
     })
 }
@@ -655,7 +658,7 @@ fn motor(parameters: &Parameters) -> String {
 }
 
 /// Parses an output.
-fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, String> {
+fn output(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
         "tx" => OutputRecord::Bytes { port, bytes: words.some_bytes()? },
@@ -704,7 +707,7 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, Strin
                 "tx", "message", "close", "line", "pin", "wave", "plan", "step", "current", "duty", "store",
                 "power",
             ];
-            return Err(format!("no drive does \"{word}\": {}", known(words)));
+            return Err(format!("\"{word}\" is not an output; outputs are: {}", known(words)));
         }
     })
 }
@@ -712,9 +715,9 @@ fn did(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, Strin
 /// A line without its comment; `#` between quotes begins none.
 pub(crate) fn without_comment(line: &str) -> &str {
     let (mut quoted, mut escaped) = (false, false);
-    for (place, c) in line.char_indices() {
+    for (index, c) in line.char_indices() {
         match c {
-            '#' if !quoted => return &line[..place],
+            '#' if !quoted => return &line[..index],
             '"' if !escaped => quoted = !quoted,
             _ => {}
         }
@@ -758,7 +761,7 @@ impl<'a> Words<'a> {
     /// Milliseconds, in ticks.
     fn millis(&mut self) -> Result<u64, String> {
         let word = self.next();
-        ticks(word).ok_or_else(|| format!("\"{word}\" is no time in milliseconds with up to six decimals"))
+        ticks(word).ok_or_else(|| format!("\"{word}\" is not a time in milliseconds with up to six decimals"))
     }
 
     fn either(&mut self, yes: &str, no: &str) -> Result<bool, String> {
@@ -769,40 +772,40 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// The place of a name in a list.
-    fn place(&mut self, what: &str, names: impl Iterator<Item = &'static str>) -> Result<u8, String> {
+    /// The index of a name in a list.
+    fn index(&mut self, what: &str, names: impl Iterator<Item = &'static str>) -> Result<u8, String> {
         let word = self.next();
         let names: Vec<&str> = names.collect();
-        let place = names.iter().position(|&name| name == word);
-        place
-            .and_then(|place| u8::try_from(place).ok())
+        let index = names.iter().position(|&name| name == word);
+        index
+            .and_then(|index| u8::try_from(index).ok())
             .ok_or_else(|| format!("there is no {what} \"{word}\"; there are: {}", known(names)))
     }
 
     fn pin(&mut self, spec: &Spec) -> Result<Pin, String> {
-        let place = self.place("pin", spec.pin_names().map(|(name, _)| name))?;
-        spec.pin_names().nth(place.into()).map(|(_, pin)| pin).ok_or_else(|| "there is no such pin".into())
+        let index = self.index("pin", spec.pin_names().map(|(name, _)| name))?;
+        spec.pin_names().nth(index.into()).map(|(_, pin)| pin).ok_or_else(|| "there is no such pin".into())
     }
 
     fn axis(&mut self, spec: &Spec) -> Result<Axis, String> {
-        self.place("axis", spec.axes.iter().map(|axis| axis.name)).map(Axis)
+        self.index("axis", spec.axes.iter().map(|axis| axis.name)).map(Axis)
     }
 
     /// A word, and the port behind its colon: the first one if there is none.
     fn at_port(&mut self, spec: &Spec) -> Result<(&'a str, Port), String> {
         let word = self.next();
         let Some((word, name)) = word.split_once(':') else { return Ok((word, Port(0))) };
-        let port = Words { rest: name }.place("port", spec.ports.iter().map(|port| port.name))?;
+        let port = Words { rest: name }.index("port", spec.ports.iter().map(|port| port.name))?;
         Ok((word, Port(port)))
     }
 
-    /// A place in a memory: `0x0010`.
+    /// A memory address: `0x0010`.
     fn address(&mut self) -> Result<usize, String> {
         let word = self.next();
         let digits = word.strip_prefix("0x").filter(|digits| digits.len() <= 4);
         digits
             .and_then(|digits| usize::from_str_radix(digits, 16).ok())
-            .ok_or_else(|| format!("\"{word}\" is no place in a memory, like 0x0010"))
+            .ok_or_else(|| format!("\"{word}\" is not a memory address like 0x0010"))
     }
 
     /// At least one byte.
@@ -822,7 +825,7 @@ impl<'a> Words<'a> {
             let word = self.next();
             let digits = word.len() == 2 && word.bytes().all(|digit| digit.is_ascii_hexdigit());
             let byte = u8::from_str_radix(word, 16).ok().filter(|_| digits);
-            bytes.push(byte.ok_or_else(|| format!("\"{word}\" is no byte of two hex digits"))?);
+            bytes.push(byte.ok_or_else(|| format!("\"{word}\" is not a byte of two hex digits"))?);
         }
         Ok(bytes)
     }
@@ -844,7 +847,7 @@ impl<'a> Words<'a> {
             };
             Some(Line::new(baud, data, parity, stop))
         });
-        line.ok_or_else(|| format!("\"{format}\" is no format of characters, like 8E1"))
+        line.ok_or_else(|| format!("\"{format}\" is not a character format like 8E1"))
     }
 
     /// `0 500.000000@5000 500.000000@0 2500`
@@ -861,7 +864,8 @@ impl<'a> Words<'a> {
                 "ever" => Duration::FOREVER,
                 time => Duration::from_ticks(Words { rest: time }.millis()?),
             };
-            let speed = in_thousandths(speed).ok_or_else(|| format!("\"{speed}\" is no speed in steps/s"))?;
+            let speed =
+                in_thousandths(speed).ok_or_else(|| format!("\"{speed}\" is not a speed in steps/s"))?;
             legs.push(Leg { time, speed });
         }
         if legs.is_empty() {
@@ -890,9 +894,9 @@ fn in_thousandths(text: &str) -> Option<i64> {
 /// Reads text up to its closing quote; returns what follows.
 fn quoted<'a>(text: &'a str, bytes: &mut Vec<u8>) -> Result<&'a str, String> {
     let mut chars = text.char_indices();
-    while let Some((place, c)) = chars.next() {
+    while let Some((index, c)) = chars.next() {
         let c = match c {
-            '"' => return Ok(text[place + 1..].trim_start()),
+            '"' => return Ok(text[index + 1..].trim_start()),
             '\\' => match chars.next() {
                 Some((_, 'r')) => '\r',
                 Some((_, 'n')) => '\n',

@@ -1,5 +1,5 @@
-//! A device for tests that does a little of everything an MD3 does not: characters that each have
-//! their time, a stream, a save of two stores, waves, steps, analogue inputs.
+//! Test device with features that an MD3 does not have: timed characters, a stream, a save of two stores, waves,
+//! steps, analogue inputs.
 
 use drivetwin_firmware::device::{
     Axis, AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Line, Output,
@@ -60,26 +60,26 @@ pub const STALL: Fault = Fault(0);
 /// The serial port.
 pub const USB: Port = Port(0);
 
-/// Between two values of the stream.
+/// Interval between two values of the stream.
 pub const INTERVAL: Duration = Duration::millis(3);
-/// Between the two stores of a save.
+/// Time between the two stores of a save.
 pub const SAVE: Duration = Duration::millis(20);
 
 /// `r` sends a random letter and the volume, `s` starts and stops the stream, `w` saves, `1` and `0`
 /// set the output; a preset volume pulls it down.
 #[derive(Debug, Default)]
-pub struct Toy {
+pub struct TestDevice {
     letter: u8,
     volume: u8,
     next: Option<Instant>,
     saved: Option<Instant>,
-    /// First deadline, at the very instant of power-on; then the output goes high.
+    /// First deadline, at the instant of power-on; the output goes high then.
     started: Option<Instant>,
-    /// What it was told, for tests to see in its outputs.
+    /// Last state of the fault `stall`.
     stalled: bool,
 }
 
-impl Device for Toy {
+impl Device for TestDevice {
     fn spec(&self) -> &'static Spec {
         &SPEC
     }
