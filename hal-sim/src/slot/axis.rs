@@ -53,12 +53,20 @@ pub(super) struct AxisState {
     pub(super) turns_motor: bool,
     /// Makes the pulses for wires; `None` without a wire.
     pub(super) shaper: Option<Shaper>,
+    /// Pulses from the beginning of the plan on, if one of the plan before was not over then; without a wire.
+    unfinished: Option<Box<Shaper>>,
     /// Count of changes of the next edge.
     changes: u32,
     /// Outputs of STEP and DIR that the drive also uses for other purposes.
     shared: Lent,
     /// Outputs that it uses for other purposes at present.
     lent: Lent,
+}
+
+/// The pulses after all edges up to `at`.
+fn taken(mut shaper: Shaper, at: Instant) -> Shaper {
+    while shaper.take(at).is_some() {}
+    shaper
 }
 
 impl AxisState {
@@ -77,6 +85,7 @@ impl AxisState {
             duty: 0,
             turns_motor: false,
             shaper: None,
+            unfinished: None,
             changes: 0,
             shared,
             lent: shared,
@@ -93,6 +102,7 @@ impl AxisState {
             shaper.power_off(at);
         }
         (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
+        self.unfinished = None;
         // DIR is low then, whatever the last direction.
         self.stepped = Some(false);
     }
@@ -102,6 +112,12 @@ impl AxisState {
         let lent = std::mem::take(&mut self.lent);
         if let Some(shaper) = &mut self.shaper {
             shaper.plan(at, plan, lent);
+        } else {
+            let mut shaper = self.recent_pulses(at, true);
+            self.unfinished = (!lent.step && shaper.is_high(StepDir::Step)).then(|| {
+                shaper.plan(at, plan, lent);
+                Box::new(shaper)
+            });
         }
         self.forward = self.forward_at(at) && !lent.dir;
         (self.plan, self.steps, self.stepped) = (*plan, 0, None);
@@ -158,13 +174,21 @@ impl AxisState {
     /// The level of STEP or DIR; `None` for any other pin, and while it is lent.
     pub(super) fn level(&self, at: Instant, pin: Pin, powered: bool) -> Option<Level> {
         let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
-        let mut shaper = match &self.shaper {
-            Some(shaper) => shaper.clone(),
-            // The longest pulse.
-            None => self.pulses(self.plan.start().max(at - HIGH), powered),
+        let shaper = match &self.shaper {
+            Some(shaper) => taken(shaper.clone(), at),
+            None => self.recent_pulses(at, powered),
         };
-        while shaper.take(at).is_some() {}
         Some(level_of(shaper.is_high(output)))
+    }
+
+    /// The pulses after all edges up to `at`, where no wire needs those before.
+    fn recent_pulses(&self, at: Instant, powered: bool) -> Shaper {
+        let start = self.plan.start();
+        // The longest pulse.
+        match &self.unfinished {
+            Some(shaper) if at <= start + HIGH => taken(Shaper::clone(shaper), at),
+            _ => taken(self.pulses(start.max(at - HIGH), powered), at),
+        }
     }
 
     /// Makes pulses from now on, for a wire.
