@@ -1,4 +1,4 @@
-"""A drive for your tests: `drivetwin` in a process of its own, its clock in your hands."""
+"""A drive for your tests: `drivetwin` in a process of its own, with a clock that the test advances."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from pymodbus.client import ModbusTcpClient
 
 
 class Drive:
-    """A drive that stands still in time until a request or `advance` moves the clock."""
+    """A drive whose time stands still until a request or `advance` moves the clock."""
 
     def __init__(self, kind, *options):
         self.name = kind
@@ -33,7 +33,7 @@ class Drive:
         return ModbusTcpClient(host, port=int(port), framer=FramerType.RTU, retries=0)
 
     def advance(self, seconds):
-        """Lets that much time pass, at once."""
+        """Advances the clock by that much, at once."""
         self._call("POST", "/api/time/advance", {"seconds": seconds})
 
     def motion(self):
@@ -41,7 +41,7 @@ class Drive:
         return self._call("GET", f"/api/drives/{self.name}")["motion"]
 
     def pin(self, pin, level):
-        """Pulls a pin "low" or "high", or lets it go: "open"."""
+        """Pulls a pin "low" or "high", or releases it: "open"."""
         self._call("PUT", f"/api/drives/{self.name}/pins/{pin}", {"level": level})
 
     def power_cycle(self):

@@ -87,11 +87,11 @@ const HEADER: Header = Header { transaction: 0xBEEF, unit: 1 };
 
 const OBJECTS: &[identification::Object<'_>] = &[(0, b"SEM USA"), (1, b"MDI"), (2, b"4.0.0.0")];
 
-/// As much of a drive as its bus asks for.
+/// The part of a drive that its bus needs.
 struct Mdrive {
     bank: Bank<Reg, { Reg::WORDS }>,
     variant: u8,
-    /// How many of V1 and V2 a program has declared.
+    /// Number of user variables, of V1 and V2, that a program has declared.
     declared: u16,
     inputs: [i64; 4],
     error: i64,
@@ -158,7 +158,7 @@ impl RequestHandler for Mdrive {
             self.error = 85;
             return Some(Err(Exception::ServerDeviceFailure));
         }
-        // A position is told by what makes it so, and not by the write.
+        // The drive sets a position itself; the write does not store it.
         let position = values.get(Reg::C2)?;
         self.bank.set(Reg::C2, position - 1);
         Some(Ok(()))
@@ -206,7 +206,7 @@ fn the_examples_of_the_manual() {
 }
 
 #[test]
-fn what_the_drive_carries_out_itself_is_not_stored_for_it() {
+fn registers_that_the_drive_sets_itself_are_not_stored() {
     let mut mdrive = Mdrive::new(PLUS);
     // C1 and C2, of which the drive makes C2 what it is.
     assert_eq!(mdrive.ask(&[16, 0, 0x07, 0, 2, 4, 0, 0, 0, 50]), [16, 0, 0x07, 0, 2]);
@@ -236,7 +236,7 @@ fn an_adu_keeps_its_transaction_and_any_unit() {
 }
 
 #[test]
-fn who_does_not_hear_yet_refuses_whatever_is_asked() {
+fn a_drive_that_is_not_ready_refuses_every_request() {
     let busy = Exception::ServerDeviceFailure;
     let mut reply = Adu::new();
     for function in [3, 7, 65] {

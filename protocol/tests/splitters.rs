@@ -1,5 +1,5 @@
-//! Splitters of a host beside receivers that hear silence: both find the same requests, however the bytes are cut into
-//! reads, and though the check sum of a prefix holds by chance.
+//! Splitters of a host against receivers that detect silence: both find the same requests, however the bytes are cut
+//! into reads, and though the check sum of a prefix holds by chance.
 //!
 //! Requests are typed from the application specification (6.1 to 6.21). A CRC is linear, so the bytes that make it hold
 //! at any place are found by solving a system of equations.
@@ -19,14 +19,14 @@ const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
 /// Bits of a frame that are turned over, and by how much they change the CRC.
 type Change = (u16, Vec<(usize, u8)>);
 
-/// A request whose function tells its length: what is not given may be any.
+/// A request whose function gives its length; bytes that are `None` may have any value.
 #[derive(Clone, Debug)]
 struct Shape {
     pdu: Vec<Option<u8>>,
 }
 
 impl Shape {
-    /// `function`, and as much behind it as `data` says.
+    /// `function`, followed by `data`.
     fn new(function: u8, data: impl IntoIterator<Item = Option<u8>>) -> Self {
         Self { pdu: std::iter::once(Some(function)).chain(data).collect() }
     }
@@ -98,7 +98,7 @@ impl Shape {
         };
         let mut rest = wrong(&mut frame);
         let zero = rest;
-        // Of each bit of the difference a set of changes that moves it and none above it.
+        // For each bit of the difference, a set of changes that moves this bit and none above it.
         let mut moves: [Option<Change>; 16] = [const { None }; 16];
         for (place, bit) in self.free(length).flat_map(|place| (0..8).map(move |bit| (place, 1 << bit))) {
             if moves.iter().all(Option::is_some) {
@@ -172,7 +172,7 @@ fn assert_never_cut(frame: &[u8], chance: usize, expect: Expect) {
     assert_eq!(silent(frame, expect), frame.len(), "{frame:02x?}");
 }
 
-/// Every request whose function tells its length: of every byte count, where a drive knows it, else of every 17th.
+/// Every request whose function gives its length: of every byte count for functions of drives, else of every 17th.
 fn shapes() -> impl Iterator<Item = Shape> {
     (0..=u8::MAX).flat_map(|function| {
         let step = if matches!(function, 15 | 16) { 1 } else { 17 };
@@ -191,7 +191,7 @@ fn a_request_that_tells_its_length_is_never_cut_wherever_a_crc_can_hold() {
             assert_eq!(frame.len(), whole);
             forced[usize::from(frame[1])] += 1;
             assert_never_cut(&frame, length, Expect::Requests);
-            // It goes as soon as it is whole, whatever follows.
+            // It is found as soon as it is complete, with any following bytes.
             assert_eq!(scan(RTU, &frame, Expect::Requests), Scan::Complete(whole), "{frame:02x?}");
             let burst = [&frame[..], &behind].concat();
             assert_eq!(scan(RTU, &burst, Expect::Requests), Scan::Complete(whole), "{burst:02x?}");
@@ -203,7 +203,7 @@ fn a_request_that_tells_its_length_is_never_cut_wherever_a_crc_can_hold() {
 }
 
 #[test]
-fn where_slaves_are_heard_no_request_to_a_drive_is_cut_wherever_a_crc_can_hold() {
+fn among_replies_of_slaves_no_request_is_cut_wherever_a_crc_can_hold() {
     let mut fill = noise(2);
     let single = (1..=6).map(|function| (function, 0));
     let counted = (0..=u8::MAX).step_by(5).flat_map(|count| [(15, count), (16, count)]);
@@ -292,7 +292,7 @@ fn of_host(line: Line, parts: &[&[u8]], expect: Expect) -> Vec<Vec<u8>> {
     messages
 }
 
-/// Frames that a drive's receiver hears of messages with a silence behind each.
+/// Frames that a drive's receiver finds in messages with a silence after each.
 fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
     let mut receiver = rtu::RtuReceiver::new(RTU);
     let mut at = Instant::from(Duration::secs(1));
@@ -306,7 +306,7 @@ fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
 
 proptest! {
     #[test]
-    fn requests_are_cut_where_a_drive_hears_silence(
+    fn requests_are_cut_at_the_silences_of_a_drive(
         requests in prop::collection::vec(request(), 1..5), reads in reads(),
     ) {
         let stream = requests.concat();
@@ -316,7 +316,7 @@ proptest! {
     }
 
     #[test]
-    fn where_slaves_are_heard_a_request_alone_is_cut_where_a_drive_hears_silence(
+    fn among_replies_of_slaves_a_single_request_is_cut_at_the_silence_of_a_drive(
         request in request(), reads in reads(),
     ) {
         let known = matches!(request[1], 1..=6 | 15 | 16);
@@ -325,7 +325,7 @@ proptest! {
     }
 }
 
-/// Bodies that a receiver of ASCII hears of messages with a silence of `gap` before each.
+/// Bodies that an ASCII receiver finds in messages with a silence of `gap` before each.
 fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8>, DropReason>> {
     let mut receiver = ascii::AsciiReceiver::new(ASCII);
     let mut at = Instant::from(Duration::secs(1));
@@ -360,7 +360,7 @@ fn adu() -> impl Strategy<Value = Vec<u8>> {
         .prop_map(|(transaction, unit, pdu)| tcp::frame(tcp::Header { transaction, unit }, &pdu).to_vec())
 }
 
-/// Lines that a drive hears whose characters come as `parts`, and whether something is wrong with them.
+/// Lines that a drive receives whose characters come as `parts`, and whether each has an error.
 fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     let mut lines = Lines::<16>::new();
     let ended = parts.concat().into_iter().filter_map(|character| lines.push(character));
@@ -377,7 +377,7 @@ fn typed() -> impl Strategy<Value = Vec<u8>> {
 
 proptest! {
     #[test]
-    fn messages_of_ascii_are_cut_where_a_drive_hears_their_end(
+    fn messages_of_ascii_are_cut_where_a_drive_finds_their_end(
         messages in prop::collection::vec(message(), 1..5), reads in reads(), gap in 0_u64..100_000_000,
     ) {
         let stream = messages.concat();
@@ -412,7 +412,7 @@ proptest! {
         for mut part in split(&stream, &reads) {
             host.extend(std::iter::from_fn(|| next_line(&mut part)));
         }
-        // Nothing is lost, no message goes on behind the end of its line, and the drive hears the same lines.
+        // Nothing is lost, no message goes on behind the end of its line, and the drive receives the same lines.
         prop_assert_eq!(&host.concat(), &stream);
         for message in &host {
             let begin = &message[..message.len() - 1];

@@ -17,9 +17,9 @@ use support::{line, took};
 
 /// DTR, which the counts of range-limit and modulo-n meet.
 const DTR: u32 = 999;
-/// Between two edges, which is what the slower of the two filters lets through.
+/// Time between two edges: the shortest that passes the slower of the two filters.
 const GAP: Duration = Duration::from_ticks(3);
-/// What each run counts: whole cycles, more than it needs to reach DTR, and so few that others who use the
+/// Edges in each run: whole cycles, enough to reach DTR, and so few that other load on the
 /// machine disturb only some of the runs.
 const EDGES: u64 = 20_000;
 
@@ -42,7 +42,7 @@ const MODES: [Mode; 9] = [
     Mode { name: "non-quadrature", mdr0: 0x00, counts: 500 },
 ];
 
-/// Counts so many edges up.
+/// Counts `edges` edges up.
 fn run(mode: &Mode, edges: u64) {
     // INDEX/ is low, but acts only where it is looked at synchronously.
     let mut counter = Ls7366r::new(false, true, mode.mdr0 & 0x40 == 0);

@@ -1,4 +1,4 @@
-//! Simulated seconds per second while something moves: a jog that nobody listens to, the same with a
+//! Simulated seconds per second while something moves: a jog without observers, the same with a
 //! wire on STEP, and step/direction and encoder inputs.
 //!
 //! Everything goes through `dyn Device` on a bench with its usual settings, trace included.
@@ -18,9 +18,9 @@ use support::{line, took};
 
 /// Steps per second, the most that an MD3 makes.
 const SPEED: i64 = 40_000;
-/// What each measurement simulates of a jog.
+/// Simulated time of each jog measurement.
 const JOG: Duration = Duration::secs(600);
-/// What each measurement simulates of an input.
+/// Simulated time of each input measurement.
 const INPUT: Duration = Duration::secs(60);
 /// Pulses per second on a step input, the most that an MD3 takes (7.8); also edges of an encoder.
 const HZ: u64 = 250_000;
@@ -30,9 +30,9 @@ const J2_4: Pin = Pin(2);
 const STEP: Pin = Pin(9);
 
 drivetwin_protocol::registers! {
-    /// What a counter shows.
+    /// Registers that show a counter.
     enum Show: HighFirst {
-        /// Nothing.
+        /// An empty register.
         Nothing = ro(0, "1"),
     }
 }
@@ -95,7 +95,7 @@ fn md3() -> (Bench, DriveId) {
     (bench, seat)
 }
 
-/// Lets it jog at full speed; the ramp is over.
+/// Starts a jog at full speed; returns after the ramp.
 fn jog(bench: &mut Bench, seat: DriveId) {
     for (reg, value) in [(Reg::Speed, SPEED), (Reg::AccelDecel, 400_000), (Reg::MotionControl, 2)] {
         bench.poke(seat, reg as usize, value).expect("an MD3 takes these");
@@ -106,8 +106,7 @@ fn jog(bench: &mut Bench, seat: DriveId) {
 /// Parts of a measurement, of which the fastest counts: others may be using the machine.
 const PARTS: u64 = 20;
 
-/// Runs for `span`, in slices of a millisecond as whoever paces a bench does, and prints how much
-/// faster that is than the world.
+/// Runs for `span`, in slices of a millisecond as a paced bench does, and prints the ratio of simulated to real time.
 fn measure(name: &str, bench: &mut Bench, span: Duration, edges: u64) {
     let part = Duration::from_ticks(span.ticks() / PARTS);
     let mut run = || {
@@ -125,7 +124,7 @@ fn measure(name: &str, bench: &mut Bench, span: Duration, edges: u64) {
     line(name, &format!("{:.0}{each}", simulated / least.as_secs_f64()));
 }
 
-/// Nobody listens: time goes from one plan to the next.
+/// A jog without observers: time advances from one plan to the next.
 fn jog_unheard(name: &str) {
     let (mut bench, x) = md3();
     jog(&mut bench, x);
@@ -159,7 +158,7 @@ fn step_direction(name: &str) {
 fn encoder(name: &str) {
     let (mut bench, x) = md3();
     let edges = seconds(INPUT) * HZ;
-    bench.encoder(x, Encoder(0), edges as i32, HZ as f64).expect("it stands");
+    bench.encoder(x, Encoder(0), edges as i32, HZ as f64).expect("an encoder without a motor");
     measure(name, &mut bench, INPUT, edges);
 }
 

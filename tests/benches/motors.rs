@@ -1,4 +1,5 @@
-//! How long ten minutes of a motor with an encoder and two switches take: 40 million edges, made, carried and counted.
+//! Run time of ten simulated minutes of a motor with an encoder and two switches: 40 million edges, made, carried and
+//! counted.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -22,7 +23,7 @@ fn main() {
     line("10 min, 1,000 rpm", &format!("{seconds:.2} s, {ns:.0} ns an edge of {count}"));
 }
 
-/// Ten minutes at 1,000 rpm with an encoder of so many cycles: seconds of wall time, and what a QSB counted.
+/// Ten minutes at 1,000 rpm with an encoder of that many cycles: seconds of wall time, and the count of a QSB.
 fn run(cycles: u32) -> (f64, u32) {
     let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
     let fast = |presets| Setup { boot_fast: true, presets, ..Setup::default() };

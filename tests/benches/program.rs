@@ -1,5 +1,5 @@
-//! How fast a user program of an RS 434544 runs. As users run it, through `dyn Device` and `dyn Context`, a deadline
-//! at a time, with the motor that stands.
+//! Speed of a user program of an RS 434544, run as users run it: through `dyn Device` and `dyn Context`, a deadline
+//! at a time, with the motor at rest.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
 
@@ -19,7 +19,7 @@ use drivetwin_firmware::rs434::{MEMORY, rs434544};
 use programs::{JMP_1, MOV_AX_0, Program};
 use support::{line, took};
 
-/// What is measured.
+/// A measurement.
 struct Work {
     name: &'static str,
     program: Program,
@@ -44,7 +44,7 @@ impl Context for World {
     }
 }
 
-/// A drive of which the compiler knows nothing here, with a program that has been started.
+/// A drive that is opaque to the compiler, with a started program.
 fn start(work: &Work) -> (Box<dyn Device>, World) {
     let image = image(work.program.lines.iter().copied());
     let mut world = World { memory: vec![0xFF; MEMORY] };
@@ -62,7 +62,7 @@ fn row(drive: &dyn Device, register: &str) -> usize {
     drive.spec().find(register).expect("a register of the drive").row
 }
 
-/// So many rounds, checked.
+/// Runs `rounds` rounds and checks the result.
 fn run(work: &Work, rounds: u64) {
     let (mut drive, mut world) = start(work);
     let out: &mut dyn Context = black_box(&mut world);

@@ -1,5 +1,5 @@
-//! What a QSB does in a second: commands that it answers, records that it streams, edges that it counts. As
-//! users run it, through `dyn Device` and `dyn Context`, character by character.
+//! Throughput of a QSB per second: commands that it answers, records that it streams, edges that it counts. It runs
+//! as users run it: through `dyn Device` and `dyn Context`, character by character.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
 
@@ -22,7 +22,7 @@ use world::World;
 const A: Pin = Pin(0);
 const B: Pin = Pin(1);
 
-/// A QSB-M of which the compiler knows nothing here.
+/// A QSB-M that is opaque to the compiler.
 struct Adapter {
     qsb: Box<dyn Device>,
     world: World,
@@ -38,7 +38,7 @@ impl Adapter {
         Self { qsb, world, at: Instant::from(Duration::secs(1)) }
     }
 
-    /// A command, 10 ms after what was before.
+    /// A command, 10 ms after the previous input.
     fn command(&mut self, command: &[u8]) {
         self.at += Duration::millis(10);
         let out: &mut dyn Context = black_box(&mut self.world);
@@ -65,14 +65,14 @@ impl Adapter {
     }
 }
 
-/// Something that is measured, `per` times at each round.
+/// A measured operation, done `per` times in each round.
 struct Work {
     name: &'static str,
     per: u32,
-    /// What is asked before the rounds.
+    /// Commands sent before the rounds.
     before: &'static [&'static [u8]],
     round: fn(&mut Adapter),
-    /// What is asked behind so many rounds, and its answer.
+    /// Command sent after that many rounds, and its expected answer.
     check: fn(u64) -> (&'static [u8], String),
 }
 
@@ -108,7 +108,7 @@ const WORKS: [Work; 4] = [
     },
 ];
 
-/// So many rounds, checked.
+/// Runs `rounds` rounds and checks the result.
 fn run(work: &Work, rounds: u64) {
     let mut adapter = Adapter::new();
     for command in work.before {

@@ -26,10 +26,10 @@ use world::World;
 /// The first register and how many.
 const FIRST: u16 = 0x10;
 const COUNT: u16 = 10;
-/// What they hold in a new MD3 (chapter 7).
+/// Values of these registers in a new MD3 (chapter 7).
 const VALUES: [u16; COUNT as usize] = [0, 0, 0, 0x2710, 0, 0x1388, 0, 0x09c4, 0, 0x2710];
 
-/// What answers the request.
+/// An implementation that answers the request.
 trait Slave {
     const NAME: &'static str;
 
@@ -42,7 +42,7 @@ trait Slave {
     fn answer(&self) -> Vec<u8>;
 }
 
-/// An MD3 of which the compiler knows nothing here.
+/// An MD3 that is opaque to the compiler.
 struct Drivetwin {
     md3: Box<dyn Device>,
     world: World,
@@ -107,7 +107,7 @@ impl Slave for Rmodbus {
     }
 }
 
-/// Whoever is measured must answer this.
+/// The answer that every measured implementation must give.
 fn expected() -> Vec<u8> {
     let values = VALUES.iter().flat_map(|value| value.to_be_bytes());
     rtu::frame(1, &[3, 2 * COUNT as u8].into_iter().chain(values).collect::<Vec<_>>()).to_vec()
@@ -126,7 +126,7 @@ fn serve_named(name: &str, requests: u64) {
     match name {
         Drivetwin::NAME => serve::<Drivetwin>(requests),
         Rmodbus::NAME => serve::<Rmodbus>(requests),
-        _ => panic!("nobody is called {name}"),
+        _ => panic!("there is no implementation {name}"),
     }
 }
 

@@ -1,6 +1,6 @@
-//! Many drives in one process: what an idle one takes, and how fast all of them answer.
+//! Many drives in one process: resources of an idle drive, and the time that all of them take to answer.
 //!
-//! The binary runs as people start it, and is built before. `/proc` tells what it takes.
+//! The benchmark builds the binary and starts it as users do. `/proc` gives the resources that it takes.
 
 #[path = "support/running.rs"]
 mod running;
@@ -15,11 +15,11 @@ use drivetwin_protocol::modbus::rtu;
 use running::{Running, build, wait};
 use support::{line, took};
 
-/// How long idle drives are watched.
+/// Observation time of idle drives.
 const WATCH: Duration = Duration::from_secs(5);
-/// How often each drive is asked.
+/// Requests to each drive.
 const ROUNDS: u32 = 10;
-/// Of all kinds that there are, as many drives as that.
+/// Number of drives, spread over all kinds.
 const DRIVES: usize = 1_000;
 
 fn main() {
@@ -34,7 +34,7 @@ fn main() {
     let bench = Running::start(&drivetwin, &all, &["--line", "fast"]);
     idle(&bench);
     let mut lines: Vec<TcpStream> = bench.places.iter().map(connect).collect();
-    // Those on Modbus: a register that each of them has.
+    // Drives on Modbus: a register that each of them has.
     let asked: Vec<_> = (0..DRIVES)
         .filter_map(|number| match kinds[number % kinds.len()] {
             "md3" | "md3-low" => Some((number, rtu::read(1, 0, 1))),
@@ -72,7 +72,7 @@ fn main() {
     latency(requests.iter().map(|request| (0, &request[..])), &mut connection);
 }
 
-/// Asks one drive after the other, and says how long one takes to answer.
+/// Sends a request to one drive after the other, and prints the mean time to the answer.
 fn latency<'a>(requests: impl Iterator<Item = (usize, &'a [u8])>, lines: &mut [TcpStream]) {
     let mut times: Vec<Duration> = requests
         .map(|(number, request)| {
@@ -87,9 +87,9 @@ fn latency<'a>(requests: impl Iterator<Item = (usize, &'a [u8])>, lines: &mut [T
     line("one by one", &format!("{median:.0?} in the median, {late:.0?} for 99 of 100"));
 }
 
-/// Says what drives take to which nobody talks.
+/// Prints the resources that drives without requests take.
 fn idle(bench: &Running) {
-    // What is left of starting.
+    // Until the work of the start is over.
     wait(Duration::from_secs(1));
     let before = bench.cpu();
     wait(WATCH);

@@ -1,4 +1,4 @@
-//! What a step costs, from a ramp and from a cruise: the walker as an interrupt would call it.
+//! Cost of a step, in a ramp and in a cruise: the walker as an interrupt would call it.
 //!
 //! Time is the least of many runs. Instructions are counted by valgrind.
 

@@ -1,9 +1,9 @@
-//! Modbus/TCP: how fast a drive answers, beside a server of the `tokio-modbus` crate in the same run, and what
-//! connections take on which nothing is said.
+//! Modbus/TCP: how fast a drive answers, beside a server of the `tokio-modbus` crate in the same run, and the
+//! resources of idle connections.
 //!
-//! Both run as processes of their own and are asked by the same client, in turns; `/proc` tells what they take. The
-//! server holds a few registers in memory and runs on one thread, as a bench does; each turn is long enough that the
-//! system's clock ticks of 10 ms do not matter.
+//! Both run as processes of their own and get requests from the same client, in turns; `/proc` gives the resources
+//! that they take. The server holds a few registers in memory and runs on one thread, as a bench does; each turn is
+//! long enough that the system's clock ticks of 10 ms do not matter.
 
 #[path = "support/running.rs"]
 mod running;
@@ -23,11 +23,11 @@ use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-/// The drive that is asked.
+/// Kind of the drive that gets the requests.
 const KIND: &str = "mdrive";
-/// Its ports, the first of them that of Modbus/TCP.
+/// Ports of the drive; the first one is Modbus/TCP.
 const PORTS: usize = 2;
-/// What is read: its maximum velocity, two registers.
+/// First register read: the maximum velocity takes two registers.
 const FIRST: u16 = 0x8B;
 const COUNT: u16 = 2;
 
@@ -35,11 +35,11 @@ const COUNT: u16 = 2;
 const REQUESTS: usize = 100_000;
 const TURNS: usize = 3;
 
-/// Connections on which nothing is said: so many drives, so many of each.
+/// Idle connections: number of drives, and connections to each.
 const DRIVES: usize = 20;
 const EACH: usize = 50;
 
-/// How long they are watched.
+/// Observation time of idle connections.
 const WATCH: Duration = Duration::from_secs(5);
 
 /// The argument with which this program is the server.
@@ -83,7 +83,7 @@ fn main() {
     idle("tokio-modbus", &server, DRIVES * EACH);
 }
 
-/// What requests have taken.
+/// Times of requests.
 #[derive(Clone, Copy)]
 struct Taken {
     /// Requests a second.
@@ -106,7 +106,7 @@ impl std::fmt::Display for Taken {
     }
 }
 
-/// Asks by so many connections at once.
+/// Sends requests on that many connections at once.
 fn turn(running: &Running, connections: usize) -> Taken {
     let mut streams: Vec<TcpStream> = (0..connections).map(|_| connect(&running.places[0])).collect();
     let before = running.cpu();
@@ -116,7 +116,7 @@ fn turn(running: &Running, connections: usize) -> Taken {
             let transaction = round as u16;
             let request = tcp::read(Header { transaction, unit: 1 }, FIRST, COUNT);
             for stream in &mut streams {
-                stream.write_all(&request).expect("somebody serves");
+                stream.write_all(&request).expect("the server is running");
             }
             for stream in &mut streams {
                 reply(stream, transaction);
@@ -137,21 +137,21 @@ fn connect(place: &String) -> TcpStream {
 /// Reads a reply of that transaction with all registers.
 fn reply(stream: &mut TcpStream, transaction: u16) {
     let mut adu = [0; HEADER_BYTES + 2 + 2 * COUNT as usize];
-    stream.read_exact(&mut adu).expect("somebody answers");
+    stream.read_exact(&mut adu).expect("the server answers");
     let (header, pdu) = tcp::parse(&adu).expect("a whole reply");
     assert_eq!((header.transaction, &pdu[..2]), (transaction, &[3, 2 * COUNT as u8][..]), "{adu:02X?}");
 }
 
-/// Says what connections take, so many to each place.
+/// Prints the resources of connections, `each` to every address.
 fn idle(name: &str, running: &Running, each: usize) {
     let memory = running.memory();
     let mut streams: Vec<TcpStream> =
         running.places.iter().flat_map(|place| (0..each).map(move |_| connect(place))).collect();
-    // Each has been let in when it has been answered.
+    // An answer shows that the connection was accepted.
     for stream in &mut streams {
         stream
             .write_all(&tcp::read(Header { transaction: 0, unit: 1 }, FIRST, COUNT))
-            .expect("somebody serves");
+            .expect("the server is running");
         reply(stream, 0);
     }
     let each = (running.memory() - memory) / streams.len() as f64;

@@ -3,7 +3,7 @@
 fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=--nmagic");
-    // What is measured lies there.
+    // The measured drive is on the stack.
     println!("cargo::rustc-link-arg-bins=--defsym=_stack_length=14336");
     if std::env::var("TARGET").is_ok_and(|target| target.starts_with("thumbv6m")) {
         // The nRF51822 of a micro:bit. The default map is that of the LM3S6965.

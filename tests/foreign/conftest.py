@@ -1,4 +1,4 @@
-"""The running binary, as masters and people meet it.
+"""The running binary, as masters and users see it.
 
 `DRIVETWIN` is the path of the binary; `cargo xtask test` sets it. Nothing here asserts how fast this
 machine is: instants come from the bench's own clock, and `PATIENCE` only ends a test that hangs.
@@ -50,7 +50,7 @@ class Drivetwin:
         self.pty = dict(uri.split(":", 1) for uri in uris).get("pty")
 
     def _line(self):
-        """The one line that says where everything is."""
+        """The one line with the addresses of all ports."""
         readable, _, _ = select.select([self.process.stdout], [], [], PATIENCE)
         line = self.process.stdout.readline() if readable else b""
         assert line, f"drivetwin did not start: {self.said()}"
@@ -102,12 +102,12 @@ class Drivetwin:
             self.seconds()
 
     def stop(self):
-        """Ends it as a person would, and returns its exit code."""
+        """Stops it as a user would, and returns its exit code."""
         self.process.send_signal(signal.SIGTERM)
         return self.process.wait(PATIENCE)
 
     def kill(self):
-        """Ends it whatever it does: SIGKILL."""
+        """Kills it: SIGKILL."""
         self.process.kill()
         self.process.wait(PATIENCE)
         self.process.stdout.close()
@@ -157,7 +157,7 @@ def ask(sock, request, length):
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Says how many commands of the documents were run, and which blocks were not, with the reason."""
+    """Prints how many commands of the documents were run, and which blocks were not, with the reason."""
     properties = [entry for report in terminalreporter.getreports("passed") for entry in report.user_properties]
     ran = sum(value for name, value in properties if name == "ran")
     marked = [entry for name, value in properties if name == "marked" for entry in value]

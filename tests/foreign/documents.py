@@ -141,7 +141,7 @@ class Names:
         self.here = {}
 
     def learn(self, name, here):
-        """Remembers that the page's `name` is `here` now; of an address its port, too."""
+        """Stores that the page's `name` is `here` now; for an address its port, too."""
         self.here[name] = here
         if name.startswith("127.0.0.1:"):
             self.here[name.rpartition(":")[2]] = here.rpartition(":")[2]
@@ -174,7 +174,7 @@ class Names:
         return out + re.escape(self.put(line[place:]))
 
     def match(self, expected, printed):
-        """Whether a text is what a page says; learns names from it."""
+        """Returns whether a text matches that of a page; learns names from it."""
         groups, pattern = {}, ""
         for line in expected:
             pattern += r"(?:[^\n]*\n)*?" if line.strip() == "..." else self.pattern(line.rstrip(), groups) + r"[ \t]*\n"

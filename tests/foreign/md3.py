@@ -1,6 +1,6 @@
 """Registers of the MD3: chapter 7 of the MD3 User Guide V1.7, typed by hand."""
 
-# What a new one reads: 0x0b is 0, the serial number is 1.
+# Values in a new MD3: 0x0b is 0, the serial number is 1.
 DEFAULTS = [
     0x0001, 0x030A, 0x0000, 0x0000, 0x0000, 0x0000, 0x0000, 0x0000,
     0x0000, 0x0000, 0x000F, 0x0000, 0x0005, 0x0F9F, 0x0000, 0x0000,

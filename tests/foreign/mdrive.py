@@ -67,7 +67,7 @@ class WriteSpecificResponse(ModbusPDU):
 
 
 class WriteSpecific(ModbusPDU):
-    """Function 66: sets a mnemonic to what a string says."""
+    """Function 66: sets a mnemonic to the value in a string."""
 
     function_code = 66
     rtu_byte_count_pos = 6
@@ -90,7 +90,7 @@ class Terminal:
         self.socket = drivetwin.socket("mcode", drive)
 
     def receive_until(self, end):
-        """All that comes up to an end."""
+        """All bytes up to an end."""
         got = b""
         while not got.endswith(end):
             got += receive(self.socket, 1)

@@ -1,4 +1,4 @@
-"""A party line of MDrives: a pty for programs that want a serial port, and on it the MCode ports of drives, as an RS-422
+"""A party line of MDrives: a pty for programs that need a serial port, and on it the MCode ports of drives, as an RS-422
 line with several drives has it."""
 
 import contextlib
@@ -13,7 +13,7 @@ from mdrive import Terminal
 
 @contextlib.contextmanager
 def party_line(*ports):
-    """The path of a pty on which all those TCP ports hear everything, and everybody's answers come."""
+    """The path of a pty whose bytes go to all these TCP ports, and to which the answers of all come."""
     master, slave = os.openpty()
     tty.setraw(slave)
     stop, stopped = os.pipe()

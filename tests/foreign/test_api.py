@@ -1,4 +1,4 @@
-"""The control API as a program meets it that knows HTTP, and nothing else of the emulator."""
+"""The control API, by a program that has only HTTP and nothing else of the emulator."""
 
 import http.client
 import json
@@ -31,7 +31,7 @@ class Full(Exception):
 
 
 def answered(connection):
-    """The answer to what was asked, which is a good one, unless there is no room."""
+    """The answer to a request: status 200, or `Full` if there is no room."""
     answer = connection.getresponse()
     if answer.status == 503:
         raise Full
@@ -40,7 +40,7 @@ def answered(connection):
 
 
 def when_there_is_room(do, meanwhile):
-    """What comes of doing something, when it has been seen that somebody has left."""
+    """The result of `do`, repeated until the program has seen that another client has left."""
     until = time.monotonic() + PATIENCE
     while True:
         meanwhile()
@@ -51,7 +51,7 @@ def when_there_is_room(do, meanwhile):
 
 
 class Events:
-    """Somebody who follows the bench."""
+    """A client that follows the events of the bench."""
 
     def __init__(self, drivetwin, query="", **headers):
         self.connection = connect(drivetwin)
@@ -60,14 +60,14 @@ class Events:
         assert self.answer.getheader("Content-Type") == "text/event-stream"
 
     def next(self):
-        """The next event: what it is, its number, and its data."""
+        """The next event: its kind, its number, and its data."""
         until = time.monotonic() + PATIENCE
         while not (fields := self.piece()):
             assert time.monotonic() < until, "nothing happens"
         return fields["event"], int(fields["id"]), json.loads(fields["data"])
 
     def piece(self):
-        """The fields of what comes next; none if that is a comment, which says that somebody is there."""
+        """The fields of the next event; none for a comment, which only keeps the connection alive."""
         fields = {}
         while (line := self.answer.readline().decode()) != "\n":
             assert line, "the bench is gone"
@@ -147,7 +147,7 @@ def test_events_come_while_the_clock_is_advanced(run):
     # A day of pulses: the advance ends only when it is given up.
     day = connect(drivetwin)
     day.request("POST", "/api/time/advance", json.dumps({"seconds": 86_400}), JSON)
-    # The bench is faster than any reader: it may be told of events that it has missed.
+    # The bench is faster than any reader: the stream may report missed events.
     told = [events.next() for _ in range(1_000)]
     kinds = {data["words"] for kind, _, data in told if kind != "lost"}
     assert kinds >= {"pin J2.5 low", "pin J2.5 high"}
@@ -157,7 +157,7 @@ def test_events_come_while_the_clock_is_advanced(run):
 
 
 def test_who_is_too_slow_is_told_and_goes_on(run):
-    """Nothing is taken until the ring of 64 MiB has been filled: an event takes 64 bytes of it or more."""
+    """No event is read until the ring of 64 MiB has been filled: an event takes 64 bytes of it or more."""
     drivetwin = run("--fast-boot", "--time", "manual")
     events = Events(drivetwin)
     drivetwin.call("POST", "/api/drives/md3/pins/J2.5/pulses", {"count": 1_500_000, "hz": 5_000_000})
@@ -212,7 +212,7 @@ def test_the_trace_can_be_replayed(run, tmp_path):
 
 
 def test_frames_of_the_lines(run):
-    """A section of pcapng, whose blocks are as long as they say: the line, a request, a reply."""
+    """A section of pcapng, whose blocks have the length in their headers: the line, a request, a reply."""
     drivetwin = run("--fast-boot", "--time", "manual")
     with drivetwin.socket() as line:
         ask(line, MOVE, len(MOVE))
@@ -265,7 +265,7 @@ def test_waveforms_without_end_hold_nobody_up(run):
 
 
 def test_sixty_five_connections_and_half_bodies(run):
-    """All that is there is taken; what comes too slowly ends."""
+    """All 64 connections are in use; requests that come too slowly are ended."""
     drivetwin = run("--fast-boot", "--time", "manual")
     halves = []
     for _ in range(64):

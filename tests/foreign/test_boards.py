@@ -21,7 +21,7 @@ START = 300.0
 PATIENCE = 30.0
 """Seconds of wall time after which something hangs: an emulator may be slower than the board."""
 TRIES = 20
-"""How often a master asks that hears nothing. For two and a half seconds the drive hears nothing either,
+"""Number of requests of a master without an answer. For two and a half seconds the drive receives nothing,
 and an emulated line may pause within a frame."""
 
 MOVE = 1 << 0
@@ -33,7 +33,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 
 
 def addresses(board, ports):
-    """Where its ports can be reached, as it says itself."""
+    """Addresses of its ports, from its own output."""
     deadline = time.monotonic() + START
     said = b""
     while time.monotonic() < deadline:
@@ -96,7 +96,7 @@ def mdrive(request):
 
 
 class Line:
-    """A client of MCode, as a person uses one."""
+    """A client of MCode, as in interactive use."""
 
     def __init__(self, address):
         self.stream = socket.create_connection(address, timeout=PATIENCE)
@@ -123,7 +123,7 @@ class Line:
 
 
 def is_closed(stream):
-    """Whether the other side closes, with nothing more to say."""
+    """Returns whether the other side closes without further data."""
     try:
         return stream.recv(4096) == b""
     except ConnectionResetError:
@@ -220,8 +220,8 @@ def test_pyserial_and_a_board(line):
         line.write(command + b"\r")
         return line.read_until(b"\n")
 
-    # Until it has started it hears nothing, and then it says its banner. What is answered to an order comes
-    # behind all of that.
+    # Until it has started it receives nothing, and then it sends its banner. The answer to a command comes after
+    # that.
     line.timeout = 3
     while ask(b"R14") != b"r 14 0000110E !\r\n":
         pass

@@ -38,7 +38,7 @@ delay_ms = 3
 
 
 class Played:
-    """A bench that is asked and advanced, and loses power in a save: its trace and its capture."""
+    """A bench with requests and time steps, which loses power in a save: its trace and its capture."""
 
     def __init__(self, tmp_path, seed):
         file, capture = tmp_path / "bench.toml", tmp_path / "lines.pcapng"
@@ -59,7 +59,7 @@ class Played:
         self.capture = capture.read_bytes()
 
     def talk(self, line):
-        """What is asked does not depend on what is answered, since the line is disturbed."""
+        """The requests do not depend on the answers, since the line is disturbed."""
         for value in range(20):
             for unit in (1, 2):
                 self.send(line, write(unit, USER_REGISTER, value))
@@ -74,7 +74,7 @@ class Played:
         self.advance(1.0)
 
     def send(self, line, request):
-        """Returns when the drive has heard it, whomever it is for and whatever is left of it."""
+        """Returns when the drive has received the frame, for any address and however disturbed."""
         before = self.heard()
         line.sendall(request)
         until = time.monotonic() + PATIENCE
@@ -82,7 +82,7 @@ class Played:
             assert time.monotonic() < until, "it has not come"
 
     def heard(self):
-        """Frames that the drive x has heard."""
+        """Frames that the drive x has received."""
         seen = json.loads(self.call("GET", "/api/drives/x"))["ports"]["rs485"]
         return seen["requests"] + seen["refused"] + seen["dropped"]
 

@@ -44,7 +44,7 @@ class Page:
         self.environment = {**environment, "PATH": path, "HOME": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
 
     def take(self, block):
-        """Does what a block says."""
+        """Runs a block."""
         if "norun" in block.settings:
             return
         if name := block.settings.get("file"):
@@ -133,7 +133,7 @@ class Page:
         return out.decode(errors="replace")
 
     def wait_for_start(self, command):
-        """Waits until the drives have started, as a person does who reads the page."""
+        """Waits until the drives have started, as a reader of the page would."""
         if self.control is None or "--time manual" in command:
             return
         while self.bench()["time"]["seconds"] < 3:

@@ -24,7 +24,7 @@ def test_the_drive_answers_after_its_start_up(run, tcp):
     with drivetwin.socket() as early:
         early.sendall(frame(1, 3, 0, 0, 0, 1))
         drivetwin.advance(2.6)
-        # Had it heard the first request, its answer would come before the second one's.
+        # If the drive had received the first request, its answer would come before the second one's.
         assert ask(early, frame(1, 3, 0, 0x15, 0, 1), 7) == frame(1, 3, 2, 0x13, 0x88)
 
 
@@ -125,7 +125,7 @@ def test_a_change_of_the_line_holds_from_the_next_frame(run, setting, line):
 
 
 def test_several_clients_share_the_line(run):
-    """Each gets the answers to its own requests; all hear everything that the drive says."""
+    """Each gets the answers to its own requests; all receive everything that the drive sends."""
     drivetwin = run("--fast-boot")
     rounds, clients = 10, [drivetwin.socket() for _ in range(4)]
     requests = [frame(1, 3, 0, 0, 0, count) for count in (1, 3, 5, 7)]
@@ -136,7 +136,7 @@ def test_several_clients_share_the_line(run):
     heard = [[] for _ in clients]
 
     def master(place):
-        """Asks its own question again and again, each time until it hears the answer to it."""
+        """Repeats its own request, each time until it receives the answer to it."""
         for _ in range(rounds):
             clients[place].sendall(requests[place])
             while True:

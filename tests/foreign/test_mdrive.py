@@ -26,7 +26,7 @@ PG"""
 
 @pytest.fixture
 def drive(run):
-    """A drive whose clock stands between two requests."""
+    """A drive whose clock stops between two requests."""
 
     def start(*options, kind="mdrive"):
         drivetwin = run("--time", "manual", "--fast-boot", *options, kind=kind)
@@ -46,7 +46,7 @@ def opened():
 
 
 class Master:
-    """pymodbus that insists on good answers, and knows functions 65 and 66."""
+    """pymodbus that requires good answers, with functions 65 and 66."""
 
     def __init__(self, drivetwin, opened):
         host, port = drivetwin.ports["modbus"]
@@ -282,7 +282,7 @@ def test_half_a_request_disturbs_nobody(master, opened):
     drivetwin.advance(3_600)
     assert master.word(HC) == 5
     assert ask(slow, whole[7:], 11) == header(1, 1, *ANSWER)
-    # Who goes in the middle of one is forgotten, however he goes.
+    # A request that is cut by the end of its connection, closed or reset, is dropped.
     for reset in (False, True):
         gone = drivetwin.socket("modbus")
         gone.sendall(whole[:5])
@@ -295,7 +295,7 @@ def test_half_a_request_disturbs_nobody(master, opened):
 
 
 def test_half_a_connection_is_served_and_then_closed(drive, opened):
-    """Who has said all that he will is still answered."""
+    """A client that has closed its sending side still gets its answers."""
     raw = drive().socket("modbus")
     opened.append(raw)
     raw.sendall(header(1, 1, *ASK))
@@ -305,7 +305,7 @@ def test_half_a_connection_is_served_and_then_closed(drive, opened):
 
 
 def test_who_does_not_read_disturbs_nobody(master, opened):
-    """Answers that nobody takes are bounded: the drive hears no more from there, or ends the connection."""
+    """Unread answers are bounded: the drive reads no more from that client, or ends the connection."""
     drivetwin, master = master()
     deaf = drivetwin.socket("modbus")
     opened.append(deaf)
@@ -348,7 +348,7 @@ def test_more_connections_than_there_is_room_for(drive, opened):
 
 
 def test_connections_are_accepted_once_it_has_booted(run, opened):
-    """300 ms after power-on; who has come before is served then, and hears no sign-on."""
+    """300 ms after power-on; an earlier client is served then, and gets no sign-on."""
     drivetwin = run("--time", "manual", kind="mdrive")
     for _ in range(2):
         modbus, mcode = (drivetwin.socket(port) for port in ("modbus", "mcode"))
@@ -369,7 +369,7 @@ def test_connections_are_accepted_once_it_has_booted(run, opened):
 
 
 def test_a_typed_line_takes_its_time(drive, opened):
-    """MC 7.1: 1 to 5 ms, and nothing that is typed meanwhile is lost."""
+    """MC 7.1: 1 to 5 ms, and nothing that is typed in that time is lost."""
     drivetwin = drive()
     terminals = [Terminal(drivetwin) for _ in range(2)]
     opened += terminals

@@ -50,7 +50,7 @@ motor = "z-axis"
 closed = { below_rev = -0.1 }
 to = "z.IO1"
 """
-"""Two axes as the two programs want them that come with dvg-devices."""
+"""Two axes as the two programs of dvg-devices need them."""
 
 
 def example(name):
@@ -80,7 +80,7 @@ def wait_still(motor):
 
 @pytest.fixture
 def complaints(capsys):
-    """What dvg-devices says of its partner; it goes on after that."""
+    """Messages of dvg-devices about the drive; it goes on after that."""
 
     def read():
         said = capsys.readouterr().out
@@ -122,7 +122,7 @@ def test_dvg_devices_finds_and_moves_a_motor(run, complaints):
         assert motor.slew_mm_per_sec(1)
         assert motor.query_state() and motor.state.is_moving
         mdrive.STOP()
-        # Its reset is for all, and nobody answers that.
+        # Its reset is a broadcast, which gets no answer.
         mdrive.RESET()
         assert motor.query_state() and not motor.state.is_moving
         assert motor.save_to_NVM()
@@ -179,7 +179,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptio
 
 @pytest.fixture
 def play(caplog):
-    """Lets pymdrive play a session on a line, of which it must not warn."""
+    """Runs a session of pymdrive on a line, which must not log warnings."""
 
     def run(session, *ports):
         async def whole(path):

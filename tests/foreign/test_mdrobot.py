@@ -1,4 +1,4 @@
-"""pymodbus speaks with MDROBOT controllers on the pty, at 19,200 8N1, as a robot's computer does."""
+"""pymodbus with MDROBOT controllers on the pty, at 19,200 8N1, as a robot's computer."""
 
 import json
 import urllib.error
@@ -16,7 +16,7 @@ BAUD = 19_200
 
 @pytest.fixture
 def master(run, serial):
-    """A controller whose clock stands between two requests, and pymodbus on its pty."""
+    """A controller whose clock stops between two requests, and pymodbus on its pty."""
 
     def start(*options):
         drivetwin = run("--time", "manual", *options, kind="mdrobot")
@@ -33,7 +33,7 @@ class Master:
         self.client, self.device_id = client, device_id
 
     def words(self, pid, count):
-        """So many words of a PID."""
+        """Reads that many words of a PID."""
         answer = self.client.read_holding_registers(pid, count=count, device_id=self.device_id)
         assert not answer.isError(), answer
         assert len(answer.registers) == count
@@ -70,7 +70,7 @@ class Master:
         self.write_words(pid, position & 0xFFFF, position >> 16 & 0xFFFF, *rest)
 
     def arm(self):
-        """What lets a velocity move the motor."""
+        """Arms the controller, so that a velocity moves the motor."""
         self.write(UI_COM, 1)
         self.write(START_STOP, 1)
 
@@ -200,7 +200,7 @@ def test_the_api_sees_and_moves_pins(master):
     put("DIR", level="low")
     drivetwin.advance(2.5)
     assert abs(master.signed(RPM_DATA) + 1_200) <= 12 + 3
-    # Nobody holds START/STOP any more: OFF.
+    # START/STOP is released: OFF.
     put("START_STOP", level="open")
     drivetwin.advance(20)
     assert (master.read(RPM_DATA), master.read(DI)) == (0, 0b110_1100)
@@ -261,7 +261,7 @@ def test_presets_and_the_address(run, serial):
 
 
 def test_in_real_time(run, serial):
-    """While time goes on: the bench says when, and no look is missed."""
+    """While time goes on: the bench gives the times, and no poll is missed."""
     drivetwin = run("--fast-boot", kind="mdrobot")
     master = Master(serial(drivetwin, baudrate=BAUD))
     master.arm()
@@ -303,7 +303,7 @@ set = { INV_SIGN_CMD = 1 }
 
 
 def test_two_controllers_on_one_bus(run, tmp_path):
-    """The wheels of a robot: polled in turn, told together, one of them turned round (p. 7)."""
+    """The wheels of a robot: polled in turn, commanded together, one of them inverted (p. 7)."""
     file = tmp_path / "robot.toml"
     file.write_text(BENCH)
     drivetwin = run(kind=file)
@@ -323,7 +323,7 @@ def test_two_controllers_on_one_bus(run, tmp_path):
             for pid in (UI_COM, START_STOP):
                 request = frame(unit, 6, 0, pid, 0, 1)
                 assert ask(master, request, 8) == request
-        # To everybody: nobody answers, so what comes next answers what comes next.
+        # A broadcast gets no answer, so the next reply is for the next request.
         master.sendall(frame(ID_ALL, 6, 0, VEL_CMD, *(500).to_bytes(2, "big")))
         drivetwin.advance(2.5)
         for poll in range(500):
@@ -344,7 +344,7 @@ def test_two_controllers_on_one_bus(run, tmp_path):
 
 
 def test_an_encoder_of_a_bench_file(run, tmp_path):
-    """A wheel with an encoder of 500 cycles; a controller that believes in 1,000 turns it twice as fast (p. 14)."""
+    """A wheel with an encoder of 500 cycles; a controller set to 1,000 turns it twice as fast (p. 14)."""
     file = tmp_path / "wheel.toml"
     file.write_text(
         'time = "manual"\n'

@@ -28,7 +28,7 @@ def test_a_save_survives_sigkill(run, tcp, tmp_path):
 
 
 def test_sigkill_inside_a_save_leaves_bad_memory(run, tcp, tmp_path):
-    """The clock stands right behind the answer, before the 20 ms of the save are over."""
+    """The clock stops right after the answer, before the 20 ms of the save are over."""
     nv = tmp_path / "md3.nv"
     drivetwin = run("--fast-boot", "--time", "manual", "--nv", nv)
     client = tcp(drivetwin)
@@ -71,7 +71,7 @@ def test_sigkill_at_any_instant_of_a_loop_of_saves(run, tcp, tmp_path, seed):
     if status == FAILED:
         assert client.read_holding_registers(0, count=32).registers == BAD_DEFAULTS
     else:
-        # A save that is asked for while one runs is ignored, so an older value may be the newest saved.
+        # A save requested while one runs is ignored, so an older value may be the newest saved.
         assert status == PASSED and 0 <= value <= asked
     assert answered > 0, "it was killed before it saved anything"
 

@@ -1,4 +1,4 @@
-"""modbus-serial, of npm, speaks with an MDrive: `node/mdrive.mjs` says what it asks and expects."""
+"""modbus-serial, of npm, with an MDrive: `node/mdrive.mjs` has its requests and the expected answers."""
 
 import pathlib
 import subprocess

@@ -1,4 +1,4 @@
-"""Every call as its own description says it may be made, and as it says it may not."""
+"""Every call with requests that its description allows, and with others that it forbids."""
 
 import json
 import urllib.request
@@ -70,7 +70,7 @@ NAMES = {
 """What is called so, and what is not: hardly any other name would meet something."""
 
 LONGEST = 0.01
-"""Seconds by which the clock goes on at once: pulses at 8 MHz may run meanwhile."""
+"""Seconds by which the clock goes on at once: pulses at 8 MHz may run during that."""
 
 
 SETTINGS = settings(
@@ -79,7 +79,7 @@ SETTINGS = settings(
 
 
 def tame(case):
-    """Leaves the clock standing, and lets it go on in small steps only."""
+    """Keeps the clock stopped, and advances it in small steps only."""
     case.headers["Content-Type"] = "application/json"
     body = case.body
     if case.path == "/api/time/advance" and isinstance(body, dict):

@@ -1,4 +1,4 @@
-"""Captures, read by Wireshark's `tshark` as it comes: nothing is set, unless a test says so."""
+"""Captures, read by Wireshark's `tshark` with its defaults, unless a test sets something."""
 
 import subprocess
 from pathlib import Path
@@ -129,7 +129,7 @@ def test_text_is_lines(run, tmp_path):
     banner = b"QSB-D  0E!\r\n"
 
     def talk(drivetwin, sock):
-        # It was sent before anybody was there.
+        # It was sent before there was a reader.
         drivetwin.advance(0.1)
         ask(sock, b"R0E\r\n", len(b"r 0E 00000000 !\r\n"))
 
@@ -158,7 +158,7 @@ def test_messages_in_ascii_are_lines(run, tmp_path):
 
 
 def test_a_hand_made_file_of_modbus_tcp(run):
-    """The file is made by hand; a test of the writer says that it makes the very same one."""
+    """The file is made by hand; a test of the writer checks that it writes the same bytes."""
     file = CAPTURES / "modbus-tcp.pcapng"
     assert shown(file) == [
         ["Modbus/TCP", "Query: Trans:     1; Unit:   1, Func:   3: Read Holding Registers"],

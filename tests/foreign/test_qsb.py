@@ -1,4 +1,4 @@
-"""The QSB as a person at a terminal meets it, and as programs do: pyserial on the pty, a plain socket over TCP.
+"""The QSB from a terminal and from programs: pyserial on the pty, a plain socket over TCP.
 
 Commands and replies are those of the QSB Command List 1.28 and the QSB Application Examples 1.5. In manual
 time the clock goes to the end of the reply of what is sent, so each reply is there when it is looked for.
@@ -158,7 +158,7 @@ def test_many_commands_in_one_write(opened):
 
 @pytest.mark.parametrize("options", [(), ("--time", "x10"), ("--line", "fast"), ("--time", "manual")])
 def test_a_flood_loses_nothing(run, options):
-    """More than the line takes in a second, from one client; another one hears the same."""
+    """More than the line takes in a second, from one client; another one receives the same."""
     drivetwin = run("--fast-boot", *options, kind="qsb-m")
     count = 3_000
     expected = b"".join(b"w 08 %08X !\r\n" % n for n in range(count))
@@ -195,7 +195,7 @@ def test_opening_the_pty_resets_and_nothing_else_does(run):
         assert first.line() == "QSB-M  0E!"
         assert first.ask("R08") == reply("r", 0x08, 499)
         assert first.ask("W0877") == reply("w", 0x08, 0x77)
-        # Somebody else opens it, and comes by TCP: DTR is high already.
+        # Another program opens it, and another one connects by TCP: DTR is high already.
         with Terminal(drivetwin) as second, drivetwin.socket():
             drivetwin.advance(0.1)
             second.write(b"R08\r")
@@ -249,7 +249,7 @@ def test_a_second_of_a_stream_in_real_time(run):
 
 
 def test_noise_and_half_lines_in_a_stream(opened):
-    """Every octet once: 09 LF, 0B 0C CR and the rest, too long, are three lines that nobody understands."""
+    """Every octet once: 09 LF, 0B 0C CR and the rest, too long, are three lines that are not understood."""
     drivetwin, terminal = opened()
     first = stream(terminal)
     terminal.write(bytes(range(256)) + b"\rW0C")
@@ -302,8 +302,8 @@ def test_analogue_and_digital_at_one_contact(opened):
 
 
 def spoil(drivetwin, terminal, text):
-    """Writes at the wrong rate, and waits until the drive has met it: the system hands it over when it gets round to
-    it, and the rate of a pty is that of then."""
+    """Writes at the wrong rate, and waits until the drive has received it: the system passes it on some time later,
+    and the rate of a pty is that of then."""
 
     def spoiled():
         with urllib.request.urlopen(drivetwin.control + "/api/trace", timeout=PATIENCE) as trace:
@@ -360,7 +360,7 @@ def test_what_is_saved_is_there_after_a_restart(opened, tmp_path):
 
 
 def test_a_terminal_program(run):
-    """miniterm, as `drivetwin run` proposes it, with somebody at its keyboard."""
+    """miniterm, as `drivetwin run` proposes it, with input at its keyboard."""
     drivetwin = run(kind="qsb-d")
     keyboard, its_end = pty.openpty()
     command = [sys.executable, "-m", "serial.tools.miniterm", drivetwin.pty, "230400"]

@@ -1,4 +1,4 @@
-"""Masters that we did not write speak RTU and ASCII with an RS 434544, and load, run, pause and read back
+"""Third-party masters use RTU and ASCII with an RS 434544, and load, run, pause and read back
 its user program."""
 
 import pytest
@@ -16,7 +16,7 @@ FRAMINGS = ["rtu", "ascii"]
 
 
 def drive(run, framing, *options):
-    """A drive that stands still between two requests, in that framing."""
+    """A drive whose clock stops between two requests, in that framing."""
     kind = {"rtu": 3, "ascii": 1}[framing]
     return run("--fast-boot", "--time", "manual", "--set", f"TYPE_MODBUS={kind}", *options, kind="rs434544")
 
@@ -28,7 +28,7 @@ def ascii(*body):
 
 @pytest.fixture(params=[(way, framing) for way in ("tcp", "pty") for framing in FRAMINGS], ids="-".join)
 def master(request, run, tcp, serial):
-    """A drive, and pymodbus that speaks with it in either framing over TCP or on the pty."""
+    """A drive, and pymodbus connected to it in either framing over TCP or on the pty."""
     way, framing = request.param
     drivetwin = drive(run, framing)
     framer = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII}[framing]
@@ -37,7 +37,7 @@ def master(request, run, tcp, serial):
 
 @pytest.fixture(params=FRAMINGS)
 def instrument(request, run):
-    """A drive, and minimalmodbus that speaks with it on the pty in either framing."""
+    """A drive, and minimalmodbus connected to it on the pty in either framing."""
     drivetwin = drive(run, request.param)
     with serial_port(drivetwin, BAUD, bytesize=7 if request.param == "ascii" else 8) as port:
         yield drivetwin, Instrument(port, 1, request.param)
@@ -95,7 +95,7 @@ def test_pymodbus_loads_runs_pauses_and_reads_back_a_program(master):
 
     assert status() == STOPPED
     for line, instruction in enumerate(COUNTER):
-        # As the manual says, or with one request (6.6).
+        # As in the manual, or with one request (6.6).
         if line % 2:
             write(CMD_W, *instruction)
             assert not client.write_register(WRITE_CMD, line).isError()
@@ -217,11 +217,11 @@ def test_noise_in_ascii_ends_at_the_next_colon(run):
             master.sendall(noise)
             drivetwin.advance(0.5)
             assert ask(master, good, len(reply)) == reply, noise
-        # Half a message may wait for a second, in which others may not speak; small digits are digits.
+        # Half a message may wait for a second, in which other masters may not send; lower-case digits are valid.
         master.sendall(good[:5])
         drivetwin.advance(0.9)
         assert ask(master, good[5:].lower(), len(reply)) == reply
-        # Nobody answers a broadcast.
+        # A broadcast gets no answer.
         master.sendall(ascii(0, 6, 0x50, 0x0B, 0x01, 0x02))
         assert ask(master, ascii(1, 3, 0x50, 0x0B, 0, 1), len(reply)) == ascii(1, 3, 2, 0x01, 0x02)
 

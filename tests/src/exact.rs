@@ -32,7 +32,7 @@ pub struct Move {
 }
 
 impl Move {
-    /// Of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
+    /// A move of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
     #[must_use]
     pub fn of(steps: u32, rates: Limits) -> Self {
         let speed = h(rates.max_speed.to_bits());
@@ -53,7 +53,7 @@ impl Move {
         Self { steps, start, speed, up, down, ramps: [first, way - last], end }
     }
 
-    /// When it ends.
+    /// Instant of its end.
     #[must_use]
     pub fn end(&self) -> i128 {
         self.end
@@ -65,7 +65,7 @@ impl Move {
         self.ramps.map(|way| (way / STEP) as u32)
     }
 
-    /// When step `n` is due, counted from 1.
+    /// Instant of step `n`, counted from 1.
     #[must_use]
     pub fn step(&self, n: u32) -> i128 {
         let way = u128::from(n) * STEP;
@@ -80,14 +80,14 @@ impl Move {
     }
 }
 
-/// When the steps of a move are due, since its beginning and to the nearest tick: from standstill to
+/// Instants of the steps of a move, since its beginning and to the nearest tick: from standstill to
 /// standstill, up and down with `acceleration` in steps/s², at most at `speed` in steps/s. Neither may be 0.
 pub fn step_instants(steps: u32, speed: u32, acceleration: u32) -> impl Iterator<Item = Duration> {
     let exact = Move::of(steps, Limits::even(U24F8::from_num(speed), acceleration));
     (1..=steps).map(move |n| Duration::from_ticks(((exact.step(n) + TICK / 2) / TICK) as u64))
 }
 
-/// How long it takes from the speed `start` over a `way` with acceleration `a`.
+/// Time that a `way` takes from the speed `start` with acceleration `a`.
 fn ramp(start: u128, a: u128, way: u128) -> i128 {
     ((((start * start + a * way) << 32).isqrt() - (start << 16)) / a) as i128
 }
@@ -95,7 +95,7 @@ fn ramp(start: u128, a: u128, way: u128) -> i128 {
 /// A jog as mathematics has it: an order holds from its tick on; at standstill the phase is forgotten.
 #[derive(Default)]
 pub struct Jog {
-    /// Of the last order.
+    /// Tick of the last order.
     tick: u64,
     target: i128,
     a: i128,

@@ -54,7 +54,7 @@ fn take(bytes: &mut &[u8]) -> Option<u8> {
     Some(*first)
 }
 
-/// Takes as many bytes as the first one says, modulo `most`, as far as they are there.
+/// Takes a part of the input: its length is the first byte modulo `most`, cut to the bytes that are left.
 fn take_some<'a>(bytes: &mut &'a [u8], most: u8) -> Option<&'a [u8]> {
     let count = usize::from(take(bytes)? % most);
     let (some, rest) = bytes.split_at(count.min(bytes.len()));
@@ -62,7 +62,7 @@ fn take_some<'a>(bytes: &mut &'a [u8], most: u8) -> Option<&'a [u8]> {
     Some(some)
 }
 
-/// A stream in parts of so many bytes.
+/// A stream in parts of that many bytes.
 fn parts(stream: &[u8], length: u8) -> impl Iterator<Item = &[u8]> {
     stream.chunks(usize::from(length).max(1))
 }
@@ -70,7 +70,7 @@ fn parts(stream: &[u8], length: u8) -> impl Iterator<Item = &[u8]> {
 const RTU: Line = Line::new(9_600, 8, Parity::Even, 1);
 const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
 
-/// Messages that a host cuts out of a stream of which reads bring so many bytes, and behind which the line is silent.
+/// Messages that a host cuts out of a stream, with reads of that many bytes, and silence after the stream.
 fn of_host(line: Line, stream: &[u8], length: u8, expect: Expect) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts(stream, length) {
@@ -92,7 +92,8 @@ fn of_host(line: Line, stream: &[u8], length: u8, expect: Expect) -> Vec<Vec<u8>
     messages
 }
 
-/// The length of reads, who is heard, bytes; or frames of them, each with its length before it.
+/// Input: the length of reads, whether requests or replies are expected, bytes; or frames of them, each after its
+/// length.
 fn rtu_bursts(mut bytes: &[u8]) {
     let (Some(length), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
     let expect = [Expect::Requests, Expect::Both, Expect::Replies][usize::from(how) / 2 % 3];
@@ -126,7 +127,7 @@ fn rtu_bursts(mut bytes: &[u8]) {
 fn ascii_messages(mut bytes: &[u8]) {
     let Some(length) = take(&mut bytes) else { return };
     let whole = of_host(ASCII, bytes, u8::MAX, Expect::Requests);
-    // What has no colon goes as it comes, so of other lengths only the messages are the same.
+    // Bytes without a colon are passed on as they come, so with other lengths only the messages are the same.
     let messages =
         |bursts: &[Vec<u8>]| -> Vec<Vec<u8>> { bursts.iter().filter_map(|burst| heard(burst)).collect() };
     let cut = of_host(ASCII, bytes, length, Expect::Requests);
@@ -138,14 +139,14 @@ fn ascii_messages(mut bytes: &[u8]) {
     }
 }
 
-/// The body that a receiver of ASCII hears.
+/// The body that an ASCII receiver returns.
 fn heard(characters: &[u8]) -> Option<Vec<u8>> {
     let mut receiver = ascii::AsciiReceiver::new(ASCII);
     receiver.bytes(Instant::ZERO + Duration::secs(1), characters);
     receiver.take()?.ok().map(<[u8]>::to_vec)
 }
 
-/// The length of segments, and what is in them.
+/// Input: the length of segments, and their contents.
 fn mbap_segments(mut bytes: &[u8]) {
     let Some(length) = take(&mut bytes) else { return };
     let split = |length| {
@@ -192,7 +193,7 @@ fn mcode_lines(mut bytes: &[u8]) {
     settle(&mut *drive, at + Duration::millis(100), &mut log);
 }
 
-/// Lines that a drive hears whose characters come as `parts`, and whether something is wrong with them.
+/// Lines that a drive receives whose characters come as `parts`, and whether each has an error.
 fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     let mut lines = Lines::<64>::new();
     let ended = parts.concat().into_iter().filter_map(|character| lines.push(character));
@@ -222,7 +223,7 @@ fn bench_file(bytes: &[u8]) {
     }
 }
 
-/// A trace: what is read is written so that it reads the same.
+/// A trace: a trace that was read and written again reads the same.
 fn trace(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let make = |kind: &str| catalog::make(kind).ok();
@@ -233,7 +234,7 @@ fn trace(bytes: &[u8]) {
     }
 }
 
-/// A user program of an RS 434544 as text: what assembles comes back from its own listing.
+/// A user program of an RS 434544 as text: a program that assembles assembles to the same from its own listing.
 fn program(bytes: &[u8]) {
     if let Ok(program) = rsasm::assemble_bytes(bytes) {
         let text = rsasm::disassemble(&program);
@@ -251,7 +252,7 @@ fn memory(mut bytes: &[u8]) {
     let mut memory = bytes.to_vec();
     memory.resize(usize::from(spec.memory), 0xFF);
     if how & 2 != 0 {
-        // The settings first, then what else there is, each with its sum (firmware/src/memory.rs).
+        // The settings first, then the other parts, each with its sum (firmware/src/memory.rs).
         let (settings, rest) =
             memory.split_at_mut((2 * usize::from(saved) + 2).min(usize::from(spec.memory)));
         for part in [settings, rest] {
@@ -274,19 +275,19 @@ fn port(drive: &dyn Device, ends: Framing) -> Option<Port> {
     u8::try_from(place).ok().map(Port)
 }
 
-/// Something happens to a drive, which is woken before that.
+/// Feeds an input to a drive, after all its deadlines before `at`.
 fn feed_at(drive: &mut dyn Device, at: Instant, input: Input<'_>, log: &mut Transcript) {
     let due = drive.deadline();
     feed(drive, due, at, input, log);
 }
 
-/// Nothing more happens to a drive until `at`; what it wants then lies ahead.
+/// Runs a drive to `at` without input; its next deadline is later.
 fn settle(drive: &mut dyn Device, at: Instant, log: &mut Transcript) {
     let due = advance(drive, at, core::iter::empty(), log);
     assert!(due > at, "a deadline at {} that was due at {}", due.ticks(), at.ticks());
 }
 
-/// Something that happens to a drive: what it is, and its bytes.
+/// An event of a drive: its instant, its kind and its bytes.
 type Event = (Instant, Happens, Vec<u8>);
 
 #[derive(Clone, Copy)]
@@ -331,7 +332,7 @@ impl Happens {
 const LONGEST: Duration = Duration::secs(2);
 
 /// The way in which a drive of that kind starts, then what happens to it: each time an event, its data, and two bytes of
-/// silence. Being called late changes nothing, and no deadline lies in the past.
+/// silence. A late call changes nothing, and no deadline is in the past.
 fn drive(kind: &str, mut bytes: &[u8]) {
     let Some(how) = take(&mut bytes) else { return };
     let boot = Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() };
@@ -369,7 +370,7 @@ fn drive(kind: &str, mut bytes: &[u8]) {
 /// Longer than a character on any line.
 const SLOWEST: Duration = Duration::millis(10);
 
-/// The next thing that happens to a drive at `at`, whose line is `line` if it has said so.
+/// The next event of a drive at `at`; `line` is the line setting that the drive has reported, if any.
 fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) -> Option<Vec<Event>> {
     let spec = drive.spec();
     let (what, which) = (take(bytes)?, take(bytes)?);

@@ -1,4 +1,4 @@
-//! What the tests of several crates share.
+//! Parts that the tests of several crates share.
 
 /// The README's examples are tests, too.
 #[cfg(doctest)]

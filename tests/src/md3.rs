@@ -1,4 +1,4 @@
-//! What tests say to an MD3: its registers and bits as the manual has them, and writes over the bus.
+//! Access to an MD3 for tests: its registers and bits as in the manual, and writes over the bus.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_sim::bench::{Bench, DriveId};

@@ -5,7 +5,7 @@ use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Shell, TX_ONE_REP
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
 use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
-/// What a drive did, as a board shows it: pins as the levels they take, one after the other.
+/// An output of a drive as a board shows it: pins as the levels they take, one after the other.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Seen {
     /// Anything but a pin.
@@ -14,7 +14,7 @@ pub enum Seen {
     Pin(Pin, bool),
 }
 
-/// What a trace with one drive says that a board should show, by instant, then by what it is.
+/// Outputs that a board should show for a trace with one drive, sorted by instant, then by kind.
 #[must_use]
 pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
     let mut seen = Vec::new();
@@ -60,7 +60,7 @@ fn levels(orders: &[(Instant, OutputRecord)], end: Instant) -> Vec<(Instant, boo
 /// Plays a trace with one drive, of which `device` is a new one, on a shell, and returns what its board showed.
 ///
 /// # Panics
-/// If the trace does to the drive what cannot be done to a board.
+/// If the trace has an input that a board does not have.
 #[must_use]
 pub fn play<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Seen)> {
     let board = run(trace, device);
@@ -68,7 +68,7 @@ pub fn play<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, S
     sorted(seen)
 }
 
-/// What a trace asks of the motor: plans and steps without a plan, as the shell hands them to a board.
+/// Motor orders of a trace: plans and steps without a plan, as the shell passes them to a board.
 ///
 /// # Panics
 /// As [`play`].
@@ -136,7 +136,7 @@ fn run_with<D: Device, const CHARACTERS: usize>(
                 player.board.set_now(entry.at);
                 player.power(*power == Power::On);
             }
-            other => panic!("nobody can do this to a board: {other:?}"),
+            other => panic!("a board has no such input: {other:?}"),
         }
     }
     player.go(trace.end);
@@ -163,13 +163,13 @@ fn as_seen(at: Instant, done: &Done) -> Seen {
     })
 }
 
-/// A board shows what it did in the order in which it did it; a trace has what comes with a stamp
-/// ahead earlier. And what leaves without a pause between is one thing on a line, however it was said. By
-/// instant they agree.
+/// A board shows what it did in the order in which it did it; a trace has outputs with a later stamp earlier. And
+/// bytes that leave without a pause are one message on a line, in however many parts they were written. Sorted by
+/// instant both agree.
 fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
     seen.sort_by_key(|(at, seen)| (*at, format!("{seen:?}")));
     let mut character = Duration::ZERO;
-    // Where the last thing said is, and when all of it has left.
+    // Place of the last message, and the instant at which all of it has left.
     let mut last = None;
     let mut joined: Vec<(Instant, Seen)> = Vec::new();
     for (at, seen) in seen {
@@ -210,13 +210,13 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
         });
     }
 
-    /// The line in force when all that was caught so far has been judged.
+    /// The line setting after all events caught so far.
     fn line(&mut self) -> Line {
         let changed = self.board.done().iter().rev().find_map(|(_, done)| match done {
             Done::Line(_, line) => Some(*line),
             _ => None,
         });
-        changed.expect("a drive says which line it has when it gets power")
+        changed.expect("a drive sets its line at power-on")
     }
 
     /// An interrupt catches something at `at`; the loop has slept until then.
@@ -225,7 +225,7 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
         self.board.catch(at, caught);
     }
 
-    /// Sleeps until the tick before `at`. What comes in the very instant of a power-on is caught before the
+    /// Sleeps until the tick before `at`. An input at the instant of a power-on is caught before the
     /// loop turns for the first time.
     fn sleep_before(&mut self, at: Instant) {
         if self.board.now() < at {

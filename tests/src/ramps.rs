@@ -1,7 +1,7 @@
-//! How far from its exact instant the worst step of a move is: a walker's, and those of two algorithms that
-//! most step generators are made of, written from their publications.
+//! Timing error of the worst step of a move: of a walker, and of two algorithms that most step generators use,
+//! written from their publications.
 //!
-//! All begin at the instant 0 and count from there; nobody's interrupt is ever late.
+//! All begin at the instant 0 and count from there; no interrupt is ever late.
 
 use drivetwin_firmware::device::{Instant, Plan};
 use drivetwin_firmware::motion::{Limits, StepIterator};
@@ -10,7 +10,7 @@ use fixed::types::{I24F8, U24F8};
 
 use crate::exact::{Jog, Move, TICK};
 
-/// How far steps are from their exact instants, in ticks.
+/// Distance of steps from their exact instants, in ticks.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Error {
     /// The worst step, early or late.
@@ -20,7 +20,7 @@ pub struct Error {
 }
 
 impl Error {
-    /// Of steps at `made` that were due at `due`, in ticks.
+    /// The error of steps at `made` that were due at `due`, in ticks.
     ///
     /// # Panics
     ///
@@ -36,7 +36,7 @@ impl Error {
 
 /// A move, and how well it is made.
 pub struct Row {
-    /// What moves.
+    /// Name of the algorithm.
     pub name: &'static str,
     /// A walker.
     pub ours: Error,
@@ -113,10 +113,9 @@ fn jog() -> Error {
     Error::of(&made, &due)
 }
 
-/// The steps of the application note AVR446, "Linear speed control of stepper motor", after D. Austin:
-/// all integers, its timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the
-/// recurrence for the others ends up at the right speed; the ramp down begins where v²/2a or half the
-/// way says.
+/// The steps of the application note AVR446, "Linear speed control of stepper motor", after D. Austin: all integers,
+/// its timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the recurrence for the others ends up
+/// at the right speed; the ramp down begins v²/2a before the end, or at half the way.
 fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let (steps, a, v) = (i64::from(steps), f64::from(acceleration), f64::from(speed));
     let rate = TICKS_PER_SECOND as f64;

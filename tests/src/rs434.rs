@@ -1,5 +1,5 @@
-//! What tests say to an RS 434544 or 434546: its registers as the manual has them, requests over the bus, a
-//! hand on every pin.
+//! Access to an RS 434544 or 434546 for tests: its registers as in the manual, requests over the bus, and drivers for
+//! every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_firmware::rs434::{rs434544, rs434546};
@@ -11,7 +11,7 @@ use drivetwin_sim::line::LineMode;
 /// Both models, as users type them.
 pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];
 
-/// From power-on, or a restart, to the first request that is heard (RS434-9).
+/// From power-on, or a restart, to the first request that is received (RS434-9).
 pub const BOOT: Duration = Duration::millis(500);
 
 /// Longer than any save takes (10 ms, RS434-11).
@@ -132,7 +132,7 @@ pub mod at {
     pub const HW_MAJOR: u16 = 0x8001;
 }
 
-/// What the key registers want (6.5, 6.6).
+/// Values for the key registers (6.5, 6.6).
 pub mod key {
     /// Saves the settings.
     pub const SAVE: u16 = 0x37FA;
@@ -150,7 +150,7 @@ pub const fn system_register(number: u16) -> u16 {
     if number < 6 { at::AX + number } else { at::GX + number - 6 }
 }
 
-/// What comes where no reply comes.
+/// The answer where no reply comes.
 pub const SILENCE: [u8; 0] = [];
 
 /// A refusal: its exception code.
@@ -169,12 +169,12 @@ pub fn make(kind: &str) -> Box<dyn Device> {
     }
 }
 
-/// A drive with its motor on a bench. Characters take no time here, unless a test wants them to, so that a
+/// A drive with its motor on a bench. Characters take no time here, unless a test sets that, so that a
 /// command counts from the instant at which it was given.
 pub struct Rig {
     /// The bench.
     pub bench: Bench,
-    /// Its only seat.
+    /// The only drive on the bench.
     pub seat: DriveId,
 }
 
@@ -211,7 +211,7 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub fn after(&mut self, span: Duration) {
         self.bench.run_until(self.now() + span);
     }
@@ -258,7 +258,7 @@ impl Rig {
     /// The cause of a fault comes or goes; returns when the drive has noticed.
     ///
     /// # Panics
-    /// If it knows no such fault.
+    /// If the drive has no such fault.
     pub fn fault(&mut self, name: &str, on: bool) {
         let faults = self.bench.spec(self.seat).faults;
         let place = faults.iter().position(|fault| *fault == name);
@@ -276,7 +276,7 @@ impl Rig {
         self.bench.poke(self.seat, row, tenths).expect("a supply");
     }
 
-    /// What the motor does now.
+    /// Present motion of the motor.
     #[must_use]
     pub fn motion(&self) -> Motion {
         self.bench.motion(self.seat, Axis(0))
@@ -285,7 +285,7 @@ impl Rig {
 
 /// The bus.
 impl Rig {
-    /// What the drive, address 1, answers to a request: its PDU, or nothing.
+    /// Answer of the drive, address 1, to a request: its PDU, or nothing.
     ///
     /// # Panics
     /// If the answer is no frame of address 1.

@@ -82,7 +82,7 @@ fn ids(text: &str) -> Vec<&str> {
         .collect()
 }
 
-/// Returns whether a text cites by number alone, which says nothing of the area.
+/// Returns whether a text cites by number alone, without the area.
 fn has_bare_number(text: &str) -> bool {
     let text = text.to_ascii_lowercase();
     text.match_indices("decision").any(|(at, word)| {
@@ -95,7 +95,7 @@ fn has_bare_number(text: &str) -> bool {
     })
 }
 
-/// Files of the repository that may cite decisions, without what builds leave behind.
+/// Files of the repository that may cite decisions, without build products.
 fn sources(folder: &Path, files: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -141,7 +141,7 @@ fn the_index_has_every_decision() {
     assert_eq!(rows, expected, "rows in the order of the pages, each once");
 }
 
-/// What is reported of real drives has a row in the list for hardware, and each row leads to its decision.
+/// Each report about real drives has a row in the list for hardware, and each row leads to its decision.
 #[test]
 fn the_list_for_hardware_has_every_mark() {
     let all = decisions();
@@ -197,7 +197,7 @@ fn every_cited_id_exists() {
     assert!(of_code > 100 && of_tests > 300, "files were not found: {of_code} and {of_tests} citations");
 }
 
-/// Numbers are joined to their areas here, so that this file does not cite what does not exist.
+/// Numbers are joined to their areas here, so that this file does not cite missing decisions.
 #[test]
 fn a_wrong_id_is_found() {
     let (wrong, tail) = (format!("QSB-{}", 99), format!("MD3-{}x", 1));

@@ -1,5 +1,5 @@
-//! The same seed and the same calls are the same trace and the same capture, byte for byte: of benches of several
-//! drives, lines, motors and faults, in whatever order a file has them, however often they are polled.
+//! The same seed and the same calls give the same trace and the same capture, byte for byte: of benches of several
+//! drives, lines, motors and faults, in any order in the file, and polled at any times.
 #![allow(missing_docs, reason = "a test")]
 
 use std::sync::LazyLock;
@@ -91,7 +91,7 @@ const FAULTS: [&str; 2] = [
     exception = 0.2"#,
 ];
 
-/// What is left of a bench.
+/// Results of a bench.
 #[derive(PartialEq, Eq, Debug)]
 struct Left {
     trace: String,
@@ -99,10 +99,10 @@ struct Left {
     heard: Vec<Vec<u8>>,
 }
 
-/// As the parts stand there, with seed 1, and looked at only when something is done.
+/// The parts in their order above, with seed 1, and polled only when something is done.
 static PLAYED: LazyLock<Left> = LazyLock::new(|| play(&PARTS, 1, &[]));
 
-/// Plays on the bench of `parts`, and looks at it after each of `chunks`, again and again.
+/// Plays on the bench of `parts`, and polls it after each of `chunks`, again and again.
 fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     let layout = bench_file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
     let keep = Retention::All;
@@ -128,7 +128,7 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     for round in 0..40_u16 {
         at += 20.millis() + 137.micros() * u64::from(round);
         run_until(&mut bench, at);
-        // Two who talk at once, and to one drive that waits for its turn.
+        // Two clients send at once, also to one drive that waits for its turn.
         bench.send(clients[0], &rtu::write(1, 0x1D, round));
         bench.send(clients[1], &rtu::read(2, 0x12, 4));
         bench.send(clients[2], &rtu::read(1, 0x10, 1));
@@ -157,7 +157,7 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     Left { trace: bench.trace().to_text(), capture, heard }
 }
 
-/// Two drives on a line and a counter, with a motor and what is on its shaft, put up by hand in these orders.
+/// Two drives on a line and a counter, with a motor and the parts on its shaft, built by calls in these orders.
 fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     let keep = Retention::All;
     let mut bench = Bench::with(Settings { trace: keep, capture: keep, ..Settings::default() });
@@ -228,7 +228,7 @@ fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     Left { trace: bench.trace().to_text(), capture, heard: vec![heard] }
 }
 
-/// What a trace tells of what happened, without the seed in its header.
+/// The events of a trace, without the seed in its header.
 fn events(trace: &str) -> String {
     trace.lines().filter(|line| !line.starts_with("seed ")).collect()
 }

@@ -1,4 +1,4 @@
-//! Links of the Markdown files: each relative one leads to a file that is there, and to a heading of it.
+//! Links of the Markdown files: each relative link leads to an existing file, and to one of its headings.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Component, Path, PathBuf};
 
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
-/// Folders without pages of ours.
+/// Folders without pages of this project.
 const SKIPPED: [&str; 4] = ["target", "node_modules", ".git", ".pytest_cache"];
 
 /// Markdown files below a folder.

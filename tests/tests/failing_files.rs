@@ -14,7 +14,7 @@ use drivetwin_sim::export::vcd::Waves;
 use drivetwin_sim::record::trace::{Recording, Retention, Trace, whole_lines};
 use drivetwin_sim::replay;
 
-/// A file that takes so many bytes, a few at a time, and is interrupted in between.
+/// A file that takes that many bytes, a few at a time, and is interrupted in between.
 struct Failing<'a> {
     content: &'a mut Vec<u8>,
     takes: usize,
@@ -43,7 +43,7 @@ impl Write for Failing<'_> {
     }
 }
 
-/// An MD3 that moves 100 steps and is asked meanwhile, with `follow` after each part.
+/// An MD3 that moves 100 steps and answers requests during that, with `follow` after each part.
 fn scene<W>(
     begin: impl FnOnce(&Bench) -> io::Result<W>,
     follow: &mut Follow<'_, W>,

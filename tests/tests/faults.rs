@@ -1,5 +1,5 @@
-//! Disturbed lines as masters of an MD3, a QSB and an RS meet them, and power that fails in saves: by the
-//! frames of the manuals, reproducible, and whatever order the drives were added in.
+//! Disturbed lines, seen by masters of an MD3, a QSB and an RS, and power that fails in saves: by the frames of the
+//! manuals, reproducible, and independent of the order in which the drives were added.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Device, Framing, Port};
@@ -15,7 +15,7 @@ use drivetwin_sim::record::capture::{Frame, Medium, Source};
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::{md3, rs434};
 
-/// When all drives are ready: an RS takes half a second (RS434-9).
+/// Time until all drives are ready: an RS takes half a second (RS434-9).
 const READY: Duration = Duration::secs(1);
 
 const PORT: Port = Port(0);
@@ -59,7 +59,7 @@ fn set_line_faults(bench: &mut Bench, seat: DriveId, faults: LineFaults) {
     bench.set_line_faults(bench.bus(seat, PORT).expect("a line"), faults);
 }
 
-/// An RS that speaks ASCII: TYPE_MODBUS 1 is 7E1, BITRATE_MODBUS 4 is 9,600 (6.4).
+/// An RS that uses ASCII: TYPE_MODBUS 1 is 7E1, BITRATE_MODBUS 4 is 9,600 (6.4).
 fn rs_ascii() -> (Bench, DriveId, Client) {
     ready(LineMode::Timed, Box::new(rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
 }
@@ -110,9 +110,9 @@ fn times_on_an_ascii_line() {
     assert_eq!(bench.now().since(start), again * 2);
 }
 
-/// What collides on a line of 7 data bits still has 7 of them.
+/// Collided characters on a line of 7 data bits still have 7 bits.
 #[test]
-fn what_collides_is_still_of_the_line() {
+fn collided_characters_have_the_data_bits_of_the_line() {
     let mut bench = Bench::with(settings(1, LineMode::Timed));
     let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
     let seats = ["x", "y"].map(|name| (seat(&mut bench, name, Box::new(rs434544()), &ascii), PORT));
@@ -192,8 +192,8 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
     assert_eq!(error, "wrong_address is for Modbus lines only, and usb is not one");
 }
 
-/// MD3s a and b on one line, an RS and a QSB of their own, added in that order, all disturbed, asked again and
-/// again, while power fails in saves; their traces and what was on the lines, as text.
+/// MD3s a and b on one line, an RS and a QSB of their own, added in that order, all disturbed, with repeated
+/// requests, while power fails in saves; their traces and what was on the lines, as text.
 fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     const NAMES: [&str; 4] = ["a", "b", "r", "q"];
     let mut bench = Bench::with(settings(seed, line));
@@ -292,7 +292,7 @@ fn the_same_seed_is_the_same_bench_and_the_order_of_its_drives_nothing() {
     }
 }
 
-/// What a master does that waits, and asks again: sooner or later it knows everything.
+/// A master that waits and repeats its requests gets every answer in the end.
 #[test]
 fn a_master_that_asks_again_gets_every_answer() {
     let faults = LineFaults { drop: 0.3, corrupt: 0.05, truncate: 0.05, noise: 0.05, ..QUIET };

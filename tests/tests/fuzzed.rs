@@ -1,4 +1,4 @@
-//! The corpus that fuzzing has found, once more: `fuzz/corpus` has a folder of files for each target.
+//! The corpus that fuzzing has found, run again: `fuzz/corpus` has a folder of files for each target.
 #![allow(missing_docs, reason = "a test")]
 
 use std::collections::BTreeSet;

@@ -1,4 +1,4 @@
-//! Golden traces of every kind: replayed on the bench, and once more through the shell of a board.
+//! Golden traces of every kind: replayed on the bench, and again through the shell of a board.
 //!
 //! `UPDATE=1 cargo test -p drivetwin-tests --test golden` rewrites what the drives do; read the
 //! difference before you keep it.

@@ -1,5 +1,5 @@
-//! Loads that turn a motor's shaft at rest, beside a model of their own in f64: whatever holds the shaft, on both
-//! sides of what it holds, either way.
+//! Loads that turn a motor's shaft at rest, against an independent model in f64: each holding torque, with loads just
+//! below and just above it, in both directions.
 #![allow(missing_docs, reason = "a test")]
 #![expect(clippy::float_arithmetic, reason = "the model")]
 
@@ -66,7 +66,8 @@ impl Fixture {
     }
 }
 
-/// Turns of a shaft at rest in so many seconds: what is more than holds it accelerates 4·10⁻⁵ kg·m², up to 10 turns/s.
+/// Turns of a shaft in that many seconds from rest: the load above the holding torque accelerates 4·10⁻⁵ kg·m², up to
+/// 10 turns/s.
 fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
     let by = (load_mnm.abs() - holds_mnm) * 1e-3 / 4e-5 / TAU;
     if by <= 0.0 {
@@ -80,7 +81,7 @@ fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
 
 type Release = fn(&mut Fixture);
 
-/// What is done to the drive, and what holds the shaft then in mN·m: 500 at 1 A, and friction.
+/// A change at the drive, and the torque in mN·m that holds the shaft then: 500 at 1 A, and friction.
 const RELEASES: &[(&str, f64, Release)] = &[
     ("cutback to 0.9 A, longer than it takes", 470.0, |fixture| {
         fixture.write(at::CURRENT_CUTBACK, 1 << 8 | 9);
@@ -109,7 +110,7 @@ const RELEASES: &[(&str, f64, Release)] = &[
 fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
     for &(what, holds, release) in RELEASES {
         for (kind, steps_per_rev) in [("md3", 200), ("md3-low", 400)] {
-            // Of the low current version the same codes are half the current (7.2).
+            // In the low current version the same codes are half the current (7.2).
             let holds = if kind == "md3" { holds } else { (holds - 20.0) / 2.0 + 20.0 };
             for more in [-0.5, 0.5, 20.0] {
                 for way in [1.0, -1.0] {
@@ -151,7 +152,7 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
     }
 }
 
-/// More than the whole current holds: nothing has to let the shaft go.
+/// A load above the torque of the whole current turns the shaft without any change at the drive.
 #[test]
 fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
     for (load, holds) in [(519.0, true), (521.0, false), (5_000.0, false), (100_000.0, false)] {
@@ -202,9 +203,10 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
     }
 }
 
-/// What a test of motor and load could notice; the lines of MCode and of the Hybrid's circuitry are not an MD3's.
+/// Limits of the model that a test of motor and load could notice; an MD3 does not have those of MCode and of the
+/// Hybrid's circuitry.
 #[test]
-fn each_kind_says_what_is_not_modelled_of_its_motor() {
+fn each_kind_lists_the_limits_of_its_motor_model() {
     let says = |kind: &str, what: &str| {
         let device = drivetwin_sim::catalog::make(kind).unwrap();
         device.spec().not_modelled.iter().any(|line| line.contains(what))

@@ -1,4 +1,5 @@
-//! The LS7366R operated by the published driver `ls7366`, which knows the data sheet and not us.
+//! The LS7366R operated by the published driver `ls7366`, which was written from the data sheet, independently of
+//! this project.
 //!
 //! Its version 0.2.1 has faults that these tests work around:
 //! - `get_status` takes the fifth byte of a transfer for STR; the chip sends STR in the second one and
@@ -199,7 +200,7 @@ fn without_quadrature_a_counts_as_b_says() {
 }
 
 #[test]
-fn what_becomes_of_a_count_at_its_ends() {
+fn counts_at_the_limits_of_each_cycle_mode() {
     // Counts after ten quarter cycles up from 0 and seven down, and STR.
     let of = |cycle_count_mode| Mdr0 { cycle_count_mode, ..mdr0(QuadCountMode::Quad4x) };
     for (mode, counts, status) in [
@@ -223,7 +224,7 @@ fn what_becomes_of_a_count_at_its_ends() {
 }
 
 #[test]
-fn the_index_loads_and_clears_and_tells() {
+fn the_index_loads_clears_and_sets_its_flag() {
     for (index_mode, cntr, otr) in [
         (IndexMode::DisableIndex, 13, 0),
         (IndexMode::LoadCntr, 500, 0),
@@ -277,7 +278,7 @@ fn a_counter_of_n_bytes_sends_n_bytes() {
         rig.write(Target::Dtr, &[0x12, 0x34, 0x56, 0x78]);
         rig.act(Action::Load, Target::Cntr);
         assert_eq!(rig.read(Target::Cntr), read);
-        // OTR keeps what was read, and CNTR goes through 0 at its width.
+        // OTR keeps the value, and CNTR wraps through 0 at its width.
         rig.act(Action::Clear, Target::Cntr);
         assert_eq!(rig.read(Target::Otr), read);
         rig.turn(-1);

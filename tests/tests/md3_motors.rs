@@ -122,7 +122,7 @@ fn with_encoder(settings: &str) -> Rig {
 }
 
 impl Rig {
-    /// Moves so many turns; 1,600 microsteps each.
+    /// Moves that many turns; 1,600 microsteps each.
     fn turn(&mut self, turns: i32) {
         self.write_pair(at::SPEED, 16_000);
         self.write_pair(at::ACCEL_DECEL, 160_000);
@@ -195,7 +195,7 @@ fn one_of_four_gates_responds() {
     }
 }
 
-/// Fast boot is no start of the counter: what the encoder shows at power-on is no edge.
+/// The counter does not count at a fast boot: the encoder's levels at power-on are no edges.
 #[test]
 fn the_counter_starts_at_0() {
     for settings in ["", "Speed = 1000", "QuadratureEncoderConfiguration = 0x0204"] {
@@ -213,7 +213,7 @@ fn the_counter_starts_at_0() {
     }
 }
 
-/// Two drives; what `x` does at STEP and DIR, `y` sees at pins that have no function.
+/// Two drives; STEP and DIR of `x` are wired to pins of `y` that have no function.
 const WATCHED: &str = "line = 'fast'\n\
      [[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\n[[drive]]\nname = 'y'\nkind = 'md3'\nfast_boot = true\n\
      [[motor]]\nname = 'm'\ndrive = 'x'\n\
@@ -242,10 +242,10 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     for (n, pulse) in (0..).zip(&pulses) {
         assert_eq!(pulse.forward, n % 2 == 0, "step {n}");
         let late = pulse.rise.since(began + (4 * n).micros());
-        // A hand may come a tick late.
+        // A pin change by the test may come a tick late.
         assert!(late <= 2.micros() + Duration::TICK, "step {n} is {late:?} late");
     }
-    // What is at the other ends of the wires: DIR changes 200 ns before STEP rises at least, and not while it is high.
+    // At the other ends of the wires: DIR changes 200 ns before STEP rises at least, and not while it is high.
     let (a, b) = (Pin(5), Pin(6));
     let edges = rig.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > began);
     let edges = edges.filter_map(|entry| match entry.event {
@@ -280,7 +280,7 @@ fn dc(current: u16, motor: &str) -> Rig {
     ))
 }
 
-/// Speed with that duty against that torque, in rpm: what is left of the voltage behind its resistance.
+/// Speed with that duty against that torque, in rpm: from the voltage left after its resistance.
 fn steady_rpm(duty: f64, mnm: f64) -> f64 {
     let torque_constant = 24.0 / (3_000.0 * std::f64::consts::TAU / 60.0);
     let amperes = mnm / 1_000.0 / torque_constant;
@@ -298,7 +298,7 @@ impl Rig {
     }
 }
 
-/// 7.2, 7.17: the on time in counts turns the motor, its sign says in which direction.
+/// 7.2, 7.17: the on time in counts turns the motor; its sign is the direction.
 #[test]
 fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
     let mut rig = dc(0x0a, "friction_mnm = 10");
@@ -317,7 +317,7 @@ fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
         );
         assert!((way - expected / 120.0).abs() < 0.01, "{speed}: {way} turns in half a second");
     }
-    // What it does comes again from the trace, which knows no motor.
+    // A replay of the trace, without a motor, gives the same outputs.
     let trace = Trace::parse(&rig.bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
@@ -369,9 +369,10 @@ fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
     assert!(way(bit::DECEL_STOP) < 10.0);
 }
 
-/// 7.2: the motor mode decides. A motor with brushes stands in stepper mode, a stepper motor in DC motor mode.
+/// 7.2: the motor mode decides. A motor with brushes does not turn in stepper mode, nor a stepper motor in DC motor
+/// mode.
 #[test]
-fn a_motor_of_the_other_mode_stands() {
+fn a_motor_of_the_other_mode_does_not_turn() {
     let mut rig = dc(0x0a, "");
     rig.write(at::CURRENT_AND_MICROSTEPPING, 0x030a);
     rig.write(at::MOTION, bit::MOVE);
@@ -389,7 +390,7 @@ fn a_motor_of_the_other_mode_stands() {
     assert_eq!(rig.turns(), 0.0);
 }
 
-/// The keys of `[[motor]]` say what it is, or else the motor mode that `set` gives the drive.
+/// The keys of `[[motor]]` decide the type of the motor, or else the motor mode that `set` gives the drive.
 #[test]
 fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
     for (mode, turns) in [(0x250a, true), (0x030a, false)] {
@@ -404,9 +405,9 @@ fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
     }
 }
 
-/// What a test could notice is said by `describe`: for both versions.
+/// `describe` lists the limits of the model that a test could notice, for both versions.
 #[test]
-fn what_is_not_modelled_is_said() {
+fn limits_of_the_motor_model_are_listed() {
     for kind in ["md3", "md3-low"] {
         let said = make(kind).expect("there is such a drive").spec().not_modelled;
         for word in

@@ -1,7 +1,7 @@
 //! Random homings of an MDrive beside figure 5.1 of the MCode manual (MC 5-29 to 5-31, 5-43).
 //!
 //! A home switch, limits and an index are on the shaft of a motor of the bench, at angles that are no whole steps. The
-//! expected end is worked out from the geometry alone: which mark is found, and on which side of it the shaft stands.
+//! expected end is worked out from the geometry alone: which mark is found, and on which side of it the shaft ends.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Pin, Port};
@@ -296,7 +296,7 @@ fn check(scene: &Scene) {
     let creeps_back = matches!(kind, 2 | 3);
     let at_home = || {
         assert_eq!((error, active), (0, false), "error and home switch at {end}");
-        // A step, and what debounce hides at VI.
+        // A step, and the way during the debounce time at VI.
         let most = rates.turns(1.01 + rates.start * (*debounce_ms as f64 / 1e3 + 1e-6));
         let beyond = if creeps_back { switch.above - end } else { end - switch.below };
         assert!((-1e-9..=most).contains(&beyond), "{beyond} turns off the edge, at most {most}");
@@ -316,7 +316,7 @@ fn check_index(product: Product, kind: u8, rates: &Rates, mt: i64, from: f64, cl
     let mut rig = Rig::new(product, &rates, &[("MT", mt)]);
     rig.set("MA", (from * turn).round() as i64);
     rig.run_out(1_000.0);
-    // EE = 1 wants two steps a count (MC 5-21), and speeds that are some counts/s (error 90).
+    // EE = 1 needs two steps a count (MC 5-21), and speeds that are some counts/s (error 90).
     let closed = closed && turn >= 2.0 * counts && rates.start * counts >= 4.0 * turn;
     if closed {
         // VI, VM, A and D become whole counts.

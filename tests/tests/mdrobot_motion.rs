@@ -1,5 +1,5 @@
-//! Moves and velocities of an MDROBOT with its motor, by its PIDs: whatever they say, it ends on its count, and turns as
-//! fast as it says; with other motors, too.
+//! Moves and velocities of an MDROBOT with its motor, by its PIDs: with any values it ends on its count, and turns at
+//! the commanded speed; with other motors, too.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant};
@@ -43,9 +43,9 @@ proptest! {
         prop_assert_eq!((dut.get_named("RPM_DATA"), dut.get_named("CTRL_STATUS")), (0, 0));
     }
 
-    /// As fast as it says in every ms, and in the end as commanded; 12 counts a turn.
+    /// The reported speed is the commanded one in every ms, and the way fits it in the end; 12 counts a turn.
     #[test]
-    fn it_turns_as_fast_as_it_says(rpm in 100..2_501_i64, back in any::<bool>(), slow in 0..300_i64) {
+    fn the_reported_speed_is_the_commanded_one(rpm in 100..2_501_i64, back in any::<bool>(), slow in 0..300_i64) {
         let rpm = if back { -rpm } else { rpm };
         let mut dut = controller();
         for (name, value) in [("SLOW_START", slow), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", rpm)] {
@@ -122,7 +122,7 @@ impl Other {
         other
     }
 
-    /// Writes a command; from then on nobody but the drive holds the shaft.
+    /// Writes a command; from then on only the drive holds the shaft.
     fn order(&mut self, name: &str, value: i64) {
         self.write(name, value);
         self.bench.fault(self.seat, held(&self.bench, self.seat), false);

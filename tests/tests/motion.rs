@@ -1,5 +1,5 @@
-//! Steps against the exact instants of constant acceleration, the walker against the plan, and what
-//! others do against what we do.
+//! Steps against the exact instants of constant acceleration, the walker against the plan, and other algorithms
+//! against ours.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Duration, Instant, Plan};
@@ -33,7 +33,7 @@ impl Random {
         self.below(bound) as u32
     }
 
-    /// Of any size: as likely to have few bits as many.
+    /// A number of any size: as likely to have few bits as many.
     fn any_size(&mut self, bits: u64) -> u32 {
         let bits = 1 + self.below(bits);
         1 + self.below(1 << bits) as u32
@@ -45,7 +45,7 @@ fn exactly(instant: Instant) -> i128 {
     i128::from(instant.ticks()) * TICK
 }
 
-/// How far off step `n` may be. It is made at the nearest tick: that is half a tick, and a little for what the
+/// Allowed error of step `n`. The step is made at the nearest tick: that is half a tick, and a little for what the
 /// oracle rounds and what the acceleration adds in half a tick. In the ramp down the end of the move adds
 /// another half, since it is at the nearest tick, too.
 fn tolerance(exact: &Move, n: u32) -> i128 {
@@ -104,7 +104,7 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
     for _ in 0..2_000 {
         let steps = random.any_size(31).min(i32::MAX as u32);
         let speed = 256 + random.any_size(30);
-        // The oracle's 128 bits hold a way·a·b/(a + b) of so much.
+        // Accelerations whose way·a·b/(a + b) fits into the oracle's 128 bits.
         let [up, down] = [random.any_size(16), random.any_size(16)];
         let rates = Limits {
             start_speed: U24F8::ZERO,
@@ -163,7 +163,7 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
     }
 }
 
-/// What a jog is told, and for how many ticks.
+/// An order to a jog, and for how many ticks it holds.
 struct Order {
     ticks: u64,
     speed: I24F8,
@@ -184,7 +184,7 @@ fn orders(random: &mut Random) -> Vec<Order> {
         .collect()
 }
 
-/// What the walkers of all orders make, one after the other, up to a tick after the end.
+/// Steps of the walkers of all orders, one after the other, up to a tick after the end.
 fn walked(orders: &[Order]) -> Vec<Step> {
     let mut plan = Plan::at_rest(at(0), 0);
     let (mut now, mut steps) = (0, Vec::new());
@@ -276,7 +276,7 @@ fn a_walk_begun_anywhere_makes_the_same_steps() {
 }
 
 #[test]
-fn a_jog_told_again_what_it_does_makes_the_same_steps() {
+fn repeating_an_order_to_a_jog_makes_the_same_steps() {
     let (mut random, mut total) = (Random(6), 0);
     for _ in 0..2_000 {
         let orders = orders(&mut random);

@@ -1,4 +1,4 @@
-//! Drives that turn motors of the bench, and what looks at their shafts: encoders, switches, the drives themselves.
+//! Drives that turn motors of the bench, and sensors of their shafts: encoders, switches, the drives themselves.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
@@ -88,7 +88,7 @@ impl Fixture {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// What the QSB has counted.
+    /// Count of the QSB.
     fn counted(&mut self) -> i32 {
         self.bench.send(self.client, b"R0E\r");
         self.wait(5.millis());
@@ -97,7 +97,7 @@ impl Fixture {
         u32::from_str_radix(data.unwrap_or_else(|| panic!("{reply:?}")), 16).unwrap().cast_signed()
     }
 
-    /// Edges that the QSB was told of A and B since then: when the shaft made them, whether of A, and whether it rose.
+    /// Edges of A and B at the QSB since then: the instant at the shaft, whether of A, and whether it rose.
     fn edges(&self, since: Instant) -> Vec<(u64, bool, bool)> {
         let (a, b) = (pin(&self.bench, self.qsb, "A").1, pin(&self.bench, self.qsb, "B").1);
         let events = self.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > since);
@@ -155,7 +155,7 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
         } else {
             2.5 - ((10_000.0 - steps) / 5_000.0).sqrt()
         };
-        // The motor hears of it a tick later.
+        // The motor gets the step a tick later.
         let made = (edge - start.ticks() - 1) as f64;
         let late = made - seconds * 16e6;
         // At the tick behind it; the angle is whole units of 2⁻³² turns.
@@ -179,7 +179,7 @@ fn an_encoder_does_not_lag() {
     fixture.wait(100.millis());
     // 64 steps at 80,000 steps/s² take 40 ms, and 64 back: up to 3,200 steps/s, which are 2.5 counts a tick.
     let half = 0.04;
-    // The motor hears of it a tick later.
+    // The motor gets the step a tick later.
     let made = |tick: u64| (tick - start.ticks() - 1) as f64 / 16e6;
     let counts = |seconds: f64| {
         let left = (2.0 * half - seconds).max(0.0);
@@ -197,7 +197,7 @@ fn an_encoder_does_not_lag() {
             assert_ne!(*level, high, "an edge is a change, at {tick}");
             *level = high;
         }
-        // Half a count before it, as far as floating point tells which count that is.
+        // Half a count before it, as far as floating point can resolve the count.
         let at = counts(made(tick)) + 0.5;
         if (at - at.round()).abs() > 0.01 {
             clear += 1;
@@ -222,7 +222,7 @@ fn a_switch_may_be_anywhere() {
         (bounds(None, Some(-f64::MAX)), Level::High),
         (bounds(Some(-f64::INFINITY), Some(f64::INFINITY)), Level::Low),
         (bounds(Some(2.0), Some(-2.0)), Level::High),
-        // What is not a number bounds nothing.
+        // NaN is no bound.
         (bounds(Some(f64::NAN), Some(1.0)), Level::Low),
         (bounds(Some(1.0), Some(f64::NAN)), Level::High),
     ] {
@@ -257,7 +257,7 @@ fn an_md3_homes_onto_a_switch() {
     assert_replays(&fixture.bench);
 }
 
-/// What is done to an RS drive.
+/// An action on an RS drive.
 enum Act {
     Write(u16, u16),
     Coil(u16),
@@ -265,7 +265,7 @@ enum Act {
     Hold(bool),
 }
 
-/// At which millisecond what is done.
+/// Actions, each with its time in ms.
 const SCRIPT: [(u64, Act); 14] = [
     (600, Act::Write(at::SPEED, 200)),
     (620, Act::Coil(at::START)),
@@ -291,7 +291,7 @@ fn row(name: &str) -> usize {
     rs434544().spec().find(name).expect("the manual has that register").row
 }
 
-/// An RS drive that goes through the script, with some registers preset: what it answered and what its motor did, and
+/// An RS drive that goes through the script, with some registers preset: its answers, the motion of its motor, and
 /// the edges of its Hall sensors.
 fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
@@ -332,7 +332,7 @@ fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u
         }
         _ => None,
     });
-    // At power-on its own motor shows that both are high, which the drive apart knows.
+    // At power-on its own motor shows that both are high; the drive without a motor starts with that.
     let edges = edges.filter(|(at, ..)| *at > 1).collect();
     (bench, replies, edges)
 }

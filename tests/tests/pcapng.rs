@@ -1,5 +1,5 @@
 //! Captures of lines. Their bytes are checked against a file made by hand, which `tshark` reads in
-//! `tests/foreign/test_pcap.py`; that one also reads what the program writes.
+//! `tests/foreign/test_pcap.py`; that test also reads the program's files.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Instant, Port};
@@ -54,7 +54,7 @@ fn packets(mut file: &[u8]) -> Vec<Found> {
     packets
 }
 
-/// What the first tag of a packet says: its length in network order, and its text, filled up with 0.
+/// Text of the first tag of a packet: the length in network order, and the text, filled up with 0.
 fn shown_by(tags: &[u8]) -> String {
     let length = u16::from_be_bytes([tags[2], tags[3]]).into();
     String::from_utf8(tags[4..][..length].to_vec()).unwrap().trim_end_matches('\0').to_owned()
@@ -97,10 +97,10 @@ fn the_writer_makes_the_file_made_by_hand() {
     assert_eq!(made, include_bytes!("../captures/modbus-tcp.pcapng"));
 }
 
-/// When the talk below is over.
+/// End of the talk below.
 const END: Duration = Duration::millis(1_500);
 
-/// Two drives on a line, one on its own, and a QSB that streams besides what it is asked.
+/// Two drives on a line, one on its own, and a QSB that streams and answers commands.
 /// `stops` are instants at which a file follows.
 fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
     let mut bench = bench(Retention::All);
@@ -156,7 +156,7 @@ fn each_line_has_its_packets() {
         let interface = names.iter().position(|name| *name == line).unwrap() as u32;
         packets.iter().filter(move |packet| packet.interface == interface)
     };
-    // 20 writes to the first of two drives with one address: both answer, and what that gives is on the line.
+    // 20 writes to the first of two drives with one address: both answer, and both replies are on the line.
     assert!(on("line1").count() >= 40);
     let own: Vec<&Found> =
         on(bench.bus_name(bench.bus(bench.find_drive("z").unwrap(), Port(0)).unwrap())).collect();
@@ -188,7 +188,7 @@ proptest! {
 }
 
 #[test]
-fn what_a_ring_forgot_is_counted() {
+fn packets_dropped_by_a_ring_are_counted() {
     let mut bench = bench(Retention::Ring(2_000));
     let md3 = seat(&mut bench, "x");
     for _ in 0..50 {
@@ -200,9 +200,9 @@ fn what_a_ring_forgot_is_counted() {
     assert!(packets[1..].iter().all(|packet| packet.lost == 0));
 }
 
-/// What nobody could read is no Modbus, though each sender's check sum is right; its flag is bit 24 (4.3.1).
+/// Unreadable bytes are not shown as Modbus, though each sender's check sum is right; their flag is bit 24 (4.3.1).
 #[test]
-fn what_collided_is_shown_as_data() {
+fn collided_frames_are_shown_as_data() {
     let mut bench = bench(Retention::All);
     let seats = ["x", "y"].map(|name| (seat(&mut bench, name), Port(0)));
     let line = bench.share("line1", &seats);
@@ -218,7 +218,7 @@ fn what_collided_is_shown_as_data() {
 }
 
 #[test]
-fn a_power_failure_cuts_what_a_drive_says() {
+fn a_power_failure_cuts_the_output_of_a_drive() {
     let mut bench = bench(Retention::All);
     let md3 = seat(&mut bench, "x");
     let client = bench.connect(bench.bus(md3, Port(0)).unwrap());

@@ -1,5 +1,5 @@
 //! Power that is lost at any byte of any store of a save, in every kind of drive: an MDROBOT wakes up with the old or the
-//! new values; others have those of the factory, too, and say that their memory is bad, if they can.
+//! new values; others have those of the factory, too, and report that their memory is bad, if they can.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Device, Instant, Output, advance};
@@ -10,20 +10,20 @@ use drivetwin_sim::catalog;
 /// The way in which a kind of drive saves.
 struct Kind {
     kind: &'static str,
-    /// Two registers far apart in its memory, and what a save may bring there.
+    /// Two registers far apart in its memory, and the values to save there.
     values: [(&'static str, [i64; 4]); 2],
-    /// Register and value that save what was written; `None` if it saves each value as it is written.
+    /// Register and value that start a save; `None` if the drive saves each value as it is written.
     save: Option<(&'static str, i64)>,
     bad: Bad,
 }
 
 /// Result of a save that power cut short, beside the old and the new values.
 enum Bad {
-    /// Nothing else.
+    /// No other values.
     Never,
-    /// The factory's values; a QSB cannot say so (QSB-8).
+    /// The factory's values, without a report: a QSB has none (QSB-8).
     Silent,
-    /// The same, and bits of a register that say it: which, and what they are then.
+    /// The factory's values, reported by bits of a register: `mask`, and `is` as their value then.
     Said { register: &'static str, mask: i64, is: i64 },
 }
 
@@ -147,7 +147,7 @@ impl Drive {
         kind.values.map(|(name, _)| self.get(name))
     }
 
-    /// Returns whether it may have the factory's values after a cut, as far as it says.
+    /// Returns whether the drive may have the factory's values after a cut, by its own report.
     fn may_be_new(&self, kind: &Kind) -> bool {
         match kind.bad {
             Bad::Never => false,

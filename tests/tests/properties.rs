@@ -1,4 +1,4 @@
-//! What holds for every drive, whatever happens to it: being called late changes nothing, splitting
+//! Properties of every drive under any inputs: a late call changes nothing, splitting
 //! a burst of characters changes nothing, and no input stops it.
 #![allow(missing_docs, reason = "a test")]
 
@@ -13,7 +13,7 @@ use drivetwin_tests::md3::at;
 use drivetwin_tests::toy::Toy;
 use proptest::prelude::*;
 
-/// Something that happens to a drive.
+/// An event of a drive.
 #[derive(Clone, Debug)]
 enum Event {
     Bytes(Vec<u8>),
@@ -24,7 +24,7 @@ enum Event {
     Millivolts(u8, i32),
     Count(u8, i32, bool, bool),
     Fault(u8, bool),
-    /// On a TCP connection: how messages end at its port, its number, and what comes there.
+    /// On a TCP connection: how messages end at its port, its number, and its event.
     Opened(Framing, u8),
     Message(Framing, u8, Vec<u8>),
     Closed(Framing, u8),
@@ -46,7 +46,7 @@ struct Subject {
     saved: Option<(&'static str, i64)>,
 }
 
-/// Every drive as it comes, and one that speaks ASCII.
+/// Every drive with factory settings, and one that uses ASCII.
 fn subjects() -> impl Iterator<Item = Subject> {
     let ascii = Subject {
         make: || Box::new(drivetwin_firmware::rs434::rs434544()),
@@ -68,7 +68,7 @@ fn command() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
-/// Commands of a QSB that set something going, whatever half a line is there.
+/// Commands of a QSB that start something, even after half a line.
 fn order() -> impl Strategy<Value = Vec<u8>> {
     let order = proptest::sample::select(vec![
         "W0C0\r",
@@ -151,7 +151,7 @@ fn write_words(first: u16, values: &[u16]) -> Vec<u8> {
     pdu(16, &[first, count]).into_iter().chain([2 * count as u8]).chain(bytes).collect()
 }
 
-/// A line of a user program: a command, whatever its fields are, and data, which may be an address.
+/// A line of a user program: a command with any fields, and data, which may be an address.
 fn instruction() -> impl Strategy<Value = [u16; 2]> {
     let data = prop_oneof![
         4 => 0_u16..24,
@@ -165,7 +165,7 @@ fn instruction() -> impl Strategy<Value = [u16; 2]> {
     })
 }
 
-/// What loads a user program and starts it: its lines through the buffer to the flash (6.6).
+/// Requests that load a user program and start it: its lines through the buffer to the flash (6.6).
 fn program() -> impl Strategy<Value = Vec<Vec<u8>>> {
     proptest::collection::vec(instruction(), 1..24).prop_map(|lines| {
         let lines = (0..).zip(lines).map(|(n, [command, data])| write_words(0x6000, &[n, command, data]));
@@ -306,7 +306,7 @@ fn typed() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// What happens at a serial port.
+/// Events at a serial port.
 fn on_line() -> impl Strategy<Value = Event> {
     prop_oneof![
         24 => bytes().prop_map(Event::Bytes),
@@ -316,7 +316,7 @@ fn on_line() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// What happens at TCP ports.
+/// Events at TCP ports.
 fn on_network() -> impl Strategy<Value = Event> {
     let ends = || proptest::sample::select(vec![Framing::Mbap, Framing::Return]);
     prop_oneof![
@@ -327,7 +327,7 @@ fn on_network() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// What happens at pins, and faults.
+/// Events at pins, and faults.
 fn elsewhere() -> impl Strategy<Value = Event> {
     prop_oneof![
         12 => (0_u8..16, any::<bool>()).prop_map(|(pin, high)| Event::Edge(pin, high)),
@@ -343,13 +343,13 @@ fn gap() -> impl Strategy<Value = u64> {
     prop_oneof![0_u64..100_000, 0_u64..3_000_000, 0_u64..100_000_000]
 }
 
-/// What is preset, and events with the silences before them.
+/// Presets, and events with the silences before them.
 #[derive(Clone, Debug)]
 struct Script {
     presets: Vec<(usize, i64)>,
-    /// Of a drive with a serial port.
+    /// Events of a drive with a serial port.
     on_line: Vec<(u64, Event)>,
-    /// Of one that is on a network.
+    /// Events of a drive on a network.
     on_network: Vec<(u64, Event)>,
     fast: bool,
 }
@@ -387,15 +387,16 @@ fn presets() -> impl Strategy<Value = Vec<(usize, i64)>> {
 fn longest(drive: &dyn Device) -> Duration {
     match drive.spec().kind {
         "md3" | "md3-low" => Duration::secs(10),
-        // A program may run for ever. In less than 5 s no drive becomes new and speaks RTU again (7).
+        // A program may run for ever. In less than 5 s no drive is reset to the factory settings and uses RTU again
+        // (7).
         "rs434544" | "rs434546" => Duration::millis(50),
         // It may stream without a pause.
         _ => Duration::millis(100),
     }
 }
 
-/// Runs a script on a new drive and returns what it did. A drive is brought up to date before each
-/// event if `eager` says so for it; bursts are cut into pieces of `piece` characters.
+/// Runs a script on a new drive and returns its outputs. The drive is advanced before each event for which `eager` is
+/// true; bursts are cut into pieces of `piece` characters.
 fn run(
     subject: Subject,
     Script { presets, on_line, on_network, fast }: &Script,
@@ -428,7 +429,7 @@ fn run(
         }
     }
     if silence {
-        // It may look at its pins before it knows its line.
+        // It may read its pins before it sets its line.
         advance(&mut *drive, Instant::ZERO, core::iter::empty(), &mut log);
     }
     let said = log.line.filter(|_| silence);
@@ -576,7 +577,7 @@ fn every_drive_names_what_its_spec_points_to() {
         );
         assert!(spec.encoders.iter().all(|e| exists(e.a) && exists(e.b) && e.index.is_none_or(exists)));
         assert!(spec.address.is_none_or(|row| row < spec.registers.rows.len()));
-        // A board knows pins and faults by their names alone.
+        // A board finds pins and faults by their names alone.
         let ends = spec.pins.iter().map(|pin| pin.name).chain(spec.faults.iter().copied());
         assert_eq!(twice(ends), None, "{}", spec.kind);
         assert_eq!(twice(spec.registers.rows.iter().map(|row| row.name)), None, "{}", spec.kind);

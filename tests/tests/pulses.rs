@@ -1,5 +1,4 @@
-//! 100,000 steps over 100 random moves of an MD3: what comes out of its STEP pin, against an oracle
-//! that knows nothing of plans.
+//! 100,000 steps over 100 random moves of an MD3: the output of its STEP pin, against an oracle without plans.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Pin};
@@ -19,7 +18,7 @@ const STEPS: u32 = 100_000;
 
 const AXIS: Axis = Axis(0);
 
-/// A move that an MD3 was told to make.
+/// A move that an MD3 was commanded to make.
 #[derive(Debug)]
 struct Move {
     from: Instant,
@@ -28,7 +27,7 @@ struct Move {
     acceleration: u32,
 }
 
-/// An MD3 that listens, on a bench that keeps everything and whose lines take no time.
+/// An MD3 after its start-up, on a bench that keeps everything and whose lines take no time.
 fn bench() -> (Bench, DriveId) {
     let settings = Settings { line: LineMode::Fast, trace: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
@@ -39,11 +38,11 @@ fn bench() -> (Bench, DriveId) {
 
 fn seat(bench: &mut Bench, name: &str) -> DriveId {
     let setup = Setup { boot_fast: true, ..Setup::default() };
-    bench.add_with(name, Box::new(Md3::new()), setup).expect("nobody is called so")
+    bench.add_with(name, Box::new(Md3::new()), setup).expect("the name is free")
 }
 
 impl Move {
-    /// Whether it gets to its speed.
+    /// Returns whether the move reaches its speed.
     fn cruises(&self) -> bool {
         let (steps, speed) = (self.steps.unsigned_abs(), self.speed.unsigned_abs());
         u64::from(speed).pow(2) < u64::from(steps) * u64::from(self.acceleration)

@@ -1,7 +1,7 @@
-//! The image of the LM3S6965 board under QEMU: the very firmware, asked over its UART.
+//! The image of the LM3S6965 board under QEMU: the unchanged firmware, with requests over its UART.
 //!
-//! `cargo xtask test` builds the image, names it in `DRIVETWIN_BOARD`, and runs this. UARTs there pace
-//! no bytes, so nothing is said of gaps; a master that hears nothing asks again, as masters do.
+//! `cargo xtask test` builds the image, names it in `DRIVETWIN_BOARD`, and runs this. UARTs there do not pace bytes,
+//! so gaps are not tested; a master without an answer repeats its request, as masters do.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -13,9 +13,9 @@ use std::time::Duration;
 use drivetwin_protocol::modbus::{Expect, Scan, rtu};
 use drivetwin_tests::md3::{at, bit};
 
-/// How long a master waits for an answer. The drive's start-up takes 2.5 s.
+/// Longest wait of a master for an answer. The drive's start-up takes 2.5 s.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// How often it asks.
+/// Number of requests before it gives up.
 const TRIES: usize = 20;
 
 /// A board that runs; it ends with this, and with the thread that started it.
@@ -23,15 +23,15 @@ struct Board {
     qemu: Child,
     bus: ChildStdin,
     heard: Receiver<u8>,
-    /// What it says on its UART1.
+    /// Output of its UART1.
     said: Receiver<String>,
     /// QEMU's own protocol for tests.
     control: TcpStream,
 }
 
 impl Board {
-    /// Starts the image and waits until it says that the drive has power. A `watchdog` is nothing for a
-    /// machine that may be busy for a second.
+    /// Starts the image and waits until it reports that the drive has power. A `watchdog` is no use on a machine that
+    /// may be busy for a second.
     fn boot(watchdog: bool) -> Self {
         let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
         let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));
@@ -61,13 +61,13 @@ impl Board {
         board
     }
 
-    /// Waits until it says that the drive has power, again or for the first time.
+    /// Waits until it reports that the drive has power, again or for the first time.
     fn wait_for_power(&self) {
         let line = || self.said.recv_timeout(10 * PATIENCE).expect("the board boots");
         while !line().ends_with(" has power") {}
     }
 
-    /// Puts a word into a register of the hardware.
+    /// Writes a word to a register of the hardware.
     fn poke(&mut self, address: u32, word: u32) {
         let mut done = String::new();
         writeln!(self.control, "writel {address:#x} {word:#x}").expect("QEMU listens");

@@ -24,7 +24,7 @@ struct Fixture {
     qsb: DriveId,
     md3: DriveId,
     client: Client,
-    /// Where the MD3 stood when the QSB stood at 0.
+    /// Position of the MD3 when the position of the QSB was 0.
     offset: i32,
 }
 
@@ -46,7 +46,7 @@ impl Fixture {
         let mut banner = Vec::new();
         bench.receive(client, &mut banner);
         let mut fixture = Self { bench, qsb, md3, client, offset: 0 };
-        assert_eq!(fixture.stepped(), 0, "the lines are let go, and the MD3 pulls both up");
+        assert_eq!(fixture.stepped(), 0, "the lines are released, and the MD3 pulls both up");
         fixture.ask("W162");
         // An MD3 steps when J2.4 falls, and so it does here; J2.5 was still high, which is forward.
         assert_eq!(fixture.stepped(), 1);
@@ -152,7 +152,7 @@ fn pauses_lose_no_step() {
     let mut fixture = Fixture::new();
     fixture.set(13_000, 40_000, 30_000);
     fixture.ask("W168");
-    // In the ramp up, in the cruise, and resumed before it stands.
+    // In the ramp up, in the cruise, and resumed before it is at rest.
     for (ms, stands) in [(100, true), (1_000, true), (700, false)] {
         fixture.wait(ms.millis());
         fixture.ask("W166");
@@ -222,7 +222,7 @@ fn the_digital_port_has_its_lines_back_when_the_motor_drive_ends() {
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::High, Level::High));
     assert_eq!(fixture.ask("R13"), 0x01);
     fixture.both_stand_at(100);
-    // By hand: backward, and a step.
+    // By the digital port: backward, and a step.
     fixture.ask("W02F00");
     fixture.ask("W01B");
     fixture.ask("W019");

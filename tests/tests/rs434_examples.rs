@@ -1,5 +1,5 @@
-//! The user programs in `examples/`, each on a drive with a motor, and what `docs/reference/rs434-programs.md` says of the
-//! language.
+//! The user programs in `examples/`, each on a drive with a motor, and the claims of
+//! `docs/reference/rs434-programs.md` about the language.
 
 use drivetwin_firmware::device::{Device, Instant};
 use drivetwin_firmware::rs434::rs434544;
@@ -50,7 +50,7 @@ impl Rig {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// Runs until STATUS changes, at most for so long, and returns when it did.
+    /// Runs until STATUS changes, at most for that long, and returns the time of the change.
     #[track_caller]
     fn until_status(&mut self, status: i64, patience: Duration) -> Instant {
         let end = self.bench.now() + patience;
@@ -165,7 +165,7 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
         assert!((moved - counts).abs() <= counts / 50, "{moved} counts");
     }
     rig.after(10.millis());
-    // What the factory sets is there again.
+    // The factory settings are back.
     let settings = ["STATUS_USER_PROGRAM", "PC_REG", "SPEED", "ACC", "DIRECTION"].map(|name| rig.get(name));
     assert_eq!(settings, [FULLY_ENDED, 0, 1_000, 100, 1]);
     assert_eq!(rig.get("ERROR"), 0);
@@ -174,7 +174,7 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
 const LANGUAGE: &str = include_str!("../../docs/reference/rs434-programs.md");
 
 #[test]
-fn what_the_language_is_shown_by_assembles() {
+fn examples_of_the_language_reference_assemble() {
     let blocks: Vec<&str> = LANGUAGE.split("```").skip(1).step_by(2).collect();
     let programs: Vec<&str> = blocks.iter().filter_map(|block| block.strip_prefix("text\n")).collect();
     assert_eq!(programs.len(), 2);

@@ -1,4 +1,4 @@
-//! Moves of an RS 434544 with its motor, by its registers: whatever they say, it ends on its count.
+//! Moves of an RS 434544 with its motor, by its registers: with any values, it ends on its count.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant};
@@ -32,7 +32,7 @@ proptest! {
             dut.wait(Duration::millis(10));
             prop_assert!(dut.now < Instant::from(Duration::secs(60)), "still on its way");
         }
-        // What friction lets it run on would show.
+        // A run-on after the end would show.
         dut.wait(Duration::secs(1));
         prop_assert_eq!(dut.get_named("CURRENT_POSITION"), counts);
         prop_assert_eq!(dut.get_named("OFFSET"), 0);

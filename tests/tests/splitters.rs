@@ -1,5 +1,5 @@
-//! Messages without gaps, which a host cuts, do to every drive what they do with a silence behind each: requests of RTU
-//! with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
+//! Messages without gaps, which a host cuts, have the same effect on every drive as with a silence after each:
+//! requests of RTU with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
@@ -69,7 +69,8 @@ fn client(bench: &mut Bench, ends: Framing) -> Client {
     }
 }
 
-/// Bytes that a client hears who says a part, pauses, says a part, and at last nothing for as long as answers take.
+/// Bytes that a client receives. It sends the parts with pauses between them, and then waits for as long as the
+/// answers take.
 fn said(bench: &mut Bench, client: Client, parts: &[&[u8]], pause: Duration, answers: usize) -> Vec<u8> {
     for part in parts {
         bench.send(client, part);
@@ -81,7 +82,7 @@ fn said(bench: &mut Bench, client: Client, parts: &[&[u8]], pause: Duration, ans
     heard
 }
 
-/// A stream as reads bring it, as long as `reads` say, again and again.
+/// A stream cut into reads, of the lengths in `reads` over and over.
 fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
     let mut parts = Vec::new();
     for &length in reads.iter().cycle() {
@@ -184,7 +185,7 @@ proptest! {
             let (stream, pause) = (frames.concat(), Duration::from_ticks(pause));
             let heard = said(&mut bench, client, &split(&stream, &reads), pause, frames.len());
             prop_assert_eq!(&heard, &answers.concat(), "{} hears {:02x?}", kind, frames);
-            // Where others are heard a master waits for its answer, and silence decides.
+            // On a line with other devices a master waits for its answer, and silence ends a message.
             bench.set_self_paced(client);
             for (frame, answer) in frames.iter().zip(&answers) {
                 let heard = said(&mut bench, client, &split(frame, &reads), pause, 2);
@@ -218,10 +219,10 @@ proptest! {
     fn lines_at_once_are_answered_as_one_by_one(
         lines in prop::collection::vec(line(), 1..8), reads in reads(), pause in 0_u64..20_000,
     ) {
-        // Of a QSB no character waits for the end of its line.
+        // For a QSB no character waits for the end of its line.
         let ends = [Framing::Return, Framing::Character].into_iter();
         for (kind, ends) in ends.flat_map(|ends| kinds_of(ends).into_iter().map(move |kind| (kind, ends))) {
-            // The first one has an answer, whatever the others are.
+            // The first one has an answer, with any others.
             let first = ("R0E\r".to_owned(), "PR R1\r".to_owned());
             let lines: Vec<String> = core::iter::once(&first).chain(&lines)
                 .map(|(qsb, mdrive)| if kind.starts_with("qsb") { qsb } else { mdrive }.clone())
@@ -250,7 +251,7 @@ fn adu() -> impl Strategy<Value = Vec<u8>> {
     )
 }
 
-/// A line for a QSB, and one for an MDrive: none says what time makes of it, or sets going what does.
+/// A line for a QSB, and one for an MDrive: no answer depends on time, and no line starts something that does.
 fn line() -> impl Strategy<Value = (String, String)> {
     let qsb = prop::sample::select(&["R0E", "R00", "W0812", "W0A1F", "R03", "R", "X1", "W0", "r0e", ""][..]);
     let mdrive = prop::sample::select(

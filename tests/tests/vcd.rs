@@ -1,4 +1,4 @@
-//! Waveforms, read by a reader that is not ours, against the manual and the mathematics.
+//! Waveforms, read by a third-party reader, against the manual and the mathematics.
 #![allow(missing_docs, reason = "a test")]
 
 use std::collections::BTreeMap;
@@ -75,18 +75,18 @@ impl File {
         &self.wires[&(scope.to_owned(), name.to_owned())]
     }
 
-    /// When a wire takes `value`, from `from` on.
+    /// Times at which a wire takes `value`, from `from` on.
     fn when(&self, scope: &str, name: &str, value: Value, from: u64) -> Vec<u64> {
         let changes = self.wire(scope, name).iter();
         changes.filter(|change| change.1 == value && change.0 >= from).map(|change| change.0).collect()
     }
 
-    /// What a wire shows at an instant.
+    /// Value of a wire at a time.
     fn at(&self, scope: &str, name: &str, at: u64) -> Value {
         self.wire(scope, name).iter().rev().find(|change| change.0 <= at).unwrap().1
     }
 
-    /// When a drive's motions begin and end: BUSY, J3 pin 7, is pulled to ground meanwhile.
+    /// Begin and end of a drive's motions: BUSY, J3 pin 7, is pulled to ground between them.
     fn busy(&self, scope: &str) -> Vec<(u64, u64)> {
         let ends = self.when(scope, "J3_7", Value::Z, 1);
         self.when(scope, "J3_7", Value::V0, 0).into_iter().zip(ends).collect()
@@ -117,7 +117,7 @@ fn ticks(span: Duration) -> u64 {
     span.ticks()
 }
 
-/// A bench that keeps all that happens.
+/// A bench that keeps its whole trace.
 fn bench() -> Bench {
     Bench::with(Settings { trace: Retention::All, ..Settings::default() })
 }
@@ -257,7 +257,7 @@ fn power_that_fails_in_a_save_is_power_lost() {
 }
 
 #[test]
-fn without_power_nobody_knows() {
+fn without_power_all_wires_are_unknown() {
     let mut bench = bench();
     let md3 = bench.add::<Md3>("x");
     bench.run_until(2_500.millis());

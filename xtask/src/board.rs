@@ -1,4 +1,4 @@
-//! The boards: their images, and what lies where in them.
+//! The boards: their images, and the memory layout of these.
 
 use std::path::PathBuf;
 
@@ -90,7 +90,7 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
 }
 
-/// Builds the images that log, one of each board: their linker scripts are others.
+/// Builds the images that log, one of each board: their linker scripts differ.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         let (bare, package) = (bare(board.target), board.package);
@@ -125,7 +125,7 @@ impl Board {
         Ok(self.images(sh).join(kind))
     }
 
-    /// The image with a kind of drive, once it is built; looks where everything in it lies.
+    /// The image with a kind of drive, once it is built; reads the addresses and sizes in it.
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         let image = Image::of(sh, self.target, PROFILE, kind)?;
         let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
@@ -133,7 +133,7 @@ impl Board {
         Ok(image)
     }
 
-    /// Builds the image that a person wants to run, after what that needs.
+    /// Builds the image for interactive use, and first what that needs.
     ///
     /// # Errors
     ///
@@ -182,7 +182,7 @@ pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
     specs().into_iter().find(|spec| spec.kind == kind)
 }
 
-/// Commands by which a person talks to a kind of drive whose line is at `address` of this machine.
+/// Commands to communicate with a kind of drive whose line is at `address` of this machine.
 pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = spec(kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.framing) {
@@ -200,7 +200,7 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
     }
 }
 
-/// Commands by which a person talks to a kind of drive whose Modbus and MCode are at these ports of this machine.
+/// Commands to communicate with a kind of drive whose Modbus and MCode are at these ports of this machine.
 pub(crate) fn network_hint(kind: &str, [modbus, mcode]: [u16; 2]) -> String {
     let first = first_register(spec(kind));
     format!(
@@ -217,7 +217,7 @@ fn first_register(spec: Option<&'static Spec>) -> u32 {
     1 + u32::from(first.unwrap_or(0))
 }
 
-/// Asks an image under QEMU.
+/// Tests an image under QEMU with requests.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let image = LM3S6965.build(sh, "md3")?;
     let host = host();

@@ -6,7 +6,7 @@ use crate::board::BOARDS;
 /// Budget of a measured value.
 #[derive(Debug)]
 pub(crate) struct Budget {
-    /// Measured value: instructions, if it does not say otherwise.
+    /// Measured value: instructions, if not stated otherwise.
     pub(crate) what: &'static str,
     /// On a Cortex-M3 and the lm3s6965, on a Cortex-M0+ and the rp2040, and on a Cortex-M4F and the stm32f4.
     pub(crate) most: [u64; PLACES],
@@ -19,7 +19,7 @@ const fn most(what: &'static str, [m3, m0]: [u64; 2], why: &'static str) -> Budg
     Budget { what, most: [m3, m0, NO_BUDGET], why }
 }
 
-/// A budget of what an image of each board says.
+/// A budget of a value in an image of each board.
 const fn image(what: &'static str, most: [u64; PLACES], why: &'static str) -> Budget {
     Budget { what, most, why }
 }
@@ -27,7 +27,7 @@ const fn image(what: &'static str, most: [u64; PLACES], why: &'static str) -> Bu
 /// Number of boards, or processors.
 pub(crate) const PLACES: usize = BOARDS.len();
 
-/// Stands for what is not measured on a board, or depends on the host there.
+/// Marks a value that is not measured on a board, or depends on the host there.
 pub(crate) const NO_BUDGET: u64 = u64::MAX;
 
 const REACHED: &str = "what has been reached, and a little for another compiler";

@@ -178,7 +178,7 @@ fn run_apart(sh: &Shell, this: &Path, name: &str) -> Result<(String, Outcome)> {
     Ok((output.to_owned(), Outcome::Failed(why.to_owned())))
 }
 
-/// Parts the output of a check that failed from the reason, which it says last.
+/// Splits the output of a failed check from the reason, which is its last line.
 fn reason(output: &str) -> (&str, &str) {
     match output.rfind("error: ") {
         Some(begin) if begin == 0 || output[..begin].ends_with('\n') => {
@@ -188,7 +188,7 @@ fn reason(output: &str) -> (&str, &str) {
     }
 }
 
-/// Runs one check, as [`run_apart`] wants it.
+/// Runs one check, as [`run_apart`] calls it.
 pub(crate) fn run_one(sh: &Shell, name: &str) -> Result<()> {
     let check = CHECKS.iter().find(|check| check.name == name).with_context(|| {
         format!(
@@ -224,13 +224,13 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
 const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
-/// Its client takes the first piece of a reply for all of it, so it wants the machine for itself.
+/// A test that must run alone: its client takes the first piece of a reply for all of it.
 const PARTY: &str = "tests/foreign/test_mdrive_party.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 const DOCUMENTS: &str = "tests/foreign/test_documents.py";
 
-/// Builds the binary, and lets masters that we did not write talk to it.
+/// Builds the binary, and tests it with third-party masters.
 fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
     build(sh)?;
     pytest(sh, which)

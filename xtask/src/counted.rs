@@ -24,7 +24,7 @@ pub(crate) const PROCESSORS: [Processor; 2] = [
 /// The programs beside those of the drives.
 pub(crate) const PROGRAMS: [&str; 4] = ["motion", "counter", "program", "turning"];
 
-/// Lets the plugin prove itself.
+/// Program that checks the plugin itself.
 const KNOWN: &str = "known";
 
 /// Versions of QEMU whose interface for plugins is known. Those before 9 take the first version of it alone, the others
@@ -43,7 +43,7 @@ fn qemu_version(sh: &Shell) -> Option<u32> {
     text.split(' ').skip_while(|word| *word != "version").nth(1)?.split('.').next()?.parse().ok()
 }
 
-/// The kinds of drives that have a program: what is counted is heard on a serial port.
+/// The kinds of drives that have a program: the counted requests come on a serial port.
 pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
     board::kinds().into_iter().filter(|kind| !board::spec(kind).is_some_and(Spec::is_on_network))
 }
@@ -99,7 +99,7 @@ impl<'a> Counting<'a> {
             .collect()
     }
 
-    /// Lets the plugin count what is known.
+    /// Checks the plugin with known counts.
     pub(crate) fn check(&self) -> Result<()> {
         for processor in &PROCESSORS {
             let image = Image::of(self.sh, processor.target, PROFILE, &name(KNOWN))?;
@@ -107,7 +107,7 @@ impl<'a> Counting<'a> {
                 Ok::<_, anyhow::Error>(format!(",handler={handler}:{:#x}", image.symbol(handler)?))
             });
             let Run { log, .. } = self.run(processor, KNOWN, &(low? + &high?))?;
-            // As the program's comments say.
+            // From the program's comments.
             let known = "handler PendSV calls 2 most 16\nhandler SVCall calls 2 most 4\n";
             ensure!(log == known, "{}: the plugin counts wrong:\n{log}", processor.machine);
         }

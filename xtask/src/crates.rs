@@ -8,7 +8,7 @@ use cargo_metadata::{MetadataCommand, Package};
 use spdx::{Expression, ParseMode};
 use xshell::Shell;
 
-/// Licences that let anybody pass a program on as it is.
+/// Licences that permit to redistribute a program as it is.
 const LICENCES: [&str; 5] = ["0BSD", "Apache-2.0", "BSD-3-Clause", "MIT", "Unicode-3.0"];
 
 /// Crates that must not be used, and why.

@@ -27,7 +27,7 @@ pub(crate) fn write(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Builds `drivetwin` and compares the references with what it says.
+/// Builds `drivetwin` and compares the references with its output.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     build(sh)?;
     for (path, text) in references(sh)? {

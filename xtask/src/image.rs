@@ -16,7 +16,7 @@ pub(crate) struct Sizes {
     pub(crate) flash: u64,
     /// Variables, and the stack where one is reserved.
     pub(crate) ram: u64,
-    /// The stack of it.
+    /// Bytes of its stack.
     pub(crate) stack: u64,
 }
 
@@ -89,7 +89,7 @@ impl Image {
     /// Number of places in the code that call a function that panics.
     pub(crate) fn panic_sites(&self) -> Result<u64> {
         let file = self.file()?;
-        // `unwrap_failed`, `slice_index_fail` and their like call what panics for whoever calls them.
+        // `unwrap_failed`, `slice_index_fail` and the like panic for their callers.
         let panics =
             |name: &str| name.contains("4core") && (name.contains("9panicking") || name.contains("_fail"));
         let panics: Vec<u64> = file

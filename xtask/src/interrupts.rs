@@ -1,5 +1,5 @@
-//! The longest interrupts of images, and their deepest stacks: counted in emulation while the drive is asked,
-//! saves, moves, and hears edges.
+//! The longest interrupts of images, and their deepest stacks: counted in emulation while the drive answers requests,
+//! saves, moves, and receives edges.
 
 use std::io::{BufReader, Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
@@ -19,7 +19,7 @@ use crate::counted::Counting;
 use crate::image::Image;
 use crate::qemu;
 
-/// Longest wait for an answer before the board is asked again.
+/// Longest wait for an answer before the request is repeated.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 const BUS: &str = "bus's interrupt";
@@ -43,11 +43,11 @@ pub(crate) struct Work {
     pub(crate) kind: &'static str,
     /// Orders; the last one is a move.
     orders: fn() -> Vec<Vec<u8>>,
-    /// Question that is asked until the move is over.
+    /// Request that is repeated until the move is over.
     question: fn() -> Vec<u8>,
     /// Takes an answer off what has come; `None` if it is not all there.
     answer: fn(&mut Vec<u8>) -> Option<Vec<u8>>,
-    /// Returns whether that answer says that the move is over.
+    /// Returns whether that answer shows that the move is over.
     is_over: fn(&[u8]) -> bool,
     /// True if a move has steps.
     steps: bool,
@@ -261,7 +261,7 @@ fn lm3s6965(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Worst> {
     let ports = if on_network { qemu::on_network() } else { on_line() };
     let mut qemu = start(&path, &plugin, &log, &ports)?;
     let asked = connect(&mut qemu, on_network).and_then(|line| ask(line, work));
-    // The plugin speaks when QEMU ends in good order.
+    // The plugin prints its results when QEMU ends normally.
     let pid = qemu.id().to_string();
     cmd!(sh, "kill -TERM {pid}").quiet().run()?;
     qemu.wait()?;
@@ -281,7 +281,7 @@ fn on_line() -> Vec<String> {
     ["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr"].map(str::to_owned).to_vec()
 }
 
-/// Starts the image, with its ports like that. It ends after a minute, whatever becomes of this.
+/// Starts the image, with its ports like that. It ends after a minute, even without this process.
 fn start(image: &Path, plugin: &str, log: &Path, ports: &[String]) -> Result<Child> {
     Command::new("timeout")
         // An instruction takes 16 ns of its time, so that no step is late because the host is.
@@ -315,7 +315,7 @@ fn connect(qemu: &mut Child, on_network: bool) -> Result<Line> {
     Ok((Box::new(stdin), Box::new(stdout)))
 }
 
-/// Gives the orders, and asks until the move is over.
+/// Sends the commands, and repeats the request until the move is over.
 fn ask((mut tells, says): Line, work: &Work) -> Result<()> {
     let (said, hears) = mpsc::channel();
     // It ends with QEMU.

@@ -1,4 +1,4 @@
-//! The front door of the repository.
+//! Checks, documents and measurements of the repository.
 //!
 //! ```text
 //! cargo xtask test    everything that must hold, and first whatever the checks need; or a group of it

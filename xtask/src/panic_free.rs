@@ -22,7 +22,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Links every program at once; where a panic is left, the linker says who can reach it.
+/// Links every program at once; where a panic is left, the linker prints the callers that can reach it.
 pub(crate) fn link(sh: &Shell, target: &'static str) -> Result<()> {
     let (bare, kinds) = (bare(target), kinds());
     let programs: Vec<String> = PARTS.iter().chain(&kinds).map(|name| format!("proof-{name}")).collect();

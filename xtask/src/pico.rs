@@ -1,4 +1,4 @@
-//! The Raspberry Pi Pico, emulated for people: `cargo xtask pico <kind>`.
+//! The Raspberry Pi Pico, emulated for interactive use: `cargo xtask pico <kind>`.
 
 use std::process::{Command, Stdio};
 
@@ -30,7 +30,7 @@ fn serve(mut board: Command) -> Result<()> {
     Ok(())
 }
 
-/// Lets the emulator's own tests say whether it is true to the chip.
+/// Runs the emulator's own tests of its fidelity to the chip.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! The LM3S6965 board under QEMU, for people: `cargo xtask qemu <kind>`.
+//! The LM3S6965 board under QEMU, for interactive use: `cargo xtask qemu <kind>`.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
@@ -53,7 +53,7 @@ fn run_on_line(kind: &str, image: &Path) -> Result<ExitStatus> {
     let bus = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on 127.0.0.1")?;
     let address = bus.local_addr()?;
     println!("{kind} is at {address}; Ctrl-C ends the board; {}", hint(kind, &address.to_string()));
-    // It is handed the port as its standard input, so that nobody else can have taken it meanwhile.
+    // It gets the port as its standard input, so that no other process can take the port before.
     let ended = qemu(image)
         .args(["-monitor", "none", "-chardev", "socket,id=bus,fd=0,server=on,wait=off"])
         .args(["-serial", "chardev:bus", "-serial", "null"])
@@ -73,7 +73,7 @@ fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
         .spawn()
         .context(CANNOT_START)?;
     let mut said = BufReader::new(qemu.stderr.take().context("its standard error is a pipe")?);
-    // Whoever connects before the drive hears waits for seconds.
+    // A client that connects before the drive accepts waits for seconds.
     wait_for_power(&mut said)?;
     thread::spawn(move || io::copy(&mut said, &mut io::stderr()));
     let ports = ports(&mut qemu)?;
@@ -97,7 +97,7 @@ pub(crate) fn on_network() -> Vec<String> {
     arguments
 }
 
-/// Asks the monitor of a QEMU that was started so, whose standard input and output are pipes, where they are.
+/// Reads the ports from the monitor of a QEMU that was started so, with pipes as standard input and output.
 pub(crate) fn ports(qemu: &mut Child) -> Result<[u16; 2]> {
     let monitor = qemu.stdin.as_mut().context("its standard input is a pipe")?;
     let told = qemu.stdout.take().context("its standard output is a pipe")?;
@@ -105,7 +105,7 @@ pub(crate) fn ports(qemu: &mut Child) -> Result<[u16; 2]> {
     forwarded(BufReader::new(told))
 }
 
-/// Waits until the board says that the drive has power.
+/// Waits until the board reports that the drive has power.
 pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     let mut all = String::new();
     while !all.trim_end().ends_with(BOOTED) {

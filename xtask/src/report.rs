@@ -31,7 +31,7 @@ impl Report {
         Self { began: now(), rows: Mutex::new(Vec::new()) }
     }
 
-    /// Says that a check begins.
+    /// Reports the start of a check.
     pub(crate) fn begin(&self, name: &str) {
         let minutes = (now() - self.began).as_secs_f64() / 60.0;
         print(&format!("{:>15} {name}, after {minutes:.1} min\n", "begins"));
@@ -89,11 +89,11 @@ impl Row {
 /// Prints at once: other threads print, too.
 fn print(text: &str) {
     let mut stdout = std::io::stdout().lock();
-    // Nobody is there to be told that nobody is there.
+    // If standard output is closed, the error cannot be reported.
     let _ = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
 }
 
-#[expect(clippy::disallowed_methods, reason = "whoever waits for a check is told how long it took")]
+#[expect(clippy::disallowed_methods, reason = "the report has the wall-clock time of each check")]
 pub(crate) fn now() -> Instant {
     Instant::now()
 }

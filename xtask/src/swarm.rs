@@ -12,7 +12,7 @@ use crate::checks::{host, target_dir};
 const FIRST: &str = "1";
 const COUNT: &str = "200";
 
-/// So many seconds are enough to find a planted defect.
+/// Seconds that are enough to find a planted defect.
 const MOST_SECONDS: &str = "60";
 
 /// Runs the swarm with these options.
@@ -20,8 +20,8 @@ pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
     Ok(cmd!(sh, "cargo run --quiet --profile soak --package swarm -- {options...}").run()?)
 }
 
-/// Runs the seeds of a commit. It is built as the tests are: optimising takes longer than that saves, and `--tests` lets
-/// cargo choose the features of the crates that they have built already.
+/// Runs the seeds of a commit. The swarm is built like the tests: optimising takes longer than it saves, and
+/// `--tests` lets cargo choose the features of the crates that they have built already.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
     cmd!(sh, "cargo build --quiet {host...} --tests --bin swarm").run()?;
@@ -83,8 +83,8 @@ fn build(sh: &Shell, target: &Path) -> Result<PathBuf> {
     Ok(target.join("soak/swarm"))
 }
 
-/// Plants one defect where the shell is, and lets the swarm look for it; `None` if it is not found. A seed that fails
-/// in the `sound` swarm, too, is an error: it shows another defect.
+/// Plants one defect in the folder of the shell, and searches for it with the swarm; `None` if it is not found. A
+/// seed that fails in the `sound` swarm, too, is an error: it shows another defect.
 fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
     cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;

@@ -49,7 +49,7 @@ pub(crate) enum Tool {
     Node,
 }
 
-/// Tools that the checks of a run have asked for.
+/// Tools that the checks of a run have requested.
 #[derive(Default)]
 pub(crate) struct Tools(Mutex<State>);
 
@@ -61,8 +61,8 @@ struct State {
 }
 
 impl Tools {
-    /// Brings those of `tools` that are not here, as far as it may: what to install before a check that needs them can
-    /// run; `None` if they are all here. Others that ask meanwhile wait.
+    /// Installs missing ones of `tools`, as far as allowed. Returns what must be installed by hand before a check
+    /// that needs them can run; `None` if all are present. Concurrent calls wait.
     pub(crate) fn missing(&self, sh: &Shell, tools: &[Tool]) -> Option<String> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let remedies: Vec<String> = tools.iter().filter_map(|tool| state.remedy(sh, *tool)).collect();
@@ -115,7 +115,7 @@ impl Tool {
         }
     }
 
-    /// Command that a person types to get it.
+    /// Command to install it by hand.
     fn remedy(self) -> &'static str {
         match self {
             Self::Rustfmt => "rustup component add rustfmt",
@@ -175,7 +175,7 @@ impl Tool {
                     apt.install(sh, "nodejs")?;
                     apt.install(sh, "npm")?;
                 }
-                // Node knows authorities of its own; what the machine trusts is trusted here, too.
+                // Node has its own list of authorities; those that the machine trusts are added.
                 let trusted = std::env::var_os(TRUSTED).unwrap_or_else(|| AUTHORITIES.into());
                 for folder in PACKAGES {
                     let install = cmd!(sh, "npm ci --prefix {folder} --no-audit --no-fund");

@@ -1,4 +1,4 @@
-//! The first words of doc comments: an alarm for comments that do not say the thing itself.
+//! The first words of doc comments: a list of comments that do not name their subject.
 
 use std::collections::BTreeMap;
 use std::path::Path;

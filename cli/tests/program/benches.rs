@@ -44,7 +44,7 @@ fn drives_on_one_line_keep_a_memory_each_and_one_recording() {
     let names: Vec<_> = devices.iter().map(|device| (&device["name"], &device["kind"])).collect();
     let expected = [("x", "md3"), ("y", "md3-low"), ("reader", "qsb-d")];
     assert_eq!(json!(names), json!(expected));
-    // Who shares a line is reached at the same places.
+    // Drives that share a line have the same addresses.
     let places = &devices[0]["ports"]["rs485"];
     assert_eq!(places, &devices[1]["ports"]["rs485"]);
     let link = scratch.file("line1.tty");

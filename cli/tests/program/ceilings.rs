@@ -8,7 +8,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::running::{Running, ask};
 
-/// A register of the MD3 for whatever its user likes.
+/// A user register of the MD3, without an effect.
 const USER_REGISTER: u16 = 0x1D;
 
 const MIB: usize = 1 << 20;
@@ -85,7 +85,7 @@ fn five_thousand_connections_leave_the_first_one_served() {
     let mut others: Vec<TcpStream> = Vec::new();
     for number in 0..5_000 {
         let mut other = md3.connect();
-        // Half a request of those that are let in, and all stay.
+        // Accepted clients send half a request; all stay.
         let _ = other.write_all(&request[..3]);
         others.push(other);
         if number % 500 == 0 {

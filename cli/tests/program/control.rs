@@ -110,8 +110,8 @@ fn preset(md3: &Running, name: &str, value: u16) {
 }
 
 #[test]
-fn a_pin_that_the_drive_drives_shows_its_level_until_it_lets_go() {
-    /// Of PinFunctionAndPolarity (7.8): J2 pins 9, 10 and 12 are outputs.
+fn a_driven_pin_shows_its_level_until_it_is_released() {
+    /// Bit of PinFunctionAndPolarity (7.8): J2 pins 9, 10 and 12 are outputs.
     const OUTPUTS: u16 = 1 << 12;
     let md3 = md3();
     let drive = |level: &str| {
@@ -268,7 +268,7 @@ fn faults_and_power() {
 }
 
 #[test]
-fn time_runs_as_it_is_told() {
+fn time_runs_in_the_mode_that_is_set() {
     let md3 = md3();
     let pace = |mode: &str| md3.call("PUT", "/api/time", &format!("{{\"mode\":\"{mode}\"}}"));
     let advance =
@@ -281,7 +281,7 @@ fn time_runs_as_it_is_told() {
     assert!(advance("1").problem(409).contains("the time mode is not manual"));
     assert_eq!(pace("manual").ok()["mode"], "manual");
     let there = md3.advance(0.0);
-    assert_eq!(md3.advance(0.0), there, "it stands");
+    assert_eq!(md3.advance(0.0), there, "the time stands still");
     pace("soon").problem(422);
 }
 
@@ -299,7 +299,7 @@ fn where_time_stands_no_request_waits() {
     whole.read_exact(&mut reply).unwrap();
     assert_eq!(reply, *rtu::write(1, 0x1D, 7));
 
-    // What is under way when time comes to a stand is over then.
+    // An exchange in progress when the time is stopped is completed.
     let md3 = Running::md3(&["--fast-boot"]);
     let mut line = md3.connect();
     line.write_all(&rtu::write(1, 0x1D, 8)).unwrap();
@@ -374,7 +374,7 @@ fn a_web_page_is_refused() {
         let ask = format!("{get}Host: localhost\r\nSec-Fetch-Site: {site}");
         assert_eq!(request(&ask, "").status, status, "{site}");
     }
-    // Before it sends what is not simple a browser asks whether it may.
+    // Before a request that is not simple, a browser sends a preflight.
     let preflight =
         "OPTIONS /api/drives/md3/power HTTP/1.1\r\nHost: localhost\r\nAccess-Control-Request-Method: POST";
     let answer = request(preflight, "");
@@ -460,7 +460,7 @@ fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
 }
 
 #[test]
-fn a_line_that_is_mute_answers_nobody() {
+fn a_mute_line_sends_no_answer() {
     let md3 = md3();
     let requests = || md3.drive()["ports"]["rs485"]["requests"].as_u64().unwrap();
     let mut line = md3.connect();
@@ -485,7 +485,7 @@ fn idle_connections_block_no_other_client() {
 }
 
 #[test]
-fn it_describes_itself() {
+fn the_api_describes_its_paths() {
     let md3 = md3();
     let description = md3.call("GET", "/openapi.json", "").ok();
     let paths = description["paths"].as_object().unwrap();
@@ -510,7 +510,7 @@ fn it_describes_itself() {
 }
 
 #[test]
-fn what_takes_long_in_manual_time_holds_up_neither_looks_nor_the_end() {
+fn long_work_in_manual_time_blocks_neither_queries_nor_the_stop() {
     let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
     let trace = || md3.call("GET", "/api/trace", "").body;
     assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":60000}").status, 204);

@@ -29,7 +29,7 @@ fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i3
     let address = ready["devices"][0]["ports"]["rs485"][0].as_str().unwrap().strip_prefix("tcp:").unwrap();
     let mut client = TcpStream::connect(address).unwrap();
     for request in requests.iter().cycle().take(600) {
-        // The drive answers, whatever becomes of its files.
+        // The drive answers, even if its files fail.
         let length = if request[1] == 3 { 5 + 2 * usize::from(request[5]) } else { request.len() };
         assert_eq!(ask(&mut client, request, length)[..2], request[..2]);
     }
@@ -65,7 +65,7 @@ fn a_full_disk_is_logged_and_the_drive_runs_on() {
         assert!(said.contains(&format!("{option} {file}: File too large")), "{said}");
         assert!(said.contains("; the file ends here"), "{said}");
         assert!(said.contains(&format!("drivetwin: {option} {file} is not complete")), "{said}");
-        // All of it that fits, and no more.
+        // The file has all that fits.
         let length = std::fs::metadata(&file).unwrap().len();
         assert!(length > 0 && length.is_multiple_of(512), "{option}: {length} bytes");
     }

@@ -1,4 +1,4 @@
-//! Ten minutes of a motor with an encoder and two switches, by a clock that is moved by hand.
+//! Ten minutes of a motor with an encoder and two switches, in manual time.
 
 use crate::running::{Running, Scratch, ask};
 
@@ -90,6 +90,6 @@ fn ten_minutes_of_a_motor_with_encoder_and_switches() {
             assert!((0.0..0.5e-6).contains(&late), "{pin} is {late} s late");
         }
     }
-    // Of each channel every other count is an edge.
+    // For each channel every other count is an edge.
     assert_eq!([" reader > pin A ", " reader > pin B "].map(|pin| fed(pin).count()), [299_375, 299_375]);
 }

@@ -1,4 +1,4 @@
-//! The program `drivetwin`, started as people start it.
+//! The program `drivetwin`, started as users start it.
 
 mod benches;
 mod ceilings;

@@ -6,7 +6,7 @@ use crate::running::{Running, Scratch, drivetwin, refused};
 
 /// A line of one command, and one of two lines: the loop has no end.
 const SOURCE: &str = "again: mov_modbus_const SPEED, 1500\n jmp again\n";
-/// Its lines, by 6.9: 0Eh to a holding register (type 3) at 500Bh, the constant; 05h to line 0.
+/// Lines of this program, by 6.9: 0Eh to a holding register (type 3) at 500Bh, the constant; 05h to line 0.
 const LINES: [u8; 12] = [0x0E, 0x30, 0x0B, 0x50, 0xDC, 0x05, 0, 0, 0x05, 0, 0, 0];
 
 /// Runs `drivetwin`, which succeeds: what it prints.

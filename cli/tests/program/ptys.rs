@@ -48,9 +48,9 @@ fn answer(port: &OwnedFd, value: u16) {
     assert_eq!(came, *rtu::write(1, USER_REGISTER, value));
 }
 
-/// Lets the process stand still meanwhile, so it sees all of it at once.
+/// Stops the process during `act`, so that it sees all changes at once.
 fn unseen<T>(md3: &Running, act: impl FnOnce() -> T) -> T {
-    // Its thread of the bench sleeps: it is not amid something that it has seen.
+    // The thread of the bench sleeps: it is not in the middle of an event.
     let stat = format!("/proc/{}/stat", md3.pid().as_raw_nonzero());
     while !std::fs::read_to_string(&stat).unwrap().contains(") S ") {}
     kill_process(md3.pid(), Signal::STOP).unwrap();
@@ -72,7 +72,7 @@ fn a_pty_answers_each_of_many_successive_programs() {
 }
 
 #[test]
-fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
+fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     let md3 = Running::md3(&["--fast-boot"]);
     // The last one's request is taken. A part of its reply may have come by now, so the next one waits with reading.
     let port = open(&md3.pty());
@@ -88,7 +88,7 @@ fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
     answer(&next, 2);
     drop(next);
 
-    // It lies in one queue with that of the next one.
+    // The request is in one queue with that of the next program.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
@@ -101,7 +101,7 @@ fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
     answer(&next, 4);
     drop(next);
 
-    // It lies there alone, and the next one writes later.
+    // The request is alone in the queue, and the next program writes later.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
@@ -114,7 +114,7 @@ fn who_opens_a_pty_reads_nothing_that_was_meant_for_the_one_before() {
     answer(&next, 6);
     drop(next);
 
-    // Nobody has seen the last one come, either.
+    // The process has not seen the first program open the port, either.
     md3.notice();
     let next = unseen(&md3, || {
         request(&open(&md3.pty()), 9);
@@ -231,7 +231,7 @@ fn a_pty_has_the_baud_rate_of_its_drive() {
     assert_eq!(ask(&mut line, &faster, 8), *faster);
     md3.notice();
     assert_eq!(baud(&md3.pty()), 19_200);
-    // What an opener sets stays, as on a port of hardware.
+    // The settings of an opener stay, as on a hardware port.
     drop(open(&md3.pty()));
     md3.notice();
     assert_eq!(baud(&md3.pty()), 9_600);

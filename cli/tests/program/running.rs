@@ -68,12 +68,12 @@ impl Running {
         uri.unwrap().to_owned()
     }
 
-    /// Its process.
+    /// Process of the program.
     pub(crate) fn pid(&self) -> Pid {
         Pid::from_child(&self.child)
     }
 
-    /// Its pty.
+    /// Pty of the drive.
     pub(crate) fn pty(&self) -> PathBuf {
         self.address(0, "pty:").into()
     }
@@ -129,18 +129,18 @@ impl Running {
         self.call("POST", "/api/time/advance", &format!("{{\"seconds\":{seconds}}}")).ok()
     }
 
-    /// Ends it as a person would; its exit code.
+    /// Stops it as a user would; returns its exit code.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.signal(Signal::TERM);
         self.child.wait().unwrap().code()
     }
 
-    /// Its exit code, when it has ended; `None` if it was killed.
+    /// Waits for the end of the program: its exit code, or `None` if it was killed.
     pub(crate) fn wait(mut self) -> Option<i32> {
         self.child.wait().unwrap().code()
     }
 
-    /// Ends it at once, whatever it does.
+    /// Kills the program.
     pub(crate) fn kill(mut self) {
         self.signal(Signal::KILL);
         self.child.wait().unwrap();
@@ -164,7 +164,7 @@ fn patient(connection: TcpStream) -> TcpStream {
     connection
 }
 
-/// What the control API answers.
+/// Answer of the control API.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: u16,
@@ -222,7 +222,7 @@ pub(crate) fn ask(line: &mut TcpStream, request: &[u8], reply: usize) -> Vec<u8>
     bytes
 }
 
-/// A directory that is gone when the test is over.
+/// A directory that is removed after the test.
 pub(crate) struct Scratch(PathBuf);
 
 impl Scratch {

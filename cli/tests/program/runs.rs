@@ -162,7 +162,7 @@ fn a_recording_survives_sigterm_and_replays() {
     std::fs::write(&file, "an old recording, which ends").unwrap();
     let md3 =
         Running::md3(&["--time", "manual", "--fast-boot", "--record", &file, "--control", "localhost:0"]);
-    // It has begun, and the old one is over.
+    // The new recording has begun, and the old one is gone.
     assert!(std::fs::read_to_string(&file).unwrap().starts_with("drivetwin trace 1\n"));
     let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, 7), 8);
     assert_eq!(reply, *rtu::write(1, USER_REGISTER, 7));
@@ -364,7 +364,7 @@ fn read(port: &OwnedFd, count: usize) -> Vec<u8> {
 }
 
 #[test]
-fn nobody_inherits_what_the_last_one_left_on_a_pty() {
+fn an_opener_of_a_pty_does_not_inherit_the_input_of_the_previous_one() {
     let md3 = Running::md3(&["--fast-boot"]);
     let port = open(&md3.pty());
     let mut settings = tcgetattr(&port).unwrap();
@@ -389,7 +389,7 @@ fn nobody_inherits_what_the_last_one_left_on_a_pty() {
     tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
     rustix::io::write(&port, &rtu::write(1, USER_REGISTER, 2)).unwrap();
     md3.notice();
-    // What the line still owes the first one is carried out at once.
+    // The rest of the first one's characters is handled at once.
     md3.call("PUT", "/api/time", "{\"mode\":\"manual\"}").ok();
     assert_eq!(read(&port, 8), *rtu::write(1, USER_REGISTER, 2));
     let seen = &md3.drive()["ports"]["rs485"];
@@ -427,7 +427,7 @@ fn a_client_that_has_sent_all_still_receives_its_last_reply() {
 }
 
 #[test]
-fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
+fn a_connection_without_a_free_descriptor_is_accepted_later() {
     let (log, its_end) = pipe().unwrap();
     let md3 = Running::start("md3", &["--fast-boot"], its_end.into());
     let mut log = BufReader::new(log).lines().map(Result::unwrap);
@@ -440,7 +440,7 @@ fn who_knocks_while_there_is_no_descriptor_left_is_let_in_when_there_is_one() {
     let mut line = md3.connect();
     line.write_all(&request).unwrap();
     assert!(told());
-    // Nobody leaves.
+    // No connection is closed.
     prlimit(Some(md3.pid()), Resource::Nofile, before).unwrap();
     let mut reply = vec![0; request.len()];
     line.read_exact(&mut reply).unwrap();
@@ -468,7 +468,7 @@ fn a_link_of_another_process_is_kept() {
     );
     assert_eq!(std::fs::read_link(&link).unwrap(), pty);
 
-    // What was left behind by one that was killed is no link of anybody.
+    // A link left behind by a killed program is not in use.
     md3.kill();
     assert!(Path::new(&link).is_symlink());
     let next = Running::md3(&["--listen", &listen]);
@@ -486,7 +486,7 @@ fn sigterm_does_not_wait_for_a_reader_of_the_banner() {
         .stdout(writer)
         .spawn()
         .unwrap();
-    // Who may come, may also end it.
+    // Once the program accepts connections, it also handles SIGTERM.
     while std::net::TcpStream::connect(free).is_err() {
         assert!(child.try_wait().unwrap().is_none(), "it does not listen");
         std::thread::yield_now();

@@ -8,9 +8,9 @@ use crate::running::{Running, Scratch, ask};
 use drivetwin_protocol::modbus::rtu;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// A register of the MD3 for whatever its user likes.
+/// A user register of the MD3, without an effect.
 const USER_REGISTER: u16 = 0x1D;
-/// A register of the RS drives that a drive of factory state does not look at.
+/// A register of the RS drives that has no effect with factory settings.
 const TARGET_POSITION1: u16 = 0x501B;
 
 /// A register value that identifies a drive, on its own line.

@@ -1,9 +1,8 @@
 //! Links for the board. `link.x` includes the `memory.x` in the root of the workspace, where the
 //! linker runs; this board's map is the default one there.
 
-/// Bytes of each image's stack, where the drive and what it has said lie. An MD3 says one thing at a time, and
-/// its board takes 8 KiB of RAM; a QSB may say many things at once; an RS 434544 has a program, an MDrive the index of
-/// one.
+/// Bytes of each image's stack, which holds the drive and its queued output. An MD3 sends one message at a time, and
+/// its board takes 8 KiB of RAM; a QSB may send many at once; an RS 434544 has a program, an MDrive the index of one.
 const STACKS: [(&str, u32); 10] = [
     ("md3", 5_632),
     ("md3-low", 5_632),
@@ -17,7 +16,7 @@ const STACKS: [(&str, u32); 10] = [
     ("mdrive-hybrid", 22_016),
 ];
 
-/// Images with a network. The TCP/IP stack can panic, as far as the linker knows: there that is a fault.
+/// Images with a network. The linker cannot prove that the TCP/IP stack never panics: there a panic is a fault.
 const ON_NETWORK: [&str; 2] = ["mdrive", "mdrive-hybrid"];
 
 fn main() {

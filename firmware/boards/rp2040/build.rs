@@ -1,7 +1,7 @@
-//! Links for the board: by its own script alone, which says where everything lies.
+//! Links for the board: by its own script alone, which sets all addresses.
 
-/// Bytes of the stacks that are not as `pico.x` says: those of drives with a large memory, which lie there with it, and
-/// of one that reckons deep.
+/// Bytes of the stacks that differ from `pico.x`: of drives with a large memory, which is on the stack with them, and
+/// of one with deep computations.
 const STACKS: [(&str, u32); 3] = [("rs434544", 17 << 10), ("rs434546", 17 << 10), ("mdrobot", 8 << 10)];
 
 fn main() {

@@ -1,7 +1,7 @@
-//! Links for the board: by its own script alone, which says where everything lies.
+//! Links for the board: by its own script alone, which sets all addresses.
 
-/// Bytes of the stacks that are not as `black_pill.x` says: those of drives with a large memory, which lie there
-/// with it.
+/// Bytes of the stacks that differ from `black_pill.x`: of drives with a large memory, which is on the stack with
+/// them.
 const STACKS: [(&str, u32); 2] = [("rs434544", 18 << 10), ("rs434546", 18 << 10)];
 
 fn main() {

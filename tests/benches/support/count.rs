@@ -22,7 +22,7 @@ pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
     Some((collected(many)? - collected(few)?) as f64 / (many - few) as f64)
 }
 
-/// What is to be counted, and how many rounds of it, if this program is to count.
+/// Name and rounds of the work to count, if this process was started to count.
 pub(crate) fn wanted() -> Option<(String, u64)> {
     let mut words = std::env::args().skip(1);
     if words.next()? != "count" {
@@ -37,7 +37,7 @@ pub(crate) fn counted(instructions: Option<f64>) -> String {
     instructions.map_or("not counted".to_owned(), |n| format!("{n:.0} instructions"))
 }
 
-/// Says it if nothing could be counted.
+/// Prints a warning if nothing could be counted.
 pub(crate) fn warn_unless(counted: bool) {
     if !counted {
         println!("NO VALGRIND: instructions were not counted; install it with `apt-get install valgrind`");

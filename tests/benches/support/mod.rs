@@ -1,8 +1,8 @@
-//! What the benchmarks share: a stopwatch and a line of output.
+//! Parts that the benchmarks share: a stopwatch and a line of output.
 
 use std::time::{Duration, Instant};
 
-/// How long `act` takes.
+/// Wall-clock time of `act`.
 #[expect(clippy::disallowed_methods, reason = "a benchmark measures the wall clock")]
 pub(crate) fn took(act: impl FnOnce()) -> Duration {
     let start = Instant::now();

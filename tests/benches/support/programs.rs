@@ -4,7 +4,7 @@
 /// A program.
 pub(crate) struct Program {
     pub(crate) lines: &'static [u32],
-    /// How many are carried out in a round.
+    /// Lines carried out in a round.
     pub(crate) per_round: u32,
 }
 
@@ -28,13 +28,13 @@ const fn line(command: u32, type_jmp: u32, register: u32, space: u32, data: u32)
     command | type_jmp << 7 | register << 8 | space << 12 | data << 16
 }
 
-/// Of some rounds the first line.
+/// First line of some rounds.
 pub(crate) const MOV_AX_0: u32 = line(0x01, 0, AX, 0, 0);
 /// The last line of a round.
 pub(crate) const JMP_1: u32 = line(0x05, 0, 0, 0, 1);
 const ADD_AX_1: u32 = line(0x19, 0, AX, 0, 1);
 
-/// Something of everything.
+/// A mix of all sorts of instructions.
 pub(crate) const MIXED: Program = Program {
     lines: &[
         MOV_AX_0,

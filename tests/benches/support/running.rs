@@ -1,4 +1,4 @@
-//! The program `drivetwin` as people start it, and what its process takes, as `/proc` tells.
+//! The program `drivetwin` as users start it, and the resources of its process from `/proc`.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Clock ticks of the system in a second, as `/proc` counts.
 const TICKS: f64 = 100.0;
 
-/// A benchmark measures the wall clock, and this is how it lets it pass.
+/// Sleeps: a benchmark measures the wall clock.
 pub(crate) fn wait(span: Duration) {
     let (_open, never) = mpsc::channel::<()>();
     let _ = never.recv_timeout(span);
@@ -27,7 +27,7 @@ pub(crate) fn build() -> PathBuf {
 /// A program that serves TCP ports, and is killed with this.
 pub(crate) struct Running {
     child: Child,
-    /// Where each port is reached.
+    /// Address of each port.
     pub(crate) places: Vec<String>,
 }
 
@@ -41,12 +41,12 @@ impl Running {
         running
     }
 
-    /// A program whose first line says where it is reached, each time as `tcp:HOST:PORT"`.
+    /// A program whose first output line has the address of each port as `tcp:HOST:PORT"`.
     pub(crate) fn of(command: &mut Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
         let mut ready = String::new();
         let stdout = child.stdout.take().expect("it is piped");
-        BufReader::new(stdout).read_line(&mut ready).expect("it says where it is reached");
+        BufReader::new(stdout).read_line(&mut ready).expect("it prints its addresses");
         let places = ready.split("tcp:").skip(1).filter_map(|rest| Some(rest.split('"').next()?.to_owned()));
         Self { child, places: places.collect() }
     }

@@ -1,4 +1,4 @@
-//! The world of a drive that is only asked.
+//! The context of a drive that only gets requests.
 
 use drivetwin_firmware::device::{Context, Instant, Output};
 

@@ -1,5 +1,5 @@
-// What a byte costs a drive on its board, and what a request or a command costs it: what the programs of drives have in
-// common, included in each.
+// Cost of a byte, and of a request or a command, on a drive's board: the common part of the programs of drives,
+// included in each.
 
 use core::cell::Cell;
 use core::convert::Infallible;
@@ -19,8 +19,8 @@ static MEMORY: [u8; 8 << 10] = [0xFF; _];
 
 type DriveShell<'a, D> = Shell<&'a mut D, &'a Board, Hands<'a>>;
 
-/// Asks a drive with its factory settings for its first ten registers, one whose addresses name whole values for the
-/// longest of them, or one that hears lines of text for a value. Not inlined: RAM has room for one drive.
+/// Reads from a drive with its factory settings its first ten registers, one whose addresses name whole values for
+/// the longest of them, or one that receives lines of text for a value. Not inlined: RAM has room for one drive.
 #[inline(never)]
 fn measure<D: Device>(make: impl FnOnce() -> D) {
     let mut drive = make();
@@ -72,7 +72,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
 
 #[inline(never)]
 fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
-    // What it says is whether to sleep now.
+    // The result is whether to sleep now.
     let _ = shell.poll();
 }
 

@@ -1,6 +1,6 @@
 //! Marks of a program that has its instructions counted by the plugin `insncount`.
 //!
-//! A program is a list of groups; a group is one thing, done several times:
+//! A program is a list of groups; a group is an operation, done several times:
 //!
 //! ```text
 //! group(c"a step");
@@ -34,8 +34,8 @@ pub fn group(name: &CStr) {
     unsafe { asm!("mov r9, r9") };
 }
 
-/// Does a part of the group: what runs in `act` is counted. Call a function there that is not inlined, so
-/// that nothing of it runs outside.
+/// Runs a part of the group: the instructions of `act` are counted. Call a function there that is not inlined, so
+/// that none of it runs outside.
 #[inline(always)]
 pub fn count<R>(act: impl FnOnce() -> R) -> R {
     // SAFETY: it does nothing, and the compiler moves no access to memory across it.

@@ -9,7 +9,7 @@
 //! | `handler=name:entry` | calls of an interrupt's handler, and the most instructions from its first to its return. A handler that interrupts another is not part of it |
 //! | `stack=bottom:top` | how deep the stack was written |
 //!
-//! A program can say what it wants to have counted, by instructions that do nothing otherwise:
+//! A program can mark the code to count, by instructions that do nothing otherwise:
 //! `mov r9, r9` begins a group; what runs between `mov r10, r10` and `mov r11, r11` is a part of it.
 //!
 //! When QEMU ends, every result is a line in its log:
@@ -52,7 +52,7 @@ fn configure(argument: &str) -> Result<(), String> {
     let (first, second) = value.split_once(':').ok_or_else(wrong)?;
     let second = number(second).ok_or_else(wrong)?;
     match key {
-        // Bit 0 of a function's address says that it is Thumb.
+        // Bit 0 of a function's address marks Thumb code.
         "handler" => plugin().counter.add_handler(first, second & !1),
         "stack" => plugin().counter.watch_stack(number(first).ok_or_else(wrong)?..second),
         _ => return Err(wrong()),

@@ -7,7 +7,7 @@
 //! | 9.1 | 2 and 3: `qemu_plugin_insn_data` copies the bytes of an instruction, whatever version the plugin has |
 //! | 9.2 to 10 | 2 to 4 or 5, which only add |
 //!
-//! The plugin has one version, before QEMU says which it has: 1, or with the feature `second-interface` 2.
+//! The plugin declares one version, before it gets QEMU's: 1, or with the feature `second-interface` 2.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::marker::PhantomData;
@@ -51,13 +51,13 @@ unsafe extern "C" {
     fn qemu_plugin_outs(text: *const c_char);
 }
 
-/// The function that version 3 has in the place of the other one of this name.
+/// The function of version 3 that replaces the other one of this name.
 mod since_3 {
     use std::ffi::c_void;
 
     #[expect(clashing_extern_declarations, reason = "QEMU says at run time which of the two it has")]
     unsafe extern "C" {
-        /// Copies at most so many of the bytes to `to`; how many.
+        /// Copies at most that many of the bytes to `to`; returns their number.
         pub(super) fn qemu_plugin_insn_data(
             instruction: *const c_void,
             to: *mut c_void,
@@ -76,7 +76,7 @@ const COPIES: c_int = 3;
 /// True if this QEMU copies them.
 static DOES_COPY: AtomicBool = AtomicBool::new(false);
 
-/// Information of QEMU about itself; the beginning of it.
+/// QEMU's information about itself; only the first fields.
 #[repr(C)]
 pub struct Info {
     target: *const c_char,
@@ -87,7 +87,7 @@ pub struct Info {
 /// Entry point for QEMU.
 ///
 /// # Safety
-/// `info` points to what QEMU says, and `argv` to `argc` strings, as QEMU's do.
+/// `info` points to QEMU's information, and `argv` to `argc` strings, as QEMU passes them.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn qemu_plugin_install(
     id: Id,
@@ -164,14 +164,14 @@ impl Translated<'_> {
         Instruction::decode(self.address(), unsafe { slice::from_raw_parts(code, size) })
     }
 
-    /// From now on [`executed`](crate::executed) is told when it is executed.
+    /// From now on [`executed`](crate::executed) is called when it is executed.
     pub(crate) fn tell_executed(&self, place: usize) {
         let data = ptr::without_provenance_mut(place);
         // SAFETY: the block that it is borrowed from is valid; the data is no address.
         unsafe { qemu_plugin_register_vcpu_insn_exec_cb(self.0, on_execution, NO_REGISTERS, data) };
     }
 
-    /// From now on [`stored`](crate::stored) is told when it writes.
+    /// From now on [`stored`](crate::stored) is called when it writes.
     pub(crate) fn tell_stored(&self) {
         let none = ptr::null_mut();
         // SAFETY: the block that it is borrowed from is valid.

@@ -29,7 +29,7 @@ pub(crate) enum Kind {
 }
 
 impl Instruction {
-    /// Decodes the two or four bytes at `address`. More may follow them: QEMU 7 has looked beyond the last halfword but
+    /// Decodes the two or four bytes at `address`. More may follow them: QEMU 7 reads beyond the last halfword but
     /// one of a page.
     pub(crate) fn decode(address: u32, code: &[u8]) -> Self {
         let (length, kind) = match *code {
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_an_instruction_is_no_part_of_it() {
+    fn bytes_after_an_instruction_are_not_decoded() {
         // `mov r9, r9`, and half of `bl`.
         let instruction = Instruction::decode(0x23FC, &[0xC9, 0x46, 0xFE, 0xF7]);
         assert_eq!(instruction, Instruction { address: 0x23FC, next: 0x23FE, kind: Kind::Group });

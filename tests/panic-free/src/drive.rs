@@ -1,11 +1,11 @@
-// One drive, every method of it: what the programs of drives have in common, included in each.
+// Calls every method of one drive: the common part of the programs of drives, included in each.
 
 use core::sync::atomic::AtomicU8;
 
 use drivetwin_firmware::device::{Axis, Boot, Device, Input, Instant, Output, Port, Context, advance};
 use panic_free::{opaque, perhaps_panic};
 
-/// A world of which the compiler knows nothing.
+/// A context that is opaque to the compiler.
 struct World;
 
 impl Context for World {

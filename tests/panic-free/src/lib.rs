@@ -1,4 +1,4 @@
-//! Proof that no panic can happen: what this crate links has none left.
+//! Proof that no panic can happen: the linked programs of this crate have none left.
 //!
 //! The panic handler calls a function that exists nowhere. The linker keeps only what the entry
 //! point can reach (`--gc-sections`), so a program links exactly if no panic is among it. Each
@@ -11,7 +11,7 @@ use core::panic::PanicInfo;
 pub use core::hint::black_box as opaque;
 
 unsafe extern "C" {
-    /// Never defined: who can reach it does not link.
+    /// Never defined: a program that can reach it does not link.
     safe fn a_panic_can_happen() -> !;
 }
 

@@ -21,7 +21,7 @@ const MCODE: Port = Port(1);
 const ILLEGAL_ADDRESS: u8 = 2;
 const NOWHERE: u16 = 0xF000;
 
-/// The failure of a drive that is not heard.
+/// The failure of a drive that does not answer.
 const NO_ANSWER: &str = "no answer";
 
 /// A request and its reply.
@@ -68,7 +68,7 @@ fn reading(family: Family, block: Block, values: &[u32]) -> Vec<Exchange> {
 }
 
 impl Runner<'_> {
-    /// A client that behaves writes plain values, reads them back, and asks for what is not there.
+    /// A well-behaved client writes plain values, reads them back, and requests registers that do not exist.
     pub(crate) fn ask_step(&mut self, name: Name, seed: u64) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         let mut rng = Rng::with_seed(seed);
@@ -96,15 +96,15 @@ impl Runner<'_> {
         if family == Family::Mdrive { self.ask_mcode(name, &mut rng) } else { Ok(()) }
     }
 
-    /// A client that behaves saves values, twice where power fails amid the second save, and reads them back when power
-    /// has come again: those of the save before or after, or the factory's where it may have them.
+    /// A well-behaved client saves values, twice where power fails during the second save, and reads them back when
+    /// power has come again: those of the save before or after, or the factory's where it may have them.
     pub(crate) fn save_step(&mut self, name: Name, seed: u64, failing: Failing) -> Result<(), Failure> {
         let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
             return Ok(());
         };
         let mut rng = Rng::with_seed(seed);
         let block = family.blocks()[0];
-        // Whatever others have set going is over.
+        // Waits until all that other clients have started is over.
         self.quiet(name)?;
         self.bench.power(seat, PowerAction::Off);
         self.pass(1.millis())?;
@@ -121,7 +121,7 @@ impl Runner<'_> {
             for _ in 0..64 {
                 let new = self.values(name, block, &mut rng);
                 self.bench.power(seat, PowerAction::Cut);
-                // Power may fail before an answer is over.
+                // Power may fail before the end of an answer.
                 let _ = self.save(name, block, &new, &mut rng);
                 may_be = vec![saved, new.clone()];
                 may_be.extend(family.factory().map(<[u32]>::to_vec));
@@ -147,7 +147,7 @@ impl Runner<'_> {
             found => found,
         };
         let found = found.map_err(|failure| failure.of("saved values lost or mixed"))?;
-        // What was there before the cut, and not the factory's.
+        // The values from before the cut, and not the factory's.
         let differs = rows.iter().zip(&again).find(|(row, again)| found < 2 && row != again);
         if let Some((row, again)) = differs {
             let detail = format!("{name}: {row:?} became {again:?}");
@@ -263,7 +263,7 @@ impl Runner<'_> {
         reads.try_for_each(|read| self.exchange(name, &[read], &mut Rng::with_seed(0)))
     }
 
-    /// Says requests in one burst, in any pieces, and hears their replies and nothing else.
+    /// Sends requests in one burst, in any pieces, and expects their replies and nothing else.
     fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let client =
@@ -287,7 +287,7 @@ impl Runner<'_> {
         judge(name, &request, &expected, &heard)
     }
 
-    /// Hears as much as is expected, or what comes in some seconds; and then nothing more.
+    /// Receives `expected` bytes, or those that come in some seconds; then nothing more may come.
     fn hear(&mut self, client: Client, expected: usize) -> Result<Vec<u8>, Failure> {
         let mut heard = Vec::new();
         for _ in 0..150 {
@@ -335,7 +335,7 @@ impl Runner<'_> {
         judge(name, lines.as_bytes(), &printed, &heard)
     }
 
-    /// A terminal at a QSB that says nothing by itself, and formats its replies as the factory has it.
+    /// A terminal at a QSB that streams nothing, with the reply format of the factory.
     fn qsb_terminal(&mut self, name: Name) -> Result<Client, Failure> {
         let seat = self.bench.find_drive(name).ok_or_else(|| Failure::new("no drive", name))?;
         let client =

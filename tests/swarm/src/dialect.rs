@@ -18,8 +18,8 @@ pub(crate) enum Family {
     Mdrive,
 }
 
-/// Values that a master may write at any time, that mean nothing before it says more, and that are read back as they
-/// were written.
+/// Values that a master may write at any time, that have no effect without a further write, and that are read back as
+/// they were written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Block {
     /// The first register; of a QSB one of those in [`QSB`].
@@ -48,7 +48,7 @@ impl Family {
             "rs434544" | "rs434546" => Self::Rs434,
             "mdrobot" => Self::Mdrobot,
             "mdrive" | "mdrive-hybrid" => Self::Mdrive,
-            other => panic!("swarm: {other} is no kind that dialect.rs knows"),
+            other => panic!("swarm: dialect.rs has no kind {other}"),
         }
     }
 
@@ -80,7 +80,7 @@ impl Family {
         }
     }
 
-    /// Functions that write a single word: an MD3 knows 6 alone (6.2), an MDrive 16 alone (FB 4).
+    /// Functions that write a single word: an MD3 has 6 alone (6.2), an MDrive 16 alone (FB 4).
     pub(crate) fn writes_a_word(self) -> &'static [u8] {
         match self {
             Self::Md3 => &[6],
@@ -143,7 +143,7 @@ impl Family {
     }
 }
 
-/// Registers that say how a drive is reached, that take it off its line for long, or that start a user program, which
+/// Registers that set how a drive is reached, that take it off its line for long, or that start a user program, which
 /// may write any other: of all families, since a broadcast reaches all.
 const IDENTITY: [u16; 12] = [
     // MD3: DeviceAddress, StartupDelay, SerialPortConfiguration.
@@ -156,7 +156,7 @@ const IDENTITY: [u16; 12] = [
     0x76,
 ];
 
-/// Returns whether clients that misbehave, and hands, leave a register alone.
+/// Returns whether misbehaving clients and direct presets must not write a register.
 pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
 }
@@ -177,7 +177,7 @@ pub(crate) fn one_of<T: Copy>(rng: &mut Rng, of: &[T]) -> T {
     of[rng.usize(..of.len())]
 }
 
-/// A PDU that a client says that does not behave, or not quite.
+/// A PDU of a misbehaving client: valid, invalid or nearly valid.
 fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
     let (from, to) = match family {
         Family::Md3 | Family::Qsb => (0, 0x22),
@@ -302,11 +302,11 @@ const MCODE: [&str; 40] = [
     "TE=1\r",
 ];
 
-/// Text on a port of MCode from a client that does not behave.
+/// Text on a port of MCode from a misbehaving client.
 pub(crate) fn mcode_mischief(rng: &mut Rng) -> Vec<u8> {
     let lines = (0..rng.u8(1..6)).map(|_| one_of(rng, &MCODE));
     let text = lines.collect::<String>().into_bytes();
-    // No noise of letters: it might say EM.
+    // No letters in noise: they might set EM.
     match rng.u8(..8) {
         0 => text[..rng.usize(..=text.len())].to_vec(),
         1 => (0..rng.usize(1..300)).map(|_| one_of(rng, b"0123456789 =,.\"'*/\r\n\x08")).collect(),

@@ -101,7 +101,8 @@ fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
             .filter(|drive| drive.spec.address.is_some() && drive.ascii == ascii && rng.u8(..4) > 0);
         let on_lines: Vec<Drive> = on_lines.collect();
         if let [first, others @ ..] = &on_lines[..] {
-            // A client has the rate of whom it asks. Others would take longer to hear it than it takes to speak.
+            // A client has the baud rate of its drive. Slower drives would take longer to receive a message than it
+            // takes to send.
             let line = |drive: &Drive| drive.spec.ports.first().and_then(|port| port.line);
             let alike =
                 others.iter().all(|other| other.as_made && first.as_made && line(other) == line(first));
@@ -241,7 +242,7 @@ fn who(drive: Drive, rng: &mut Rng) -> Who {
     Who { drive: drive.name, port: rng.u8(..drive.spec.ports.len().max(1) as u8), number: rng.u8(..3) }
 }
 
-/// A client says something, in one piece or in several.
+/// A client sends bytes, in one piece or in several.
 fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let who = who(drive, rng);
     let family = Family::of(drive.spec.kind);

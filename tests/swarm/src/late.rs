@@ -20,14 +20,14 @@ struct Alone<'a> {
     powered: bool,
     /// Chances of a drive that is called late.
     late: Option<Rng>,
-    /// Inputs that it is told late.
+    /// Inputs that the drive gets late.
     waiting: Vec<(Instant, Input<'a>)>,
     /// The last instant at which something came to it.
     last: Instant,
 }
 
 impl<'a> Alone<'a> {
-    /// Tells it an input, or lets that wait.
+    /// Feeds an input, or delays it.
     fn hear(&mut self, at: Instant, input: Input<'a>) -> Result<(), Failure> {
         if let Some(rng) = &mut self.late {
             if at > self.last && rng.u8(..4) == 0 {
@@ -43,7 +43,7 @@ impl<'a> Alone<'a> {
         Ok(())
     }
 
-    /// All that is due before `at`, or at it, too.
+    /// Handles all that is due before `at`, with `inclusive` also at it.
     fn come_to(&mut self, at: Instant, inclusive: bool) -> Result<(), Failure> {
         let device = &mut *self.device;
         if self.late.is_none() {
@@ -80,7 +80,7 @@ impl<'a> Alone<'a> {
         }
     }
 
-    /// Fails if it wants to be woken before `at`, which is now.
+    /// Fails if its deadline is before `at`, which is now.
     fn look(&self, at: Instant) -> Result<(), Failure> {
         let due = self.device.deadline();
         if due >= at {
@@ -104,7 +104,7 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
     })
 }
 
-/// Feeds a drive what a trace says, punctually or `late`, and returns what it puts.
+/// Feeds a drive the inputs of a trace, punctually or `late`, and returns its outputs.
 fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
     let device = catalog::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;

@@ -1,8 +1,9 @@
 //! A swarm of random benches: `cargo xtask swarm --minutes 1`.
 //!
 //! A seed is all that a run depends on. It becomes a [plan](plan::Plan), which is run in several ways, and the
-//! [oracle](oracle::judge) says what must hold of all of them. A seed that fails is printed with the command that shows
-//! it: the plan made as small as it fails in the same way. After FoundationDB's simulation and TigerBeetle's VOPR.
+//! [oracle](oracle::judge) checks what must hold for all of them. A seed that fails is printed with the command that
+//! shows it: the plan made as small as it fails in the same way. After FoundationDB's simulation and TigerBeetle's
+//! VOPR.
 
 mod behave;
 mod dialect;
@@ -35,16 +36,16 @@ struct Options {
     /// Runs this seed alone, and prints its plan: if it fails, as small as it fails in the same way.
     #[arg(long, conflicts_with_all = ["minutes", "count", "first", "jobs"])]
     seed: Option<u64>,
-    /// Runs seeds for so many minutes; 1 without a count.
+    /// Runs seeds for that many minutes; 1 without a count.
     #[arg(long)]
     minutes: Option<f64>,
-    /// Runs so many seeds.
+    /// Runs that many seeds.
     #[arg(long, conflicts_with = "minutes")]
     count: Option<u64>,
     /// The first seed; without it a new one, made from the time of day.
     #[arg(long)]
     first: Option<u64>,
-    /// In so many processes, which share the seeds.
+    /// Number of processes, which share the seeds.
     #[arg(long, default_value_t = 1)]
     jobs: u64,
     /// From one seed to the next.
@@ -69,7 +70,7 @@ fn main() -> ExitCode {
     if fails { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
-/// A plan takes a fraction of a second; in that time it hangs where nothing else can tell.
+/// A plan takes a fraction of a second; one that takes longer than this hangs.
 const LONGEST: Duration = Duration::from_secs(600);
 
 /// Ends the program if no seed begins for too long, and prints the plan of the last if it `shows` that.
@@ -157,7 +158,7 @@ fn hunt(options: &Options) -> bool {
     failures > 0
 }
 
-/// A seed that nobody has run.
+/// A seed that was not run before.
 #[expect(clippy::disallowed_methods, reason = "another one each second")]
 fn fresh() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs() << 24

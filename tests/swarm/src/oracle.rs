@@ -1,4 +1,4 @@
-//! The judge of plans: all that must hold of each.
+//! The oracle: all that must hold for each plan.
 
 use std::cell::RefCell;
 use std::fmt;
@@ -17,13 +17,13 @@ use crate::run::{self, Happened, Life, Mode};
 #[global_allocator]
 static ALLOCATED: PeakAlloc = PeakAlloc;
 
-/// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have heard.
+/// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have received.
 const MOST_BYTES: usize = 4 << 20;
 
-/// The failure of a plan that takes too long, and says nothing about the drives.
+/// The failure of a plan that takes too long; it shows no defect of the drives.
 pub(crate) const TOO_MUCH: &str = "too much";
 
-/// Something that does not hold.
+/// A property that does not hold.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Failure {
     /// By which plans that fail in the same way are known.
@@ -48,7 +48,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Counts of things that were looked at.
+/// Counts of the checks made.
 #[derive(Clone, Copy, Default, Debug)]
 pub(crate) struct Tally {
     pub(crate) answered: u64,

@@ -12,7 +12,7 @@ pub(crate) type Name = &'static str;
 /// Names of drives.
 pub(crate) const NAMES: [Name; 4] = ["a", "b", "c", "d"];
 
-/// All that a run depends on.
+/// Complete input of a run.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Plan {
     /// Seed of every random choice that the bench makes.
@@ -40,18 +40,18 @@ pub(crate) struct Who {
     pub(crate) number: u8,
 }
 
-/// Something that happens. What it needs and is not on the bench makes it nothing.
+/// An event. An event whose drive or pin is not on the bench does nothing.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Step {
     /// Time passes.
     Wait(Duration),
-    /// A client says something, whatever it is, and does not care for answers.
+    /// A client sends arbitrary bytes and ignores the answers.
     Say(Who, Vec<u8>),
     Leave(Who),
     Hand(Name, Pin, PinStimulus),
-    /// So many pulses, so many a second.
+    /// Pulses: number, and rate per second.
     Pulse(Name, Pin, u32, u32),
-    /// So many counts of an encoder, so many a second.
+    /// Counts of an encoder: number, and rate per second.
     Turn(Name, Encoder, i32, u32),
     Cause(Name, Fault, bool),
     /// A register, by its place in the table, is set past the bus.
@@ -60,9 +60,11 @@ pub(crate) enum Step {
     /// A program opens the port at the other end of its line, or leaves.
     Attach(Name, bool),
     Disturb(Name, Box<LineFaults>),
-    /// A client that behaves writes, reads back, and asks for what is not there. The number says what, and in what pieces.
+    /// A well-behaved client writes, reads back, and requests registers that do not exist. The number is the seed of
+    /// the requests and of their cuts.
     Ask(Name, u64),
-    /// A client that behaves saves values; power fails in that, or goes later; the values are read back.
+    /// A well-behaved client saves values; power fails during the save, or is switched off later; the values are read
+    /// back.
     Save(Name, u64, Failing),
     /// The program ends, and begins again with the memories of all drives.
     Restart,

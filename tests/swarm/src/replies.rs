@@ -1,5 +1,5 @@
-//! Replies of all drives, as they leave them, to whoever asked: each is good, and answers one request to that drive.
-//! What a line does to them later does not matter here.
+//! Replies of all drives, as they leave them: each is valid, and answers one request to that drive. What a line does
+//! to them later does not matter here.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -9,28 +9,28 @@ use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Trace};
 
 use crate::oracle::Failure;
 
-/// The first port of a drive, where it speaks Modbus if it does.
+/// The first port of a drive, which is that of Modbus if the drive has it.
 const MODBUS: Port = Port(0);
 
 /// The address of a drive with the factory's values, to which it falls back when its memory is bad.
 const FACTORY: u8 = 1;
 
-/// Longer than any drive takes for an answer, behind what others say at the slowest rate.
+/// Longer than any drive takes for an answer, after the messages of others at the slowest rate.
 const LONGEST: Duration = Duration::secs(10);
 
-/// A request on a serial line is at most so long, in characters.
+/// Longest request on a serial line, in characters.
 const LONGEST_REQUEST: usize = 256;
 
 /// The bit of the function in a reply that refuses.
 const REFUSED: u8 = 0x80;
 
-/// Bytes that a drive hears, without one among them that it cannot read.
+/// Bytes that a drive receives, all of them readable.
 struct Stretch {
     last: Instant,
     bytes: Vec<u8>,
 }
 
-/// Bytes and messages that a drive has heard and not answered.
+/// Bytes and messages that a drive has received and not answered.
 #[derive(Default)]
 struct Heard {
     on_line: VecDeque<Stretch>,
@@ -63,7 +63,7 @@ impl Heard {
 
     /// Takes the request that this reply on a line answers.
     fn take_request(&mut self, at: Instant, unit: u8, reply: &[u8], ascii: bool) -> Result<(), &'static str> {
-        // A reply may be put for later, and earlier than what was heard behind its request.
+        // A reply may be stamped later than it is put, and earlier than bytes that were received after its request.
         self.on_line.retain(|stretch| at < stretch.last + LONGEST);
         let mut wrong = "nobody asked for it";
         for stretch in &mut self.on_line {
@@ -83,7 +83,7 @@ impl Heard {
         let (header, pdu) = tcp::parse(reply).ok_or("it is no ADU")?;
         let waiting = self.on_links.entry(link).or_default();
         while let Some(request) = waiting.pop_front() {
-            // What is no ADU is not answered.
+            // Bytes that are no ADU are not answered.
             let Some((asked, request)) = tcp::parse(&request) else { continue };
             let fits = asked == header && answers(pdu, request);
             return if fits { Ok(()) } else { Err("it does not fit its request") };
@@ -123,7 +123,7 @@ fn answers(reply: &[u8], request: &[u8]) -> bool {
     function == asked
         && match function {
             1 | 2 => count().is_some_and(|count| rest.len() == 1 + count.div_ceil(8)),
-            // Of some drives a value of two words is one register.
+            // In some drives a value of two words is one register.
             3 | 4 => rest.len() % 2 == 1 && count().is_some_and(|count| rest.len() > 2 * count),
             5 | 6 => rest == data,
             15 | 16 => rest.len() == 4 && data.starts_with(rest),
@@ -181,7 +181,7 @@ mod tests {
 
     const OWN: u8 = 7;
 
-    /// The judgement of a reply, after a drive has heard these bytes.
+    /// Judges a reply to these received bytes.
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
         let mut drive = Heard::default();
         for bytes in heard {
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_character_that_nobody_can_read_is_in_no_request() {
+    fn an_unreadable_character_is_in_no_request() {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::default();
         for fed in [

@@ -29,7 +29,7 @@ pub(crate) enum Mode {
 pub(crate) struct Happened {
     /// Lives, one from each beginning.
     pub(crate) lives: Vec<Life>,
-    /// All that clients heard.
+    /// All that clients received.
     pub(crate) heard: BTreeMap<Who, Heard>,
     /// Requests of clients that behave, each of which was answered rightly.
     pub(crate) answered: u64,
@@ -39,7 +39,7 @@ pub(crate) struct Happened {
     pub(crate) addresses: BTreeMap<Name, u8>,
 }
 
-/// All that a client heard, in a few bytes: how many, and their FNV-1a.
+/// Digest of all bytes that a client received: their number and their FNV-1a hash.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Heard {
     count: usize,
@@ -69,13 +69,13 @@ pub(crate) const RING: usize = 64 << 10;
 /// Between two looks of a program at its port.
 const READS: Duration = Duration::millis(20);
 
-/// Longer than any drive saves: power fails amid a save only where a client that behaves knows of it.
+/// Longer than any drive saves: power fails during a save only where a well-behaved client expects it.
 const A_SAVE: Duration = Duration::millis(100);
 
-/// So many events are enough: the rest of a plan is left out. Pulses in wires may make millions.
+/// Events after which the rest of a plan is left out. Pulses in wires may make millions.
 const MOST_EVENTS: u64 = 30_000;
 
-/// Events of a drive in a tick, and in a span however short: what is more would be a clock that stands.
+/// Events of a drive in a tick, and in a span however short: more would mean that the clock does not advance.
 const MOST_AT_ONCE: u64 = 4_096;
 const MOST_A_TICK: u64 = 16;
 
@@ -91,12 +91,12 @@ pub(crate) struct Runner<'a> {
     layout: Layout,
     mode: Mode,
     pub(crate) bench: Bench,
-    /// Lengths of pieces, and who reads in them.
+    /// Random lengths of pieces, and the clients that read between them.
     dice: Rng,
     clients: BTreeMap<Who, Client>,
     /// Addresses on the bus.
     pub(crate) addresses: BTreeMap<Name, u8>,
-    /// First blocks that are saved and that nobody can have changed since.
+    /// Saved first blocks that cannot have changed since.
     pub(crate) kept: BTreeMap<Name, Vec<u32>>,
     recording: Option<Recording<Vec<u8>>>,
     pub(crate) happened: Happened,
@@ -222,7 +222,7 @@ impl Runner<'_> {
 
     fn say(&mut self, who: Who, bytes: &[u8]) {
         let Some(seat) = self.bench.find_drive(who.drive) else { return };
-        // Whatever it says may be heard, and saved.
+        // All that it sends may be received, and saved.
         for name in NAMES {
             if self.shares(who.drive, name) {
                 self.kept.remove(name);
@@ -307,7 +307,7 @@ impl Runner<'_> {
         self.read(|_| true);
     }
 
-    /// Lets clients on lines read: on a TCP connection a drive is told no more until its answers are read.
+    /// Reads at clients on lines: on a TCP connection a drive gets no more requests until its answers are read.
     fn read_lines(&mut self) {
         let tcp = NAMES.map(|name| (name, self.family(name) == Some(Family::Mdrive)));
         self.read(|who| !tcp.contains(&(who.drive, true)));
@@ -333,7 +333,7 @@ impl Runner<'_> {
         self.layout.drives.iter().any(|drive| drive.name == name && drive.fast_boot)
     }
 
-    /// Silence, until whatever has been said is over and whoever starts has started.
+    /// Waits in silence until all messages are over and all drives have started.
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
             if let Some(bus) = bench.bus(seat, Port(0)) {

@@ -93,7 +93,7 @@ mod tests {
     use crate::plan::Who;
 
     #[test]
-    fn what_makes_a_plan_fail_is_left() {
+    fn shrinking_keeps_the_cause_of_a_failure() {
         let who = Who { drive: "a", port: 0, number: 0 };
         let wait = Step::Wait(Duration::from_ticks(1_000));
         let mut steps = vec![wait.clone(); 20];

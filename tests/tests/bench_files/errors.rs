@@ -1,8 +1,8 @@
-//! What is said of a file that is wrong, and where.
+//! Errors of bench files: message and place.
 
 use drivetwin_sim::config::bench_file;
 
-/// What is said of `text`.
+/// The error of `text`.
 #[track_caller]
 fn wrong(text: &str) -> String {
     match bench_file::parse(text) {
@@ -11,7 +11,7 @@ fn wrong(text: &str) -> String {
     }
 }
 
-/// Each text, and what is said of it.
+/// Cases: a text, and its error.
 #[track_caller]
 fn check(before: &str, cases: &[(&str, &str)]) {
     for (text, told) in cases {
@@ -21,7 +21,7 @@ fn check(before: &str, cases: &[(&str, &str)]) {
 }
 
 #[test]
-fn what_is_no_toml() {
+fn syntax_errors_of_toml() {
     check(
         "",
         &[

@@ -42,7 +42,7 @@ fn two_drives_on_one_line_are_two_addresses() {
 
 #[test]
 fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
-    /// Of an MD3 from the factory, which makes 8 microsteps of a step (7.2), with a motor of 200 steps.
+    /// Microsteps per turn of an MD3 from the factory, 8 microsteps to a step (7.2), with a motor of 200 steps.
     const TURN: u32 = 8 * 200;
     /// 1,000 cycles, of which the QSB counts all four edges (MDR0).
     const COUNTS: i32 = 4 * 1_000;
@@ -76,7 +76,7 @@ fn two_wheels_drive_straight_on_with_the_same_command() {
     let client = bench.connect(built.buses[0]);
     let position = |bench: &Bench, seat| bench.motion(seat, AXIS).position;
     bench.run_until(5.secs());
-    assert_eq!([left, right].map(|seat| bench.motion(seat, AXIS).moving), [false; 2], "nobody has commanded");
+    assert_eq!([left, right].map(|seat| bench.motion(seat, AXIS).moving), [false; 2], "no command has come");
     let began = [position(bench, left), position(bench, right)];
     for (pid, value) in [(78, 1), (100, 1), (130, 500)] {
         for id in [1, 2] {
@@ -87,7 +87,7 @@ fn two_wheels_drive_straight_on_with_the_same_command() {
     bench.run_until(10.secs());
     assert!((register(bench, left, "RPM_DATA") - 500).abs() <= 5);
     assert!((register(bench, right, "RPM_DATA") + 500).abs() <= 5, "measured values are not turned round");
-    // 12 counts a turn; the second one was told 30 ms later.
+    // 12 counts a turn; the second drive got its command 30 ms later.
     let ways = [position(bench, left) - began[0], began[1] - position(bench, right)];
     assert!(ways[0] > 400 && (ways[0] - ways[1]).abs() <= 6, "{ways:?}");
 }

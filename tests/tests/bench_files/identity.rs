@@ -1,5 +1,5 @@
-//! What identifies a drive can be preset, and is read through its protocol: of each kind the firmware and, where it has
-//! one, the serial number.
+//! Identification of drives can be preset, and is read through the protocol: for each kind the firmware and, where it
+//! has one, the serial number.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -27,7 +27,7 @@ fn cycle(bench: &mut Bench, seat: DriveId) {
     bench.run_until(bench.now() + 10.millis());
 }
 
-/// A request on the drive's line, and what comes.
+/// Sends a request on the drive's line and returns the answer.
 fn on_line(bench: &mut Bench, seat: DriveId, request: &[u8]) -> Vec<u8> {
     let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
     ask(bench, client, request)
@@ -136,9 +136,9 @@ fn an_mdrive() {
     }
 }
 
-/// One sentence each.
+/// Each error is one sentence.
 #[test]
-fn what_is_refused() {
+fn invalid_identifications_are_refused() {
     for (kind, set, sentence) in [
         ("md3", "ProductInformation = 0x3D02", "ProductInformation takes 48384 to 48639, not 15618"),
         ("md3-low", "ProductInformation = 0xBD02", "ProductInformation takes 15616 to 15871, not 48386"),

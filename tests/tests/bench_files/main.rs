@@ -1,5 +1,5 @@
-//! Bench files: what the examples promise, what is said of files that are wrong, and that the order of what is in
-//! them does not matter.
+//! Bench files: the behaviour that the examples promise, the errors of wrong files, and that the order of tables and
+//! keys does not matter.
 #![allow(missing_docs, reason = "a test")]
 
 mod errors;
@@ -46,7 +46,7 @@ fn register(bench: &Bench, seat: DriveId, name: &str) -> i64 {
     bench.peek(seat, row)
 }
 
-/// Sends a client's message, waits until it is answered or judged, and returns what came.
+/// Sends a client's message, waits until it is answered or judged, and returns the reply.
 fn ask(bench: &mut Bench, client: Client, message: &[u8]) -> Vec<u8> {
     bench.send(client, message);
     bench.run_until_idle();
@@ -55,7 +55,7 @@ fn ask(bench: &mut Bench, client: Client, message: &[u8]) -> Vec<u8> {
     reply
 }
 
-/// When something is in the trace.
+/// Instants of an event in the trace.
 fn moments(bench: &Bench, event: &str) -> Vec<Instant> {
     let text = bench.trace().to_text();
     let lines = text.lines().filter(|line| line.ends_with(event));

@@ -28,7 +28,7 @@ const TABLES: [(&str, &[&str]); 18] = [
     ("[[fault]]", &["bus = 'd.rs485'", "delay_ms = 2", "duplicate = 0.5"]),
 ];
 
-/// What happens on the bench of such a file.
+/// Trace of the bench of such a file.
 fn perform(tables: &[(&str, Vec<&str>)]) -> String {
     let tables = tables.iter().map(|(header, keys)| format!("{header}\n{}\n", keys.join("\n")));
     let mut built = built(&format!("seed = 7\n{}", tables.collect::<String>()));

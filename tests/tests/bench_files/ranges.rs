@@ -1,4 +1,4 @@
-//! The ranges that the reference of bench files tells are those of what they are about.
+//! The ranges in the reference of bench files are those of the code.
 
 use drivetwin_firmware::motor::{self, stepper};
 use drivetwin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
@@ -6,7 +6,7 @@ use drivetwin_sim::catalog;
 
 const REFERENCE: &str = include_str!("../../../docs/reference/bench-files.md");
 
-/// A number as people write it: 10,000,000.
+/// A number with thousands separators: 10,000,000.
 fn written(number: f64) -> String {
     let whole = number.trunc().to_string();
     let groups = whole.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap());
@@ -15,7 +15,7 @@ fn written(number: f64) -> String {
     groups.collect::<Vec<_>>().join(",") + fraction
 }
 
-/// What the reference says of each key with that name.
+/// Rows of the reference about each key with that name.
 fn rows(key: &str) -> Vec<&'static str> {
     let rows = REFERENCE
         .split_inclusive('\n')
@@ -47,14 +47,14 @@ fn thousandths(key: &str, least: u32, most: u32) {
 }
 
 #[test]
-fn the_reference_tells_the_ranges_of_motors() {
+fn the_reference_has_the_ranges_of_motors() {
     let (least, most) = (stepper::StepperParameters::LEAST, stepper::StepperParameters::MOST);
     range("steps_per_rev", least.steps_per_rev, most.steps_per_rev);
     thousandths("holding_mnm", least.holding_unm, most.holding_unm);
     range("rated_ma", least.rated_ma, most.rated_ma);
     range("pull_out_rpm", least.pull_out_rpm, most.pull_out_rpm);
 
-    // One table tells what both sorts have.
+    // One table has the range of both sorts.
     let both = (least, most);
     let (least, most) = (motor::Parameters::LEAST, motor::Parameters::MOST);
     assert_eq!((both.0.inertia_gcm2, both.1.inertia_gcm2), (least.inertia_gcm2, most.inertia_gcm2));
@@ -72,14 +72,14 @@ fn the_reference_tells_the_ranges_of_motors() {
 }
 
 #[test]
-fn the_reference_tells_the_ranges_of_what_is_on_a_shaft() {
+fn the_reference_has_the_ranges_of_parts_on_a_shaft() {
     range("cycles_per_rev", *CYCLES_PER_REV.start(), *CYCLES_PER_REV.end());
     assert_says("closed", &format!("±{}", written(FURTHEST_REV)));
 }
 
 /// And the defaults, which follow the range: those of a new drive.
 #[test]
-fn the_reference_tells_the_defaults_of_motors() {
+fn the_reference_has_the_defaults_of_motors() {
     let default = |key: &str, value: f64| assert_says(key, &format!("| {} |", written(value)));
     let nominal = stepper::StepperParameters::NOMINAL;
     default("steps_per_rev", nominal.steps_per_rev.into());

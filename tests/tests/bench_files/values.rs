@@ -1,4 +1,4 @@
-//! What a file says is what the layout has, and what the bench does.
+//! Values of a file reach the layout and the bench.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn nothing_but_a_drive_is_a_bench() {
 }
 
 #[test]
-fn everything_that_can_be_said() {
+fn every_key_of_a_bench_file() {
     let layout = layout(
         r#"
         seed = 18446744073709551615
@@ -199,8 +199,8 @@ fn paths_are_relative_to_the_folder_of_the_file() {
     assert_eq!(places, ["pty:/benches/x.tty", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:0"]);
 }
 
-/// What a `[[motor]]` does not say is as the registers of its drive describe it, preset and in the memory; from then on
-/// it is what it is, whatever they say. Both edges of two sensors count, four a pulse.
+/// Values missing in a `[[motor]]` come from the registers of its drive at power-on, preset or in the memory; later
+/// changes of the registers do not change the motor. Both edges of two sensors count, four a pulse.
 #[test]
 fn a_motor_is_what_its_drive_says_at_power_on() {
     let counts_per_turn = |set: &str, motor: &str, memory: Option<Vec<u8>>, later: Option<i64>| {
@@ -229,11 +229,11 @@ fn a_motor_is_what_its_drive_says_at_power_on() {
     assert_eq!(counts_per_turn(eight, "hall_pulses = 5", None, None).0, 20.0);
 }
 
-/// What HU, HV and HW show of a shaft that a load turns forward, and channels A and B of an encoder: three sensors, of
-/// which each has an edge a pole. HALL_TYPE 0 is 4 poles, 3 is 12 (p. 8). UI_COM 1 leaves the terminals open; with 0 an
-/// open RUN/BRAKE would short them.
+/// HU, HV and HW of a shaft that a load turns forward, and channels A and B of an encoder: three sensors, each with
+/// an edge per pole. HALL_TYPE 0 is 4 poles, 3 is 12 (p. 8). UI_COM 1 leaves the terminals open; with 0 an open
+/// RUN/BRAKE would short them.
 #[test]
-fn a_brushless_motor_has_the_poles_that_are_said() {
+fn a_brushless_motor_has_its_configured_poles() {
     for (set, poles, has) in
         [("", "", 4), (", HALL_TYPE = 3", "", 12), (", HALL_TYPE = 3", "poles = 8", 8), ("", "poles = 2", 2)]
     {
@@ -261,18 +261,18 @@ fn a_brushless_motor_has_the_poles_that_are_said() {
         }
         let forward = [[1, 0, 1], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]];
         assert!(states.iter().zip(forward.iter().cycle()).all(|(state, expected)| state == expected));
-        // The first one is where it stood.
+        // The first state is the one at rest.
         assert_eq!(states.len() - 1, counts(3.0 * f64::from(has)), "{has} poles, {turns} turns");
         assert_eq!(bench.motion(drives[0], Axis(0)).position as usize, counts(3.0 * f64::from(has)));
         assert_eq!(edges, counts(400.0));
     }
 }
 
-/// A half goes onto the whole that is set beside it, else onto what is in the memory; the factory's Speed is 5,000
-/// (7.17).
-/// `supply_v` feeds the drive, too: it shows it, again after each power-on, and over 60 V is an alarm.
+/// A half of a register is merged into the whole that is set beside it, else into the value in the memory; the
+/// factory's Speed is 5,000 (7.17). `supply_v` feeds the drive, too: the drive shows the voltage, again after each
+/// power-on, and over 60 V is an alarm.
 #[test]
-fn what_feeds_a_motor_feeds_its_drive() {
+fn supply_v_of_a_motor_sets_the_supply_of_its_drive() {
     for (said, shown, status) in [("supply_v = 36.04", 360, 0), ("supply_v = 60.1", 601, 0b101), ("", 240, 0)]
     {
         let motor = format!("[[motor]]\nname = 'm'\ndrive = 'd'\n{said}");
@@ -287,7 +287,7 @@ fn what_feeds_a_motor_feeds_its_drive() {
             bench.power(drive, PowerAction::Cycle);
         }
     }
-    // What is preset of the drive feeds the motor: as fast as at 12 V.
+    // A preset of the drive sets the supply of the motor: as fast as at 12 V.
     let mut built = built(
         "drive = [{name = 'd', kind = 'mdrobot', fast_boot = true, set = {VOLT_IN = 120}}]\n\
          [[motor]]\nname = 'm'\ndrive = 'd'",
@@ -306,7 +306,7 @@ fn what_feeds_a_motor_feeds_its_drive() {
 /// RS, 3: "Power supply protection, VDC: 8 - 30", rated 12 to 24. Beyond it ERROR is bit 0 and nothing turns, after
 /// each power-on; within it the motor does.
 #[test]
-fn what_feeds_a_brush_motor_feeds_its_drive() {
+fn supply_v_of_a_brush_motor_sets_the_supply_of_its_drive() {
     for kind in ["rs434544", "rs434546"] {
         for (said, error) in
             [("5", 1), ("7.94", 1), ("8", 0), ("24", 0), ("30", 0), ("30.1", 1), ("31", 1), ("48", 1)]
@@ -351,7 +351,7 @@ fn an_emergency_switch_on_a_shaft_opens() {
     let start = bench.spec(drive).find("START_bit").unwrap().row;
     bench.poke(drive, start, 1).unwrap();
     bench.run_until(3.secs());
-    // 1,000 rpm, braked by shorted terminals: it stands within a turn.
+    // 1,000 rpm, braked by shorted terminals: it comes to rest within a turn.
     let turn = bench.turn(built.motors[0]);
     assert!((3.0..4.0).contains(&turn.revolutions) && turn.rpm == 0.0, "{turn:?}");
     let read = |name| register(bench, drive, name);
@@ -359,7 +359,7 @@ fn an_emergency_switch_on_a_shaft_opens() {
 }
 
 /// A wire to the emergency stop, from CLUTCH of an MDROBOT, which floats until CLUTCH_OFF (CMD 18) makes it low, and
-/// CLUTCH_ON (17) high: what nobody holds is an open contact.
+/// CLUTCH_ON (17) high: a released contact is open.
 #[test]
 fn an_emergency_stop_on_a_wire() {
     let mut built = built(
@@ -429,7 +429,7 @@ fn wires_and_faults_are_there_from_the_beginning() {
     assert_eq!(bench.motion(z, Axis(0)).position, 0);
 }
 
-/// What stands at power-on is no edge: an MD3 from the factory steps when J2.4 falls (7.8), and does not for a switch
+/// A level at power-on is no edge: an MD3 from the factory steps when J2.4 falls (7.8), and does not for a switch
 /// that is closed from the beginning or an output that is low.
 #[test]
 fn a_contact_that_is_closed_at_power_on_is_no_edge() {
@@ -497,10 +497,10 @@ fn a_contact_that_is_closed_at_power_on_is_no_edge_to_a_drive_with_presets() {
     }
 }
 
-/// An MDROBOT whose START_STOP is closed at power-on finds it so, before it is ready; its DIR is pulled up by a wire from
-/// another drive.
+/// An MDROBOT whose START_STOP is closed at power-on reads it closed, before it is ready; its DIR is pulled up by a
+/// wire from another drive.
 #[test]
-fn an_mdrobot_is_told_its_contacts_at_power_on() {
+fn an_mdrobot_reads_its_contacts_at_power_on() {
     let built = built(
         "drive = [{ name = 'm', kind = 'md3', fast_boot = true }, { name = 'r', kind = 'mdrobot', fast_boot = true }]\n\
          motor = [{ name = 'shaft', drive = 'm' }]\n\

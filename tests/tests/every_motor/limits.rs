@@ -1,4 +1,4 @@
-//! Limits of the current, and what shows them.
+//! Limits of the current, and the bits that show them.
 
 use drivetwin_firmware::motor::Parameters;
 
@@ -53,7 +53,7 @@ fn a_motor_that_is_held_back_shows_bit_11() {
             assert_eq!(rig.read("ERROR"), 0, "it turns");
         }
     }
-    // 400 mN·m want 5.2 A.
+    // 400 mN·m need 5.2 A.
     for (ref_current, error) in [(5_000, CURRENT_LIMIT), (6_000, 0)] {
         let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { load_unm: 400_000, ..motor });
         rig.write("REF_CURRENT", ref_current);
@@ -64,7 +64,7 @@ fn a_motor_that_is_held_back_shows_bit_11() {
     }
 }
 
-/// p. 16: MAX_LOAD is what the motor gets, all of it; OVER_LOAD comes there and not below.
+/// p. 16: the motor gets the whole of MAX_LOAD; OVER_LOAD comes there and not below.
 #[test]
 fn velocity_control_reaches_the_whole_of_max_load() {
     // 0.06 N·m/A, 10 mN·m of friction: 19.92 of 20 A, 5.17 and 5.25 of 5.3 A.

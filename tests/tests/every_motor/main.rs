@@ -1,7 +1,7 @@
 //! Drives that turn a DC motor, on motors of every kind: each reaches its target, or ends at the limit of its current
-//! or at full duty, as the formulas of a DC motor say.
+//! or at full duty, as by the formulas of a DC motor.
 //!
-//! The formulas are in floating point and know nothing of the drives' control. `cargo xtask soak 20000` tries so many
+//! The formulas are in floating point and independent of the drives' control. `cargo xtask soak 20000` tries so many
 //! random motors of each drive.
 #![allow(missing_docs, reason = "a test")]
 
@@ -28,7 +28,8 @@ fn grid() -> impl Iterator<Item = Motor> {
     })
 }
 
-/// Has a motor turn at a target, prints what it did (`--nocapture` shows it) and compares its end with the formulas. Within 2 % of a limit both ends are right.
+/// Turns a motor at a target, prints the result (`--nocapture` shows it) and compares its end with the formulas.
+/// Within 2 % of a limit both ends are right.
 fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     let limits = drive.limits();
     let mut rig = Rig::new(drive, motor.parameters());
@@ -71,7 +72,7 @@ fn the_grid() {
     for drive in [Drive::Rs434544, Drive::Mdrobot] {
         let (mut reached, mut failed) = (0, Vec::new());
         for motor in grid() {
-            // Half of what it can, in what the drive accepts; a slower motor ends at full duty.
+            // Half of its greatest speed, within the drive's range; a slower motor ends at full duty.
             match turns(drive, motor, (motor.no_load_rpm / 2.0).clamp(30.0, 5_000.0)) {
                 Ok(End::Target(_)) => reached += 1,
                 Ok(_) => {}
@@ -131,7 +132,7 @@ proptest! {
         prop_assume!(motor.friction > 0.01 * motor.torque_limit(&drive.limits()));
         let mirrored = Motor { load: if back { -motor.load } else { motor.load }, ..motor };
         prop_assume!(matches!(mirrored.end(target, &drive.limits()), End::Target(_)));
-        // An MDROBOT that wants more than half of the supply at standstill for a second has a stalled motor (p. 9).
+        // An MDROBOT that uses more than half of the supply at standstill for a second has a stalled motor (p. 9).
         prop_assume!(!robot || motor.supply_at_rest() < 0.45);
         let mut rig = Rig::new(drive, motor.parameters());
         let size = (200.0_f64.powf(part)).round() as i64;

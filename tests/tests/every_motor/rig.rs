@@ -16,7 +16,7 @@ const AXIS: Axis = Axis(0);
 
 /// Bits of CTRL_STATUS (p. 9).
 pub(crate) const OVER_LOAD: i64 = 1 << 4;
-/// OVER_LOAD, or CTRL_FAIL, INV_VEL and STALL of what comes before it.
+/// OVER_LOAD, or the alarms that may come before it: CTRL_FAIL, INV_VEL and STALL.
 pub(crate) const LIMITED: i64 = OVER_LOAD | 1 << 1 | 1 << 6 | 1 << 7;
 
 /// The drives that turn a DC motor.
@@ -80,7 +80,7 @@ impl Rig {
         let motor = motor.map(|motor| {
             let motor = match drive {
                 Drive::Rs434544 => motor,
-                // 4 poles, as HALL_TYPE 0 says.
+                // HALL_TYPE 0: 4 poles.
                 Drive::Mdrobot => Parameters { hall_sensors: 3, hall_pulses: 2, ..motor },
             };
             bench.attach_motor("m", seat, AXIS, MotorModel::Brush(motor)).unwrap()
@@ -105,20 +105,20 @@ impl Rig {
         Self::new(drive, change(bench.detached_motor(seat).unwrap()))
     }
 
-    /// Pulls a pin to ground, or lets go.
+    /// Pulls a pin to ground, or releases it.
     pub(crate) fn ground(&mut self, pin: &str, on: bool) {
         let pins = self.bench.spec(self.seat).pins;
         let pin = Pin(pins.iter().position(|spec| spec.name == pin).unwrap() as u8);
         self.bench.set_pin(self.seat, pin, if on { PinStimulus::Low } else { PinStimulus::Open });
     }
 
-    /// Holds the shaft, or lets go.
+    /// Holds the shaft, or releases it.
     pub(crate) fn hold(&mut self, on: bool) {
         let stall = self.bench.spec(self.seat).faults.iter().position(|fault| *fault == "stall").unwrap();
         self.bench.fault(self.seat, Fault(stall as u8), on);
     }
 
-    /// Lets the drive have no power for a while.
+    /// Switches the power off for a while.
     pub(crate) fn cycle(&mut self, seconds: f64) {
         self.bench.power(self.seat, PowerAction::Off);
         self.run(seconds);
@@ -164,7 +164,7 @@ impl Rig {
         }
     }
 
-    /// Moves by so many counts.
+    /// Moves by that many counts.
     pub(crate) fn go(&mut self, counts: i64, rpm: i64) {
         match self.drive {
             Drive::Rs434544 => {

@@ -7,8 +7,8 @@ use crate::rig::{Drive, Rig};
 /// Bit 4 of ERROR: "Hall sensors connecting error" (6.5).
 const HALL: i64 = 1 << 4;
 
-/// One broken wire of two is noticed, from the start or on the way, and stops the motor; with one sensor in use only
-/// the one that is used, HA.
+/// One broken wire of two is noticed, from the start or while turning, and stops the motor; with one sensor in use
+/// only a break of that one, HA.
 #[test]
 fn a_broken_hall_wire_is_noticed() {
     for pin in ["HA", "HB", "HA and HB"] {
@@ -117,7 +117,7 @@ fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
             assert_eq!((rig.rpm(), rig.read(register)), (0.0, 0), "{drive:?}");
         }
     }
-    // A load turns it at rest, and is taken away: nothing but its edges tells.
+    // A load turns it at rest, and is taken away: only its edges show that.
     let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { load_unm: -12_000, ..motor });
     rig.run(0.2);
     assert!(rig.rpm() > 0.0);
@@ -127,7 +127,7 @@ fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
     assert_eq!(rig.read("SPEED_VALID"), 0);
 }
 
-/// STOP ends at rest, whatever the motor and its friction: 3 mN·m and less are below what the least duty turns.
+/// STOP ends at rest, with any motor and friction: 3 mN·m and less are below what the least duty turns.
 #[test]
 fn a_stop_ends() {
     for friction_unm in [0, 500, 1_000, 3_000, 10_000] {
@@ -193,7 +193,7 @@ fn a_drive_finds_its_motor_after_a_power_failure() {
     }
 }
 
-/// The motor that a drive brings has the same wires: what pulls one to ground from outside breaks it.
+/// The drive's own motor has the same wires: a pin pulled to ground from outside acts as a broken wire.
 #[test]
 fn wires_of_the_own_motor_can_be_pulled_to_ground() {
     for pin in ["HA", "HB"] {

@@ -1,4 +1,4 @@
-//! Whatever is done to a drive, what it shows agrees: MotionControl (7.15), BUSY and the lights (2),
+//! The states that a drive shows agree after any sequence of actions: MotionControl (7.15), BUSY and the lights (2),
 //! the current (7.2, 7.3), the motion.
 
 use drivetwin_protocol::time::{Duration, Span};
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use crate::rig::{RED, Rig, at, bit};
 
-/// Something done to a drive.
+/// An action on a drive.
 #[derive(Clone, Debug)]
 enum Deed {
     Command(u16),

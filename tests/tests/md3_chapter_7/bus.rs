@@ -1,4 +1,4 @@
-//! Sections 5 and 6: what is on the line, and the two functions.
+//! Sections 5 and 6: the line, and the two functions.
 
 use drivetwin_firmware::device::{Axis, Line, Port};
 use drivetwin_firmware::md3::Md3;
@@ -18,7 +18,7 @@ fn section_5_1_default_line() {
 }
 
 /// Two drives on one line, 1 and 2. "All MD3 units on the bus will perform the register write command,
-/// but no reply is sent"; a broadcast read does nothing; nobody is confused by another's replies.
+/// but no reply is sent"; a broadcast read does nothing; a drive ignores the replies of the other.
 #[test]
 fn section_5_1_several_drives() {
     let mut bench = Bench::new();
@@ -101,7 +101,7 @@ fn section_6_2_write_single_register() {
     assert_eq!(rig.read(at::STARTUP_DELAY), 250);
 }
 
-/// MD3-1: 02 for what is read only, and for what is not there.
+/// MD3-1: 02 for read-only registers, and for missing ones.
 #[test]
 fn section_6_2_what_cannot_be_written() {
     let mut rig = Rig::ready();

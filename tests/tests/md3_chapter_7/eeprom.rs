@@ -9,7 +9,7 @@ use drivetwin_sim::line::Sender;
 
 use crate::rig::{GREEN, RED, Rig, at, bit, words};
 
-/// Registers and values to save that differ from what a new drive has; no motion, no change of the
+/// Registers and values to save that differ from those of a new drive; no motion, no change of the
 /// line or the address. The counters are not saved.
 const OTHERS: [(u16, u16); 26] = [
     (0x01, 0x0114),
@@ -65,8 +65,7 @@ fn section_7_20_what_was_not_saved_is_forgotten() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// MD3-12: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Commands may be answered
-/// meanwhile.
+/// MD3-12: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Commands may be answered during the save.
 #[test]
 fn section_7_20_a_save_takes_its_time() {
     let mut rig = Rig::ready();
@@ -79,7 +78,7 @@ fn section_7_20_a_save_takes_its_time() {
     assert_eq!(rig.read(at::EEPROM), 0x0000);
 }
 
-/// What is saved is what the registers held when the save began.
+/// A save stores the registers as they were when it began.
 #[test]
 fn section_7_20_a_write_during_a_save_comes_too_late() {
     let mut rig = Rig::ready();
@@ -106,7 +105,7 @@ fn section_7_20_a_save_while_one_runs() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// MD3-12: a read brings back what was saved, at once, with 0x9a; the CRC status cannot be
+/// MD3-12: a read brings back the saved values, at once, with 0x9a; the CRC status cannot be
 /// written.
 #[test]
 fn section_7_20_read_registers_from_eeprom() {
@@ -149,7 +148,7 @@ fn section_7_20_a_read_acts() {
     assert_eq!(rig.bench.line(bus), Line::new(19_200, 8, Parity::Even, 1));
 }
 
-/// MD3-12: also what the pins do. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
+/// MD3-12: also the functions of the pins. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
 #[test]
 fn section_7_20_a_read_changes_pin_modes() {
     let mut rig = Rig::ready();
@@ -163,7 +162,7 @@ fn section_7_20_a_read_changes_pin_modes() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// MD3-12: also Disable, either way, whatever runs.
+/// MD3-12: also Disable, either way, during any motion.
 #[test]
 fn section_7_20_a_read_disables_and_enables() {
     let mut rig = Rig::ready();
@@ -217,7 +216,7 @@ fn section_7_20_disable_is_saved() {
     let mut rig = Rig::restarted(&[(at::MOTION, bit::DISABLE)]);
     rig.after(3.secs());
     assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
-    // Of 0x11 only Disable is saved.
+    // Only Disable of 0x11 is saved.
     let mut rig = Rig::restarted(&[(at::MOTION, bit::JOG)]);
     rig.after(3.secs());
     assert_eq!((rig.motion_control(), rig.position()), (0, 0));
@@ -274,7 +273,7 @@ fn section_7_20_bad_memory_at_power_up() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// A second power-up loads what is there, which is as bad as before.
+/// A second power-up loads the same bad content.
 #[test]
 fn section_7_20_bad_memory_stays_bad() {
     let mut rig = with_bad_memory();
@@ -321,7 +320,7 @@ fn section_7_21_product_information() {
     }
 }
 
-/// An MD3 whose characters take their time.
+/// An MD3 on a line with real character times.
 fn timed() -> (Bench, DriveId) {
     let mut bench = Bench::new();
     let seat = bench.add::<drivetwin_firmware::md3::Md3>("x");
@@ -373,9 +372,9 @@ fn section_7_22_characters_last_as_long_as_their_bits() {
     }
 }
 
-/// A master with other settings is not heard.
+/// Requests of a master with other settings are not received.
 #[test]
-fn section_7_22_other_settings_are_not_heard() {
+fn section_7_22_frames_with_other_settings_are_not_received() {
     let (mut bench, seat, _) = line_after(0x25); // 115,200 8E1
     let bus = bench.bus(seat, Port(0)).expect("a line");
     let client = bench.connect(bus);

@@ -74,7 +74,7 @@ fn section_7_5_mode_1_found_on_the_way_up() {
     assert!((rig.position() - 625).abs() <= 1, "{}", rig.position());
 }
 
-/// Once found it is found: what the flag does during the ramp changes nothing.
+/// A flag is found once: changes of the flag during the ramp have no effect.
 #[test]
 fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
     let mut rig = rig(homing(1));
@@ -89,8 +89,7 @@ fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
     assert!((rig.position() - 5_000).abs() <= 1, "{}", rig.position());
 }
 
-/// Modes 2 and 3: the index, active high; MD3-27: its level, whatever the gating, and even if the
-/// counter ignores it.
+/// Modes 2 and 3: the index, active high; MD3-27: its level, with any gating, and even if the counter ignores it.
 #[test]
 fn section_7_5_mode_2_index() {
     for encoder in [0x0005, 0x0035, 0x0006, 0x0000] {
@@ -126,7 +125,7 @@ fn section_7_5_mode_3_index_with_a_ramp() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// MD3-18: codes that nobody prints.
+/// MD3-18: codes that the manual does not print.
 #[test]
 fn section_7_5_modes_4_to_7_complete_at_once() {
     for mode in 4..8 {
@@ -140,7 +139,7 @@ fn section_7_5_modes_4_to_7_complete_at_once() {
     }
 }
 
-/// "Register 0x09 can be used to invert this pin": low at rest, let go it is active.
+/// "Register 0x09 can be used to invert this pin": low at rest, active when released.
 #[test]
 fn section_7_5_an_inverted_flag() {
     let mut rig = rig(homing(0));
@@ -400,7 +399,7 @@ fn section_7_17_a_speed_written_in_a_home_cycle() {
     rig.assert_on_its_way(-400 + 1_950, 1_000.0);
 }
 
-/// MD3-4: Stop and Decel-stop end a home cycle with all that would have followed.
+/// MD3-4: Stop and Decel-stop end a home cycle with its remaining parts.
 #[test]
 fn section_7_15_stops_end_a_home_cycle() {
     for (seconds, begun) in [(300, "pre-home offset"), (1_400, "search")] {
@@ -498,7 +497,7 @@ fn section_7_5_home_on_startup_after_the_delay() {
     rig.assert_stands(-400);
 }
 
-/// Section 4 wants commands only after homing, 7.8 during it. We took 7.8, else a flag that never
+/// Section 4 requires commands only after homing, 7.8 during it. We took 7.8, else a flag that never
 /// comes would lock the drive up.
 #[test]
 fn section_7_5_home_on_startup_can_be_stopped() {

@@ -32,7 +32,7 @@ impl Encoder {
         Self { rig, phase: 0 }
     }
 
-    /// By so many quarter cycles. A leads B: (A, B) = 00, 10, 11, 01.
+    /// Turns the encoder by that many quarter cycles. A leads B: (A, B) = 00, 10, 11, 01.
     fn turn(&mut self, quarters: i32) {
         self.turn_at(quarters, 10.micros());
     }
@@ -49,7 +49,7 @@ impl Encoder {
         }
     }
 
-    /// An index pulse where it stands.
+    /// An index pulse at the present position.
     fn index(&mut self, lasts: Duration) {
         self.rig.high(INDEX);
         self.rig.after(lasts - Duration::TICK);
@@ -94,7 +94,7 @@ fn section_7_9_encoder_pins_as_inputs() {
         assert_eq!(rig.read(at::IO_PORT), 0xf | 1 << bit, "{pin}");
         rig.open(pin);
     }
-    // MD3-11: a write sets the latch, not what is read of inputs.
+    // MD3-11: a write sets the latch, not the readings of inputs.
     rig.write(at::IO_PORT, 0x70);
     assert_eq!(rig.read(at::IO_PORT), 0xf);
     assert_eq!(rig.level("J2.9"), Level::Low);
@@ -113,7 +113,7 @@ fn section_7_9_outputs() {
     assert_eq!(levels(&rig), [Level::Low, Level::High, Level::Low]);
 }
 
-/// What is saved is the latch, also while the pins are inputs and read otherwise (MD3-12).
+/// A save stores the latch, also while the pins are inputs and read differently (MD3-12).
 #[test]
 fn section_7_9_the_latch_is_saved() {
     let mut rig = Rig::ready();
@@ -138,7 +138,7 @@ fn section_7_9_j3_pin_8() {
     assert_eq!((rig.level("J3.8"), rig.read(at::IO_PORT)), (Level::Float, 0x0f));
 }
 
-/// It reads 0, also in a read of many (MD3-2), and cannot be written (MD3-1).
+/// Register 0x0b reads 0, also in a read of several registers (MD3-2), and cannot be written (MD3-1).
 #[test]
 fn section_7_10_reserved() {
     let mut rig = Rig::ready();
@@ -198,7 +198,8 @@ fn section_7_11_swpab_before_gating() {
     assert_eq!((encoder.count(), encoder.indices()), (0, 1));
 }
 
-/// Clears at the one of the four phases (A, B) = 00, 10, 11, 01 that `valid` says, and nowhere else.
+/// Asserts that the index clears at that of the four phases (A, B) = 00, 10, 11, 01 for which `valid` is `true`, and
+/// nowhere else.
 fn index_is_valid_at(configuration: u16, valid: [bool; 4]) {
     for (phase, valid) in (4..).zip(valid) {
         let mut encoder = Encoder::new(configuration);

@@ -1,6 +1,6 @@
-//! The MD3 User Guide V1.7 as a test: its tables, and each section of chapter 7 with what it prints,
-//! over the bus and the pins, as a master meets them. Values and times are typed from the guide or come
-//! from the arithmetic of constant acceleration in the comments.
+//! The MD3 User Guide V1.7 as a test: its tables, and each section of chapter 7 with its examples, over the bus and
+//! the pins, as a master sees them. Values and times are typed from the guide or come from the arithmetic of constant
+//! acceleration in the comments.
 //!
 //! Where the guide is silent or contradicts itself docs/decisions holds what the project has decided
 //! (`MD3-5`, `MODBUS-2`). Numbers like 7.8 are the guide's sections.
@@ -58,7 +58,7 @@ fn section_7_all_registers_can_be_written_but_four() {
     }
 }
 
-/// MD3-2 and MD3-18: unused bits and codes nobody prints included.
+/// MD3-2 and MD3-18: includes unused bits, and codes that the manual does not print.
 #[test]
 fn section_7_values_read_back_as_written() {
     let mut rig = Rig::ready();

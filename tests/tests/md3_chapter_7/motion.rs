@@ -253,7 +253,7 @@ fn section_7_15_unused_bits_read_0() {
     rig.assert_stands(0);
 }
 
-/// MD3-14: what heats cools by itself, but the fault stays until it is cleared after that.
+/// MD3-14: over-temperature ends by cooling, but the fault stays until it is cleared after that.
 #[test]
 fn section_7_15_a_thermal_fault() {
     let mut rig = Rig::ready();
@@ -361,7 +361,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     }
 }
 
-/// The sign of MoveSteps is the direction, whatever that of Speed.
+/// The sign of MoveSteps is the direction, with any sign of Speed.
 #[test]
 fn section_7_17_a_move_uses_the_absolute_speed() {
     let mut rig = Rig::ready();

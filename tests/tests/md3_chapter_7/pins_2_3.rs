@@ -58,7 +58,7 @@ fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
 }
 
-/// Let go and inverted the pin is active at once, by a write alone.
+/// A released pin that is inverted is active at once, by a write alone.
 #[test]
 fn section_7_8_pin_2_polarity() {
     let mut rig = pin_2(0);
@@ -70,7 +70,7 @@ fn section_7_8_pin_2_polarity() {
     assert_eq!(rig.current(), 500);
 }
 
-/// MD3-18: with homing modes 0 and 1 pin 2 is only the home flag, whatever its function says.
+/// MD3-18: with homing modes 0 and 1 pin 2 is only the home flag, with any function code.
 #[test]
 fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
     for mode in [0, 1] {
@@ -85,7 +85,7 @@ fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
     }
 }
 
-/// A change of HomingConfiguration makes the pin what it now is.
+/// A change of HomingConfiguration changes the pin's function at once.
 #[test]
 fn section_7_8_pin_2_follows_the_homing_mode() {
     let mut rig = pin_2(0);
@@ -134,7 +134,7 @@ fn section_7_8_pin_2_invalid_functions() {
     }
 }
 
-/// MD3-28: the profile runs on without current and without steps; what went by is lost. At
+/// MD3-28: the profile runs on without current and without steps; these steps are lost. At
 /// 1 s the motor is at 3,750, the profile of 10,000 goes on to 6,250 at 1.5 s; then 3,750 are left.
 #[test]
 fn section_7_8_pin_3_inhibit() {
@@ -172,7 +172,7 @@ fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
     rig.assert_stands(stopped_at);
 }
 
-/// A move that is commanded while inhibited runs for its time, and the motor stands.
+/// A move that is commanded while inhibited runs for its time, and the motor does not move.
 #[test]
 fn section_7_8_pin_3_a_move_while_inhibited() {
     let mut rig = pin_3(0);
@@ -187,7 +187,7 @@ fn section_7_8_pin_3_a_move_while_inhibited() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// A jog runs on, too. After 1 s at 3,750; what it makes in the second without current is lost.
+/// A jog runs on, too. After 1 s at 3,750; the steps of the second without current are lost.
 #[test]
 fn section_7_8_pin_3_inhibit_in_a_jog() {
     let mut rig = pin_3(0);
@@ -200,7 +200,7 @@ fn section_7_8_pin_3_inhibit_in_a_jog() {
     rig.open("J2.3");
     rig.after(1.secs());
     rig.assert_on_its_way(8_750, 5_000.0);
-    // Stopped while it stands inhibited it stays where it is.
+    // After a stop while it is inhibited it stays at its position.
     rig.low("J2.3");
     rig.command(bit::DECEL_STOP);
     rig.after(1.secs());
@@ -395,7 +395,7 @@ fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     }
 }
 
-/// Held it clears nothing, whatever other pins do.
+/// A held pin clears nothing, with any changes of other pins.
 #[test]
 fn section_7_8_pin_3_held_clears_no_fault() {
     for function in [0, 2] {

@@ -336,7 +336,7 @@ fn section_7_8_mode_0110_jog_dir() {
     rig.after(500.millis());
     rig.assert_on_its_way(3_750, -5_000.0);
     rig.open("J2.4");
-    // Until it stands the bit shows what runs.
+    // Until the motor is at rest the bit shows the running motion.
     assert_eq!(rig.motion_control(), bit::JOG);
     assert_eq!(rig.until_idle(), 500.millis());
     assert!((rig.position() - 2_500).abs() <= 1);
@@ -360,7 +360,7 @@ fn section_7_8_mode_0110_negative_speed() {
     assert!((rig.speed() - 3_000.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// MD3-21: one write of 0x09 can start a jog; it looks at the levels.
+/// MD3-21: one write of 0x09 can start a jog; it takes the levels.
 #[test]
 fn section_7_8_mode_0110_starts_by_its_write() {
     let mut rig = mode(0b1111);
@@ -399,7 +399,7 @@ fn section_7_8_mode_0110_pressed_again_while_it_ramps_down() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// A jog that the bus began goes on while nobody touches the pins; they take it over when touched.
+/// A jog that the bus began goes on while the pins do not change; a change of a pin takes it over.
 #[test]
 fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -413,7 +413,7 @@ fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     assert_eq!(rig.until_idle(), 500.millis());
 }
 
-/// MD3-24 speaks of a jog of the pins: one that the bus began goes on in any mode.
+/// MD3-24 is about a jog of the pins: a jog that the bus began goes on in any mode.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -603,7 +603,7 @@ fn section_7_8_clearing_a_fault_looks_at_levels_again() {
     }
 }
 
-/// While Disable is 1 pins start nothing; enabling looks at levels, and at levels only.
+/// While Disable is 1 pins start nothing; enabling takes levels, and only levels.
 #[test]
 fn section_7_8_pins_start_nothing_while_disabled() {
     for code in [0b0001, 0b0010, 0b0011, 0b0100, 0b0101] {
@@ -785,7 +785,7 @@ fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// INHIBIT: the parts go on, the motor stands (MD3-28).
+/// INHIBIT: the parts go on, the motor does not move (MD3-28).
 #[test]
 fn section_7_8_mode_1000_goes_on_while_inhibited() {
     let mut rig = short(0b1000);
@@ -797,7 +797,7 @@ fn section_7_8_mode_1000_goes_on_while_inhibited() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), -400);
 }
 
-/// MD3-21: saved it starts by itself after the start-up delay.
+/// MD3-21: a saved mode starts its motion after the start-up delay.
 #[test]
 fn section_7_8_endless_modes_start_after_power_up() {
     for code in [0b1000, 0b1001] {
@@ -836,7 +836,7 @@ fn section_7_8_mode_1001_forward_and_home() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// MD3-18: codes that nobody prints, and 1111, have no function.
+/// MD3-18: codes that the manual does not print, and 1111, have no function.
 #[test]
 fn section_7_8_modes_1010_to_1111_have_no_function() {
     for code in 0b1010..=0b1111 {
@@ -870,7 +870,7 @@ fn section_7_8_dc_motor_modes() {
     }
 }
 
-/// A fault, Disable and Stop take the duty at once, whoever asked for it.
+/// A fault, Disable and Stop end the duty at once, whether the bus or the pins commanded it.
 #[test]
 fn section_7_8_dc_motor_stops() {
     for code in [0b0110, 0b0111] {
@@ -920,7 +920,7 @@ fn section_7_8_dc_motor_directions() {
     assert_eq!(rig.duty(), 8_192);
 }
 
-/// Pins that a register makes inputs are read with their raw levels, whatever polarity (MD3-11).
+/// Pins that a register makes inputs are read with their raw levels, with any polarity (MD3-11).
 #[test]
 fn section_7_8_polarity_does_not_change_what_is_read() {
     let mut rig = mode(0b1111);

@@ -1,4 +1,4 @@
-//! An MD3 on a bench, and a master with a hand on every pin.
+//! An MD3 on a bench, with a master and drivers for every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_protocol::modbus::{Frame, rtu};
@@ -25,7 +25,7 @@ fn make(kind: &str) -> Box<dyn Device> {
     found.unwrap_or_else(|| panic!("there is no {kind}"))
 }
 
-/// An MD3, and all that is done to it. Characters take no time here, so that a command counts from
+/// An MD3 and its stimuli. Characters take no time here, so that a command counts from
 /// the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
@@ -67,12 +67,12 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn after(&mut self, span: Duration) {
         self.bench.run_until(self.now() + span);
     }
 
-    /// What the drive answers to a frame.
+    /// Answer of the drive to a frame.
     pub(crate) fn ask(&mut self, frame: &[u8]) -> Vec<u8> {
         self.bench.ask(self.seat, frame)
     }
@@ -93,7 +93,7 @@ impl Rig {
         (u32::from(pair[0]) << 16 | u32::from(pair[1])).cast_signed()
     }
 
-    /// Whether a write is accepted; if not it must be refused with exception 02, the only one (6.2).
+    /// Returns whether a write is accepted; if not it must be refused with exception 02, the only one (6.2).
     pub(crate) fn accepts(&mut self, address: u16, value: u16) -> bool {
         let request = rtu::write(1, address, value);
         let reply = self.ask(&request);
@@ -178,7 +178,7 @@ impl Rig {
         self.drive(name, PinStimulus::High);
     }
 
-    /// Lets a pin go.
+    /// Releases a pin.
     pub(crate) fn open(&mut self, name: &str) {
         self.drive(name, PinStimulus::Open);
     }
@@ -238,14 +238,14 @@ impl Rig {
         assert!(self.moving() && self.busy());
     }
 
-    /// Stands there; not busy.
+    /// Asserts that the motor is at rest at this position, and BUSY is off.
     #[track_caller]
     pub(crate) fn assert_stands(&self, position: i32) {
         assert_eq!((self.position(), self.speed()), (position, 0.0));
         assert!(!self.moving() && !self.busy());
     }
 
-    /// Runs until BUSY is let go, and returns how long that took.
+    /// Runs until BUSY is released, and returns the time that it took.
     #[track_caller]
     pub(crate) fn until_idle(&mut self) -> Duration {
         let start = self.now();

@@ -37,7 +37,7 @@ const STANDARD: [u32; 31] = [
     7_000, // 0x1e
 ];
 
-/// Those of the low current version.
+/// Peak currents of the low current version.
 const LOW: [u32; 37] = [
     0, 50, 100, 150, 200, 250, 300, 350, 400, 450, // 0x00 … 0x09
     500, 550, 600, 650, 700, 750, 800, 850, 900, 950, // 0x0a … 0x13
@@ -45,7 +45,7 @@ const LOW: [u32; 37] = [
     1_500, 1_550, 1_600, 1_650, 1_700, 1_750, 1_800, // 0x1e … 0x24
 ];
 
-/// Each code gives the current of its row, and what is beyond (MD3-10) that of the last one.
+/// Each code gives the current of its row, and codes beyond (MD3-10) that of the last one.
 fn codes_give_currents(kind: &str, table: &[u32]) {
     let mut rig = Rig::ready_kind(kind);
     for code in 0..=0xFF {
@@ -73,7 +73,7 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// MD3-10: code 0, full step, has 71 % of the current. The codes that nobody prints act as 8.
+/// MD3-10: code 0, full step, has 71 % of the current. The codes that the manual does not print act as 8.
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();
@@ -141,7 +141,7 @@ fn section_7_2_dc_duties() {
 
 /// The codes beyond act as the last one, ±2,000 counts.
 #[test]
-fn section_7_2_dc_codes_that_nobody_prints() {
+fn section_7_2_dc_codes_that_the_manual_does_not_print() {
     for code in 9..32 {
         let mut rig = dc(code);
         rig.write_long(at::SPEED, 1_000);
@@ -397,7 +397,7 @@ fn section_7_3_a_change_of_pin_3_restores_the_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// MD3-31: the encoder's pins do not count, nor what is said to others.
+/// MD3-31: neither the encoder's pins nor frames for other addresses restore the current.
 #[test]
 fn section_7_3_other_pins_restore_nothing() {
     let mut rig = with_cutback(10);
@@ -407,9 +407,9 @@ fn section_7_3_other_pins_restore_nothing() {
         rig.open(pin);
         assert_eq!((rig.current(), rig.lit(RED)), (500, true), "{pin}");
     }
-    assert!(rig.ask(&rtu::write(2, at::MOTION, 0)).is_empty()); // for somebody else
+    assert!(rig.ask(&rtu::write(2, at::MOTION, 0)).is_empty()); // for another drive
     assert_eq!(rig.current(), 500);
-    assert!(rig.ask(&rtu::write(0, at::MOTION, 0)).is_empty()); // for everybody
+    assert!(rig.ask(&rtu::write(0, at::MOTION, 0)).is_empty()); // broadcast
     assert_eq!(rig.current(), 1_000);
 }
 
@@ -423,7 +423,7 @@ fn section_7_3_step_pulses_restore_the_current() {
     assert_eq!((rig.current(), rig.position()), (1_000, 1));
 }
 
-/// MD3-31: what counts as a command is a write of 0x11; reads and other writes do not.
+/// MD3-31: only a write of 0x11 counts as a command; reads and other writes do not.
 #[test]
 fn section_7_3_what_counts_as_a_command() {
     let mut rig = with_cutback(10);
@@ -474,7 +474,7 @@ fn section_7_3_disabled_stays_without_current() {
     assert_eq!(rig.current(), 0);
 }
 
-/// 250 · 10 ms + 2.5 s = 5 s (7.4). What counts is what was saved.
+/// 250 · 10 ms + 2.5 s = 5 s (7.4). The saved value counts.
 #[test]
 fn section_7_4_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 250)]);
@@ -518,9 +518,9 @@ fn section_7_4_without_any_delay() {
     assert_eq!(rig.until_idle(), 2_500.millis());
 }
 
-/// Frames that come during the start-up delay are counted and not heard (MD3-13).
+/// Frames that come during the start-up delay are counted and not executed (MD3-13).
 #[test]
-fn section_7_4_nothing_is_heard_before() {
+fn section_7_4_no_frame_is_executed_before_the_end_of_the_delay() {
     let mut rig = Rig::new("md3", Setup::default());
     rig.after(1.secs());
     assert!(rig.ask(&rtu::write(1, at::MOTION, bit::MOVE)).is_empty());

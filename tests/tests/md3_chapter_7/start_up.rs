@@ -1,4 +1,4 @@
-//! Sections 2 and 4: lights, BUSY, and what happens when power comes.
+//! Sections 2 and 4: lights, BUSY, and the start at power-on.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;
@@ -34,7 +34,7 @@ fn section_2_lights_at_power_up() {
     assert_eq!(lights(&rig), first); // 2.499 s
 }
 
-/// They alternate as long as the delay lasts.
+/// The lights alternate during the whole delay.
 #[test]
 fn section_2_lights_during_the_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 500)]);
@@ -49,7 +49,7 @@ fn section_2_lights_during_the_startup_delay() {
     }
 }
 
-/// How often a light comes on in 15 s, and for how many of 1,500 instants it is on.
+/// Flashes of a light in 15 s, and how many of 1,500 samples find it on.
 fn flashes(rig: &mut Rig, light: &str) -> (u32, u32) {
     let (mut flashes, mut lit, mut before) = (0, 0, rig.lit(light));
     for _ in 0..1_500 {
@@ -166,7 +166,7 @@ fn section_4_levels_are_no_edges() {
     rig.assert_stands(0);
 }
 
-/// Nor where there is no start-up delay: what was active all the time is no edge then either.
+/// Also without a start-up delay a pin that was active all the time makes no edge.
 #[test]
 fn section_4_levels_are_no_edges_without_a_delay() {
     for (function, pin) in [(0b0000 << 4, "J2.4"), (0b0001 << 4, "J2.4"), (0xf << 4 | 1 << 8, "J2.3")] {
@@ -183,7 +183,7 @@ fn section_4_levels_are_no_edges_without_a_delay() {
     }
 }
 
-/// Without power nothing is driven, and nobody answers.
+/// Without power nothing is driven, and no answer comes.
 #[test]
 fn section_4_without_power() {
     let mut rig = Rig::ready();

@@ -102,11 +102,11 @@ fn two_terminals_do_not_mix_their_lines() {
     rig.heard_by(other);
     rig.key(b"11\r");
     rig.assert_values(&[("R1", 11), ("R2", 22), ("ER", 0)]);
-    // What is printed goes to who asked.
+    // Printed text goes to the client that sent the line.
     rig.bench.send(other, b"PR R2\r");
     assert_eq!(rig.heard_by(other), b"22\r\n");
     assert_eq!(rig.heard(), "");
-    // What programs print goes to all.
+    // Output of programs goes to all.
     rig.program("PG 1\nPR \"HERE\"\nE\nPG");
     assert_eq!(rig.say("EX 1"), "");
     rig.after(10.millis());
@@ -114,7 +114,7 @@ fn two_terminals_do_not_mix_their_lines() {
     assert_eq!(rig.heard_by(other), b"HERE\r\n");
 }
 
-/// Whatever comes: error numbers, and afterwards the drive works.
+/// Random bytes give error numbers at most, and afterwards the drive works.
 #[test]
 fn bytes_that_mean_nothing_do_no_harm() {
     for kind in KINDS {
@@ -204,7 +204,7 @@ fn connections_are_accepted_once_the_drive_has_booted() {
     }
 }
 
-/// MC 7.1: 2 ms for `PR R1`, and nothing of what is typed meanwhile is lost; the bus is served all the while.
+/// MC 7.1: 2 ms for `PR R1`, and nothing that is typed in that time is lost; the bus is served throughout.
 #[test]
 fn lines_of_several_clients_wait_for_each_other() {
     let mut rig = Rig::plus();
@@ -221,7 +221,7 @@ fn lines_of_several_clients_wait_for_each_other() {
     let mut came = Vec::new();
     rig.bench.receive(client, &mut came);
     assert_eq!(came, adu(1, 1, &[3, 2, 0, 5]));
-    // Neither has to wait until the other has said all.
+    // Neither has to wait until the other has finished.
     let early = clients.map(|client| {
         let mut early = Vec::new();
         rig.bench.receive(client, &mut early);
@@ -237,7 +237,7 @@ fn lines_of_several_clients_wait_for_each_other() {
 }
 
 #[test]
-fn who_has_left_is_heard_to_the_end() {
+fn lines_of_a_disconnected_client_are_executed() {
     let mut rig = Rig::plus();
     let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
     rig.bench.send(client, b"R1=1\rR2=2\r\nR3=3\rMR 1000\rnever ended");
@@ -245,7 +245,7 @@ fn who_has_left_is_heard_to_the_end() {
     rig.bench.run_until_idle();
     rig.assert_now(&[("R1", 1), ("R2", 2), ("R3", 3), ("MR", 1000), ("ER", 0)]);
     assert_eq!(rig.bench.connections(rig.seat, MCODE), 1);
-    // Power that is lost meanwhile ends it.
+    // A power loss during this ends the connection.
     let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
     rig.bench.send(client, b"R1=7\rS\r");
     rig.bench.disconnect(client);

@@ -1,4 +1,4 @@
-//! Port 503 as a terminal meets it: echo and prompt (MC 7.1.1), keys (MC 3.4.4), sign-on (MC 6-6).
+//! Port 503 as a terminal sees it: echo and prompt (MC 7.1.1), keys (MC 3.4.4), sign-on (MC 6-6).
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Client;
@@ -46,7 +46,7 @@ fn echo_mode_1_answers_cr_lf() {
 
 /// EM = 2: only PR and L.
 #[test]
-fn echo_mode_2_prints_what_it_is_told_to() {
+fn echo_mode_2_prints_output_only() {
     let mut rig = Rig::loud(crate::rig::Kind::Plus);
     rig.say("EM=2");
     assert_eq!(rig.typed("R1=5\r"), "");
@@ -254,7 +254,7 @@ impl Rig {
     }
 }
 
-/// Power-up sends the sign-on and runs SU; who connects later hears nothing.
+/// Power-up sends the sign-on and runs SU; a client that connects later receives nothing.
 #[test]
 fn programs_and_variables_outlive_the_power() {
     for kind in KINDS {
@@ -345,9 +345,9 @@ fn all_prints_the_last_motion_and_the_version() {
     }
 }
 
-/// Who is not there hears nothing, and nothing is kept for him.
+/// Text printed without a connected client is not kept for the next one.
 #[test]
-fn what_is_printed_to_nobody_is_lost() {
+fn output_without_a_client_is_dropped() {
     let mut rig = Rig::plus();
     rig.program("PG 1\nLB G1\nPR \"HERE\"\nH 100\nIC R1\nBR G1,R1<5\nE\nPG");
     rig.set(&["EX 1"]);

@@ -8,7 +8,7 @@ use drivetwin_sim::bench::PinStimulus;
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, START};
 use crate::table::{Access, TABLE, find};
 
-/// What is done before a register is written, what is written (`None`: nothing), and what is observed then.
+/// Effect of a register: preparation, pairs of a written value (`None`: no write) and the value observed then.
 struct Effect {
     name: &'static str,
     prepare: fn(&mut Rig),
@@ -25,7 +25,7 @@ const fn effect(
     Effect { name, prepare, seen, observe }
 }
 
-/// Registers that nothing shows but reading them.
+/// Registers without an effect beyond reading back.
 const WITHOUT: &[(&str, &str)] = &[("CA", "this motor has no torque to compensate (MC 5-9)")];
 
 fn nothing(_: &mut Rig) {}
@@ -106,7 +106,7 @@ fn lags(rig: &mut Rig, speed: i32, ms: u64) {
     rig.after(ms.millis());
 }
 
-/// A Hybrid's shaft has missed a turn, which nobody has made up for after so many ms if LL is not 0.
+/// A Hybrid's shaft has missed a turn, which is not made up for after that many ms if LL is not 0.
 fn missed_turn_is_made_up(rig: &mut Rig, ms: u64) -> i64 {
     rig.fault("stall", true);
     rig.write_long(MR, 51_200);
@@ -353,7 +353,7 @@ const EFFECTS: &[Effect] = &[
 ];
 
 #[test]
-fn what_is_written_does_something() {
+fn written_registers_have_effects() {
     for kind in KINDS {
         for effect in EFFECTS {
             let row = find(effect.name);
@@ -377,7 +377,7 @@ fn what_is_written_does_something() {
     }
 }
 
-/// Each register that can be written has a line above, which sees different things.
+/// Each writable register has a line above, with at least two different observations.
 #[test]
 fn no_register_is_left_out() {
     for row in TABLE.iter().filter(|row| row.access != Access::ReadOnly) {
@@ -408,7 +408,7 @@ const fn typed(
     Typed { lines, seen, observe, only }
 }
 
-/// A pin is low for so many µs.
+/// Drives a pin low for that many µs.
 fn dips(rig: &mut Rig, io: &str, us: u64) {
     rig.low(io);
     rig.after(us.micros());
@@ -464,7 +464,7 @@ const TYPED: &[Typed] = &[
         dips(rig, "IO7", 5);
         rig.long(C1).into()
     }, PLUS),
-    // What is typed next is a value of R1 no more (MC 5-36).
+    // The next typed line is no longer a value of R1 (MC 5-36).
     typed(|rig| rig.set(&["IV R1"]), &[("PR IF", 42), ("IF=0", 0)], |rig| {
         rig.say("42");
         rig.long(R1).into()
@@ -487,7 +487,7 @@ const TYPED: &[Typed] = &[
 ];
 
 #[test]
-fn what_is_typed_does_something() {
+fn typed_lines_have_effects() {
     for kind in KINDS {
         for typed in TYPED.iter().filter(|typed| typed.only.is_none_or(|only| only == kind)) {
             for &(line, seen) in typed.seen {

@@ -112,7 +112,7 @@ fn open_loop_does_not_look() {
     rig.fault("stall", true);
     rig.after(1.secs());
     rig.assert_values(&[("ST", 0), ("ER", 0), ("V", 51_200)]);
-    // What the encoder sees stands still.
+    // The encoder's shaft does not move.
     let before = rig.value("C2");
     rig.after(500.millis());
     assert!((rig.value("C2") - before).abs() <= 8);
@@ -161,8 +161,8 @@ fn loaded(load: &str, set: &str) -> Rig {
     rig
 }
 
-/// Of the 1,000 mN·m RC = 25 gives 250: 240 for a load or friction, and what accelerates 400 g·cm², 5 mN·m, besides.
-/// The speed takes little of it: 1,024 counts/s are 30 rpm of 3,000. The shaft of the bench does as the drive's own.
+/// RC = 25 gives 250 of the 1,000 mN·m: 240 for a load or friction, and besides the 5 mN·m that accelerate 400 g·cm².
+/// The speed takes little of it: 1,024 counts/s are 30 rpm of 3,000. The shaft of the bench moves as the drive's own.
 #[test]
 fn a_load_that_is_too_heavy_is_a_stall() {
     for (load, set, stalls) in [
@@ -174,7 +174,7 @@ fn a_load_that_is_too_heavy_is_a_stall() {
         ("load_mnm = 50\ninertia_gcm2 = 40000", "", true),
         ("load_mnm = 50\ninertia_gcm2 = 40000", "A = 200000, D = 200000", false),
     ] {
-        // What holds it at rest is more than any of these loads.
+        // The holding torque at rest is more than any of these loads.
         let hold = if set.is_empty() { "HC = 40".to_owned() } else { format!("HC = 40, {set}") };
         let mut rig = loaded(load, &hold);
         rig.set(&["VM=1024"]);
@@ -191,7 +191,7 @@ fn a_load_that_is_too_heavy_is_a_stall() {
     }
 }
 
-/// Said while it moves, and gone again; power and FD do not lighten a load.
+/// A load is set while the motor moves, and removed again; a power cycle and FD do not reduce it.
 #[test]
 fn a_load_comes_and_goes() {
     let mut rig = closed_loop();
@@ -223,9 +223,9 @@ fn a_load_comes_and_goes() {
     rig.assert_values(&[("ST", 0), ("V", 2_048), ("ER", 0)]);
 }
 
-/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. What is more
-/// turns 400 g·cm² by 25 rad/s² for each mN·m, 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's motor
-/// does as the drive's own.
+/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. Each mN·m
+/// above that accelerates 400 g·cm² by 25 rad/s², 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's
+/// motor behaves as the drive's own.
 #[test]
 fn a_load_turns_a_shaft_that_nothing_holds() {
     for (hold, enabled, holds) in [(5, 1, 60), (30, 1, 310), (0, 1, 10), (30, 0, 10)] {
@@ -287,7 +287,7 @@ fn position_maintenance_brings_the_shaft_back() {
     }
 }
 
-/// What `steps_per_rev` of a bench file says of the drive's motor: MS times that are a turn of C1, 4 × EL one of C2,
+/// `steps_per_rev` of a bench file: MS times that are a turn of C1, 4 × EL one of C2,
 /// and MS is at least EL × 8 / that (MC 5-21, 7.3.1).
 #[test]
 fn a_motor_of_other_full_steps_has_other_steps_in_a_turn() {

@@ -28,7 +28,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("LB X1", 46),
             ("H", 40),
             ("H 100", 40),
-            // Of programs alone (MC 5-6, 5-62).
+            // Only in programs (MC 5-6, 5-62).
             ("BR 1", 46),
             ("RT", 46),
             // No such I/O.
@@ -37,10 +37,10 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("O5=1", 10),
             ("O13=1", 10),
             ("S14=1", 10),
-            // Unknown, whatever it is set to.
+            // Unknown names, with any value.
             ("XX=4,K1", 20),
             ("XX 1 2", 20),
-            // What is read only, or an instruction, is nothing to put a number into.
+            // Read-only variables and instructions take no number.
             ("IV V", 25),
             ("IV AL", 25),
             ("IV H", 33),
@@ -108,9 +108,9 @@ fn too_much_heat_is_75_without_a_sensor() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// A restart finds it as hot as it is.
+/// The temperature outlasts a restart.
 #[test]
-fn heat_is_told_again_after_a_restart() {
+fn over_temperature_is_reported_again_after_a_restart() {
     let mut rig = Rig::plus();
     rig.fault("over_temperature", true);
     rig.after(Duration::TICK);
@@ -203,7 +203,7 @@ fn programs_end_where_they_go_wrong() {
     rig.assert_values(&[("BY", 0), ("R2", 0)]);
 }
 
-/// Others let it go on.
+/// A program goes on after other errors.
 #[test]
 fn programs_go_on_after_a_refused_value() {
     let mut rig = Rig::plus();

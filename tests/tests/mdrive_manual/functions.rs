@@ -1,4 +1,4 @@
-//! Functions 1, 2, 3, 5 and 16 with the bytes that FB 4.2 prints, and all that are not there.
+//! Functions 1, 2, 3, 5 and 16 with the bytes that FB 4.2 prints, and all functions that a drive does not have.
 
 use drivetwin_firmware::device::Level;
 
@@ -175,7 +175,7 @@ fn an_error_is_there_until_it_is_read_or_set_to_0() {
         assert_eq!(rig.try_write(0x0067, &[0]), Err(3));
         rig.write(0x0021, 0);
         rig.assert_no_error();
-        // What MCode notes is read here, and the other way round.
+        // Errors noted by MCode are read here, and the other way round.
         rig.say("VM=1");
         assert_eq!(rig.ef_er(), (1, 23));
         assert_eq!(rig.try_write(0x0067, &[101]), Err(3));

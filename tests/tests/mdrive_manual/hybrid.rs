@@ -34,7 +34,7 @@ fn it_calibrates_at_power_on() {
 
 /// MC 5-8, 5-67: SC, CF, AS from 0, DE from 0, MS.
 #[test]
-fn what_calibrates() {
+fn commands_that_calibrate() {
     let mut rig = Rig::hybrid();
     rig.set(&["CT=250"]);
     for line in ["SC", "CF", "AS=1", "DE=1", "MS=128"] {
@@ -192,7 +192,7 @@ fn the_end_of_the_position_counter_is_error_105() {
         rig.set(&[&format!("MR {}", way.signum())]);
         rig.after(1.secs());
         rig.assert_values(&[("C1", end), ("ER", 105)]);
-        // It is told once; the count goes on at the other end.
+        // It is reported once; the count goes on at the other end.
         rig.set(&[&format!("MR {}", 2 * way.signum())]);
         rig.after(1.secs());
         rig.assert_values(&[("C1", -end - 1 + way.signum()), ("ER", 0)]);
@@ -276,7 +276,7 @@ fn system_speed_limits_the_rotor() {
     }
 }
 
-/// MC 5-3, 9.5, 9.6: in torque mode the rotor is in motion, as the axis shows, until it stands.
+/// MC 5-3, 9.5, 9.6: in torque mode the rotor is in motion, as the axis shows, until it is at rest.
 #[test]
 fn a_rotor_that_turns_is_in_motion() {
     let mut rig = Rig::hybrid();
@@ -288,7 +288,7 @@ fn a_rotor_that_turns_is_in_motion() {
     rig.refused("MS=128", 89);
     let full = rig.speed();
     assert!((full - 2_560_000.0).abs() < 1.0, "3,000 rpm: {full} steps/s");
-    // A hand stops it: there it is locked after LT, with its bridge on (MC 5-44).
+    // A held shaft stops it: there it is locked after LT, with its bridge on (MC 5-44).
     rig.fault("stall", true);
     let counts = rig.value("C2");
     rig.after(3.secs());
@@ -382,7 +382,7 @@ fn a_plus_is_ready_at_once() {
     assert_eq!(hybrid.value("AF"), 64 + CALIBRATED);
 }
 
-/// MC 5-34, and HI 1 goes by it.
+/// MC 5-34; HI 1 uses the mark.
 #[test]
 fn the_index_mark_is_read() {
     let mut rig = Rig::hybrid();

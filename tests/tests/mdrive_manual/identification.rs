@@ -79,7 +79,7 @@ fn one_object_is_read_alone() {
 
 /// "If the Object Id does not match any known object, the server responds as if object 0 were pointed out."
 #[test]
-fn a_stream_begins_where_it_is_told_to() {
+fn a_stream_begins_at_the_requested_object() {
     let mut rig = Rig::plus();
     let all = objects(&rig.ask(&[0x2B, 0x0E, 2, 0]));
     for from in 0..=6 {
@@ -92,7 +92,7 @@ fn a_stream_begins_where_it_is_told_to() {
 }
 
 #[test]
-fn what_else_is_asked_is_refused() {
+fn other_identification_requests_are_refused() {
     let mut rig = Rig::plus();
     for code in [0, 5, 0xFF] {
         assert_eq!(rig.try_ask(&[0x2B, 0x0E, code, 0]), Err(3), "{code}");

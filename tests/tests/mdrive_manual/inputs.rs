@@ -17,7 +17,7 @@ fn switch(io: &'static str, from: i32, to: i32) -> Switch {
 }
 
 impl Rig {
-    /// Lets time pass until the motor stands or it is over; switches are closed where the motor is at them.
+    /// Advances the time until the motor is at rest, at most by `most`; a switch is closed while the motor is at it.
     #[track_caller]
     fn machine(&mut self, switches: &mut [Switch], most: Duration) {
         let start = self.now();
@@ -73,7 +73,7 @@ fn inputs_are_active_low_or_high() {
     }
 }
 
-/// MC 5-16: stable for D1 ms; IN does not care (MC 5-37).
+/// MC 5-16: stable for D1 ms; IN is not debounced (MC 5-37).
 #[test]
 fn inputs_are_debounced() {
     let mut rig = Rig::wired(Kind::Plus, &["D1=100"]);
@@ -148,7 +148,7 @@ fn a_limit_stops_what_moves_towards_it() {
     }
 }
 
-/// A limit does nothing to what moves away from it.
+/// A limit does not stop a motion away from it.
 #[test]
 fn a_limit_is_of_one_direction() {
     let mut rig = Rig::wired(Kind::Plus, &["S1=2,0,0", "S2=3,0,0", "SL 20000"]);
@@ -272,7 +272,7 @@ fn jog_inputs_jog() {
     }
 }
 
-/// MC 5-63: a contact jogs while it is held, also one that closes before the axis stands.
+/// MC 5-63: a contact jogs while it is held, also one that closes before the axis is at rest.
 #[test]
 fn a_jog_input_that_is_held_jogs() {
     for kind in KINDS {

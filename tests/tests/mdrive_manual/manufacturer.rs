@@ -91,7 +91,7 @@ fn what_is_no_type_is_error_8_and_a_second_of_a_kind_error_6() {
         assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text}");
         assert_eq!(rig.ef_er(), (1, 21), "{text}");
     }
-    // What the device does not understand (MC 9.2).
+    // Text that the device does not understand (MC 9.2).
     for text in ["=0,0,0\r", "=0,0,0\n", "=0,\t0,0", "=0,0,\u{7F}0"] {
         assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text:?}");
         assert_eq!(rig.ef_er(), (1, 24), "{text:?}");

@@ -1,4 +1,4 @@
-//! Motion: the sums of MC 7.3.5, slews, and what the flags say meanwhile (MC 5-45 to 5-50, 5-68, 5-77 to 5-80).
+//! Motion: the sums of MC 7.3.5, slews, and the flags during motion (MC 5-45 to 5-50, 5-68, 5-77 to 5-80).
 
 use drivetwin_protocol::time::{Duration, Span};
 
@@ -22,7 +22,7 @@ fn seconds(span: Duration) -> f64 {
 }
 
 impl Rig {
-    /// A move from standstill takes so long, and ends where it should.
+    /// Asserts the duration and the end of a move from standstill.
     #[track_caller]
     fn assert_lasts(&mut self, command: &str, end: i32, expected: f64) {
         self.set(&[command]);
@@ -51,7 +51,7 @@ fn the_printed_trapezoid() {
 }
 
 #[test]
-fn moves_take_what_arithmetic_says() {
+fn moves_take_the_calculated_time() {
     let mut rig = Rig::plus();
     for (vi, vm, a, d, distance) in [
         (1_000, 768_000, 1_000_000, 1_000_000, 20_000),
@@ -193,7 +193,7 @@ fn a_motor_settles() {
     rig.assert_values(&[("MV", 0), ("MP", 0)]);
 }
 
-/// A move that is told during another begins when that has ended and settled; a second one replaces it.
+/// A move that is commanded during another begins when that has ended and settled; a second one replaces it.
 #[test]
 fn moves_wait_for_each_other() {
     let mut rig = Rig::plus();
@@ -276,9 +276,9 @@ fn a_move_can_report_or_go_on() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// Modifying P changes the frame of reference (MC 5-54).
+/// A write of P changes the frame of reference (MC 5-54).
 #[test]
-fn the_position_is_what_it_is_said_to_be() {
+fn a_write_of_the_position_changes_the_frame_of_reference() {
     let mut rig = Rig::plus();
     rig.set(&["MR 1000"]);
     rig.wait_still(1.secs());
@@ -340,7 +340,7 @@ fn current_is_reduced_at_rest() {
     assert_eq!(rig.motion().current_ma, runs);
 }
 
-/// Calibrations and moves exclude each other on a Hybrid; nothing of that on a Plus.
+/// Calibrations and moves exclude each other on a Hybrid, but not on a Plus.
 #[test]
 fn microsteps_change_at_rest() {
     let mut rig = Rig::new(Kind::Hybrid);

@@ -28,7 +28,7 @@ fn the_four_circuits() {
     }
 }
 
-/// MC 7.2.5: OL and OT write all that are outputs.
+/// MC 7.2.5: OL and OT write all points that are outputs.
 #[test]
 fn groups_are_binary() {
     let mut rig = Rig::plus();

@@ -213,7 +213,7 @@ fn a_save_keeps_what_is_a_setting() {
             let legal = row.samples().into_iter().rev();
             legal.into_iter().find(|&value| Some(value) != row.default).expect("another value")
         };
-        // What is not saved is gone. Jog and clock mode exclude each other.
+        // Unsaved values are gone. Jog and clock mode exclude each other.
         for row in plain(kind) {
             if !matches!(row.name, "ER" | "JE" | "MT") {
                 assert_eq!(rig.try_set(row, other(row)), Ok(()), "{} = {}", row.name, other(row));
@@ -225,7 +225,7 @@ fn a_save_keeps_what_is_a_setting() {
                 assert_eq!(rig.row(row), default, "{} of {kind:?} without a save", row.name);
             }
         }
-        // What is saved is there; the counters begin at 0. HT and MT are at most 65535 together.
+        // Saved values are there; the counters begin at 0. HT and MT are at most 65535 together.
         let kept =
             || plain(kind).filter(|row| row.access == Access::Kept && !matches!(row.name, "JE" | "MT"));
         for row in kept() {
@@ -271,7 +271,7 @@ fn a_variable_is_counted_up_and_down_by_its_address() {
     rig.write(0x001B, 0x5F);
     rig.write(0x001B, 0x5F);
     assert_eq!(rig.long(0x005F), 40);
-    // I1 is read only; 0x02 is nothing; 0xA8 is V1, which nobody has declared.
+    // I1 is read only; 0x02 is nothing; 0xA8 is V1, which is not declared.
     for address in [0x2D, 0x02, 0xA8] {
         assert_eq!(rig.try_write(0x0037, &[address]), Err(VALUE), "{address:#X}");
         assert_eq!(rig.ef_er(), (1, 26), "{address:#X}");

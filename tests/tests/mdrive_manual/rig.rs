@@ -1,4 +1,4 @@
-//! An MDrive on a bench, a client on each of its ports, and a hand on every pin.
+//! An MDrive on a bench, a client on each of its ports, and drivers for every pin.
 
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, Port};
 use drivetwin_firmware::mdrive::Mdrive;
@@ -39,7 +39,7 @@ pub(crate) struct Rig {
     pub(crate) seat: DriveId,
     pub(crate) kind: Kind,
     pub(crate) modbus: Client,
-    /// Without echo: EM = 2 prints what it is told to and nothing else (MC 5-22).
+    /// Without echo: EM = 2 sends only printed output (MC 5-22).
     pub(crate) mcode: Client,
     transaction: u16,
 }
@@ -90,7 +90,7 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn after(&mut self, span: Duration) {
         self.bench.run_until(self.now() + span);
     }
@@ -172,7 +172,7 @@ impl Rig {
         self.after(Duration::TICK);
     }
 
-    /// The motor, whatever the drive says of it.
+    /// The motor itself, not the drive's registers.
     pub(crate) fn motion(&self) -> Motion {
         self.bench.motion(self.seat, Axis(0))
     }
@@ -237,7 +237,7 @@ impl Rig {
         (u32::from(words[0]) << 16 | u32::from(words[1])).cast_signed()
     }
 
-    /// Function 16 (FB 4.2.5); it answers the address and the quantity, as the Modbus specification says.
+    /// Function 16 (FB 4.2.5); the answer is the address and the quantity, as in the Modbus specification.
     #[track_caller]
     pub(crate) fn try_write(&mut self, address: u16, words: &[u16]) -> Result<(), Exception> {
         let head = request(16, address, words.len() as u16);

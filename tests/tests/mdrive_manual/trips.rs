@@ -1,4 +1,4 @@
-//! Trips (MC 5-71 to 5-76): each with its subroutine, what it captures, and TE, whose bit goes with it.
+//! Trips (MC 5-71 to 5-76): each with its subroutine, what it captures, and its bit of TE.
 
 use drivetwin_protocol::time::Span;
 

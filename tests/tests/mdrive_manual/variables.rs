@@ -1,4 +1,4 @@
-//! Every variable and flag of MCode (MC 5): what a new drive prints, what may be set, and the error where it may not.
+//! Every variable and flag of MCode (MC 5): the value in a new drive, the legal values, and the error for others.
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 
@@ -124,7 +124,7 @@ static TABLE: &[Row] = &[
     row("TQ", "25", &[1, 2, 100], &[(0, 21), (101, 21)]).hybrid(),
     row("TS", "5000000", &[38_910, 5_000_000], &[(38_909, 21), (5_000_001, 21)]).hybrid(),
     row("VF", "0", &[0, 1, 1_000], &[(-1, 21), (1_001, 21)]).hybrid(),
-    // What is below IT would warn at once.
+    // A value below IT would warn at once.
     row("WT", "80", &[84, 83], &[(-1, 21), (85, 21)]).hybrid(),
 ];
 
@@ -334,7 +334,7 @@ fn the_flag_of_an_input() {
     rig.assert_values(&[("IF", 0), ("R1", 5)]);
 }
 
-/// MC 5-14: 0.001 to 2.000. What is 1 elsewhere is 1.000.
+/// MC 5-14: 0.001 to 2.000. A 1 elsewhere is 1.000.
 #[test]
 fn a_clock_ratio_is_a_number() {
     let mut rig = Rig::plus();

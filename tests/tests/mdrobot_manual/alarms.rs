@@ -16,7 +16,7 @@ const HALL_FAIL: u16 = 1 << 5;
 const INV_VEL: u16 = 1 << 6;
 const STALL: u16 = 1 << 7;
 
-/// Faults that are an alarm at once, or while it turns; what CTRL_STATUS shows, and status2.
+/// Faults that are an alarm at once, or while it turns; the values of CTRL_STATUS and status2.
 const FAULTS: [(&str, u16, u16); 8] = [
     ("over_voltage", OVER_VOLT, 0),
     ("over_temperature", OVER_TEMP, 0),
@@ -28,7 +28,7 @@ const FAULTS: [(&str, u16, u16); 8] = [
     ("stall", STALL, 0),
 ];
 
-/// Waits for an alarm, and says when it came.
+/// Waits for an alarm, and returns the time until it came.
 #[track_caller]
 fn alarm(rig: &mut Rig, within: Duration) -> Duration {
     let mut came = None;
@@ -153,7 +153,7 @@ fn page_13_volt_in() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
-/// What VOLT_IN shows is what turns the motor, and over 60 V an alarm (MDROBOT-31, MDROBOT-32).
+/// VOLT_IN shows the supply of the motor; over 60 V is an alarm (MDROBOT-31, MDROBOT-32).
 #[test]
 fn page_13_the_supply() {
     let mut rig = Rig::armed(&[]);
@@ -174,7 +174,8 @@ fn page_13_the_supply() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
-/// What a load turns faster than the supply charges that, whatever the drive does: it does not run away.
+/// A motor that a load turns faster than the supply allows charges the supply, with any command: it does not run
+/// away.
 #[test]
 fn page_13_a_load_beyond_the_supply() {
     // 2 Nm less friction are 33.2 A, in 0.3 Ω 9.95 V more than 24 V.
@@ -222,7 +223,7 @@ fn page_9_over_load() {
         rig.after(500.millis());
     }
     assert_none(&mut rig);
-    // What is near it is not at it.
+    // A torque near the limit is not at the limit.
     rig.write_signed(pid::TQ_CMD, 900);
     rig.after(10.secs());
     assert_none(&mut rig);
@@ -249,7 +250,7 @@ fn page_9_ctrl_fail() {
     });
 }
 
-/// INV_VEL: turning against the reference for 0.5 s: a load that is stronger than MAX_LOAD lets the drive.
+/// INV_VEL: turning against the reference for 0.5 s: a load that is stronger than MAX_LOAD turns the shaft.
 #[test]
 fn page_9_inv_vel() {
     // 1 A are 0.06 Nm, the load is 0.15.
@@ -307,7 +308,7 @@ fn page_9_hall_fail() {
     assert_eq!(rig.read(pid::CTRL_STATUS) & ALARM, ALARM);
 }
 
-/// An alarm ends a function, and what pins want: START/STOP has to be off first (MDROBOT-14).
+/// An alarm ends a function, and the command of the pins: START/STOP has to be off first (MDROBOT-14).
 #[test]
 fn page_9_pins_after_an_alarm() {
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500), (pid::STOP_STATUS, 2)]);
@@ -337,7 +338,7 @@ fn page_9_pins_after_an_alarm() {
     rig.assert_turns(1_000.0);
 }
 
-/// None comes by itself in a minute of ordinary work.
+/// No alarm comes in a minute of ordinary work.
 #[test]
 fn page_9_ordinary_work() {
     let mut rig = Rig::armed(&[(pid::SLOW_START, 100), (pid::SLOW_DOWN, 100)]);

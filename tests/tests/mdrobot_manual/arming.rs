@@ -41,7 +41,7 @@ fn page_12_open_loop_and_torque_want_them_too() {
     }
 }
 
-/// What was written before does not come to life with the arming.
+/// A velocity written before the arming does not take effect with the arming.
 #[test]
 fn page_12_a_velocity_before_the_arming() {
     for first in [pid::UI_COM, pid::START_STOP] {
@@ -138,7 +138,7 @@ fn page_16_positions_want_78() {
     }
 }
 
-/// The last command decides, whatever there was before (MDROBOT-13).
+/// The last command decides, after any earlier ones (MDROBOT-13).
 #[test]
 fn page_12_the_last_command() {
     let mut rig = Rig::armed(&[]);
@@ -205,7 +205,7 @@ fn page_7_inv_sign_of_a_running_velocity() {
     rig.assert_turns(-400.0);
 }
 
-/// Of a position from the next command on (MDROBOT-15).
+/// INV_SIGN applies to a position from the next command on (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_positions() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);
@@ -252,7 +252,7 @@ fn page_7_ui_com_stops() {
     rig.assert_stands();
 }
 
-/// Written again what it is already: no switching over.
+/// Writing the present value again does not switch over.
 #[test]
 fn page_7_ui_com_again() {
     let mut rig = Rig::armed(&[]);

@@ -85,7 +85,7 @@ fn page_3_two_controllers_in_turn() {
     let [ones, twos] = [left, right].map(|seat| bench.statistics(seat, Port(0)));
     assert_eq!((ones.requests, twos.requests), (u64::from(polls / 2) + 3, u64::from(polls / 2)));
     assert_eq!((ones.refused, twos.refused), (0, 0));
-    // What was for the other one, requests and replies, is no error.
+    // Requests and replies of the other drive are no errors.
     for seen in [ones, twos] {
         assert_eq!((seen.crc, seen.gap, seen.length, seen.spoiled), (0, 0, 0, 0), "{seen:?}");
     }
@@ -93,7 +93,7 @@ fn page_3_two_controllers_in_turn() {
     assert_eq!(bench.peek(left, bench.spec(left).find("IN_POSITION").expect("a PID").row), 3_998);
 }
 
-/// Everybody's id: both obey, nobody answers (p. 3).
+/// Broadcast id: both obey, neither answers (p. 3).
 #[test]
 fn page_3_both_obey() {
     let (mut bench, [left, right]) = two();
@@ -156,7 +156,7 @@ fn page_3_noise() {
     }
 }
 
-/// Feeds characters with a silence before each, in ticks, and returns what is answered.
+/// Feeds characters with a silence before each, in ticks, and returns the answers.
 fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
     let mut drive = mdrobot();
     let mut out = Recorder::new(drive.spec().memory.into());

@@ -7,7 +7,7 @@ use crate::pid;
 use crate::rig::Rig;
 use crate::table::{TABLE, Type};
 
-/// All that is read and written.
+/// All registers that can be read and written.
 fn image(rig: &mut Rig) -> Vec<Vec<u16>> {
     let rows = TABLE.iter().filter(|row| row.kind == Type::RW);
     rows.map(|row| rig.words(row.pid, row.words.len() as u16)).collect()
@@ -30,7 +30,7 @@ fn page_6_tq_off() {
         assert!(rig.shaft() > 800.0, "it coasts: {}", rig.shaft());
         rig.after(20.secs());
         assert_eq!(rig.shaft(), 0.0);
-        // What was commanded is gone.
+        // The earlier command is gone.
         rig.assert_stands();
         rig.velocity(-500);
         rig.assert_turns(-500.0);
@@ -55,7 +55,7 @@ fn page_6_brake() {
     }
 }
 
-/// They work whoever commands (MDROBOT-12).
+/// TQ_OFF and BRAKE work whichever side commands (MDROBOT-12).
 #[test]
 fn page_6_tq_off_and_brake_of_the_other_side() {
     for code in [2, 4] {
@@ -134,7 +134,7 @@ fn page_6_fan_and_clutch() {
 
 /// 20 to 22, 25 to 29, 32, 46, 47: "erase", "cancel": they bring a PID back, for good (MDROBOT-10).
 #[test]
-fn page_6_what_is_erased() {
+fn page_6_erase_and_cancel_commands_restore_defaults() {
     let filled: [(u16, u16); 10] = [
         (pid::TAR_VEL, 700),
         (pid::SLOW_START, 11),
@@ -196,7 +196,7 @@ fn page_7_uicom() {
 }
 
 /// The others: broadcasting (5, 6, 11 to 14), CAN (23, 24), curves (31), a second motor (50 to 55), and codes without a
-/// row: echoed, nothing changes, nothing is said unasked (MDROBOT-10).
+/// row: echoed, nothing changes, no unsolicited message is sent (MDROBOT-10).
 #[test]
 fn page_6_codes_without_effect() {
     let effective = [2, 4, 8, 10, 15, 16, 17, 18, 20, 21, 22, 25, 26, 27, 28, 29, 32, 44, 45, 46, 47];

@@ -45,7 +45,7 @@ fn page_11_di() {
                 assert_eq!(rig.read(pid::DI) >> bit & 1, 1 - opened, "{name} closed");
                 let others = rig.read(pid::DI) & !(1 << bit);
                 assert_eq!(others, if encoder { 0b110_0000 & !(1 << bit) } else { 0b110_0000 });
-                // Nobody holds it any more.
+                // The contact is released.
                 rig.drive(name, PinStimulus::Open);
                 assert_eq!(rig.read(pid::DI), 0b110_0000, "{name} not wired");
             }
@@ -128,7 +128,7 @@ fn page_9_inversions() {
     }
 }
 
-/// Not wired: START/STOP and DIR are OFF whatever 36 says; RUN/BRAKE is as an open contact (MDROBOT-21).
+/// Not wired: START/STOP and DIR are OFF with any value of PID 36; RUN/BRAKE is as an open contact (MDROBOT-21).
 #[test]
 fn page_9_not_wired() {
     for inversion in [0, 1] {
@@ -170,7 +170,7 @@ fn page_7_contacts_while_the_bus_commands() {
     }
 }
 
-/// A stop by START/STOP goes as STOP_STATUS says (MDROBOT-17), by SLOW_DOWN.
+/// A stop by START/STOP follows STOP_STATUS (MDROBOT-17), with SLOW_DOWN.
 #[test]
 fn page_8_stop_by_a_contact() {
     for (stop_status, free) in [(0, true), (1, false), (2, false), (3, true)] {
@@ -209,7 +209,7 @@ fn page_13_a_reversal_by_dir() {
     rig.assert_turns(-500.0);
 }
 
-/// INV_SIGN turns what the pins want, too (MDROBOT-15).
+/// INV_SIGN inverts the command of the pins, too (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_contacts() {
     let mut rig = at_500(&[(pid::INV_SIGN_CMD, 1)]);
@@ -241,7 +241,7 @@ fn page_8_inv_alarm() {
     }
 }
 
-/// Nothing moves in the 300 ms after power-on (MDROBOT-11), and what was closed meanwhile is known.
+/// Nothing moves in the 300 ms after power-on (MDROBOT-11), and a contact closed in that time is effective.
 #[test]
 fn page_11_contacts_at_power_on() {
     let mut rig = at_500(&[]);

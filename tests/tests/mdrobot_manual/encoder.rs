@@ -7,7 +7,7 @@ use drivetwin_sim::bench::Motor;
 use crate::pid;
 use crate::rig::Rig;
 
-/// A motor of the bench whose encoder has so many cycles a turn.
+/// A motor of the bench with an encoder of `cycles` per turn.
 fn with_encoder(cycles: u32, ppr: u16) -> (Rig, Motor) {
     let (mut rig, motor) = Rig::turning(&[(pid::ENC_PPR, ppr)], |_| ());
     let [a, b] = ["ENC_A", "ENC_B"].map(|name| Some((rig.seat, rig.pin(name))));
@@ -86,7 +86,7 @@ fn page_6_enc_off() {
 fn page_14_no_encoder() {
     let mut rig = Rig::armed(&[(pid::ENC_PPR, 1_000)]);
     rig.after(5.secs());
-    assert_eq!(rig.status(), (0, 0), "it stands");
+    assert_eq!(rig.status(), (0, 0), "it is at rest");
     rig.velocity(500);
     rig.after(550.millis());
     assert_eq!(rig.status(), (0, 0));
@@ -120,7 +120,7 @@ fn page_9_encoder_fail() {
     assert_eq!(rig.status(), (0, 0));
     rig.velocity(500);
     rig.assert_turns(500.0);
-    // Where nobody looks at the encoder it may break.
+    // An unused encoder may break.
     let mut rig = Rig::armed(&[]);
     rig.fault("encoder_fail", true);
     rig.velocity(500);

@@ -28,7 +28,8 @@ fn assert_rests(rig: &Rig) {
     assert_eq!(rig.shaft(), 0.0, "it rests");
 }
 
-/// "Motor moves when the signal is ON from OFF": for its run time from the edge, whatever the signal does meanwhile.
+/// "Motor moves when the signal is ON from OFF": for its run time from the edge, with any further changes of the
+/// signal.
 #[test]
 fn page_17_speed() {
     for word in [1, 2, 0x0100, 0xFFFF] {
@@ -141,7 +142,7 @@ fn page_18_position() {
     }
 }
 
-/// Its speed has the limit of all (MDROBOT-18).
+/// MAX_RPM limits the speed of functions, too (MDROBOT-18).
 #[test]
 fn page_16_function_speeds_and_max_rpm() {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, POSITION), (pid::MAX_RPM, 500)]);
@@ -227,7 +228,7 @@ fn page_15_nothing_else_drives() {
     assert_eq!(rig.position(), 0);
 }
 
-/// Another type, or none, ends what runs (MDROBOT-20).
+/// Another type, or none, ends the running function (MDROBOT-20).
 #[test]
 fn page_17_another_type() {
     for (from, to) in [(SPEED, 0), (SPEED_MOMENTARY, 0), (SPEED_ADD, SPEED), (SPEED_MOMENTARY, POSITION)] {

@@ -14,7 +14,7 @@ const POSI_SD: u16 = 179;
 const PNT_MAIN_DATA: u16 = 210;
 const PNT_MONITOR: u16 = 216;
 
-/// The frames of the two monitors, with their CRC: what a client sends, and how long the answer is.
+/// The frames of the two monitors, with their CRC: the request, and the length of the answer.
 #[test]
 fn frames_of_the_monitors() {
     let mut rig = Rig::default();
@@ -101,9 +101,9 @@ fn tq_ratio_keeps_a_flag() {
     assert_eq!(rig.read(TQ_RATIO), 0);
 }
 
-/// Who looks a PID up sees that no manual of ours has it.
+/// The register table marks these PIDs as missing in the manual.
 #[test]
-fn they_are_marked() {
+fn pids_missing_in_the_manual_are_marked() {
     let spec = catalog::make("mdrobot").expect("a kind").spec();
     for name in ["TQ_RATIO", "TAR_POSI_VEL", "POSI_SS", "POSI_SD", "PNT_MAIN_DATA", "PNT_MONITOR"] {
         let row = spec.find(name).expect("a register").row;

@@ -56,7 +56,7 @@ fn page_7_each_switch_stops_its_own_way() {
             rig.assert_turns(f64::from(sign) * -500.0);
             rig.write(pid::BRAKE, 0);
             rig.assert_stands();
-            // Closed again: what was stopped does not begin again, the next command drives.
+            // Closed again: the stopped motion does not begin again, the next command drives.
             rig.close(switch);
             rig.assert_stands();
             rig.velocity(sign * 500);
@@ -65,7 +65,7 @@ fn page_7_each_switch_stops_its_own_way() {
     }
 }
 
-/// After it has closed nothing moves by itself: the reference is gone.
+/// After the switch has closed nothing moves without a command: the reference is gone.
 #[test]
 fn page_7_the_reference_is_dropped() {
     for (switch, _, sign) in WAYS {
@@ -110,7 +110,7 @@ fn page_7_other_commands() {
     }
 }
 
-/// Without USE_LIMIT_SW, without UI_COM, and where nothing is wired, nobody stops it.
+/// Without USE_LIMIT_SW, without UI_COM, and with nothing wired, no switch stops it.
 #[test]
 fn page_7_where_they_do_not_act() {
     for (switch, _, sign) in WAYS {
@@ -151,8 +151,8 @@ fn page_7_open_from_the_beginning() {
     }
 }
 
-/// A load that pulls the shaft past its switch, with 0.3 Nm of the 1.2 that MAX_LOAD is: commands of the way back drive
-/// it back, whatever SLOW_DOWN is, and those that lead further are echoed and dropped.
+/// A load that pulls the shaft past its switch, with 0.3 Nm of the 1.2 that MAX_LOAD is: commands in the way back
+/// drive it back, with any SLOW_DOWN, and those that lead further are echoed and dropped.
 #[test]
 fn page_7_a_load_that_pulls_past_a_switch() {
     let orders: [fn(&mut Rig, i16); 2] =
@@ -185,7 +185,7 @@ fn page_7_a_load_that_pulls_past_a_switch() {
                 order(&mut rig, sign);
                 rig.after(2.secs());
                 let on = (rig.position() - past) * i32::from(sign);
-                // It stands after 0.4 s at most, from some 4,000 rpm: 0.9 Nm on 5e-4 kg m2 are 17,000 rpm/s.
+                // It is at rest after 0.4 s at most, from some 4,000 rpm: 0.9 Nm on 5e-4 kg m2 are 17,000 rpm/s.
                 assert!(on < 12 * 20, "{which}: {on} counts further");
                 rig.after(30.secs());
                 let at = rig.position() * i32::from(sign);
@@ -200,7 +200,7 @@ fn page_7_a_load_that_pulls_past_a_switch() {
     }
 }
 
-/// What permits is the way that the shaft turns, so INV_SIGN does not confuse it.
+/// The direction of the shaft decides which switch acts, so INV_SIGN makes no difference.
 #[test]
 fn page_7_with_inv_sign() {
     for (switch, other, sign) in WAYS {

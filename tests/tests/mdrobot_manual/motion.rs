@@ -1,4 +1,4 @@
-//! Gains, currents, open loop, torque, poles, what MONITOR says (p. 8, p. 12 to 16; MDROBOT-18,
+//! Gains, currents, open loop, torque, poles, the contents of MONITOR (p. 8, p. 12 to 16; MDROBOT-18,
 //! MDROBOT-27 to MDROBOT-30), with the tolerances of a controller of this size: with factory gains, without load, at
 //! 24 V.
 
@@ -50,7 +50,7 @@ fn page_15_max_load() {
         let reached = reached.expect("900 rpm");
         assert!(reached > before, "{reached:?} with {limit} A, {before:?} with more");
         before = reached;
-        // A reversal wants more than any start.
+        // A reversal needs more than any start.
         rig.velocity(-1_000);
         rig.watch(1.secs(), 1.millis(), |rig, _| {
             assert!(rig.amperes() <= limit * 1.1 + 0.1, "{} A of {limit}", rig.amperes());
@@ -63,7 +63,7 @@ fn page_15_max_load() {
     rig.watch(1.secs(), 1.millis(), |rig, _| assert!(rig.amperes() <= 22.1, "{} A", rig.amperes()));
 }
 
-/// Gains have an order, whatever their unit (p. 15).
+/// Gains have an order, in any unit (p. 15).
 #[test]
 fn page_15_gains() {
     // None: no motion.
@@ -88,7 +88,7 @@ fn page_15_gains() {
     }
 }
 
-/// A load that comes is made up for, with an integral; without, it costs speed.
+/// A sudden load is compensated with an integral gain; without, the speed drops.
 #[test]
 fn page_15_gains_against_a_load() {
     let loaded = |p: u16, i: u16| {
@@ -208,14 +208,14 @@ fn page_8_poles() {
     }
 }
 
-/// The motor stays what it was: HALL_TYPE is what the drive believes until the power comes again (MDROBOT-27).
+/// The motor does not change: HALL_TYPE is the drive's assumption until the next power-on (MDROBOT-27).
 #[test]
 fn page_8_a_wrong_hall_type() {
     let mut rig = Rig::armed(&[]);
     rig.write(pid::HALL_TYPE, 2);
     rig.velocity(400);
     rig.after(3.secs());
-    // 10 poles are believed, 4 are there: the shaft is 2.5 times as fast, unseen.
+    // The drive assumes 10 poles of a motor with 4: the shaft is 2.5 times as fast, undetected.
     assert!((rig.rpm() - 400.0).abs() <= 4.0, "{}", rig.rpm());
     let from = rig.position();
     rig.after(6.secs());
@@ -224,7 +224,7 @@ fn page_8_a_wrong_hall_type() {
     assert!((counts - 1_200.0).abs() <= 26.0, "{counts}");
 }
 
-/// A motor of the bench with 8 poles, and a drive that knows it.
+/// A motor of the bench with 8 poles, and a drive set to it.
 #[test]
 fn page_8_a_motor_of_the_bench() {
     let (mut rig, motor) = Rig::turning(&[(pid::HALL_TYPE, 1)], |motor| motor.hall_pulses = 4);
@@ -236,7 +236,8 @@ fn page_8_a_motor_of_the_bench() {
     assert!((rig.position() - counts - 60 * 24).abs() <= 30);
 }
 
-/// MONITOR: speed, current, output, position low and high, status (reported from real controllers): what the single PIDs say.
+/// MONITOR: speed, current, output, position low and high, status (reported from real controllers): the values of the
+/// single PIDs.
 #[test]
 fn page_21_monitor() {
     let mut rig = Rig::armed(&[]);
@@ -268,7 +269,7 @@ fn page_21_monitor() {
 #[test]
 fn page_12_rpm_data_saturates() {
     for load in [-2_000_000, 2_000_000] {
-        // 2 Nm on 5e-4 kg m² are 38,000 rpm/s, as far as the supply lets it: some 5,403 rpm.
+        // 2 Nm on 5e-4 kg m² are 38,000 rpm/s, up to the limit by the supply: some 5,403 rpm.
         let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = load);
         rig.after(5.secs());
         let sign = f64::from(-load.signum());

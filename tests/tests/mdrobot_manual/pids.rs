@@ -1,4 +1,4 @@
-//! Every PID of the table over the bus: what may be read and written, how long it is, its range, its factory value.
+//! Every PID of the table over the bus: whether it may be read and written, its length, its range, its factory value.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -37,7 +37,7 @@ fn page_6_names() {
 }
 
 #[test]
-fn page_6_what_a_new_controller_reads() {
+fn page_6_factory_values() {
     let mut rig = Rig::default();
     for row in rows(Row::is_read) {
         assert_eq!(
@@ -102,7 +102,7 @@ fn page_3_pids_that_are_not_there() {
 }
 
 #[test]
-fn header_what_is_only_there() {
+fn header_pids_without_a_row_are_refused() {
     let mut rig = Rig::default();
     for pid in HEADER_ONLY {
         assert_eq!(rig.try_words(pid, 1), Err(2), "read of PID {pid}");
@@ -111,7 +111,7 @@ fn header_what_is_only_there() {
 }
 
 #[test]
-fn page_3_what_is_read_only() {
+fn page_3_read_only_pids_refuse_writes() {
     let mut rig = Rig::default();
     for row in rows(|row| row.kind == Type::R) {
         assert_eq!(rig.try_write(row.pid, 0), Err(2), "PID {} {}", row.pid, row.name);
@@ -130,7 +130,7 @@ fn page_3_what_is_read_only() {
 
 /// Least and greatest of each range, by both functions where both fit.
 #[test]
-fn page_6_what_may_be_written() {
+fn page_6_least_and_greatest_values_are_accepted() {
     for row in rows(Row::is_written) {
         let mut rig = Rig::default();
         for words in row.legal() {
@@ -164,7 +164,7 @@ fn assert_reads(rig: &mut Rig, row: &Row, words: &[u16]) {
 
 /// MDROBOT-2 and MDROBOT-3: 03, and nothing has changed.
 #[test]
-fn page_6_what_is_beyond() {
+fn page_6_values_out_of_range_are_refused() {
     for row in rows(|row| row.is_written() && row.pid != FUNC_CMD_TYPE) {
         let mut rig = Rig::default();
         let before = row.legal().pop().expect("a legal value");
@@ -193,7 +193,7 @@ fn page_6_what_is_beyond() {
     }
 }
 
-/// All that is read and written.
+/// All registers that can be read and written.
 fn image(rig: &mut Rig) -> Vec<(u16, Vec<u16>)> {
     rows(|row| row.kind == Type::RW).map(|row| (row.pid, rig.words(row.pid, row.count()))).collect()
 }
@@ -222,7 +222,7 @@ fn page_5_quantities_of_a_write() {
     }
 }
 
-/// MDROBOT-2: 0 and more than 123 are 03, whatever the PID.
+/// MDROBOT-2: 0 and more than 123 are 03, with any PID.
 #[test]
 fn page_5_structure_of_function_16() {
     let mut rig = Rig::default();
@@ -269,7 +269,7 @@ fn page_15_func_cmd_type_keeps_dl() {
 
 /// MAX_LOAD twice, SPEED_LIMIT in one and in two (MDROBOT-8).
 #[test]
-fn page_14_what_has_two_pids() {
+fn page_14_values_with_two_pids() {
     let mut rig = Rig::default();
     rig.write(pid::MAX_LOAD_181, 55);
     assert_eq!(rig.read(pid::MAX_LOAD), 55);
@@ -291,7 +291,7 @@ fn page_14_what_has_two_pids() {
     assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [0, 0]);
 }
 
-/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is somebody else's (MDROBOT-4).
+/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is that of another drive (MDROBOT-4).
 #[test]
 fn page_3_id_all() {
     let mut rig = Rig::default();
@@ -310,7 +310,7 @@ fn page_3_id_all() {
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::UI_COM)), (2_000, 0));
 }
 
-/// MDROBOT-11: 300 ms, in which nothing is heard.
+/// MDROBOT-11: 300 ms, in which no request is received.
 #[test]
 fn page_3_power_on() {
     let mut rig = Rig::new(LineMode::Fast, Setup::default());

@@ -20,7 +20,7 @@ struct Way {
     goal: i32,
 }
 
-/// Watches a move that has just been commanded for so many seconds.
+/// Watches a move that has just been commanded for that many seconds.
 fn watch(rig: &mut Rig, goal: i32, seconds: f64) -> Way {
     let sign = (goal - rig.position()).signum();
     let (mut arrived, mut fastest, mut beyond) = (None, 0.0_f64, 0);
@@ -220,7 +220,7 @@ fn page_17_counts_are_turns() {
     }
 }
 
-/// A position is held whatever STOP_STATUS says (MDROBOT-17), also against a load, for good.
+/// A position is held with any STOP_STATUS (MDROBOT-17), also against a load, without a time limit.
 #[test]
 fn page_16_it_is_held() {
     for stop_status in 0..=3 {
@@ -236,7 +236,7 @@ fn page_16_it_is_held() {
     }
 }
 
-/// TQ_OFF lets it go; the next position is reached.
+/// TQ_OFF releases the shaft; the next position is reached.
 #[test]
 fn page_6_tq_off_of_a_position() {
     let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = 60_000);

@@ -1,4 +1,4 @@
-//! An MD400 with a motor on a bench, a master at its port, and a hand on every pin.
+//! An MD400 with a motor on a bench, a master at its port, and drivers for every pin.
 
 use drivetwin_firmware::device::{Axis, Fault, Level, Pin, Port};
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -12,19 +12,19 @@ use drivetwin_sim::line::LineMode;
 
 use crate::pid;
 
-/// From power-on to the first request that is heard (MDROBOT-11).
+/// From power-on to the first request that is received (MDROBOT-11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
 /// The answer where no reply comes.
 pub(crate) const SILENCE: [u8; 0] = [];
 
-/// Everybody's id (p. 3).
+/// Broadcast id (p. 3).
 pub(crate) const ALL: u8 = 0xFE;
 
 /// A refusal: its exception code.
 pub(crate) type Exception = u8;
 
-/// A controller with its motor. Characters take no time here, unless a test wants them to, so that a command counts
+/// A controller with its motor. Characters take no time here, unless a test sets that, so that a command counts
 /// from the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
@@ -93,12 +93,12 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn after(&mut self, span: Duration) {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Lets time pass and looks every `step`, first after one.
+    /// Advances the time and calls back every `step`, first after one.
     pub(crate) fn watch(
         &mut self,
         span: Duration,
@@ -136,7 +136,7 @@ impl Rig {
         self.drive(name, PinStimulus::Low);
     }
 
-    /// Opens a contact that is there.
+    /// Opens a wired contact.
     pub(crate) fn open(&mut self, name: &str) {
         self.drive(name, PinStimulus::High);
     }
@@ -169,7 +169,7 @@ impl Rig {
         self.bench.motion(self.seat, Axis(0))
     }
 
-    /// Speed of the shaft, in rpm, whatever the drive reports.
+    /// Speed of the shaft itself, in rpm, not the drive's reading.
     pub(crate) fn shaft(&self) -> f64 {
         self.motion().speed.to_num::<f64>() / (3.0 * self.poles) * 60.0
     }
@@ -205,7 +205,7 @@ impl Rig {
         Ok(reply)
     }
 
-    /// Reads so many words of a PID (p. 3, p. 4).
+    /// Reads that many words of a PID (p. 3, p. 4).
     #[track_caller]
     pub(crate) fn try_words(&mut self, pid: u16, words: u16) -> Result<Vec<u16>, Exception> {
         let reply = self.try_ask(&request(3, pid, words))?;
@@ -334,11 +334,11 @@ impl Rig {
         let (shown, shaft) = (self.rpm(), self.shaft());
         let within = (rpm.abs() * 0.01).max(2.0);
         assert!((shown - rpm).abs() <= within, "RPM_DATA is {shown}, not {rpm}");
-        // Its shaft has ripple that Hall sensors do not show; its mean is for counts to tell.
+        // The shaft has ripple that Hall sensors do not show; counts show its mean.
         assert!((shaft - rpm).abs() <= (rpm.abs() * 0.03).max(6.0), "the shaft is at {shaft:.1}, not {rpm}");
     }
 
-    /// Asserts that it stands 2 s after the change, and for a while.
+    /// Asserts that it is at rest 2 s after the change, and for a while.
     #[track_caller]
     pub(crate) fn assert_stands(&mut self) {
         self.after(2.secs());

@@ -10,7 +10,7 @@ use crate::pids::rows;
 use crate::rig::{Rig, SILENCE, line, request, timed};
 use crate::table::Row;
 
-/// A value that differs from the factory's for every PID that is saved, beside those that are the same thing.
+/// A value that differs from the factory's for every PID that is saved, except aliases of the same value.
 fn changed(row: &Row) -> Vec<u16> {
     match row.pid {
         16 | 19 | 36 | 37 | 40 | 44 | 45 => vec![1],
@@ -37,7 +37,7 @@ fn change_everything(rig: &mut Rig) {
 
 /// MDROBOT-6: saved at once, all but 78, 100, 130, 180.
 #[test]
-fn page_6_what_outlives_the_power() {
+fn page_6_saved_values_survive_a_power_cycle() {
     let mut rig = Rig::default();
     change_everything(&mut rig);
     rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 2), (pid::VEL_CMD, 77), (pid::COM_TAR_SPEED, 0)]);
@@ -85,7 +85,7 @@ fn page_6_power_lost_in_a_save() {
     assert_eq!(rig.read(pid::MAX_RPM), 2_500);
 }
 
-/// "DL = 0x55(CHECK)" (p. 6): all that is saved, but id and baud.
+/// "DL = 0x55(CHECK)" (p. 6): resets all saved values but id and baud.
 #[test]
 fn page_6_default_set() {
     let mut rig = Rig::default();
@@ -131,7 +131,7 @@ fn page_12_id() {
         rig.power_cycle();
         assert_eq!(rig.read(pid::VERSION), 81);
     }
-    // Another key is echoed, and nothing else, whatever DH is.
+    // Another key is echoed, and nothing else, with any DH.
     for word in [0x0200, 0x0255, 0x02AB, 0x00A9, 0xFF00, 0xAA02] {
         let mut rig = Rig::default();
         rig.write(pid::ID, word);

@@ -17,7 +17,7 @@ fn by_pins(input_type: u16, settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// Within a step of 1,023, and what `assert_turns` allows.
+/// Within a step of 1,023, and the tolerance of `assert_turns`.
 #[track_caller]
 fn assert_near(rig: &mut Rig, rpm: f64, full: f64, what: &str) {
     rig.after(2.secs());
@@ -228,7 +228,7 @@ fn page_10_tq_ctrl() {
     rig.volts("SPEED_IN", 2.5);
     rig.after(100.millis());
     assert!(rig.signed(pid::TQ_DATA).abs_diff(-20) <= 1, "{}", rig.signed(pid::TQ_DATA));
-    // And not, with 0: the shaft is let go, and there is a speed.
+    // With 0 it does not: the shaft is released, and there is a speed.
     rig.fault("stall", false);
     rig.set(&[(pid::TQ_CTRL, 0)]);
     rig.open("START_STOP");

@@ -28,9 +28,9 @@ pub(crate) struct Row {
     pub(crate) pid: u16,
     pub(crate) name: &'static str,
     pub(crate) kind: Type,
-    /// Word for word; for what is read only, how many.
+    /// Ranges of the words; for read-only PIDs only their number.
     pub(crate) words: &'static [Word],
-    /// Factory values, or what a new controller at rest shows.
+    /// Factory values, or the readings of a new controller at rest.
     pub(crate) reset: &'static [u16],
     /// Comes back after a power failure (MDROBOT-6).
     pub(crate) saved: bool,

@@ -6,7 +6,7 @@ use drivetwin_protocol::time::{Duration, Span};
 use crate::pid;
 use crate::rig::Rig;
 
-/// 2 s after the change every sample is within 1 % or 2 rpm; counts say the same.
+/// 2 s after the change every sample is within 1 % or 2 rpm; counts show the same.
 #[test]
 fn velocity_steady() {
     for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
@@ -117,8 +117,8 @@ struct Ramps {
 }
 
 impl Ramps {
-    /// The reference so many seconds after the command, and how long it moves. The magnitude has ramps, so a reversal
-    /// goes down by SLOW_DOWN and up by SLOW_START (MDROBOT-16).
+    /// The reference `t` seconds after the command, and the duration of its ramps. The magnitude has ramps, so a
+    /// reversal goes down by SLOW_DOWN and up by SLOW_START (MDROBOT-16).
     fn reference(&self, from: f64, to: f64, t: f64) -> (f64, f64) {
         let way = (to - from).signum();
         if from * to < 0.0 {
@@ -147,7 +147,7 @@ impl Ramps {
         let (_, seconds) = self.reference(from, to, 0.0);
         let step = (to - from).abs() * 0.08;
         let unseen = self.unseen(rig);
-        // A shaft without an edge for a second stands.
+        // A shaft without an edge for a second counts as at rest.
         let settles = if to == 0.0 { 1.2 } else { 0.5 };
         let mut seen = 0;
         rig.watch(Duration::from_ticks(((seconds + 1.5) * 16e6) as u64), 20.millis(), |rig, t| {
@@ -171,7 +171,7 @@ impl Ramps {
 
 /// Ramps are for the velocity reference: not for open loop, torque and positions (MDROBOT-16).
 #[test]
-fn page_13_what_has_no_ramp() {
+fn page_13_commands_without_a_ramp() {
     let settings = [(pid::SLOW_START, 1_023), (pid::SLOW_DOWN, 1_023)];
     for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
         let mut rig = Rig::armed(&settings);
@@ -239,7 +239,7 @@ fn page_8_stop_status() {
 #[test]
 fn page_8_at_rest_against_a_load() {
     let turned = |status: u16| {
-        // 0.05 Nm against forward, friction 0.01: it turns backward where nobody holds it. At 0.06 Nm/A, 0.8 A hold it.
+        // 0.05 Nm against forward, friction 0.01: it turns backward unless it is held. At 0.06 Nm/A, 0.8 A hold it.
         let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, status)], |motor| motor.load_unm = 50_000);
         rig.velocity(200);
         rig.after(2.secs());

@@ -26,9 +26,9 @@ const AROUND: i64 = 12;
 /// Range in which they may be taken for the other: stamps are whole µs, and an interrupt takes part of one.
 const TOLERANCE: i64 = 2;
 
-/// Asks again and again, with silences that are longer by a microsecond each time, from [`AROUND`] below
-/// to as much above `edge`; `request` puts what is said with such a silence at an instant. Returns at
-/// which differences from the edge, in µs, there was an answer.
+/// Repeats a request, with silences that are longer by a microsecond each time, from [`AROUND`] below to as much
+/// above `edge`; `request` puts the characters with such a silence at an instant. Returns the differences from the
+/// edge, in µs, at which an answer came.
 fn answered(rate: &Rate, edge: Nanos, request: impl Fn(&mut Script, Nanos, Nanos)) -> Vec<i64> {
     let mut script = Script::fast();
     let set_up = [(at::SERIAL_PORT, rate.code)];
@@ -77,7 +77,7 @@ fn a_silence_longer_than_t15_breaks_a_frame() {
 fn a_silence_of_t35_ends_a_frame() {
     for rate in [SLOW, FAST] {
         let answered = answered(&rate, rate.t35, |script, at, silence| {
-            // Somebody else's character, and a request behind it.
+            // A character of another device, and then a request.
             script.hear(at, &[0x55]);
             script.hear(at + rate.character + silence, &question());
         });
@@ -111,7 +111,7 @@ fn the_transceiver_is_turned_around_in_time() {
     let fall = *falls.last().expect("DE falls");
     println!("DE rises {} ns before the reply, falls {} ns behind it", begins - rise, fall - ends);
     assert!(rise <= begins && begins - rise < 20 * US, "DE rises at {rise}, the reply begins at {begins}");
-    // Before the master may speak again, and not into the last stop bit: divisors are rounded by 0.1 %.
+    // Before the master may send again, and not into the last stop bit: divisors are rounded by 0.1 %.
     assert!(
         fall + 10 * US >= ends && fall < ends + CHARACTER,
         "the reply ends at {ends}, DE falls at {fall}"

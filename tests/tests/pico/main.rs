@@ -1,5 +1,5 @@
-//! The Pico's image in the exact virtual time of its emulator: what the line, the step timer and the flash
-//! of a board do, which a bench cannot tell.
+//! The Pico's image in the exact virtual time of its emulator: behaviour of the line, the step timer and the flash of
+//! a board, which a bench cannot show.
 //!
 //! `cargo xtask test` builds the images, names their folder in `DRIVETWIN_IMAGES`, and runs this. The pins are
 //! those of firmware/boards/rp2040/README.md, typed by hand.
@@ -66,7 +66,7 @@ fn expect_written(run: &Run, at: Nanos, writes: &[(u16, u16)]) {
     }
 }
 
-/// The value that a register was read to have, asked for at `at`.
+/// The value of a register that was requested at `at`.
 fn value(run: &Run, at: Nanos) -> u16 {
     let (_, reply) = run.sent(at, at + TURN);
     let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));

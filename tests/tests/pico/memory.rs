@@ -58,7 +58,7 @@ fn what_was_saved_is_there_after_the_power_was_off() {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
-    // One run without a cut, to know what a save does to the flash.
+    // One run without a cut, for the flash operations of a save.
     let mut whole = Script::fast();
     let begun = save(&mut whole, START, 0x1111);
     let done = save(&mut whole, begun, 0x2222);
@@ -92,12 +92,12 @@ enum Memory {
 }
 
 impl Memory {
-    /// As it was read at `asked`, if `old` was there and `new` was saved.
+    /// State as read at `asked`, if `old` was saved before and `new` was being saved.
     fn of(run: &Run, asked: Nanos, old: u16, new: u16) -> Self {
         match (value(run, asked), value(run, asked + TURN)) {
             (user, 0x9a00) if user == old => Self::Old,
             (user, 0x9a00) if user == new => Self::New,
-            // 7.20: 0xf1 says that the CRC was bad; the registers have their defaults.
+            // 7.20: 0xf1 means that the CRC was bad; the registers have their defaults.
             (0x0000, 0xf100) => Self::Bad,
             other => panic!("neither old nor new: {other:04x?}"),
         }

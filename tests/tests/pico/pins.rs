@@ -1,4 +1,4 @@
-//! Edges that come faster than the drive can be told of them, and as fast as it can.
+//! Edges that come faster than the board can report them to the drive, and just as fast as it can.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::{at, bit};
@@ -6,7 +6,7 @@ use drivetwin_tests::md3::{at, bit};
 use crate::play::{Drive, MS, Nanos, Script, US};
 use crate::{START, TURN, expect_written, image, pin, value, write};
 
-/// J2.4, the encoder's index, A and B (J2.9, J2.10 and J2.12), and what makes the drive too hot.
+/// J2.4, the encoder's index, A and B (J2.9, J2.10 and J2.12), and the input of the over-temperature fault.
 const J2_4: u8 = 7;
 const INDEX: u8 = 9;
 const A: u8 = 10;
@@ -18,7 +18,7 @@ const STEP_DIRECTION: (u16, u16) = (at::PINS, 0);
 /// Every edge of A and B counts (7.11).
 const X4: u16 = 1 << 2;
 
-/// Lets J2.4 fall and rise, `times` times, a level lasting `level`. Returns when that is over.
+/// Drives J2.4 low and high `times` times, each level for `level`. Returns the instant of the end.
 fn pulse(script: &mut Script, mut at: Nanos, times: u32, level: Nanos) -> Nanos {
     for _ in 0..times {
         for drive in ["low", "high"] {
@@ -31,11 +31,11 @@ fn pulse(script: &mut Script, mut at: Nanos, times: u32, level: Nanos) -> Nanos 
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
-fn a_level_that_finds_no_room_is_told_later() {
+fn a_level_that_finds_no_room_is_reported_later() {
     const PULSES: u32 = 1_000;
     let mut script = Script::fast();
     let begin = write(&mut script, START, &[STEP_DIRECTION]);
-    // So fast that the loop hardly runs, and so many that they do not fit.
+    // Faster than the loop can take them, and more than fit into the queue.
     let over = pulse(&mut script, begin, PULSES, 5 * US);
     script.at(over, format_args!("pin {OVER_TEMPERATURE} low"));
     let asked = over + 100 * MS;
@@ -48,8 +48,8 @@ fn a_level_that_finds_no_room_is_told_later() {
     assert_eq!(value(&run, asked), bit::FAULT);
 }
 
-/// Lets so many of these levels come one after the other, over and over, at `rate` a second, to a drive whose
-/// encoder is configured so. Returns what the register `counted` then has.
+/// Drives `edges` of these levels one after the other, over and over, at `rate` per second, to a drive with this
+/// encoder configuration. Returns the value of the register `counted` after that.
 fn count(configured: u16, levels: &[(u8, &str)], edges: u16, rate: u64, counted: u16) -> u16 {
     let mut script = Script::fast();
     let set_up = [(at::ENCODER, configured)];

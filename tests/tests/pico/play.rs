@@ -1,4 +1,4 @@
-//! A batch in the virtual time of an emulated Pico: a script of what is done to it, and what it did.
+//! A batch in the virtual time of an emulated Pico: a script of its inputs, and its outputs.
 //!
 //! `tests/pico/play.mjs` defines both. Instants are nanoseconds since the board first got power.
 
@@ -28,11 +28,11 @@ pub(crate) struct Script(String);
 pub(crate) enum OutputRecord {
     /// A character began to leave.
     Sent(u8),
-    /// The board drives a pin low or high, or lets it go.
+    /// The board drives a pin low or high, or releases it.
     Pin(u8, Drive),
     /// Begins to erase the sector at this offset.
     Erased(u32),
-    /// Begins to program so many bytes at this offset.
+    /// Begins to program that many bytes at this offset.
     Programmed(u32, u32),
     /// A word of its memory, as read.
     Peeked(u32),

@@ -1,5 +1,4 @@
-//! A QSB: edges counted by interrupts, a line that talks both ways at once, and a motor whose pins are those of
-//! the digital port.
+//! A QSB: edges counted by interrupts, a full-duplex line, and a motor whose pins are those of the digital port.
 
 use crate::image_of;
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
@@ -19,7 +18,7 @@ const TURN: Nanos = 3 * MS;
 /// A character of 230,400 8N1.
 const CHARACTER: Nanos = 10_000_000_000 / 230_400;
 
-/// Says lines one after the other, from `at` on; returns when all are answered.
+/// Sends lines one after the other, from `at` on; returns the instant at which all are answered.
 fn say(script: &mut Script, mut at: Nanos, lines: &[&str]) -> Nanos {
     for line in lines {
         script.hear(at, format!("{line}\r").as_bytes());
@@ -28,8 +27,8 @@ fn say(script: &mut Script, mut at: Nanos, lines: &[&str]) -> Nanos {
     at
 }
 
-/// Lets so many of these levels come one after the other, over and over, at `rate` a second. Returns when that
-/// is over.
+/// Drives `edges` of these levels one after the other, over and over, at `rate` per second. Returns the instant of
+/// the end.
 fn edges(script: &mut Script, mut at: Nanos, levels: &[(u8, &str)], edges: usize, rate: u64) -> Nanos {
     for (pin, level) in levels.iter().cycle().take(edges) {
         script.at(at, format_args!("pin {pin} {level}"));
@@ -38,7 +37,7 @@ fn edges(script: &mut Script, mut at: Nanos, levels: &[(u8, &str)], edges: usize
     at
 }
 
-/// The lines that it says in that time.
+/// Lines that the drive sends in that time.
 fn said(run: &Run, from: Nanos, to: Nanos) -> Vec<String> {
     let text = String::from_utf8(run.sent(from, to).1).expect("it says ASCII");
     assert!(text.is_empty() || text.ends_with("\r\n"), "{text:?}");
@@ -96,7 +95,7 @@ fn the_index_clears_the_count() {
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
-fn it_hears_while_it_speaks_and_answers_a_burst_back_to_back() {
+fn it_receives_while_it_sends_and_answers_a_burst_back_to_back() {
     const COMMANDS: usize = 60;
     let mut script = Script::fast();
     script.hear(START, "R14\r".repeat(COMMANDS).as_bytes());
@@ -128,8 +127,8 @@ fn a_stream_that_never_pauses_never_falls_behind() {
     // 17 characters take 0.738 ms.
     assert!(records > 4_000, "{records} records");
     assert_eq!(answers.last().map(String::as_str), Some("r 0E 00000000 !"));
-    // The rest of the command, of a record, and the answer. A UART that takes as long as 230,400 baud say, and
-    // not as the drive reckons in ticks, would be 2 ms behind by now.
+    // The rest of the command, of a record, and the answer. A UART with the exact characters of 230,400 baud, not
+    // those that the drive computes in ticks, would be 2 ms behind by now.
     let patience = (3 + 17 + 17) * CHARACTER + MS / 10;
     assert!(run.sent(asked + patience, end).1.is_empty(), "the answer is late");
 }
@@ -138,7 +137,7 @@ fn a_stream_that_never_pauses_never_falls_behind() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
     let mut script = Script::fast();
-    // 100 steps forward, which leaves DIR high; the lines come back and are let go; again they are STEP and
+    // 100 steps forward, which leaves DIR high; the lines come back and are released; again they are STEP and
     // DIR, which is low by that: 50 steps forward and 50 backward.
     let active = say(&mut script, START, &["W0F3E8", "W1164", "W162", "W168"]);
     let inactive = say(&mut script, active + 400 * MS, &["W160"]);
@@ -160,7 +159,7 @@ fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
     }
     assert_eq!((position, most), (100, 150), "100 and 50 forward, 50 back");
     let drives = |pin| run.edges(pin, Drive::Float).len();
-    assert_eq!((drives(DIO1), drives(DIO2)), (1, 1), "let go when the motor drive ended");
+    assert_eq!((drives(DIO1), drives(DIO2)), (1, 1), "released when the motor drive ended");
 }
 
 #[test]
@@ -202,7 +201,7 @@ fn after_a_flood_it_answers_as_soon_as_what_was_kept_has_left() {
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
-fn what_command_3_saves_outlasts_the_power_and_every_command_is_heard_again_50_ms_later() {
+fn values_saved_by_command_3_survive_a_power_cycle_and_commands_are_received_50_ms_later() {
     const COMMANDS: usize = 20;
     let mut script = Script::fast();
     let mut at = START;

@@ -1,5 +1,5 @@
 //! An RS 434544: a memory of 4 KiB in the flash, characters of seven bits, and a program that runs while the bus is
-//! asked.
+//! read.
 
 use std::fmt::Write as _;
 
@@ -41,7 +41,7 @@ fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     rtu::frame(1, &pdu).to_vec()
 }
 
-/// Says requests one after the other, from `at` on; returns when all are answered.
+/// Sends requests one after the other, from `at` on; returns the instant at which all are answered.
 fn ask(script: &mut Script, mut at: Nanos, requests: &[Vec<u8>]) -> Nanos {
     for request in requests {
         script.hear(at, request);
@@ -58,7 +58,7 @@ fn words(run: &Run, at: Nanos) -> Vec<u16> {
     words.chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
 }
 
-/// Loads the program that lies in flash, and asks for one of its lines and for ERROR; returns when each was asked.
+/// Loads the program in flash, and requests one of its lines and ERROR; returns the instants of these requests.
 fn look(script: &mut Script, at: Nanos, place: u16) -> [Nanos; 3] {
     let load = rtu::write(1, FLAG_SAVE_USER_PROGRAM, LOAD_PROGRAM).to_vec();
     let show = rtu::write(1, READ_CMD, place).to_vec();
@@ -67,7 +67,7 @@ fn look(script: &mut Script, at: Nanos, place: u16) -> [Nanos; 3] {
     [asked, error, ask(script, error, &[rtu::read(1, ERROR, 1).to_vec()])]
 }
 
-/// Power goes and comes back; returns when it may be asked again.
+/// Power goes and comes back; returns the instant from which the drive answers again.
 fn restart(script: &mut Script, at: Nanos) -> Nanos {
     script.at(at, "power off");
     script.at(at + MS, "power on");
@@ -89,7 +89,7 @@ fn a_contact_that_is_closed_when_power_comes_counts_from_there() {
         }
         let run = play(&script, 900 * MS);
         let lit = [RED, GREEN].map(|light| run.edges(light, Drive::High));
-        // Each has its turn for 250 ms, red first (7); else green says that it is ready, after 500 ms.
+        // Each is on for 250 ms in turn, red first (7); otherwise green shows that it is ready, after 500 ms.
         let turns: [&[Nanos]; 2] = if closed { [&[0, 500], &[250, 750]] } else { [&[], &[500]] };
         for (lit, turns) in lit.iter().zip(turns) {
             assert_eq!(lit.len(), turns.len(), "{lit:?}");
@@ -203,7 +203,7 @@ fn power_that_fails_while_a_program_is_stored_leaves_the_old_the_new_or_a_bad_on
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
-fn every_request_is_heard_while_a_program_runs() {
+fn every_request_is_received_while_a_program_runs() {
     const REQUESTS: u64 = 200;
     /// t3.5, 8 characters, the answer of 27 and its wait, and a little.
     const PACE: Nanos = 7 * MS;
@@ -234,7 +234,7 @@ fn every_request_is_heard_while_a_program_runs() {
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
-fn every_request_is_heard_while_the_motor_turns_and_its_edges_show_at_the_pins() {
+fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pins() {
     const REQUESTS: u64 = 60;
     /// A request of 8 characters, an answer of 75, and silences.
     const PACE: Nanos = 13 * MS;

@@ -76,7 +76,7 @@ impl Expected {
                 Seen::Output(OutputRecord::Store { offset, bytes }) => {
                     expected.memory[usize::from(offset)..][..bytes.len()].copy_from_slice(&bytes);
                 }
-                // What is said is taken below, piece by piece. Motion comes as plans; currents and duties have
+                // Messages are handled below, piece by piece. Motion comes as plans; currents and duties have
                 // no pin.
                 Seen::Output(_) => {}
             }
@@ -87,7 +87,7 @@ impl Expected {
                 Event::Output(OutputRecord::Bytes { bytes, .. }) => {
                     let follows = expected.replies.last().filter(|_| free == entry.at);
                     let earliest = follows.map_or(entry.at, |before| before.earliest);
-                    // The line that it says when it gets power holds at once.
+                    // The line setting at power-on holds at once.
                     let line = expected.line(entry.at + Duration::TICK);
                     free = entry.at + line.character() * bytes.len() as u64;
                     let bytes = bytes.clone();
@@ -127,10 +127,10 @@ impl Expected {
     /// The settings of the line at `at`.
     pub(crate) fn line(&self, at: Instant) -> Line {
         let line = self.lines.iter().rev().find(|(from, _)| *from < at);
-        line.expect("a drive says which line it has when it gets power").1
+        line.expect("a drive sets its line at power-on").1
     }
 
-    /// The level of a pin at `at`: high if it is let go.
+    /// The level of a pin at `at`: high if it is released.
     pub(crate) fn level(&self, pin: Pin, at: Instant) -> bool {
         let place = usize::from(pin.0);
         if self.let_go[place] && !self.given[place].iter().any(|given| *given <= at) {
@@ -169,7 +169,7 @@ impl Expected {
         self.steps.iter().take(last + 1).skip(first).any(|(_, way)| *way == forward)
     }
 
-    /// Last order to the motor, and whether it stood then.
+    /// Last order to the motor, and whether the motor was at rest then.
     pub(crate) fn told(&self, at: Instant) -> Option<(Instant, bool)> {
         let index = self.motion.iter().take_while(|(from, _)| *from <= at).count().checked_sub(1)?;
         let (told, _) = self.motion[index];
@@ -186,7 +186,7 @@ impl Expected {
         self.motion.iter().any(|(from, done)| plan(done) && (after..=at).contains(from))
     }
 
-    /// The instants between `after` and `before` at which the motor is told something else.
+    /// The instants between `after` and `before` at which the motor gets another order.
     pub(crate) fn turns(&self, after: Instant, before: Instant) -> impl Iterator<Item = Instant> {
         self.motion.iter().map(|(at, _)| *at).filter(move |at| (after..before).contains(at))
     }
@@ -208,7 +208,7 @@ impl Expected {
                     let due = |plan: &drivetwin_firmware::device::Plan| {
                         (plan.position_at(*from + late) - plan.position_at(*from)).abs()
                     };
-                    // What stands still loses nothing: the new plan is made later as a whole.
+                    // A motor at rest loses nothing: the new plan is made later as a whole.
                     let moved = old.position_at(*from) != old.position_at(Instant::NEVER);
                     Some(if moved { due(old) + due(new) } else { 0 })
                 }

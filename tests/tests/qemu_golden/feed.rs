@@ -12,7 +12,7 @@ use crate::machine::Gpio;
 /// An input of the board.
 #[derive(Clone)]
 pub(crate) enum Act {
-    /// The bus hears one.
+    /// The bus receives a character.
     Character(u8),
     /// A client connects.
     Open(Connection),
@@ -78,7 +78,7 @@ pub(crate) fn acts(
             InputRecord::Power(power @ (Power::On | Power::Off)) => {
                 acts.push((entry.at, Act::Power(*power == Power::On)));
             }
-            other => panic!("nobody can do this to the board: {other:?}"),
+            other => panic!("the board has no such input: {other:?}"),
         }
     }
     acts.sort_by_key(|(at, _)| *at);

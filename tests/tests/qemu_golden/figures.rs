@@ -17,7 +17,7 @@ pub(crate) struct Figures {
     pub(crate) boot: Duration,
     /// Step pulses.
     pub(crate) steps: u32,
-    /// Times that the board stood.
+    /// Stops of the machine.
     pub(crate) stops: u32,
     /// Bytes of the stack that were ever used.
     pub(crate) stack: u32,

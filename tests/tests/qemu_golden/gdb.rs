@@ -1,4 +1,4 @@
-//! As much of GDB's remote protocol as it takes to stop a processor and let it go.
+//! The part of GDB's remote protocol that stops and continues a processor.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -15,7 +15,7 @@ impl Gdb {
         Self { line, heard: Vec::new() }
     }
 
-    /// Waits until the stub answers: then the machine is there, and stands.
+    /// Waits until the stub answers: then the machine is there, and stopped.
     pub(crate) fn greet(&mut self) {
         assert!(self.ask("?").starts_with('T'), "QEMU says why the machine stands");
     }
@@ -25,9 +25,9 @@ impl Gdb {
         assert_eq!(self.ask(&format!("Z1,{address:x},2")), "OK");
     }
 
-    /// Lets the processor go, from `address` on or from where it stands, until it stops.
+    /// Continues the processor, at `address` or where it stopped, until it stops again.
     pub(crate) fn run(&mut self, address: Option<u32>) {
-        // Bit 0 says that it is Thumb code.
+        // Bit 0 marks Thumb code.
         let stop = match address {
             Some(address) => self.ask(&format!("c{:x}", address | 1)),
             None => self.ask("c"),
@@ -43,7 +43,7 @@ impl Gdb {
         u32::from_str_radix(word, 16).expect("a number").swap_bytes()
     }
 
-    /// A command to QEMU's monitor, and what it says.
+    /// Sends a command to QEMU's monitor and returns its output.
     pub(crate) fn monitor(&mut self, command: &str) -> String {
         let hex: String = command.bytes().map(|byte| format!("{byte:02x}")).collect();
         let mut said = Vec::new();

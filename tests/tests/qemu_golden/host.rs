@@ -12,12 +12,12 @@ use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 /// A connection, as traces name it.
 pub(crate) type Connection = (Port, Link);
 
-/// The drive's address from the factory, and one beside it (FB 6.3).
+/// The drive's address from the factory, and another one in the same network (FB 6.3).
 const DRIVE: IpAddress = IpAddress::v4(192, 168, 33, 1);
 const HERE: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 2), 16);
-/// An Ethernet address of nobody in particular.
+/// An arbitrary, locally administered Ethernet address.
 const ADDRESS: EthernetAddress = EthernetAddress([2, 0, 0, 0, 0, 2]);
-/// Bytes of the longest frame that hosts send, whatever the board takes.
+/// Bytes of the longest frame that hosts send, which may be longer than the board accepts.
 const FRAME: usize = 1_514;
 /// The first port of its own.
 const OWN: u16 = 49_152;
@@ -57,11 +57,11 @@ impl Host {
             // FB 6.3.
             Framing::Mbap => 502,
             Framing::Return => 503,
-            ends => panic!("nobody connects to a port whose messages end with {ends:?}"),
+            ends => panic!("no host protocol for a port whose messages end with {ends:?}"),
         };
         let buffer = || SocketBuffer::new(vec![0; ROOM]);
         let mut socket = Socket::new(buffer(), buffer());
-        // What it has to say it says at once, and that it has heard, too.
+        // Data and acknowledgements are sent at once.
         socket.set_nagle_enabled(false);
         socket.set_ack_delay(None);
         socket.connect(self.interface.context(), (DRIVE, number), self.port).expect("it is closed");
@@ -73,7 +73,7 @@ impl Host {
         assert_eq!(self.socket(connection).send_slice(bytes), Ok(bytes.len()), "{connection:?} is open");
     }
 
-    /// Has no more to say.
+    /// Closes its side of a connection.
     pub(crate) fn close(&mut self, connection: Connection) {
         self.socket(connection).close();
     }

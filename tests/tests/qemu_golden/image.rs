@@ -1,4 +1,4 @@
-//! The linked image: where things lie in it.
+//! The linked image: addresses in it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,7 @@ impl Image {
         let bytes = fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         let file = object::File::parse(bytes.as_slice()).expect("an ELF file");
         let sleep = file.symbol_by_name("sleep_until").expect("the image exports sleep_until");
-        // Bit 0 of a function's address says that it is Thumb code.
+        // Bit 0 of a function's address marks Thumb code.
         let begin = sleep.address() & !1;
         let section = file.section_by_index(sleep.section_index().expect("it lies in a section"));
         let code = section.and_then(|section| section.data_range(begin, sleep.size()));

@@ -8,23 +8,23 @@ use crate::patience::{PLANNING, earlier};
 /// Delay by which the board makes a plan that it began late: one from standstill as a whole, so that each step is late
 /// by the same span. One that replaces another joins in where it is; there an input that was received a little late
 /// also moves the way that follows by a part of a step, and close to standstill that is long: there one step more or
-/// less is right for each that joined in, and it still is when the motor stands.
+/// less is right for each that joined in, and it still is when the motor is at rest.
 #[derive(Default)]
 pub(crate) struct Lag {
-    /// Last order to the motor, and whether it stood then.
+    /// Last order to the motor, and whether the motor was at rest then.
     told: Option<(Instant, bool)>,
-    /// The spans, in microseconds, that explain all that was seen since.
+    /// The spans, in microseconds, that explain all steps since.
     possible: Vec<u64>,
     /// Steps made by the last look.
     made: i32,
     /// Steps of these that are right and not in the trace.
     aside: i32,
-    /// Plans that joined in since the motor stood.
+    /// Plans that joined in since the motor was at rest.
     joined: i32,
 }
 
 impl Lag {
-    /// Returns whether one lag explains this, and all that was seen of the plan before: so many steps were made by an
+    /// Returns whether one lag explains `made`, and all earlier counts of the plan: so many steps were made by an
     /// instant after `since` and before `now`.
     pub(crate) fn explains(&mut self, expected: &Expected, made: i32, since: Instant, now: Instant) -> bool {
         let before = std::mem::replace(&mut self.made, made);

@@ -1,18 +1,18 @@
-//! The board as a machine of virtual time, which stands whenever its processor sleeps (BOARD-10).
+//! The board as a machine of virtual time, which stops whenever its processor sleeps (BOARD-10).
 //!
 //! With `-icount shift=…,sleep=off` QEMU's time is counted: a power of two of ns an instruction, and while
 //! the processor has nothing to do, time hops to the next timer. A breakpoint on the one WFI of the image stops the
 //! machine there, and while it stops, QEMU's main loop makes that very hop, because all processors are
-//! idle. So the machine always stands at the instant at which a timer is due next, before it has come, and
+//! idle. So the machine always stops at the instant at which a timer is due next, before it has come, and
 //! nothing is lost if the WFI is then skipped: WFI may end at any time.
 //!
 //! What is pending already when the processor comes to its WFI must not wait for a hop. So there are two
-//! kinds of stops, and TIMER3, which no image uses and whose interrupt is off, tells them apart:
+//! kinds of stops, and TIMER3, which no image uses and whose interrupt is off, distinguishes them:
 //!
 //! - While the board [runs](Machine::run) TIMER3 comes every microsecond, so that the hop to the first stop
 //!   is no longer than that. If something is pending there the board goes on at once.
-//! - Then it [sleeps](Machine::sleep): it is let go with the breakpoint before it, so that no instruction is
-//!   executed. What was due where it stood comes, and time hops again. If that was TIMER3 alone, it takes
+//! - Then it [sleeps](Machine::sleep): it continues with the breakpoint before it, so that no instruction is
+//!   executed. What was due at the stop comes, and time hops again. If that was TIMER3 alone, it takes
 //!   its new span, and the hop is a long one. If it was another timer, TIMER3 has not come yet, the hop is
 //!   still no longer than a microsecond, and the board must run first.
 //!
@@ -20,7 +20,7 @@
 //! behind the long hop, the machine notices that it has [`Overslept`], and the trace is played once
 //! more with instructions that take another time.
 //!
-//! Nothing of this depends on the speed of the host, and the image is the one that is flashed.
+//! None of this depends on the speed of the host, and the image is the one that is flashed.
 
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read, Write};
@@ -45,14 +45,14 @@ const PERIOD: u64 = 100_000 * CYCLES_PER_US;
 /// Longest time from one stop to the next before it counts as hung.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// SysTick's current value, and the register that says which exception is pending (B3.2.4 of the ARMv7-M
+/// SysTick's current value, and the register that shows which exception is pending (B3.2.4 of the ARMv7-M
 /// manual).
 const SYST_CVR: u32 = 0xE000_E018;
 const ICSR: u32 = 0xE000_ED04;
 const VECTPENDING: u32 = 0x1FF << 12;
 const PENDSTSET: u32 = 1 << 26;
 
-/// TIMER3: mode, control, what it has done, its acknowledgement, load (10.6 of the datasheet).
+/// TIMER3: mode, control, raw status, acknowledgement, load (10.6 of the datasheet).
 const TIMER3: u32 = 0x4003_3000;
 const TAMR: u32 = TIMER3 + 0x004;
 const CTL: u32 = TIMER3 + 0x00C;
@@ -61,7 +61,7 @@ const ICR: u32 = TIMER3 + 0x024;
 const TAILR: u32 = TIMER3 + 0x028;
 const PERIODIC: u32 = 2;
 
-/// UART0: flags, of which bit 4 says that nothing has been received.
+/// UART0: flags; bit 4 means that nothing has been received.
 const UART_FLAGS: u32 = 0x4000_C018;
 const RX_EMPTY: u32 = 1 << 4;
 /// Reads of its flags until a character that was sent to it is there.
@@ -99,7 +99,7 @@ impl Jack {
 const PORTS: [u32; 7] =
     [0x4000_4000, 0x4000_5000, 0x4000_6000, 0x4000_7000, 0x4002_4000, 0x4002_5000, 0x4002_6000];
 
-/// The port whose outputs are listened to.
+/// The port whose output changes are recorded.
 pub(crate) const LISTENED: char = 'B';
 
 impl Gpio {
@@ -114,22 +114,22 @@ pub(crate) struct Machine {
     qemu: Child,
     gdb: Gdb,
     test: Qtest,
-    /// What UART0 hears and says, or frames.
+    /// Bytes to and from UART0, or frames.
     line: UnixStream,
-    /// What QEMU calls the ports A to G.
+    /// QEMU's names of the ports A to G.
     ports: Vec<String>,
-    /// Where the image counts periods of SysTick.
+    /// Address of the image's count of SysTick periods.
     periods: u32,
     sleeps_at: u32,
-    /// It stands before its WFI, and not where it starts.
+    /// The board stopped before its WFI, no longer at its first instruction.
     started: bool,
-    /// Where it stood last, in cycles of its clock.
+    /// Time of the last stop, in cycles of its clock.
     now: u64,
-    /// How often it stood.
+    /// Number of stops.
     stops: u32,
 }
 
-/// What there is to know where the board stands.
+/// State of the board at a stop.
 struct Stop {
     /// An exception waits to be taken.
     pending: bool,
@@ -142,7 +142,7 @@ struct Stop {
 pub(crate) struct Overslept;
 
 impl Machine {
-    /// A board with that image, which stands before its first instruction. An instruction takes 2^`shift` ns.
+    /// A board with that image, stopped before its first instruction. An instruction takes 2^`shift` ns.
     pub(crate) fn new(image: &Image, jack: Jack, shift: u32) -> Self {
         let (gdb, its_gdb) = UnixStream::pair().expect("a pair of sockets");
         let (line, its_line) = UnixStream::pair().expect("a pair of sockets");
@@ -202,8 +202,7 @@ impl Machine {
         &mut self.test
     }
 
-    /// Resets the board: it stands before its first instruction again, and its inputs are as nobody
-    /// drives them.
+    /// Resets the board: it is stopped before its first instruction again, and its inputs are undriven.
     pub(crate) fn reset(&mut self) {
         let slept_at = self.gdb.pc();
         self.gdb.monitor("system_reset");
@@ -215,7 +214,7 @@ impl Machine {
         self.tick();
     }
 
-    /// Lets the board run until it sleeps and nothing is pending. It stands there within a microsecond.
+    /// Runs the board until it sleeps and nothing is pending. It stops there within a microsecond.
     /// Returns the time since its last reset, in cycles of its clock.
     pub(crate) fn run(&mut self) -> u64 {
         loop {
@@ -229,7 +228,7 @@ impl Machine {
         }
     }
 
-    /// Lets the board, which has nothing pending, sleep until `until`, or until one of its own timers comes
+    /// Keeps the board, which has nothing pending, asleep until `until`, or until one of its own timers comes
     /// before that. Returns the time as [`run`](Self::run) does, which must come next.
     pub(crate) fn sleep(&mut self, until: u64) -> Result<u64, Overslept> {
         let span = u32::try_from(until.saturating_sub(self.now).max(1)).unwrap_or(u32::MAX);
@@ -246,7 +245,7 @@ impl Machine {
         self.test.write([(CTL, 0), (TAILR, CYCLES_PER_US as u32), (CTL, 1)]);
     }
 
-    /// Looks why the board stands, and when.
+    /// Reads why and when the board stopped.
     fn stop(&mut self) -> Stop {
         self.stops += 1;
         // The lower half of the count is good for years.
@@ -272,19 +271,19 @@ impl Machine {
             let length = u32::try_from(frame.len()).expect("no frame is that long").to_be_bytes();
             self.line.write_all(&[&length[..], frame].concat()).expect("QEMU listens");
         }
-        // QEMU keeps them while the machine stands, if it has heard of them before that goes on: it looks at all its
-        // lines before it answers the second question.
+        // QEMU keeps them while the machine is stopped, if it has read them before the machine continues: it polls
+        // all its lines before it answers the second query.
         for _ in 0..2 {
             self.test.word(UART_FLAGS);
         }
     }
 
-    /// How often it stood.
+    /// Number of stops.
     pub(crate) fn stops(&self) -> u32 {
         self.stops
     }
 
-    /// What the board has sent since the last time.
+    /// Bytes that the board has sent since the last call.
     pub(crate) fn said(&mut self) -> Vec<u8> {
         let mut said = Vec::new();
         self.line.set_nonblocking(true).expect("a socket");
@@ -303,7 +302,7 @@ impl Machine {
         self.test.drive(&path, gpio.1, high);
     }
 
-    /// What outputs show.
+    /// Levels of outputs.
     pub(crate) fn levels(&mut self, gpios: &[Gpio]) -> Vec<Level> {
         /// The data register of all eight pins, and the register of directions.
         const REGISTERS: [u32; 2] = [0x3FC, 0x400];
@@ -341,7 +340,7 @@ impl Drop for Machine {
     }
 }
 
-/// A socket's place in the file system, which nobody needs once both ends have it.
+/// Path of a socket, which is not needed once both ends have opened it.
 struct Address(String);
 
 impl Address {

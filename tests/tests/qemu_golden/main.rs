@@ -51,8 +51,8 @@ static LEFT_OUT: [(&str, &str); 6] = [
     ("power-lost-in-a-save", "the flash of this board can only be read; the Pico's loses power in a save"),
 ];
 
-/// What an instruction takes, as a power of two of ns: 16 ns, about what it takes on the board. The others
-/// are for when the board [oversleeps](machine::Overslept).
+/// Time of an instruction, as a power of two of ns: 16 ns, about as on the board. The others are used if the board
+/// [oversleeps](machine::Overslept).
 static SHIFTS: [u32; 4] = [4, 3, 2, 1];
 /// A trace with edges closer together than this is one that the loop cannot follow at 16 ns. The board is
 /// only touched while it sleeps, so there an instruction takes 1 ns.
@@ -107,7 +107,7 @@ impl Job {
     }
 }
 
-/// Whether a trace has edges that are [close](CLOSE) together.
+/// Returns whether a trace has edges that are [close](CLOSE) together.
 fn has_close_edges(trace: &Trace) -> bool {
     let edges = trace.events().filter(|entry| matches!(entry.event, Event::Input(InputRecord::Edge { .. })));
     let edges: Vec<Instant> = edges.map(|entry| entry.at).collect();
@@ -146,7 +146,7 @@ fn stay_on(cpu: usize) {
     }
 }
 
-/// Where the images are.
+/// Folder of the images.
 fn images() -> PathBuf {
     PathBuf::from(env::var("DRIVETWIN_IMAGES").expect("DRIVETWIN_IMAGES names the folder of the images"))
 }
@@ -172,11 +172,11 @@ fn golden_traces_on_the_board() {
             scope.spawn(move || {
                 stay_on(cpu);
                 loop {
-                    let next = waiting.lock().expect("nobody panics while it takes a job").next();
+                    let next = waiting.lock().expect("no thread panics while it takes a job").next();
                     let Some(job) = next else { return };
                     let figures = job.run(images, &pins::wires(job.kind));
                     println!("{:<40} {figures}", job.name);
-                    *done.lock().expect("nobody panics while it adds one") += 1;
+                    *done.lock().expect("no thread panics while it adds one") += 1;
                 }
             });
         }

@@ -1,36 +1,36 @@
-//! How late the board may be.
+//! Allowed lateness of the board.
 
 use drivetwin_firmware::device::{Duration, Instant, Spec};
 use drivetwin_sim::record::trace::{Event, OutputRecord, Trace};
 
 use crate::expected::Expected;
 
-/// How long after its instant the board may do a thing, or hear one: interrupts and the loop. This bound
-/// and the next ones are for the speed of its code: the instructions that take so long at 16 ns each. Longest is a
-/// reply while the servo of an MDROBOT or RS drive runs: 329 µs.
+/// Allowed delay of an output or an input of the board: interrupts and the loop. This bound and the next ones limit
+/// the run time of its code, at 16 ns per instruction. Longest is a reply while the servo of an MDROBOT or RS drive
+/// runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
-/// Lateness where the network tells it: frames, each answered by others, and all of their check sums. Longest is the
-/// list of a whole program of an MDrive (L), line by line: 764 µs.
+/// Allowed delay of inputs from the network: frames, each answered by others, and all of their check sums. Longest is
+/// the list of a whole program of an MDrive (L), line by line: 764 µs.
 const ON_NETWORK: Duration = Duration::micros(850);
-/// How long if the motor is given a new plan then, which the loop computes before it does anything else.
+/// Allowed delay if the motor gets a new plan then, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// How long it may take from its first instruction until it has done all that it does at power-on. Longest,
+/// Allowed time from its first instruction until it has done all that it does at power-on. Longest,
 /// for its memory, is an MDROBOT, which judges each of its rows: 790 µs.
 const BOOT: Duration = Duration::micros(800);
-/// How much longer for each byte of its memory, which is read and judged then; as much where the drive judges and
+/// Additional time for each byte of its memory, which is read and checked then; the same where the drive checks and
 /// stores [many](MANY) bytes.
 const BYTE: Duration = Duration::from_ticks(4);
 /// Bytes that are stored in no time.
 const MANY: usize = 256;
 
-/// How late it may be in a trace.
+/// Allowed lateness in a trace.
 pub(crate) struct Patience {
     /// With anything else.
     latency: Duration,
-    /// When it stores many bytes, and how long that may take.
+    /// Instants at which it stores many bytes, and the allowed time for that.
     stores: Vec<Instant>,
     storing: Duration,
-    /// How long it may take to start.
+    /// Allowed time of its start.
     pub(crate) boot: Duration,
 }
 
@@ -58,8 +58,8 @@ impl Patience {
     }
 }
 
-/// When many bytes are stored, a user program of an RS 434544 is brought back (FLAG_SAVE_USER_PROGRAM), or an MDrive
-/// starts again, which says who it is.
+/// Instants at which many bytes are stored, a user program of an RS 434544 is restored (FLAG_SAVE_USER_PROGRAM), or
+/// an MDrive starts again and sends its sign-on.
 fn stores(trace: &Trace) -> Vec<Instant> {
     let many = |event: &Event| match event {
         Event::Output(OutputRecord::Store { bytes, .. }) => bytes.len() > MANY,
@@ -70,7 +70,7 @@ fn stores(trace: &Trace) -> Vec<Instant> {
     trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()
 }
 
-/// So long before `at`.
+/// The instant `by` before `at`, at least 0.
 pub(crate) fn earlier(at: Instant, by: Duration) -> Instant {
     Instant::from_ticks(at.ticks().saturating_sub(by.ticks()))
 }

@@ -14,7 +14,7 @@ pub(crate) const STEP: Gpio = Gpio('B', 3);
 /// Their direction: high is forward.
 pub(crate) const DIR: Gpio = Gpio('B', 4);
 
-/// What of a drive is where: its pins and its faults, by their names.
+/// Board pins of a drive's pins and faults, by their names.
 pub(crate) type Wires = Vec<(&'static str, Gpio)>;
 
 /// The wires of a kind.

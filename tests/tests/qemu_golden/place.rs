@@ -1,4 +1,4 @@
-//! Where in a trace something is, for messages.
+//! Places in a trace, for messages.
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_sim::record::trace::Trace;

@@ -1,4 +1,4 @@
-//! QEMU's protocol for tests of devices, beside a processor that stands.
+//! QEMU's protocol for tests of devices, used while the processor is stopped.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -52,7 +52,7 @@ impl Qtest {
         pairs.map(|pair| u8::from_str_radix(pair, 16).expect("hex")).collect()
     }
 
-    /// Puts bytes from `address` on.
+    /// Writes bytes from `address` on.
     pub(crate) fn put(&mut self, address: u32, bytes: &[u8]) {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         self.say(&format!("write {address:#x} {:#x} 0x{hex}\n", bytes.len()));
@@ -71,7 +71,7 @@ impl Qtest {
         self.answer();
     }
 
-    /// What they did since the last time.
+    /// Changes of the outputs since the last call.
     pub(crate) fn changes(&mut self) -> Vec<(u32, bool)> {
         std::mem::take(&mut self.changes)
     }
@@ -80,7 +80,7 @@ impl Qtest {
         self.to.write_all(commands.as_bytes()).expect("QEMU listens");
     }
 
-    /// What follows the `OK` to a command. Changes that were before it come before it.
+    /// Text after the `OK` to a command. Earlier changes come before it.
     fn answer(&mut self) -> String {
         loop {
             let mut line = String::new();

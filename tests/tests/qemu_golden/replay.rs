@@ -25,28 +25,28 @@ use crate::stack::Stack;
 /// A replay under way.
 struct Replay {
     machine: Machine,
-    /// Who is connected to a drive with TCP ports.
+    /// The host with connections to a drive with TCP ports.
     host: Option<Host>,
     expected: Expected,
     places: Places,
     /// The pins that the drive shows, by their place and their name, and where they are.
     wires: Vec<(Pin, &'static str, Gpio)>,
-    /// Which of them were let go when the board stood last.
+    /// Which of them were released at the last stop.
     floats: Vec<bool>,
     /// STEP and DIR are at pins of their own.
     has_axis_pins: bool,
-    /// What each input is driven to, for the next reset.
+    /// Driven level of each input, for the next reset.
     inputs: Vec<(Gpio, bool)>,
-    /// How late it may be.
+    /// Allowed lateness.
     patience: Patience,
-    /// When the board's clock was 0.
+    /// Instant at which the board's clock was 0.
     origin: Instant,
     powered: bool,
-    /// Where the board stands.
+    /// Instant of the last stop.
     now: Instant,
-    /// What was said, on each connection or on the bus, and was not compared yet.
+    /// Bytes sent on each connection or on the bus, not compared yet.
     said: BTreeMap<Option<Connection>, Vec<u8>>,
-    /// What is still to be said.
+    /// Replies that are still to come.
     replies: VecDeque<Reply>,
     /// The level of DIR.
     forward: bool,
@@ -54,11 +54,11 @@ struct Replay {
     lag: Lag,
     figures: Figures,
     saved: u32,
-    /// Where the image counts steps that slipped.
+    /// Address of the image's count of steps that slipped.
     slipped: u32,
 }
 
-/// Plays a trace on a new board, wired like that, and compares all that can be seen of it.
+/// Plays a trace on a new board with this wiring, and compares all of its outputs.
 pub(crate) fn play(
     name: &str,
     trace: &Trace,
@@ -120,7 +120,7 @@ pub(crate) fn play(
 }
 
 impl Replay {
-    /// Lets the board run from its first instruction until it has done what it does at power-on.
+    /// Runs the board from its first instruction until it has done all that it does at power-on.
     fn boot(&mut self) {
         for (gpio, high) in self.inputs.clone() {
             self.machine.drive(gpio, high);
@@ -137,9 +137,9 @@ impl Replay {
         }
     }
 
-    /// Does all of it at its instant, up to `end`.
+    /// Does each act at its instant, up to `end`.
     fn go(&mut self, acts: &[(Instant, Act)], end: Instant) -> Result<(), Overslept> {
-        // What is due is looked for when it must have happened.
+        // An output is checked at the instant by which it must have come.
         let due = self.expected.instants().filter(|at| *at <= end);
         let mut stands: BTreeSet<Instant> = due.map(|at| at + self.patience(at)).collect();
         stands.extend(acts.iter().map(|(at, _)| *at));
@@ -206,14 +206,14 @@ impl Replay {
         }
     }
 
-    /// Somebody who is connected does something.
+    /// Acts as the connected host.
     fn on_network(&mut self, act: impl FnOnce(&mut Host)) {
         act(self.host.as_mut().expect("the drive is on a network"));
         self.pass();
     }
 
-    /// A pin of QEMU that becomes an input keeps the level that it had as an output, and knows nothing of what
-    /// it was driven to meanwhile: so it is driven anew. Whether any is.
+    /// Drives pins anew that have become inputs: in QEMU such a pin keeps the level that it had as an output, and
+    /// ignores what it was driven to before. Returns whether there was any.
     fn drive_again(&mut self) -> bool {
         let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
         let floats = self.machine.levels(&gpios).into_iter().map(|level| level == Level::Float);
@@ -230,7 +230,7 @@ impl Replay {
         !again.is_empty()
     }
 
-    /// Lets the board do what it has to, and who is connected answer it.
+    /// Runs the board and the connected host, until neither has more to do.
     fn run(&mut self) {
         loop {
             let before = self.now;
@@ -245,7 +245,7 @@ impl Replay {
         }
     }
 
-    /// Takes what the board has sent. Whether frames come back.
+    /// Takes the bytes that the board has sent. Returns whether frames come back.
     fn pass(&mut self) -> bool {
         let said = self.machine.said();
         let Some(host) = &mut self.host else {
@@ -262,23 +262,23 @@ impl Replay {
         !back.is_empty()
     }
 
-    /// The board stands, so long after its clock began.
+    /// Sets the instant of a stop, from the cycles of the board's clock.
     fn set_now(&mut self, cycles: u64) {
         self.now = self.origin + Duration::from_ticks(cycles * TICKS_PER_US / CYCLES_PER_US);
     }
 
-    /// Where it stands, for messages.
+    /// Place of the stop in the trace, for messages.
     fn here(&self) -> String {
         self.places.at(self.now)
     }
 
-    /// How late the board may be at `at`.
+    /// Allowed lateness of the board at `at`.
     fn patience(&self, at: Instant) -> Duration {
-        // What it does at power-on.
+        // At power-on.
         if at == self.origin { self.patience.boot } else { self.patience.at(&self.expected, at) }
     }
 
-    /// What was due at `at` happens now.
+    /// Checks and counts the lateness of an output that was due at `at` and comes now.
     fn late(&mut self, at: Instant, what: &str) {
         let late = self.now.since(at);
         let patience = self.patience(at);
@@ -308,17 +308,17 @@ impl Replay {
         }
     }
 
-    /// Compares what was said.
+    /// Compares the bytes that the board has sent.
     fn hear(&mut self) {
         for (to, mut said) in std::mem::take(&mut self.said) {
             while !said.is_empty() {
                 let Some(next) = self.replies.iter().position(|reply| reply.to == to) else {
-                    panic!("{}: nobody asked for {}", self.here(), said.escape_ascii());
+                    panic!("{}: unexpected output {}", self.here(), said.escape_ascii());
                 };
                 let Reply { at, earliest, bytes, .. } = self.replies[next].clone();
                 assert!(earliest < self.now, "{}: it is early: {}", self.here(), said.escape_ascii());
                 self.late(at, "a reply");
-                // The UART of QEMU paces nothing: all of it leaves at once.
+                // The UART of QEMU does not pace bytes: all of them leave at once.
                 let reply: Vec<u8> = said.drain(..bytes.len().min(said.len())).collect();
                 let [reply, bytes] = [reply, bytes].map(|bytes| bytes.escape_ascii().to_string());
                 assert_eq!(reply, bytes, "{}: the reply", self.places.at(at));
@@ -329,7 +329,7 @@ impl Replay {
 
     /// Counts the pulses since `from`, and compares their direction and the position.
     fn count(&mut self, from: Instant) {
-        // A pin that is taken and let go shows that as a change, too.
+        // A pin that is driven and released shows that as a change, too.
         let given = |pin| self.expected.is_given(pin, earlier(from, PLANNING), self.now);
         let is_given = self.expected.shared_step().is_some_and(given);
         for (output, high) in self.machine.changes() {
@@ -367,11 +367,11 @@ impl Replay {
             Parity::Even => 0b110,
         };
         let expected = parity | u32::from(stop == 2) << 3 | u32::from(data - 5) << 5;
-        // Whether its FIFOs are on is the board's affair.
+        // The board may use the FIFOs or not.
         assert_eq!(shape & !(1 << 4), expected, "{}: the shape of a character", self.here());
     }
 
-    /// What must be true in the end.
+    /// Checks that hold at the end.
     fn finish(&mut self, end: Instant) {
         assert!(self.replies.is_empty(), "{}: {} replies are missing", self.here(), self.replies.len());
         let memory = self.machine.memory().bytes(self.saved + 8, self.expected.memory.len());

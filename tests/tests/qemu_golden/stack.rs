@@ -1,4 +1,4 @@
-//! How deep the stack goes.
+//! Depth of the stack.
 
 use crate::image::Image;
 use crate::machine::Machine;
@@ -11,7 +11,7 @@ pub(crate) struct Stack {
 
 impl Stack {
     const PAINT: u8 = 0xA5;
-    /// What must be left of it: for an interrupt that might have come in the deepest place.
+    /// Bytes that must stay free: for an interrupt that might come at the deepest place.
     const SPARE: u32 = 256;
 
     /// Paints it, before the board starts.
@@ -21,7 +21,7 @@ impl Stack {
         Self { begin, end }
     }
 
-    /// The bytes of it that were ever used.
+    /// Bytes of the stack that were ever used.
     ///
     /// # Panics
     /// If hardly any are left.

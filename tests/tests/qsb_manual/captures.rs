@@ -158,7 +158,7 @@ fn triggered(script: &[&str]) -> Rig {
     rig
 }
 
-/// Whether DIO0 is high as seen from outside, and as 01 reads it.
+/// Returns whether DIO0 is high, from outside and as register 01 reads it.
 #[track_caller]
 fn dio0(rig: &mut Rig) -> bool {
     let high = rig.is_high("DIO0");

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use crate::rig::Rig;
 use crate::slow::Slow;
 
-/// A QSB whose registers of the counter are written, and the model of it.
+/// A QSB with its counter registers written, and the model of its counter.
 struct Pair {
     rig: Rig,
     slow: Slow,
@@ -145,7 +145,7 @@ fn every_mode_at_1_mhz() {
     }
 }
 
-/// Something that happens to the counter.
+/// An event of the counter.
 #[derive(Clone, Debug)]
 enum Op {
     A,
@@ -160,7 +160,7 @@ enum Op {
     Mdr0(u8),
     Mdr1(u16),
     Dtr(u32),
-    /// DTR at so much from CNTR.
+    /// DTR at that distance from CNTR.
     Near(i32),
     Clear(u8),
     Load,
@@ -225,7 +225,7 @@ impl Pair {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever happens, all that the bus shows is what the model says.
+    /// After any events all registers on the bus are as in the model.
     #[test]
     fn random_edges_and_writes(ops in prop::collection::vec(op(), 1..60)) {
         let mut pair = Pair::new();

@@ -18,7 +18,7 @@ fn pwm(rig: &mut Rig, pin: &str, on: u64, period: u64, cycles: u32) {
     rig.after(1.micros());
 }
 
-/// What is read of a steady signal: the value, and MODE.
+/// Registers with a steady signal: the value, and MODE.
 fn reads(kind: &str, pin: &str, on: u64, period: u64) -> (u32, u32) {
     let mut rig = Rig::ready(kind);
     rig.write("W0001");
@@ -55,7 +55,7 @@ fn pwm_of_12_bits() {
     assert_eq!(reads("qsb-s", "A", 1_234 * 16, 64_000), (1_263, 0x11));
 }
 
-/// QSB-14: what is slower than 500 Hz has 12 bits. 1,000 × 1026 / 2000 = 513; 1,000 × 4098 / 2001 =
+/// QSB-14: signals slower than 500 Hz have 12 bits. 1,000 × 1026 / 2000 = 513; 1,000 × 4098 / 2001 =
 /// 2047.98.
 #[test]
 fn pwm_between_10_and_12_bits() {
@@ -108,7 +108,7 @@ fn pwm_begins_and_stops() {
     assert_eq!((rig.read("0E"), rig.read("00")), (512, 0x01));
 }
 
-/// The counter sees A whatever MODE says; 07 has it.
+/// The counter counts edges of A with any MODE; register 07 shows it.
 #[test]
 fn the_counter_goes_on() {
     let mut rig = Rig::ready("qsb-s");
@@ -142,7 +142,7 @@ fn pwm_is_streamed() {
     assert_eq!(hear(100), ["s 0E 00000063 !"]);
 }
 
-/// A QSB in analogue mode with so many mV at a pin.
+/// A QSB in analogue mode with that many mV at a pin.
 fn analogue(kind: &str, pin: &str, mv: i32) -> Rig {
     let mut rig = Rig::ready(kind);
     rig.write("W0002");

@@ -25,10 +25,10 @@ const LIST: [(&str, &str); 15] = [
     ("W1660A", "w 16 0000060A !"),
 ];
 
-/// Those of registers 01 and 02, of -D and -M.
+/// Examples of registers 01 and 02, of -D and -M.
 const PORT: [(&str, &str); 2] = [("S01", "s 01 0000000F !"), ("W02F00", "w 02 00000F00 !")];
 
-/// Those of registers 0F to 13, of -M.
+/// Examples of registers 0F to 13, of -M.
 const MOTOR: [(&str, &str); 5] = [
     ("W0F3E8", "w 0F 000003E8 !"),
     ("W10186A0", "w 10 000186A0 !"),

@@ -278,7 +278,7 @@ fn count_range() {
     rig.says(&[("R0E", "r 0E 000001F2 !")]);
     rig.turn(-600);
     rig.says(&[("R0E", "r 0E 00000000 !")]);
-    // 34F is modulo-n, whatever the example's title: 500 counts round.
+    // 34F is modulo-n, contrary to the example's title: 500 counts round.
     rig.write("W034F");
     rig.turn(1_250);
     rig.says(&[("R0E", "r 0E 000000FA !")]);

@@ -1,4 +1,4 @@
-//! Baud rates, on a line whose characters take their time.
+//! Baud rates, on a line with real character times.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::line::LineMode;
@@ -38,7 +38,7 @@ fn the_factory_rate() {
     assert_eq!(heard[0].0.since(start), character(230_400) * 5);
 }
 
-/// Each rate: the reply comes at the old one, what follows at the new one, which a power cycle keeps.
+/// Each rate: the reply comes at the old one, later characters at the new one, which a power cycle keeps.
 #[test]
 fn every_rate() {
     for kind in KINDS {
@@ -68,7 +68,7 @@ fn every_rate() {
     }
 }
 
-/// QSB-7: nothing else is saved by it, and what was saved before stays.
+/// QSB-7: nothing else is saved by it, and earlier saved values stay.
 #[test]
 fn only_the_rate_is_saved() {
     let mut rig = Rig::ready("qsb-m");
@@ -78,7 +78,7 @@ fn only_the_rate_is_saved() {
         rig.write(command);
     }
     rig.write("W1640A");
-    // What is there now stays, too.
+    // The present values stay, too.
     rig.says(&[("R0B", "r 0B 00000007 !")]);
     rig.after(100.millis());
     rig.restart("qsb-m");
@@ -122,14 +122,14 @@ fn characters_at_another_rate() {
     rig.after(2.millis());
     rig.send_at(230_400, "8\r");
     assert_eq!(rig.texts(REPLY).iter().map(|text| &text[..1]).collect::<String>(), "x");
-    // A backspace forgets it.
+    // A backspace clears it.
     rig.send_at(9_600, "W");
     rig.after(2.millis());
     rig.send_at(230_400, "\u{8}R08\r");
     assert_eq!(rig.texts(REPLY), ["r 08 000001F3 !"]);
 }
 
-/// QSB-6: what was put on the line before a reset by DTR leaves, whole.
+/// QSB-6: a reply that is on the line before a reset by DTR leaves completely.
 #[test]
 fn a_reset_cuts_no_answer() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);
@@ -140,8 +140,8 @@ fn a_reset_cuts_no_answer() {
     assert_eq!(rig.texts(START_UP * 2), ["r 08 000001F3 !", "r 0B 00000000 !", "QSB-D  0E!"]);
 }
 
-/// A stream on a real line: each tick a record, for a second; commands typed meanwhile are heard, for the
-/// line goes both ways at once.
+/// A stream on a real line: each tick a record, for a second; commands typed in that time are received, as the line
+/// is full duplex.
 #[test]
 fn both_ways_at_once() {
     let mut rig = Rig::ready_on("qsb-m", LineMode::Timed);

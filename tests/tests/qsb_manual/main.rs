@@ -1,5 +1,5 @@
 //! The QSB Command List 1.28 and the QSB Application Examples 1.5 as a test: each example command, each
-//! register and each limit, over the port and the pins, as a host program meets them. What counts is held
+//! register and each limit, over the port and the pins, as a host program sees them. What counts is held
 //! against a slow model of the LS7366R's data sheet.
 //!
 //! Where the manuals are silent or contradict themselves docs/decisions holds what the project has

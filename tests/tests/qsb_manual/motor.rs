@@ -8,7 +8,7 @@ use drivetwin_sim::bench::PowerAction;
 
 use crate::rig::Rig;
 
-/// Of register 13.
+/// Values of register 13.
 const INACTIVE: u32 = 0x01;
 const READY: u32 = 0x11;
 const MOVING: u32 = 0x12;
@@ -150,13 +150,13 @@ fn stop_and_quit() {
     rig.assert_near(496 + 992);
     rig.after(1.secs());
     assert_eq!(rig.position(), stands);
-    // The rest is forgotten.
+    // The rest is dropped.
     rig.says(&[("W167", "w 16 00000007 !")]);
     rig.after(1.secs());
     assert_eq!(rig.position(), stands);
 }
 
-/// Pause and resume, however often and wherever in the ramps: exactly the steps asked for (register 16,
+/// Pause and resume, any number of times and at any point of the ramps: exactly the commanded steps (register 16,
 /// commands 6 and 7).
 #[test]
 fn pause_and_resume_lose_no_step() {
@@ -187,7 +187,7 @@ fn pause_and_resume_lose_no_step() {
     }
 }
 
-/// Status 14 is of a motor that stands; a resume before it stands is carried out.
+/// Status 14 is for a motor at rest; a resume before it is at rest is carried out.
 #[test]
 fn resume_while_it_slows_down() {
     let mut rig = active(&["W0F3E8", "W103E8", "W11BB8"]);
@@ -202,9 +202,9 @@ fn resume_while_it_slows_down() {
     assert_eq!(pulses(&rig), (3_000, 0));
 }
 
-/// A stop, or a quit, ends what is paused.
+/// A stop, or a quit, ends a paused move.
 #[test]
-fn what_is_paused_can_be_ended() {
+fn a_paused_move_can_be_ended() {
     for command in ["W164", "W165"] {
         let mut rig = active(&["W0F3E8", "W103E8", "W11BB8"]);
         rig.write("W168");
@@ -292,7 +292,7 @@ fn a_paused_jog() {
     assert!((rig.speed() - 992.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// QSB-29: a jog below 16 stands, and no steps are done at once.
+/// QSB-29: a jog below 16 does not move, and a move of no steps is done at once.
 #[test]
 fn nothing_to_do() {
     let mut rig = active(&["W12F"]);
@@ -362,7 +362,7 @@ fn command_0_on_the_way() {
     assert_eq!((rig.status(), rig.position()), (READY, stands + 2_000));
 }
 
-/// A reset, or no power, in the middle of a move: the motor stands and the pins are let go.
+/// A reset, or no power, in the middle of a move: the motor stops and the pins are released.
 #[test]
 fn reset_on_the_way() {
     for cut in [false, true] {

@@ -58,7 +58,7 @@ fn pins_are_read_not_latches() {
 
 /// "All I/O port pins will be set high after a write to this configuration register", each time.
 #[test]
-fn a_write_of_the_configuration_lets_all_go_high() {
+fn a_write_of_the_configuration_releases_all_outputs_to_high() {
     let mut rig = Rig::ready("qsb-m");
     for config in ["W02F00", "W02F00", "W020F5", "W02300"] {
         rig.write("W02F00");

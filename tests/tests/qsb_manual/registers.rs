@@ -1,4 +1,4 @@
-//! Each register: its default, its limits, who has it and for which letters, and what is kept.
+//! Each register: its default, its limits, its variants and letters, and whether it is saved.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Setup;
@@ -12,17 +12,17 @@ struct Register {
     letters: &'static str,
     /// Which variants have it.
     on: &'static str,
-    /// What a new one reads.
+    /// Value in a new QSB.
     default: u32,
-    /// Values that it takes, with what is read then.
+    /// Values that it takes, each with the value read then.
     takes: &'static [(u32, u32)],
     /// Values beyond, each next to a limit where there is one.
     refuses: &'static [u32],
-    /// Whether command 3 saves it.
+    /// `true` if command 3 saves it.
     saved: bool,
 }
 
-/// A register of which nothing is special.
+/// A register without special cases.
 const fn plain(number: u8, on: &'static str, default: u32, takes: &'static [(u32, u32)]) -> Register {
     Register { number, letters: "RW", on, default, takes, refuses: &[], saved: true }
 }
@@ -31,7 +31,7 @@ const fn shown(number: u8, letters: &'static str, on: &'static str, default: u32
     Register { number, letters, on, default, takes: &[], refuses: &[], saved: false }
 }
 
-/// The table of factory defaults and the command list. VERSION's default is told in examples.rs; the last
+/// The table of factory defaults and the command list. VERSION's default is tested in examples.rs; the last
 /// value that a register takes is the one that is saved.
 const REGISTERS: [Register; 22] = [
     // QSB-9: bits 1:0 = 3 is no mode; bits 2 to 4 of a write are ignored.
@@ -87,7 +87,7 @@ const REGISTERS: [Register; 22] = [
     },
     shown(0x13, "RS", "M", 1),
     shown(0x14, "R", "DMS", 0),
-    // 15 and 16 are told below and in replies.rs; those after them do not exist.
+    // 15 and 16 are tested below and in replies.rs; those after them do not exist.
     shown(0x17, "", "DMS", 0),
     shown(0x80, "", "DMS", 0),
     shown(0xFF, "", "DMS", 0),
@@ -103,7 +103,7 @@ impl Register {
         self.on.contains(letter(kind))
     }
 
-    /// Its number as commands have it.
+    /// The number as in commands.
     fn name(&self) -> String {
         format!("{:02X}", self.number)
     }
@@ -127,8 +127,7 @@ fn factory_defaults() {
     }
 }
 
-/// QSB-2: a register that is not there, not on this variant or not for this letter is unsupported,
-/// whatever the data.
+/// QSB-2: a register that is not there, not on this variant or not for this letter is unsupported, with any data.
 #[test]
 fn letters() {
     for kind in KINDS {
@@ -238,7 +237,7 @@ fn commands() {
     }
 }
 
-/// What command 3 saves comes back; without it nothing does.
+/// Values saved by command 3 come back; without it none does.
 #[test]
 fn saved_or_not() {
     for kind in KINDS {
@@ -267,7 +266,7 @@ fn saved_or_not() {
 
 /// 05, 06, 07, 0D and CNTR are not saved.
 #[test]
-fn what_is_never_saved() {
+fn registers_that_are_never_saved() {
     let mut rig = Rig::ready("qsb-m");
     rig.write("W0343");
     rig.write("W04010");
@@ -348,7 +347,7 @@ fn time_stamp() {
     rig.assert_time_stamp(cleared);
 }
 
-/// It wraps at 2^32 ticks, or 97.1 days.
+/// The time stamp wraps at 2^32 ticks, or 97.1 days.
 #[test]
 fn time_stamp_wraps() {
     let mut rig = Rig::ready("qsb-s");
@@ -380,7 +379,7 @@ fn serial_numbers() {
     }
 }
 
-/// QSB-8: what is preset while it has power lasts until a reset, unless command 3 saves it.
+/// QSB-8: a preset made while it has power lasts until a reset, unless command 3 saves it.
 #[test]
 fn presets_with_power() {
     for save in [false, true] {

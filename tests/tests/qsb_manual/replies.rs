@@ -1,4 +1,4 @@
-//! Formats of replies, line ends, bad input, and what happens at a reset.
+//! Formats of replies, line ends, bad input, and resets.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::Setup;
@@ -76,7 +76,7 @@ fn line_ends() {
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// QSB-2: whatever is not understood is one `x`; its register as typed if it is two hex digits.
+/// QSB-2: a line that is not understood gets one `x`, with the register as typed if it is two hex digits.
 #[test]
 fn lines_that_are_not_understood() {
     let mut rig = Rig::ready("qsb-m");
@@ -109,7 +109,7 @@ fn lines_that_are_not_understood() {
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// Over 16 characters: one `x`, whatever follows.
+/// Over 16 characters: one `x`, with any following characters.
 #[test]
 fn lines_that_are_too_long() {
     let mut rig = Rig::ready("qsb-m");
@@ -138,7 +138,7 @@ fn backspace() {
         // DEL is another character.
         ("W0\u{7f}R08", "x 00 00000000 !"),
     ]);
-    // What is left is an empty line.
+    // An empty line is left.
     rig.send("W085\u{8}\r");
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }

@@ -1,4 +1,4 @@
-//! A QSB on a bench, a terminal at its port, and a hand on every pin.
+//! A QSB on a bench, a terminal at its port, and drivers for every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
 use drivetwin_firmware::qsb::Qsb;
@@ -28,20 +28,20 @@ fn make(kind: &str) -> Box<dyn Device> {
     })
 }
 
-/// What the drive has sent, up to an exclamation mark and without CR and LF, and when it began to
-/// arrive.
+/// A line that the drive has sent, up to an exclamation mark and without CR and LF, and the instant at which it began
+/// to arrive.
 pub(crate) type Line = (Instant, String);
 
-/// A QSB, and all that is done to it. Characters take no time here, unless a test wants them to, so that
+/// A QSB and its stimuli. Characters take no time here, unless a test sets that, so that
 /// a command counts from the instant at which it was given.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
     pub(crate) bus: Bus,
     client: Client,
-    /// When power came last.
+    /// Instant of the last power-on.
     pub(crate) power: Instant,
-    /// Lines that nobody has taken yet, and the beginning of the next one.
+    /// Lines that were not read yet, and the beginning of the next one.
     heard: Vec<Line>,
     partial: Option<Line>,
 }
@@ -57,7 +57,7 @@ impl Rig {
         Self { bench, seat, bus, client, power, heard: Vec::new(), partial: None }
     }
 
-    /// A new QSB of that kind that has said its banner.
+    /// A new QSB of that kind that has sent its banner.
     pub(crate) fn ready(kind: &str) -> Self {
         Self::ready_on(kind, LineMode::Fast)
     }
@@ -81,18 +81,18 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn after(&mut self, span: Duration) {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Lets time pass until `span` after power came.
+    /// Advances the time to `span` after power-on.
     pub(crate) fn at(&mut self, span: Duration) {
         assert!(self.now() <= self.power + span, "that is over");
         self.bench.run_until(self.power + span);
     }
 
-    /// Lets time pass until a part of a tick, in 1/16 µs, after the next one.
+    /// Advances the time to a part of a tick, in 1/16 µs, after the next one.
     pub(crate) fn past_tick(&mut self, part: u64) {
         let next = self.number() + 1;
         self.at(TICK * next + Duration::from_ticks(part));
@@ -174,8 +174,8 @@ impl Rig {
         }
     }
 
-    /// What the drive answers to a command, which is ended with a CR. Records of streams that come
-    /// meanwhile wait to be [heard](Self::hear).
+    /// Answer of the drive to a command, which is ended with a CR. Records of streams that come before it wait to be
+    /// [heard](Self::hear).
     #[track_caller]
     pub(crate) fn ask(&mut self, command: &str) -> String {
         let before = self.heard.len();
@@ -199,7 +199,7 @@ impl Rig {
         }
     }
 
-    /// Commands and what the drive answers to each.
+    /// Commands, each with the drive's answer.
     #[track_caller]
     pub(crate) fn says(&mut self, script: &[(&str, &str)]) {
         for (command, reply) in script {
@@ -240,7 +240,7 @@ impl Rig {
         self.partial = None;
     }
 
-    /// The same; returns when the banner has come, with `power` as it tells.
+    /// The same; returns after the banner, with `power` set from its instant.
     #[track_caller]
     pub(crate) fn restart(&mut self, kind: &str) {
         self.power_cycle();
@@ -248,7 +248,7 @@ impl Rig {
         self.take_banner(heard, kind);
     }
 
-    /// Learns from its banner when the drive was reset; what followed it waits to be heard.
+    /// Takes the instant of the reset from the banner; the lines after it wait to be read.
     #[track_caller]
     pub(crate) fn take_banner(&mut self, mut heard: Vec<Line>, kind: &str) {
         assert!(!heard.is_empty(), "no banner");
@@ -294,7 +294,7 @@ impl Rig {
         self.bench.level(self.seat, self.pin(name))
     }
 
-    /// Whether a pin is high, as an outside pull-up has it.
+    /// Returns whether a pin is high, with an outside pull-up.
     pub(crate) fn is_high(&self, name: &str) -> bool {
         self.level(name) != Level::Low
     }
@@ -304,7 +304,7 @@ impl Rig {
         self.turn_at(edges, 1_000_000);
     }
 
-    /// Turns the encoder, at so many edges a second, to the end and 2 µs more.
+    /// Turns the encoder, at that many edges per second, to the end and 2 µs more.
     pub(crate) fn turn_at(&mut self, edges: i32, hz: u32) {
         self.bench.encoder(self.seat, Encoder(0), edges, f64::from(hz)).expect("nothing turns");
         let lasts = u64::from(edges.unsigned_abs()) * 16_000_000 / u64::from(hz);

@@ -1,4 +1,4 @@
-//! What command 3 keeps, and what a failing memory leaves.
+//! Values that command 3 saves, and the values after a memory failure.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::PowerAction;
@@ -14,7 +14,7 @@ impl Rig {
     }
 }
 
-/// Saved outputs come back after the configuration, which lets all pins go high.
+/// Saved outputs come back after the configuration, which releases all pins to high.
 #[test]
 fn outputs_are_restored() {
     let mut rig = Rig::ready("qsb-m");
@@ -71,7 +71,7 @@ fn power_fails_in_a_save() {
     rig.says(&[("R0B", "r 0B 00000008 !")]);
 }
 
-/// The drive answers while it saves; a second save begins anew and holds what is there then.
+/// The drive answers while it saves; a second save begins anew with the values of then.
 #[test]
 fn commands_during_a_save() {
     let mut rig = Rig::ready("qsb-m");

@@ -25,7 +25,7 @@ pub(crate) struct Slow {
     stopped: bool,
     /// The index takes effect.
     gate: bool,
-    /// The direction that the last edge told, where a write has not made it doubtful.
+    /// Direction of the last edge, unless a write has made it uncertain.
     up: Option<bool>,
 }
 
@@ -101,7 +101,7 @@ impl Slow {
         if counted && self.counts() {
             self.clock(up);
         }
-        // Counted or not, it tells the direction (QSB-21).
+        // Counted or not, the edge sets the direction (QSB-21).
         self.up = Some(up);
         self.look_at_index();
     }
@@ -141,7 +141,7 @@ impl Slow {
         self.look_at_index();
     }
 
-    /// Whether the index is active, and A and B let it act.
+    /// Returns whether the index is active, and A and B enable it.
     fn is_gated(&self) -> bool {
         let inverted = self.mdr1 >> 3 & 1 == 1;
         let synchronous = self.mdr0 >> 6 & 1 == 1 && self.quadrature() != 0;

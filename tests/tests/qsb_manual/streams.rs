@@ -1,4 +1,4 @@
-//! Streams: when records come, what is in them, and what ends them.
+//! Streams: the times of records, their contents, and their end.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::PinStimulus;
@@ -10,7 +10,7 @@ use crate::saved::stamp;
 /// A character of 8N1 at the factory's 230,400 baud: 10 / 230,400 s = 694.4 / 16 µs.
 const CHARACTER: Duration = Duration::from_ticks(694);
 
-/// Those of one register.
+/// Records of one register.
 fn of<'a>(lines: &'a [Line], register: &str) -> Vec<&'a Line> {
     lines.iter().filter(|(_, text)| text.starts_with(&format!("s {register} "))).collect()
 }
@@ -184,7 +184,7 @@ fn thresholds() {
     assert_eq!(after(1), ["s 0E 00000004 !"]);
     assert_eq!(after(-3), [""; 0]);
     assert_eq!(after(3), [""; 0]);
-    // Not 8 from the beginning, but 4 from what was sent last.
+    // Not 8 from the beginning, but 4 from the last value sent.
     assert_eq!(after(3), [""; 0]);
     assert_eq!(after(1), ["s 0E 00000008 !"]);
     assert_eq!(after(-12), ["s 0E FFFFFFFC !"]);
@@ -279,8 +279,8 @@ fn interval_0_with_a_threshold_analogue() {
     assert!(latest > 150.micros() && latest <= 201.micros(), "{latest:?} at the latest");
 }
 
-/// "Multiple registers can be streamed simultaneously"; 01, 05, 06 and 13 on change at once (QSB-12),
-/// whatever the interval.
+/// "Multiple registers can be streamed simultaneously"; 01, 05, 06 and 13 on change at once (QSB-12), with any
+/// interval.
 #[test]
 fn several_at_once() {
     let mut rig = Rig::ready("qsb-m");
@@ -403,7 +403,7 @@ fn a_line_slower_than_the_stream() {
     let heard = rig.hear(10.secs());
     assert!(heard.len() > 350);
     let power = rig.power;
-    // The first one began before anybody listened again.
+    // The first one began before the terminal read again.
     for pair in heard[1..].windows(2) {
         assert_eq!(pair[1].0.since(pair[0].0), character * 26);
         assert_eq!(stamp(&pair[1]), number(pair[1].0 - character, power));
@@ -430,7 +430,8 @@ fn a_reply_on_a_line_slower_than_the_stream() {
     assert!(heard[1].starts_with("r 08 000001F3 "));
 }
 
-/// While the line is busy a value that comes and goes is not sent; what still differs is, when it is free.
+/// While the line is busy a value that comes and goes is not sent; a value that still differs is, when the line is
+/// free.
 #[test]
 fn changes_while_the_line_is_busy() {
     let mut rig = Rig::ready_on("qsb-m", LineMode::Timed);

@@ -1,4 +1,4 @@
-//! The eight functions (RS434-1), and what is refused.
+//! The eight functions (RS434-1), and refused requests.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -97,7 +97,7 @@ fn section_6_address_before_value() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// "After which the register is reset to 0": coils read 0 whatever happens; 0 does nothing.
+/// "After which the register is reset to 0": coils always read 0; writing 0 does nothing.
 #[test]
 fn section_6_2_coils_read_0() {
     let mut rig = Rig::default();
@@ -141,7 +141,7 @@ fn section_6_4_broadcasts_and_others() {
     silent(&mut rig, &rtu::read(0, at::SPEED, 1));
     silent(&mut rig, &rtu::write(2, at::SPEED, 600));
     silent(&mut rig, &rtu::write(0, at::SPEED, 1));
-    // Nobody hears of it, but the flag shows it.
+    // It gets no reply, but the flag shows it.
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0x2000));
     rig.write(at::ERROR, 0);
     let mut bad = rtu::write(1, at::SPEED, 700).to_vec();

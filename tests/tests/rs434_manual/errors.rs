@@ -1,4 +1,4 @@
-//! 6.5: ERROR: what sets each bit, whether it stops the motor, how it goes.
+//! 6.5: ERROR: the cause of each bit, whether it stops the motor, and how it is cleared.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
@@ -72,7 +72,7 @@ fn section_3_a_supply_out_of_its_range() {
     }
 }
 
-/// A restart changes no supply; one that nobody says after power-on is 24 V.
+/// A restart does not change the supply; after power-on it is 24 V if it is not set.
 #[test]
 fn section_3_a_supply_that_stays_out_of_range() {
     let mut rig = turning();

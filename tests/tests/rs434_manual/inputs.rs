@@ -323,8 +323,8 @@ fn section_6_5_levels_at_power_up() {
     assert_turns(&mut rig, 2, 2);
 }
 
-/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (RS434-20),
-/// whatever MODE_DEVICE says.
+/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (RS434-20), with
+/// any MODE_DEVICE.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {
@@ -364,12 +364,12 @@ fn section_6_hard_stop_at_power_up() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Closed while nobody uses it (RS434-8); open as soon as somebody lets it go, whatever was done to it before.
+/// Closed while it is unused (RS434-8); open as soon as it is released, after any earlier levels.
 #[test]
-fn section_6_hard_stop_that_is_let_go() {
+fn section_6_released_hard_stop() {
     for before in [None, Some(PinStimulus::Low), Some(PinStimulus::High)] {
         let mut rig = Rig::default();
-        assert_eq!(rig.read(at::IN_HARD_STOP), 1, "nobody uses it");
+        assert_eq!(rig.read(at::IN_HARD_STOP), 1, "the contact is unused");
         if let Some(before) = before {
             rig.drive("HARD_STOP", before);
             rig.restart();

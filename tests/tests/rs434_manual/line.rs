@@ -85,7 +85,7 @@ fn section_6_4_types_and_rates() {
     }
 }
 
-/// "New values must be saved": a restart alone goes back to what was saved.
+/// "New values must be saved": a restart alone goes back to the saved values.
 #[test]
 fn section_6_4_without_a_save() {
     let mut rig = timed();
@@ -122,7 +122,7 @@ fn section_6_4_address_0() {
     assert_eq!(rig.bench.peek(rig.seat, row), 500);
 }
 
-/// How long a reply takes, from the moment the request is sent on a line that has been silent.
+/// Time until a reply has come, from the start of the request on a line that has been silent.
 fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     rig.after(1.secs());
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
@@ -173,7 +173,7 @@ fn section_6_4_timeout_before_the_restart() {
     assert_eq!((reply_takes(&mut rig, &read), rig.read(at::TIMEOUT)), (plain, 2_000));
 }
 
-/// A message as the specification has it, and its LRC by hand: 01+03+50+0B+00+01 = 60h, so A0h.
+/// A message as in the specification, and its LRC by hand: 01+03+50+0B+00+01 = 60h, so A0h.
 #[test]
 fn section_6_4_ascii_messages() {
     let mut rig = restarted(&[(at::TYPE, 1)]);

@@ -56,7 +56,7 @@ fn section_6_3_rotation() {
     }
 }
 
-/// From the least to what the motor can.
+/// From the least speed to the greatest one of the motor.
 #[test]
 fn section_6_5_speed() {
     for speed in [30, 100, 500, 1_500, 2_500] {
@@ -76,7 +76,7 @@ fn section_6_5_more_than_the_motor_can() {
     let rig = turning(&[(at::SPEED, 15_000)]);
     let fast = rpm(&rig);
     assert!(fast > 0.8 * 3_000.0 && fast <= 0.98 * 3_000.0, "{fast}");
-    // The same motor, said to be another one: the register describes it.
+    // The same motor, described as another one by the register.
     let rig = turning(&[(at::RATED_SPEED, 6_000), (at::SPEED, 15_000)]);
     let fast = rpm(&rig);
     assert!(fast > 0.8 * 6_000.0 && fast <= 0.98 * 6_000.0, "{fast}");
@@ -211,8 +211,8 @@ fn section_6_5_one_sensor_backward() {
     assert_near(turned, -500.0 * 8.0, 3.0, "backward");
 }
 
-/// RS434-18: without sensors duty = SPEED / RATED_SPEED, at most 0.98; the position stands, and
-/// SPEED_VALID shows the speed computed.
+/// RS434-18: without sensors duty = SPEED / RATED_SPEED, at most 0.98; the position does not change, and SPEED_VALID
+/// shows the speed computed.
 #[test]
 fn section_6_5_without_sensors() {
     for (speed, rated, duty) in [(1_000, 3_000, 1.0 / 3.0), (1_500, 6_000, 0.25), (15_000, 3_000, 0.98)] {
@@ -262,8 +262,8 @@ fn section_6_3_current_of_the_supply() {
         rig.fault("stall", true);
         rig.write(at::START, 1);
         rig.after(1.secs());
-        // A shaft that is held has no voltage of its own: a third of the supply is a third of the time, and gives
-        // the motor a third of what all of it would.
+        // A shaft that is held has no voltage of its own: a third of the supply is a third of the time, and gives the
+        // motor a third of the full current.
         let motion = rig.motion();
         let supply = f64::from(motion.current_ma) * f64::from(motion.duty.abs()) / 65_536.0;
         assert!(motion.current_ma > 10_000 && supply < 0.4 * f64::from(motion.current_ma), "{motion:?}");
@@ -292,8 +292,8 @@ fn section_6_5_no_warning_in_normal_use() {
     }
 }
 
-/// "The instantaneous value of the rotation speed" (6.3): a shaft that coasted, its terminals open after a restart, and
-/// has made no edge for a second, stands.
+/// "The instantaneous value of the rotation speed" (6.3): a shaft that coasted, its terminals open after a restart,
+/// and has made no edge for a second, counts as at rest.
 #[test]
 fn section_6_3_speed_of_a_shaft_that_has_coasted() {
     let mut rig = turning(&[(at::SPEED, 2_800)]);

@@ -23,13 +23,13 @@ fn start(rig: &mut Rig) {
 fn assert_at(rig: &mut Rig, position: i32) {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), position);
     assert_eq!(rig.motion().position, position, "the shaft");
-    // Ramps of 5,000 rps² may want more current than REF_CURRENT lets them have.
+    // Ramps of 5,000 rps² may need more current than REF_CURRENT allows.
     let steep = [at::ACC, at::DEC].iter().any(|&ramp| rig.read(ramp) == 1_000);
     let accepted = if steep { 1 << 11 } else { 0 };
     assert_eq!(rig.read(at::ERROR) & !accepted, 0);
 }
 
-/// The end is exact, whatever the distance and the ramps; OFFSET is 0 then.
+/// The end is exact, for any distance and ramps; OFFSET is 0 then.
 #[test]
 fn section_6_5_offsets() {
     for (acc, dec, speed) in [(100, 100, 1_000), (10, 1_000, 2_500), (1_000, 10, 2_500), (20, 20, 60)] {
@@ -68,7 +68,7 @@ fn section_6_5_offset_and_direction() {
     assert_at(&mut rig, 0);
 }
 
-/// "A counter of the remaining movement": at every instant what is left and what is done make the whole; it
+/// "A counter of the remaining movement": at every instant the steps left and the steps done add up to the whole; it
 /// only decreases.
 #[test]
 fn section_6_5_offset_counts_down() {
@@ -91,7 +91,7 @@ fn section_6_5_offset_counts_down() {
     assert_at(&mut rig, 400);
 }
 
-/// RS434-16: STOP keeps the rest, also of what it braked over, and the next START goes on
+/// RS434-16: STOP keeps the rest, also of the way that it braked over, and the next START goes on
 /// with it.
 #[test]
 fn section_6_5_stop_in_an_offset() {
@@ -111,7 +111,7 @@ fn section_6_5_stop_in_an_offset() {
     assert_at(&mut rig, 1_000);
 }
 
-/// A move that begins while the motor still turns the other way: what is left grows first, and is never 0 on the
+/// A move that begins while the motor still turns the other way: the rest grows first, and is never 0 on the
 /// way.
 #[test]
 fn section_6_5_an_offset_against_the_motion() {
@@ -153,9 +153,9 @@ fn section_6_5_offset_const() {
     assert_at(&mut rig, -100);
 }
 
-/// RS434-15: a START while a move runs is nothing; a move keeps what it started with.
+/// RS434-15: a START while a move runs has no effect; a move keeps the settings that it started with.
 #[test]
-fn section_6_5_what_a_move_does_not_care_for() {
+fn section_6_5_writes_and_a_start_during_a_move_do_not_change_it() {
     let mut rig = mover(2);
     rig.write_long(at::OFFSET_CONST, 500);
     rig.write(at::START, 1);
@@ -193,7 +193,7 @@ fn section_6_5_positions() {
     }
 }
 
-/// The coordinate is copied "before moving": what is written during the move does not matter to it.
+/// The coordinate is copied "before moving": a write during the move does not change it.
 #[test]
 fn section_6_5_a_position_changed_on_the_way() {
     let mut rig = mover(3);
@@ -234,7 +234,7 @@ fn section_6_5_offset_compensation() {
     }
 }
 
-/// It moves the point where a move stops, and this cannot lie behind its beginning: then there is no motion.
+/// OFFSET_COMPENSATION moves the end of a move; if the end would be behind the beginning, there is no motion.
 #[test]
 fn section_6_5_more_compensation_than_way() {
     for offset in [10, -10] {
@@ -302,7 +302,7 @@ fn section_6_5_a_move_that_loses_its_sensors() {
             rig.after(2.secs());
             let case = format!("MODE_ROTATION {mode}, {halls} sensors");
             assert_eq!((rig.read(at::STATUS), rig.motion().speed.to_num::<f64>()), (0, 0.0), "{case}");
-            // It brakes with DEC, or with nothing to tell it how fast it turns: not over half of its way.
+            // It brakes with DEC, or without a speed signal: not over half of its way.
             let on = rig.motion().position - before;
             assert!((0..500).contains(&on), "{case}: {on} counts more");
         }

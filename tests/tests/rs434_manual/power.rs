@@ -22,8 +22,8 @@ fn section_6_power_on() {
     assert_eq!([at::STATUS, at::ERROR, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [0, 0, 1]);
 }
 
-/// "Causes the controller reboot": answered, then the same 500 ms (RS434-9); the
-/// position is 0, the motor stands, what was not saved is gone.
+/// "Causes the controller reboot": answered, then the same 500 ms (RS434-9); the position is 0, the motor is at rest,
+/// unsaved values are gone.
 #[test]
 fn section_6_5_restart() {
     let mut rig = Rig::default();
@@ -57,7 +57,7 @@ fn section_6_5_restart_clears_the_position() {
 }
 
 /// RS434-11: power fails in a save: factory values run, bit 9, and the memory
-/// stays as it is; a save and a restart mend it.
+/// stays as it is; a save and a restart repair it.
 #[test]
 fn section_6_5_power_lost_in_a_save() {
     let mut rig = Rig::default();

@@ -5,7 +5,7 @@ use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{KINDS, Rig, at};
 
 /// A register as the manual prints it: address, name, bits, the least and the greatest value, the default
-/// (of the line as 6 prints it, of the others ours), whether a save keeps it. `RO` can only be read.
+/// (of the line as 6 prints it, of the others our own values), whether a save keeps it. `RO` can only be read.
 type Row = (u16, &'static str, u32, Range, i64, bool);
 
 #[derive(Clone, Copy, PartialEq)]
@@ -88,12 +88,12 @@ const REGISTERS: [Row; 69] = [
     (0x8002, "HW_MINOR",                16, RO,                  -1,     false),
     (0x8003, "FW_MAJOR",                16, RO,                  -1,     false),
     (0x8004, "FW_MINOR",                16, RO,                  -1,     false),
-    // So that a table of 69 has no room for a row that was forgotten.
+    // Fills the table up to 69, so that a missing row is a compile error.
     (0xFFFF, "", 0, RO, -1, false),
     (0xFFFF, "", 0, RO, -1, false),
 ];
 
-/// Of a kind: 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
+/// Registers of a kind: 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
 fn registers(kind: &str) -> impl Iterator<Item = Row> {
     let big = kind == "rs434546";
     REGISTERS.into_iter().filter(|row| row.2 > 0).map(move |row| match row.1 {
@@ -207,7 +207,7 @@ fn section_6_ranges() {
     for kind in KINDS {
         for row in registers(kind).filter(|row| row.0 >= 0x5000 && row.2 == 16) {
             let (address, name, _, range, ..) = row;
-            // ERROR takes anything and shows what it likes.
+            // ERROR takes any value and does not read it back.
             if address == at::ERROR {
                 continue;
             }
@@ -255,7 +255,7 @@ fn section_6_pairs() {
     }
 }
 
-/// What a save keeps: 5000h to 5020h, and nothing else (RS434-9).
+/// A save keeps 5000h to 5020h, and nothing else (RS434-9).
 #[test]
 fn section_6_5_what_a_save_keeps() {
     for kind in KINDS {
@@ -293,7 +293,7 @@ fn section_6_5_what_a_save_keeps() {
     }
 }
 
-/// What was not saved is forgotten, by a restart and without power.
+/// Unsaved values are lost, by a restart and without power.
 #[test]
 fn section_6_5_what_was_not_saved_is_forgotten() {
     for power in [false, true] {
@@ -332,6 +332,6 @@ fn section_6_3_task_counter() {
     assert!(numbers.iter().any(|number| *number > 0xC000) && numbers.iter().any(|number| *number < 0x4000));
     numbers.sort_unstable();
     numbers.dedup();
-    // Of 200 of 65,536 numbers hardly two are the same.
+    // Among 200 of 65,536 numbers hardly two are the same.
     assert!(numbers.len() > 190, "{} different ones", numbers.len());
 }

@@ -1,4 +1,5 @@
-//! Loading, starting and stopping; jumps, subroutines and loops; what a program leaves behind (6.5, 6.6, 6.9).
+//! Loading, starting and stopping; jumps, subroutines and loops; the state that a program leaves behind (6.5, 6.6,
+//! 6.9).
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::PowerAction;
@@ -6,7 +7,7 @@ use drivetwin_tests::rs434::{BOOT, LINE, Rig, SAVE, at, key};
 
 use crate::oracle::status;
 
-/// Instructions, with zeros in what they do not use.
+/// Instructions, with zeros in unused fields.
 mod cmd {
     pub(super) const END: u32 = 0x00;
     pub(super) const ENDF: u32 = 0x0D;
@@ -93,7 +94,7 @@ fn section_6_6_the_buffer() {
     }
 }
 
-/// RS434-1: one request loads a line, whatever stood in CMD_W before.
+/// RS434-1: one request loads a line, with any previous value of CMD_W.
 #[test]
 fn section_6_6_a_line_in_one_request() {
     let mut rig = Rig::default();
@@ -121,7 +122,7 @@ fn section_6_6_flash_and_buffer() {
     rig.after(SAVE);
     rig.write(at::READ_CMD, 0);
     assert_eq!(rig.read_long(at::CMD_R).cast_unsigned(), mov(0, 7));
-    // What is only in the buffer does not run.
+    // A line that is only in the buffer does not run.
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[0, mov(0, 9) as u16, 9]), Ok(()));
     rig.run();
     rig.after(1.millis());
@@ -199,7 +200,7 @@ fn section_6_3_status_of_a_program() {
     }
     assert_eq!(seen, [[2, 0, 0], [4, 1, 0], [4, 2, 1], [5, 2, 2], [5, 2, 2]]);
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2, "RS434-26");
-    // RS434-26 and RS434-27: it starts again, at line 0, and AX is what it was.
+    // RS434-26 and RS434-27: it starts again, at line 0, and AX keeps its value.
     rig.write(at::MODE_USER_PROGRAM, 2);
     assert_eq!([at::STATUS_USER_PROGRAM, at::AX, at::PC].map(|address| rig.read(address)), [2, 2, 0]);
 }
@@ -311,7 +312,7 @@ fn section_6_5_a_start_after_an_error() {
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// 6.7 shows them on the bus: a master passes parameters to a program that runs, and sees what it does.
+/// 6.7 shows them on the bus: a master passes parameters to a running program, and reads its results.
 #[test]
 fn section_6_7_a_master_and_a_program() {
     // Waits until AX = BX, then CX = 1.
@@ -448,7 +449,7 @@ fn section_6_9_the_manuals_loop() {
     assert_ended(&mut rig, status::END, 24);
 }
 
-/// How often lines of a program are carried out: each adds to a register of its own.
+/// Asserts how often lines of a program are carried out: each adds to a register of its own.
 #[track_caller]
 fn assert_counts(lines: &[u32], counts: [u16; 3], pc: u16) {
     let mut rig = ran(lines);
@@ -519,7 +520,7 @@ fn section_6_9_loops_nest_8_deep() {
     assert_ended(&mut rig, status::ERROR, 8);
 }
 
-// What a program does to the motor, and what it leaves.
+// Effects of a program on the motor and the settings.
 
 /// Coils by a program are coils by the bus: START, and END leaves the motor turning (6.9); coil 2001h stops
 /// it.
@@ -534,7 +535,7 @@ fn section_6_9_end_leaves_the_motor_turning() {
 }
 
 /// Every way of writing a 1 to START: a constant, NOT of the 0 it reads, a shift to nowhere, a subtraction
-/// (RS434-32: what is not 0 is 1), a pair of which the other is STOP's 0.
+/// (RS434-32: any value but 0 is 1), a pair of which the other is STOP's 0.
 #[test]
 fn section_6_9_ways_to_start() {
     let starts: [&[u32]; 6] = [
@@ -602,7 +603,7 @@ fn section_6_9_full_stop() {
         [at::AX, at::SPEED, position_4, at::STATUS].map(|address| rig.read(address)),
         [77, 600, 55, 1]
     );
-    // What the master writes meanwhile goes, too, but for the port of the buffer.
+    // The master's writes in that time are lost, too, but for the port of the buffer.
     rig.write(BX, 9);
     rig.write(at::DEC, 50);
     rig.write(at::CMD_W, 0x1234);
@@ -614,7 +615,7 @@ fn section_6_9_full_stop() {
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2);
 }
 
-/// The motor stops with the DEC that was, also in a move that began with another one (RS434-27).
+/// The motor stops with the DEC from before the program, also in a move that began with another one (RS434-27).
 #[test]
 fn section_6_9_full_stop_in_a_move() {
     let mut rig = Rig::default();
@@ -655,7 +656,7 @@ fn section_6_9_an_error_stops_the_motor() {
 fn section_6_9_a_program_that_saves_programs() {
     let mut rig = Rig::default();
     rig.load(&[mov(0, 1), put(3, at::SAVE_PROGRAM), key::SAVE_PROGRAM.into(), mov(0, 2), END]);
-    // What it would save: a program that ends at once.
+    // The program in the buffer: it ends at once.
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[0, 0, 0]), Ok(()));
     rig.run();
     rig.after(1.millis());
@@ -667,7 +668,7 @@ fn section_6_9_a_program_that_saves_programs() {
     assert_eq!(rig.read(at::AX), 1);
 }
 
-/// It may restart the drive, and save its settings.
+/// A program may restart the drive, and save its settings.
 #[test]
 fn section_6_9_keys_in_a_program() {
     let mut rig = Rig::default();

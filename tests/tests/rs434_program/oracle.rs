@@ -1,8 +1,8 @@
-//! A user program as the manual tells it (6.9), one line after the other, with no regard to speed.
+//! A user program by the manual (6.9), one line after the other, not optimised.
 //!
-//! The drive around it is one that cannot move: its contact HARD_STOP was open at power-on, so that START
-//! does nothing (RS434-6) and STATUS, SPEED_VALID and the like stand still. All contacts are open. What a program
-//! does with a motor that turns is shown by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
+//! The drive around it is one that cannot move: its contact HARD_STOP was open at power-on, so that START does
+//! nothing (RS434-6) and STATUS, SPEED_VALID and the like do not change. All contacts are open. Programs with a
+//! turning motor are tested by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
 
 use drivetwin_tests::rs434::at;
 
@@ -22,10 +22,10 @@ pub(crate) mod status {
 const EMERGENCY_STOP: u16 = 1 << 5;
 const PROGRAM: u16 = 1 << 8;
 const RANGE: u16 = 1 << 13;
-/// Those that a write of 0 clears: 8 and 11 to 15 (RS434-23).
+/// Bits that a write of 0 clears: 8 and 11 to 15 (RS434-23).
 const WARNINGS: u16 = 0xF900;
 
-/// Of 5000h to 5014h, and then one by one: what a write may bring and what a new RS 434544 holds.
+/// Settings from 5000h to 5014h, one by one: range of a write, and value in a new RS 434544.
 #[rustfmt::skip]
 const SETTINGS: [(u16, u16, u16); 21] = [
     // Least, greatest, default.
@@ -38,7 +38,7 @@ const SETTINGS: [(u16, u16, u16); 21] = [
     (0, 65_535, 0), (0, 65_535, 10), (0, 65_535, 10),             // 5012h
 ];
 
-/// Why a program cannot go on: status 7.
+/// An error that ends the program: status 7.
 #[derive(Debug)]
 struct Fails;
 
@@ -55,14 +55,14 @@ struct Loop {
     level: usize,
 }
 
-/// Where an operand is.
+/// Place of an operand.
 #[derive(Clone, Copy)]
 enum Place {
     System(u16),
     Modbus { kind: u16, address: u16 },
 }
 
-/// What becomes of the program after a line.
+/// State of the program after a line.
 enum Then {
     Goes(i32),
     Framing(u16),
@@ -91,7 +91,7 @@ pub(crate) struct Oracle {
 }
 
 impl Oracle {
-    /// A drive that stands still, and was told to start this program.
+    /// A drive at rest that has started this program.
     pub(crate) fn new(program: Vec<u32>, system: [u16; 10], versions: [u16; 3]) -> Self {
         let mut settings = [0; 0x23];
         for (register, (_, _, default)) in settings.iter_mut().zip(SETTINGS) {
@@ -308,7 +308,7 @@ impl Oracle {
         Ok(next)
     }
 
-    /// Where it goes on if the loops that run have a say in it (RS434-30).
+    /// The next line, with the running loops considered (RS434-30).
     fn end_of_rounds(&mut self, mut next: i32) -> i32 {
         while let Some(innermost) = self.loops.last_mut() {
             if innermost.level != self.calls.len() {
@@ -357,7 +357,7 @@ impl Oracle {
 
     fn invert(&mut self, place: Place, long: bool) -> Result<()> {
         let value = self.read(place, long)?;
-        // A bit has no others beside it.
+        // A bit register has no other bits.
         let mask = match place {
             Place::Modbus { kind: 0 | 1, .. } => 0x0001_0001,
             _ => 0xFFFF_FFFF,

@@ -54,7 +54,7 @@ fn line(code: u16, jump: u16, system: u16, kind: u16, data: u16) -> u32 {
     u32::from(data) << 16 | u32::from(kind << 12 | system << 8 | jump << 7 | code)
 }
 
-/// Without what no oracle knows (TASK_COUNTER), and the keys that would end its world.
+/// Replaces registers that no oracle can predict (TASK_COUNTER), and the keys whose effects the oracle does not have.
 fn tame(line: u32) -> u32 {
     match line >> 16 {
         0x3007 | 0x3008 | 0x8426 | 0x9346 | 0x95AF => line & 0xFFFF | 0x3009 << 16,
@@ -203,7 +203,7 @@ fn noise(dice: &mut Rng) -> Vec<u32> {
     (0..LINES).map(|_| dice.roll() as u32).collect()
 }
 
-/// One that runs into line 1,024 sooner or later.
+/// A program that runs into line 1,024 in the end.
 fn at_the_end(dice: &mut Rng) -> Vec<u32> {
     let mut program = vec![line(0x05, 0, 0, 0, 1_000)];
     program.resize(1_000, 0);
@@ -239,7 +239,7 @@ fn program(dice: &mut Rng) -> Vec<u32> {
     program.into_iter().map(tame).collect()
 }
 
-/// What the flash holds: no settings, the lines with the low byte first, their CRC.
+/// Contents of the flash: no settings, the lines with the low byte first, their CRC.
 fn flash(program: &[u32]) -> Vec<u8> {
     // 5000h to 5020h, and a CRC.
     let settings = [0xFF; 2 * 0x21 + 2];
@@ -248,7 +248,7 @@ fn flash(program: &[u32]) -> Vec<u8> {
     [&settings[..], &lines, &sum].concat()
 }
 
-/// Registers by the manual's names, and what the oracle says of them.
+/// Registers by the manual's names, with the oracle's values.
 struct View {
     /// AX..JX, PC, STATUS_USER_PROGRAM, ERROR.
     quick: Vec<usize>,
@@ -345,7 +345,7 @@ fn others(oracle: &Oracle) -> Vec<u16> {
     oracle.settings.into_iter().chain(oracle.port).collect()
 }
 
-/// Runs a program on both; what differs, if anything.
+/// Runs a program on both; returns the difference, if any.
 fn compare(seed: u64) -> Result<(u16, usize), String> {
     let mut dice = Rng(seed);
     let program = program(&mut dice);

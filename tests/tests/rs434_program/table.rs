@@ -5,9 +5,9 @@ use drivetwin_tests::rs434::{LINE, Rig, at, system_register};
 
 use crate::oracle::status;
 
-/// A row: uCmd bTypeJmp uAdrSysReg uTypeModbusReg uData [uCMD_DATA] | registers before | what is changed
-/// after it. All in hex; a dot is a field that the instruction does not use, where any bits may stand. `7`
-/// stands for an error of the program, by which nothing else changes. Behind the instruction lie ENDs.
+/// A row: uCmd bTypeJmp uAdrSysReg uTypeModbusReg uData [uCMD_DATA] | registers before | registers changed after it.
+/// All in hex; a dot is a field that the instruction does not use, with any bits. `7` is an error of the program, by
+/// which nothing else changes. ENDs follow the instruction.
 #[rustfmt::skip]
 const TABLE: &[&str] = &[
     // END, DELAY.
@@ -173,7 +173,7 @@ const TABLE: &[&str] = &[
     "2D . . 3 500B 00000013   |                            | 500B=03FB",
     "2E . . 3 500B 000000FF   |                            | 500B=0317",
     "2E . . 3 7002 0000FFFF   | CX=5555                    | CX=AAAA",
-    // SH_MODBUS_CONST: two lines, the second one says how far.
+    // SH_MODBUS_CONST: two lines, the second one is the distance.
     "2F 0 . 3 5012 00000004   | 5012=1234                  | 5012=2340",
     "2F 0 . 3 5012 00000010   | 5012=FFFF                  | 5012=0000",
     "2F 1 . 3 5012 00000004   | 5012=1234                  | 5012=0123",
@@ -319,7 +319,7 @@ const TABLE: &[&str] = &[
     "62 . 0 . 0009            |                            | 7",
 ];
 
-/// All but 0Dh, which has tests of its own: what it puts back is more than a row.
+/// All but 0Dh, which has tests of its own: it restores more than a row.
 #[test]
 fn section_6_9_the_table_has_every_instruction() {
     let codes: Vec<u32> = TABLE.iter().map(|row| hex(&row[..2])).collect();
@@ -355,7 +355,7 @@ fn lines(fields: &str, unused: u32) -> Vec<u32> {
     std::iter::once(line).chain(fields.get(5).map(|data| hex(data))).collect()
 }
 
-/// `AX=0001`: where, and what.
+/// `AX=0001`: place and value.
 fn assignment(text: &str) -> (u16, u16) {
     let (name, value) = text.split_once('=').unwrap_or_else(|| panic!("{text} assigns nothing"));
     let system = ["AX", "BX", "CX", "DX", "EX", "FX", "GX", "HX", "IX", "JX"];
@@ -396,7 +396,7 @@ fn check(row: &str, unused: u32) {
     rig.run();
     rig.after(LINE * 2);
     for (place, &(address, value)) in expected.iter().enumerate() {
-        // What comes last holds.
+        // The last entry counts.
         if expected[place + 1..].iter().all(|(later, _)| *later != address) {
             let read = rig.read(address);
             assert_eq!(read, value, "{address:04X}h reads {read:04X}h and not {value:04X}h after {row}");

@@ -17,7 +17,7 @@ pub trait Timer {
     /// Drives STEP and DIR low.
     fn start();
 
-    /// The clock that it goes by.
+    /// The present time of the board's clock.
     fn now() -> Instant;
 
     /// Asks for the interrupt at the timer's tick nearest to `at`; at [`Instant::NEVER`] it does not come.
@@ -29,7 +29,7 @@ pub trait Timer {
 pub struct Axis<T: Timer>(Mutex<RefCell<StepGenerator<T::Pins>>>);
 
 impl<T: Timer> Axis<T> {
-    /// An axis that stands, with STEP and DIR low.
+    /// An axis at rest, with STEP and DIR low.
     pub const fn new(pins: T::Pins) -> Self {
         Self(Mutex::new(RefCell::new(StepGenerator::new(pins))))
     }

@@ -30,14 +30,14 @@ pub trait Board {
     /// Starts the clocks, the timers and the watchdog, and looks whether FAST is tied.
     fn start() -> Boot;
 
-    /// Wires what `spec` knows by the names of `wires`. All of it is let go, and what does not rest is told, as it has
-    /// been since power came.
+    /// Wires the pins and faults of `spec` by the names in `wires`. All pins are released, and levels other than the
+    /// idle level are reported, as of power-on.
     fn wire<const N: usize>(spec: &Spec, wires: &[Self::Wire; N]) -> [(Option<End>, Self::Pin); N];
 
-    /// Lets interrupts come. They stamp what they catch, and queue it.
+    /// Enables interrupts. They stamp events and queue them.
     fn unmask();
 
-    /// Says that a drive of this kind has power.
+    /// Logs that a drive of this kind has power.
     fn log(kind: &str, boot: Boot);
 
     /// The instant until which all has been caught, and nothing more will be.
@@ -49,7 +49,7 @@ pub trait Board {
     /// `true` if nothing that was caught waits.
     fn is_quiet() -> bool;
 
-    /// Tells levels that there was no room to tell.
+    /// Reports levels that were not reported for lack of room.
     fn tell_missed();
 
     /// Feeds the watchdog.

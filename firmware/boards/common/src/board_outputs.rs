@@ -17,9 +17,9 @@ pub trait Bus: Write + WriteReady {
     fn set_line(&mut self, line: Line);
 }
 
-/// A pin that can be let go.
+/// A pin that can be released.
 pub trait Release: OutputPin {
-    /// Lets the pin go, so that it is an input, or drives it again.
+    /// Releases the pin, so that it is an input, or drives it again.
     fn release(&mut self, released: bool);
 }
 

@@ -4,7 +4,7 @@
 /// that copy the image to RAM and start it there. From then on flash holds nothing but saved registers, so it can be
 /// erased and programmed, when nothing in it can be fetched, while interrupts go on (BOARD-3).
 ///
-/// The linker script says where the image lies and where it is loaded.
+/// The linker script sets where the image runs and where it is loaded.
 #[macro_export]
 macro_rules! run_from_ram {
     () => {

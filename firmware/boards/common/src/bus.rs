@@ -21,7 +21,7 @@ pub trait Uart: Sized + 'static {
     /// The bus that it drives.
     fn bus() -> &'static SerialBus<Self>;
 
-    /// Hands it its pins, and lets it interrupt; the drive sets the line.
+    /// Assigns its pins and enables its interrupt; the drive sets the line.
     fn start();
 
     /// Sets the line now; a character under way is lost.
@@ -36,7 +36,7 @@ pub trait Uart: Sized + 'static {
     /// Has the interrupt come that calls [`SerialBus::send`], now and whenever there is room.
     fn pend();
 
-    /// Lets the transceiver send (DE), or hear.
+    /// Switches the transceiver to send (DE), or to receive.
     fn turn(sends: bool);
 
     /// Has [`SerialBus::sent`] called when the last stop bit has left: no more characters wait.
@@ -49,9 +49,9 @@ pub struct SerialBus<U> {
     to_send: Queue<u8, MOST>,
     /// Set from the first start bit to the last stop bit.
     sends: AtomicBool,
-    /// Set while its end is looked for, where no interrupt tells it, and the last character is on its way.
+    /// Set while its end is looked for, where no interrupt signals it, and the last character is on its way.
     ends: AtomicBool,
-    /// Set for a wire for each direction: it hears while it sends, and there is nothing to turn around.
+    /// Set for a wire for each direction: the bus receives while it sends, and needs no change of direction.
     full_duplex: AtomicBool,
     /// Set when it takes more to send than it did.
     has_room: AtomicBool,
@@ -86,7 +86,7 @@ impl<U: Uart> SerialBus<U> {
         self.full_duplex.store(full_duplex, Ordering::Relaxed);
     }
 
-    /// `true` if the drive hears what comes: behind a transceiver not while it sends (BOARD-8).
+    /// `true` if the drive receives: behind a transceiver not while it sends (BOARD-8).
     #[inline]
     pub fn hears(&self) -> bool {
         !self.sends() || self.full_duplex.load(Ordering::Relaxed)

@@ -6,7 +6,7 @@ use core::ops::Range;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
 /// The part of a board's flash that holds saved registers. Its functions return when they are done; interrupts go on
-/// meanwhile, and what they catch must fit into the queue.
+/// during that, and the events that they catch must fit into the queue.
 pub trait Sectors: Copy {
     /// The part itself.
     const OURS: Range<u32>;
@@ -22,16 +22,16 @@ pub trait Sectors: Copy {
     /// A byte of ours.
     fn read(offset: u32) -> u8;
 
-    /// Erases the sector that begins there.
+    /// Erases the sector that begins at `offset`.
     ///
     /// # Errors
-    /// The flash says so.
+    /// If the flash reports one.
     fn erase(offset: u32) -> Result<(), NorFlashErrorKind>;
 
     /// Programs words of one page.
     ///
     /// # Errors
-    /// The flash says so.
+    /// If the flash reports one.
     fn program(offset: u32, words: &[u8]) -> Result<(), NorFlashErrorKind>;
 }
 

@@ -74,7 +74,8 @@ impl<'a> Long<'a> {
         true
     }
 
-    /// Gives what waits to `send`, which says how many bytes it took, until it does not take all; whether any went.
+    /// Passes waiting bytes to `send`, which returns how many it took, until it does not take all. Returns whether it
+    /// took any.
     pub(crate) fn leave(&mut self, chain: &mut Chain, mut send: impl FnMut(&[u8]) -> usize) -> bool {
         let mut went = false;
         while let Some([first, last]) = chain.ends

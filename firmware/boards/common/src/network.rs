@@ -14,12 +14,12 @@ use crate::long::{Chain, Long};
 pub use crate::long::{PIECES, Piece};
 
 /// Bytes of the longest frame that a network carries, without its check sequence: that of the longest packet that
-/// every host must take (RFC 791). Nobody sends longer ones who knows how long ours are.
+/// every host must take (RFC 791). A host that respects the board's packet size sends no longer ones.
 pub const FRAME_BYTES: usize = 14 + 576;
 
 /// Connections that each port takes; the next one is refused.
 pub const LINKS: usize = 4;
-/// TCP ports that a drive may have here, one of them of Modbus; beyond those nobody is let in.
+/// TCP ports that a drive may have here, one of them of Modbus; further ports accept no connections.
 pub const PORTS: usize = 2;
 /// Places for the connections of all ports.
 pub const PLACES: usize = PORTS * LINKS;
@@ -36,9 +36,9 @@ const _: () = assert!(UNSENT - ENOUGH >= ADU_BYTES, "a Modbus reply always has r
 
 /// Frames taken before the drive has its turn.
 const BURST: usize = 8;
-/// Between two looks whether a client that says nothing is there.
+/// Time between two checks whether a silent client is still there.
 const LOOK: time::Duration = time::Duration::from_secs(10);
-/// Without a sign of a client for so long it is gone.
+/// Silence after which a client counts as gone.
 const GONE: time::Duration = time::Duration::from_secs(30);
 /// Longest time of a connection that is not established: time for its answer to be lost and sent again.
 const KNOCK: time::Duration = time::Duration::from_secs(3);
@@ -76,7 +76,7 @@ pub struct Network<'a, F> {
     sockets: SocketSet<'a>,
     connections: heapless::Vec<Connection<'a>, PLACES>,
     long: Long<'a>,
-    /// Which of them is asked next.
+    /// The one that is polled next.
     turn: usize,
     /// Time of the next poll.
     due: Instant,
@@ -117,7 +117,7 @@ impl<'a, F: Frames> Network<'a, F> {
         Self { frames, interface, sockets, connections, long, turn: 0, due: Instant::ZERO, at: Instant::ZERO }
     }
 
-    /// Asks those whose turn it is what came.
+    /// Polls the connections in turn for messages.
     fn ask(
         &mut self,
         now: Instant,
@@ -127,13 +127,13 @@ impl<'a, F: Frames> Network<'a, F> {
         for connection in self.connections.iter_mut().skip(self.turn) {
             self.turn += 1;
             let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
-            // Nobody waits for the rest if the connection is over.
+            // If the connection is over, the rest is dropped.
             let send = |rest: &[u8]| socket.send_slice(rest).unwrap_or(rest.len());
             if self.long.leave(&mut connection.long, send) {
                 self.due = now;
             }
             if let Some(came) = connection.next(socket, now, device, message) {
-                // The window is wider now, or somebody has to be told that it is over.
+                // The window is wider now, or the end of the connection must be sent.
                 self.due = now;
                 return Some((self.at, connection.port, connection.link, came));
             }
@@ -223,16 +223,16 @@ struct Connection<'a> {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// Free: the drive knows no client there.
+    /// Free: no client of the drive.
     Free,
-    /// The drive knows of it.
+    /// A client of the drive.
     Open,
-    /// The drive knows no more of it, and what was said to it leaves, until then at the latest.
+    /// Closed for the drive; bytes already written still leave, until this instant at the latest.
     Leaves(Option<Instant>),
 }
 
 impl Connection<'_> {
-    /// Returns whether the drive knows it by that number.
+    /// Returns whether it is the drive's open connection with that number.
     fn is_open(&self, port: Port, link: Link) -> bool {
         self.port == port && self.link == link && self.stage == Stage::Open
     }
@@ -268,11 +268,11 @@ impl Connection<'_> {
                 if socket.state() != State::CloseWait {
                     return None;
                 }
-                // It has said all that it has to say.
+                // The client has sent all of its data.
                 self.stage = Stage::Leaves(None);
                 Some(LinkEvent::Closed)
             }
-            // Who connects before the drive accepts waits as in the backlog of a host.
+            // A client that connects before the drive accepts waits as in the backlog of a host.
             Stage::Free if socket.may_send() && device.accepts(self.port) => {
                 self.stage = Stage::Open;
                 socket.set_timeout(Some(GONE));
@@ -301,7 +301,7 @@ impl Connection<'_> {
         }
     }
 
-    /// Makes room for somebody else, unless a reset is still to be sent.
+    /// Makes room for another client, unless a reset is still to be sent.
     fn listen(&self, socket: &mut Socket<'_>) {
         if socket.state() == State::TimeWait || socket.remote_endpoint().is_none() {
             socket.set_timeout(Some(KNOCK));

@@ -12,7 +12,7 @@ pub trait Gpio {
     /// it never drives the level of before.
     fn set(&self, high: bool, released: bool);
 
-    /// Lets it go and hears it, or hears it no longer.
+    /// Releases the pin and reads it as an input, or ends that.
     fn release(&self, released: bool);
 }
 
@@ -24,7 +24,7 @@ pub struct Output<G> {
 }
 
 impl<G: Gpio> Output<G> {
-    /// A pin that is let go.
+    /// A released pin.
     pub const fn new(gpio: G) -> Self {
         Self { gpio, released: true }
     }

@@ -36,7 +36,7 @@ impl Pl011 {
     /// UARTDR: the character could not be read.
     pub const ERRORS: u32 = 0xF00;
 
-    /// For a clock of so many `mhz`, and a line of as many baud at least: the divisor has 16 bits. It is rounded
+    /// For a clock of `mhz`, and a line of at least that many baud: the divisor has 16 bits. It is rounded
     /// down, so that no character takes longer than the drive reckons (BOARD-12).
     #[must_use]
     pub fn new(mhz: u32, line: Line) -> Self {
@@ -66,7 +66,7 @@ impl<C: Chip> Pl011Uart<C> {
     /// A character has come, and there is room to send.
     const INTERRUPTS: u32 = Pl011::RX | Pl011::TX;
 
-    /// The UART whose registers begin there, with a clock of so many `mhz`.
+    /// The UART whose registers begin there, with a clock of `mhz`.
     #[must_use]
     pub const fn at(base: Register<C>, mhz: u32) -> Self {
         Self { base, mhz }
@@ -99,7 +99,7 @@ impl<C: Chip> Pl011Uart<C> {
         self.flags() & Pl011::TX_FULL == 0
     }
 
-    /// Serves its interrupt, which came at `at`: queues what the bus hears, and sends.
+    /// Serves its interrupt, which came at `at`: queues received characters, and sends.
     #[inline]
     pub fn serve<U: Uart, const ROOM: usize>(self, at: Instant, queue: &Queue<(Instant, BoardEvent), ROOM>) {
         self.base.plus(0x44).write(Self::INTERRUPTS);
@@ -110,8 +110,8 @@ impl<C: Chip> Pl011Uart<C> {
                     0 => BoardEvent::Byte(Port(0), (character & 0xFF) as u8),
                     _ => BoardEvent::RxError(Port(0)),
                 };
-                // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
-                // tells; a QSB's command has none.
+                // Where the loop is so late that there is no room, the character is lost. A Modbus frame then fails
+                // its CRC; a QSB's command has none.
                 let _ = queue.push((at, heard));
             }
         }

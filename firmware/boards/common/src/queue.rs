@@ -6,7 +6,7 @@ use critical_section::Mutex;
 use heapless::Deque;
 
 /// A queue that interrupts and the loop share. `heapless::spsc` would do without critical sections,
-/// but divides by a length that it learns at run time, and that can panic (PROJECT-12).
+/// but divides by a length that is known only at run time, and that can panic (PROJECT-12).
 #[derive(Debug)]
 pub struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
 
@@ -17,18 +17,18 @@ impl<T, const N: usize> Queue<T, N> {
         Self(Mutex::new(RefCell::new(Deque::new())))
     }
 
-    /// Puts a thing at the end; `false` if there is no room.
+    /// Adds an item at the end; `false` if there is no room.
     #[must_use]
     pub fn push(&self, thing: T) -> bool {
         self.with(|queue| queue.push_back(thing).ok()).is_some()
     }
 
-    /// Takes the first thing.
+    /// Takes the first item.
     pub fn pop(&self) -> Option<T> {
         self.pop_if(|_| true)
     }
 
-    /// Takes the first thing if it is one of those.
+    /// Takes the first item if `is` accepts it.
     pub fn pop_if(&self, is: impl FnOnce(&T) -> bool) -> Option<T> {
         self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
     }
@@ -48,7 +48,7 @@ impl<T, const N: usize> Queue<T, N> {
         self.with(|queue| queue.is_full().then_some(())).is_some()
     }
 
-    /// Inside a critical section nobody else has borrowed it, so `None` comes from `act` alone.
+    /// Inside a critical section there is no other borrow, so `None` comes from `act` alone.
     fn with<R>(&self, act: impl FnOnce(&mut Deque<T, N>) -> Option<R>) -> Option<R> {
         critical_section::with(|cs| act(&mut *self.0.borrow(cs).try_borrow_mut().ok()?))
     }

@@ -3,10 +3,10 @@
 use core::marker::PhantomData;
 use core::ptr::{read_volatile, write_volatile};
 
-/// A chip, as the crate of a board knows it.
+/// A chip, defined by the crate of a board.
 ///
 /// # Safety
-/// Every [`Register`] that is made of it is a word of a peripheral of the chip: aligned, always mapped, and nobody's
+/// Every [`Register`] that is made of it is a word of a peripheral of the chip: aligned, always mapped, and no
 /// memory. None of them changes memory by itself.
 pub unsafe trait Chip: Copy {
     /// Sets bits of a register; no interrupt comes between.
@@ -31,7 +31,7 @@ impl<C: Chip> Register<C> {
         Self(base + offset, PhantomData)
     }
 
-    /// The register that is so many bytes behind this one.
+    /// The register that is that many bytes after this one.
     #[must_use]
     pub const fn plus(self, bytes: usize) -> Self {
         Self::at(self.0, bytes)
@@ -48,7 +48,7 @@ impl<C: Chip> Register<C> {
     /// Writes it.
     #[inline]
     pub fn write(self, value: u32) {
-        // SAFETY: as in `read`; `Chip` promises that it is nobody's memory, and changes none.
+        // SAFETY: as in `read`; `Chip` promises that it is no memory, and changes none.
         unsafe { write_volatile(self.0 as *mut u32, value) }
     }
 

@@ -71,7 +71,7 @@ impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
         if self.find(number, &mut item)? == Some(piece) { Ok(()) } else { Err(Unreadable) }
     }
 
-    /// Knows nothing of the flash any more. What that needs of the stack is free again when this returns.
+    /// Forgets all cached state of the flash. The stack that this needs is free again when it returns.
     #[inline(never)]
     fn forget(&mut self) {
         self.map = open(self.flash, self.place.clone());
@@ -115,7 +115,7 @@ impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
         let mut item = [0; ITEM];
         for (number, piece) in (0..).zip(self.bytes.chunks_mut(PIECE)) {
             piece.fill(0xFF);
-            // What an image stored whose memory was smaller is the beginning of this one.
+            // An image with a smaller memory stored the beginning of this piece.
             let stored = self.items.find(number, &mut item)?.unwrap_or_default();
             if let Some(begin) = piece.get_mut(..stored.len()) {
                 begin.copy_from_slice(stored);
@@ -178,7 +178,7 @@ impl<F: NorFlash + Copy, const SECTORS: usize> Storage for Saved<'_, F, SECTORS>
     }
 }
 
-/// The end of a future that nobody need wake: the flash has done a thing when its function returns.
+/// The result of a future that needs no waker: an operation of the flash is done when its function returns.
 fn wait<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());

@@ -1,4 +1,4 @@
-//! Steps that slipped, from the hands that find them to the drive.
+//! Steps that slipped, from the code that finds them to the drive.
 //!
 //! They are counted and not queued: no queue that is full can lose them.
 
@@ -7,22 +7,22 @@ use core::sync::atomic::{AtomicI32, Ordering};
 use drivetwin_firmware::device::Axis;
 use drivetwin_firmware::shell::BoardEvent;
 
-/// Steps that slipped since the start: a plan was taken late, and so many steps more were made. Wraps.
+/// Steps that slipped since the start: a plan was taken late, and that many steps too many were made. Wraps.
 pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
 
-/// As many of them as the drive knows.
+/// The part of them that was reported to the drive.
 static TOLD: AtomicI32 = AtomicI32::new(0);
 
 /// The only axis of a board.
 const AXIS: Axis = Axis(0);
 
-/// So many more have slipped. For the loop, as [`untold`] is.
+/// Adds slipped steps. For the loop, as [`untold`] is.
 pub(crate) fn add(steps: i32) {
     SLIPPED.store(SLIPPED.load(Ordering::Relaxed).wrapping_add(steps), Ordering::Relaxed);
 }
 
-/// Steps that slipped since the last time. A board tells its drive of them behind all else that it
-/// has caught.
+/// Steps that slipped since the last time. A board reports them to its drive after all other events that it has
+/// caught.
 pub fn untold() -> Option<BoardEvent> {
     let all = SLIPPED.load(Ordering::Relaxed);
     let untold = all.wrapping_sub(TOLD.load(Ordering::Relaxed));

@@ -31,7 +31,7 @@ impl Usart {
     /// majority of the samples decides.
     pub const ERRORS: u32 = Self::OVERRUN | 1 << 1 | 1 << 0;
 
-    /// For a clock of so many `mhz`; `None` where a bit has more cycles than the UART counts, 65,535, or fewer
+    /// For a clock of `mhz`; `None` where a bit has more cycles than the UART counts, 65,535, or fewer
     /// than it needs, 16. They are rounded down, so that no character takes longer than the drive reckons (BOARD-12).
     ///
     /// A character has eight data bits, or seven and a parity bit: the UART has no shorter ones.

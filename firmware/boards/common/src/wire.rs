@@ -1,4 +1,4 @@
-//! Wires of a board, and what of a drive each leads to.
+//! Wires of a board, and the pin or fault of a drive to which each leads.
 
 use drivetwin_firmware::device::{AxisSpec, Fault, Framing, Level, Pin, Port, PortSpec, Role, Spec};
 use drivetwin_firmware::shell::BoardEvent;
@@ -19,7 +19,7 @@ pub enum End {
 const PORT: Port = Port(0);
 
 impl End {
-    /// End of that name: a pin, or else a fault; `DTR` of a drive that learns of its host.
+    /// End of that name: a pin, or else a fault; `DTR` of a drive that detects its host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         if let Some(pin) = spec.pin(name) {
@@ -43,7 +43,7 @@ impl End {
         }
     }
 
-    /// Returns the idle level without a wire: low only where the manual says so.
+    /// Returns the idle level without a wire: low only where the manual requires it.
     #[must_use]
     pub fn rests_high(self, spec: &Spec) -> bool {
         match self {

@@ -1,5 +1,4 @@
-//! An axis whose pulses take longer than the least time between two steps, and a drive that learns of steps
-//! that slipped.
+//! An axis whose pulses take longer than the least time between two steps, and reports of slipped steps to the drive.
 #![allow(missing_docs, reason = "a test")]
 
 use std::cell::{Cell, RefCell};
@@ -14,12 +13,12 @@ use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use fixed::types::I24F8;
 
-/// What STEP is high, and then low, at least.
+/// Least time that STEP is high, and then low.
 const LEVEL: Duration = Duration::micros(3);
 
 thread_local! {
     static NOW: Cell<Instant> = const { Cell::new(Instant::ZERO) };
-    /// When the timer's interrupt comes.
+    /// Instant of the timer's interrupt.
     static DUE: Cell<Instant> = const { Cell::new(Instant::NEVER) };
     static ROSE: RefCell<Vec<Instant>> = const { RefCell::new(Vec::new()) };
 }
@@ -61,7 +60,7 @@ fn made() -> usize {
     ROSE.with_borrow(Vec::len)
 }
 
-/// Lets the interrupt come whenever it is due up to `until`.
+/// Runs the interrupt whenever it is due up to `until`.
 fn run(axis: &Axis<Clock>, until: Instant) {
     while DUE.get() <= until {
         NOW.set(DUE.replace(Instant::NEVER));
@@ -75,7 +74,7 @@ fn pulses_that_are_overdue_let_others_in_between() {
     const STEPS: i32 = 100;
     static AXIS: Axis<Clock> = Axis::new(Pins);
     NOW.set(Instant::from_ticks(1_000_000));
-    // At most one every 4 µs, the stepper says; a pulse takes 6.
+    // The stepper makes at most one every 4 µs; a pulse takes 6.
     let _ = (&AXIS).with(|stepper, now| stepper.step(now, STEPS));
     assert!(made() <= 1, "{} pulses in one critical section", made());
     while DUE.get() != Instant::NEVER {
@@ -89,7 +88,7 @@ fn pulses_that_are_overdue_let_others_in_between() {
 }
 
 #[test]
-fn the_drive_is_told_once_of_steps_that_slipped() {
+fn slipped_steps_are_reported_to_the_drive_once() {
     static AXIS: Axis<Clock> = Axis::new(Pins);
     let mut hands = BoardOutputs::<_, Nothing, _, _, 0> {
         bus: Nothing,
@@ -103,7 +102,7 @@ fn the_drive_is_told_once_of_steps_that_slipped() {
     assert_eq!(untold(), None);
     let at = |ms: u64| Instant::from_ticks(ms * 16_000);
     let mut plan = Plan::at_rest(at(0), 0);
-    // Twice it is to stop, and learns of it 10 ms later, at 10,000 steps/s.
+    // Twice it is ordered to stop, 10 ms late, at 10,000 steps/s.
     for start in [0, 500] {
         let jog = plan.ramp_to(at(start), I24F8::from_num(10_000), 1_000_000);
         hands.plan(device::Axis(0), &jog);

@@ -13,7 +13,7 @@ use embedded_storage_async::nor_flash::{NorFlash, NorFlashErrorKind, ReadNorFlas
 const LINE: Line = Line::new(9_600, 8, Parity::None, 1);
 const OTHER: Line = Line::new(19_200, 8, Parity::Even, 1);
 
-/// The things that a bus has its UART do.
+/// Actions of a bus on its UART.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum OutputRecord {
     Configure(Line),
@@ -33,12 +33,12 @@ fn did(thing: OutputRecord) {
     DID.with_borrow_mut(|did| did.push(thing));
 }
 
-/// The things done since the last time.
+/// Actions since the last call.
 fn done() -> Vec<OutputRecord> {
     DID.take()
 }
 
-/// A UART that takes as many characters as a test says.
+/// A UART that takes as many characters as a test allows.
 struct Simulated;
 
 impl Uart for Simulated {
@@ -79,7 +79,7 @@ impl Uart for Simulated {
     }
 }
 
-/// Lets the UART's interrupt come, with room for so many characters.
+/// Runs the UART's interrupt, with room for that many characters.
 fn interrupt(bus: &SerialBus<Simulated>, room: usize) -> Vec<OutputRecord> {
     ROOM.set(room);
     bus.send();
@@ -100,7 +100,7 @@ fn a_transceiver_sends_from_before_the_first_character_until_the_last_has_left()
     let (bus, mut sender) = bus(false);
     assert!(bus.hears());
     assert_eq!(sender.write(b"ab"), Ok(2));
-    assert_eq!(done(), [OutputRecord::Pend], "the interrupt sends, nobody else");
+    assert_eq!(done(), [OutputRecord::Pend], "only the interrupt sends");
     assert_eq!(interrupt(bus, 1), [OutputRecord::Turn(true), OutputRecord::Write(b'a')]);
     assert!(!bus.hears() && !bus.ends());
     assert_eq!(interrupt(bus, 1), [OutputRecord::Turn(true), OutputRecord::Write(b'b')]);
@@ -128,7 +128,7 @@ fn what_is_sent_before_the_end_puts_it_off() {
 }
 
 #[test]
-fn a_wire_for_each_direction_is_heard_all_the_while() {
+fn a_full_duplex_bus_receives_while_it_sends() {
     let (bus, mut sender) = bus(true);
     assert_eq!(sender.write(b"a"), Ok(1));
     assert_eq!(interrupt(bus, 1), [OutputRecord::Pend, OutputRecord::Write(b'a')]);
@@ -190,7 +190,7 @@ impl Sectors for Small {
     }
 }
 
-/// The end of a future that waits for nobody.
+/// The result of a future that never waits.
 fn ready<T>(future: impl Future<Output = T>) -> T {
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());
     match std::pin::pin!(future).poll(&mut context) {

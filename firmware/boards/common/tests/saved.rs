@@ -90,7 +90,7 @@ impl<const COUNT: usize, const SECTOR: usize, const WORD: usize> NorFlash for Fl
 /// Bytes of a piece.
 const PIECE: usize = 256;
 
-/// What is found in a memory of `N` bytes after power comes.
+/// Contents of a memory of `N` bytes after power-on.
 fn found<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: usize>(
     chip: &RefCell<Chip<COUNT, SECTOR, WORD>>,
     kind: &str,
@@ -115,8 +115,8 @@ fn store<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: us
     saved.write(0, &new).is_ok()
 }
 
-/// Stores again and again, with power failing at every other step of a store sooner or later. Nothing but the old
-/// and the new is ever found, piece by piece, and the new ones come first.
+/// Stores again and again, with power failing at different steps of a store. Each piece found is the old or
+/// the new one, and the new ones come first.
 fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: usize>(rounds: usize) {
     let chip = Chip::<COUNT, SECTOR, WORD>::new(0xFF);
     // Another kind of drive has saved something before.
@@ -173,7 +173,7 @@ fn flash_with_something_else_makes_a_new_drive() {
 }
 
 #[test]
-fn what_an_image_with_a_smaller_memory_stored_is_the_beginning() {
+fn a_smaller_memory_of_an_earlier_image_is_the_beginning() {
     let chip = Chip::<4, 4_096, 1>::new(0xFF);
     assert!(store(&chip, "kind", [7; 64], usize::MAX));
     let mut larger = [0xFF; 144];

@@ -126,7 +126,7 @@ fn the_names_of_a_qsb_are_its_pins_and_dtr() {
     }
     assert!(end("I").is_input(spec) && !end("I").rests_high(spec));
     assert_eq!(End::of(Qsb::s().spec(), "DIO0"), None);
-    // A QSB learns of its host, an MD3 on its bus does not.
+    // A QSB detects its host, an MD3 on its bus does not.
     assert_eq!(End::of(Md3::new().spec(), "DTR"), None);
     assert!(is_full_duplex(spec) && !is_full_duplex(Md3::new().spec()));
     // DTR# is low while the host is there.

@@ -48,7 +48,7 @@ impl Uart for Uart0 {
 
     fn start() {
         DE.push_pull();
-        // A transceiver may let it go while it sends.
+        // A transceiver may release it while it sends.
         RX.pulled(true);
         gpio::A.give(0b11);
         UART.listen();

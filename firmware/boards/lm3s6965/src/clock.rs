@@ -71,8 +71,8 @@ pub(crate) fn start(systick: &mut SYST) {
     }
 }
 
-/// Gives the Ethernet controller its clock; returns the address that the board was made with (5.5). The maker of a board
-/// without one said nothing: all ones. That gets one of those that anybody may use.
+/// Gives the Ethernet controller its clock; returns the address that the board was made with (5.5). A board made
+/// without an address reads all ones. It gets a locally administered one.
 pub(crate) fn give_ethernet_its_clock() -> [u8; 6] {
     const CONTROLLER: u32 = 1 << 28;
     const TRANSCEIVER: u32 = 1 << 30;
@@ -94,7 +94,7 @@ pub(crate) fn now() -> Instant {
     let (periods, left) = critical_section::with(|cs| {
         let counted = PERIODS.borrow(cs).get();
         let left = SYST::get_current();
-        // If one is over, what SysTick showed may be of before.
+        // If a period has ended, the value of SysTick may be from before.
         if SCB::is_pendst_pending() { (counted + 1, SYST::get_current()) } else { (counted, left) }
     });
     // A period begins at 0, from where SysTick goes on to its greatest value.
@@ -114,21 +114,21 @@ pub(crate) fn cycles_since(from: u32) -> u32 {
 }
 
 /// Sleeps until something is caught, the bus has room again, a frame has come, or `deadline` has come, and no longer than
-/// the watchdog may wait; steps alone wake nobody. A debugger finds it by this name.
+/// the watchdog may wait; steps alone do not end the sleep. A debugger finds this function by its name.
 #[inline(never)]
 #[unsafe(export_name = "sleep_until")]
 pub(crate) fn sleep_until(deadline: Instant) {
     let deadline = deadline.min(now() + watchdog::NAP);
     WAKE.start(deadline.since(now()));
     loop {
-        // What comes between the look and the sleep ends the sleep, and is served behind it.
+        // An interrupt between the check and the sleep ends the sleep, and is served after it.
         cortex_m::interrupt::disable();
         let woken = drivetwin_board::is_awake::<Evaluation>() || ethernet::take_frames();
         let over = woken || now() >= deadline;
         if !over {
             asm::wfi();
         }
-        // SAFETY: nobody further up relies on a critical section: this is called by the loop alone.
+        // SAFETY: no caller relies on a critical section: only the loop calls this.
         unsafe { cortex_m::interrupt::enable() };
         if over {
             return;

@@ -68,13 +68,13 @@ pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Etherne
         bytes: singleton!(: [u8; BYTES] = [0; BYTES])?,
         long: singleton!(: [Piece; PIECES] = [const { Piece::EMPTY }; PIECES])?,
     };
-    // Nobody else's address and the time that starting took: that must do, where nothing is random.
+    // The unique address and the time that the start took: there is no better source of randomness.
     let [a, b, c, d, e, f] = address;
     let seed = u64::from_le_bytes([a, b, c, d, e, f, 0, 0]) ^ clock::now().ticks().rotate_right(16);
     singleton!(: Network<'static, Ethernet> = Network::new(spec, ethernet, address, seed, places))
 }
 
-/// Lets frames to that address come and go (16.4.1).
+/// Enables frames to and from that address (16.4.1).
 fn begin([a, b, c, d, e, f]: [u8; 6]) {
     const PAD: u32 = 1 << 1;
     const CHECK_SEQUENCE: u32 = 1 << 2;
@@ -89,7 +89,7 @@ fn begin([a, b, c, d, e, f]: [u8; 6]) {
     IM.write(RECEIVED);
 }
 
-/// Lets frames come, and none that has come before: the controller flushes while it is off.
+/// Enables reception, without earlier frames: the controller flushes while it is off.
 fn flush() {
     RCTL.write(REFUSE_SPOILED | FLUSH);
     RCTL.write(REFUSE_SPOILED | ENABLE);
@@ -114,7 +114,7 @@ pub(crate) struct Ethernet {
     leaving: &'static mut [u8; FRAME_BYTES],
 }
 
-/// Takes the next frame, if it fits; what is longer is taken off the FIFO, and for nobody here.
+/// Takes the next frame, if it fits; a longer one is taken off the FIFO and dropped.
 fn take(into: &mut [u8; FRAME_BYTES]) -> Option<&[u8]> {
     if !has_frame() {
         return None;

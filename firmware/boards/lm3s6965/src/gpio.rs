@@ -46,7 +46,7 @@ impl Port {
         self.register(MIS).read()
     }
 
-    /// Hands pins to the peripheral behind them.
+    /// Assigns pins to their peripheral.
     pub(crate) fn give(self, pins: u32) {
         self.register(AFSEL).set(pins);
         self.register(DEN).set(pins);
@@ -72,7 +72,7 @@ impl Gpio {
         self.register(DEN).set(self.bit);
     }
 
-    /// Makes it an output that is pulled low or let go, let go at first.
+    /// Makes it an open-drain output, released at first.
     pub(crate) fn open_drain(self) {
         self.register(ODR).set(self.bit);
         self.push_pull();
@@ -85,8 +85,8 @@ impl Gpio {
         self.register(DEN).set(self.bit);
     }
 
-    /// Makes it an input that rests high or low where nothing is wired to it. QEMU knows no pull-ups, but
-    /// remembers what an input was driven to as an output. As an open drain that lets go, it harms nobody.
+    /// Makes it an input that rests high or low where nothing is wired to it. QEMU has no pull-ups, but an input
+    /// keeps the level that it had as an output. As a released open drain, it does no harm.
     pub(crate) fn resting(self, high: bool) {
         self.pulled(high);
         self.release(high);

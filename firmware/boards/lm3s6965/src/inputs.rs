@@ -21,14 +21,14 @@ static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::n
 struct Input {
     gpio: Gpio,
     end: End,
-    /// As the drive knows it.
+    /// Level last reported to the drive.
     high: bool,
     /// True if it has changed since, and there was no room to report it.
     missed: bool,
 }
 
 impl Input {
-    /// Tells the drive of a change; of a pulse that is over already, both edges.
+    /// Reports a change to the drive; for a pulse that is over already, both edges.
     fn changed(&mut self, at: Instant) {
         let high = self.gpio.settle();
         if high == self.high {
@@ -37,7 +37,7 @@ impl Input {
         self.tell(at, high);
     }
 
-    /// Tells the drive of a level that it does not know. If there is no room, it still does not.
+    /// Reports a new level to the drive. Without room, it stays unreported.
     fn tell(&mut self, at: Instant, high: bool) {
         self.missed = high != self.high && !QUEUE.push((at, self.end.edge(high)));
         if !self.missed {
@@ -75,7 +75,7 @@ fn add(gpio: Gpio, end: End, rests_high: bool) {
     });
 }
 
-/// Tells which inputs do not rest, as they have been since power came, and listens to all of them from now on.
+/// Reports inputs that are not at their idle level, as of power-on, and enables the edges of all of them.
 fn begin() {
     with(|inputs| {
         for input in inputs {
@@ -113,7 +113,7 @@ pub(crate) fn take(gpio: Gpio) {
     });
 }
 
-/// Tells what there was no room for: levels as they are now.
+/// Reports levels that were not reported for lack of room, as they are now.
 pub(crate) fn tell_missed() {
     with(|inputs| {
         for input in inputs.iter_mut().filter(|input| input.missed) {
@@ -133,7 +133,7 @@ fn edges(port: Port) {
     });
 }
 
-/// Inside a critical section nobody else has borrowed them.
+/// Inside a critical section there is no other borrow.
 fn with(act: impl FnOnce(&mut Vec<Input, MOST>)) {
     critical_section::with(|cs| {
         if let Ok(mut inputs) = INPUTS.borrow(cs).try_borrow_mut() {

@@ -1,13 +1,13 @@
 //! Drives on the Stellaris LM3S6965 evaluation board (`lm3s6965evb` in QEMU).
 //!
 //! Each binary is one kind of drive: it names what makes it and the wires of the board, and has [`run`] run it, or
-//! [`run_on_network`] where the drive has TCP ports. What it has in common with other boards is in `drivetwin_board`, what
-//! all drives have in common here: UART0 is the bus, UART1 says one line when the drive has power, a timer makes STEP and
-//! DIR. `README.md` has the pins.
+//! [`run_on_network`] where the drive has TCP ports. What it has in common with other boards is in `drivetwin_board`,
+//! what all drives have in common here: UART0 is the bus, UART1 prints one line when the drive has power, a timer
+//! makes STEP and DIR. `README.md` has the pins.
 //!
 //! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
 //!
-//! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections stand beside the code.
+//! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections are cited beside the code.
 //! Built optimised only: there the linker proves that nothing can panic, but in images with a network.
 #![no_std]
 
@@ -40,7 +40,7 @@ pub use self::saved::Saved;
 use self::steps::Steps;
 use self::wires::Wire;
 
-/// The number of events that may be caught before the drive is told of the first one. A request has 8 characters.
+/// The number of events that may be caught before the drive takes the first one. A request has 8 characters.
 const ROOM: usize = 80;
 
 /// The events that interrupts have for the loop.
@@ -64,7 +64,7 @@ const LESS_URGENT: [Interrupt; 11] = [
     Interrupt::ETHERNET,
 ];
 
-/// The place of an image's saved registers, so many bytes. A debugger finds it by this name.
+/// The place of an image's saved registers, that many bytes. A debugger finds it by this name.
 #[macro_export]
 macro_rules! memory {
     ($bytes:expr) => {{
@@ -171,7 +171,7 @@ fn prioritise(nvic: &mut NVIC) {
     /// The hardware has the upper three bits.
     const BELOW: u8 = 1 << 5;
     for interrupt in LESS_URGENT {
-        // SAFETY: critical sections are made by PRIMASK, whatever the priorities.
+        // SAFETY: critical sections are made by PRIMASK, with any priorities.
         unsafe { nvic.set_priority(interrupt, BELOW) };
     }
 }

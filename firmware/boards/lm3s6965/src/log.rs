@@ -8,7 +8,7 @@ use crate::clock::MHZ;
 use crate::gpio;
 use crate::registers::{Lm3s6965, Register};
 
-/// The UART for whoever brings the board up (12.6).
+/// The log UART, for bring-up of the board (12.6).
 const LOG: Pl011Uart<Lm3s6965> = Pl011Uart::at(Register::at(0x4000_D000, 0), MHZ);
 const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 

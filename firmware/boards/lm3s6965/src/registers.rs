@@ -6,12 +6,12 @@ use drivetwin_board::Chip;
 #[derive(Clone, Copy)]
 pub(crate) enum Lm3s6965 {}
 
-/// A register of it.
+/// A register of this chip.
 pub(crate) type Register = drivetwin_board::Register<Lm3s6965>;
 
 // SAFETY: this crate alone makes registers of it, of peripherals as the datasheet has them.
 unsafe impl Chip for Lm3s6965 {
-    /// Sets bits: not of a register that an interrupt changes meanwhile.
+    /// Sets bits. Not for a register that an interrupt also changes.
     fn set(register: Register, bits: u32) {
         register.write(register.read() | bits);
     }

@@ -19,7 +19,7 @@ pub struct Saved<const N: usize> {
     bytes: UnsafeCell<[u8; N]>,
 }
 
-// SAFETY: `begin` lends the bytes once, and nobody else touches them.
+// SAFETY: `begin` lends the bytes once, and no other code touches them.
 unsafe impl<const N: usize> Sync for Saved<N> {}
 
 impl<const N: usize> Default for Saved<N> {

@@ -1,4 +1,4 @@
-//! Which pins of the board are what of a drive.
+//! Assignment of the board's pins to the pins of drives.
 
 use crate::gpio::{A, B, C, D, E, F, G, Gpio};
 use crate::steps;

@@ -1,7 +1,7 @@
 //! From the reset to a program in RAM (2.8.1).
 //!
 //! The boot ROM runs the second stage, which makes the flash readable fast, takes the stack pointer and the address to
-//! jump to from the first two words of what lies behind it, and goes there. No miss of the flash's cache delays a step
+//! jump to from the first two words after it, and jumps there. No miss of the flash's cache delays a step
 //! of a program in RAM.
 
 /// The second stage, for the flash chip of the Pico and most others.

@@ -1,7 +1,7 @@
 //! The end of the flash, for saved registers, by the functions of the boot ROM (2.8.3.1.3).
 //!
 //! They wait while the flash is at work, and so does the loop. Interrupts do not: everything that they need
-//! is in RAM. What they catch meanwhile must fit into the queue.
+//! is in RAM. The events that they catch in that time must fit into the queue.
 
 use core::arch::global_asm;
 use core::mem::transmute_copy;
@@ -20,8 +20,8 @@ const CAPACITY: usize = 2 << 20;
 /// Address at which it is read.
 const WINDOW: usize = 0x1000_0000;
 
-/// A memory of more bytes, which is more than one piece, is a large one. An item of a small one has been like that ever
-/// since there are images.
+/// A memory of more bytes, which is more than one piece, is a large one. The items of a small one have kept their
+/// format since the first image.
 const MOST_SMALL: usize = 256;
 
 /// The last sectors, for small memories: they need not wait until the pieces of a large one are moved.
@@ -31,12 +31,12 @@ const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
 /// Sectors of the larger of the two.
 pub(crate) const MOST_SECTORS: usize = 8;
 
-/// Place of a memory of so many bytes.
+/// Place of a memory of that many bytes.
 pub(crate) const fn place(bytes: usize) -> Range<u32> {
     if bytes <= MOST_SMALL { SMALL } else { LARGE }
 }
 
-/// So many sectors that end there.
+/// The `count` sectors before `end`.
 const fn sectors(count: usize, end: u32) -> Range<u32> {
     end - (count * SECTOR) as u32..end
 }
@@ -52,7 +52,7 @@ pub(crate) enum Chip {}
 pub(crate) type Flash = drivetwin_board::Flash<Chip>;
 
 impl Chip {
-    /// Lets the boot ROM do something to the chip, and makes it readable again.
+    /// Runs a command of the boot ROM on the chip, and makes the chip readable again.
     fn command(act: impl FnOnce()) {
         type Plain = extern "C" fn();
         watchdog::feed();
@@ -100,7 +100,7 @@ impl Sectors for Chip {
 
     fn read(offset: u32) -> u8 {
         let at: *const u8 = ptr::without_provenance(WINDOW + offset as usize);
-        // SAFETY: it lies in the window; nobody writes to the chip at the same time.
+        // SAFETY: it is in the window; nothing writes to the chip at the same time.
         unsafe { at.read_volatile() }
     }
 

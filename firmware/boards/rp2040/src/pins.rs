@@ -1,4 +1,4 @@
-//! Pins: levels that the drive drives, and edges that it hears.
+//! Pins: levels that the drive outputs, and edges that it receives.
 
 use core::cell::Cell;
 
@@ -48,9 +48,9 @@ const FUNCTION_SIO: u32 = 5;
 /// End of each pin's wire at the drive, if the drive reads it.
 static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
     [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
-/// Levels as the drive knows them, a bit each.
+/// Levels last reported to the drive, a bit each.
 static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
-/// There was no room to tell a level.
+/// Set if there was no room to report a level.
 static MISSED: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 
 /// Drives pins high or low.
@@ -66,7 +66,7 @@ pub(crate) fn drive_low(pins: u32) {
     each(pins, |gpio| use_as(gpio, FUNCTION_SIO, false));
 }
 
-/// Hands pins to the UART behind them, pulled up.
+/// Assigns pins to their UART, pulled up.
 pub(crate) fn give_to_uart(pins: u32) {
     each(pins, |gpio| use_as(gpio, FUNCTION_UART, true));
 }
@@ -125,7 +125,7 @@ fn use_as(gpio: u32, function: u32, pulled_up: bool) {
     Register::at(IO, 4 + 8 * gpio as usize).write(function);
 }
 
-/// Lets pulls charge what is wired.
+/// Waits until the pull resistors have charged the wires.
 fn settle() {
     const MICROS: u32 = 100;
     let since = timer::micros_low();
@@ -137,7 +137,7 @@ fn settle() {
 pub(crate) struct Pins(u32);
 
 impl Pins {
-    /// Hears edges from `at` on, or does not. What has changed meanwhile is told.
+    /// Enables edges from `at` on, or disables them. A change before that is reported.
     fn listen(&self, at: Instant, on: bool) {
         each(self.0, |gpio| {
             let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
@@ -189,8 +189,8 @@ fn IO_IRQ_BANK0() {
     }
 }
 
-/// Tells the drive how a pin came from the level that it knows to the present one: past the edges of
-/// `flags`, which were raised before this level was read.
+/// Reports to the drive how a pin came from the level last reported to the present one: by the edges of `flags`,
+/// which were raised before this level was read.
 fn tell(at: Instant, gpio: u32, flags: u32) {
     critical_section::with(|cs| {
         let Some(end) = ENDS.get(gpio as usize).and_then(|end| end.borrow(cs).get()) else { return };
@@ -216,7 +216,7 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
     });
 }
 
-/// Tells levels that there was no room to tell. The edges between are lost.
+/// Reports levels that were not reported for lack of room. The edges between are lost.
 pub(crate) fn tell_missed() {
     if critical_section::with(|cs| MISSED.borrow(cs).replace(false)) {
         for gpio in 0..GPIOS {

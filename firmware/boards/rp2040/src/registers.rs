@@ -6,7 +6,7 @@ use drivetwin_board::Chip;
 #[derive(Clone, Copy)]
 pub(crate) enum Rp2040 {}
 
-/// A register of it.
+/// A register of this chip.
 pub(crate) type Register = drivetwin_board::Register<Rp2040>;
 
 // SAFETY: this crate alone makes registers of it, of peripherals as the datasheet has them.

@@ -22,7 +22,7 @@ const RAW_LOW: Register = Register::at(TIMER, 0x28);
 const INTR: Register = Register::at(TIMER, 0x34);
 const INTE: Register = Register::at(TIMER, 0x38);
 
-/// Lets alarms interrupt.
+/// Enables the interrupts of alarms.
 pub(crate) fn start() {
     INTE.write(0b111);
 }
@@ -85,8 +85,8 @@ impl Alarm {
             ARMED.write(1 << self.number);
             return true;
         }
-        // TIMER compares the lower half, when it changes: it comes if this still lies ahead, and now and
-        // then before if it is far.
+        // TIMER compares the lower half, when it changes: it comes if this is still ahead, and now and then before if
+        // it is far.
         Register::at(ALARM, 4 * self.number).write(micros as u32);
         let comes = self::micros() < micros;
         if !comes {

@@ -1,4 +1,4 @@
-//! Which pins of the board are what: the only place that says so, beside README.md.
+//! Assignment of the board's pins, defined only here and in README.md.
 
 use crate::pins::{Wire, gp};
 

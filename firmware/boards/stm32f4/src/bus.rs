@@ -34,7 +34,7 @@ static MASK: AtomicU32 = AtomicU32::new(0xFF);
 #[interrupt]
 fn USART1() {
     let at = timer::now();
-    // Read before the data: that clears what it says of the character, and of the last one sent.
+    // Read before the data: that clears the flags of the character, and of the last one sent.
     let status = STATUS.read();
     if status & (Usart::CAN_READ | Usart::OVERRUN) != 0 {
         let character = DATA.read();
@@ -43,8 +43,8 @@ fn USART1() {
                 0 => BoardEvent::Byte(Port(0), (character & MASK.load(Ordering::Relaxed)) as u8),
                 _ => BoardEvent::RxError(Port(0)),
             };
-            // Where the loop is so late that there is no room, the character is lost. Of a Modbus frame the CRC
-            // tells; a QSB's command has none.
+            // Where the loop is so late that there is no room, the character is lost. A Modbus frame then fails its
+            // CRC; a QSB's command has none.
             let _ = QUEUE.push((at, heard));
         }
     }

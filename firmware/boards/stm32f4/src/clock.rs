@@ -25,7 +25,7 @@ const POWER: Register = Register::at(0x4000_7000, 0x00);
 /// Wait states of the flash (3.8.1).
 const FLASH: Register = Register::at(0x4002_3C00, 0x00);
 
-/// Prescaler of the bus of USART1, as it stands in the configuration.
+/// Prescaler of the bus of USART1, as coded in the configuration.
 const APB2_PRESCALER: u32 = 0b111 << 13;
 const APB2_BY_4: u32 = 0b101 << 13;
 

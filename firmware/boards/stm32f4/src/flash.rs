@@ -1,7 +1,7 @@
 //! Sectors 1 to 3 of the flash, for saved registers (3.5).
 //!
 //! While it is erased or programmed nothing in it can be fetched, and the loop waits. Interrupts do not: everything
-//! that they need is in RAM. What they catch meanwhile must fit into the queue.
+//! that they need is in RAM. The events that they catch in that time must fit into the queue.
 
 use core::arch::global_asm;
 use core::ops::Range;
@@ -58,7 +58,7 @@ pub(crate) enum Bank {}
 pub(crate) type Flash = drivetwin_board::Flash<Bank>;
 
 impl Bank {
-    /// Lets the interface do something, which begins with `control`, and waits until that is done.
+    /// Runs an operation of the interface, which begins with `control`, and waits until it is done.
     fn command(control: u32, act: impl FnOnce()) -> Result<(), NorFlashErrorKind> {
         const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
         const BUSY: u32 = 1 << 16;
@@ -92,7 +92,7 @@ impl Sectors for Bank {
 
     fn read(offset: u32) -> u8 {
         let at: *const u8 = ptr::without_provenance(WINDOW + offset as usize);
-        // SAFETY: it lies in the flash; nobody writes to it at the same time.
+        // SAFETY: it is in the flash; nothing writes to it at the same time.
         unsafe { at.read_volatile() }
     }
 
@@ -105,7 +105,7 @@ impl Sectors for Bank {
     fn program(offset: u32, word: &[u8]) -> Result<(), NorFlashErrorKind> {
         let word = word.try_into().map_err(|_| NorFlashErrorKind::NotAligned)?;
         let at: *mut u32 = ptr::without_provenance_mut(WINDOW + offset as usize);
-        // SAFETY: it lies in the sectors that are ours, as every caller has checked, is aligned, and is nobody's
+        // SAFETY: it is in the sectors for saved registers, as every caller has checked, is aligned, and is no
         // memory.
         Self::command(PROGRAM | BY_WORDS, || unsafe { at.write_volatile(u32::from_le_bytes(word)) })
     }

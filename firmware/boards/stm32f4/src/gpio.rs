@@ -97,7 +97,7 @@ impl Gpio {
         self.two_bits(MODE, if driven { OUTPUT } else { INPUT });
     }
 
-    /// Hands it to the peripheral behind it, by the number of its alternate function, pulled up.
+    /// Assigns it to a peripheral, by the number of its alternate function, pulled up.
     pub(crate) fn give(self, function: u32) {
         let shift = 4 * (self.n % 8);
         self.port.register(FUNCTION + 4 * (self.n / 8)).replace(0xF << shift, function << shift);

@@ -1,4 +1,4 @@
-//! Edges that the drive hears (10.2).
+//! Edges that the drive receives (10.2).
 //!
 //! EXTI has a line for the pins of one number of all ports, so inputs need numbers of their own (`wires`).
 
@@ -29,14 +29,14 @@ const LINES: usize = 16;
 
 /// Input of each line.
 static INPUTS: [Mutex<Cell<Option<Input>>>; LINES] = [const { Mutex::new(Cell::new(None)) }; LINES];
-/// There was no room to tell a level.
+/// Set if there was no room to report a level.
 static MISSED: AtomicBool = AtomicBool::new(false);
 
 #[derive(Clone, Copy)]
 struct Input {
     gpio: Gpio,
     end: End,
-    /// As the drive knows it.
+    /// Level last reported to the drive.
     high: bool,
 }
 
@@ -53,7 +53,7 @@ impl Input {
         }
     }
 
-    /// Tells the drive of a level that it does not know. If there is no room, it still does not.
+    /// Reports a new level to the drive. Without room, it stays unreported.
     fn tell(&mut self, at: Instant, high: bool) {
         if high == self.high {
         } else if QUEUE.push((at, self.end.edge(high))) {
@@ -103,14 +103,14 @@ fn add(input: Input) {
     }
 }
 
-/// Lets pulls charge what is wired.
+/// Waits until the pull resistors have charged the wires.
 pub(crate) fn settle() {
     const MICROS: u32 = 100;
     let since = timer::ticks_low();
     while timer::ticks_low().wrapping_sub(since) < 16 * MICROS {}
 }
 
-/// Hears edges of a pin from now on, or does not. What has changed meanwhile is told.
+/// Enables edges of a pin from now on, or disables them. A change before that is reported.
 pub(crate) fn listen(gpio: Gpio, on: bool) {
     let line = gpio.n();
     with(line, |input| {
@@ -125,7 +125,7 @@ pub(crate) fn listen(gpio: Gpio, on: bool) {
     });
 }
 
-/// Tells levels that there was no room to tell. The edges between are lost.
+/// Reports levels that were not reported for lack of room. The edges between are lost.
 pub(crate) fn tell_missed() {
     if MISSED.swap(false, Ordering::Relaxed) {
         let heard = HEARD.read();
@@ -138,7 +138,7 @@ pub(crate) fn tell_missed() {
     }
 }
 
-/// Tells the drive of every line with an edge; of a pulse that is over already, both edges.
+/// Reports every line with an edge to the drive; for a pulse that is over already, both edges.
 fn edges() {
     let at = timer::now();
     let pending = PENDING.read() & HEARD.read();

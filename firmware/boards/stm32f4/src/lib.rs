@@ -61,7 +61,7 @@ const ROOM: usize = 512;
 /// The events that interrupts have for the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// A place for so many saved registers, until they are found in flash.
+/// A place for that many bytes of saved registers, until they are found in flash.
 #[macro_export]
 macro_rules! memory {
     ($bytes:expr) => {
@@ -69,8 +69,8 @@ macro_rules! memory {
     };
 }
 
-/// Makes a drive and runs it; its pins and faults are wired like that. `memory` has as many bytes as its spec says that
-/// it saves, `CHARACTERS` is how many characters may wait to be sent.
+/// Makes a drive and runs it; its pins and faults are wired as given. `memory` has as many bytes as its spec saves,
+/// `CHARACTERS` is how many characters may wait to be sent.
 // A frame of its own would cost stack for as long as the drive runs.
 #[inline(always)]
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
@@ -112,8 +112,8 @@ impl Board for BlackPill {
         inputs::start(spec, wires)
     }
 
-    /// Lets interrupts come. A step is delayed by critical sections alone. All that stamps or sends has one priority, so
-    /// that stamps ascend.
+    /// Enables interrupts. A step is delayed by critical sections alone. All that stamps or sends has one priority,
+    /// so that stamps ascend.
     fn unmask() {
         let priorities = [
             (Interrupt::TIM2, 0x00),

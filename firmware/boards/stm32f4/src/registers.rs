@@ -6,7 +6,7 @@ use drivetwin_board::Chip;
 #[derive(Clone, Copy)]
 pub(crate) enum Stm32f411 {}
 
-/// A register of it.
+/// A register of this chip.
 pub(crate) type Register = drivetwin_board::Register<Stm32f411>;
 
 // SAFETY: this crate alone makes registers of it, of peripherals as the reference manual has them.

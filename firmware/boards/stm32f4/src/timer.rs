@@ -106,8 +106,8 @@ impl Alarm {
     pub(crate) fn set(&self, due: Instant) -> bool {
         critical_section::with(|cs| {
             self.due.borrow(cs).set(due);
-            // TIM2 compares the lower half, when it changes: it comes if this still lies ahead, and now and then
-            // before if it is far.
+            // TIM2 compares the lower half, when it changes: it comes if this is still ahead, and now and then before
+            // if it is far.
             Register::at(COMPARE, 4 * (self.channel - 1)).write((due.ticks() & u64::from(u32::MAX)) as u32);
             self.acknowledge();
             let comes = due > now();

@@ -3,7 +3,7 @@
 use cortex_m::interrupt::InterruptNumber;
 pub(crate) use cortex_m_rt::interrupt;
 
-/// An interrupt, by its position in the vector table. The attribute `interrupt` knows it by that name, too.
+/// An interrupt, by its position in the vector table. The attribute `interrupt` uses the same names.
 #[derive(Clone, Copy)]
 pub(crate) enum Interrupt {
     EXTI0 = 6,

@@ -1,4 +1,4 @@
-//! Which pins of the board are what: the only place that says so, beside README.md.
+//! Assignment of the board's pins, defined only here and in README.md.
 
 use crate::gpio::{A, B, C, Gpio};
 
@@ -105,7 +105,7 @@ pub const MDROBOT: [Wire; 19] = apart(
     ],
 );
 
-/// A wire, and whether the drive hears it.
+/// A wire, and whether the drive reads it.
 type Row = (Wire, bool);
 
 /// A wire that the drive reads, also if it drives it at times.

@@ -8,7 +8,7 @@ use drivetwin_firmware::counter::Channel::{self, A, B};
 use drivetwin_firmware::counter::Ls7366r;
 use drivetwin_firmware::device::{Duration, Instant};
 
-/// Between two edges: what the filter lets through.
+/// Time between two edges: the shortest that passes the filter.
 const GAP: Duration = Duration::from_ticks(2);
 
 /// MDR0: x4 and modulo-n, x4 and free-running, non-quadrature.

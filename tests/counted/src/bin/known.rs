@@ -1,4 +1,4 @@
-//! Handlers whose instructions are known: the plugin must count these.
+//! Handlers with known numbers of instructions: the plugin must count these.
 //!
 //! PendSV, the lowest priority, takes 16 instructions with what it calls. In the middle SVCall interrupts
 //! it, and takes 4. Both come twice.

@@ -85,7 +85,7 @@ fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
     }
 }
 
-/// An interrupt that asks a walker for the next step.
+/// An interrupt that gets the next step from a walker.
 #[inline(never)]
 fn walk() {
     if let Some(step) = WALKER.with(Iterator::next) {

@@ -1,4 +1,5 @@
-//! Plans and their walker: what a drive hands over, and what a timer interrupt makes of it.
+//! Plans and their walker: the plan that a drive passes to a board, and the steps that a timer interrupt makes from
+//! it.
 #![no_std]
 #![no_main]
 

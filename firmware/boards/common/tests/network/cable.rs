@@ -32,7 +32,7 @@ pub(crate) const NUMBERS: [u16; 2] = [502, 503];
 /// Frames on their way.
 pub(crate) type Way = Rc<RefCell<VecDeque<Vec<u8>>>>;
 
-/// One end of a cable.
+/// An end of a cable.
 pub(crate) struct End {
     pub(crate) from: Way,
     pub(crate) to: Way,
@@ -127,7 +127,7 @@ impl drivetwin_firmware::device::Device for Drive {
     }
 }
 
-/// What the drive was told: where, and a message.
+/// An event at the drive: port, connection, kind, and a message.
 pub(crate) type Told = (Port, Link, LinkEvent, Vec<u8>);
 
 /// A board, and a machine with clients.
@@ -141,9 +141,9 @@ pub(crate) struct Cable {
     pub(crate) told: Vec<Told>,
     /// The next free port of the machine.
     pub(crate) next: u16,
-    /// Ports of the machine that hear nothing, so that they never answer.
+    /// Ports of the machine that receive nothing, so that they never answer.
     pub(crate) silent: Vec<u16>,
-    /// When the last frame came.
+    /// Instant of the last frame.
     pub(crate) came: Rc<Cell<Instant>>,
 }
 
@@ -180,7 +180,7 @@ impl Cable {
         }
     }
 
-    /// Somebody connects to a port of the board.
+    /// Connects to a port of the board.
     pub(crate) fn call(&mut self, port: Port) -> SocketHandle {
         let buffer = || SocketBuffer::new(vec![0; 2_000]);
         let mut socket = Socket::new(buffer(), buffer());
@@ -198,7 +198,7 @@ impl Cable {
         assert_eq!(self.client(client).send_slice(bytes), Ok(bytes.len()));
     }
 
-    /// What came to a client and it takes now.
+    /// Takes the bytes that have come to a client.
     pub(crate) fn hear(&mut self, client: SocketHandle) -> Vec<u8> {
         let mut heard = vec![0; 100_000];
         let count = self.client(client).recv_slice(&mut heard).unwrap_or(0);
@@ -208,7 +208,7 @@ impl Cable {
 
     /// The machine takes the board's frames and sends its own.
     pub(crate) fn machine_speaks(&mut self) {
-        /// Where a TCP packet has the port that it is for.
+        /// Place of the destination port in a TCP packet.
         const PORT: std::ops::Range<usize> = 36..38;
         let is_heard = |frame: &Vec<u8>| {
             let port = frame.get(PORT).map(|port| u16::from_be_bytes([port[0], port[1]]));
@@ -219,7 +219,7 @@ impl Cable {
         self.machine.poll(at, &mut self.here, &mut self.clients);
     }
 
-    /// Somebody begins to connect, and is never heard of again.
+    /// Begins to connect, and then sends nothing more.
     pub(crate) fn knock(&mut self, port: Port) {
         self.silent.push(self.next);
         let client = self.call(port);
@@ -227,7 +227,7 @@ impl Cable {
         self.clients.remove(client);
     }
 
-    /// Lets so many ms pass; the drive answers what it is told by `answer`. Returns what it was told.
+    /// Advances the time by `ms`; `answer` handles the events at the drive. Returns these events.
     pub(crate) fn pass_with(
         &mut self,
         ms: u64,
@@ -246,7 +246,7 @@ impl Cable {
         self.pass_with(ms, |_, _| {})
     }
 
-    /// What the board's loop does.
+    /// Runs the board's loop once.
     pub(crate) fn turn(&mut self, mut answer: impl FnMut(&mut Network<'static, End>, &Told)) {
         let mut message = Adu::new();
         loop {
@@ -263,7 +263,7 @@ impl Cable {
         }
     }
 
-    /// Somebody who is connected, as that link.
+    /// Connects a client, as that link.
     pub(crate) fn connected(&mut self, port: Port, link: u8) -> SocketHandle {
         let client = self.call(port);
         assert_eq!(self.pass(20), [(port, Link(link), LinkEvent::Opened, Vec::new())]);
@@ -275,7 +275,7 @@ pub(crate) fn request(transaction: u16) -> Adu {
     read(Header { transaction, unit: 1 }, 0x8B, 2)
 }
 
-/// The drive says what it hears.
+/// Sends a message back.
 pub(crate) fn echo(board: &mut Network<'static, End>, (port, link, came, bytes): &Told) {
     if *came == LinkEvent::Message {
         assert!(board.send(*port, *link, bytes), "there is room");

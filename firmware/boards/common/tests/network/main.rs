@@ -40,7 +40,7 @@ fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
 }
 
-/// The drive hears of nobody before that; who has come waits, and so does what he says.
+/// The drive gets no connection before that; clients wait, and so do their messages.
 #[test]
 fn connections_wait_until_the_drive_accepts_them() {
     let mut cable = Cable::new();
@@ -63,7 +63,7 @@ fn connections_wait_until_the_drive_accepts_them() {
     );
 }
 
-/// What comes meanwhile waits where it is, and the other port is served.
+/// Messages that come in that time wait, and the other port is served.
 #[test]
 fn while_the_drive_takes_nothing_its_connections_wait() {
     let mut cable = Cable::new();
@@ -131,7 +131,7 @@ fn a_wrong_header_closes_its_connection_behind_what_was_answered() {
 }
 
 #[test]
-fn who_has_said_all_hears_what_is_due_before_he_is_closed() {
+fn a_client_that_closed_its_sending_side_gets_its_answers() {
     let mut cable = Cable::new();
     let client = cable.connected(MODBUS, 0);
     cable.say(client, &request(1));
@@ -143,7 +143,7 @@ fn who_has_said_all_hears_what_is_due_before_he_is_closed() {
 }
 
 #[test]
-fn nothing_is_taken_from_who_does_not_take_his_answers() {
+fn a_client_that_does_not_read_its_answers_is_not_read() {
     const REQUESTS: u16 = 2_000;
     let mut cable = Cable::new();
     let [deaf, other] = [0, 1].map(|link| cable.connected(MODBUS, link));
@@ -156,7 +156,7 @@ fn nothing_is_taken_from_who_does_not_take_his_answers() {
         say_more(&mut cable, &mut all);
         cable.pass_with(20, echo);
     }
-    assert!(!all.is_empty(), "nobody takes more");
+    assert!(!all.is_empty(), "all requests were read");
     cable.say(other, &request(7));
     cable.pass_with(20, echo);
     assert_eq!(cable.hear(other), request(7)[..], "others are served");
@@ -179,12 +179,12 @@ fn line(n: usize) -> [u8; 64] {
     [b'a' + (n % 26) as u8; 64]
 }
 
-/// Says as many bytes of a listing; whether all had room.
+/// Sends that many bytes of a listing; returns whether all had room.
 fn list(board: &mut Network<'static, End>, link: u8, bytes: usize) -> bool {
     (0..bytes / 64).all(|n| board.send(MCODE, Link(link), &line(n)))
 }
 
-/// Whoever reads, 10 ms apart, hears that many bytes of a listing and no more.
+/// A client that reads every 10 ms gets that many bytes of a listing and no more.
 fn reads(cable: &mut Cable, client: SocketHandle, bytes: usize) {
     let mut heard = Vec::new();
     for _ in 0..1_000 {
@@ -214,19 +214,19 @@ fn long_answers_share_their_room() {
     for client in &clients {
         reads(&mut cable, *client, LISTING / 4);
     }
-    // There is not room for two of the longest: who asks later loses his connection, and nobody else.
+    // There is not room for two of the longest: the later client loses its connection, and no other one does.
     assert!(list(&mut cable.board, 0, LISTING), "it has room");
     assert!(!list(&mut cable.board, 1, LISTING), "there is no room");
     assert_eq!(cable.pass(20), [(MCODE, Link(1), LinkEvent::Closed, Vec::new())]);
     assert_eq!(cable.client(clients[1]).state(), State::Closed);
     reads(&mut cable, clients[0], LISTING);
-    // What was his is free.
+    // Its room is free again.
     assert!(list(&mut cable.board, 2, LISTING), "it has room");
     reads(&mut cable, clients[2], LISTING);
 }
 
 #[test]
-fn the_drive_closes_behind_what_it_has_said() {
+fn the_drive_closes_after_its_unsent_bytes() {
     let mut cable = Cable::new();
     let client = cable.connected(MCODE, 0);
     for _ in 0..100 {
@@ -237,21 +237,21 @@ fn the_drive_closes_behind_what_it_has_said() {
     let mut heard = 0;
     for _ in 0..1_000 {
         heard += cable.hear(client).len();
-        assert_eq!(cable.pass(1), [], "the drive knows that it closed");
+        assert_eq!(cable.pass(1), [], "the drive gets no event for its own close");
     }
     assert_eq!(heard, 6_400);
     assert_eq!(cable.client(client).state(), State::CloseWait);
-    // Whoever does not leave is thrown out after 10 s.
+    // A client that does not close is reset after 10 s.
     cable.pass(10_000);
     cable.connected(MCODE, 0);
     assert_eq!(cable.client(client).state(), State::Closed);
 }
 
 #[test]
-fn who_is_there_stays_and_who_is_gone_is_forgotten() {
+fn silent_clients_stay_and_lost_clients_are_closed() {
     let mut cable = Cable::new();
     cable.connected(MODBUS, 0);
-    assert_eq!(cable.pass(100_000), [], "he is there");
+    assert_eq!(cable.pass(100_000), [], "the client is still connected");
     // The cable is cut.
     cable.here = End { from: Way::default(), to: Way::default(), came: cable.came.clone() };
     assert_eq!(cable.pass(60_000), [(MODBUS, Link(0), LinkEvent::Closed, Vec::new())]);
@@ -276,7 +276,7 @@ fn a_network_on_which_nothing_is_due_lets_the_board_sleep() {
 }
 
 #[test]
-fn what_comes_is_stamped_with_its_frame() {
+fn messages_have_the_stamp_of_their_frame() {
     let mut cable = Cable::new();
     let client = cable.connected(MODBUS, 0);
     cable.say(client, &request(1));

@@ -8,8 +8,7 @@ use smoltcp::socket::tcp::State;
 
 use crate::cable::{Cable, MCODE, MODBUS, echo, request};
 
-/// What no network should carry, and one does: frames of all lengths, with nothing in them, and with what looks like a
-/// packet to the board.
+/// Invalid frames of all lengths: filled with 0xFF, or with the start of a packet to the board.
 fn noise() -> impl Iterator<Item = Vec<u8>> {
     let packet = |kind: u16, n: usize| {
         let mut frame = [&[2, 0, 0, 0, 0, 1, 2, 0, 0, 0, 0, 3][..], &kind.to_be_bytes(), &[0x45, 0]].concat();
@@ -22,7 +21,7 @@ fn noise() -> impl Iterator<Item = Vec<u8>> {
 }
 
 #[test]
-fn noise_is_nobodys_and_clients_are_served_beside_it() {
+fn noise_is_dropped_and_clients_are_served() {
     let mut cable = Cable::new();
     let client = cable.connected(MODBUS, 0);
     for n in 0..100 {
@@ -48,7 +47,7 @@ fn the_drive_has_its_turn_within_a_flood() {
 }
 
 #[test]
-fn what_was_spoiled_on_the_way_comes_again() {
+fn spoiled_packets_are_sent_again() {
     let mut cable = Cable::new();
     let client = cable.connected(MODBUS, 0);
     cable.say(client, &request(1));
@@ -62,13 +61,13 @@ fn what_was_spoiled_on_the_way_comes_again() {
 }
 
 #[test]
-fn who_only_knocks_has_a_place_for_three_seconds() {
+fn a_half_open_connection_keeps_its_place_for_three_seconds() {
     let mut cable = Cable::new();
     let served = cable.connected(MCODE, 0);
     for _ in 1..LINKS {
         cable.knock(MCODE);
     }
-    assert_eq!(cable.pass(20), [], "nobody is there yet");
+    assert_eq!(cable.pass(20), [], "no client is connected yet");
     let refused = cable.call(MCODE);
     assert_eq!(cable.pass(2_500), [], "all places are taken");
     assert_eq!(cable.client(refused).state(), State::Closed);
