@@ -199,7 +199,7 @@ impl Device for Mdrive {
         match input {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
             Input::Message { link, bytes, .. } if drive.is_started() => {
-                drive.console_received(at, link, bytes, out)
+                drive.console_received(at, link, bytes, out);
             }
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),

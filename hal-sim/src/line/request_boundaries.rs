@@ -1,7 +1,7 @@
 //! Request boundaries: where a request ends in the bytes of a client, and when it is complete.
 //!
 //! Gaps between bytes carry no information on a pty or TCP connection, so the checksum and the length of the function
-//! decide ([`modbus::front`]), and after them a timeout.
+//! decide ([`modbus::scan`]), and after them a timeout.
 
 use drivetwin_firmware::device::{Duration, Instant, Line};
 use drivetwin_protocol::modbus::{self, Expect, Scan};

@@ -14,7 +14,7 @@ use drivetwin_sim::rsasm::Image;
 use crate::options::RunOptions;
 use crate::rs_programs;
 
-/// Configuration of a run: options, and the layout of the bench. The [crate](crate) has an example.
+/// Configuration of a run: options, and the layout of the bench. The [crate] has an example.
 pub struct Configuration {
     pub(super) options: RunOptions,
     pub(super) layout: Layout,

@@ -25,7 +25,7 @@ use memories::Memory;
 use output_files::OutputFiles;
 use reserved_ports::ReservedPorts;
 
-/// A bench with reserved ports and open files. Nothing listens yet, and output files are unchanged. The [crate](crate)
+/// A bench with reserved ports and open files. Nothing listens yet, and output files are unchanged. The [crate]
 /// has an example.
 pub struct Prepared {
     bench: Bench,
@@ -39,7 +39,7 @@ pub struct Prepared {
     files: OutputFiles,
 }
 
-/// A bench whose ports and control API are open. The [crate](crate) has an example.
+/// A bench whose ports and control API are open. The [crate] has an example.
 pub struct Running {
     event_loop: EventLoop,
     banner: Banner,

@@ -41,7 +41,7 @@ impl Running {
         running
     }
 
-    /// A program whose first output line has the address of each port as `tcp:HOST:PORT"`.
+    /// A program whose first output line has the address of each port as `tcp:HOST:PORT`.
     pub(crate) fn of(command: &mut Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
         let mut ready = String::new();
