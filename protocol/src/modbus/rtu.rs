@@ -124,7 +124,7 @@ enum State {
 /// The receiving half of a slave: characters in, frames out.
 ///
 /// A stamp is the *end* of a character. That a character began within 3.5 characters of the last
-/// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline; PROJECT-3).
+/// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline) (PROJECT-3).
 #[derive(Clone, Debug)]
 pub struct RtuReceiver {
     timing: Timing,
