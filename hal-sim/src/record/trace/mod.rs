@@ -1,13 +1,13 @@
 //! Trace: a recording of a bench, as text that people read and write.
 //!
 //! ```text
-//! drivetwin trace 1                     the format, before anything else seed 1                              of every
-//! random choice; 1 if not given drive md3 md3                       name and kind; `fast`: no start-up delay; `from
-//! 12.5`: added then;
+//! drivetwin trace 1                     the format, before anything else
+//! seed 1                              of every random choice; 1 if not given
+//! drive md3 md3                       name and kind; `fast`: no start-up delay; `from 12.5`: added then;
 //!                                     `apart`: without the motor that it brings; `untimed`: on a line on which
 //!                                     characters take no time
-//! memory md3 0x0000 01 00 9A          content of its memory; 0xFF where not given compare tx pins
-//! which outputs count: tx line pins motion stores; all if not given
+//! memory md3 0x0000 01 00 9A          content of its memory; 0xFF where not given
+//! compare tx pins                     which outputs count: tx line pins motion stores; all if not given
 //!
 //! # A comment, here or behind a line.
 //! 2500.000000 > rx 01 03 00 00 00 01 84 0A
