@@ -236,7 +236,7 @@ impl Drive {
             // mbpoll counts registers from 1.
             let first = u32::from(first) + 1;
             format!(
-                "mbpoll -m rtu -a {unit} -b {baud} -P {parity}{stop} -t 4:hex -r {first} -c {count} {pty}"
+                "mbpoll -m rtu -a {unit} -b {baud} -P {parity}{stop} -t 4:hex -r {first} -c {count} -1 {pty}"
             )
         })
     }
@@ -250,7 +250,7 @@ impl Drive {
         let (first, count) = self.readable().filter(|_| ends == Framing::Mbap)?;
         // mbpoll counts registers from 1.
         let first = u32::from(first) + 1;
-        Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} {}", address.port(), address.ip()))
+        Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} -1 {}", address.port(), address.ip()))
     }
 
     /// The first holding register, and the number of registers from there that one request may read.
@@ -284,7 +284,7 @@ mod tests {
     pty:/dev/pts/4
     pty:md3.tty
 Try:
-  mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32 md3.tty
+  mbpoll -m rtu -a 1 -b 9600 -P even -t 4:hex -r 1 -c 32 -1 md3.tty
 Ctrl-C ends it.
 ";
         assert_eq!(banner.text(), text);

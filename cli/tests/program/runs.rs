@@ -463,7 +463,10 @@ fn a_link_of_another_process_is_kept() {
     let pty = std::fs::read_link(&link).unwrap();
     let said = refused(&arguments);
     assert!(
-        said.contains(&format!("a link to {} is there, and a program has it open", pty.display())),
+        said.contains(&format!(
+            "a link to {} is there, and a program has it open: end that program, or choose another name",
+            pty.display()
+        )),
         "{said}"
     );
     assert_eq!(std::fs::read_link(&link).unwrap(), pty);
