@@ -9,7 +9,10 @@ use std::sync::OnceLock;
 use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
 use std::time::Duration;
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 use crate::args::Cli;
 
@@ -81,18 +84,19 @@ fn is_coloured(no_color: Option<&OsStr>, is_terminal: bool) -> bool {
 /// Starts the log with the level of `-v`, `-q` or `RUST_LOG`; by default warnings.
 pub(crate) fn start(cli: &Cli) {
     let level = match (cli.quiet, cli.verbose) {
-        (true, _) => "error",
-        (_, 0) => "warn",
-        (_, 1) => "info",
-        _ => "trace",
+        (true, _) => LevelFilter::ERROR,
+        (_, 0) => LevelFilter::WARN,
+        (_, 1) => LevelFilter::INFO,
+        _ => LevelFilter::TRACE,
     };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let wanted = std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty());
+    let wanted: Option<Targets> = wanted.and_then(|text| text.parse().ok());
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| Lines)
         .with_ansi(is_coloured(std::env::var_os("NO_COLOR").as_deref(), io::stderr().is_terminal()))
         .with_target(false)
-        .init();
+        .with_filter(wanted.unwrap_or_else(|| Targets::new().with_default(level)));
+    tracing_subscriber::registry().with(lines).init();
 }
 
 #[cfg(test)]

@@ -250,7 +250,11 @@ impl Drive {
         let (first, count) = self.readable().filter(|_| ends == Framing::Mbap)?;
         // mbpoll counts registers from 1.
         let first = u32::from(first) + 1;
-        Some(format!("mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} -1 {}", address.port(), address.ip()))
+        Some(format!(
+            "mbpoll -m tcp -p {} -t 4:hex -r {first} -c {count} -1 {}",
+            address.port(),
+            address.ip()
+        ))
     }
 
     /// The first holding register, and the number of registers from there that one request may read.

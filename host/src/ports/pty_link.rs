@@ -57,7 +57,11 @@ pub(crate) fn check_link(path: &Path) -> io::Result<()> {
             // A pty with a reused number is younger than the link.
             let made = |of: &std::fs::Metadata| (of.ctime(), of.ctime_nsec());
             let lives = target.metadata().is_ok_and(|pty| made(&pty) <= made(&there));
-            if lives { refused("and a program has it open: end that program, or choose another name") } else { Ok(()) }
+            if lives {
+                refused("and a program has it open: end that program, or choose another name")
+            } else {
+                Ok(())
+            }
         }
         Ok(_) => Err(io::Error::new(io::ErrorKind::AlreadyExists, "something else than a link is there")),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
