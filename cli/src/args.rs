@@ -133,10 +133,10 @@ pub(crate) struct Run {
     pub(crate) json: bool,
 }
 
-/// Heading of the options that a bench file has for each of its drives.
+/// Heading of the options that a bench file does not allow, because it has keys for them in each drive.
 const ONE_DRIVE: &str = "Options for a single drive (not with a bench file)";
 
-/// Whether characters take time on serial lines.
+/// Timing of characters on serial lines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum Line {
     /// Each character takes its time at the baud rate
@@ -180,7 +180,7 @@ fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("it takes a whole number from 0 to {}", u64::MAX))
 }
 
-/// One sentence for an error of the command line.
+/// Converts an error of the command line to one sentence.
 pub(crate) fn sentence(mut error: clap::Error) -> String {
     if error.kind() == ErrorKind::MissingSubcommand {
         let cli = Cli::command();

@@ -1,7 +1,7 @@
 //! The log on stderr.
 //!
-//! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench. So a separate
-//! thread writes there, and excess lines are dropped (HOST-22).
+//! A program that starts a drive may never read its stderr, and a full pipe must not stop the bench.
+//! Therefore a separate thread writes to stderr, and lines are dropped if too many wait (HOST-22).
 
 use std::ffi::OsStr;
 use std::io::{self, IsTerminal as _, Write as _};
@@ -19,13 +19,13 @@ use crate::args::Cli;
 /// Maximum number of lines that wait to be written.
 const LINES: usize = 1024;
 
-/// Longest wait for unwritten lines at the end of the process.
+/// Longest wait at the end of the process until all lines are written.
 const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
 /// A message to the writing thread.
 enum Message {
     Line(Vec<u8>),
-    /// End of the log: its sender is dropped when all lines before it are written.
+    /// End of the log: the writing thread drops this sender when it has written all lines before it.
     End(#[expect(dead_code, reason = "its drop is what is waited for")] Sender<()>),
 }
 
@@ -34,7 +34,7 @@ fn writer() -> &'static SyncSender<Message> {
     static WRITER: OnceLock<SyncSender<Message>> = OnceLock::new();
     WRITER.get_or_init(|| {
         let (writer, messages) = mpsc::sync_channel(LINES);
-        // Without a thread nothing is logged.
+        // If the system gives no thread, nothing is logged.
         let _ = std::thread::Builder::new().name("log".into()).spawn(|| write(messages));
         writer
     })
@@ -43,18 +43,18 @@ fn writer() -> &'static SyncSender<Message> {
 fn write(messages: Receiver<Message>) {
     for message in messages {
         if let Message::Line(line) = message {
-            // A closed stderr can be reported nowhere.
+            // If stderr is closed, the error cannot be reported anywhere.
             let _ = io::stderr().write_all(&line);
         }
     }
 }
 
-/// Writes a line; drops it if too many wait.
+/// Gives a line to the writing thread; drops the line if too many wait.
 pub(crate) fn write_line(line: &[u8]) {
     let _ = writer().try_send(Message::Line(line.to_vec()));
 }
 
-/// Waits until all lines are written, at most for `FLUSH_LIMIT`.
+/// Waits until all lines are written, but no longer than `FLUSH_LIMIT`.
 pub(crate) fn finish() {
     let (written, wait) = mpsc::channel();
     if writer().try_send(Message::End(written)).is_ok() {
@@ -76,12 +76,13 @@ impl io::Write for Lines {
     }
 }
 
-/// Returns whether the log has colours: on a terminal, unless NO_COLOR is set and not empty (no-color.org).
+/// Returns whether the log has colours: only on a terminal, and not if `NO_COLOR` is set and not empty
+/// (no-color.org).
 fn is_coloured(no_color: Option<&OsStr>, is_terminal: bool) -> bool {
     is_terminal && no_color.is_none_or(OsStr::is_empty)
 }
 
-/// Starts the log with the level of `-v`, `-q` or `RUST_LOG`; by default warnings.
+/// Starts the log. `-v` and `-q` set its level, if `RUST_LOG` does not; by default it has warnings.
 pub(crate) fn start(cli: &Cli) {
     let level = match (cli.quiet, cli.verbose) {
         (true, _) => LevelFilter::ERROR,

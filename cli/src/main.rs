@@ -10,9 +10,9 @@ use args::{Cli, Command};
 use clap::Parser as _;
 use commands::print;
 
-/// A comparison failed.
+/// Exit code: a replay differs from its recording.
 const DIFFERENT: u8 = 1;
-/// Bad usage or configuration.
+/// Exit code: wrong usage or configuration.
 const BAD_USAGE: u8 = 2;
 
 fn main() -> ExitCode {

@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Device, Spec};
 
 use crate::suggest;
 
-/// Makes a drive of one kind.
+/// Function that makes a drive of one kind.
 type Make = fn() -> Box<dyn Device>;
 
 macro_rules! boxed {
@@ -14,7 +14,7 @@ macro_rules! boxed {
 }
 drivetwin_firmware::devices!(boxed);
 
-/// Description of each kind, in the order of the list.
+/// Descriptions of all kinds, in the order of the list.
 pub fn specs() -> impl Iterator<Item = &'static Spec> {
     ALL.iter().map(|make| make().spec())
 }
@@ -22,7 +22,7 @@ pub fn specs() -> impl Iterator<Item = &'static Spec> {
 /// Makes a new drive of a kind, for instance `md3`.
 ///
 /// # Errors
-/// One sentence: there is no such kind, and the nearest one.
+/// One sentence that there is no such kind, with the nearest kind.
 pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
     let found = ALL.iter().map(|make| make()).find(|device| device.spec().kind == kind);
     found.ok_or_else(|| suggest::unknown("kind", kind, specs().map(|spec| spec.kind)))

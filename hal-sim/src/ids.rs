@@ -1,4 +1,4 @@
-//! Handles of what is on a bench.
+//! Handles of drives, lines and clients on a bench.
 
 /// Handle of a drive, valid for the bench that returned it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -1,11 +1,11 @@
-//! The host side of drivetwin: drives on a bench of virtual time, and everything around them.
+//! The host side of drivetwin: drives on a bench of virtual time, and the tools for it.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`mod@bench`] | the bench: drives, time, pins, motors, power, clients; what a test writes against |
+//! | [`mod@bench`] | the bench: drives, time, pins, motors, power, clients; the interface for tests |
 //! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`catalog`] | the kinds of drive |
-//! | [`config`] | bench files, and what is on a bench as plain data |
+//! | [`config`] | bench files, and the configuration of a bench as plain data |
 //! | [`export`] | waveforms of the pins (VCD) and frames of the lines (pcapng) |
 //! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
 //! | [`record`] | recordings: traces as text, captures of the lines |
@@ -16,7 +16,7 @@
 //! | `testing` | devices for tests (feature `testing`) |
 //! | [`value`] | a register's value as users see it |
 //!
-//! A folder uses only those below it; `tests/tests/layers.rs` has the order.
+//! A folder uses only the folders below it; `tests/tests/layers.rs` has the order.
 
 pub mod bench;
 pub mod board;

@@ -1,4 +1,4 @@
-//! Replay of a trace, and the first difference.
+//! Replay of a trace, and comparison of its outputs.
 
 use std::fmt;
 
@@ -13,11 +13,11 @@ use crate::record::trace::{
 /// First difference between a trace and its replay.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Difference {
-    /// Line number of the trace that differs; `None` if the replay has an additional output.
+    /// Line number in the trace; `None` if the replay has an additional output.
     pub line: Option<usize>,
-    /// Expected line of the trace; `None` if the trace has no more outputs.
+    /// Expected line of the trace; `None` if the trace has no further output.
     pub expected: Option<String>,
-    /// Line of the replay; `None` if the replay has no more outputs.
+    /// Line of the replay; `None` if the replay has no further output.
     pub got: Option<String>,
 }
 
@@ -33,7 +33,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Reason why a trace cannot be replayed, or its text not be read.
+/// Reason why a trace cannot be replayed, or its text cannot be read.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Unplayable {
     /// The text is not a valid trace.
@@ -67,8 +67,8 @@ impl From<ParseError> for Unplayable {
     }
 }
 
-/// Replays a trace and returns the first difference; `None` if all outputs are the same. `make` makes a drive of a
-/// kind. Each drive runs on a bench of its own, with its recorded inputs. [`Trace`] has an example.
+/// Replays a trace and returns the first difference; `None` if all outputs are the same. `make` makes a drive
+/// of a kind. Each drive runs on its own bench, with its recorded inputs. [`Trace`] has an example.
 ///
 /// # Errors
 /// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
@@ -76,8 +76,9 @@ pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplaya
     Ok(difference(trace, &play(trace, make)?))
 }
 
-/// Delivers the recorded inputs to the drives, up to the end of the trace. The inputs of a drive include the effects
-/// of other drives, so each has a bench of its own, and events of other drives do not affect its deadlines.
+/// Delivers the recorded inputs to the drives, up to the end of the trace. The inputs of a drive include the
+/// effects of other drives. Therefore each drive has its own bench, and events of other drives do not affect
+/// its deadlines.
 fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
@@ -160,12 +161,13 @@ fn of_drive(entry: &Entry, place: usize) -> Entry {
     Entry { drive: place, ..entry.clone() }
 }
 
-/// The last stamp of a trace: beyond its end, if drives had scheduled outputs for later.
+/// The last timestamp of a trace. It is later than the end if drives had scheduled outputs for later.
 fn last_stamp(trace: &Trace) -> Instant {
     trace.events().map(|entry| entry.at).fold(trace.end, Instant::max)
 }
 
-/// Outputs of a drive with a stamp up to `until` that `rules` compares, by stamp.
+/// Outputs of a drive with timestamps up to `until`, sorted by timestamp. Only groups that `rules` compares
+/// are included.
 fn outputs<'a>(
     trace: &'a Trace,
     drive: usize,
@@ -184,8 +186,8 @@ fn outputs<'a>(
     outputs
 }
 
-/// Returns the text of a trace with updated outputs; header, comments and inputs are unchanged. The replay runs to the
-/// end of the old text, which `end` should state.
+/// Returns the text of a trace with updated outputs. Header, comments and inputs stay unchanged. The replay
+/// runs to the end of the old text, which `end` should state.
 ///
 /// # Errors
 /// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
@@ -206,13 +208,13 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
         new.push_str(line);
         new.push('\n');
     };
-    // Comments go with the event below them.
+    // Comments stay above the event that follows them.
     let mut comments: Vec<&str> = Vec::new();
     let mut events = trace.events().peekable();
     for (index, line) in text.lines().enumerate() {
         let words = without_comment(line).trim();
         if !words.starts_with(|c: char| c.is_ascii_digit()) {
-            // A word of the header, or no word at all.
+            // A line of the header, or a line without words.
             if words.is_empty() {
                 comments.push(line);
             } else {

@@ -3,16 +3,16 @@
 /// Increment from one state to the next.
 const STRIDE: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// A stream of random numbers (SplitMix64).
+/// A stream of pseudo-random numbers (SplitMix64).
 #[derive(Clone, Debug)]
 pub(crate) struct Rng {
     state: u64,
 }
 
 impl Rng {
-    /// The stream of `name` on a bench of that seed.
+    /// The stream for `name` on a bench with the seed `seed`.
     pub(crate) fn new(seed: u64, name: &str) -> Self {
-        // FNV-1a, so that a name means the same stream on every host.
+        // FNV-1a, because it gives the same stream for a name on every host.
         let state = name.bytes().fold(0xCBF2_9CE4_8422_2325 ^ seed, |state, byte| {
             (state ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
         });
@@ -30,9 +30,9 @@ impl Rng {
         z ^ z >> 31
     }
 
-    /// Returns true with probability `share`; at 0 or less never, at 1 or more always.
+    /// Returns true with probability `share`; never if `share` is 0 or less, always if it is 1 or more.
     pub(crate) fn gen_bool(&mut self, share: f64) -> bool {
-        // 53 bits are all that a float from 0 to 1 holds.
+        // A float from 0 to 1 has a precision of 53 bits.
         let throw = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         throw < share
     }
@@ -42,7 +42,7 @@ impl Rng {
         self.state = self.state.wrapping_add(STRIDE.wrapping_mul(numbers));
     }
 
-    /// A stream whose state is a number of another stream.
+    /// A new stream whose initial state is a number from another stream.
     pub(crate) fn branch(number: u64) -> Self {
         Self { state: number }
     }
@@ -75,7 +75,7 @@ mod tests {
         let mut rng = Rng::new(1, "x");
         let mut count = |share| (0..10_000).filter(|_| rng.gen_bool(share)).count();
         assert_eq!((count(0.0), count(1.0), count(f64::NAN)), (0, 10_000, 0));
-        // 4 σ = 4·√(10,000·0.3·0.7).
+        // The tolerance is 4 σ = 4·√(10,000·0.3·0.7).
         assert!(count(0.3).abs_diff(3_000) < 184);
     }
 }

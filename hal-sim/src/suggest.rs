@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-/// Maximum number of names that are listed in a sentence.
+/// Maximum number of names that a message lists.
 const FEW: usize = 16;
 
-/// Characters of a name that are compared: the time grows with both lengths, and a client may send thousands of
-/// characters.
+/// Maximum number of characters of a name that are compared. The time grows with both lengths, and a client
+/// may send thousands of characters.
 const MOST: usize = 64;
 
-/// Returns a sentence: there is no `what` of that `name`; with the nearest name, or a list of all names if none is
-/// near.
+/// Returns a message that there is no `what` called `name`. The message includes the nearest name, or a list
+/// of all names if none is near.
 #[must_use]
 pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
     let short = cut(name);
@@ -19,7 +19,7 @@ pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>)
     let names: Vec<&str> = names.collect();
     let lower = short.to_lowercase();
     let distance = |other: &&str| strsim::damerau_levenshtein(&lower, &cut(other).to_lowercase());
-    // Half of the letters is still a slip, as in rs422 for rs485.
+    // A name is near if at most half of its letters differ: `rs422` is near `rs485`.
     let near = (lower.chars().count() / 2).max(1);
     let nearest = names.iter().copied().min_by_key(distance).filter(|nearest| distance(nearest) <= near);
     if let Some(nearest) = nearest {
@@ -30,7 +30,7 @@ pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>)
     sentence
 }
 
-/// The beginning of a name.
+/// The first characters of a name, at most `MOST`.
 fn cut(name: &str) -> &str {
     name.char_indices().nth(MOST).map_or(name, |(end, _)| &name[..end])
 }

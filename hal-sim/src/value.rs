@@ -5,7 +5,8 @@ use std::fmt;
 use drivetwin_protocol::registers::{Entries, Shape};
 use serde::{Deserialize, Serialize};
 
-/// A number, or a list of words, each 0 to 65,535 in bus order, for a register whose words have a meaning each.
+/// A number; or a list of words of 0 to 65,535 in bus order, if each word of the register has its own
+/// meaning.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(untagged, expecting = "a register takes a whole number, or a list of them,")]
 pub enum Value {
@@ -16,13 +17,13 @@ pub enum Value {
 }
 
 impl Value {
-    /// The value of a shape of up to four words.
+    /// The value of a register of up to four words.
     #[must_use]
     pub fn of(entries: &Entries, shape: Shape, value: i64) -> Self {
         Self::with_words(shape, value, |n| entries.word(shape, value, n))
     }
 
-    /// The value of a shape, from the number and its words in bus order.
+    /// The value of a register of this shape, from its number, or from its words in bus order.
     pub(crate) fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
         match shape {
             Shape::Words(count) => Self::Words((0..count.into()).map(|n| word(n).into()).collect()),
@@ -52,7 +53,8 @@ mod tests {
         use drivetwin_firmware::{md3, mdrobot};
         use drivetwin_protocol::registers::Register;
         let words = |first: i64, second: i64| Value::Words(vec![first, second]);
-        // A run time of 1 s behind 1,000 rpm (p. 16); the MD3 has the high word first.
+        // MDROBOT: a run time of 1 s follows the speed of 1,000 rpm (p. 16). The MD3 sends the high word
+        // first.
         assert_eq!(Value::of(mdrobot::Pid::ENTRIES, Shape::Words(2), 10 << 16 | 1_000), words(1_000, 10));
         assert_eq!(Value::of(md3::Reg::ENTRIES, Shape::Words(2), 10 << 16 | 1_000), words(10, 1_000));
         assert_eq!(Value::of(md3::Reg::ENTRIES, Shape::I32, -5), Value::Number(-5));

@@ -41,10 +41,10 @@ impl Address {
     }
 }
 
-/// A line or TCP port, and its addresses.
+/// A line or TCP port with its addresses.
 struct Reached {
     name: String,
-    /// The settings of a line.
+    /// The serial settings; `None` for a TCP port.
     line: Option<Line>,
     addresses: Vec<Address>,
 }
@@ -67,7 +67,7 @@ pub(crate) struct Banner {
 }
 
 impl Banner {
-    /// The banner of a bench with these addresses; its drives are in the order of `ids`.
+    /// The banner of a bench with these addresses. It lists the drives in the order of `ids`.
     pub(crate) fn new(bench: &Bench, ids: &[DriveId], mut addresses: BTreeMap<Outlet, Vec<Address>>) -> Self {
         let drives = ids.iter().map(|&id| {
             let spec = bench.spec(id);
@@ -146,7 +146,7 @@ impl Banner {
                 };
                 let _ = drive.unit.map(|unit| write!(text, ", address {unit}"));
                 text.push('\n');
-                // A shared line is listed with its first drive only.
+                // The addresses of a shared line are listed with its first drive only.
                 if listed.insert(outlet) {
                     for uri in reached.uris() {
                         let _ = writeln!(text, "    {uri}");
@@ -174,7 +174,7 @@ impl Banner {
         text
     }
 
-    /// Commands to begin with, for each port of the first drive that has one.
+    /// Commands to try, one for each port of the first drive that has such a command.
     fn commands(&self) -> Vec<String> {
         let of_ports = self.drives.iter().map(|drive| {
             let ports = drive.ports.iter();
@@ -192,7 +192,8 @@ impl Banner {
 }
 
 impl Reached {
-    /// URL for pyserial and programs that use it, for a line with parity that has a pty (HOST-2).
+    /// `socket://` URL that a program with pyserial can open instead, for a line with parity that has a pty
+    /// (HOST-2).
     fn without_parity(&self) -> Option<String> {
         let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
         let uris = self.uris();
@@ -211,7 +212,8 @@ impl Drive {
         self.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name)
     }
 
-    /// A command that reads the drive's registers, or opens a terminal: on the pty of `port`, or on its TCP address.
+    /// A command that reads the drive's registers or opens a terminal. It uses the pty of `port`, or the TCP
+    /// address.
     fn command(&self, port: Port, reached: &Reached) -> Option<String> {
         let ends = self.spec.ports.get(usize::from(port.0))?.framing;
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
@@ -224,7 +226,7 @@ impl Drive {
             return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
         }
         let (first, count) = self.readable()?;
-        // mbpoll has no ASCII.
+        // mbpoll does not support Modbus ASCII.
         (ends == Framing::Silence && !ascii::is_on(line)).then(|| {
             let parity = match parity {
                 Parity::None => "none",
@@ -257,9 +259,10 @@ impl Drive {
         ))
     }
 
-    /// The first holding register, and the number of registers from there that one request may read.
+    /// First holding register that can be read, and the number of registers that one request may read from
+    /// there.
     fn readable(&self) -> Option<(u16, u16)> {
-        /// Registers that fit into a reply.
+        /// Most registers that fit into one reply.
         const MOST: u16 = 125;
         let table = self.spec.registers;
         let first = table.rows.iter().find(|row| row.space == Space::Holding && row.access.reads())?.address;

@@ -1,6 +1,6 @@
 //! Description of a kind of drive: as text, as the reference in docs/, as JSON.
 //!
-//! All of it comes from the drive's [`Spec`]; the same kind always gives the same text.
+//! Every text is generated from the drive's [`Spec`], so the same kind always gives the same text.
 
 mod family;
 
@@ -121,7 +121,7 @@ struct Register {
     least: Option<i64>,
     greatest: Option<i64>,
     codes: Option<&'static [i64]>,
-    /// The least and the greatest of each word, in bus order, where there is no number as a whole.
+    /// Minimum and maximum of each word, in bus order; only for rows that are not one number.
     words: Option<Vec<(u16, u16)>>,
     acts_within: Option<(i64, i64)>,
     default: Value,
@@ -188,7 +188,7 @@ pub fn text(spec: &Spec) -> String {
     text
 }
 
-/// The reference in docs/: of one kind, or of a family that shares most of its tables.
+/// The reference page in docs/: of one kind, or of a family of kinds that share most of their tables.
 pub fn markdown(specs: &[&Spec]) -> String {
     match specs {
         [spec] => of_one(spec),
@@ -214,7 +214,7 @@ fn of_one(spec: &Spec) -> String {
 /// A table with a heading.
 struct Section {
     title: &'static str,
-    /// Empty for a plain list.
+    /// Column headings; empty for a plain list.
     columns: &'static [&'static str],
     rows: Vec<Vec<String>>,
 }
@@ -256,13 +256,13 @@ impl Section {
     }
 }
 
-/// Title of the list of gaps.
+/// Title of the list of what is not modelled.
 const NOT_MODELLED: &str = "Beside the rows that say so, not modelled";
 
 /// Columns of rows that have no address.
 const NAMED: &[&str] = &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"];
 
-/// All that is worth a table, in the order of a manual.
+/// All tables of the description that may have rows, in the order of a manual.
 fn sections(spec: &Spec) -> Vec<Section> {
     let pin = |pin: Pin| pin_name(spec, pin).to_owned();
     let ports = spec.ports.iter().map(|port| {
@@ -330,7 +330,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
     sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
 }
 
-/// A row's cells after its address.
+/// Cells of a register's row, without its address.
 fn cells_of(spec: &Spec, row: &Row) -> Vec<String> {
     let saved = match row.saved {
         0 => "no".into(),
@@ -354,12 +354,13 @@ fn with_reason(what: String, missing: &str) -> String {
     if missing.is_empty() { what } else { format!("{what} ({missing})") }
 }
 
-/// Access of the bus to a row.
+/// Access that a master has to a row; `/S` if the row can be streamed.
 fn access(row: &Row) -> String {
     format!("{}{}", row.access.as_str(), if row.streams { "/S" } else { "" })
 }
 
-/// The factory value: words in hexadecimal, as most manuals print them, longer and signed ones as numbers.
+/// Factory value of a row: single words in hexadecimal, as most manuals print them; longer and signed values
+/// as numbers.
 fn default(spec: &Spec, row: &Row) -> String {
     match row.shape {
         _ if row.legal == Legal::Text => {
@@ -372,7 +373,7 @@ fn default(spec: &Spec, row: &Row) -> String {
     }
 }
 
-/// Values of a row, and how it acts.
+/// Valid values of a row, and the range to which the drive limits their effect.
 fn values(spec: &Spec, row: &Row) -> String {
     let mut values = match row.legal {
         Legal::Any => "any".into(),
@@ -383,7 +384,7 @@ fn values(spec: &Spec, row: &Row) -> String {
             ranges.collect::<Vec<_>>().join(", ")
         }
         Legal::OneOf(codes) => {
-            // Elsewhere than in a decimal manual they are patterns of bits, whatever their width.
+            // Except in a manual with decimal numbers, codes are bit patterns whatever their width.
             let code = |code: &i64| if spec.decimal { code.to_string() } else { format!("{code:#x}") };
             codes.iter().map(code).collect::<Vec<_>>().join(", ")
         }

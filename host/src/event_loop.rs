@@ -1,7 +1,8 @@
 //! The thread that owns the bench, and the only file that reads the wall clock.
 //!
-//! It sleeps until the bench's next deadline or until input arrives, runs the bench up to that moment, and takes the
-//! input with that time stamp. Requests and calls of the control API are served one at a time.
+//! The thread sleeps until the bench's next deadline or until input arrives. Then it runs the bench up to
+//! that moment and gives the input that moment as its timestamp. Requests and calls of the control API are
+//! served one at a time.
 
 use std::collections::VecDeque;
 use std::io;
@@ -20,19 +21,19 @@ use tracing::warn;
 use crate::live_file::LiveFile;
 use crate::ports::Ports;
 
-/// Longest lag behind the wall clock; a longer one is not made up.
+/// Longest lag behind the wall clock that the bench makes up. A longer lag is skipped.
 const MAX_LAG: Duration = Duration::secs(1);
 
 /// Longest run of the bench between two polls for input.
 const BUDGET: WallSpan = WallSpan::from_millis(20);
 
-/// Bench time between two reads of the wall clock.
+/// Bench time that runs between two reads of the wall clock.
 const SLICE: Duration = Duration::millis(10);
 
 /// Longest bench time between two writes to the files.
 const FILE_INTERVAL: Duration = Duration::millis(100);
 
-/// Bench time derived from the wall clock: at `wall` it was `bench`.
+/// Bench time derived from the wall clock: when the wall clock showed `wall`, the bench time was `bench`.
 struct Clock {
     factor: u32,
     wall: WallInstant,
@@ -40,7 +41,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// A clock that shows `bench` at `wall`.
+    /// A clock that shows bench time `bench` at wall time `wall`.
     fn new(factor: u32, wall: WallInstant, bench: Instant) -> Self {
         Self { factor, wall, bench }
     }
@@ -52,7 +53,7 @@ impl Clock {
         self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
     }
 
-    /// Wall time at which it shows `bench`, rounded up; `None` for never.
+    /// Wall time at which the clock shows `bench`, rounded up; `None` for never.
     fn when(&self, bench: Instant) -> Option<WallInstant> {
         if bench == Instant::NEVER {
             return None;
@@ -66,20 +67,20 @@ impl Clock {
 /// A job for the bench's thread.
 type Job = Box<dyn FnOnce(&mut EventLoop) -> Completion + Send>;
 
-/// Called when a job has had its whole effect.
+/// Called when a job has had its whole effect on the bench.
 type Completion = Box<dyn FnOnce() + Send>;
 
-/// A query of the bench, which changes nothing.
+/// A query of the bench. It changes nothing.
 type Query = Box<dyn FnOnce(&Bench) + Send>;
 
-/// Work that was submitted, and the caller that waits for it.
+/// Submitted work, with the caller that waits for its result.
 struct Submission<T> {
     what: T,
-    /// Dropped when the caller has left.
+    /// The caller drops its strong reference when it has left.
     caller: Weak<()>,
 }
 
-/// Submitted work that is not done yet, the oldest first.
+/// Submitted work that is not done yet, in the order of its arrival.
 struct Queue<T> {
     from: mpsc::Receiver<Submission<T>>,
     waiting: VecDeque<Submission<T>>,
@@ -90,7 +91,8 @@ impl<T> Queue<T> {
         Self { from, waiting: VecDeque::new() }
     }
 
-    /// Collects submitted work, and drops work whose caller has left: so there is at most one job per caller.
+    /// Collects submitted work and drops work whose caller has left, so that a caller has at most one job in
+    /// the queue.
     fn collect(&mut self) {
         self.waiting.extend(self.from.try_iter());
         self.waiting.retain(|submission| submission.caller.strong_count() > 0);
@@ -107,11 +109,11 @@ pub(crate) struct BenchHandle {
     jobs: mpsc::Sender<Submission<Job>>,
     queries: mpsc::Sender<Submission<Query>>,
     waker: Arc<OwnedFd>,
-    /// Mark at the end of the trace, published while a reader watches.
+    /// Position of the end of the trace. Published only while there is a reader.
     grown: Arc<watch::Sender<u64>>,
 }
 
-/// Submitted work, as the bench's thread finds it.
+/// The receiving end of submitted work, for the bench's thread.
 pub(crate) struct Inbox {
     jobs: Queue<Job>,
     queries: Queue<Query>,
@@ -119,7 +121,7 @@ pub(crate) struct Inbox {
     grown: Arc<watch::Sender<u64>>,
 }
 
-/// A handle for other threads, and its inbox for the [`EventLoop`].
+/// A handle for other threads, and the inbox that the [`EventLoop`] takes.
 ///
 /// # Errors
 /// The system gives no event descriptor.
@@ -139,9 +141,9 @@ pub(crate) fn handle() -> io::Result<(BenchHandle, Inbox)> {
 }
 
 impl BenchHandle {
-    /// Submits a job and wakes the thread; without effect when that has ended. The function that the job returns is
-    /// called when the job has had its whole effect. A job that has not begun when its `caller` is dropped is dropped,
-    /// too.
+    /// Submits a job and wakes the bench's thread; has no effect if that thread has ended. The function that
+    /// the job returns is called when the job has had its whole effect. If `caller` is dropped before the job
+    /// has begun, the job is dropped as well.
     pub(crate) fn submit<A>(&self, caller: Weak<()>, job: impl FnOnce(&mut EventLoop) -> A + Send + 'static)
     where
         A: FnOnce() + Send + 'static,
@@ -152,7 +154,7 @@ impl BenchHandle {
         }
     }
 
-    /// Submits a query. It runs between two jobs, and also while the effect of a job is pending.
+    /// Submits a query. Queries run between two jobs, and also while the effect of a job is still pending.
     pub(crate) fn query(&self, caller: Weak<()>, query: impl FnOnce(&Bench) + Send + 'static) {
         if self.queries.send(Submission { what: Box::new(query), caller }).is_ok() {
             wake(&self.waker);
@@ -168,7 +170,7 @@ impl BenchHandle {
 /// An advance of the clock in manual time.
 struct Advance {
     until: Instant,
-    /// The waiting caller; closed when it has left.
+    /// Notifies the waiting caller; closed when the caller has left.
     done: oneshot::Sender<()>,
 }
 
@@ -184,7 +186,7 @@ pub(crate) struct EventLoop {
     advance: Option<Advance>,
     /// In manual time, the run that completes the effect of the last change.
     idle_run: Option<IdleRun>,
-    /// Called when that is complete, if the change was made by a job.
+    /// Called when the idle run is complete, if a job made the change.
     completion: Option<Completion>,
     /// Time at which the thread wakes without input.
     alarm: Option<WallInstant>,
@@ -192,7 +194,7 @@ pub(crate) struct EventLoop {
 }
 
 impl EventLoop {
-    /// An event loop for `bench` with `ports` and `files`, in that time mode.
+    /// An event loop for `bench` with `ports` and `files`, in the given time mode.
     pub(crate) fn new(
         bench: Bench,
         ports: Ports,
@@ -231,24 +233,25 @@ impl EventLoop {
         self.begin_idle_run();
     }
 
-    /// Runs the bench for `span`, then notifies `done`. A caller that has left stops it.
+    /// Runs the bench for `span`, then notifies `done`. If the caller leaves before that, the run stops.
     pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<()>) {
         self.advance = Some(Advance { until: self.bench.now() + span, done });
     }
 
-    /// In manual time, begins to run the bench until idle, so that a change has its whole effect before the next one.
+    /// In manual time, starts to run the bench until it is idle, so that a change has its whole effect before
+    /// the next change. In other time modes it does nothing.
     pub(crate) fn begin_idle_run(&mut self) {
         if self.clock.is_none() {
             self.idle_run = Some(self.bench.begin_idle_run());
         }
     }
 
-    /// Returns whether an advance or a change is not complete yet, so that jobs wait.
+    /// Returns whether an advance or a change is not complete yet. Meanwhile jobs wait.
     fn is_busy(&self) -> bool {
         self.advance.is_some() || self.idle_run.is_some()
     }
 
-    /// Serves until `stop` becomes readable, or the ports are closed for good.
+    /// Serves until `stop` becomes readable, or until all ports are closed for good.
     ///
     /// # Errors
     /// The system cannot wait for events.
@@ -260,7 +263,7 @@ impl EventLoop {
             if self.ports.is_ready(stop) {
                 break;
             }
-            // After a long request other clients come first.
+            // If a request from a port took longer than one pass, submitted work goes before further input.
             let others = self.idle_run.is_some() && self.completion.is_none();
             self.catch_up();
             if !others {
@@ -276,12 +279,13 @@ impl EventLoop {
         Ok(())
     }
 
-    /// Ends the files at the present time of the bench. Returns a sentence for each file that is not complete.
+    /// Completes the files at the present time of the bench. Returns a sentence for each file that is not
+    /// complete.
     pub(crate) fn end_files(&mut self) -> Vec<String> {
         self.files.drain(..).filter_map(|file| file.finish(&self.bench).err()).collect()
     }
 
-    /// Next instant of the bench at which there is work.
+    /// Next instant at which the bench or a file has work.
     fn next(&self) -> Instant {
         let files = if self.files.is_empty() { Instant::NEVER } else { self.bench.now() + FILE_INTERVAL };
         self.bench.next().min(files)
@@ -299,8 +303,9 @@ impl EventLoop {
         }
     }
 
-    /// Takes inputs from the ports, also during an advance of the clock. An immediate answer is delivered before the
-    /// next input is taken: so a client that waits for the first of many answers is woken once (HOST-19).
+    /// Takes inputs from the ports, also during an advance of the clock. An immediate answer is delivered
+    /// before the next input is taken, so that a client that waits for the first of many answers is woken
+    /// only once (HOST-19).
     fn take(&mut self) {
         while self.idle_run.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
             if self.clock.is_none() {
@@ -313,7 +318,7 @@ impl EventLoop {
         }
     }
 
-    /// Delivers what the drives have sent.
+    /// Delivers to the clients what the drives have sent.
     fn deliver(&mut self) {
         let delivered = self.ports.deliver(&mut self.bench);
         if delivered && self.idle_run.is_none() {
@@ -327,7 +332,7 @@ impl EventLoop {
         if self.is_busy() || due.is_some_and(|due| due <= now) {
             return self.ports.wait(true);
         }
-        // Most inputs do not change it.
+        // Most inputs do not change the time of the alarm.
         if due != self.alarm {
             self.alarm = due;
             self.ports.set_alarm(due.map(|due| due.saturating_duration_since(now)));
@@ -335,12 +340,12 @@ impl EventLoop {
         self.ports.wait(false)
     }
 
-    /// Time of the next work without input; `None`: never, as in manual time.
+    /// Wall time of the next work that needs no input; `None` for never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
         self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
     }
 
-    /// Runs the bench up to the present time, or as far as one slice of time allows.
+    /// Runs the bench up to the present time, but no longer than [`BUDGET`].
     fn catch_up(&mut self) {
         if self.idle_run.is_none()
             && let Some(advance) = self.advance.take()
@@ -381,7 +386,7 @@ impl EventLoop {
         self.run_towards(target, wall);
     }
 
-    /// Runs the bench to `target`, but no longer than [`BUDGET`] from `began` on.
+    /// Runs the bench to `target`, but stops when [`BUDGET`] has passed since `began`.
     fn run_towards(&mut self, target: Instant, began: WallInstant) {
         loop {
             let slice = self.next().max(self.bench.now()) + SLICE;
@@ -408,8 +413,8 @@ impl EventLoop {
         }
     }
 
-    /// Executes submitted work: at most one job at a time, so that the ports are served between two jobs of a caller.
-    /// Until a job has had its whole effect, queries run and jobs wait.
+    /// Executes submitted work: at most one query and one job per pass, so that the ports are served between
+    /// two jobs of a caller. While the effect of a job is still pending, queries run and jobs wait.
     fn work(&mut self) {
         let _ = rustix::io::read(&*self.inbox.waker, &mut [0; 8]);
         self.inbox.queries.collect();
@@ -428,14 +433,14 @@ impl EventLoop {
             } else {
                 completion();
             }
-            // There may be more of them.
+            // More submitted work may be waiting.
             wake(&self.inbox.waker);
         }
     }
 }
 
 fn wake(waker: &OwnedFd) {
-    // A write fails only after 2⁶⁴ of them without a read.
+    // A write fails only after 2⁶⁴ writes without a read.
     let _ = rustix::io::write(waker, &1_u64.to_ne_bytes());
 }
 

@@ -1,7 +1,7 @@
 //! `--record`, `--vcd` and `--pcap`: files that are written while the bench runs.
 //!
-//! The bench's thread writes them, so a slow disk or a slow reader of a pipe delays the bench, signals and the control
-//! API (HOST-10).
+//! The bench's thread writes these files. Therefore a slow disk, or a slow reader of a pipe, delays the
+//! bench, the handling of signals and the control API (HOST-10).
 
 use std::fs::File;
 use std::io;
@@ -14,17 +14,17 @@ use tracing::error;
 
 use crate::output_file::OutputFile;
 
-/// Waits until a file is on the disk.
+/// Waits until the content of a file is on the disk.
 fn wait_for(file: &File) -> io::Result<()> {
-    // A pipe and a device have no disk to wait for.
+    // A pipe or a device has no disk to wait for.
     if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
 }
 
 /// Writer of a live file.
 trait Writer {
-    /// Writes the events since the last call.
+    /// Writes the events that are new since the last call.
     fn update(&mut self, bench: &Bench) -> io::Result<()>;
-    /// Ends the file at the present time of the bench.
+    /// Completes the file at the present time of the bench.
     fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()>;
 }
 
@@ -58,7 +58,7 @@ impl Writer for Pcapng<File> {
     }
 }
 
-/// A file that is written while the bench runs, from its retained events.
+/// A file that is written while the bench runs, from the events that the bench retains.
 pub(crate) struct LiveFile {
     output: OutputFile,
     /// `None` after a failure.
@@ -66,17 +66,17 @@ pub(crate) struct LiveFile {
 }
 
 impl LiveFile {
-    /// Begins a recording (HOST-8).
+    /// Starts a recording (HOST-8).
     pub(crate) fn recording(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Recording::new(bench.trace(), file)?)))
     }
 
-    /// Begins a file of the waveforms of the pins.
+    /// Starts a file with the waveforms of the pins.
     pub(crate) fn waves(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Waves::new(bench.trace(), file)?)))
     }
 
-    /// Begins a file of the frames of the lines.
+    /// Starts a file with the frames of the lines.
     pub(crate) fn frames(output: OutputFile, bench: &Bench) -> Result<Self, String> {
         Self::begin(output, |file| Ok(Box::new(Pcapng::new(bench, file)?)))
     }
@@ -90,8 +90,8 @@ impl LiveFile {
         Ok(Self { output, writer })
     }
 
-    /// Writes the events since the last call. A file that cannot be written is logged once, and
-    /// the drives go on without it.
+    /// Writes the events that are new since the last call. If the file cannot be written, the error is logged
+    /// once and the drives continue without the file.
     pub(crate) fn update(&mut self, bench: &Bench) {
         if let Some(writer) = &mut self.writer
             && let Err(sentence) = self.output.fails(writer.update(bench))
@@ -101,11 +101,11 @@ impl LiveFile {
         }
     }
 
-    /// Ends the file at the present time of the bench.
+    /// Completes the file at the present time of the bench.
     pub(crate) fn finish(mut self, bench: &Bench) -> Result<(), String> {
         self.update(bench);
         match self.writer {
-            // Some systems report a failed write only then.
+            // Some systems report a failed write only when the file is synchronized.
             Some(writer) => {
                 self.output.fails(writer.finish(bench).and_then(|()| wait_for(self.output.file())))
             }

@@ -11,12 +11,13 @@ use std::path::Path;
 use rustix::fs::FlockOperation;
 use rustix::io::Errno;
 
-/// The file behind a drive's memory.
+/// The file that stores a drive's memory.
 pub(crate) struct Nv<D = File> {
     file: D,
     /// The memory as the drive sees it.
     memory: Vec<u8>,
-    /// True if the file has the same content. False while it has another size, or after a failed write.
+    /// True if the file has the same content as `memory`. False while the file has another size, or after a
+    /// failed write.
     whole: bool,
     /// True if the file is longer than the memory.
     longer: bool,
@@ -26,9 +27,9 @@ pub(crate) struct Nv<D = File> {
 
 /// Operations of the file, which may fail.
 trait Disk {
-    /// Writes all of `bytes` from `offset` on.
+    /// Writes all of `bytes` at `offset`.
     fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()>;
-    /// Truncates or extends the file to a length.
+    /// Truncates or extends the file to `length`.
     fn set_len(&self, length: u64) -> io::Result<()>;
     /// Waits until all data is on the disk.
     fn sync_all(&self) -> io::Result<()>;
@@ -52,8 +53,8 @@ impl Nv {
     /// Opens `path` as a memory of `size` bytes, creating an empty file if there is none. Returns the content for the
     /// drive.
     ///
-    /// A file that is too short is extended with erased bytes, so an empty one is a new drive. One that is too long
-    /// belongs to something else: the drive gets bytes without a valid checksum (HOST-7).
+    /// A file that is too short is extended with erased bytes, so an empty file means a new drive. A file
+    /// that is too long belongs to another drive: this drive gets bytes without a valid checksum (HOST-7).
     ///
     /// # Errors
     /// The file cannot be created, read or written, is not a regular file, or another drive uses it.
@@ -62,7 +63,7 @@ impl Nv {
         if !file.metadata()?.is_file() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
         }
-        // Not every file system has locks; only a lock of another process matters.
+        // Not every file system supports locks. Only a lock that another process holds is an error.
         if let Err(Errno::WOULDBLOCK) = rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
             return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another drive keeps its memory there"));
         }
@@ -77,7 +78,7 @@ impl Nv {
     /// Metadata of the file.
     ///
     /// # Errors
-    /// The file system gives none.
+    /// The file system returns an error.
     pub(crate) fn metadata(&self) -> io::Result<Metadata> {
         self.file.metadata()
     }
@@ -85,7 +86,7 @@ impl Nv {
 
 #[expect(private_bounds, reason = "code outside of tests uses files only")]
 impl<D: Disk> Nv<D> {
-    /// The memory for a file of `length` bytes that begins with `memory`.
+    /// The memory for a file of `length` bytes whose first bytes are `memory`.
     fn holding(file: D, mut memory: Vec<u8>, length: u64) -> Self {
         let size = memory.len() as u64;
         let longer = length > size;
@@ -95,12 +96,12 @@ impl<D: Disk> Nv<D> {
         Self { file, memory, whole: length == size, longer, stored: false }
     }
 
-    /// Returns whether the file is longer than the memory, so that it belongs to another drive.
+    /// Returns whether the file is longer than the memory, and therefore belongs to another drive.
     pub(crate) fn is_longer(&self) -> bool {
         self.longer
     }
 
-    /// Writes stored bytes, and all bytes that an earlier store failed to write.
+    /// Writes the bytes that the drive stores, and all bytes that an earlier call failed to write.
     ///
     /// # Errors
     /// Errors of the file system.
@@ -121,7 +122,8 @@ impl<D: Disk> Nv<D> {
 
     /// Writes the whole memory to the file.
     fn write_all(&mut self) -> io::Result<()> {
-        // A longer file is truncated first: after a partial write its beginning could still be valid.
+        // A longer file is truncated first, because after a partial write its old beginning could still be
+        // valid.
         if self.longer {
             self.file.set_len(0)?;
             self.longer = false;
@@ -131,7 +133,7 @@ impl<D: Disk> Nv<D> {
         Ok(())
     }
 
-    /// Waits until all stores are on the disk.
+    /// Waits until everything that the drive stored is on the disk.
     ///
     /// # Errors
     /// Errors of the file system.
@@ -143,7 +145,7 @@ impl<D: Disk> Nv<D> {
     }
 }
 
-/// Changes every byte differently, so that no checksum stays valid.
+/// Changes every byte in a different way, so that no checksum stays valid.
 fn spoil(memory: &mut [u8]) {
     for (n, byte) in memory.iter_mut().enumerate() {
         *byte ^= (n as u8).wrapping_mul(2) | 1;
@@ -156,7 +158,7 @@ mod tests {
     use std::cell::{Cell, RefCell};
     use std::path::PathBuf;
 
-    /// A file that is gone when the test is over.
+    /// A file that is removed when the test ends.
     struct Scratch(PathBuf);
 
     impl Scratch {
@@ -225,7 +227,7 @@ mod tests {
         for content in [None, Some(&[1_u8, 2, 3, 4, 5, 6][..])] {
             let file = Scratch::new("full", content);
             let (memory, mut nv) = Nv::open(&file.0, 6).unwrap();
-            // As on a full disk, nothing can be written.
+            // A file that is open for reading only makes each write fail, like a full disk.
             let writable = std::mem::replace(&mut nv.file, File::open(&file.0).unwrap());
             assert!(nv.store(0, &[10, 11]).is_err());
             assert!(nv.sync().is_err());
@@ -247,16 +249,16 @@ mod tests {
         assert_eq!(file.content(), [0xFF, 7, 0xFF]);
     }
 
-    /// The failure of a disk that takes no more bytes.
+    /// The way in which a disk fails that accepts no more bytes.
     #[derive(Clone, Copy, PartialEq, Debug)]
     enum Failure {
-        /// A part of a write is taken (`ENOSPC`).
+        /// A part of the failing write is accepted (`ENOSPC`).
         Full,
-        /// No part of a write is taken (`EIO`).
+        /// No part of the failing write is accepted (`EIO`).
         Broken,
     }
 
-    /// A disk in memory that fails after so many bytes; a cut to a length counts as one.
+    /// A disk in memory that fails after `takes` bytes. A change of the length counts as one byte.
     struct FailingDisk {
         content: RefCell<Vec<u8>>,
         takes: Cell<usize>,
@@ -268,7 +270,7 @@ mod tests {
             Self { content: RefCell::new(content.to_vec()), takes: Cell::new(takes), failure }
         }
 
-        /// Takes so many bytes, or a part of them; the number taken, and the error.
+        /// Accepts `count` bytes or a part of them. Returns the number of accepted bytes, and the error.
         fn take(&self, count: usize) -> (usize, io::Result<()>) {
             let takes = self.takes.get();
             if count <= takes {
@@ -288,7 +290,7 @@ mod tests {
             let (count, result) = self.take(bytes.len());
             let (mut content, offset) = (self.content.borrow_mut(), offset as usize);
             let length = content.len().max(offset + count);
-            // As a file system fills a hole.
+            // Fills a hole with zeros, as a file system does.
             content.resize(length, 0);
             content[offset..offset + count].copy_from_slice(&bytes[..count]);
             result
@@ -314,7 +316,7 @@ mod tests {
     const SIZE: usize = 8;
     const STORES: [(u16, &[u8]); 3] = [(2, &[20, 21, 22]), (0, &[10, 11]), (5, &[30, 31, 32])];
 
-    /// The memory that a drive finds in a file.
+    /// The memory that a drive gets from a file with this content.
     fn found(content: &[u8]) -> Vec<u8> {
         let mut memory = vec![0xFF; SIZE];
         let there = content.len().min(SIZE);
@@ -322,7 +324,8 @@ mod tests {
         Nv::holding(FailingDisk::new(content, 0, Failure::Full), memory, content.len() as u64).memory
     }
 
-    /// The memory after each byte of [`STORES`], as a drive whose power fails there leaves it.
+    /// All states of the memory, one after each byte of [`STORES`]: what a power failure of the drive can
+    /// leave.
     fn states(content: &[u8]) -> Vec<Vec<u8>> {
         let mut states = vec![found(content)];
         for (offset, bytes) in STORES {
@@ -345,7 +348,7 @@ mod tests {
             let states = states(content);
             let mut last = 0;
             for takes in 0..=SIZE + 8 {
-                // A killed process does nothing behind the write that does not end.
+                // After an incomplete write a killed process writes nothing more.
                 let disk = FailingDisk::new(content, takes, Failure::Full);
                 let mut nv = Nv::holding(disk, states[0].clone(), content.len() as u64);
                 for (offset, bytes) in STORES {

@@ -8,13 +8,14 @@ use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
 
-/// Options of a run, named like those of `drivetwin run`. `None`: as in the bench file, or the default.
+/// Options of a run, named like those of `drivetwin run`. `None` means the value of the bench file, or else
+/// the default.
 #[derive(Clone, Default, Debug)]
 pub struct RunOptions {
     /// A kind of drive, or the path of a bench file, whose name ends in `.toml`.
     pub what: String,
-    /// Listening addresses of a single drive's ports. A port without one gets a free loopback TCP port, and a serial
-    /// port also a pty.
+    /// Listening addresses of a single drive's ports. A port without an address gets a free loopback TCP
+    /// port, and a serial port also gets a pty.
     pub listen: Vec<Listen>,
     /// Listening address of the control API; default: none.
     pub control: Control,
@@ -22,7 +23,7 @@ pub struct RunOptions {
     pub allow_host: Vec<String>,
     /// Relation of bench time to the wall clock; default: real time.
     pub time: Option<TimeMode>,
-    /// Whether characters take time on serial lines.
+    /// Timing of serial lines: characters take time or not.
     pub line: Option<LineMode>,
     /// Bus address of a single drive, as if saved before power-on.
     pub address: Option<Number>,
@@ -30,7 +31,7 @@ pub struct RunOptions {
     pub nv: Option<PathBuf>,
     /// Registers of a single drive that are preset.
     pub set: Vec<Assignment>,
-    /// File of a user program for a single RS drive, as text.
+    /// File with the text of a user program for a single RS drive.
     pub program: Option<PathBuf>,
     /// True to skip the start-up delay.
     pub fast_boot: bool,

@@ -13,7 +13,8 @@ pub(crate) struct OutputFile {
 }
 
 impl OutputFile {
-    /// Opens the file of an option without changing its content, until the drive is ready.
+    /// Opens the file of an option without changing its content; [`begin`](Self::begin) clears it when the
+    /// drives are ready.
     pub(crate) fn open(option: &'static str, path: &Path) -> Result<Self, String> {
         let opened = File::options().write(true).create(true).truncate(false).open(path);
         let file = opened.map_err(|error| sentence(option, path, &error))?;
@@ -23,12 +24,12 @@ impl OutputFile {
     /// Removes the content of an earlier run.
     pub(crate) fn begin(&self) -> Result<(), String> {
         self.fails(self.file.metadata().and_then(|there| {
-            // A device or a pipe has nothing to be removed.
+            // Devices and pipes have no content to remove.
             if there.is_file() { self.file.set_len(0) } else { Ok(()) }
         }))
     }
 
-    /// Returns whether both are the same file.
+    /// Returns whether both options name the same regular file.
     pub(crate) fn is(&self, other: &Self) -> Result<bool, String> {
         let (own, other) = (self.metadata()?, other.metadata()?);
         Ok(own.is_file() && (own.dev(), own.ino()) == (other.dev(), other.ino()))
@@ -38,7 +39,7 @@ impl OutputFile {
         self.fails(self.file.metadata())
     }
 
-    /// An error of the file as a sentence.
+    /// Converts an error of the file to a sentence.
     pub(crate) fn fails<T>(&self, result: io::Result<T>) -> Result<T, String> {
         result.map_err(|error| sentence(self.option, &self.path, &error))
     }

@@ -69,7 +69,7 @@ fn assemble(source: &Path) -> Result<Vec<u32>, String> {
     rsasm::assemble_bytes(&text).map_err(|error| format!("{path}:{error}"))
 }
 
-/// Reads a file, at most `most` bytes and one more.
+/// Reads at most `most` bytes of a file, and one more byte that shows that the file is longer.
 fn read(file: &Path, most: usize) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).and_then(|file| file.take(most as u64 + 1).read_to_end(&mut bytes));

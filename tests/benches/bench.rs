@@ -1,7 +1,7 @@
-//! Events of a bench per second of wall time, with few seats and with many.
+//! Events of a bench per second of wall time, with few drives and with many.
 //!
-//! An event is a device that wakes at its deadline and sends two characters on its line; here every
-//! 10 ms of bench time, the devices one after the other.
+//! An event is a device that reaches its deadline and sends two characters on its line. Each device does so
+//! every 10 ms of bench time, and their deadlines are spread evenly.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -13,9 +13,9 @@ use drivetwin_tests::toy::Toy;
 
 use support::{line, took};
 
-/// Events that are measured.
+/// Number of measured events.
 const EVENTS: u64 = 1_000_000;
-/// Events of one device in a second of bench time.
+/// Events of one device per second of bench time.
 const RATE: u64 = 100;
 
 fn main() {

@@ -1,6 +1,6 @@
-//! Edges that an LS7366R counts per second, through its public `edge`, in every mode.
+//! Edges per second that an LS7366R counts through its public `edge`, in every mode.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind.
+//! The time is the shortest of many runs. valgrind counts the instructions.
 
 #[path = "support/count.rs"]
 mod count;
@@ -15,15 +15,15 @@ use drivetwin_firmware::device::{Duration, Instant};
 
 use support::{line, took};
 
-/// DTR, which the counts of range-limit and modulo-n meet.
+/// Value of DTR, at which the counts of range-limit and modulo-n end.
 const DTR: u32 = 999;
 /// Time between two edges: the shortest that passes the slower of the two filters.
 const GAP: Duration = Duration::from_ticks(3);
-/// Edges in each run: whole cycles, enough to reach DTR, and so few that other load on the
-/// machine disturb only some of the runs.
+/// Number of edges in a run: whole cycles, enough to reach DTR, but so few that other load on the machine
+/// disturbs only some of the runs.
 const EDGES: u64 = 20_000;
 
-/// A mode, and how often it counts in 1,000 edges.
+/// A mode, and its number of counts for 1,000 edges.
 struct Mode {
     name: &'static str,
     mdr0: u8,
@@ -42,9 +42,9 @@ const MODES: [Mode; 9] = [
     Mode { name: "non-quadrature", mdr0: 0x00, counts: 500 },
 ];
 
-/// Counts `edges` edges up.
+/// Counts `edges` edges upwards.
 fn run(mode: &Mode, edges: u64) {
-    // INDEX/ is low, but acts only where it is looked at synchronously.
+    // INDEX/ is low, but acts only in modes in which it is synchronous.
     let mut counter = Ls7366r::new(false, true, mode.mdr0 & 0x40 == 0);
     let quadrature = mode.mdr0 & 3 != 0;
     counter.set_mdr0(mode.mdr0);
@@ -64,7 +64,7 @@ fn run(mode: &Mode, edges: u64) {
     }
     counter.timeout(at + GAP);
     let expected = match mode.mdr0 & 0x0C {
-        // A thousand counts go from 0 to 0.
+        // A thousand counts lead from 0 back to 0.
         0x0C => 0,
         0x08 => u64::from(DTR),
         _ => mode.counts * edges / 1_000,

@@ -1,7 +1,7 @@
-//! Simulated seconds per second while something moves: a jog without observers, the same with a
-//! wire on STEP, and step/direction and encoder inputs.
+//! Simulated seconds per second of wall time during motion: a jog without observers, a jog with a wire on
+//! STEP, and step/direction and encoder inputs.
 //!
-//! Everything goes through `dyn Device` on a bench with its usual settings, trace included.
+//! All drives run through `dyn Device` on a bench with its usual settings, including the trace.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -16,13 +16,14 @@ use drivetwin_sim::bench::{Bench, DriveId, PinStimulus, Setup};
 
 use support::{line, took};
 
-/// Steps per second, the most that an MD3 makes.
+/// Speed in steps per second, the greatest of an MD3.
 const SPEED: i64 = 40_000;
 /// Simulated time of each jog measurement.
 const JOG: Duration = Duration::secs(600);
 /// Simulated time of each input measurement.
 const INPUT: Duration = Duration::secs(60);
-/// Pulses per second on a step input, the most that an MD3 takes (7.8); also edges of an encoder.
+/// Pulses per second on a step input, the most that an MD3 accepts (7.8). Also edges per second of an
+/// encoder.
 const HZ: u64 = 250_000;
 
 /// Pins of an MD3.
@@ -46,7 +47,7 @@ static COUNTER: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// Counts rising edges, and does nothing else.
+/// A device that only counts rising edges.
 #[derive(Default)]
 struct Counter {
     edges: i64,
@@ -86,7 +87,7 @@ impl Device for Counter {
     }
 }
 
-/// A bench with an MD3 that listens.
+/// A bench with an MD3 that is ready.
 fn md3() -> (Bench, DriveId) {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, ..Setup::default() };
@@ -103,10 +104,12 @@ fn jog(bench: &mut Bench, seat: DriveId) {
     bench.run_until(bench.now() + 1.secs());
 }
 
-/// Parts of a measurement, of which the fastest counts: others may be using the machine.
+/// Number of parts of a measurement. Only the fastest part counts, because other programs may use the
+/// machine.
 const PARTS: u64 = 20;
 
-/// Runs for `span`, in slices of a millisecond as a paced bench does, and prints the ratio of simulated to real time.
+/// Runs for `span`, in slices of a millisecond as a paced bench does, and prints the ratio of simulated to
+/// real time.
 fn measure(name: &str, bench: &mut Bench, span: Duration, edges: u64) {
     let part = Duration::from_ticks(span.ticks() / PARTS);
     let mut run = || {
@@ -124,7 +127,7 @@ fn measure(name: &str, bench: &mut Bench, span: Duration, edges: u64) {
     line(name, &format!("{:.0}{each}", simulated / least.as_secs_f64()));
 }
 
-/// A jog without observers: time advances from one plan to the next.
+/// A jog without observers, in which time advances from one plan to the next.
 fn jog_unheard(name: &str) {
     let (mut bench, x) = md3();
     jog(&mut bench, x);
@@ -134,7 +137,7 @@ fn jog_unheard(name: &str) {
     assert_eq!(steps, seconds(JOG) as i64 * SPEED);
 }
 
-/// Each step is an edge up and an edge down.
+/// A jog with an observer, which gets a rising and a falling edge for each step.
 fn jog_heard(name: &str) {
     let (mut bench, x) = md3();
     let counter = bench.add::<Counter>("counter");
@@ -145,7 +148,7 @@ fn jog_heard(name: &str) {
     assert_eq!(bench.peek(counter, 0) - before, seconds(JOG) as i64 * SPEED);
 }
 
-/// Pulses on the step input of an MD3 in its usual mode 0000 (7.8).
+/// Pulses on the step input of an MD3 in its default mode 0000 (7.8).
 fn step_direction(name: &str) {
     let (mut bench, x) = md3();
     let pulses = seconds(INPUT) * HZ;
@@ -162,7 +165,7 @@ fn encoder(name: &str) {
     measure(name, &mut bench, INPUT, edges);
 }
 
-/// The bench's own part of an edge.
+/// Edges on a device that only counts, to measure the bench's own time for an edge.
 fn pulses_alone(name: &str) {
     let mut bench = Bench::new();
     let counter = bench.add::<Counter>("counter");
@@ -174,14 +177,14 @@ fn pulses_alone(name: &str) {
     assert_eq!(bench.peek(counter, 0), pulses as i64);
 }
 
-/// Measures and prints it under that name.
+/// A function that measures a case and prints the result under the given name.
 type Case = fn(&str);
 
 fn seconds(span: Duration) -> u64 {
     span / 1.secs()
 }
 
-/// `cargo bench --bench motion -- wire` measures only what has that word in its name.
+/// `cargo bench --bench motion -- wire` measures only the cases with that word in their names.
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with("--")).collect();
     println!("simulated seconds per second");

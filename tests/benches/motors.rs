@@ -1,5 +1,5 @@
-//! Run time of ten simulated minutes of a motor with an encoder and two switches: 40 million edges, made, carried and
-//! counted.
+//! Run time of ten simulated minutes of a motor with an encoder and two switches: 40 million edges that the
+//! bench makes and delivers and a QSB counts.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -23,11 +23,12 @@ fn main() {
     line("10 min, 1,000 rpm", &format!("{seconds:.2} s, {ns:.0} ns an edge of {count}"));
 }
 
-/// Ten minutes at 1,000 rpm with an encoder of that many cycles: seconds of wall time, and the count of a QSB.
+/// Runs ten minutes at 1,000 rpm, with an encoder of `cycles` cycles. Returns the seconds of wall time and
+/// the count of a QSB.
 fn run(cycles: u32) -> (f64, u32) {
     let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
     let fast = |presets| Setup { boot_fast: true, presets, ..Setup::default() };
-    // 1/8 step of 200: 1,600 in a turn.
+    // 1/8 microsteps of a motor with 200 steps: 1,600 in a turn.
     let rates = vec![(Reg::Speed as usize, 26_667), (Reg::AccelDecel as usize, 100_000)];
     let md3 = bench.add_with("md3", Box::new(Md3::new()), fast(rates)).expect("a drive that can be seated");
     let qsb =
@@ -47,7 +48,7 @@ fn run(cycles: u32) -> (f64, u32) {
     }
     let client = bench.connect(bench.bus(qsb, Port(0)).expect("a serial port"));
     bench.run_until(100.millis());
-    // Quadrature, each edge of both channels counts.
+    // Quadrature x4: each edge of both channels counts.
     bench.send(client, b"W033\r");
     bench.run_until(200.millis());
     bench.poke(md3, Reg::MotionControl as usize, motion_control::JOG.into()).expect("a register");

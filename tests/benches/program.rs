@@ -1,7 +1,7 @@
-//! Speed of a user program of an RS 434544, run as users run it: through `dyn Device` and `dyn Context`, a deadline
-//! at a time, with the motor at rest.
+//! Speed of a user program of an RS 434544. It runs as for users: through `dyn Device` and `dyn Context`, one
+//! deadline at a time, with the motor at rest.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind.
+//! The time is the shortest of many runs. valgrind counts the instructions.
 
 #[path = "support/count.rs"]
 mod count;
@@ -19,7 +19,7 @@ use drivetwin_firmware::rs434::{MEMORY, rs434544};
 use programs::{JMP_1, MOV_AX_0, Program};
 use support::{line, took};
 
-/// A measurement.
+/// A measured program.
 struct Work {
     name: &'static str,
     program: Program,
@@ -31,7 +31,7 @@ const WORKS: [Work; 3] = [
     Work { name: "registers of the bus", program: programs::BUS },
 ];
 
-/// A flash, and nothing else.
+/// A context with a flash and nothing else.
 struct World {
     memory: Vec<u8>,
 }
@@ -44,7 +44,7 @@ impl Context for World {
     }
 }
 
-/// A drive that is opaque to the compiler, with a started program.
+/// A drive that the compiler cannot see through, with a started program.
 fn start(work: &Work) -> (Box<dyn Device>, World) {
     let image = image(work.program.lines.iter().copied());
     let mut world = World { memory: vec![0xFF; MEMORY] };

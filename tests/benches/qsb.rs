@@ -1,7 +1,7 @@
-//! Throughput of a QSB per second: commands that it answers, records that it streams, edges that it counts. It runs
-//! as users run it: through `dyn Device` and `dyn Context`, character by character.
+//! Throughput of a QSB per second: commands that it answers, records that it streams, edges that it counts.
+//! The QSB runs as for users: through `dyn Device` and `dyn Context`, character by character.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind.
+//! The time is the shortest of many runs. valgrind counts the instructions.
 
 #[path = "support/count.rs"]
 mod count;
@@ -18,11 +18,11 @@ use drivetwin_firmware::qsb::Qsb;
 use support::{line, took};
 use world::World;
 
-/// The pins that count, by their places in the spec.
+/// The counting pins, by their index in the spec.
 const A: Pin = Pin(0);
 const B: Pin = Pin(1);
 
-/// A QSB-M that is opaque to the compiler.
+/// A QSB-M that the compiler cannot see through.
 struct Adapter {
     qsb: Box<dyn Device>,
     world: World,
@@ -38,7 +38,7 @@ impl Adapter {
         Self { qsb, world, at: Instant::from(Duration::secs(1)) }
     }
 
-    /// A command, 10 ms after the previous input.
+    /// Sends a command, 10 ms after the previous input.
     fn command(&mut self, command: &[u8]) {
         self.at += Duration::millis(10);
         let out: &mut dyn Context = black_box(&mut self.world);
@@ -48,14 +48,15 @@ impl Adapter {
         }
     }
 
-    /// The next record of a stream.
+    /// Advances to the next record of a stream.
     fn record(&mut self) {
         let out: &mut dyn Context = black_box(&mut self.world);
         self.at = self.qsb.deadline();
         self.qsb.timeout(self.at, out);
     }
 
-    /// A cycle of the encoder, upwards from both high, with 1 µs to each of its four edges.
+    /// A cycle of the encoder that counts up, starting from both channels high, with 1 µs for each of its
+    /// four edges.
     fn turn(&mut self) {
         let out: &mut dyn Context = black_box(&mut self.world);
         for (pin, high) in black_box([(A, false), (B, false), (A, true), (B, true)]) {
@@ -65,14 +66,14 @@ impl Adapter {
     }
 }
 
-/// A measured operation, done `per` times in each round.
+/// A measured operation, which each round does `per` times.
 struct Work {
     name: &'static str,
     per: u32,
     /// Commands sent before the rounds.
     before: &'static [&'static [u8]],
     round: fn(&mut Adapter),
-    /// Command sent after that many rounds, and its expected answer.
+    /// Command sent after the given number of rounds, and its expected reply.
     check: fn(u64) -> (&'static [u8], String),
 }
 

@@ -1,5 +1,4 @@
-//! Timing error of the worst step of a move and of the last one: the table of
-//! docs/explanation/motion.md.
+//! Timing errors of the worst and of the last step of a move: prints the table of docs/explanation/motion.md.
 
 use drivetwin_tests::ramps::{rows, table};
 

@@ -1,7 +1,7 @@
-//! One RTU request, function 3 for 10 registers, from its characters to its answer: an MD3 as users
-//! run it, through `dyn Device` and `dyn Context`, beside the `rmodbus` crate on the same frame.
+//! An RTU request, function 3 for 10 registers, from its characters to its reply. An MD3 runs as for users,
+//! through `dyn Device` and `dyn Context`, and is compared with the `rmodbus` crate on the same frame.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind.
+//! The time is the shortest of many runs. valgrind counts the instructions.
 
 #[path = "support/count.rs"]
 mod count;
@@ -23,7 +23,7 @@ use rmodbus::{ModbusFrameBuf, ModbusProto};
 use support::{line, took};
 use world::World;
 
-/// The first register and how many.
+/// The first register and the number of registers.
 const FIRST: u16 = 0x10;
 const COUNT: u16 = 10;
 /// Values of these registers in a new MD3 (chapter 7).
@@ -38,11 +38,11 @@ trait Slave {
     /// Answers one request.
     fn serve(&mut self);
 
-    /// The last answer.
+    /// The last reply.
     fn answer(&self) -> Vec<u8>;
 }
 
-/// An MD3 that is opaque to the compiler.
+/// An MD3 that the compiler cannot see through.
 struct Drivetwin {
     md3: Box<dyn Device>,
     world: World,
@@ -107,13 +107,13 @@ impl Slave for Rmodbus {
     }
 }
 
-/// The answer that every measured implementation must give.
+/// The reply that every measured implementation must give.
 fn expected() -> Vec<u8> {
     let values = VALUES.iter().flat_map(|value| value.to_be_bytes());
     rtu::frame(1, &[3, 2 * COUNT as u8].into_iter().chain(values).collect::<Vec<_>>()).to_vec()
 }
 
-/// Answers `requests` of them.
+/// Answers `requests` requests and checks the last reply.
 fn serve<S: Slave>(requests: u64) {
     let mut slave = S::new();
     for _ in 0..requests {
@@ -130,13 +130,13 @@ fn serve_named(name: &str, requests: u64) {
     }
 }
 
-/// The least time of one call of `act`, in ns, in `runs` runs of `calls` calls.
+/// The shortest time of one call of `act`, in ns, of `runs` runs with `calls` calls each.
 fn least_ns(runs: u32, calls: u32, mut act: impl FnMut()) -> f64 {
     let least = (0..runs).map(|_| took(|| (0..calls).for_each(|_| act()))).min();
     least.unwrap_or_default().as_nanos() as f64 / f64::from(calls)
 }
 
-/// Measures one slave: ns and instructions of a request.
+/// Measures one slave; returns ns and instructions of a request.
 fn measure<S: Slave>() -> (f64, Option<f64>) {
     serve::<S>(1);
     let mut slave = S::new();

@@ -1,6 +1,6 @@
-//! Many drives in one process: resources of an idle drive, and the time that all of them take to answer.
+//! Many drives in one process: resources of an idle drive, and the time until all of them have answered.
 //!
-//! The benchmark builds the binary and starts it as users do. `/proc` gives the resources that it takes.
+//! The benchmark builds the binary and starts it as users do. It reads the used resources from `/proc`.
 
 #[path = "support/running.rs"]
 mod running;
@@ -17,7 +17,7 @@ use support::{line, took};
 
 /// Observation time of idle drives.
 const WATCH: Duration = Duration::from_secs(5);
-/// Requests to each drive.
+/// Number of requests to each drive.
 const ROUNDS: u32 = 10;
 /// Number of drives, spread over all kinds.
 const DRIVES: usize = 1_000;
@@ -34,7 +34,7 @@ fn main() {
     let bench = Running::start(&drivetwin, &all, &["--line", "fast"]);
     idle(&bench);
     let mut lines: Vec<TcpStream> = bench.places.iter().map(connect).collect();
-    // Drives on Modbus: a register that each of them has.
+    // Drives with Modbus, each with a read of a register that it has.
     let asked: Vec<_> = (0..DRIVES)
         .filter_map(|number| match kinds[number % kinds.len()] {
             "md3" | "md3-low" => Some((number, rtu::read(1, 0, 1))),
@@ -72,7 +72,8 @@ fn main() {
     latency(requests.iter().map(|request| (0, &request[..])), &mut connection);
 }
 
-/// Sends a request to one drive after the other, and prints the mean time to the answer.
+/// Sends requests to one drive after the other, and prints the median and the 99th percentile of the time to
+/// a reply.
 fn latency<'a>(requests: impl Iterator<Item = (usize, &'a [u8])>, lines: &mut [TcpStream]) {
     let mut times: Vec<Duration> = requests
         .map(|(number, request)| {
@@ -87,9 +88,9 @@ fn latency<'a>(requests: impl Iterator<Item = (usize, &'a [u8])>, lines: &mut [T
     line("one by one", &format!("{median:.0?} in the median, {late:.0?} for 99 of 100"));
 }
 
-/// Prints the resources that drives without requests take.
+/// Prints the resources of drives that get no requests.
 fn idle(bench: &Running) {
-    // Until the work of the start is over.
+    // Waits until the work of the start is over.
     wait(Duration::from_secs(1));
     let before = bench.cpu();
     wait(WATCH);
@@ -105,7 +106,7 @@ fn connect(place: &String) -> TcpStream {
     connection
 }
 
-/// Reads a reply of one register.
+/// Reads a reply with one register.
 fn reply(connection: &mut TcpStream) {
     let mut bytes = [0; 7];
     connection.read_exact(&mut bytes).expect("a drive answers");

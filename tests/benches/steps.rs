@@ -1,6 +1,6 @@
-//! Cost of a step, in a ramp and in a cruise: the walker as an interrupt would call it.
+//! Cost of a step in a ramp and in a cruise, with the step iterator called as by an interrupt.
 //!
-//! Time is the least of many runs. Instructions are counted by valgrind.
+//! The time is the shortest of many runs. valgrind counts the instructions.
 
 #[path = "support/count.rs"]
 mod count;
@@ -15,13 +15,13 @@ use fixed::types::I24F8;
 
 use support::{line, took};
 
-/// A stretch of steps, each with its name and from which to which step it goes.
+/// Measured parts of a motion, each with its name, first step and last step.
 const STRETCHES: [(&str, u64, u64); 3] =
     [("ramp, first 100 steps", 0, 100), ("ramp", 1_000, 80_000), ("cruise", 1_000, 101_000)];
 
-/// Walks the first `steps` steps of what a stretch belongs to.
+/// Iterates over the first `steps` steps of the motion with the part `name`.
 fn walk(name: &str, steps: u64) {
-    // 80,000 steps of ramp, or one.
+    // The ramp has 80,000 steps, or one for the cruise.
     let acceleration = if name == "cruise" { 800_000_000 } else { 10_000 };
     let plan = Plan::at_rest(Instant::ZERO, 0).ramp_to(Instant::ZERO, I24F8::from_num(40_000), acceleration);
     let mut walker = black_box(StepIterator::new(&plan, Instant::ZERO));

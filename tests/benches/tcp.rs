@@ -1,9 +1,9 @@
-//! Modbus/TCP: how fast a drive answers, beside a server of the `tokio-modbus` crate in the same run, and the
-//! resources of idle connections.
+//! Modbus/TCP: speed of a drive's replies, compared with a server of the `tokio-modbus` crate in the same
+//! run, and the resources of idle connections.
 //!
-//! Both run as processes of their own and get requests from the same client, in turns; `/proc` gives the resources
-//! that they take. The server holds a few registers in memory and runs on one thread, as a bench does; each turn is
-//! long enough that the system's clock ticks of 10 ms do not matter.
+//! Both run in their own processes and get requests from the same client, in turns. Their resources are read
+//! from `/proc`. The server has a few registers in memory and runs on one thread, as a bench does. Each turn
+//! is so long that the system's clock ticks of 10 ms do not matter.
 
 #[path = "support/running.rs"]
 mod running;
@@ -27,11 +27,11 @@ use tokio_modbus::{ExceptionCode, Request, Response};
 const KIND: &str = "mdrive";
 /// Ports of the drive; the first one is Modbus/TCP.
 const PORTS: usize = 2;
-/// First register read: the maximum velocity takes two registers.
+/// First register of a read: the maximum velocity, which has two registers.
 const FIRST: u16 = 0x8B;
 const COUNT: u16 = 2;
 
-/// Requests in a turn, and turns of each; the best one counts.
+/// Requests in a turn, and turns of each server; the best turn counts.
 const REQUESTS: usize = 100_000;
 const TURNS: usize = 3;
 
@@ -42,7 +42,7 @@ const EACH: usize = 50;
 /// Observation time of idle connections.
 const WATCH: Duration = Duration::from_secs(5);
 
-/// The argument with which this program is the server.
+/// The argument that starts this program as the server.
 const SERVE: &str = "serve";
 
 fn main() {
@@ -83,12 +83,12 @@ fn main() {
     idle("tokio-modbus", &server, DRIVES * EACH);
 }
 
-/// Times of requests.
+/// Measured speed of requests.
 #[derive(Clone, Copy)]
 struct Taken {
-    /// Requests a second.
+    /// Requests per second.
     rate: f64,
-    /// µs of a core for each.
+    /// CPU time for each request, in µs of a core.
     cpu_us: f64,
 }
 
@@ -106,7 +106,7 @@ impl std::fmt::Display for Taken {
     }
 }
 
-/// Sends requests on that many connections at once.
+/// Sends requests on `connections` connections at once.
 fn turn(running: &Running, connections: usize) -> Taken {
     let mut streams: Vec<TcpStream> = (0..connections).map(|_| connect(&running.places[0])).collect();
     let before = running.cpu();
@@ -134,7 +134,7 @@ fn connect(place: &String) -> TcpStream {
     stream
 }
 
-/// Reads a reply of that transaction with all registers.
+/// Reads a reply with this transaction and all registers.
 fn reply(stream: &mut TcpStream, transaction: u16) {
     let mut adu = [0; HEADER_BYTES + 2 + 2 * COUNT as usize];
     stream.read_exact(&mut adu).expect("the server answers");
@@ -142,12 +142,12 @@ fn reply(stream: &mut TcpStream, transaction: u16) {
     assert_eq!((header.transaction, &pdu[..2]), (transaction, &[3, 2 * COUNT as u8][..]), "{adu:02X?}");
 }
 
-/// Prints the resources of connections, `each` to every address.
+/// Prints the resources of idle connections, `each` of them to every address.
 fn idle(name: &str, running: &Running, each: usize) {
     let memory = running.memory();
     let mut streams: Vec<TcpStream> =
         running.places.iter().flat_map(|place| (0..each).map(move |_| connect(place))).collect();
-    // An answer shows that the connection was accepted.
+    // A reply shows that the server has accepted the connection.
     for stream in &mut streams {
         stream
             .write_all(&tcp::read(Header { transaction: 0, unit: 1 }, FIRST, COUNT))
@@ -163,7 +163,7 @@ fn idle(name: &str, running: &Running, each: usize) {
     line(name, &format!("{all:.0} KiB of the process, {each:.2} KiB a connection, {cpu:.2} % of a core"));
 }
 
-/// A few registers.
+/// The registers of the server.
 struct Registers([u16; 256]);
 
 impl Service for Registers {
@@ -186,7 +186,7 @@ impl Service for Registers {
     }
 }
 
-/// Serves the registers until killed.
+/// Serves the registers until the process is killed.
 fn serve() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let served = runtime.block_on(async {

@@ -1,9 +1,9 @@
-//! Links for an emulated board with either core.
+//! Linker arguments for the emulated boards, one for each core.
 
 fn main() {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=--nmagic");
-    // The measured drive is on the stack.
+    // Stack of 14,336 bytes, because the measured drive is on it.
     println!("cargo::rustc-link-arg-bins=--defsym=_stack_length=14336");
     if std::env::var("TARGET").is_ok_and(|target| target.starts_with("thumbv6m")) {
         // The nRF51822 of a micro:bit. The default map is that of the LM3S6965.

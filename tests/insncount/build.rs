@@ -1,4 +1,5 @@
-//! QEMU defines the functions that the plugin calls; the unit tests never call them.
+//! Allows undefined symbols: QEMU defines the functions that the plugin calls, and the unit tests never call
+//! them.
 
 fn main() {
     println!("cargo::rustc-link-arg=-Wl,--unresolved-symbols=ignore-all");

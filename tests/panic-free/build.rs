@@ -1,4 +1,4 @@
-//! Links programs that begin at `start`.
+//! Sets `start` as the entry point of the linked programs.
 
 fn main() {
     println!("cargo::rustc-link-arg-bins=--entry=start");

@@ -1,14 +1,14 @@
-//! The exact instants of steps, by the mathematics of constant acceleration and not by a plan: real
-//! numbers from square roots, in 1/65,536 tick or as floating point of exact radicands.
+//! The exact instants of steps, computed from constant acceleration without a plan: real numbers from square
+//! roots, in 1/65,536 tick or as floating point of exact radicands.
 //!
-//! With *h* = speed · ticks/s and a step of 2·(ticks/s)², way and speed are tied by
-//! h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
+//! With *h* = speed · ticks/s, and distances (`way`) in which a step is 2·(ticks/s)², speed and distance
+//! satisfy h² = h₀² + a·way, and a change of speed by Δh takes Δh/a ticks.
 
 use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::time::{Duration, TICKS_PER_SECOND};
 use fixed::types::{I24F8, U24F8};
 
-/// A step in the unit of a way.
+/// A step in the unit of `way`.
 pub const STEP: u128 = 2 * (TICKS_PER_SECOND as u128) * (TICKS_PER_SECOND as u128);
 /// A tick in the unit of an instant.
 pub const TICK: i128 = 1 << 16;
@@ -26,13 +26,13 @@ pub struct Move {
     speed: u128,
     up: u128,
     down: u128,
-    /// Way of the ramp up, and from where on the ramp down.
+    /// Distances at which the ramp up ends and the ramp down begins.
     ramps: [u128; 2],
     end: i128,
 }
 
 impl Move {
-    /// A move of `steps` steps. The way times up·down/(up + down) must fit into 96 bits.
+    /// A move of `steps` steps. Its distance times up·down/(up + down) must fit into 96 bits.
     #[must_use]
     pub fn of(steps: u32, rates: Limits) -> Self {
         let speed = h(rates.max_speed.to_bits());
@@ -53,7 +53,7 @@ impl Move {
         Self { steps, start, speed, up, down, ramps: [first, way - last], end }
     }
 
-    /// Instant of its end.
+    /// Instant at which the move ends.
     #[must_use]
     pub fn end(&self) -> i128 {
         self.end
@@ -80,26 +80,27 @@ impl Move {
     }
 }
 
-/// Instants of the steps of a move, since its beginning and to the nearest tick: from standstill to
-/// standstill, up and down with `acceleration` in steps/s², at most at `speed` in steps/s. Neither may be 0.
+/// Instants of the steps of a move, measured from its start and rounded to the nearest tick. The move starts
+/// and ends at standstill, accelerates and decelerates with `acceleration` in steps/s², and reaches at most
+/// `speed` in steps/s. Neither may be 0.
 pub fn step_instants(steps: u32, speed: u32, acceleration: u32) -> impl Iterator<Item = Duration> {
     let exact = Move::of(steps, Limits::even(U24F8::from_num(speed), acceleration));
     (1..=steps).map(move |n| Duration::from_ticks(((exact.step(n) + TICK / 2) / TICK) as u64))
 }
 
-/// Time that a `way` takes from the speed `start` with acceleration `a`.
+/// Time that the distance `way` takes from the speed `start` with acceleration `a`.
 fn ramp(start: u128, a: u128, way: u128) -> i128 {
     ((((start * start + a * way) << 32).isqrt() - (start << 16)) / a) as i128
 }
 
-/// A jog as mathematics has it: an order holds from its tick on; at standstill the phase is forgotten.
+/// A jog in exact arithmetic: an order takes effect at its tick; standstill resets the phase.
 #[derive(Default)]
 pub struct Jog {
     /// Tick of the last order.
     tick: u64,
     target: i128,
     a: i128,
-    /// Then: way since standstill, speed, and the direction in which both count.
+    /// At `tick`: distance since standstill, speed, and the direction in which both count.
     way: i128,
     speed: i128,
     sign: i128,
@@ -107,13 +108,14 @@ pub struct Jog {
     made: i128,
 }
 
-/// Constant acceleration: *τ* ticks after the order the way is `way + τ·(2·speed + a·τ)`.
+/// Constant acceleration: *τ* ticks after the order the distance is `way + τ·(2·speed + a·τ)`.
 struct Piece {
     way: i128,
     speed: i128,
     a: i128,
     sign: i128,
-    /// The time when it ends, times the acceleration of the order, and the way then.
+    /// End of the piece, if it has one: its time multiplied by the acceleration of the order, and its
+    /// distance.
     end: Option<(i128, i128)>,
 }
 
@@ -122,7 +124,7 @@ impl Piece {
         self.way + ticks * (2 * self.speed + self.a * ticks)
     }
 
-    /// The time at which the way is `way`, in ticks after the order.
+    /// Time at which the distance is `way`, in ticks after the order.
     fn time(&self, way: i128) -> f64 {
         if self.a == 0 {
             return (way - self.way) as f64 / (2 * self.speed) as f64;
@@ -133,7 +135,7 @@ impl Piece {
 }
 
 impl Jog {
-    /// From here on towards `target`, by way of standstill if need be.
+    /// Accelerates towards `target` from now on, through standstill if the direction changes.
     pub fn order(&mut self, target: I24F8, a: u32) {
         self.target = h(target.unsigned_abs().to_bits()) as i128 * if target < 0 { -1 } else { 1 };
         self.a = i128::from(a);
@@ -144,7 +146,8 @@ impl Jog {
 
     fn pieces(&self) -> Vec<Piece> {
         let (way, v, sign, target) = (self.way, self.speed, self.sign, self.target * self.sign);
-        // From `v` to `to`, both in the direction `sign`, then on. The cruise is the tangent there.
+        // A ramp from `v` to `to`, both in the direction `sign`, then a cruise. The cruise is the tangent at
+        // the end of the ramp.
         let reach = |way: i128, v: i128, to: i128, sign| {
             let a = if to < v { -self.a } else { self.a };
             let ramp =
@@ -157,13 +160,14 @@ impl Jog {
         let [stop, _] = reach(way, v, 0, sign);
         let mut pieces = vec![stop];
         if target < 0 {
-            // As if it had begun, backwards, at the speed −v.
+            // Reversing equals a ramp in the direction `-sign` that began at the speed −v.
             pieces.extend(reach(v * v / self.a, -v, -target, -sign));
         }
         pieces
     }
 
-    /// On to the tick `until`: the instants of the steps on the way, in ticks, and whether forward.
+    /// Advances to the tick `until` and appends the instants of the steps, in ticks, each with true for
+    /// forward.
     pub fn walk(&mut self, until: u64, steps: &mut Vec<(f64, bool)>) {
         let ticks = i128::from(until - self.tick);
         let from = std::mem::replace(&mut self.tick, until) as f64;
@@ -193,7 +197,7 @@ mod tests {
 
     #[test]
     fn the_factory_move_of_an_md3() {
-        // 5000²/(2·10,000) = 1250 steps in half a second, 7500 at 5000 a second, 1250 to stop.
+        // 5000²/(2·10,000) = 1250 steps in half a second, 7500 at 5000 steps/s, 1250 to stop.
         let instants: Vec<Duration> = step_instants(10_000, 5_000, 10_000).collect();
         assert_eq!(instants.len(), 10_000);
         assert_eq!(instants[1_249], 500.millis());

@@ -1,5 +1,5 @@
-//! Bodies of the fuzz targets: each takes any bytes, and panics where something does not hold. `fuzz/` finds bytes, and
-//! `tests/fuzzed.rs` replays those that are kept in `fuzz/corpus`.
+//! Bodies of the fuzz targets: each takes any bytes, and panics if an invariant is violated. `fuzz/`
+//! generates the bytes, and `tests/fuzzed.rs` replays those that are saved in `fuzz/corpus`.
 
 use drivetwin_firmware::device::{
     Boot, Device, Duration, Encoder, Fault, Framing, Input, Instant, Line, Link, Pin, Port, advance, feed,
@@ -15,10 +15,10 @@ use drivetwin_sim::config::bench_file;
 use drivetwin_sim::record::trace::Trace;
 use drivetwin_sim::rsasm;
 
-/// A target takes bytes.
+/// A fuzz target: a function of the input bytes.
 pub type Target = fn(&[u8]);
 
-/// Targets that are no drives, by name; each kind of drive is one as well.
+/// Targets other than drives, by name; each kind of drive is a target as well.
 pub const PARSERS: [(&str, Target); 9] = [
     ("rtu", rtu_bursts),
     ("ascii", ascii_messages),
@@ -39,7 +39,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// Runs the target of that name.
 ///
 /// # Panics
-/// If something does not hold, or there is no such target.
+/// If an invariant is violated, or there is no such target.
 pub fn run(name: &str, bytes: &[u8]) {
     match PARSERS.iter().find(|(parser, _)| *parser == name) {
         Some((_, target)) => target(bytes),
@@ -54,7 +54,7 @@ fn take(bytes: &mut &[u8]) -> Option<u8> {
     Some(*first)
 }
 
-/// Takes a part of the input: its length is the first byte modulo `most`, cut to the bytes that are left.
+/// Takes a part of the input: its length is the first byte modulo `most`, at most all remaining bytes.
 fn take_some<'a>(bytes: &mut &'a [u8], most: u8) -> Option<&'a [u8]> {
     let count = usize::from(take(bytes)? % most);
     let (some, rest) = bytes.split_at(count.min(bytes.len()));
@@ -62,7 +62,7 @@ fn take_some<'a>(bytes: &mut &'a [u8], most: u8) -> Option<&'a [u8]> {
     Some(some)
 }
 
-/// A stream in parts of that many bytes.
+/// A stream in parts of `length` bytes.
 fn parts(stream: &[u8], length: u8) -> impl Iterator<Item = &[u8]> {
     stream.chunks(usize::from(length).max(1))
 }
@@ -70,7 +70,8 @@ fn parts(stream: &[u8], length: u8) -> impl Iterator<Item = &[u8]> {
 const RTU: Line = Line::new(9_600, 8, Parity::Even, 1);
 const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
 
-/// Messages that a host cuts out of a stream, with reads of that many bytes, and silence after the stream.
+/// Messages into which the host splits a stream. The stream arrives in reads of `length` bytes; after it the
+/// line is silent.
 fn of_host(line: Line, stream: &[u8], length: u8, expect: Expect) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts(stream, length) {
@@ -92,8 +93,9 @@ fn of_host(line: Line, stream: &[u8], length: u8, expect: Expect) -> Vec<Vec<u8>
     messages
 }
 
-/// Input: the length of reads, whether requests or replies are expected, bytes; or frames of them, each after its
-/// length.
+/// Input: the length of reads; a byte that selects what is expected (requests, replies or both) and the form
+/// of the rest; the rest. The rest is the stream itself, or PDUs, each after its length, that are sent as
+/// frames.
 fn rtu_bursts(mut bytes: &[u8]) {
     let (Some(length), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
     let expect = [Expect::Requests, Expect::Both, Expect::Replies][usize::from(how) / 2 % 3];
@@ -123,11 +125,12 @@ fn rtu_bursts(mut bytes: &[u8]) {
     }
 }
 
-/// The length of reads, and characters.
+/// Input: the length of reads, and characters.
 fn ascii_messages(mut bytes: &[u8]) {
     let Some(length) = take(&mut bytes) else { return };
     let whole = of_host(ASCII, bytes, u8::MAX, Expect::Requests);
-    // Bytes without a colon are passed on as they come, so with other lengths only the messages are the same.
+    // Bytes without a colon are passed on at each read. So with another length only the messages are the
+    // same.
     let messages =
         |bursts: &[Vec<u8>]| -> Vec<Vec<u8>> { bursts.iter().filter_map(|burst| heard(burst)).collect() };
     let cut = of_host(ASCII, bytes, length, Expect::Requests);
@@ -169,8 +172,8 @@ fn mbap_segments(mut bytes: &[u8]) {
     assert!(adus.iter().all(|adu| tcp::parse(adu).is_some()));
 }
 
-/// The length of reads, and what is typed: the same characters singly and cut behind each end of a line are the same to an
-/// MDrive.
+/// Input: the length of reads, and typed characters. An MDrive gets the same lines from single characters as
+/// from a stream that is split after each end of a line.
 fn mcode_lines(mut bytes: &[u8]) {
     let Some(length) = take(&mut bytes) else { return };
     let bytes = &bytes[..bytes.len().min(400)];
@@ -193,14 +196,14 @@ fn mcode_lines(mut bytes: &[u8]) {
     settle(&mut *drive, at + Duration::millis(100), &mut log);
 }
 
-/// Lines that a drive receives whose characters come as `parts`, and whether each has an error.
+/// Lines that a drive receives from the characters of `parts`, and for each line true if it has an error.
 fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     let mut lines = Lines::<64>::new();
     let ended = parts.concat().into_iter().filter_map(|character| lines.push(character));
     ended.map(|line| (line.text.to_vec(), line.flaw.is_some())).collect()
 }
 
-/// A kind of QSB, and the characters that are typed.
+/// Input: a kind of QSB, and the characters that are typed.
 fn qsb_lines(mut bytes: &[u8]) {
     let Some(kind) = take(&mut bytes) else { return };
     let mut drive = catalog::make(["qsb-d", "qsb-m", "qsb-s"][usize::from(kind) % 3]).expect("a kind");
@@ -214,7 +217,7 @@ fn qsb_lines(mut bytes: &[u8]) {
     settle(&mut *drive, at + Duration::millis(100), &mut log);
 }
 
-/// A bench file: is read, or refused in one sentence at a place that it has.
+/// Input: a bench file. Parsing succeeds, or fails with an error message and a position inside the file.
 fn bench_file(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     if let Err(error) = bench_file::parse(text) {
@@ -223,7 +226,7 @@ fn bench_file(bytes: &[u8]) {
     }
 }
 
-/// A trace: a trace that was read and written again reads the same.
+/// Input: a trace. A trace that parses is unchanged after it is written and parsed again.
 fn trace(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let make = |kind: &str| catalog::make(kind).ok();
@@ -234,7 +237,7 @@ fn trace(bytes: &[u8]) {
     }
 }
 
-/// A user program of an RS 434544 as text: a program that assembles assembles to the same from its own listing.
+/// Input: a user program of an RS 434544 as text. Its disassembly assembles to the same program.
 fn program(bytes: &[u8]) {
     if let Ok(program) = rsasm::assemble_bytes(bytes) {
         let text = rsasm::disassemble(&program);
@@ -242,7 +245,8 @@ fn program(bytes: &[u8]) {
     }
 }
 
-/// The kind, how it starts, and a saved memory: with check sums that hold, or as it is. Nothing is stored without a save.
+/// Input: the kind, the boot mode, and a saved memory, with its check sums corrected or as given. The drive
+/// stores nothing without a save.
 fn memory(mut bytes: &[u8]) {
     let (Some(kind), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
     let specs: Vec<_> = catalog::specs().collect();
@@ -252,7 +256,7 @@ fn memory(mut bytes: &[u8]) {
     let mut memory = bytes.to_vec();
     memory.resize(usize::from(spec.memory), 0xFF);
     if how & 2 != 0 {
-        // The settings first, then the other parts, each with its sum (firmware/src/memory.rs).
+        // The settings come first, then the other parts, each with its check sum (firmware/src/memory.rs).
         let (settings, rest) =
             memory.split_at_mut((2 * usize::from(saved) + 2).min(usize::from(spec.memory)));
         for part in [settings, rest] {
@@ -265,23 +269,23 @@ fn memory(mut bytes: &[u8]) {
     let mut log = Transcript::with_memory(memory.clone()).without_notes();
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() }, &mut log);
     settle(&mut *drive, Instant::ZERO + Duration::secs(1), &mut log);
-    // A program that starts by itself may save.
+    // A user program that starts at power-on may save.
     assert!(spec.registers.rows.iter().any(|row| row.name == "MODE_USER_PROGRAM") || log.memory == memory);
 }
 
-/// Port of a drive where messages end so.
+/// Port of a drive with the framing `ends`.
 fn port(drive: &dyn Device, ends: Framing) -> Option<Port> {
     let place = drive.spec().ports.iter().position(|port| port.framing == ends)?;
     u8::try_from(place).ok().map(Port)
 }
 
-/// Feeds an input to a drive, after all its deadlines before `at`.
+/// Passes an input to a drive, after all its deadlines before `at`.
 fn feed_at(drive: &mut dyn Device, at: Instant, input: Input<'_>, log: &mut Transcript) {
     let due = drive.deadline();
     feed(drive, due, at, input, log);
 }
 
-/// Runs a drive to `at` without input; its next deadline is later.
+/// Runs a drive to `at` without input and checks that its next deadline is later.
 fn settle(drive: &mut dyn Device, at: Instant, log: &mut Transcript) {
     let due = advance(drive, at, core::iter::empty(), log);
     assert!(due > at, "a deadline at {} that was due at {}", due.ticks(), at.ticks());
@@ -328,11 +332,12 @@ impl Happens {
     }
 }
 
-/// The time that a drive is given.
+/// Time for which a drive gets events.
 const LONGEST: Duration = Duration::secs(2);
 
-/// The way in which a drive of that kind starts, then what happens to it: each time an event, its data, and two bytes of
-/// silence. A late call changes nothing, and no deadline is in the past.
+/// Input: the boot mode of a drive of that kind, then its events: for each the event, its data, and two bytes
+/// for the pause after it. A drive that is called only at the end has the same outputs, and no deadline is in
+/// the past.
 fn drive(kind: &str, mut bytes: &[u8]) {
     let Some(how) = take(&mut bytes) else { return };
     let boot = Boot { seed: 1, fast: how & 1 != 0, ..Boot::default() };
@@ -367,7 +372,7 @@ fn drive(kind: &str, mut bytes: &[u8]) {
     assert_eq!((log.outputs.len(), log.memory), (other.outputs.len(), other.memory), "called late");
 }
 
-/// Longer than a character on any line.
+/// Duration longer than a character on any line.
 const SLOWEST: Duration = Duration::millis(10);
 
 /// The next event of a drive at `at`; `line` is the line setting that the drive has reported, if any.
@@ -418,7 +423,8 @@ fn next(drive: &dyn Device, at: Instant, line: Option<Line>, bytes: &mut &[u8]) 
     }
 }
 
-/// Characters on a drive's serial line: in bursts where silence ends a frame, of which none goes on behind a line feed.
+/// Characters on a drive's serial line. If silence ends a frame, they arrive in bursts that end at each line
+/// feed; else singly.
 fn characters(drive: &dyn Device, mut at: Instant, line: Option<Line>, text: &[u8]) -> Vec<Event> {
     let port = drive.spec().ports[0];
     let line = line.or(port.line).unwrap_or(Line::new(115_200, 8, Parity::None, 1));
@@ -432,7 +438,7 @@ fn characters(drive: &dyn Device, mut at: Instant, line: Option<Line>, text: &[u
     events.collect()
 }
 
-/// Messages on a connection: whole ADUs, or text cut behind each end of a line.
+/// Messages on a connection: one whole ADU, or text that is split after each end of a line.
 fn messages(at: Instant, port: Port, adus: bool, link: Link, text: &[u8]) -> Vec<Event> {
     let mut rest = text;
     let lines = std::iter::from_fn(|| if adus { None } else { next_line(&mut rest).map(<[u8]>::to_vec) });

@@ -1,6 +1,6 @@
 //! Parts that the tests of several crates share.
 
-/// The README's examples are tests, too.
+/// Compiles the examples of the README as doctests.
 #[cfg(doctest)]
 #[allow(rustdoc::invalid_codeblock_attributes, reason = "fences tell tests/foreign/documents.py what to do")]
 #[doc = include_str!("../../README.md")]

@@ -3,8 +3,8 @@
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_sim::bench::{Bench, DriveId};
 
-/// First addresses of the registers, as the table at the head of chapter 7 has them. A pair has its high
-/// half first.
+/// First addresses of the registers, as in the table at the head of chapter 7. A pair has its high half
+/// first.
 pub mod at {
     /// 7.1
     pub const DEVICE_ADDRESS: u16 = 0x00;
@@ -62,21 +62,21 @@ pub mod bit {
     pub const JOG: u16 = 1 << 1;
     /// A home cycle.
     pub const HOME: u16 = 1 << 2;
-    /// An end at once.
+    /// Stops at once.
     pub const STOP: u16 = 1 << 3;
-    /// An end with a ramp.
+    /// Stops with a ramp.
     pub const DECEL_STOP: u16 = 1 << 4;
-    /// No current.
+    /// Switches the current off.
     pub const DISABLE: u16 = 1 << 5;
-    /// Read: there is a fault; written: it is cleared.
+    /// Read: there is a fault. Written: clears the fault.
     pub const FAULT: u16 = 1 << 15;
 }
 
-/// Writes a register of the drive whose address is 1; the reply to that is its request (6.2).
+/// Writes a register of the drive at address 1; the reply is the request itself (6.2).
 ///
 /// # Panics
 ///
-/// If it answers anything else.
+/// If the drive answers anything else.
 #[track_caller]
 pub fn write(bench: &mut Bench, md3: DriveId, address: u16, value: u16) {
     let request = rtu::write(1, address, value);
@@ -87,7 +87,7 @@ pub fn write(bench: &mut Bench, md3: DriveId, address: u16, value: u16) {
 ///
 /// # Panics
 ///
-/// As [`write()`].
+/// Same as [`write()`].
 #[track_caller]
 pub fn write_pair(bench: &mut Bench, md3: DriveId, first: u16, value: u32) {
     write(bench, md3, first, (value >> 16) as u16);

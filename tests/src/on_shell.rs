@@ -1,16 +1,16 @@
-//! A golden trace on the shell of a board, over the simulated hardware.
+//! Replays a golden trace on the shell of a board with simulated hardware.
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Framing, Instant, Level, Line, Pin};
 use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Shell, TX_ONE_REPLY, TX_REPLIES};
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
 use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
-/// An output of a drive as a board shows it: pins as the levels they take, one after the other.
+/// An output of a drive as a board shows it. A pin shows each level that it takes as an output of its own.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Seen {
-    /// Anything but a pin.
+    /// Any output that is not a pin's.
     Output(OutputRecord),
-    /// A pin changes, to high or low.
+    /// A pin changes to high (true) or low.
     Pin(Pin, bool),
 }
 
@@ -34,7 +34,7 @@ pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
     sorted(seen)
 }
 
-/// The changes of a pin that begins low and obeys `orders` until `end`.
+/// Level changes of a pin that starts low and follows `orders` until `end`.
 fn levels(orders: &[(Instant, OutputRecord)], end: Instant) -> Vec<(Instant, bool)> {
     let mut changes = Vec::new();
     for (index, (at, order)) in orders.iter().enumerate() {
@@ -57,7 +57,7 @@ fn levels(orders: &[(Instant, OutputRecord)], end: Instant) -> Vec<(Instant, boo
     changes
 }
 
-/// Plays a trace with one drive, of which `device` is a new one, on a shell, and returns what its board showed.
+/// Replays a trace with one drive on a shell and returns what its board showed. `device` makes a new drive.
 ///
 /// # Panics
 /// If the trace has an input that a board does not have.
@@ -68,10 +68,10 @@ pub fn play<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, S
     sorted(seen)
 }
 
-/// Motor orders of a trace: plans and steps without a plan, as the shell passes them to a board.
+/// Motor outputs of a trace as the shell passes them to a board: plans, and steps without a plan.
 ///
 /// # Panics
-/// As [`play`].
+/// Same as [`play`].
 #[must_use]
 pub fn motion<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant, Done)> {
     let moves = |done: &Done| matches!(done, Done::Planned(..) | Done::Stepped(..));
@@ -79,7 +79,7 @@ pub fn motion<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Vec<(Instant,
     board.done().iter().filter(|(_, done)| moves(done)).cloned().collect()
 }
 
-/// The board on which a trace was played to its end, with as much room for answers as the images have.
+/// The board after a replay of the whole trace. It has as much room for replies as the images have.
 fn run<D: Device>(trace: &Trace, device: impl Fn() -> D) -> Board {
     let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
     match drive.spec.ports[0].framing {
@@ -163,13 +163,13 @@ fn as_seen(at: Instant, done: &Done) -> Seen {
     })
 }
 
-/// A board shows what it did in the order in which it did it; a trace has outputs with a later stamp earlier. And
-/// bytes that leave without a pause are one message on a line, in however many parts they were written. Sorted by
-/// instant both agree.
+/// Outputs sorted by instant, with messages joined. A board shows outputs in the order in which it made them;
+/// a trace may list an output with a later timestamp first. On a line, bytes without a pause between them are
+/// one message, even if they were written in several parts. After sorting and joining both agree.
 fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
     seen.sort_by_key(|(at, seen)| (*at, format!("{seen:?}")));
     let mut character = Duration::ZERO;
-    // Place of the last message, and the instant at which all of it has left.
+    // Index of the last message, and the instant at which its last character has been sent.
     let mut last = None;
     let mut joined: Vec<(Instant, Seen)> = Vec::new();
     for (at, seen) in seen {
@@ -193,7 +193,7 @@ fn sorted(mut seen: Vec<(Instant, Seen)>) -> Vec<(Instant, Seen)> {
     joined
 }
 
-/// A board, and the loop that its `main` would be.
+/// A board, and the loop that the `main` of an image would be.
 struct Player<D, M, const CHARACTERS: usize> {
     board: Board,
     shell: Option<Shell<D, Board, SimOutputs, CHARACTERS>>,
@@ -210,7 +210,7 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
         });
     }
 
-    /// The line setting after all events caught so far.
+    /// The line setting after all events so far.
     fn line(&mut self) -> Line {
         let changed = self.board.done().iter().rev().find_map(|(_, done)| match done {
             Done::Line(_, line) => Some(*line),
@@ -219,21 +219,21 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
         changed.expect("a drive sets its line at power-on")
     }
 
-    /// An interrupt catches something at `at`; the loop has slept until then.
+    /// Queues an event as an interrupt does at `at`; before, the loop sleeps until the tick before `at`.
     fn catch(&mut self, at: Instant, caught: BoardEvent) {
         self.sleep_before(at);
         self.board.catch(at, caught);
     }
 
-    /// Sleeps until the tick before `at`. An input at the instant of a power-on is caught before the
-    /// loop turns for the first time.
+    /// Sleeps until the tick before `at`. An input at the instant of a power-on is queued before the loop
+    /// polls for the first time.
     fn sleep_before(&mut self, at: Instant) {
         if self.board.now() < at {
             self.go(at - Duration::TICK);
         }
     }
 
-    /// Sleeps and turns until `until`.
+    /// Sleeps and polls until `until`.
     fn go(&mut self, until: Instant) {
         loop {
             self.turn();

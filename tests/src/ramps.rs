@@ -1,7 +1,7 @@
-//! Timing error of the worst step of a move: of a walker, and of two algorithms that most step generators use,
-//! written from their publications.
+//! Timing error of the worst step of a move: for `StepIterator`, and for two algorithms that most step
+//! generators use, written from their publications.
 //!
-//! All begin at the instant 0 and count from there; no interrupt is ever late.
+//! All start at the instant 0 and measure time from there. No interrupt is late.
 
 use drivetwin_firmware::device::{Instant, Plan};
 use drivetwin_firmware::motion::{Limits, StepIterator};
@@ -13,18 +13,18 @@ use crate::exact::{Jog, Move, TICK};
 /// Distance of steps from their exact instants, in ticks.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Error {
-    /// The worst step, early or late.
+    /// Error of the worst step, early or late.
     pub worst: f64,
-    /// The last one; negative is early.
+    /// Error of the last step; negative is early.
     pub last: f64,
 }
 
 impl Error {
-    /// The error of steps at `made` that were due at `due`, in ticks.
+    /// The errors of steps at `made` that were due at `due`, in ticks.
     ///
     /// # Panics
     ///
-    /// If they are not as many.
+    /// If the two have different lengths.
     #[must_use]
     pub fn of(made: &[f64], due: &[f64]) -> Self {
         assert_eq!(made.len(), due.len(), "every step is made, and no other");
@@ -34,20 +34,20 @@ impl Error {
     }
 }
 
-/// A move, and how well it is made.
+/// A move and its timing errors.
 pub struct Row {
-    /// Name of the algorithm.
+    /// Description of the move.
     pub name: &'static str,
-    /// A walker.
+    /// Errors of `StepIterator`.
     pub ours: Error,
-    /// `avr446`; it does not jog.
+    /// Errors of `avr446`, which cannot jog.
     pub avr446: Option<Error>,
-    /// `accelstepper`; it does not jog.
+    /// Errors of `accelstepper`, which cannot jog.
     pub accelstepper: Option<Error>,
 }
 
 impl std::fmt::Display for Error {
-    /// In ticks and in µs, with three digits or more.
+    /// Prints ticks and µs. Below 100 ticks it prints three decimals.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { worst, last } = self;
         let digits = if *worst < 100.0 { 3 } else { 0 };
@@ -56,7 +56,7 @@ impl std::fmt::Display for Error {
     }
 }
 
-/// The rows as they are in docs/explanation/motion.md.
+/// The rows as a Markdown table, as in docs/explanation/motion.md.
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let mut table = String::from(
@@ -70,7 +70,7 @@ pub fn table(rows: &[Row]) -> String {
     table
 }
 
-/// The moves, each in all ways.
+/// The moves, each with every algorithm that can make it.
 #[must_use]
 pub fn rows() -> Vec<Row> {
     vec![
@@ -95,7 +95,7 @@ fn row(name: &'static str, steps: u32, acceleration: u32, speed: u32) -> Row {
     }
 }
 
-/// Forward, at 1 s faster, at 4 s backwards, for 8 s.
+/// A jog of 8 s: forward, faster from 1 s, backwards from 4 s.
 fn jog() -> Error {
     let acceleration = 10_000;
     let (mut made, mut due) = (Vec::new(), Vec::new());
@@ -113,18 +113,19 @@ fn jog() -> Error {
     Error::of(&made, &due)
 }
 
-/// The steps of the application note AVR446, "Linear speed control of stepper motor", after D. Austin: all integers,
-/// its timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the recurrence for the others ends up
-/// at the right speed; the ramp down begins v²/2a before the end, or at half the way.
+/// Steps of the application note AVR446, "Linear speed control of stepper motor", after D. Austin, in
+/// integers, with a timer at the rate of a tick. The first interval is 0.676·√(2/a), so that the recurrence
+/// for the others ends at the right speed. The ramp down begins v²/2a before the end, or at half the
+/// distance.
 fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let (steps, a, v) = (i64::from(steps), f64::from(acceleration), f64::from(speed));
     let rate = TICKS_PER_SECOND as f64;
     let fastest = TICKS_PER_SECOND.cast_signed() / i64::from(speed);
     let to_speed = (v * v / (2.0 * a)) as i64;
-    // The note's odd step belongs to the ramp down.
+    // The note gives the odd step to the ramp down.
     let ramp = if steps / 2 <= to_speed { steps - steps / 2 } else { to_speed };
     let mut interval = (0.676 * rate * (2.0 / a).sqrt()) as i64;
-    // Negative in the ramp down, which is the recurrence backwards.
+    // Negative in the ramp down, where the recurrence runs backwards.
     let mut count = 0;
     let mut left_over = 0;
     let mut last_of_ramp = None;
@@ -153,8 +154,8 @@ fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     made
 }
 
-/// The steps of the library `AccelStepper`: single floats, intervals in whole microseconds, and after each
-/// step the question whether v²/2a is still less than what is left.
+/// Steps of the library `AccelStepper`: single floats, and intervals in whole microseconds. After each step
+/// it compares v²/2a with the remaining distance.
 fn accelstepper(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let a = acceleration as f32;
     let first = 0.676 * (2.0 / a).sqrt() * 1e6;

@@ -1,5 +1,5 @@
-//! Access to an RS 434544 or 434546 for tests: its registers as in the manual, requests over the bus, and drivers for
-//! every pin.
+//! Access to an RS 434544 or 434546 for tests: its registers as in the manual, requests over the bus, and
+//! stimuli for every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_firmware::rs434::{rs434544, rs434546};
@@ -11,16 +11,17 @@ use drivetwin_sim::line::LineMode;
 /// Both models, as users type them.
 pub const KINDS: [&str; 2] = ["rs434544", "rs434546"];
 
-/// From power-on, or a restart, to the first request that is received (RS434-9).
+/// Time from power-on, or a restart, until the drive receives requests (RS434-9).
 pub const BOOT: Duration = Duration::millis(500);
 
-/// Longer than any save takes (10 ms, RS434-11).
+/// Duration longer than any save (10 ms, RS434-11).
 pub const SAVE: Duration = Duration::millis(20);
 
-/// An instruction's time (RS434-25).
+/// Time that an instruction takes (RS434-25).
 pub const LINE: Duration = Duration::micros(100);
 
-/// Addresses as chapter 6 prints them; of 32 bits the low word's.
+/// Register addresses as chapter 6 prints them, each with its section. A 32-bit register has the address of
+/// its low word.
 pub mod at {
     /// 6.1
     pub const IN1: u16 = 0x1000;
@@ -122,13 +123,13 @@ pub mod at {
     pub const READ_CMD: u16 = 0x6003;
     /// 6.6, a pair
     pub const CMD_R: u16 = 0x6004;
-    /// 6.7: up to FX 7005h
+    /// 6.7: AX to FX, up to 7005h
     pub const AX: u16 = 0x7000;
     /// 6.7
     pub const PC: u16 = 0x7006;
-    /// 6.7: up to JX 700Ah
+    /// 6.7: GX to JX, up to 700Ah
     pub const GX: u16 = 0x7007;
-    /// 6.8: up to 8004h
+    /// 6.8: the first of four, up to 8004h
     pub const HW_MAJOR: u16 = 0x8001;
 }
 
@@ -136,24 +137,24 @@ pub mod at {
 pub mod key {
     /// Saves the settings.
     pub const SAVE: u16 = 0x37FA;
-    /// Buffer to flash.
+    /// Saves the buffer to flash.
     pub const SAVE_PROGRAM: u16 = 0x8426;
-    /// Flash to buffer.
+    /// Loads the flash into the buffer.
     pub const LOAD_PROGRAM: u16 = 0x9346;
-    /// Restarts.
+    /// Restarts the drive.
     pub const RESTART: u16 = 0x95AF;
 }
 
-/// The system registers 0 to 9: AX to FX, then GX to JX behind PC (6.7).
+/// Address of system register 0 to 9: AX to FX, then GX to JX, which follow PC (6.7).
 #[must_use]
 pub const fn system_register(number: u16) -> u16 {
     if number < 6 { at::AX + number } else { at::GX + number - 6 }
 }
 
-/// The answer where no reply comes.
+/// The reply if the drive does not answer.
 pub const SILENCE: [u8; 0] = [];
 
-/// A refusal: its exception code.
+/// The exception code of a refusal.
 pub type Exception = u8;
 
 /// A drive of a kind with its motor, without power.
@@ -169,8 +170,8 @@ pub fn make(kind: &str) -> Box<dyn Device> {
     }
 }
 
-/// A drive with its motor on a bench. Characters take no time here, unless a test sets that, so that a
-/// command counts from the instant at which it was given.
+/// A drive with its motor on a bench. Characters take no time unless a test sets a line mode, so that a
+/// command takes effect at the instant at which it is sent.
 pub struct Rig {
     /// The bench.
     pub bench: Bench,
@@ -184,12 +185,12 @@ impl Default for Rig {
     }
 }
 
-/// Time, power, pins.
+/// Time, power and pins.
 impl Rig {
-    /// A drive that has just been given power.
+    /// A drive that has just been powered on.
     ///
     /// # Panics
-    /// If it cannot be seated.
+    /// If the bench does not accept it.
     #[must_use]
     pub fn new(kind: &str, line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
@@ -216,7 +217,7 @@ impl Rig {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Takes power away, and gives it again after a second; returns when the drive is ready.
+    /// Switches power off, and on again after a second; returns when the drive is ready.
     pub fn power_cycle(&mut self) {
         self.bench.power(self.seat, PowerAction::Off);
         self.after(1.secs());
@@ -224,16 +225,16 @@ impl Rig {
         self.after(BOOT + 1.millis());
     }
 
-    /// A pin by the manual's name.
+    /// Finds a pin by its name in the manual.
     ///
     /// # Panics
-    /// If there is none.
+    /// If there is no such pin.
     #[must_use]
     pub fn pin(&self, name: &str) -> Pin {
         self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no {name}"))
     }
 
-    /// Does something to a pin; returns when the drive has seen it.
+    /// Applies a stimulus to a pin; returns when the drive has received it.
     pub fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
@@ -244,18 +245,18 @@ impl Rig {
         self.drive(name, PinStimulus::Low);
     }
 
-    /// Opens a contact: a pull-up makes it high.
+    /// Opens a contact; the pull-up makes the pin high.
     pub fn open(&mut self, name: &str) {
         self.drive(name, PinStimulus::High);
     }
 
-    /// A pin as it is seen from outside.
+    /// Level of a pin as seen from outside.
     #[must_use]
     pub fn level(&self, name: &str) -> Level {
         self.bench.level(self.seat, self.pin(name))
     }
 
-    /// The cause of a fault comes or goes; returns when the drive has noticed.
+    /// Sets or removes the cause of a fault; returns when the drive has noticed.
     ///
     /// # Panics
     /// If the drive has no such fault.
@@ -267,10 +268,10 @@ impl Rig {
         self.after(2.millis());
     }
 
-    /// The drive measures another supply, in 0.1 V.
+    /// Sets the supply voltage that the drive measures, in 0.1 V.
     ///
     /// # Panics
-    /// If it does not take it.
+    /// If the drive refuses the value.
     pub fn supply(&mut self, tenths: i64) {
         let row = self.bench.spec(self.seat).find("SUPPLY").expect("a setting").row;
         self.bench.poke(self.seat, row, tenths).expect("a supply");
@@ -283,12 +284,12 @@ impl Rig {
     }
 }
 
-/// The bus.
+/// Requests over the bus.
 impl Rig {
-    /// Answer of the drive, address 1, to a request: its PDU, or nothing.
+    /// Reply of the drive at address 1 to a request: its PDU, or nothing.
     ///
     /// # Panics
-    /// If the answer is no frame of address 1.
+    /// If the reply is no frame from address 1.
     pub fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.bench.ask(self.seat, &rtu::frame(1, pdu));
         if reply.is_empty() {
@@ -299,7 +300,7 @@ impl Rig {
         body[1..].to_vec()
     }
 
-    /// A request that is answered, or refused.
+    /// Sends a request; returns the reply, or the exception of a refusal.
     fn try_ask(&mut self, pdu: &[u8]) -> Result<Vec<u8>, Exception> {
         let reply = self.ask(pdu);
         if reply.first() == Some(&(pdu[0] | 0x80)) {
@@ -313,7 +314,7 @@ impl Rig {
     /// Reads with function 01 or 02.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     pub fn try_bits(&mut self, function: u8, first: u16, count: u16) -> Result<Vec<bool>, Exception> {
         let reply = self.try_ask(&request(function, first, count))?;
         assert_eq!(usize::from(reply[1]), usize::from(count).div_ceil(8), "its byte count");
@@ -324,7 +325,7 @@ impl Rig {
     /// Reads with function 03 or 04.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     pub fn try_words(&mut self, function: u8, first: u16, count: u16) -> Result<Vec<u16>, Exception> {
         let reply = self.try_ask(&request(function, first, count))?;
         assert_eq!(usize::from(reply[1]), 2 * usize::from(count), "its byte count");
@@ -335,7 +336,7 @@ impl Rig {
     /// Reads one register with the function of its address space.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     pub fn try_read(&mut self, address: u16) -> Result<u16, Exception> {
         match address >> 12 {
             1 => self.try_bits(2, address, 1).map(|bits| u16::from(bits[0])),
@@ -348,7 +349,7 @@ impl Rig {
     /// Reads one register.
     ///
     /// # Panics
-    /// If it cannot be read.
+    /// If the drive refuses the read.
     #[track_caller]
     pub fn read(&mut self, address: u16) -> u16 {
         self.try_read(address).unwrap_or_else(|code| panic!("{address:04X}h: exception {code:02X}"))
@@ -357,7 +358,7 @@ impl Rig {
     /// Reads a pair of registers at once, the low word at the low address.
     ///
     /// # Panics
-    /// If it cannot be read.
+    /// If the drive refuses the read.
     #[track_caller]
     pub fn read_long(&mut self, address: u16) -> i32 {
         let function = if address >> 12 == 3 { 4 } else { 3 };
@@ -368,10 +369,10 @@ impl Rig {
     /// Writes a coil with function 05 or a register with function 06.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     ///
     /// # Panics
-    /// If the reply to a write that is accepted is not the request.
+    /// If the reply to an accepted write is not a copy of the request.
     pub fn try_write(&mut self, address: u16, value: u16) -> Result<(), Exception> {
         let pdu = match address >> 12 {
             2 => request(5, address, if value == 0 { 0 } else { 0xFF00 }),
@@ -385,7 +386,7 @@ impl Rig {
     /// Writes a coil or a register.
     ///
     /// # Panics
-    /// If it is refused.
+    /// If the drive refuses the write.
     #[track_caller]
     pub fn write(&mut self, address: u16, value: u16) {
         let written = self.try_write(address, value);
@@ -395,10 +396,10 @@ impl Rig {
     /// Writes registers with function 16.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     ///
     /// # Panics
-    /// If the reply to a write that is accepted does not name them.
+    /// If the reply to an accepted write does not name the first register and their number.
     pub fn try_write_all(&mut self, first: u16, values: &[u16]) -> Result<(), Exception> {
         let head = request(16, first, values.len() as u16);
         let mut pdu = head.to_vec();
@@ -412,10 +413,10 @@ impl Rig {
     /// Writes coils with function 15.
     ///
     /// # Errors
-    /// The exception.
+    /// The exception code if the drive refuses.
     ///
     /// # Panics
-    /// If the reply to a write that is accepted does not name them.
+    /// If the reply to an accepted write does not name the first coil and their number.
     pub fn try_write_coils(&mut self, first: u16, values: &[bool]) -> Result<(), Exception> {
         let head = request(15, first, values.len() as u16);
         let mut pdu = head.to_vec();
@@ -431,7 +432,7 @@ impl Rig {
     /// Writes a pair of registers at once, the low word at the low address.
     ///
     /// # Panics
-    /// If it is refused.
+    /// If the drive refuses the write.
     #[track_caller]
     pub fn write_long(&mut self, address: u16, value: i32) {
         let value = value.cast_unsigned();
@@ -451,10 +452,10 @@ impl Rig {
         self.after(BOOT + 1.millis());
     }
 
-    /// Loads lines into the buffer from line 0 on, one request each, and saves them.
+    /// Writes lines to the buffer from line 0, one request each, and saves the buffer.
     ///
     /// # Panics
-    /// If a line is refused.
+    /// If the drive refuses a line.
     #[track_caller]
     pub fn load(&mut self, lines: &[u32]) {
         for (number, &line) in (0..).zip(lines) {
@@ -465,14 +466,14 @@ impl Rig {
         self.after(SAVE);
     }
 
-    /// Starts the user program; returns when its line 0 is carried out.
+    /// Starts the user program; returns when the drive has executed line 0.
     pub fn run(&mut self) {
         self.write(at::MODE_USER_PROGRAM, 2);
         self.after(LINE);
     }
 }
 
-/// A request of a function, an address and a word.
+/// A request with a function, an address and a word.
 #[must_use]
 pub fn request(function: u8, first: u16, word: u16) -> [u8; 5] {
     let ([a, b], [c, d]) = (first.to_be_bytes(), word.to_be_bytes());

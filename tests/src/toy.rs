@@ -1,5 +1,5 @@
-//! A device that is nothing like a Modbus drive, so that the contract fits more than those: it sends
-//! the level of its input every 10 ms and obeys single characters.
+//! A device unlike any Modbus drive, to show that the contract fits other devices: every 10 ms it sends the
+//! level of its input, and single characters set its output.
 
 use drivetwin_firmware::device::{
     Boot, Context, Device, Duration, Framing, Input, Instant, Level, Line, Output, Pin, PinSpec, Port,
@@ -30,7 +30,7 @@ static SPEC: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// A stream and a pin.
+/// A device with one port for characters, an input and an output.
 #[derive(Debug, Default)]
 pub struct Toy {
     input: bool,

@@ -1,10 +1,11 @@
-//! `docs/decisions`: ids are unique, the index is complete, and each id that the repository cites exists.
+//! Checks of `docs/decisions`: ids are unique, the index is complete, and every id that the repository cites
+//! exists.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Areas and the page of each.
+/// Areas of decisions, each with its page.
 const AREAS: [(&str, &str); 10] = [
     ("PROJECT", "project.md"),
     ("HOST", "host.md"),
@@ -30,7 +31,7 @@ fn page(name: &str) -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// A decision as its heading gives it: `### MD3-17 Step counts are microsteps`.
+/// A decision as in its heading: `### MD3-17 Step counts are microsteps`.
 struct Decision {
     page: &'static str,
     id: String,
@@ -38,12 +39,12 @@ struct Decision {
 }
 
 impl Decision {
-    /// The row of the index.
+    /// The decision's row in the index.
     fn row(&self) -> String {
         format!("| {} | [{}]({}) |", self.id, self.title, self.place())
     }
 
-    /// The page, with the anchor that GitHub makes of the heading.
+    /// The page with the anchor that GitHub makes from the heading.
     fn place(&self) -> String {
         let anchor: String = format!("{} {}", self.id, self.title)
             .to_lowercase()
@@ -68,7 +69,7 @@ fn decisions() -> Vec<Decision> {
     all
 }
 
-/// The ids that a text cites: the name of an area, `-`, a number, apart from other words.
+/// The ids that a text cites: the name of an area, `-` and a number, not as a part of another word.
 fn ids(text: &str) -> Vec<&str> {
     let word = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
     text.split(|c| !word(c))
@@ -82,7 +83,7 @@ fn ids(text: &str) -> Vec<&str> {
         .collect()
 }
 
-/// Returns whether a text cites by number alone, without the area.
+/// Returns true if a text cites a decision by its number without the area.
 fn has_bare_number(text: &str) -> bool {
     let text = text.to_ascii_lowercase();
     text.match_indices("decision").any(|(at, word)| {
@@ -95,7 +96,7 @@ fn has_bare_number(text: &str) -> bool {
     })
 }
 
-/// Files of the repository that may cite decisions, without build products.
+/// Files of the repository that may cite decisions, except build products.
 fn sources(folder: &Path, files: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -141,7 +142,7 @@ fn the_index_has_every_decision() {
     assert_eq!(rows, expected, "rows in the order of the pages, each once");
 }
 
-/// Each report about real drives has a row in the list for hardware, and each row leads to its decision.
+/// Each note about real drives has a row in the list for hardware, and each row links to its decision.
 #[test]
 fn the_list_for_hardware_has_every_mark() {
     let all = decisions();
@@ -197,7 +198,7 @@ fn every_cited_id_exists() {
     assert!(of_code > 100 && of_tests > 300, "files were not found: {of_code} and {of_tests} citations");
 }
 
-/// Numbers are joined to their areas here, so that this file does not cite missing decisions.
+/// The test builds ids from areas and numbers, so that this file does not cite decisions that do not exist.
 #[test]
 fn a_wrong_id_is_found() {
     let (wrong, tail) = (format!("QSB-{}", 99), format!("MD3-{}x", 1));

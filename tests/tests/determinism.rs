@@ -1,5 +1,5 @@
-//! The same seed and the same calls give the same trace and the same capture, byte for byte: of benches of several
-//! drives, lines, motors and faults, in any order in the file, and polled at any times.
+//! The same seed and the same calls give the same trace and the same capture, byte for byte. The benches have
+//! several drives, lines, motors and faults. Neither their order in the file nor the times of polling matter.
 #![allow(missing_docs, reason = "a test")]
 
 use std::sync::LazyLock;
@@ -99,10 +99,11 @@ struct Left {
     heard: Vec<Vec<u8>>,
 }
 
-/// The parts in their order above, with seed 1, and polled only when something is done.
+/// Results of all parts in the order above, with seed 1, polled only when the test acts.
 static PLAYED: LazyLock<Left> = LazyLock::new(|| play(&PARTS, 1, &[]));
 
-/// Plays on the bench of `parts`, and polls it after each of `chunks`, again and again.
+/// Runs a fixed sequence of actions on the bench of `parts`. Polls the bench after each of `chunks`, in a
+/// cycle.
 fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     let layout = bench_file::parse(&parts.join("\n\n")).unwrap_or_else(|error| panic!("{error}"));
     let keep = Retention::All;
@@ -128,7 +129,7 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     for round in 0..40_u16 {
         at += 20.millis() + 137.micros() * u64::from(round);
         run_until(&mut bench, at);
-        // Two clients send at once, also to one drive that waits for its turn.
+        // Two clients of one line send at the same time, so the second request waits for its turn.
         bench.send(clients[0], &rtu::write(1, 0x1D, round));
         bench.send(clients[1], &rtu::read(2, 0x12, 4));
         bench.send(clients[2], &rtu::read(1, 0x10, 1));
@@ -157,7 +158,8 @@ fn play(parts: &[&str], seed: u64, chunks: &[Duration]) -> Left {
     Left { trace: bench.trace().to_text(), capture, heard }
 }
 
-/// Two drives on a line and a counter, with a motor and the parts on its shaft, built by calls in these orders.
+/// A bench built by calls in these orders: two drives on a line and a counter, with motors and the parts on
+/// their shafts.
 fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     let keep = Retention::All;
     let mut bench = Bench::with(Settings { trace: keep, capture: keep, ..Settings::default() });
@@ -228,7 +230,7 @@ fn by_hand(seats: &[&str], lots: &[usize]) -> Left {
     Left { trace: bench.trace().to_text(), capture, heard: vec![heard] }
 }
 
-/// The events of a trace, without the seed in its header.
+/// The events of a trace, without the header line with the seed.
 fn events(trace: &str) -> String {
     trace.lines().filter(|line| !line.starts_with("seed ")).collect()
 }

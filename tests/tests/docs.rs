@@ -1,4 +1,5 @@
-//! Links of the Markdown files: each relative link leads to an existing file, and to one of its headings.
+//! Links in the Markdown files: each relative link leads to an existing file and, if it has an anchor, to a
+//! heading there.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
@@ -6,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
-/// Folders without pages of this project.
+/// Folders that contain no pages of this project.
 const SKIPPED: [&str; 4] = ["target", "node_modules", ".git", ".pytest_cache"];
 
 /// Markdown files below a folder.
@@ -55,7 +56,7 @@ fn links_and_anchors(text: &str) -> (Vec<String>, BTreeSet<String>) {
     (links, anchors)
 }
 
-/// The anchor that GitHub gives a heading.
+/// The anchor that GitHub makes from a heading.
 fn anchor(heading: &str) -> String {
     let kept = heading
         .to_lowercase()
@@ -78,7 +79,7 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-/// Relative links that lead nowhere, each with its page.
+/// Relative links with a missing target, each with its page.
 fn broken(root: &Path) -> Vec<String> {
     let mut broken = Vec::new();
     for page in pages(root) {

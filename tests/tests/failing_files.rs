@@ -1,4 +1,4 @@
-//! Files that follow a bench, on a system that fails at each byte.
+//! Files that follow a bench, on a system that may fail at any byte.
 #![allow(missing_docs, reason = "a test")]
 
 use std::io::{self, Write};
@@ -14,12 +14,12 @@ use drivetwin_sim::export::vcd::Waves;
 use drivetwin_sim::record::trace::{Recording, Retention, Trace, whole_lines};
 use drivetwin_sim::replay;
 
-/// A file that takes that many bytes, a few at a time, and is interrupted in between.
+/// A file that accepts `takes` bytes, a few at a time, and is interrupted before each write.
 struct Failing<'a> {
     content: &'a mut Vec<u8>,
     takes: usize,
     interrupted: bool,
-    /// Error of a write that it does not take.
+    /// Error of the write after the last accepted byte.
     kind: io::ErrorKind,
 }
 
@@ -43,7 +43,7 @@ impl Write for Failing<'_> {
     }
 }
 
-/// An MD3 that moves 100 steps and answers requests during that, with `follow` after each part.
+/// An MD3 that moves 100 steps and answers requests meanwhile. Calls `follow` after each part.
 fn scene<W>(
     begin: impl FnOnce(&Bench) -> io::Result<W>,
     follow: &mut Follow<'_, W>,
@@ -54,7 +54,7 @@ fn scene<W>(
     let client = bench.connect(bench.bus(md3, Port(0)).unwrap());
     let mut writer = begin(&bench)?;
     bench.run_until(bench.now() + 3.secs());
-    // MoveSteps is 20 and 21, MotionControl 17 (MD3, 7).
+    // MoveSteps is registers 20 and 21, MotionControl is 17 (MD3, 7).
     for request in [rtu::write(1, 20, 0), rtu::write(1, 21, 100), rtu::write(1, 17, 1), rtu::read(1, 0, 4)] {
         bench.send(client, &request);
         bench.run_until_idle();
@@ -67,7 +67,7 @@ fn scene<W>(
 
 type Follow<'a, W> = dyn FnMut(&mut W, &Bench) -> io::Result<()> + 'a;
 
-/// Writes a file to its end; `Ok` if nothing failed.
+/// Writes a file to its end. Returns `Ok` if nothing failed.
 type WriteFile = fn(Failing<'_>) -> io::Result<()>;
 
 fn record(file: Failing<'_>) -> io::Result<()> {
@@ -112,7 +112,7 @@ fn a_file_on_a_failing_disk_is_the_beginning_of_the_whole_one_and_the_error_is_t
 fn a_recording_on_a_failing_disk_replays_as_far_as_it_goes() {
     let make = |kind: &str| catalog::make(kind).ok();
     let (whole, _) = written(record, usize::MAX, io::ErrorKind::Other);
-    // Behind the header: without a drive there is nothing to be replayed.
+    // Cuts only after the header, because a trace without a drive cannot be replayed.
     let header = whole.windows(4).position(|window| window == b"md3\n").expect("a drive") + 4;
     for takes in header..whole.len() {
         let (content, _) = written(record, takes, io::ErrorKind::StorageFull);

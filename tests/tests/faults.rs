@@ -1,5 +1,6 @@
-//! Disturbed lines, seen by masters of an MD3, a QSB and an RS, and power that fails in saves: by the frames of the
-//! manuals, reproducible, and independent of the order in which the drives were added.
+//! Line faults as masters of an MD3, a QSB and an RS see them, and power failures during saves. Frames are
+//! typed from the manuals. Results are reproducible and independent of the order in which the drives were
+//! added.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Device, Framing, Port};
@@ -15,7 +16,7 @@ use drivetwin_sim::record::capture::{Frame, Medium, Source};
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_tests::{md3, rs434};
 
-/// Time until all drives are ready: an RS takes half a second (RS434-9).
+/// Time until all drives have started. An RS takes half a second (RS434-9).
 const READY: Duration = Duration::secs(1);
 
 const PORT: Port = Port(0);
@@ -25,14 +26,14 @@ fn settings(seed: u64, line: LineMode) -> Settings {
     Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() }
 }
 
-/// Seats a drive without a start-up delay, with registers by their names.
+/// Adds a drive without a start-up delay and presets registers by their names.
 fn seat(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: &[(&str, i64)]) -> DriveId {
     let row = |name| device.spec().find(name).expect("a register").row;
     let presets = presets.iter().map(|&(name, value)| (row(name), value)).collect();
     bench.add_with(name, device, Setup { boot_fast: true, presets, ..Setup::default() }).expect("a seat")
 }
 
-/// A ready drive, and a client on its line.
+/// A drive that has started, and a client on its line.
 fn ready(line: LineMode, device: Box<dyn Device>, presets: &[(&str, i64)]) -> (Bench, DriveId, Client) {
     let mut bench = Bench::with(settings(1, line));
     let seat = seat(&mut bench, "x", device, presets);
@@ -48,7 +49,7 @@ fn hear(bench: &mut Bench, client: Client) -> String {
     bytes.escape_ascii().to_string()
 }
 
-/// Sends something, and returns what has come when all is settled.
+/// Sends a request and returns everything that arrived when the bench is idle.
 fn ask(bench: &mut Bench, client: Client, request: &[u8]) -> String {
     bench.send(client, request);
     bench.run_until_idle();
@@ -64,10 +65,10 @@ fn rs_ascii() -> (Bench, DriveId, Client) {
     ready(LineMode::Timed, Box::new(rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
 }
 
-/// SPEED is read, and is 1,000. 01 + 03 + 50 + 0B + 00 + 01 = 60h, and 60h + A0h = 100h.
+/// Request for SPEED, and the reply, 1,000. LRC: 01 + 03 + 50 + 0B + 00 + 01 = 60h, and 60h + A0h = 100h.
 const SPEED: &[u8] = b":0103500B0001A0\r\n";
 const IS_1000: &str = r":01030203E80F\r\n";
-/// A character of 9,600 7E1: 10 bits.
+/// A character at 9,600 baud 7E1 has 10 bits.
 const CHARACTER: Duration = Duration::from_ticks(16_667);
 
 #[test]
@@ -91,7 +92,8 @@ fn ascii_messages_are_disturbed_with_good_sums() {
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
 }
 
-/// A message in ASCII is over with its LF, and answered then (RS434-4): no silence, no patience.
+/// An ASCII message ends with its LF, and the drive answers at once (RS434-4), without a silence or a frame
+/// timeout.
 #[test]
 fn times_on_an_ascii_line() {
     let (mut bench, x, client) = rs_ascii();
@@ -110,7 +112,7 @@ fn times_on_an_ascii_line() {
     assert_eq!(bench.now().since(start), again * 2);
 }
 
-/// Collided characters on a line of 7 data bits still have 7 bits.
+/// After a collision, characters on a line with 7 data bits still have 7 bits.
 #[test]
 fn collided_characters_have_the_data_bits_of_the_line() {
     let mut bench = Bench::with(settings(1, LineMode::Timed));
@@ -131,7 +133,7 @@ fn collided_characters_have_the_data_bits_of_the_line() {
     }
 }
 
-/// "A character of wrong parity sets bit 14" (RS434-5), on its factory line of 115,200 8E1.
+/// "A character of wrong parity sets bit 14" (RS434-5), on the RS's factory line of 115,200 8E1.
 #[test]
 fn an_rs_finds_a_wrong_parity() {
     let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);
@@ -172,7 +174,7 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         bench.send(client, b"\r");
         bench.run_until_idle();
         hear(&mut bench, client);
-        // Without its CR it is no command yet; what is left of an answer has lost its end.
+        // A truncated command has no CR, so it is not yet a command. A truncated answer has no end.
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
         set_line_faults(&mut bench, x, QUIET);
     }
@@ -192,8 +194,9 @@ fn what_a_line_cannot_have_is_refused_in_a_sentence() {
     assert_eq!(error, "wrong_address is for Modbus lines only, and usb is not one");
 }
 
-/// MD3s a and b on one line, an RS and a QSB of their own, added in that order, all disturbed, with repeated
-/// requests, while power fails in saves; their traces and what was on the lines, as text.
+/// MD3s a and b on one line, an RS and a QSB on their own lines, added in the given order. All lines have
+/// faults, requests are repeated, and power fails during saves. Returns the traces and the captured frames as
+/// text.
 fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     const NAMES: [&str; 4] = ["a", "b", "r", "q"];
     let mut bench = Bench::with(settings(seed, line));
@@ -234,7 +237,7 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     let mut heard = String::new();
     let save_md3 = |unit| rtu::write(unit, md3::at::EEPROM, 1).to_vec();
     for n in 0..60_u16 {
-        // The next save of each ends in the middle; later power comes back.
+        // Power fails during the next save of each drive. It returns later.
         if n % 20 == 5 {
             [a, b, r].into_iter().for_each(|seat| bench.power(seat, PowerAction::Cut));
         }
@@ -315,7 +318,8 @@ fn a_master_that_asks_again_gets_every_answer() {
                 hear(&mut bench, client);
             }
         }
-        // Both frames get through with 0.7·0.95·0.95: 100 answers in 251 requests, σ = 19.4.
+        // A try succeeds if both frames get through, with 0.7·0.95·0.95 for each: 100 answers in 251
+        // requests, σ = 19.4.
         assert!((173..329).contains(&tries), "{name}: {tries}");
     }
 }

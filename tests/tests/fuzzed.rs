@@ -1,4 +1,4 @@
-//! The corpus that fuzzing has found, run again: `fuzz/corpus` has a folder of files for each target.
+//! Runs all inputs that the fuzzer has collected. `fuzz/corpus` has a folder of files for each target.
 #![allow(missing_docs, reason = "a test")]
 
 use std::collections::BTreeSet;

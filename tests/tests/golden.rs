@@ -1,7 +1,7 @@
-//! Golden traces of every kind: replayed on the bench, and again through the shell of a board.
+//! Golden traces of every kind of drive, replayed on the bench and on the shell of a board.
 //!
-//! `UPDATE=1 cargo test -p drivetwin-tests --test golden` rewrites what the drives do; read the
-//! difference before you keep it.
+//! `UPDATE=1 cargo test -p drivetwin-tests --test golden` replaces the outputs in the traces by the present
+//! ones. Read the difference before you keep it.
 #![allow(missing_docs, reason = "a test")]
 
 use std::fs;
@@ -12,7 +12,7 @@ use drivetwin_sim::record::trace::{Event, InputRecord, Power, Trace};
 use drivetwin_sim::replay;
 use drivetwin_tests::on_shell::{self, Seen};
 
-/// A kind of drive, as its traces need it.
+/// Functions that make a drive of a kind, and that play its traces on the shell.
 struct Kind {
     make: fn() -> Box<dyn Device>,
     play: fn(&Trace) -> Vec<(Instant, Seen)>,
@@ -34,7 +34,7 @@ fn parse(path: &Path, text: &str) -> Trace {
     Trace::parse(text, &make).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The traces of a kind, with their texts; every kind has some.
+/// The traces of a kind with their texts. Every kind must have some.
 fn traces(kind: &Kind) -> Vec<(PathBuf, String)> {
     let name = (kind.make)().spec().kind;
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("traces").join(name);
@@ -62,7 +62,7 @@ fn on_the_bench() {
 
 #[test]
 fn on_the_shell_of_a_board() {
-    // Where the power fails in a save is counted in stores; a board counts bytes.
+    // A trace counts stores until a power failure in a save, but a board counts bytes.
     let cut = |event: &Event| matches!(event, Event::Input(InputRecord::Power(Power::Cut(_))));
     for kind in KINDS {
         let mut played = 0;

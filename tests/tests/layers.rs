@@ -1,4 +1,5 @@
-//! The folders of a crate use only those below them: a cycle is possible only within a folder.
+//! Folders of a crate use only folders below them, so a cycle of dependencies is possible only within a
+//! folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ const HOST: [&str; 11] = [
     "run",
 ];
 
-/// Modules that only tests use, and crate roots.
+/// Crate roots, and modules that only tests use.
 const APART: [&str; 2] = ["lib", "testing"];
 
 fn sources(folder: &Path) -> Vec<PathBuf> {
@@ -54,7 +55,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The modules of its crate that a source names outside of comments and tests.
+/// The modules of the own crate that a source file names, outside comments and tests.
 fn used(text: &str) -> Vec<&str> {
     let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
     let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));

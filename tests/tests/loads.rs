@@ -1,5 +1,5 @@
-//! Loads that turn a motor's shaft at rest, against an independent model in f64: each holding torque, with loads just
-//! below and just above it, in both directions.
+//! Loads that turn the shaft of a motor at rest, compared with an independent model in f64. Each holding
+//! torque is tested with loads slightly below and slightly above it, in both directions.
 #![allow(missing_docs, reason = "a test")]
 #![expect(clippy::float_arithmetic, reason = "the model")]
 
@@ -12,11 +12,11 @@ use drivetwin_sim::bench::{Bench, DriveId, Motor, PinStimulus, PowerAction};
 use drivetwin_sim::config::bench_file;
 use drivetwin_tests::md3::{self, at, bit};
 
-/// Bits of QuadratureEncoderConfiguration: x4, counts to MaxCount (7.11).
+/// Bits of QuadratureEncoderConfiguration: x4, counting up to MaxCount (7.11).
 const X4_MAX: u16 = 3 << 1;
 
-/// A motor of 1 N·m at 2 A with 20 mN·m of friction and 400 g·cm², 600 rpm at most, at an MD3 of 1 A that counts the
-/// 500 cycles of its encoder.
+/// A motor of 1 N·m at 2 A with 20 mN·m of friction, 400 g·cm² and a pull-out speed of 600 rpm. The MD3
+/// drives it with 1 A and counts the 500 cycles of its encoder.
 struct Fixture {
     bench: Bench,
     x: DriveId,
@@ -66,8 +66,8 @@ impl Fixture {
     }
 }
 
-/// Turns of a shaft in that many seconds from rest: the load above the holding torque accelerates 4·10⁻⁵ kg·m², up to
-/// 10 turns/s.
+/// Turns of a shaft that starts at rest, after `seconds`. The load above the holding torque accelerates
+/// 4·10⁻⁵ kg·m², up to 10 turns/s.
 fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
     let by = (load_mnm.abs() - holds_mnm) * 1e-3 / 4e-5 / TAU;
     if by <= 0.0 {
@@ -81,7 +81,7 @@ fn slides(load_mnm: f64, holds_mnm: f64, seconds: f64) -> f64 {
 
 type Release = fn(&mut Fixture);
 
-/// A change at the drive, and the torque in mN·m that holds the shaft then: 500 at 1 A, and friction.
+/// A change at the drive, and the torque in mN·m that then holds the shaft: 500 at 1 A, plus friction.
 const RELEASES: &[(&str, f64, Release)] = &[
     ("cutback to 0.9 A, longer than it takes", 470.0, |fixture| {
         fixture.write(at::CURRENT_CUTBACK, 1 << 8 | 9);
@@ -110,7 +110,7 @@ const RELEASES: &[(&str, f64, Release)] = &[
 fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
     for &(what, holds, release) in RELEASES {
         for (kind, steps_per_rev) in [("md3", 200), ("md3-low", 400)] {
-            // In the low current version the same codes are half the current (7.2).
+            // In the low current version the same codes mean half the current (7.2).
             let holds = if kind == "md3" { holds } else { (holds - 20.0) / 2.0 + 20.0 };
             for more in [-0.5, 0.5, 20.0] {
                 for way in [1.0, -1.0] {
@@ -124,14 +124,14 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
                     );
                     release(&mut fixture);
                     if what.starts_with("cutback") {
-                        // The time since power-on counts for it.
+                        // The cutback delay has run since power-on, so it is already over.
                         fixture.wait(1.micros());
                     }
                     let start = fixture.turns();
                     fixture.wait(100.millis());
                     let turns = fixture.turns();
                     let expected = slides(load, holds, 0.1);
-                    // Accelerations are whole steps/s², currents whole mA.
+                    // The drive rounds accelerations to whole steps/s², and currents to whole mA.
                     assert!(
                         (turns - expected).abs() < 0.02 * expected.abs() + 1e-4 && start.abs() < 1e-4,
                         "{kind}, {what}, {load} mN·m: {turns} turns, not {expected}"
@@ -152,7 +152,7 @@ fn a_load_turns_the_shaft_of_an_md3_when_it_exceeds_what_holds_it() {
     }
 }
 
-/// A load above the torque of the whole current turns the shaft without any change at the drive.
+/// A load that exceeds the torque at the full current turns the shaft without a change at the drive.
 #[test]
 fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
     for (load, holds) in [(519.0, true), (521.0, false), (5_000.0, false), (100_000.0, false)] {
@@ -165,7 +165,7 @@ fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
                 "{load} mN·m: {turn:?}"
             );
             assert_eq!(turn.stalled, !holds);
-            // On and on it turns no faster than at the pull-out speed.
+            // Over a longer time, too, the shaft turns at most at the pull-out speed.
             fixture.wait(5.secs());
             let rpm = fixture.bench.turn(fixture.motor).rpm;
             let fastest = if holds { 0.0 } else { -600.0 * load.signum() };
@@ -174,7 +174,8 @@ fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
     }
 }
 
-/// 1 A brakes the shaft with 520 mN·m less the load, and it follows again from where it is.
+/// After Disable ends, 1 A brakes the shaft with 520 mN·m less the load. Then the shaft follows steps from
+/// where it stopped.
 #[test]
 fn current_that_comes_back_holds_the_shaft_where_it_is() {
     for load in [120.0, -120.0] {
@@ -186,15 +187,16 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
         assert!((released - slides(load, 20.0, 0.1)).abs() < 1e-3);
         fixture.write(at::MOTION, 0);
         fixture.wait(1.secs());
-        // 12.5 rad in 0.1 s at 250 rad/s: 400 mN·m brake by 10,000 rad/s² in 3.125 rad; then to the nearest of four
-        // full steps, a fiftieth of a turn.
+        // The load accelerates the shaft by 2,500 rad/s² for 0.1 s, to at most 10 turns/s. Then 400 mN·m
+        // brake it by 10,000 rad/s², and it stops at the nearest multiple of four full steps, a fiftieth of a
+        // turn.
         let speed = 2_500.0_f64 * 0.1;
         let speed = speed.min(10.0 * TAU);
         let braked = released - load.signum() * speed * speed / (2.0 * 10_000.0) / TAU;
         let stands = fixture.turns();
         assert!((stands - braked).abs() <= 0.0101, "{stands}, not {braked}");
         assert!((stands * 50.0 - (stands * 50.0).round()).abs() < 1e-6, "{stands}");
-        // 1,600 steps of 1/8 are a turn.
+        // 1,600 microsteps of 1/8 step make a turn.
         md3::write_pair(&mut fixture.bench, fixture.x, at::MOVE_STEPS, 1_600);
         fixture.write(at::MOTION, bit::MOVE);
         fixture.wait(5.secs());
@@ -203,8 +205,8 @@ fn current_that_comes_back_holds_the_shaft_where_it_is() {
     }
 }
 
-/// Limits of the model that a test of motor and load could notice; an MD3 does not have those of MCode and of the
-/// Hybrid's circuitry.
+/// Every kind lists the limits of the model that a test with motor and load could notice. Limits of MCode and
+/// of the Hybrid's circuitry do not apply to an MD3.
 #[test]
 fn each_kind_lists_the_limits_of_its_motor_model() {
     let says = |kind: &str, what: &str| {

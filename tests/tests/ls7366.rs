@@ -1,12 +1,12 @@
-//! The LS7366R operated by the published driver `ls7366`, which was written from the data sheet, independently of
-//! this project.
+//! The LS7366R operated by the published driver `ls7366`. The driver was written from the data sheet,
+//! independently of this project.
 //!
-//! Its version 0.2.1 has faults that these tests work around:
-//! - `get_status` takes the fifth byte of a transfer for STR; the chip sends STR in the second one and
-//!   nothing behind it. So `get_count` never sees the sign, either.
-//! - If it did, it would negate a count that is two's complement already.
-//! - `Mdr0::encode` leaves out bit 6, the synchronous index, which it calls an inverted one.
-//! - Its documentation says that reading STR clears it; Table 1 does not.
+//! Version 0.2.1 of the driver has faults that these tests work around:
+//! - `get_status` takes STR from the fifth byte of a transfer, but the chip sends STR in the second byte and
+//! nothing after it. So `get_count` never sees the sign, either.
+//! - If `get_count` saw the sign, it would negate a count that is already in two's complement.
+//! - `Mdr0::encode` omits bit 6, the synchronous index, which the driver calls an inverted index.
+//! - Its documentation says that reading STR clears it. Table 1 of the data sheet does not say so.
 #![allow(missing_docs, reason = "a test")]
 
 use std::convert::Infallible;
@@ -23,7 +23,7 @@ use ls7366::mdr0::{CycleCountMode, FilterClockDivisionFactor, IndexMode, Mdr0, Q
 use ls7366::mdr1::{CounterMode, Mdr1};
 use ls7366::{Action, Encodable as _, Error, Ls7366, Target};
 
-/// A device of embedded-hal 1.0 for drivers of embedded-hal 0.2.
+/// Makes a device of embedded-hal 1.0 usable by drivers for embedded-hal 0.2.
 struct Eh02(Counter);
 
 impl spi::Write<u8> for Eh02 {
@@ -43,10 +43,10 @@ impl spi::Transfer<u8> for Eh02 {
     }
 }
 
-/// Levels of A and B, one quarter cycle after the other while A leads B.
+/// Successive levels of A and B in quarter cycles, while A leads B.
 const CYCLE: [(bool, bool); 4] = [(false, false), (true, false), (true, true), (false, true)];
 
-/// A chip with a driver on one side and a shaft on the other.
+/// A chip with a driver on its SPI and a shaft on its inputs.
 struct Rig {
     driver: Ls7366<Eh02>,
     chip: Counter,
@@ -55,14 +55,14 @@ struct Rig {
 }
 
 impl Rig {
-    /// As `Ls7366::new` leaves it: x4, free-running, no index, four bytes.
+    /// A chip as `Ls7366::new` configures it: x4, free-running, no index, four bytes.
     fn new() -> Self {
         let chip = Counter::new(Ls7366r::new(false, false, true));
         let driver = Ls7366::new(Eh02(chip.clone())).expect("the bus cannot fail");
         Self { driver, chip, now: 0, quarter: 0 }
     }
 
-    /// With this MDR0, four bytes, and DTR.
+    /// A chip with this MDR0, four bytes, and this DTR.
     fn with(mdr0: &Mdr0, dtr: u32) -> Self {
         let mut rig = Self::new();
         rig.write(Target::Mdr0, &[mdr0.encode()]);
@@ -74,7 +74,7 @@ impl Rig {
         self.driver.write_register(target, data).expect("the bus cannot fail");
     }
 
-    /// The four bytes that the chip sends behind the instruction.
+    /// The four bytes that the chip sends after the instruction.
     fn read(&mut self, target: Target) -> [u8; 4] {
         let mut bytes = [0xFF; 4];
         self.driver.read_register(&mut bytes, target).expect("the bus cannot fail");
@@ -100,7 +100,7 @@ impl Rig {
         self.driver.act(instruction, &mut [0]).expect("the bus cannot fail");
     }
 
-    /// Long enough before and after for every filter.
+    /// Makes an edge, with enough time before and after it for every filter.
     fn edge(&mut self, channel: Channel, high: bool) {
         self.now += 10;
         self.chip.chip().edge(Instant::from_ticks(self.now), channel, high);
@@ -201,7 +201,7 @@ fn without_quadrature_a_counts_as_b_says() {
 
 #[test]
 fn counts_at_the_limits_of_each_cycle_mode() {
-    // Counts after ten quarter cycles up from 0 and seven down, and STR.
+    // Counts after ten quarter cycles up from 0, and after seven down from there; and STR.
     let of = |cycle_count_mode| Mdr0 { cycle_count_mode, ..mdr0(QuadCountMode::Quad4x) };
     for (mode, counts, status) in [
         (CycleCountMode::FreeRunning, [10, 3], CMP),
@@ -239,7 +239,7 @@ fn the_index_loads_clears_and_sets_its_flag() {
     }
 }
 
-/// The driver cannot encode it, so bit 6 is added.
+/// The driver cannot encode a synchronous index, so the test adds bit 6.
 #[test]
 fn a_synchronous_index_waits_for_a_and_b() {
     let clear = Mdr0 { index_mode: IndexMode::ClearCntr, ..mdr0(QuadCountMode::Quad4x) };
@@ -256,7 +256,7 @@ fn a_synchronous_index_waits_for_a_and_b() {
 #[test]
 fn the_filter_clock_decides_which_pulse_counts() {
     for (filter_clock, seen) in [(FilterClockDivisionFactor::One, CMP), (FilterClockDivisionFactor::Two, 0)] {
-        // 125 ns are three clocks of 24 MHz, and one and a half of 12 MHz.
+        // 125 ns are three clocks of 24 MHz, but only one and a half of 12 MHz.
         let mut rig = Rig::with(&Mdr0 { filter_clock, ..mdr0(QuadCountMode::Quad4x) }, 1);
         rig.chip.chip().edge(Instant::from_ticks(100), A, true);
         rig.chip.chip().edge(Instant::from_ticks(102), A, false);
@@ -278,7 +278,7 @@ fn a_counter_of_n_bytes_sends_n_bytes() {
         rig.write(Target::Dtr, &[0x12, 0x34, 0x56, 0x78]);
         rig.act(Action::Load, Target::Cntr);
         assert_eq!(rig.read(Target::Cntr), read);
-        // OTR keeps the value, and CNTR wraps through 0 at its width.
+        // OTR keeps the value. CNTR wraps through 0 at the width of the counter.
         rig.act(Action::Clear, Target::Cntr);
         assert_eq!(rig.read(Target::Otr), read);
         rig.turn(-1);
@@ -321,13 +321,13 @@ fn registers_are_cleared_and_transferred_as_table_1_says() {
     rig.act(Action::Load, Target::Dtr);
     assert_eq!((rig.number(Target::Otr), rig.count()), (42, 0));
     assert_eq!((rig.number(Target::Dtr), rig.number(Target::None)), (0, 0));
-    // Neither takes data.
+    // Neither CNTR nor OTR accepts data.
     rig.write(Target::Cntr, &7_u32.to_be_bytes());
     rig.write(Target::Otr, &7_u32.to_be_bytes());
     assert_eq!((rig.number(Target::Otr), rig.count()), (0, 0));
     rig.act(Action::Clear, Target::Mdr0);
     assert_eq!(rig.read(Target::Mdr0), [0; 4]);
-    // An instruction without its data.
+    // A write instruction without data.
     rig.act(Action::Write, Target::Mdr0);
     assert_eq!(rig.read(Target::Mdr0), [0; 4]);
     assert!(matches!(rig.driver.write_register(Target::Dtr, &[1; 5]), Err(Error::PayloadTooBig)));

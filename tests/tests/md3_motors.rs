@@ -1,4 +1,5 @@
-//! An MD3 with a motor of the bench: loads, DC motors, encoders, and its own STEP and DIR (MD3 User Guide V1.7).
+//! An MD3 with a motor on the bench: loads, DC motors, encoders, and its STEP and DIR outputs (MD3 User Guide
+//! V1.7).
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant, Pin};
@@ -16,7 +17,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     drivetwin_sim::catalog::make(kind).ok()
 }
 
-/// A bench of the drive `x`, an MD3 that has just started, with the motor `m`.
+/// A bench with the drive `x`, an MD3 that has just started, and the motor `m`.
 struct Rig {
     bench: Bench,
     drive: DriveId,
@@ -53,8 +54,8 @@ impl Rig {
     }
 }
 
-/// 1,600 microsteps are a turn of a motor of 200 steps at 1/8 (7.2). At 1 A, the factory's current, this motor holds
-/// 100 mN·m.
+/// A motor of 200 steps that holds 100 mN·m at 1 A, the factory's current. With 1/8 steps 1,600 microsteps
+/// are a turn (7.2).
 const WEAK: &str = "holding_mnm = 300\nrated_ma = 3000\npull_out_rpm = 200000\n";
 
 fn loaded(cutback: u16, load: &str) -> Rig {
@@ -65,10 +66,10 @@ fn loaded(cutback: u16, load: &str) -> Rig {
     ))
 }
 
-/// 7.3: the cutback lasts while nothing is commanded; 7.15: Move moves the number of steps.
+/// 7.3: the cutback lasts until the next command. 7.15: Move moves by MoveSteps.
 #[test]
 fn a_move_after_the_cutback_has_the_full_current_from_its_first_step() {
-    // 0.1 to 0.9 A carry 10 to 90 of the 95 mN·m that the motor needs.
+    // 0.1 to 0.9 A hold 10 to 90 mN·m. The motor needs 95 mN·m.
     for level in 1..=9 {
         let mut rig = loaded(0x0100 | level, "friction_mnm = 95");
         for end in [6.25, 12.5] {
@@ -81,7 +82,7 @@ fn a_move_after_the_cutback_has_the_full_current_from_its_first_step() {
     }
 }
 
-/// Each way in which a motion begins: a jog, a home cycle, and a step of pin 4.
+/// Every way to begin a motion: a jog, a home cycle, and a step of pin 4.
 #[test]
 fn every_motion_after_the_cutback_has_the_full_current() {
     let mut rig = loaded(0x0105, "friction_mnm = 95");
@@ -90,7 +91,7 @@ fn every_motion_after_the_cutback_has_the_full_current() {
     rig.wait_ms(1_000);
     rig.write(at::MOTION, bit::DECEL_STOP);
     rig.wait_ms(2_000);
-    // 5,000 steps/s after half a second, and half a second to stop.
+    // The motor reached 5,000 steps/s after half a second, and took half a second to stop.
     assert_eq!((rig.turns() * 1_600.0).round(), 5_000.0);
 
     let mut rig = loaded(0x0105, "friction_mnm = 95");
@@ -112,7 +113,7 @@ fn every_motion_after_the_cutback_has_the_full_current() {
     }
 }
 
-/// The drive `x` that reads the encoder of its own motor: 250 cycles, 1,000 counts a turn.
+/// The drive `x` reads the encoder of its own motor: 250 cycles, 1,000 counts per turn.
 fn with_encoder(settings: &str) -> Rig {
     Rig::new(&format!(
         "line = 'fast'\n[[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\nset = {{ {settings} }}\n\
@@ -122,7 +123,7 @@ fn with_encoder(settings: &str) -> Rig {
 }
 
 impl Rig {
-    /// Moves that many turns; 1,600 microsteps each.
+    /// Moves by that many turns of 1,600 microsteps.
     fn turn(&mut self, turns: i32) {
         self.write_pair(at::SPEED, 16_000);
         self.write_pair(at::ACCEL_DECEL, 160_000);
@@ -131,13 +132,13 @@ impl Rig {
         self.wait_ms(3_000);
     }
 
-    /// EncoderIndexCount (7.13).
+    /// Reads EncoderIndexCount (7.13).
     fn indexes(&mut self) -> i32 {
         let words = self.read(at::INDEX_COUNT, 2);
         (u32::from(words[0]) << 16 | u32::from(words[1])).cast_signed()
     }
 
-    /// QuadratureEncoderCount (7.14).
+    /// Reads QuadratureEncoderCount (7.14).
     fn count(&mut self) -> u16 {
         self.read(at::ENCODER_COUNT, 1)[0]
     }
@@ -149,8 +150,9 @@ impl Rig {
     }
 }
 
-/// 7.11: the factory's 0x0005 clears the counter at the index while A and B are low; US Digital's encoders have their
-/// index there. 7.13: 5 rotations one way count 5, 3 the other way take 3 back.
+/// 7.11: the factory's 0x0005 clears the counter at the index while A and B are low, where US Digital's
+/// encoders have their index. 7.13: 5 rotations in one direction count 5, and 3 rotations in the other
+/// direction subtract 3.
 #[test]
 fn the_factorys_gating_counts_the_index_and_clears() {
     for filter in ["", "QuadratureEncoderConfiguration = 0x0205", "QuadratureEncoderConfiguration = 0x020d"] {
@@ -160,7 +162,8 @@ fn the_factorys_gating_counts_the_index_and_clears() {
         let swapped = filter.ends_with("0d");
         assert_eq!(rig.indexes(), if swapped { -5 } else { 5 }, "{filter}");
         if !swapped {
-            // 2 counts behind the shaft's beginning, four times before.
+            // The index is 2 counts after the starting angle. Of its five clears the last was 998 counts
+            // before the end.
             assert_eq!(rig.count(), 998, "{filter}");
         }
         rig.turn(-3);
@@ -168,10 +171,11 @@ fn the_factorys_gating_counts_the_index_and_clears() {
     }
 }
 
-/// 7.11: of the four states of A and B that x4 decoding gates, the index of an encoder is in one.
+/// 7.11: x4 decoding gates the index with one of four states of A and B. The index of an encoder is in only
+/// one of them.
 #[test]
 fn one_of_four_gates_responds() {
-    // Without the filter, with the slowest one, and swapped.
+    // Without the filter, with it, with the slowest filter, and with A and B swapped.
     for others in [0, 1 << 9, 1 << 9 | 7 << 6, 1 << 3] {
         let responds: Vec<u16> = (0..4)
             .filter(|gate| {
@@ -187,7 +191,7 @@ fn one_of_four_gates_responds() {
             .collect();
         assert_eq!(responds, [0], "{others:#x}");
     }
-    // x2 gates one channel: A low, or B low.
+    // x2 gates the index with one channel: A low, or B low.
     for (gate, indexes) in [(0, 3), (1, 0), (2, 3), (3, 0)] {
         let mut rig = with_encoder(&format!("QuadratureEncoderConfiguration = {}", 1 | gate << 4));
         rig.turn(3);
@@ -195,7 +199,7 @@ fn one_of_four_gates_responds() {
     }
 }
 
-/// The counter does not count at a fast boot: the encoder's levels at power-on are no edges.
+/// A fast boot counts nothing: the levels of the encoder at power-on are not edges.
 #[test]
 fn the_counter_starts_at_0() {
     for settings in ["", "Speed = 1000", "QuadratureEncoderConfiguration = 0x0204"] {
@@ -207,19 +211,20 @@ fn the_counter_starts_at_0() {
         rig.write_pair(at::MOVE_STEPS, 160);
         rig.write(at::MOTION, bit::MOVE);
         rig.wait_ms(1_000);
-        // A tenth of a turn, with the index once.
+        // A tenth of a turn is 100 counts. If the index clears, it does so after 2 of them.
         let behind = if settings.ends_with("4") { 100 } else { 98 };
         assert_eq!(rig.count(), behind, "{settings}");
     }
 }
 
-/// Two drives; STEP and DIR of `x` are wired to pins of `y` that have no function.
+/// Two drives. STEP and DIR of `x` are wired to pins of `y` that have no function.
 const WATCHED: &str = "line = 'fast'\n\
      [[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\n[[drive]]\nname = 'y'\nkind = 'md3'\nfast_boot = true\n\
      [[motor]]\nname = 'm'\ndrive = 'x'\n\
      [[wire]]\nfrom = 'x.STEP'\nto = 'y.J2.10'\n[[wire]]\nfrom = 'x.DIR'\nto = 'y.J2.12'\n";
 
-/// 7.8, mode 0000: a step at each falling edge of pin 4, at 250 kHz at most, in the direction of pin 5 at that edge.
+/// 7.8, mode 0000: a falling edge of pin 4 makes a step, at up to 250 kHz. Pin 5 at that edge is the
+/// direction.
 #[test]
 fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     let mut rig = Rig::new(WATCHED);
@@ -227,7 +232,7 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     let (step, direction) = (pin("J2.4"), pin("J2.5"));
     let began = rig.bench.now() + 1.millis();
     for n in 0..2_000_u64 {
-        // Pin 5 low is backward.
+        // A low pin 5 means backward.
         let forward = n % 2 == 0;
         let to = if forward { PinStimulus::High } else { PinStimulus::Low };
         rig.bench.run_until(began + (4 * n).micros());
@@ -242,10 +247,11 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     for (n, pulse) in (0..).zip(&pulses) {
         assert_eq!(pulse.forward, n % 2 == 0, "step {n}");
         let late = pulse.rise.since(began + (4 * n).micros());
-        // A pin change by the test may come a tick late.
+        // A pin change by the test may take effect a tick later.
         assert!(late <= 2.micros() + Duration::TICK, "step {n} is {late:?} late");
     }
-    // At the other ends of the wires: DIR changes 200 ns before STEP rises at least, and not while it is high.
+    // At the other ends of the wires DIR changes at least 200 ns before STEP rises, and not while STEP is
+    // high.
     let (a, b) = (Pin(5), Pin(6));
     let edges = rig.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > began);
     let edges = edges.filter_map(|entry| match entry.event {
@@ -267,9 +273,9 @@ fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
     assert_eq!(rig.bench.motion(rig.drive, Axis(0)).position, 0);
 }
 
-/// The drive `x` in DC motor mode at 16 kHz, of which 5,000 counts are the whole (7.2, code 5), with a motor with
-/// brushes: 24 V turn it with 3,000 rpm, so that 1 A is 76.39 mN·m; 0.5 Ω. It reads the encoder of that motor, 1,000
-/// counts a turn.
+/// The drive `x` in DC motor mode at 16 kHz, where 5,000 counts are the full duty (7.2, code 5). Its motor
+/// has brushes: 3,000 rpm at 24 V, so 1 A makes 76.39 mN·m, and 0.5 Ω. The drive reads the motor's encoder,
+/// 1,000 counts per turn.
 fn dc(current: u16, motor: &str) -> Rig {
     Rig::new(&format!(
         "line = 'fast'\n[[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true\n\
@@ -280,7 +286,7 @@ fn dc(current: u16, motor: &str) -> Rig {
     ))
 }
 
-/// Speed with that duty against that torque, in rpm: from the voltage left after its resistance.
+/// Speed in rpm with this duty against this torque. It follows from the voltage that the resistance leaves.
 fn steady_rpm(duty: f64, mnm: f64) -> f64 {
     let torque_constant = 24.0 / (3_000.0 * std::f64::consts::TAU / 60.0);
     let amperes = mnm / 1_000.0 / torque_constant;
@@ -298,7 +304,7 @@ impl Rig {
     }
 }
 
-/// 7.2, 7.17: the on time in counts turns the motor; its sign is the direction.
+/// 7.2, 7.17: the on time in counts turns the motor. The sign of the on time is the direction.
 #[test]
 fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
     let mut rig = dc(0x0a, "friction_mnm = 10");
@@ -317,15 +323,15 @@ fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
         );
         assert!((way - expected / 120.0).abs() < 0.01, "{speed}: {way} turns in half a second");
     }
-    // A replay of the trace, without a motor, gives the same outputs.
+    // A replay of the trace, which has no motor, gives the same outputs.
     let trace = Trace::parse(&rig.bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
 
-/// 7.2: the phase current parameter limits the current of the motor on phase B.
+/// 7.2: the phase current parameter limits the current of a DC motor, which is on phase B.
 #[test]
 fn the_phase_current_limits_a_dc_motor() {
-    // 1 A is 76.4 mN·m, 1.4 A 106.9.
+    // 1 A makes 76.4 mN·m, 1.4 A make 106.9 mN·m.
     for (code, friction, turns) in
         [(0x0a, 70, true), (0x0a, 80, false), (0x0e, 100, true), (0x0e, 112, false)]
     {
@@ -341,14 +347,14 @@ fn the_phase_current_limits_a_dc_motor() {
         let ma = rig.bench.turn(rig.motor).ma;
         assert!(ma <= 100 * i32::from(code), "{ma} mA");
     }
-    // A load that is stronger than the limit turns it backward.
+    // A load that exceeds the limit turns the motor backward.
     let mut rig = dc(0x0a, "load_mnm = 90");
     rig.jog(5_000);
     rig.wait_ms(500);
     assert!(rig.rpm() < 0.0, "{} rpm", rig.rpm());
 }
 
-/// 7.15: Stop keeps the current, and so brakes; Disable takes it, and the motor coasts.
+/// 7.15: Stop leaves the current on, so the motor brakes. Disable switches it off, so the motor coasts.
 #[test]
 fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
     let way = |bits: u16| {
@@ -362,15 +368,15 @@ fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
         assert!(rig.rpm().abs() < 0.001);
         rig.turns() - began
     };
-    // 400 g·cm² at 3,000 rpm against 1 mN·m: ½·J·ω² / M = 1.974 J / 0.001 N·m = 314 turns.
+    // 400 g·cm² at 3,000 rpm, braked by 1 mN·m: ½·J·ω² / M = 1.974 J / 0.001 N·m = 314 turns.
     let coasted = way(bit::DISABLE);
     assert!((310.0..316.0).contains(&coasted), "{coasted} turns");
     assert!(way(bit::STOP) < 2.0);
     assert!(way(bit::DECEL_STOP) < 10.0);
 }
 
-/// 7.2: the motor mode decides. A motor with brushes does not turn in stepper mode, nor a stepper motor in DC motor
-/// mode.
+/// 7.2: the motor must fit the motor mode. A motor with brushes does not turn in stepper mode, and a stepper
+/// motor does not turn in DC motor mode.
 #[test]
 fn a_motor_of_the_other_mode_does_not_turn() {
     let mut rig = dc(0x0a, "");
@@ -390,7 +396,8 @@ fn a_motor_of_the_other_mode_does_not_turn() {
     assert_eq!(rig.turns(), 0.0);
 }
 
-/// The keys of `[[motor]]` decide the type of the motor, or else the motor mode that `set` gives the drive.
+/// The keys of `[[motor]]` decide the type of the motor. Without such keys the motor mode decides that `set`
+/// gives the drive.
 #[test]
 fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
     for (mode, turns) in [(0x250a, true), (0x030a, false)] {
@@ -405,7 +412,7 @@ fn the_motor_mode_in_set_makes_a_motor_one_with_brushes() {
     }
 }
 
-/// `describe` lists the limits of the model that a test could notice, for both versions.
+/// `describe` lists, for both versions, the limits of the model that a test could notice.
 #[test]
 fn limits_of_the_motor_model_are_listed() {
     for kind in ["md3", "md3-low"] {

@@ -1,7 +1,8 @@
-//! Random homings of an MDrive beside figure 5.1 of the MCode manual (MC 5-29 to 5-31, 5-43).
+//! Random homings of an MDrive, compared with figure 5.1 of the MCode manual (MC 5-29 to 5-31, 5-43).
 //!
-//! A home switch, limits and an index are on the shaft of a motor of the bench, at angles that are no whole steps. The
-//! expected end is worked out from the geometry alone: which mark is found, and on which side of it the shaft ends.
+//! A home switch, limits and an index are on the shaft of a motor of the bench, at angles between whole
+//! steps. The expected end follows from the geometry alone: which mark is found, and on which side of it the
+//! shaft ends.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Pin, Port};
@@ -11,7 +12,7 @@ use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, Closed, DriveId, Motor, MotorModel, Setup};
 use proptest::prelude::*;
 
-/// Full steps of a turn.
+/// Full steps per turn.
 const FULL_STEPS: f64 = 200.0;
 
 /// The two products. An MDrivePlus has an encoder of 512 lines, a Hybrid one of 1,000.
@@ -22,7 +23,7 @@ enum Product {
 }
 
 impl Product {
-    /// Counts of the built-in encoder in a turn.
+    /// Counts per turn of the built-in encoder.
     fn counts(self) -> f64 {
         if self == Self::Plus { 2_048.0 } else { 4_000.0 }
     }
@@ -46,7 +47,7 @@ impl Switch {
     }
 }
 
-/// Speeds in steps/s, ramps in steps/s².
+/// Rates of a motion: speeds in steps/s, accelerations in steps/s².
 #[derive(Clone, Copy, Debug)]
 struct Rates {
     microsteps: u16,
@@ -61,12 +62,12 @@ impl Rates {
         steps / (FULL_STEPS * f64::from(self.microsteps))
     }
 
-    /// Speed after a way from standstill, in steps/s.
+    /// Speed in steps/s after `steps` from standstill.
     fn speed_after(&self, steps: f64) -> f64 {
         (self.start * self.start + 2.0 * self.up * steps.max(0.0)).sqrt().min(self.speed)
     }
 
-    /// Steps of a ramp to standstill.
+    /// Length in steps of a ramp from `speed` to standstill.
     fn ramp(&self, speed: f64) -> f64 {
         ((speed * speed - self.start * self.start) / (2.0 * self.down)).max(0.0)
     }
@@ -76,7 +77,7 @@ struct Rig {
     bench: Bench,
     drive: DriveId,
     motor: Motor,
-    /// Angle of the built-in encoder's mark, in turns of the motor.
+    /// Angle of the built-in encoder's index mark, in turns of the motor.
     mark: f64,
 }
 
@@ -92,7 +93,7 @@ impl Rig {
             bench.attach_motor("m", drive, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
         let mut rig = Self { bench, drive, motor, mark: 0.0 };
         rig.set("MS", rates.microsteps.into());
-        // VI is below VM at every moment.
+        // Sets VI to 1 first, because VI must always be below VM.
         rig.set("VI", 1);
         for (name, value) in [("VM", rates.speed), ("VI", rates.start), ("A", rates.up), ("D", rates.down)] {
             rig.set(name, value as i64);
@@ -100,7 +101,7 @@ impl Rig {
         for &(name, value) in settings {
             rig.set(name, value);
         }
-        // MS calibrates it again. It ends on a full step.
+        // A change of MS calibrates a Hybrid again. The calibration ends on a full step.
         rig.after(4.secs());
         let counted = rig.get("C2") as f64 / product.counts();
         rig.mark = ((rig.turns() - counted) * FULL_STEPS).round() / FULL_STEPS;
@@ -124,7 +125,7 @@ impl Rig {
         self.bench.spec(self.drive).pin(name).unwrap()
     }
 
-    /// A switch of a type (MC 5-63) at an input: active low, sinking.
+    /// Attaches a switch to input `n` and sets its function (MC 5-63), active low and sinking.
     fn switch(&mut self, n: u8, kind: i64, switch: Switch) {
         let pin = self.pin(&format!("IO{n}"));
         self.bench.switch(self.motor, switch.closed(), (self.drive, pin));
@@ -136,7 +137,7 @@ impl Rig {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// An immediate command of MCode.
+    /// Sends an immediate MCode command.
     fn say(&mut self, line: &str) {
         let client = self.bench.connect_to(self.drive, Port(1)).unwrap();
         self.bench.send(client, format!("{line}\r").as_bytes());
@@ -144,7 +145,7 @@ impl Rig {
         self.bench.disconnect(client);
     }
 
-    /// Runs until MV is 0.
+    /// Runs until MV is 0, for at most `most` seconds.
     #[track_caller]
     fn run_out(&mut self, most: f64) {
         let mut left = (most * 1e3) as u64;
@@ -154,7 +155,7 @@ impl Rig {
             left -= 1;
             self.after(1.millis());
         }
-        // What a stop without a whole step left behind falls back now.
+        // A stop between whole steps leaves a part of a step, by which the shaft now falls back.
         self.after(5.millis());
     }
 
@@ -170,16 +171,16 @@ struct Scene {
     rates: Rates,
     mt: i64,
     debounce_ms: i64,
-    /// Position where it begins, in turns.
+    /// Starting position, in turns.
     from: f64,
     switch: Switch,
-    /// Below the first and above the second, in turns; and LM.
+    /// Limits: closed below the first and above the second angle, in turns; and LM.
     limits: Option<(f64, f64, i64)>,
 }
 
 fn rates() -> impl Strategy<Value = Rates> {
     let microsteps = prop::sample::select(vec![1_u16, 2, 5, 16, 50, 108, 250, 256]);
-    // VM in turns/s, VI as a share of it, ramps in turns.
+    // VM in turns/s, VI as a share of VM, lengths of ramps in turns. All but VI are exponents of 10.
     (microsteps, -1.0..1.3_f64, 0.005..0.9_f64, -3.0..0.5_f64, -3.0..0.5_f64).prop_map(
         |(microsteps, speed, share, up, down)| {
             let turn = FULL_STEPS * f64::from(microsteps);
@@ -201,12 +202,12 @@ fn product() -> impl Strategy<Value = Product> {
 fn scene() -> impl Strategy<Value = Scene> {
     let mt = prop_oneof![Just(0_i64), 1..200_i64];
     let debounce = prop_oneof![2 => Just(0_i64), 1 => 1..20_i64];
-    // One in four is behind it, where a limit must turn it round.
+    // In one case of four the switch is behind the start, and a limit must reverse the motor.
     let place = (-2.0..2.0_f64, 0.01..2.0_f64, 0.001..0.5_f64, proptest::bool::weighted(0.25));
     let limits = proptest::option::of((0.001..2.0_f64, 0.001..2.0_f64, 1..=6_i64));
     ((product(), 1..=4_u8), rates(), mt, debounce, place, limits).prop_map(
         |((product, kind), rates, mt, debounce_ms, (from, away, width, behind), limits)| {
-            // A switch that is seen lasts longer than its debounce time, at VM and at VI.
+            // The drive sees a switch only if it is closed longer than the debounce time, at VM and at VI.
             let lasts = rates.turns(1.2 * rates.speed * (debounce_ms as f64 + 1.0) / 1e3);
             let width = width + lasts + rates.turns(2.0);
             let ahead = (kind > 2) != behind;
@@ -214,11 +215,11 @@ fn scene() -> impl Strategy<Value = Scene> {
             let switch = Switch { above, below: above + width };
             let limits = limits.map(|(near, far, mode)| {
                 let (low, high) = (above.min(from), (above + width).max(from));
-                // The creep goes on while debounce hides its end.
+                // The creep continues while debouncing hides the end of the switch.
                 let clear = rates.turns(3.0 + rates.start * (debounce_ms as f64 / 1e3 + 1e-3));
                 (low - near - clear, high + far + clear, mode)
             });
-            // Without limits, it must be ahead.
+            // If the switch is behind the start, there must be limits.
             let limits =
                 limits.or(behind.then_some((above.min(from) - 1.0, (above + width).max(from) + 1.0, 1)));
             Scene { product, kind, rates, mt, debounce_ms, from, switch, limits }
@@ -226,18 +227,18 @@ fn scene() -> impl Strategy<Value = Scene> {
     )
 }
 
-/// The end of a homing.
+/// Expected end of a homing.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum End {
-    /// Off the mark, in that direction.
+    /// Just off the switch, on the side that the kind of homing prescribes.
     Home,
-    /// At a limit, with this error.
+    /// At a limit, with this error code.
     Limit(i64),
-    /// The ramp ends where a limit may just be reached.
+    /// Home or at a limit, because the ramp ends very close to the limit.
     Either(i64),
 }
 
-/// Figure 5.1 and MC 5-43, from the geometry.
+/// Expected end by figure 5.1 and MC 5-43, from the geometry.
 fn expected(scene: &Scene, from: f64) -> End {
     let Scene { kind, rates, debounce_ms, switch, limits, .. } = scene;
     let back = *kind <= 2;
@@ -250,7 +251,7 @@ fn expected(scene: &Scene, from: f64) -> End {
     if way < 0.0 {
         return End::Limit(error);
     }
-    // Any limit ends it: also one in the ramp behind the switch.
+    // In the other modes any limit ends the homing, even one in the ramp after the switch.
     let steps = way * FULL_STEPS * f64::from(rates.microsteps);
     let late = *debounce_ms as f64 / 1e3;
     let speed = rates.speed_after(steps + rates.speed * late);
@@ -267,11 +268,11 @@ fn expected(scene: &Scene, from: f64) -> End {
 fn check(scene: &Scene) {
     let Scene { product, kind, rates, mt, debounce_ms, from, switch, limits } = scene;
     let mut rig = Rig::new(*product, rates, &[("MT", *mt)]);
-    // A Hybrid has turned the shaft already.
+    // The calibration of a Hybrid has already turned the shaft.
     let origin = rig.turns();
     let switch = switch.beyond(origin);
     let limits = limits.map(|(low, high, mode)| (low + origin, high + origin, mode));
-    // It begins where an ordinary move ends.
+    // The start is where an ordinary move ends.
     let steps = (from * FULL_STEPS * f64::from(rates.microsteps)).round() as i64;
     rig.set("MA", steps);
     rig.run_out(1_000.0);
@@ -286,7 +287,7 @@ fn check(scene: &Scene) {
     rig.after((debounce_ms + 1).cast_unsigned().millis());
     rig.set("HM", (*kind).into());
 
-    // A way at VI from the furthest that it comes, and several at VM.
+    // Time to return at VI from the furthest point, and for several such ways at VM.
     let span = 20.0 + 4.0 * rates.turns(rates.ramp(rates.speed) + rates.speed * 0.02);
     let most = 10.0 * span * (1.0 / rates.turns(rates.start) + 1.0 / rates.turns(rates.speed)) + 60.0;
     rig.run_out(most);
@@ -296,7 +297,7 @@ fn check(scene: &Scene) {
     let creeps_back = matches!(kind, 2 | 3);
     let at_home = || {
         assert_eq!((error, active), (0, false), "error and home switch at {end}");
-        // A step, and the way during the debounce time at VI.
+        // A step, and the distance that VI makes in the debounce time.
         let most = rates.turns(1.01 + rates.start * (*debounce_ms as f64 / 1e3 + 1e-6));
         let beyond = if creeps_back { switch.above - end } else { end - switch.below };
         assert!((-1e-9..=most).contains(&beyond), "{beyond} turns off the edge, at most {most}");
@@ -309,23 +310,24 @@ fn check(scene: &Scene) {
     }
 }
 
-/// Kind, rates, MT, and the turns from the index to the start.
+/// Checks a homing to the index by HI `kind`. `from` is the start in turns. With `closed`, EE is 1 if the
+/// rates allow it.
 fn check_index(product: Product, kind: u8, rates: &Rates, mt: i64, from: f64, closed: bool) {
     let (mut rates, counts) = (*rates, product.counts());
     let turn = FULL_STEPS * f64::from(rates.microsteps);
     let mut rig = Rig::new(product, &rates, &[("MT", mt)]);
     rig.set("MA", (from * turn).round() as i64);
     rig.run_out(1_000.0);
-    // EE = 1 needs two steps a count (MC 5-21), and speeds that are some counts/s (error 90).
+    // EE = 1 needs two steps per count (MC 5-21), and speeds of at least some counts/s (error 90).
     let closed = closed && turn >= 2.0 * counts && rates.start * counts >= 4.0 * turn;
     if closed {
-        // VI, VM, A and D become whole counts.
+        // EE = 1 rounds VI, VM, A and D to whole counts.
         rig.set("EE", 1);
         for value in [&mut rates.start, &mut rates.speed, &mut rates.up, &mut rates.down] {
             *value = (*value * counts / turn).floor() * turn / counts;
         }
     }
-    // It calibrates a Hybrid, too.
+    // A change of EE calibrates a Hybrid, too.
     rig.after(4.secs());
     let begins = rig.turns() - rig.mark;
     rig.say(&format!("HI {kind}"));
@@ -335,8 +337,8 @@ fn check_index(product: Product, kind: u8, rates: &Rates, mt: i64, from: f64, cl
 
     let end = rig.turns() - rig.mark;
     assert_eq!(rig.get("ER"), 0);
-    // The mark lasts for a count: the first one of a turn. The search sees the first one in its direction, and comes
-    // back to the last one in its ramp.
+    // The mark is one count wide, the first count of a turn. The search detects the first mark in its
+    // direction, and returns to the last mark that its ramp has passed.
     let (search_back, creeps_back) = (kind <= 2, matches!(kind, 2 | 3));
     let begins_on_it = (begins * counts).floor().rem_euclid(counts) == 0.0;
     let first = if search_back || begins_on_it { begins.floor() } else { begins.ceil() };
@@ -367,7 +369,7 @@ proptest! {
     }
 }
 
-/// 10,240 steps of switch, and ramps of 200,000.
+/// The switch is 10,240 steps wide, and a ramp takes 200,000 steps.
 #[test]
 fn a_homing_that_overshoots_far_comes_home() {
     for mt in [0, 50] {
@@ -381,7 +383,7 @@ fn a_homing_that_overshoots_far_comes_home() {
     }
 }
 
-/// EE = 1, MT = 50, MR 1000, HI 3: the mark at 2,048 counts is left backward, to 2,047.
+/// EE = 1, MT = 50, MR 1000, HI 3: the shaft leaves the mark at 2,048 counts backward, to 2,047.
 #[test]
 fn hi_3_with_mt_ends_at_the_mark_it_has_found() {
     for mt in [0, 50] {
@@ -395,7 +397,8 @@ fn hi_3_with_mt_ends_at_the_mark_it_has_found() {
     }
 }
 
-/// LM 4 to 6 stop without a ramp, and LM 1 to 3 with one shorter than a step, wherever the limit is within a step.
+/// LM 4 to 6 stop without a ramp. LM 1 to 3 stop with a ramp that is shorter than a step. Wherever within a
+/// step the limit is, the shaft reaches it.
 #[test]
 fn a_limit_is_still_reached_where_it_stops_a_slew() {
     let rates = Rates { microsteps: 16, start: 1_000.0, speed: 1_010.0, up: 1e6, down: 1e6 };
@@ -419,7 +422,7 @@ fn a_limit_is_still_reached_where_it_stops_a_slew() {
                     (1, if back { 84 } else { 83 }),
                     "LM {mode} at {part}"
                 );
-                // It is within two steps of the edge, and does not go on.
+                // The shaft is within two steps of the edge, and moves no further.
                 assert!(rates.turns(2.01) >= (rig.turns() - edge).abs());
                 rig.set("MR", if back { -1_000 } else { 1_000 });
                 let at = rig.get("C1");

@@ -1,5 +1,5 @@
-//! Moves and velocities of an MDROBOT with its motor, by its PIDs: with any values it ends on its count, and turns at
-//! the commanded speed; with other motors, too.
+//! Moves and velocities of an MDROBOT with its motor, commanded by its PIDs. With any values a move ends on
+//! its count, and the motor turns at the commanded speed. The same holds for other motors.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant};
@@ -11,14 +11,14 @@ use drivetwin_sim::bench::{Bench, DriveId, Motor, MotorModel, Settings, Setup};
 use drivetwin_sim::line::LineMode;
 use proptest::prelude::*;
 
-/// A controller that has run for half a second.
+/// A controller that has been on for half a second after its start-up.
 fn controller() -> Fixture<impl Device> {
     let mut dut = Fixture::new(mdrobot()).ruled(|_| Treatment::Ignore).ready();
     dut.wait(Duration::millis(500));
     dut
 }
 
-/// Counts of its shaft.
+/// Position of the shaft, in counts.
 fn counts_of(dut: &Fixture<impl Device>) -> i64 {
     dut.drive.shaft(dut.now, Axis(0)).unwrap().position.into()
 }
@@ -26,7 +26,8 @@ fn counts_of(dut: &Fixture<impl Device>) -> i64 {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 50, ..ProptestConfig::default() })]
 
-    /// The speed counts down to one count by PV_GAIN, 20 rpm a count: e-fold in 60/(20·3·4) s of 4 poles.
+    /// Near the goal the speed is PV_GAIN, 20 rpm, per count of error. With 4 poles the error falls by the
+    /// factor e in 60/(20·3·4) s.
     #[test]
     fn a_move_ends_on_its_count(count in -2_000..2_001_i64, rpm in 60..3_001_i64, load in 50..201_i64) {
         let mut dut = controller();
@@ -43,7 +44,8 @@ proptest! {
         prop_assert_eq!((dut.get_named("RPM_DATA"), dut.get_named("CTRL_STATUS")), (0, 0));
     }
 
-    /// The reported speed is the commanded one in every ms, and the way fits it in the end; 12 counts a turn.
+    /// The reported speed is the commanded one in every ms, and the distance turned agrees. A turn is 12
+    /// counts.
     #[test]
     fn the_reported_speed_is_the_commanded_one(rpm in 100..2_501_i64, back in any::<bool>(), slow in 0..300_i64) {
         let rpm = if back { -rpm } else { rpm };
@@ -51,7 +53,7 @@ proptest! {
         for (name, value) in [("SLOW_START", slow), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", rpm)] {
             dut.set_named(name, value);
         }
-        // 15 s for 1,023 and MAX_RPM, 3,000.
+        // SLOW_START 1,023 is 15 s for MAX_RPM, 3,000.
         dut.wait(Duration::millis((rpm.unsigned_abs() * slow.unsigned_abs() * 5).div_ceil(1_023) + 2_000));
         let shaft = counts_of(&dut);
         for _ in 0..2_000 {
@@ -65,11 +67,11 @@ proptest! {
     }
 }
 
-/// Motors for which the gains are (MDROBOT-30), and their HALL_TYPE.
+/// Motors for which the gains were chosen (MDROBOT-30), each with its HALL_TYPE.
 fn motors() -> impl Strategy<Value = (i64, Parameters)> {
     (2_u16..11, 2_000..10_001_u32, 5_000..60_001_u32, 200..601_u32).prop_map(
         |(hall_pulses, inertia_gcm2, friction_unm, resistance_mohm)| {
-            // The list of p. 8 for 4, 6, 8 and 10 poles; above it HALL_TYPE is half of the poles.
+            // p. 8 lists the numbers for 4, 6, 8 and 10 poles. For more poles HALL_TYPE is half of the poles.
             let hall_type = match hall_pulses {
                 2 => 0,
                 3 => 5,
@@ -78,7 +80,7 @@ fn motors() -> impl Strategy<Value = (i64, Parameters)> {
                 pairs => pairs.into(),
             };
             let motor = Parameters {
-                // 0.06 Nm for an ampere at 24 V.
+                // At 24 V this is 0.06 Nm/A.
                 no_load_rpm: 3_820,
                 hall_pulses,
                 hall_sensors: 3,
@@ -92,13 +94,13 @@ fn motors() -> impl Strategy<Value = (i64, Parameters)> {
     )
 }
 
-/// The shaft is held.
+/// The fault that blocks the shaft.
 fn held(bench: &Bench, drive: DriveId) -> Fault {
     let place = bench.spec(drive).faults.iter().position(|fault| *fault == "stall").unwrap();
     Fault(place as u8)
 }
 
-/// A controller with another motor than its own, on a bench.
+/// A controller on a bench, with a motor other than its own.
 struct Other {
     bench: Bench,
     seat: DriveId,
@@ -112,7 +114,7 @@ impl Other {
         let setup = Setup { external_motor: true, ..Setup::default() };
         let seat = bench.add_with("x", Box::new(mdrobot()), setup).unwrap();
         let motor = bench.attach_motor("m", seat, Axis(0), MotorModel::Brush(motor)).unwrap();
-        // Its load would turn it while the drive starts.
+        // Blocks the shaft, because the load would turn it while the drive starts.
         bench.fault(seat, held(&bench, seat), true);
         bench.run_until(Instant::ZERO + 301.millis());
         let mut other = Self { bench, seat, motor, most_ma: 0 };
@@ -122,7 +124,7 @@ impl Other {
         other
     }
 
-    /// Writes a command; from then on only the drive holds the shaft.
+    /// Writes a command and unblocks the shaft, so that only the drive holds it.
     fn order(&mut self, name: &str, value: i64) {
         self.write(name, value);
         self.bench.fault(self.seat, held(&self.bench, self.seat), false);
@@ -157,7 +159,7 @@ impl Other {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 50, ..ProptestConfig::default() })]
 
-    /// Loads are up to half of what 20 A carry, 0.6 Nm.
+    /// Loads are up to 0.6 Nm, half of what 20 A can carry.
     #[test]
     fn other_motors_turn_as_commanded(
         motor in motors(),
@@ -182,7 +184,7 @@ proptest! {
         prop_assert!(other.most_ma <= 20_000, "{} mA", other.most_ma);
     }
 
-    /// From power-on on a count of POSI_DATA is a count of the shaft, 3 for each pole and turn.
+    /// From power-on a count of POSI_DATA is a count of the shaft, with 3 counts per pole and turn.
     #[test]
     fn other_motors_go_where_they_are_sent(
         motor in motors(),
@@ -195,7 +197,7 @@ proptest! {
             other.write("MAX_RPM", rpm);
             other.order("POSI_CMD", count);
             let way = (count - other.read("POSI_DATA")).unsigned_abs();
-            // Twice the way at that speed, and PV_GAIN's last counts.
+            // Twice the time at that speed, and time for the last counts, which PV_GAIN slows down.
             other.run_ms(2 * way * 60_000 / (6 * u64::from(motor.1.hall_pulses) * rpm.unsigned_abs()) + 4_000);
             let position = other.read("POSI_DATA");
             prop_assert!((position - count).abs() <= 1, "{} for {}", position, count);

@@ -1,5 +1,5 @@
-//! Steps against the exact instants of constant acceleration, the walker against the plan, and other algorithms
-//! against ours.
+//! Steps compared with the exact instants of constant acceleration, the step iterator compared with the plan,
+//! and our algorithm compared with others.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Duration, Instant, Plan};
@@ -13,7 +13,7 @@ fn at(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
 }
 
-/// The same numbers in every run.
+/// Pseudo-random numbers that are the same in every run.
 struct Random(u64);
 
 impl Random {
@@ -33,21 +33,21 @@ impl Random {
         self.below(bound) as u32
     }
 
-    /// A number of any size: as likely to have few bits as many.
+    /// A number whose number of bits is random.
     fn any_size(&mut self, bits: u64) -> u32 {
         let bits = 1 + self.below(bits);
         1 + self.below(1 << bits) as u32
     }
 }
 
-/// A tick in the unit of exact instants.
+/// An instant in the unit of the exact model.
 fn exactly(instant: Instant) -> i128 {
     i128::from(instant.ticks()) * TICK
 }
 
-/// Allowed error of step `n`. The step is made at the nearest tick: that is half a tick, and a little for what the
-/// oracle rounds and what the acceleration adds in half a tick. In the ramp down the end of the move adds
-/// another half, since it is at the nearest tick, too.
+/// Largest allowed error of step `n`. A step is made at the nearest tick. That allows half a tick, and a
+/// little for rounding in the exact model and for the acceleration during half a tick. In the ramp down
+/// another half tick is allowed, because the end of the move is at the nearest tick, too.
 fn tolerance(exact: &Move, n: u32) -> i128 {
     let ramp_down = n > exact.seams()[1];
     TICK / 2 + TICK / 256 + if ramp_down { TICK / 2 } else { 0 }
@@ -104,7 +104,7 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
     for _ in 0..2_000 {
         let steps = random.any_size(31).min(i32::MAX as u32);
         let speed = 256 + random.any_size(30);
-        // Accelerations whose way·a·b/(a + b) fits into the oracle's 128 bits.
+        // Accelerations for which way·a·b/(a + b) fits into the model's 128 bits.
         let [up, down] = [random.any_size(16), random.any_size(16)];
         let rates = Limits {
             start_speed: U24F8::ZERO,
@@ -117,7 +117,7 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
         let [first, second] = exact.seams();
         for n in [1, first, second, steps].into_iter().chain((0..4).map(|_| random.next() as u32 % steps)) {
             let n = n.clamp(1, steps).saturating_sub(4);
-            // Half a step before step n + 1.
+            // An instant halfway between step n and step n + 1.
             let after = if n == 0 { 0 } else { (exact.step(n) + exact.step(n + 1)) / 2 / TICK };
             let after = at(after as u64);
             assert_eq!(plan.position_at(after), n.cast_signed(), "{rates:?}");
@@ -133,8 +133,8 @@ fn moves_of_any_length_make_each_step_as_near_as_promised() {
     }
 }
 
-/// In whole numbers: √(n·STEP/a) is nearer to `ticks` than to its neighbours. Halfway between two the
-/// earlier is taken, and halfway is where phase + speed reaches the step: a·t² + a·t = n·STEP.
+/// Integer test that `ticks` is the tick nearest to √(n·STEP/a). Halfway between two ticks the earlier one is
+/// taken. Halfway is where phase + speed reaches the step: a·t² + a·t = n·STEP.
 fn is_nearest_root(ticks: u64, n: u32, a: u32) -> bool {
     let (t, a, way) = (u128::from(ticks), u128::from(a), u128::from(n) * STEP);
     a * t * (t - 1) <= way && way < a * t * (t + 1)
@@ -145,7 +145,7 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
     let mut random = Random(11);
     for round in 0..400 {
         let a = if round < 16 { 1 << (2 * round) } else { random.any_size(31).min(i32::MAX as u32) };
-        // A triangle: no cruise at any acceleration.
+        // A triangle: the move reaches no cruise, whatever the acceleration.
         let plan = Plan::profile(at(0), 0, 4_000, Limits::even(U24F8::MAX, a));
         let [up, stop] = plan.segments() else { panic!("no triangle: {plan:?}") };
         assert_eq!((up.acceleration.unsigned_abs(), stop.acceleration.unsigned_abs()), (a, a));
@@ -157,13 +157,13 @@ fn a_ramp_from_standstill_and_its_mirror_are_at_the_nearest_tick() {
         let end = plan.end().ticks();
         assert_eq!(steps[3_999], end);
         for (left, &ticks) in (1..=1_999).zip(steps.iter().rev().skip(1)) {
-            // Seen from the end the later of two.
+            // Seen from the end, halfway between two ticks the later one is taken.
             assert!(is_nearest_root(end - ticks, left, a), "{left} before the end, {a} steps/s²");
         }
     }
 }
 
-/// An order to a jog, and for how many ticks it holds.
+/// A command to a jog, and the number of ticks until the next command.
 struct Order {
     ticks: u64,
     speed: I24F8,
@@ -184,7 +184,7 @@ fn orders(random: &mut Random) -> Vec<Order> {
         .collect()
 }
 
-/// Steps of the walkers of all orders, one after the other, up to a tick after the end.
+/// Steps of all orders: for each order those of its own iterator, and at the end those up to a tick later.
 fn walked(orders: &[Order]) -> Vec<Step> {
     let mut plan = Plan::at_rest(at(0), 0);
     let (mut now, mut steps) = (0, Vec::new());
@@ -211,7 +211,7 @@ fn three_thousand_jogs_make_each_step_at_the_nearest_tick() {
             now += order.ticks;
             jog.walk(now, &mut exact);
         }
-        // Perhaps one that is due within a tick after the end.
+        // The last step may be one that is due within a tick after the end.
         if steps.len() == exact.len() + 1 && steps.pop_if(|step| step.at >= at(now)).is_none() {
             panic!("jog {round} makes a step too many");
         }
@@ -229,7 +229,7 @@ fn three_thousand_jogs_make_each_step_at_the_nearest_tick() {
     assert!(total > 1_000_000 && turns > 500, "{total} steps, {turns} turns: too little was looked at");
 }
 
-/// Any profile move of up to `most` steps.
+/// A random profile move of up to `most` steps.
 fn profile(random: &mut Random, most: u64) -> Plan {
     let steps = random.below(2 * most) as i32 - most as i32;
     let [start, speed] = [random.any_size(24), random.any_size(27)].map(U24F8::from_bits);
@@ -243,7 +243,7 @@ fn profile(random: &mut Random, most: u64) -> Plan {
     )
 }
 
-/// An instant of a plan: somewhere in its first hour, or close to a seam.
+/// A random instant of a plan: within its first hour, or close to the border of two segments.
 fn somewhere(random: &mut Random, plan: &Plan) -> Instant {
     let seams = random.below(4) as usize;
     let seam = plan
@@ -294,8 +294,8 @@ fn repeating_an_order_to_a_jog_makes_the_same_steps() {
     assert!(total > 500_000, "{total} steps: too little was looked at");
 }
 
-/// The position of a plan changes by a walker's steps, and only by them: by `most` of them, or by all that
-/// there are.
+/// Asserts that the position of a plan changes exactly at the iterator's steps. Compares `most` steps, or all
+/// if there are fewer.
 fn agrees(plan: &Plan, after: Instant, most: usize) {
     let mut position = plan.position_at(after);
     let (mut last, mut made) = (after, 0);
@@ -357,14 +357,14 @@ fn positions_agree_with_the_walker_at_every_tick() {
     }
 }
 
-/// The steps from the tick `after` on.
+/// The ticks of the steps after `after`.
 fn steps(plan: &Plan, after: u64) -> impl Iterator<Item = u64> {
     StepIterator::new(plan, at(after)).map(|step| step.at.ticks())
 }
 
 #[test]
 fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
-    // 40,000 s, 6.4·10¹¹ ticks, 800 million steps.
+    // A ramp of 40,000 s has 6.4·10¹¹ ticks and 800 million steps.
     let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(40_000), 1);
     assert_eq!(plan.segments()[1].ticks, 40_000 * TICKS_PER_SECOND);
     let mut random = Random(3);
@@ -381,11 +381,11 @@ fn a_ramp_of_eleven_hours_is_as_exact_as_a_short_one() {
 
 #[test]
 fn a_day_of_cruise_is_as_exact_as_a_second() {
-    // 40,000.25 steps/s: a step every 399.9975 ticks, never the same for long.
+    // At 40,000.25 steps/s a step is due every 399.9975 ticks, so the rounding keeps changing.
     let bits = 40_000 * 256 + 64;
     let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_bits(bits), 400_000);
     let h = h(bits.cast_unsigned());
-    // The way is 2h·t − h²/a, so step n is due at (n·STEP + h²/a)/2h: a number, and by what to divide it.
+    // The way is 2h·t − h²/a, so step n is due at (n·STEP + h²/a)/2h. Returns numerator and denominator.
     let due = |n: u128| (n * STEP * 400_000 + h * h, 2 * h * 400_000);
     let mut random = Random(4);
     for hour in 0..50 {
@@ -406,7 +406,7 @@ fn a_day_of_cruise_is_as_exact_as_a_second() {
 #[test]
 fn the_slowest_cruise_steps_every_256_seconds() {
     let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), -I24F8::DELTA, 1);
-    // The ramp of 1/256 s takes 1/512 s more than no ramp.
+    // The ramp takes 1/256 s, which delays each step by 1/512 s.
     let late = TICKS_PER_SECOND / 512;
     let due: Vec<u64> = (1..=50).map(|n| n * 256 * TICKS_PER_SECOND + late).collect();
     assert_eq!(steps(&plan, 0).take(50).collect::<Vec<_>>(), due);
@@ -416,14 +416,14 @@ fn the_slowest_cruise_steps_every_256_seconds() {
 
 #[test]
 fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
-    // 200 ticks before the first step at 1/256 step/s: 67 steps/s, in half a tick.
+    // At 1/256 step/s, 200 ticks before the first step, the speed changes to 67 steps/s within half a tick.
     let due = 256 * TICKS_PER_SECOND + TICKS_PER_SECOND / 512;
     let slow = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::DELTA, 1);
     let plan = slow.ramp_to(at(due - 200), I24F8::from_num(67), i32::MAX.cast_unsigned());
     let ticks: Vec<u64> = steps(&plan, due - 200).take(1_000).collect();
     assert_eq!((ticks.len(), ticks[0]), (1_000, due - 199));
     for (n, ticks) in (0..).zip(&ticks) {
-        // f/67 apart, from the instant at which the new speed would have made the first.
+        // Steps are 1/67 s apart, counted from the instant of the change, at which the first step became due.
         let exact = n as f64 * TICKS_PER_SECOND as f64 / 67.0;
         assert!(((ticks - (due - 200)) as f64 - exact).abs() <= 1.5, "step {n} at {ticks}");
     }
@@ -434,7 +434,7 @@ fn a_speed_reached_within_a_tick_makes_up_for_a_step_that_is_due() {
 fn the_longest_move_ends_with_its_last_step() {
     let slow = Limits::even(U24F8::DELTA, 1);
     let plan = Plan::profile(at(0), 0, i32::MIN, slow);
-    // 2³¹ steps at 256 s, and 1/256 s more for the two ramps.
+    // 2³¹ steps of 256 s each, and 1/256 s more for the two ramps.
     let end = ((1 << 31) * 256 * 256 + 1) * (TICKS_PER_SECOND / 256);
     assert_eq!(plan.end(), at(end));
     assert_eq!(plan.position_at(plan.end()), i32::MIN);
@@ -454,7 +454,8 @@ fn a_start_speed_above_the_speed_acts_as_the_speed() {
 
 #[test]
 fn a_start_speed_is_also_the_speed_of_the_last_step() {
-    // Up from 1,000 to 3,000 steps/s in 0.2 s and 400 steps, down in 0.1 s and 200, 600 between.
+    // From 1,000 to 3,000 steps/s in 0.2 s and 400 steps, down in 0.1 s and 200 steps, with 600 steps in
+    // between.
     let rates = Limits {
         start_speed: U24F8::from_num(1_000),
         max_speed: U24F8::from_num(3_000),
@@ -472,30 +473,30 @@ fn a_start_speed_is_also_the_speed_of_the_last_step() {
 
 #[test]
 fn a_reversal_that_is_pending_takes_orders_in_each_of_its_parts() {
-    // 1,000 steps/s forward; at 2 s back; standstill at 2.1 s, −1,000 steps/s at 2.2 s.
+    // 1,000 steps/s forward. At 2 s the direction reverses: standstill at 2.1 s, −1,000 steps/s at 2.2 s.
     let ms = |ms: u64| at(ms * TICKS_PER_SECOND / 1_000);
     let thousand = I24F8::from_num(1_000);
     let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), thousand, 10_000);
     let back = jog.ramp_to(ms(2_000), -thousand, 10_000);
     assert_eq!(back.position_at(ms(2_100)), 2_000);
-    // At 2.05 s, 37½ steps after the order, at 500 steps/s.
+    // An order at 2.05 s, at 500 steps/s, 37½ steps after the reversal was ordered.
     let on = back.ramp_to(ms(2_050), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_050)), on.position_at(ms(2_100))), (1_987, 2_025));
     let stop = back.ramp_to(ms(2_050), I24F8::ZERO, 5_000);
     assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_150), 2_012));
     assert_eq!(back.halt(ms(2_050)).position_at(Instant::NEVER), 1_987);
-    // At standstill.
+    // An order at standstill.
     let on = back.ramp_to(ms(2_100), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_100)), on.position_at(ms(2_200))), (2_000, 2_050));
     let stop = back.ramp_to(ms(2_100), I24F8::ZERO, 10_000);
     assert_eq!((stop.end(), stop.position_at(Instant::NEVER)), (ms(2_100), 2_000));
-    // At 2.15 s, 12½ steps back, at −500 steps/s: 12½ more to a stop.
+    // An order at 2.15 s, at −500 steps/s and 12½ steps back. A stop takes 12½ steps more.
     let on = back.ramp_to(ms(2_150), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_150)), on.position_at(ms(2_200))), (1_988, 1_975));
     assert_eq!(on.position_at(ms(2_300)), 1_975 + 50);
     let stop = back.ramp_to(ms(2_150), I24F8::ZERO, 10_000);
     assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_200), 1_975));
-    // In the cruise back.
+    // An order in the cruise backward.
     let on = back.ramp_to(ms(2_300), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_300)), on.position_at(ms(2_400))), (1_850, 1_800));
     for plan in [on, stop, back] {
@@ -505,14 +506,14 @@ fn a_reversal_that_is_pending_takes_orders_in_each_of_its_parts() {
 
 #[test]
 fn a_step_on_the_vertex_is_made_there() {
-    // The factory move of an MD3: 1250 steps of ramp. Its stop, ordered in the cruise, ends on one, too.
+    // The factory move of an MD3 has ramps of 1,250 steps. A stop in its cruise also ends exactly on a step.
     let second = TICKS_PER_SECOND;
     let speed = I24F8::from_num(5_000);
     let stop = Plan::at_rest(at(0), 0).ramp_to(at(0), speed, 10_000).ramp_to(at(second), I24F8::ZERO, 10_000);
     assert_eq!(stop.end(), at(3 * second / 2));
     let ticks: Vec<u64> = steps(&stop, second).collect();
     assert_eq!((ticks.len(), ticks.last()), (1_250, Some(&(3 * second / 2))));
-    // In a reversal the step on the vertex still goes forward.
+    // In a reversal the step at standstill is still made forward.
     let back = Plan::at_rest(at(0), 0).ramp_to(at(0), speed, 10_000).ramp_to(at(second), -speed, 10_000);
     let turn: Vec<Step> = StepIterator::new(&back, at(second)).skip(1_249).take(2).collect();
     assert_eq!((turn[0].at, turn[0].forward, turn[1].forward), (at(3 * second / 2), true, false));
@@ -522,11 +523,11 @@ fn a_step_on_the_vertex_is_made_there() {
 fn the_table_of_errors_is_the_printed_one() {
     let rows = ramps::rows();
     let ours: Vec<f64> = rows.iter().map(|row| row.ours.worst).collect();
-    // The end of the triangle, 2·√(101/10,000) s, is not on a tick; those of the others are.
+    // The triangle ends after 2·√(101/10,000) s, which is not a whole tick. The other moves end on a tick.
     let limits = [0.501, 0.501, 1.0, 0.501];
     assert!(ours.iter().zip(limits).all(|(worst, limit)| *worst <= limit), "{ours:?}");
     assert_eq!((rows[0].ours.last, rows[1].ours.last), (0.0, 0.0));
-    // Both lose (1 − 0.676)·√(2/a) in their first interval, and again in their last.
+    // Both other algorithms lose (1 − 0.676)·√(2/a) in the first interval, and the same in the last.
     for (row, a) in rows.iter().zip([10_000.0, 500_000.0, 10_000.0_f64]) {
         let lost = 2.0 * 0.324 * (2.0 / a).sqrt() * TICKS_PER_SECOND as f64;
         for others in [row.avr446, row.accelstepper] {

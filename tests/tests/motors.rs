@@ -1,4 +1,5 @@
-//! Drives that turn motors of the bench, and sensors of their shafts: encoders, switches, the drives themselves.
+//! Drives that turn motors of the bench, and sensors on their shafts: encoders, switches, and the drives' own
+//! sensors.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant, Level, Pin, Port};
@@ -43,7 +44,7 @@ fn assert_replays(bench: &Bench) {
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
 
-/// An MD3 that turns a motor of 200 steps in steps of 1/8, whose encoder of 1,000 cycles a QSB-M reads.
+/// An MD3 that turns a motor of 200 steps in 1/8 steps. A QSB-M reads the motor's encoder of 1,000 cycles.
 struct Fixture {
     bench: Bench,
     md3: DriveId,
@@ -67,7 +68,7 @@ impl Fixture {
         let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
         bench.run_until(100.millis());
         let mut fixture = Self { bench, md3, motor, qsb, client };
-        // Quadrature, each edge of both channels counts.
+        // Quadrature in which each edge of both channels counts.
         fixture.bench.send(fixture.client, b"W033\r");
         fixture.wait(5.millis());
         fixture.heard();
@@ -88,7 +89,7 @@ impl Fixture {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// Count of the QSB.
+    /// Reads the count of the QSB.
     fn counted(&mut self) -> i32 {
         self.bench.send(self.client, b"R0E\r");
         self.wait(5.millis());
@@ -97,12 +98,13 @@ impl Fixture {
         u32::from_str_radix(data.unwrap_or_else(|| panic!("{reply:?}")), 16).unwrap().cast_signed()
     }
 
-    /// Edges of A and B at the QSB since then: the instant at the shaft, whether of A, and whether it rose.
+    /// Edges of A and B at the QSB after `since`: the tick at the shaft, true for A, and true for a rising
+    /// edge.
     fn edges(&self, since: Instant) -> Vec<(u64, bool, bool)> {
         let (a, b) = (pin(&self.bench, self.qsb, "A").1, pin(&self.bench, self.qsb, "B").1);
         let events = self.bench.trace().events().filter(|entry| entry.drive == 1 && entry.at > since);
         let edges = events.filter_map(|entry| match entry.event {
-            // A tick on the wire.
+            // The wire delays the edge by a tick.
             Event::Input(InputRecord::Edge { pin, high }) if pin == a || pin == b => {
                 Some((entry.at.ticks() - 1, pin == a, high))
             }
@@ -116,7 +118,7 @@ impl Fixture {
 fn a_qsb_reads_exactly_what_an_md3_moves() {
     let mut fixture = Fixture::new();
     assert_eq!(fixture.counted(), 0);
-    // 1,600 steps a turn, and 4,000 counts: 2.5 a step.
+    // 1,600 steps and 4,000 counts per turn make 2.5 counts per step.
     let mut position = 0;
     for steps in [10_000, -3_200, 1, 1, -70_002, 2, 64_000] {
         fixture.set(Reg::MoveSteps, steps);
@@ -125,7 +127,7 @@ fn a_qsb_reads_exactly_what_an_md3_moves() {
         fixture.set(Reg::MotionControl, motion_control::MOVE.into());
         fixture.wait(5.secs());
         position += steps;
-        // In the middle of a count, or at an edge: then it belongs to the count behind it.
+        // The shaft is in the middle of a count, or at an edge, which belongs to the count after it.
         let counts = (position as f64 * 2.5 + 0.5).floor();
         assert_eq!(f64::from(fixture.counted()), counts, "at {position}");
         let turn = fixture.bench.turn(fixture.motor);
@@ -143,10 +145,11 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
     fixture.set(Reg::MotionControl, motion_control::MOVE.into());
     fixture.wait(3.secs());
     let edges = fixture.edges(start);
-    // 10,000 steps of 1,600 in a turn are 25,000 counts of 4,000.
+    // 10,000 steps at 1,600 per turn are 25,000 counts at 4,000 per turn.
     assert_eq!(edges.len(), 25_000);
     for (count, (edge, ..)) in (1_u32..).zip(edges) {
-        // Half a count before it. Factory rates: 5,000 steps/s, 10,000 steps/s²; ramps of 1,250 steps.
+        // An edge is half a count before its count. Factory rates: 5,000 steps/s, 10,000 steps/s², ramps of
+        // 1,250 steps.
         let steps = (f64::from(count) - 0.5) / 2.5;
         let seconds = if steps < 1_250.0 {
             (steps / 5_000.0).sqrt()
@@ -155,18 +158,18 @@ fn every_edge_of_an_encoder_is_at_its_tick() {
         } else {
             2.5 - ((10_000.0 - steps) / 5_000.0).sqrt()
         };
-        // The motor gets the step a tick later.
+        // The motor receives the step a tick later.
         let made = (edge - start.ticks() - 1) as f64;
         let late = made - seconds * 16e6;
-        // At the tick behind it; the angle is whole units of 2⁻³² turns.
+        // The edge is at the tick after the exact time. The angle is rounded to 2⁻³² turns.
         assert!((-0.5..1.5).contains(&late), "count {count} is {late} ticks late");
     }
 }
 
-/// Faster than a count a tick an encoder leaves counts out, and at each tick shows where the shaft is.
+/// An encoder with more than one count per tick leaves out counts. At each tick it shows where the shaft is.
 #[test]
 fn an_encoder_does_not_lag() {
-    // 32 steps a turn, and 400,000 counts: 12,500 a step.
+    // 32 steps and 400,000 counts per turn make 12,500 counts per step.
     let most = *CYCLES_PER_REV.end();
     let mut fixture =
         Fixture::with(StepperParameters { steps_per_rev: 4, ..StepperParameters::NOMINAL }, most + 1);
@@ -177,9 +180,10 @@ fn an_encoder_does_not_lag() {
     let start = fixture.bench.now();
     fixture.set(Reg::MotionControl, motion_control::MOVE.into());
     fixture.wait(100.millis());
-    // 64 steps at 80,000 steps/s² take 40 ms, and 64 back: up to 3,200 steps/s, which are 2.5 counts a tick.
+    // 64 steps at 80,000 steps/s² take 40 ms, and 64 more to stop. The top speed of 3,200 steps/s is 2.5
+    // counts per tick.
     let half = 0.04;
-    // The motor gets the step a tick later.
+    // The motor receives the step a tick later.
     let made = |tick: u64| (tick - start.ticks() - 1) as f64 / 16e6;
     let counts = |seconds: f64| {
         let left = (2.0 * half - seconds).max(0.0);
@@ -197,7 +201,8 @@ fn an_encoder_does_not_lag() {
             assert_ne!(*level, high, "an edge is a change, at {tick}");
             *level = high;
         }
-        // Half a count before it, as far as floating point can resolve the count.
+        // Checks only times at which floating point can resolve the count. An edge is half a count before its
+        // count.
         let at = counts(made(tick)) + 0.5;
         if (at - at.round()).abs() > 0.01 {
             clear += 1;
@@ -222,7 +227,7 @@ fn a_switch_may_be_anywhere() {
         (bounds(None, Some(-f64::MAX)), Level::High),
         (bounds(Some(-f64::INFINITY), Some(f64::INFINITY)), Level::Low),
         (bounds(Some(2.0), Some(-2.0)), Level::High),
-        // NaN is no bound.
+        // NaN means no bound.
         (bounds(Some(f64::NAN), Some(1.0)), Level::Low),
         (bounds(Some(1.0), Some(f64::NAN)), Level::High),
     ] {
@@ -247,11 +252,12 @@ fn an_md3_homes_onto_a_switch() {
     fixture.bench.switch(fixture.motor, Closed { above_rev: None, below_rev: Some(-2.0) }, home);
     fixture.wait(1.millis());
     assert_eq!(fixture.bench.level(home.0, home.1), Level::High);
-    // Backward to the flag on J2 pin 2, and stop there at once (7.5), at the factory's 5,000 steps/s.
+    // Moves backward to the flag on J2 pin 2 and stops there at once (7.5), at the factory's 5,000 steps/s.
     fixture.set(Reg::HomingConfiguration, 1 << 4);
     fixture.set(Reg::MotionControl, motion_control::HOME.into());
     fixture.wait(5.secs());
-    // −3,200 steps; the flag is sampled every 4 µs, a fiftieth of a step. The step that has begun is made.
+    // The flag is at −3,200 steps. It is sampled every 4 µs, a fiftieth of a step, and a step that has begun
+    // is completed.
     assert_eq!(fixture.bench.motion(fixture.md3, AXIS).position, -3_200);
     assert_eq!(fixture.bench.level(home.0, home.1), Level::High, "the shaft is at −2 turns and not below");
     assert_replays(&fixture.bench);
@@ -265,7 +271,7 @@ enum Act {
     Hold(bool),
 }
 
-/// Actions, each with its time in ms.
+/// The actions, each with its time in ms.
 const SCRIPT: [(u64, Act); 14] = [
     (600, Act::Write(at::SPEED, 200)),
     (620, Act::Coil(at::START)),
@@ -283,16 +289,16 @@ const SCRIPT: [(u64, Act); 14] = [
     (3_000, Act::Read(at::CURRENT_VALID, 4)),
 ];
 
-/// A tick, a pin, and whether it goes high.
+/// Tick, pin, and true for a rising edge.
 type Edge = (u64, Pin, bool);
 
-/// The place of a register of an RS drive.
+/// Index of a register of an RS drive.
 fn row(name: &str) -> usize {
     rs434544().spec().find(name).expect("the manual has that register").row
 }
 
-/// An RS drive that goes through the script, with some registers preset: its answers, the motion of its motor, and
-/// the edges of its Hall sensors.
+/// Runs the script on an RS drive with some registers preset. Returns the bench, the answers with the motion
+/// of the motor after each action, and the edges of the Hall sensors.
 fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
     let setup = Setup { external_motor, presets: presets.to_vec(), ..Setup::default() };
@@ -323,7 +329,7 @@ fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u
     }
     let halls = ["HA", "HB"].map(|name| pin(&bench, drive, name).1);
     let edges = bench.trace().events().filter_map(|entry| match entry.event {
-        // Its own motor's, as others see them, a tick before the drive does.
+        // Edges of the drive's own motor are outputs of the drive, a tick before the drive receives them.
         Event::Output(OutputRecord::Level { pin, level }) if halls.contains(&pin) => {
             Some((entry.at.ticks() + 1, pin, level == Level::High))
         }
@@ -332,14 +338,15 @@ fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u
         }
         _ => None,
     });
-    // At power-on its own motor shows that both are high; the drive without a motor starts with that.
+    // At power-on the drive's own motor reports that both sensors are high. A drive without a motor starts
+    // with that state.
     let edges = edges.filter(|(at, ..)| *at > 1).collect();
     (bench, replies, edges)
 }
 
 #[test]
 fn an_rs_drive_apart_is_the_same_drive() {
-    // From the factory, and with a motor that its registers describe otherwise.
+    // Factory settings, and a motor that its registers describe differently.
     for presets in [vec![], vec![(row("PULSES_PER_REVOLUTION"), 8), (row("RATED_SPEED"), 4_500)]] {
         let (_, replies, edges) = rs_drive(false, &presets);
         let (bench, replies_apart, edges_apart) = rs_drive(true, &presets);
@@ -353,7 +360,8 @@ fn an_rs_drive_apart_is_the_same_drive() {
     }
 }
 
-/// RATED_SPEED 3,000 and PULSES_PER_REVOLUTION 4, and motors that are not so: it is the edges that make the speed.
+/// The drive assumes RATED_SPEED 3,000 and PULSES_PER_REVOLUTION 4, but the motors differ. Only the edges
+/// determine the speed.
 #[test]
 fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
     let factory = motor::Parameters::NOMINAL;
@@ -366,11 +374,11 @@ fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
         let parameters = motor::Parameters { hall_pulses, no_load_rpm, ..factory };
         let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
         bench.run_until(600.millis());
-        // SPEED is 1,000, and START.
+        // SPEED is 1,000, then START.
         bench.ask(drive, &rtu::write(1, at::SPEED, 1_000));
         bench.ask(drive, &rtu::frame(1, &[5, 0x20, 0, 0xFF, 0]));
         bench.run_until(2_600.millis());
-        // 1 % of it, for 0.2 s; without an error.
+        // For 0.2 s the speeds are within 1 %, without an error.
         for ms in (2_600..2_800).step_by(10) {
             bench.run_until(ms.millis());
             let (valid, shaft) = (bench.peek(drive, row("SPEED_VALID")), bench.turn(motor).rpm);
@@ -396,7 +404,7 @@ fn a_motor_of_other_parameters_turns_otherwise() {
         let turn = bench.turn(motor);
         assert!(turn.rpm > 0.0 && turn.ma > 0 && !turn.stalled, "{turn:?}");
         ways.push(turn.revolutions);
-        // Without power it coasts, and comes to rest.
+        // Without power the motor coasts and comes to rest.
         bench.power(drive, PowerAction::Off);
         bench.run_until(1_601.millis());
         let coasts = bench.turn(motor);

@@ -1,5 +1,5 @@
-//! Captures of lines. Their bytes are checked against a file made by hand, which `tshark` reads in
-//! `tests/foreign/test_pcap.py`; that test also reads the program's files.
+//! Captures of lines. Their bytes are compared with a file made by hand, which `tshark` reads in
+//! `tests/foreign/test_pcap.py`. That test also reads the program's own files.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Instant, Port};
@@ -13,13 +13,13 @@ use drivetwin_sim::record::capture::Source;
 use drivetwin_sim::record::trace::Retention;
 use proptest::prelude::*;
 
-/// A packet as it is found in a file.
+/// A packet read from a file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Found {
     interface: u32,
     nanos: u64,
     bytes: Vec<u8>,
-    /// Wireshark's dissector: the value of the first tag.
+    /// Wireshark's dissector: the value of the packet's first tag.
     shown_by: String,
     flags: u32,
     lost: u64,
@@ -45,7 +45,7 @@ fn packets(mut file: &[u8]) -> Vec<Found> {
                 bytes: block[28 + tags * 4 + 4..28 + length].to_vec(),
                 shown_by: shown_by(&block[28..]),
                 flags: word(options, 4),
-                // Behind the eight bytes of the flags.
+                // The count of lost packets follows the eight bytes of the flags.
                 lost: if word(options, 8) == 8 << 16 | 4 { word(options, 12).into() } else { 0 },
             });
         }
@@ -54,7 +54,7 @@ fn packets(mut file: &[u8]) -> Vec<Found> {
     packets
 }
 
-/// Text of the first tag of a packet: the length in network order, and the text, filled up with 0.
+/// Text of a packet's first tag: its length in network order, then the text, padded with 0.
 fn shown_by(tags: &[u8]) -> String {
     let length = u16::from_be_bytes([tags[2], tags[3]]).into();
     String::from_utf8(tags[4..][..length].to_vec()).unwrap().trim_end_matches('\0').to_owned()
@@ -97,11 +97,11 @@ fn the_writer_makes_the_file_made_by_hand() {
     assert_eq!(made, include_bytes!("../captures/modbus-tcp.pcapng"));
 }
 
-/// End of the talk below.
+/// End of `talk`.
 const END: Duration = Duration::millis(1_500);
 
-/// Two drives on a line, one on its own, and a QSB that streams and answers commands.
-/// `stops` are instants at which a file follows.
+/// Two drives on a line, one on its own line, and a QSB that streams and answers commands.
+/// At the instants in `stops` the file follows the bench.
 fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
     let mut bench = bench(Retention::All);
     let (x, y, z) = (seat(&mut bench, "x"), seat(&mut bench, "y"), seat(&mut bench, "z"));
@@ -150,13 +150,13 @@ fn each_line_has_its_packets() {
     let (bench, file) = talk(&[]);
     assert_eq!(file, written(&bench));
     let packets = packets(&file);
-    // By the names of their first drives.
+    // Lines are ordered by the names of their first drives.
     let names: Vec<&str> = bench.buses().into_iter().map(|bus| bench.bus_name(bus)).collect();
     let on = |line: &str| {
         let interface = names.iter().position(|name| *name == line).unwrap() as u32;
         packets.iter().filter(move |packet| packet.interface == interface)
     };
-    // 20 writes to the first of two drives with one address: both answer, and both replies are on the line.
+    // 20 writes to two drives with the same address. Both answer, and both replies are on the line.
     assert!(on("line1").count() >= 40);
     let own: Vec<&Found> =
         on(bench.bus_name(bench.bus(bench.find_drive("z").unwrap(), Port(0)).unwrap())).collect();
@@ -179,7 +179,7 @@ fn each_line_has_its_packets() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
-    /// A file is the same however often it follows.
+    /// The number of times that a file follows a bench does not change the file.
     #[test]
     fn following_does_not_change_a_file(stops in proptest::collection::vec(0..END.ticks(), 0..200)) {
         let stops: Vec<Duration> = stops.into_iter().map(Duration::from_ticks).collect();
@@ -200,7 +200,8 @@ fn packets_dropped_by_a_ring_are_counted() {
     assert!(packets[1..].iter().all(|packet| packet.lost == 0));
 }
 
-/// Unreadable bytes are not shown as Modbus, though each sender's check sum is right; their flag is bit 24 (4.3.1).
+/// Collided bytes are not shown as Modbus, although each sender's checksum is right. Their flag is bit 24
+/// (4.3.1).
 #[test]
 fn collided_frames_are_shown_as_data() {
     let mut bench = bench(Retention::All);
@@ -231,7 +232,7 @@ fn a_power_failure_cuts_the_output_of_a_drive() {
         }
     };
     assert_eq!((reply.from, reply.bytes.len()), (Source::Drive(md3), 9));
-    // Within the fourth character.
+    // Power fails within the fourth character.
     let character = Duration::of_bits(11, 9_600);
     bench.run_until(reply.at + character * 3 + 100.micros());
     bench.power(md3, PowerAction::Off);

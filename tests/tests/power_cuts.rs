@@ -1,5 +1,6 @@
-//! Power that is lost at any byte of any store of a save, in every kind of drive: an MDROBOT wakes up with the old or the
-//! new values; others have those of the factory, too, and report that their memory is bad, if they can.
+//! Power failures at any byte of any store of a save, in every kind of drive. An MDROBOT starts with the old
+//! or the new values. Others may have the factory's values, too. They then report that their memory is bad,
+//! if they can.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Device, Instant, Output, advance};
@@ -7,23 +8,23 @@ use drivetwin_firmware::testing::{Recorder, Treatment};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::catalog;
 
-/// The way in which a kind of drive saves.
+/// A kind of drive, and how it saves.
 struct Kind {
     kind: &'static str,
-    /// Two registers far apart in its memory, and the values to save there.
+    /// Two registers far apart in the drive's memory, each with values to save.
     values: [(&'static str, [i64; 4]); 2],
-    /// Register and value that start a save; `None` if the drive saves each value as it is written.
+    /// Register and value that start a save. `None` if the drive saves each value when it is written.
     save: Option<(&'static str, i64)>,
     bad: Bad,
 }
 
-/// Result of a save that power cut short, beside the old and the new values.
+/// Values that a drive may have after an interrupted save, besides the old and the new ones.
 enum Bad {
-    /// No other values.
+    /// Only the old or the new values.
     Never,
-    /// The factory's values, without a report: a QSB has none (QSB-8).
+    /// The factory's values without a report, because a QSB has none (QSB-8).
     Silent,
-    /// The factory's values, reported by bits of a register: `mask`, and `is` as their value then.
+    /// The factory's values, reported by a register: the bits in `mask` then have the value `is`.
     Said { register: &'static str, mask: i64, is: i64 },
 }
 
@@ -81,7 +82,7 @@ const fn mdrive(kind: &'static str) -> Kind {
     }
 }
 
-/// A recorder with this memory, which still takes `left` bytes before power is lost.
+/// A recorder with this memory. Power fails after `left` stored bytes.
 fn memory_of(bytes: &[u8], left: usize) -> Recorder {
     let mut out = Recorder::with_memory(bytes.to_vec()).ruled(|output| match output {
         Output::Store { .. } => Treatment::Keep,
@@ -91,12 +92,12 @@ fn memory_of(bytes: &[u8], left: usize) -> Recorder {
     out
 }
 
-/// Bytes of all stores.
+/// Number of bytes in all stores.
 fn stored_bytes(out: &Recorder) -> usize {
     out.stores.iter().map(|(_, _, bytes)| bytes.len()).sum()
 }
 
-/// A drive that runs on a memory.
+/// A drive with its memory.
 struct Drive {
     device: Box<dyn Device>,
     out: Recorder,
@@ -108,7 +109,7 @@ impl Drive {
         let device = catalog::make(kind.kind).unwrap();
         let mut drive = Self { device, out, now: Instant::ZERO };
         drive.device.power_on(drive.now, Boot { fast: true, ..Boot::default() }, &mut drive.out);
-        // A bad memory may make a start longer.
+        // A bad memory may make the start-up longer.
         drive.run(20_000);
         drive
     }
@@ -147,7 +148,7 @@ impl Drive {
         kind.values.map(|(name, _)| self.get(name))
     }
 
-    /// Returns whether the drive may have the factory's values after a cut, by its own report.
+    /// Returns true if the drive may have the factory's values after a power failure, by its own report.
     fn may_be_new(&self, kind: &Kind) -> bool {
         match kind.bad {
             Bad::Never => false,
@@ -157,7 +158,7 @@ impl Drive {
     }
 }
 
-/// Writes before each of the saves: both registers, or one after the other where each is saved by itself.
+/// The writes before each save: both registers, or one at a time if the drive saves each write by itself.
 fn written(kind: &Kind) -> Vec<Vec<(&'static str, i64)>> {
     let both = |n: usize| kind.values.map(|(name, values)| (name, values[n])).to_vec();
     let each = |n: usize| both(n).into_iter().map(|one| vec![one]).collect();

@@ -1,5 +1,5 @@
-//! Properties of every drive under any inputs: a late call changes nothing, splitting
-//! a burst of characters changes nothing, and no input stops it.
+//! Properties of every drive with any inputs: a late call changes nothing, splitting a burst of
+//! characters changes nothing, and no input makes the drive hang or panic.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{
@@ -13,7 +13,7 @@ use drivetwin_tests::md3::at;
 use drivetwin_tests::toy::Toy;
 use proptest::prelude::*;
 
-/// An event of a drive.
+/// An event at a drive.
 #[derive(Clone, Debug)]
 enum Event {
     Bytes(Vec<u8>),
@@ -24,7 +24,7 @@ enum Event {
     Millivolts(u8, i32),
     Count(u8, i32, bool, bool),
     Fault(u8, bool),
-    /// On a TCP connection: how messages end at its port, its number, and its event.
+    /// Events of a TCP connection: the framing that selects the port, the number of the connection, and data.
     Opened(Framing, u8),
     Message(Framing, u8, Vec<u8>),
     Closed(Framing, u8),
@@ -39,14 +39,14 @@ macro_rules! boxed {
 
 static DRIVES: &[Make] = drivetwin_firmware::devices!(boxed);
 
-/// A drive without power, as it comes or with one register saved before its first power-on.
+/// A drive without power, with factory settings or with one register saved before its first power-on.
 #[derive(Clone, Copy)]
 struct Subject {
     make: Make,
     saved: Option<(&'static str, i64)>,
 }
 
-/// Every drive with factory settings, and one that uses ASCII.
+/// Every drive with factory settings, and one drive that uses ASCII.
 fn subjects() -> impl Iterator<Item = Subject> {
     let ascii = Subject {
         make: || Box::new(drivetwin_firmware::rs434::rs434544()),
@@ -56,7 +56,8 @@ fn subjects() -> impl Iterator<Item = Subject> {
     DRIVES.iter().map(|&make| Subject { make, saved: None }).chain([ascii])
 }
 
-/// A command of a QSB: good, with any number of digits, half, taken back, or not meant for it.
+/// A command for a QSB: valid, with any number of digits, incomplete, erased by a backspace, or not for a
+/// QSB.
 fn command() -> impl Strategy<Value = Vec<u8>> {
     let letter = proptest::sample::select(b"RWSRWSQr ".to_vec());
     let digits = proptest::collection::vec(proptest::sample::select(b"00123489AFa\x08".to_vec()), 0..12);
@@ -68,7 +69,7 @@ fn command() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
-/// Commands of a QSB that start something, even after half a line.
+/// Commands of a QSB that start something. A CR before each ends any incomplete command.
 fn order() -> impl Strategy<Value = Vec<u8>> {
     let order = proptest::sample::select(vec![
         "W0C0\r",
@@ -102,7 +103,8 @@ fn order() -> impl Strategy<Value = Vec<u8>> {
     order.prop_map(|order| format!("\r{order}").into_bytes())
 }
 
-/// Requests of an RS 434544, good or not quite: a unit and a PDU. Those that would change the line are left out.
+/// Requests for an RS 434544, valid or nearly valid: a unit and a PDU. Requests that would change the line
+/// are left out.
 fn request() -> impl Strategy<Value = (u8, Vec<u8>)> {
     let address = prop_oneof![
         4 => 0x5003_u16..0x5028,
@@ -121,7 +123,7 @@ fn request() -> impl Strategy<Value = (u8, Vec<u8>)> {
     let words = (address, proptest::collection::vec(value(), 0..6))
         .prop_map(|(first, values)| write_words(first, &values));
     let order = proptest::sample::select(vec![
-        // The address; a save, a program to flash and back, a restart; a program started, stopped.
+        // The address; a save, a program to flash and back, a restart; starting and stopping a program.
         pdu(6, &[0x5000, 2]),
         pdu(6, &[0x5024, 0x37FA]),
         pdu(6, &[0x5025, 0x8426]),
@@ -129,7 +131,7 @@ fn request() -> impl Strategy<Value = (u8, Vec<u8>)> {
         pdu(6, &[0x5026, 0x95AF]),
         pdu(6, &[0x5005, 2]),
         pdu(6, &[0x5005, 1]),
-        // Moves, and a supply of nothing to do.
+        // Settings for moves, and a START.
         write_words(0x5015, &[40, 0]),
         pdu(6, &[0x5006, 2]),
         pdu(5, &[0x2000, 0xFF00]),
@@ -138,13 +140,13 @@ fn request() -> impl Strategy<Value = (u8, Vec<u8>)> {
     (prop_oneof![1 => 0_u8..3, 4 => Just(1)], pdu)
 }
 
-/// A function and the words behind it.
+/// A PDU: a function code and the words after it.
 fn pdu(function: u8, words: &[u16]) -> Vec<u8> {
     let words = words.iter().flat_map(|word| word.to_be_bytes());
     core::iter::once(function).chain(words).collect()
 }
 
-/// A request of function 16.
+/// A request with function 16.
 fn write_words(first: u16, values: &[u16]) -> Vec<u8> {
     let count = values.len() as u16;
     let bytes = values.iter().flat_map(|value| value.to_be_bytes());
@@ -165,7 +167,7 @@ fn instruction() -> impl Strategy<Value = [u16; 2]> {
     })
 }
 
-/// Requests that load a user program and start it: its lines through the buffer to the flash (6.6).
+/// Requests that load a user program through the buffer to the flash (6.6), and start it.
 fn program() -> impl Strategy<Value = Vec<Vec<u8>>> {
     proptest::collection::vec(instruction(), 1..24).prop_map(|lines| {
         let lines = (0..).zip(lines).map(|(n, [command, data])| write_words(0x6000, &[n, command, data]));
@@ -175,13 +177,13 @@ fn program() -> impl Strategy<Value = Vec<Vec<u8>>> {
     })
 }
 
-/// In either framing.
+/// A frame in ASCII or in RTU.
 fn framed(ascii: bool, unit: u8, pdu: &[u8]) -> Vec<u8> {
     if ascii { ascii::frame(unit, pdu).to_vec() } else { rtu::frame(unit, pdu).to_vec() }
 }
 
-/// Requests, mostly good ones, and noise. The line of a drive that judges silence stays as it is (MD3
-/// 0x1c): a script has to know how long its characters last.
+/// Mostly valid requests, and noise. If a drive judges silence, its line settings must not change (MD3
+/// 0x1c), because a script must know the duration of its characters.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
     let address = (0_u16..0x22).prop_filter("changes the line", |address| *address != 0x1c);
     let of_md3 = (0_u8..3, address, any::<u16>());
@@ -200,7 +202,7 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// Requests of an MDrive, good or not quite: registers, programs, set-up.
+/// Requests for an MDrive, valid or nearly valid: registers, programs and set-up.
 fn adu() -> impl Strategy<Value = Vec<u8>> {
     let address = 0_u16..0xB8;
     let value = prop_oneof![0_u32..30, 1_000_u32..2_000_000, any::<u32>()];
@@ -223,7 +225,7 @@ fn adu() -> impl Strategy<Value = Vec<u8>> {
     (0_u8..3, pdu).prop_map(|(unit, pdu)| tcp::frame(tcp::Header { transaction: 7, unit }, &pdu).to_vec())
 }
 
-/// Lines of MCode, good or not quite.
+/// Lines of MCode, valid or nearly valid.
 fn typed() -> impl Strategy<Value = Vec<u8>> {
     let line = proptest::sample::select(vec![
         "MR 20000",
@@ -338,7 +340,7 @@ fn elsewhere() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// Silences from inside a character to beyond every delay, in ticks.
+/// Silences, in ticks, from less than a character to longer than every delay.
 fn gap() -> impl Strategy<Value = u64> {
     prop_oneof![0_u64..100_000, 0_u64..3_000_000, 0_u64..100_000_000]
 }
@@ -360,7 +362,7 @@ fn script() -> impl Strategy<Value = Script> {
 }
 
 fn events_on_line() -> impl Strategy<Value = Vec<(u64, Event)>> {
-    // Silence enough between the requests that load a program, in ticks.
+    // Silence in ticks between the requests that load a program, long enough for each drive.
     const SILENCE: u64 = 40_000;
     let loads = (any::<bool>(), program()).prop_map(|(ascii, requests)| {
         requests.iter().map(|pdu| (SILENCE, Event::Bytes(framed(ascii, 1, pdu)))).collect()
@@ -375,28 +377,28 @@ fn events_on_network() -> impl Strategy<Value = Vec<(u64, Event)>> {
     proptest::collection::vec((gap(), event), 0..40)
 }
 
-/// More rows than any drive has.
+/// More rows than the register table of any drive has.
 const ROWS: usize = 160;
 
-/// Values of registers, by their rows.
+/// Values to preset, with the rows of their registers.
 fn presets() -> impl Strategy<Value = Vec<(usize, i64)>> {
     proptest::collection::vec((0_usize..ROWS, prop_oneof![0_i64..20, any::<i64>()]), 0..12)
 }
 
-/// The longest silence in a script, and behind it.
+/// The longest silence within a script and after it.
 fn longest(drive: &dyn Device) -> Duration {
     match drive.spec().kind {
         "md3" | "md3-low" => Duration::secs(10),
-        // A program may run for ever. In less than 5 s no drive is reset to the factory settings and uses RTU again
-        // (7).
+        // A program may run without end. In less than 5 s no drive is reset to the factory settings, which
+        // would make it use RTU again (7).
         "rs434544" | "rs434546" => Duration::millis(50),
-        // It may stream without a pause.
+        // The drive may stream without a pause.
         _ => Duration::millis(100),
     }
 }
 
-/// Runs a script on a new drive and returns its outputs. The drive is advanced before each event for which `eager` is
-/// true; bursts are cut into pieces of `piece` characters.
+/// Runs a script on a new drive and returns its outputs. The drive is advanced before each event for which
+/// `eager` is true. Bursts are split into pieces of `piece` characters.
 fn run(
     subject: Subject,
     Script { presets, on_line, on_network, fast }: &Script,
@@ -410,11 +412,11 @@ fn run(
     let silence = port.framing == Framing::Silence;
     let longest = longest(&*drive);
     let events = if spec.is_on_network() { on_network } else { on_line };
-    // One without such a port does not know where that is.
+    // A drive without such a port gets the number of a port that it does not have.
     let tcp = |ends| {
         Port(spec.ports.iter().position(|port| port.framing == ends).unwrap_or(spec.ports.len()) as u8)
     };
-    // The line of one that judges silence is among what could be preset.
+    // If a drive judges silence, presets could change its line settings, so there are none.
     let (piece, presets) = if silence { (piece, [].as_slice()) } else { (1, presets.as_slice()) };
     if let Some((name, value)) = subject.saved {
         let named = spec.find(name).expect("a register");
@@ -429,7 +431,7 @@ fn run(
         }
     }
     if silence {
-        // It may read its pins before it sets its line.
+        // The drive may read its pins before it sets its line.
         advance(&mut *drive, Instant::ZERO, core::iter::empty(), &mut log);
     }
     let said = log.line.filter(|_| silence);
@@ -441,7 +443,7 @@ fn run(
         at += Duration::from_ticks(*gap % longest.ticks()) + line.character();
         match event {
             Event::Bytes(bytes) => {
-                // In ASCII nothing follows a line feed in a burst.
+                // In ASCII a burst ends with a line feed.
                 let bursts = bytes.split_inclusive(|&byte| ascii::is_on(line) && byte == b'\n');
                 for bytes in bursts.flat_map(|burst| burst.chunks(piece)) {
                     inputs.push((at, Event::Bytes(bytes.to_vec())));
@@ -486,7 +488,7 @@ fn run(
     log.outputs
 }
 
-/// More bytes than any drive's memory has.
+/// More bytes than the memory of any drive has.
 const MEMORY: usize = 20_000;
 
 proptest! {
@@ -577,17 +579,17 @@ fn every_drive_names_what_its_spec_points_to() {
         );
         assert!(spec.encoders.iter().all(|e| exists(e.a) && exists(e.b) && e.index.is_none_or(exists)));
         assert!(spec.address.is_none_or(|row| row < spec.registers.rows.len()));
-        // A board finds pins and faults by their names alone.
+        // A board finds pins and faults only by their names, so names must be unique.
         let ends = spec.pins.iter().map(|pin| pin.name).chain(spec.faults.iter().copied());
         assert_eq!(twice(ends), None, "{}", spec.kind);
         assert_eq!(twice(spec.registers.rows.iter().map(|row| row.name)), None, "{}", spec.kind);
-        // As far as the tests above go.
+        // The tests above cover at most this many rows and bytes.
         assert!(spec.registers.rows.len() < ROWS, "{}", spec.kind);
         assert!(usize::from(spec.memory) < MEMORY, "{}", spec.kind);
     }
 }
 
-/// The first name that comes again.
+/// The first name that occurs twice.
 fn twice(names: impl Iterator<Item = &'static str>) -> Option<&'static str> {
     let mut seen = std::collections::BTreeSet::new();
     names.into_iter().find(|name| !seen.insert(*name))

@@ -1,4 +1,5 @@
-//! 100,000 steps over 100 random moves of an MD3: the output of its STEP pin, against an oracle without plans.
+//! 100,000 steps in 100 random moves of an MD3: the output of its STEP pin, compared with a model that uses
+//! no plans.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Pin};
@@ -27,7 +28,7 @@ struct Move {
     acceleration: u32,
 }
 
-/// An MD3 after its start-up, on a bench that keeps everything and whose lines take no time.
+/// An MD3 after its start-up, on a bench that keeps the whole trace and whose lines take no time.
 fn bench() -> (Bench, DriveId) {
     let settings = Settings { line: LineMode::Fast, trace: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
@@ -42,20 +43,20 @@ fn seat(bench: &mut Bench, name: &str) -> DriveId {
 }
 
 impl Move {
-    /// Returns whether the move reaches its speed.
+    /// Returns true if the move reaches its speed.
     fn cruises(&self) -> bool {
         let (steps, speed) = (self.steps.unsigned_abs(), self.speed.unsigned_abs());
         u64::from(speed).pow(2) < u64::from(steps) * u64::from(self.acceleration)
     }
 }
 
-/// Random numbers from 0 up to a bound, the same in each run.
+/// Returns random numbers below a bound, the same in each run.
 fn dice() -> impl FnMut(u32) -> u32 {
     let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, b"one hundred moves of one MD3 ...");
     move |below| ((u64::from(rng.next_u32()) * u64::from(below)) >> 32) as u32
 }
 
-/// Makes a move to its end, and waits a little.
+/// Makes a move to its end and waits 10 µs more.
 fn make(bench: &mut Bench, md3: DriveId, steps: i32, speed: i32, acceleration: u32) -> Move {
     write_pair(bench, md3, at::MOVE_STEPS, steps.cast_unsigned());
     write_pair(bench, md3, at::SPEED, speed.cast_unsigned());
@@ -69,7 +70,7 @@ fn make(bench: &mut Bench, md3: DriveId, steps: i32, speed: i32, acceleration: u
     Move { from, steps, speed, acceleration }
 }
 
-/// `MOVES` numbers that are not 0, `STEPS` in sum.
+/// `MOVES` positive numbers whose sum is `STEPS`.
 fn parts(mut random: impl FnMut(u32) -> u32) -> Vec<u32> {
     let mut cuts: Vec<u32> = (1..MOVES).map(|_| random(STEPS - MOVES as u32)).collect();
     cuts.extend([0, STEPS - MOVES as u32]);
@@ -88,7 +89,7 @@ fn every_step_of_100_random_moves_comes_out_of_the_step_pin_at_its_tick() {
         .map(|length| {
             let length = length.cast_signed();
             let steps = if random(2) == 0 { length } else { -length };
-            // As many small rates as great ones, up to 40,000 and 2²⁰.
+            // Small and large rates are equally likely, up to 40,000 steps/s and 2²⁰ steps/s².
             let (speed, acceleration) = (1 << random(16), 1 << random(20));
             let speed = (speed + random(speed)).min(40_000).cast_signed();
             // The sign of Speed does not matter in a profile move (7.17).
@@ -142,7 +143,7 @@ fn an_md3_follows_the_step_and_direction_outputs_of_another() {
         bench.wire((x, from), (y, to));
     }
     bench.run_until(3.millis());
-    // The first wire pulled J2.4 low, which was a step; J2.5 was still open, which is forward.
+    // The first wire pulled J2.4 low, which is a step. J2.5 was still open, which is forward.
     let offset = bench.motion(y, AXIS).position;
     assert_eq!(offset, 1);
     for _ in 0..20 {
@@ -150,7 +151,7 @@ fn an_md3_follows_the_step_and_direction_outputs_of_another() {
         make(&mut bench, x, steps, 1 + random(40_000).cast_signed(), 1_000 + random(1_000_000));
         assert_eq!(bench.motion(y, AXIS).position - offset, bench.motion(x, AXIS).position);
     }
-    // A jog, turned round and stopped at once on its way.
+    // A jog that is reversed and then stopped at once.
     write_pair(&mut bench, x, at::ACCEL_DECEL, 200_000);
     write_pair(&mut bench, x, at::SPEED, 20_000);
     write(&mut bench, x, at::MOTION, bit::JOG);
@@ -180,7 +181,7 @@ fn nothing_is_counted_before_it_is_made() {
     let (mut bench, md3) = bench();
     make(&mut bench, md3, 3, 40_000, 200);
     let start = bench.now();
-    // sqrt(2n/200) s: the first step after 0.1 s.
+    // Step n is due after sqrt(2n/200) s, the first step after 0.1 s.
     write(&mut bench, md3, at::MOTION, bit::MOVE);
     bench.run_until(start + 100.millis() - Duration::TICK);
     assert_eq!(bench.pulses(md3.step()).count(), 3);
@@ -188,7 +189,7 @@ fn nothing_is_counted_before_it_is_made() {
     let pulse = bench.pulses(md3.step()).last();
     let rise = start + 100.millis();
     assert_eq!(pulse, Some(Pulse { rise, fall: rise + 2.micros(), forward: true }));
-    // A stop at once: the other two are never made.
+    // After a stop at once the remaining two steps are never made.
     write(&mut bench, md3, at::MOTION, bit::STOP);
     bench.run_until(bench.now() + 10.secs());
     assert_eq!(bench.pulses(md3.step()).count(), 4);

@@ -1,7 +1,7 @@
 //! The image of the LM3S6965 board under QEMU: the unchanged firmware, with requests over its UART.
 //!
-//! `cargo xtask test` builds the image, names it in `DRIVETWIN_BOARD`, and runs this. UARTs there do not pace bytes,
-//! so gaps are not tested; a master without an answer repeats its request, as masters do.
+//! `cargo xtask test` builds the image, names it in `DRIVETWIN_BOARD` and runs this test. QEMU's UARTs do not
+//! pace bytes, so gaps are not tested. A master without an answer repeats its request, as masters do.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -13,25 +13,25 @@ use std::time::Duration;
 use drivetwin_protocol::modbus::{Expect, Scan, rtu};
 use drivetwin_tests::md3::{at, bit};
 
-/// Longest wait of a master for an answer. The drive's start-up takes 2.5 s.
+/// Longest time that a master waits for an answer. The drive's start-up takes 2.5 s.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Number of requests before it gives up.
+/// Number of times that a request is sent before the test fails.
 const TRIES: usize = 20;
 
-/// A board that runs; it ends with this, and with the thread that started it.
+/// A running board. QEMU ends when this value is dropped, or when the thread that started it ends.
 struct Board {
     qemu: Child,
     bus: ChildStdin,
     heard: Receiver<u8>,
-    /// Output of its UART1.
+    /// Lines from UART1 of the board.
     said: Receiver<String>,
-    /// QEMU's own protocol for tests.
+    /// Connection for qtest, QEMU's protocol for tests.
     control: TcpStream,
 }
 
 impl Board {
-    /// Starts the image and waits until it reports that the drive has power. A `watchdog` is no use on a machine that
-    /// may be busy for a second.
+    /// Starts the image and waits until it reports that the drive has power. Tests of other things run
+    /// without `watchdog`, because a busy machine may stop QEMU for a second.
     fn boot(watchdog: bool) -> Self {
         let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
         let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));
@@ -61,13 +61,13 @@ impl Board {
         board
     }
 
-    /// Waits until it reports that the drive has power, again or for the first time.
+    /// Waits until the board reports that the drive has power, at the first start or a later one.
     fn wait_for_power(&self) {
         let line = || self.said.recv_timeout(10 * PATIENCE).expect("the board boots");
         while !line().ends_with(" has power") {}
     }
 
-    /// Writes a word to a register of the hardware.
+    /// Writes a word to a hardware register.
     fn poke(&mut self, address: u32, word: u32) {
         let mut done = String::new();
         writeln!(self.control, "writel {address:#x} {word:#x}").expect("QEMU listens");
@@ -75,7 +75,7 @@ impl Board {
         assert_eq!(done.trim_end(), "OK");
     }
 
-    /// The answer to a request.
+    /// Sends a request until there is an answer, and returns the answer.
     fn ask(&mut self, request: &[u8]) -> Vec<u8> {
         for _ in 0..TRIES {
             self.bus.write_all(request).expect("QEMU listens");
@@ -91,16 +91,16 @@ impl Board {
         panic!("{request:02x?} was never answered");
     }
 
-    /// Writes a register; the reply to that is its request (6.2).
+    /// Writes a register. The reply must repeat the request (6.2).
     fn write(&mut self, register: u16, value: u16) {
         let request = rtu::write(1, register, value);
         assert_eq!(self.ask(&request), request.as_slice());
     }
 
-    /// Reads a register until it has that value.
+    /// Reads a register until it has this value.
     fn wait_for(&mut self, register: u16, value: u16) {
         let [high, low] = value.to_be_bytes();
-        // An answer takes t3.5 and a character at least: this is a minute of the board's time.
+        // An answer takes at least t3.5 and a character, so this is at least a minute of the board's time.
         let came = (0..12_000).any(|_| self.ask(&rtu::read(1, register, 1)) == answer(&[3, 2, high, low]));
         assert!(came, "{register:#04x} never was {value:#06x}");
     }
@@ -113,7 +113,7 @@ impl Drop for Board {
     }
 }
 
-/// A frame of the drive.
+/// A reply frame of the drive.
 fn answer(pdu: &[u8]) -> Vec<u8> {
     rtu::frame(1, pdu).to_vec()
 }
@@ -124,20 +124,20 @@ fn the_board_answers() {
     let mut board = Board::boot(false);
     // Chapter 7: SpeedHigh and SpeedLow of a new drive.
     assert_eq!(board.ask(&rtu::read(1, at::SPEED, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
-    // 6.2, 7.23.
+    // 6.2, 7.23: a write and a read of UserRegister.
     board.write(at::USER, 0x1234);
     assert_eq!(board.ask(&rtu::read(1, at::USER, 1)), answer(&[3, 2, 0x12, 0x34]));
     // 6.1, 6.2: exceptions.
     assert_eq!(board.ask(&rtu::frame(1, &[4, 0, 0, 0, 1])), answer(&[0x84, 1]));
     assert_eq!(board.ask(&rtu::write(1, at::PRODUCT, 0)), answer(&[0x86, 2]));
-    // 7.15: a move reads back as running, then done.
+    // 7.15: the bit of a move reads 1 while the motor moves, then 0.
     board.write(at::MOTION, bit::MOVE);
     assert_eq!(board.ask(&rtu::read(1, at::MOTION, 1)), answer(&[3, 2, 0, 1]));
     board.wait_for(at::MOTION, 0);
-    // 7.20: a save, after which the status of the CRC is 0.
+    // 7.20: after a save the status of the CRC is 0.
     board.write(at::EEPROM, 1);
     board.wait_for(at::EEPROM, 0);
-    // 7.22: the UART changes its rate behind the reply, and goes on.
+    // 7.22: the UART changes its rate after the reply, and communication continues.
     board.write(at::SERIAL_PORT, 0x25);
     assert_eq!(board.ask(&rtu::read(1, at::SERIAL_PORT, 1)), answer(&[3, 2, 0, 0x25]));
 }
@@ -145,7 +145,7 @@ fn the_board_answers() {
 #[test]
 #[ignore = "needs QEMU and the image of the board: `cargo xtask test` brings both"]
 fn a_board_that_hangs_starts_again_with_what_it_saved() {
-    /// Control of SysTick in every Cortex-M3 (ARMv7-M B3.3.3): 0 stops the clock by which the loop wakes.
+    /// Control of SysTick in every Cortex-M3 (ARMv7-M B3.3.3). Writing 0 stops the clock that wakes the loop.
     const SYST_CSR: u32 = 0xE000_E010;
 
     let mut board = Board::boot(true);

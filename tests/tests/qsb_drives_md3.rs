@@ -1,5 +1,5 @@
-//! The motor drive of a QSB-M, wired to the step and direction inputs of an MD3: what the one counts the
-//! other makes.
+//! The motor drive of a QSB-M, wired to the step and direction inputs of an MD3. The MD3 must make every step
+//! that the QSB counts.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port};
@@ -12,13 +12,13 @@ use drivetwin_sim::signals::pulses::Pulse;
 
 const AXIS: Axis = Axis(0);
 
-/// MD STATUS: active, and what it does.
+/// Values of MD STATUS while the motor drive is active.
 const READY: u32 = 0x11;
 const MOVING: u32 = 0x12;
 const PAUSED: u32 = 0x14;
 const JOGGING: u32 = 0x18;
 
-/// A QSB-M whose DIO1 and DIO2 step an MD3, and a client at its port.
+/// A QSB-M whose DIO1 and DIO2 are step and direction of an MD3, and a client at the QSB's port.
 struct Fixture {
     bench: Bench,
     qsb: DriveId,
@@ -29,7 +29,7 @@ struct Fixture {
 }
 
 impl Fixture {
-    /// With the motor drive active.
+    /// A fixture with an active motor drive.
     fn new() -> Self {
         let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
         let setup = || Setup { boot_fast: true, ..Setup::default() };
@@ -48,13 +48,13 @@ impl Fixture {
         let mut fixture = Self { bench, qsb, md3, client, offset: 0 };
         assert_eq!(fixture.stepped(), 0, "the lines are released, and the MD3 pulls both up");
         fixture.ask("W162");
-        // An MD3 steps when J2.4 falls, and so it does here; J2.5 was still high, which is forward.
+        // The MD3 steps when J2.4 falls, which it does at activation. J2.5 was still high, which is forward.
         assert_eq!(fixture.stepped(), 1);
         fixture.offset = 1;
         fixture
     }
 
-    /// Sends a command, and returns the data of its reply.
+    /// Sends a command and returns the data of the reply.
     #[track_caller]
     fn ask(&mut self, command: &str) -> u32 {
         self.bench.send(self.client, format!("{command}\r").as_bytes());
@@ -70,14 +70,14 @@ impl Fixture {
         u32::from_str_radix(data, 16).unwrap()
     }
 
-    /// Sets rates and steps.
+    /// Sets rate, acceleration and number of steps.
     fn set(&mut self, rate: u16, acceleration: u32, steps: i32) {
         self.ask(&format!("W0F{rate:X}"));
         self.ask(&format!("W10{acceleration:X}"));
         self.ask(&format!("W11{steps:08X}"));
     }
 
-    /// Jogs at that rate, from now on.
+    /// Starts a jog at this rate.
     fn jog(&mut self, rate: i32) {
         self.ask(&format!("W12{rate:08X}"));
         self.ask("W169");
@@ -88,7 +88,7 @@ impl Fixture {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// Waits until MD STATUS is that, for a minute at most.
+    /// Waits until MD STATUS has this value, for at most a minute.
     #[track_caller]
     fn until(&mut self, status: u32) {
         let end = self.bench.now() + 60.secs();
@@ -102,10 +102,10 @@ impl Fixture {
         self.bench.motion(self.md3, AXIS).position - self.offset
     }
 
-    /// Asserts that both stand there.
+    /// Asserts that both drives are at this position.
     #[track_caller]
     fn both_stand_at(&mut self, position: i32) {
-        // The MD3 steps when a pulse is over.
+        // The MD3 steps at the end of a pulse.
         self.wait(10.micros());
         assert_eq!((self.bench.motion(self.qsb, AXIS).position, self.stepped()), (position, position));
     }
@@ -152,7 +152,7 @@ fn pauses_lose_no_step() {
     let mut fixture = Fixture::new();
     fixture.set(13_000, 40_000, 30_000);
     fixture.ask("W168");
-    // In the ramp up, in the cruise, and resumed before it is at rest.
+    // Pauses in the ramp up and in the cruise, and once resumes before the motor is at rest.
     for (ms, stands) in [(100, true), (1_000, true), (700, false)] {
         fixture.wait(ms.millis());
         fixture.ask("W166");
@@ -165,7 +165,7 @@ fn pauses_lose_no_step() {
         fixture.ask("W167");
         assert_eq!(fixture.ask("R13"), MOVING);
     }
-    // In its own ramp down, which ends on the last step: nothing is left to resume.
+    // A pause in the move's own ramp down, which ends on the last step. So nothing is left to resume.
     fixture.wait(1_000.millis());
     assert!((28_000..30_000).contains(&fixture.stepped()), "{}", fixture.stepped());
     fixture.ask("W166");
@@ -187,7 +187,7 @@ fn a_jog_at_13_000_makes_12_992_steps_a_second() {
     let second = pulses[300 + 12_992].rise.since(pulses[300].rise);
     assert!(second.ticks().abs_diff(1.secs().ticks()) <= 1, "{second:?}");
     assert!(pulses.windows(2).all(|pair| pair[0].fall < pair[1].rise));
-    // Back by way of standstill, paused, resumed, and stopped at once.
+    // A reversal through standstill, then a pause, a resume, and a stop at once.
     fixture.jog(-13_000);
     fixture.wait(3.secs());
     fixture.ask("W166");
@@ -212,22 +212,22 @@ fn the_digital_port_has_its_lines_back_when_the_motor_drive_ends() {
     fixture.ask("W168");
     fixture.until(READY);
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::Low, Level::High));
-    // Read as step low and forward; what is written waits.
+    // Register 01 reads DIO1 low (step) and DIO2 high (forward). The written value takes effect later.
     fixture.ask("W02F00");
     fixture.ask("W019");
     assert_eq!(fixture.ask("R01"), 0xD);
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::Low, Level::High));
-    // As they were saved: inputs, which the MD3 pulls up. A rise is no step.
+    // The port returns to its saved state: inputs, which the MD3 pulls up. A rising edge is no step.
     fixture.ask("W160");
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::High, Level::High));
     assert_eq!(fixture.ask("R13"), 0x01);
     fixture.both_stand_at(100);
-    // By the digital port: backward, and a step.
+    // The digital port sets the direction backward and makes a step.
     fixture.ask("W02F00");
     fixture.ask("W01B");
     fixture.ask("W019");
     assert_eq!(fixture.stepped(), 99);
-    // It takes them again, and the MD3 has seen no edge: DIO1 was low.
+    // The motor drive takes the pins again. The MD3 sees no falling edge, because DIO1 was already low.
     let at: Instant = fixture.bench.now();
     fixture.ask("W162");
     assert_eq!(fixture.stepped(), 99);

@@ -1,5 +1,5 @@
-//! The user programs in `examples/`, each on a drive with a motor, and the claims of
-//! `docs/reference/rs434-programs.md` about the language.
+//! The user programs in `examples/`, each on a drive with a motor, and what
+//! `docs/reference/rs434-programs.md` says about the language.
 
 use drivetwin_firmware::device::{Device, Instant};
 use drivetwin_firmware::rs434::rs434544;
@@ -10,16 +10,16 @@ use drivetwin_sim::rsasm::{self, Image};
 const IN1: &str = "IN1";
 const HARD_STOP: &str = "HARD_STOP";
 
-/// STATUS (6.3).
+/// Values of STATUS (6.3).
 const STOPPED: i64 = 0;
 const FORWARD: i64 = 1;
 const BACKWARD: i64 = 2;
-/// STATUS_USER_PROGRAM (6.3).
+/// Values of STATUS_USER_PROGRAM (6.3).
 const RUNS: i64 = 4;
 const ENDED: i64 = 5;
 const FULLY_ENDED: i64 = 6;
 
-/// A drive that starts a program when it gets power.
+/// A drive that starts a program at power-on.
 struct Rig {
     bench: Bench,
     seat: DriveId,
@@ -50,7 +50,7 @@ impl Rig {
         self.bench.run_until(self.bench.now() + span);
     }
 
-    /// Runs until STATUS changes, at most for that long, and returns the time of the change.
+    /// Runs until STATUS has this value, for at most `patience`. Returns the time of the change.
     #[track_caller]
     fn until_status(&mut self, status: i64, patience: Duration) -> Instant {
         let end = self.bench.now() + patience;
@@ -61,7 +61,7 @@ impl Rig {
         self.bench.now()
     }
 
-    /// A button that closes IN1, or opens it, and bounces for 5 ms.
+    /// Presses or releases a button at IN1, which bounces for 5 ms.
     fn button(&mut self, to: PinStimulus) {
         let from = if to == PinStimulus::Low { PinStimulus::Open } else { PinStimulus::Low };
         for driving in [to, from, to, from, to] {
@@ -84,7 +84,8 @@ fn positioning_goes_out_and_home_at_each_press() {
         let pressed = rig.bench.now();
         rig.button(PinStimulus::Low);
         assert_eq!(rig.get("STATUS"), FORWARD, "the first contact starts it");
-        // 20 turns at 25 turns/s and a ramp; 10 ms are more than the line in which the program is then, and settling.
+        // 20 turns at 25 turns/s, and a ramp. The tolerance of some 10 ms covers the current program line and
+        // settling.
         let out = rig.until_status(STOPPED, 2.secs());
         let took = out.since(pressed);
         assert!((800.millis()..900.millis()).contains(&took), "{took:?}");
@@ -97,14 +98,14 @@ fn positioning_goes_out_and_home_at_each_press() {
         rig.after(10.millis());
         assert_eq!((rig.get("CURRENT_POSITION"), rig.get("CX_REG")), (0, parts));
 
-        // Neither holding the button nor letting it go is a press.
+        // Neither holding the button nor releasing it is a press.
         rig.after(1.secs());
         rig.button(PinStimulus::Open);
         rig.after(1.secs());
         assert_eq!((rig.get("STATUS"), rig.get("CURRENT_POSITION"), rig.get("CX_REG")), (STOPPED, 0, parts));
     }
 
-    // The emergency stop in the middle of a move ends the program.
+    // HARD_STOP during a move ends the program.
     rig.button(PinStimulus::Low);
     rig.after(200.millis());
     rig.contact(HARD_STOP, PinStimulus::High);
@@ -114,14 +115,14 @@ fn positioning_goes_out_and_home_at_each_press() {
     assert!((1..320).contains(&rig.get("CURRENT_POSITION")));
 }
 
-/// HARD_STOP opens while the feeder rests, at home or in the pause when it is out: no part is counted for which
-/// it did not go out and come back.
+/// HARD_STOP opens while the feeder is at rest, at home or out. A part counts only if the feeder went out and
+/// came back for it.
 #[test]
 fn positioning_counts_no_part_when_hard_stop_is_open() {
     for opens_at in [0, 320] {
         let mut rig = Rig::new(include_str!("../../examples/positioning.rsasm"));
         rig.after(1.secs());
-        // One part, so that the registers are those of a feeder that works.
+        // Feeds one part first, so that the registers are those of a working feeder.
         rig.button(PinStimulus::Low);
         rig.after(3.secs());
         rig.button(PinStimulus::Open);
@@ -159,13 +160,13 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
         let end = rig.until_status(STOPPED, 1.secs());
         let took = end.since(start);
         assert!((5_500.millis()..5_700.millis()).contains(&took), "{took:?}");
-        // 11,500 rpm for half a second each, 16 counts in a turn.
+        // The speeds add up to 11,500 rpm, each for half a second, at 16 counts per turn.
         let counts = 11_500 * 16 / 120;
         let moved = (rig.get("CURRENT_POSITION") - before).abs();
         assert!((moved - counts).abs() <= counts / 50, "{moved} counts");
     }
     rig.after(10.millis());
-    // The factory settings are back.
+    // The program has restored the factory settings.
     let settings = ["STATUS_USER_PROGRAM", "PC_REG", "SPEED", "ACC", "DIRECTION"].map(|name| rig.get(name));
     assert_eq!(settings, [FULLY_ENDED, 0, 1_000, 100, 1]);
     assert_eq!(rig.get("ERROR"), 0);
@@ -181,7 +182,7 @@ fn examples_of_the_language_reference_assemble() {
     for program in programs {
         rsasm::assemble(program).unwrap_or_else(|error| panic!("{error}\n{program}"));
     }
-    // The last cell of each row of the table: examples in backticks.
+    // The last cell of each table row has examples in backticks.
     let cells = LANGUAGE.lines().filter_map(|line| line.strip_suffix(" |")?.rsplit(" | ").next());
     let examples: Vec<&str> = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect();
     assert!(examples.len() > 15, "{examples:?}");

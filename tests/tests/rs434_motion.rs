@@ -1,4 +1,5 @@
-//! Moves of an RS 434544 with its motor, by its registers: with any values, it ends on its count.
+//! Moves of an RS 434544 with its motor, commanded by its registers. With any values a move ends on its
+//! count.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant};
@@ -32,12 +33,12 @@ proptest! {
             dut.wait(Duration::millis(10));
             prop_assert!(dut.now < Instant::from(Duration::secs(60)), "still on its way");
         }
-        // A run-on after the end would show.
+        // Waits a second more, to see any motion after the end.
         dut.wait(Duration::secs(1));
         prop_assert_eq!(dut.get_named("CURRENT_POSITION"), counts);
         prop_assert_eq!(dut.get_named("OFFSET"), 0);
         prop_assert_eq!(i64::from(dut.drive.shaft(dut.now, Axis(0)).unwrap().position - shaft), counts);
-        // Only the limit of the current may have held it back.
+        // Only the warning of the current limit may be set.
         prop_assert_eq!(dut.get_named("ERROR") & !0x800, 0);
     }
 }

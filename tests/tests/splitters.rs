@@ -1,5 +1,6 @@
-//! Messages without gaps, which a host cuts, have the same effect on every drive as with a silence after each:
-//! requests of RTU with a CRC that holds too early, pipelined ADUs, lines of MCode and of a QSB, in any reads.
+//! A host splits messages that arrive without gaps. On every drive they must have the same effect as with a
+//! silence after each: RTU requests with a CRC that is valid too early, pipelined ADUs, lines of MCode and of
+//! a QSB, in any reads.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
@@ -10,15 +11,15 @@ use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
 use drivetwin_sim::catalog;
 use proptest::prelude::*;
 
-/// Longer than any drive starts, with `boot_fast`.
+/// Longer than the start-up of any drive with `boot_fast`.
 const START: Duration = Duration::secs(5);
 
-/// Longer than any drive takes for an answer.
+/// Longer than any drive takes to answer.
 const ANSWER: Duration = Duration::millis(100);
 
 const SERIAL: Port = Port(0);
 
-/// Kinds of drive with a port where messages end so.
+/// Kinds of drive that have a port with this framing.
 fn kinds_of(ends: Framing) -> Vec<&'static str> {
     let kinds: Vec<_> = catalog::specs()
         .filter(|spec| spec.ports.iter().any(|port| port.framing == ends))
@@ -28,7 +29,7 @@ fn kinds_of(ends: Framing) -> Vec<&'static str> {
     kinds
 }
 
-/// Answers of a drive to each frame with a second of silence behind it: there is no host.
+/// Answers of a drive to each frame, with a second of silence after each frame and without a host.
 fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let mut drive = catalog::make(kind).expect("a kind");
     let mut out = Recorder::new(drive.spec().memory.into());
@@ -47,7 +48,7 @@ fn with_silences(kind: &str, frames: &[Vec<u8>]) -> Vec<Vec<u8>> {
     answers.collect()
 }
 
-/// A bench with a drive of that kind that has started.
+/// A bench with a drive of this kind that has started.
 fn bench(kind: &str) -> Bench {
     let mut bench = Bench::with(Settings::default());
     let drive = catalog::make(kind).expect("a kind");
@@ -58,7 +59,7 @@ fn bench(kind: &str) -> Bench {
     bench
 }
 
-/// A client of its only port where messages end so.
+/// A client of the only port with this framing.
 fn client(bench: &mut Bench, ends: Framing) -> Client {
     let seat = bench.find_drive("x").expect("the drive");
     let place = bench.spec(seat).ports.iter().position(|port| port.framing == ends).expect("a port");
@@ -69,8 +70,8 @@ fn client(bench: &mut Bench, ends: Framing) -> Client {
     }
 }
 
-/// Bytes that a client receives. It sends the parts with pauses between them, and then waits for as long as the
-/// answers take.
+/// Sends the parts with pauses between them, then waits as long as the answers take. Returns the bytes that
+/// the client receives.
 fn said(bench: &mut Bench, client: Client, parts: &[&[u8]], pause: Duration, answers: usize) -> Vec<u8> {
     for part in parts {
         bench.send(client, part);
@@ -82,7 +83,7 @@ fn said(bench: &mut Bench, client: Client, parts: &[&[u8]], pause: Duration, ans
     heard
 }
 
-/// A stream cut into reads, of the lengths in `reads` over and over.
+/// Splits a stream into reads. Their lengths are those in `reads`, repeated.
 fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
     let mut parts = Vec::new();
     for &length in reads.iter().cycle() {
@@ -100,10 +101,10 @@ fn reads() -> impl Strategy<Value = Vec<usize>> {
     prop::collection::vec(prop_oneof![1_usize..12, 1_usize..300], 1..8)
 }
 
-/// Addresses where no drive has a register: a write is refused, and nothing becomes different with time.
+/// Addresses at which no drive has a register. A write is refused, and nothing changes.
 const NOWHERE: std::ops::RangeInclusive<u16> = 0x9000..=0xFFFF;
 
-/// A PDU that the drives refuse, and that changes nothing.
+/// A PDU that the drives refuse and that changes nothing.
 fn pdu() -> impl Strategy<Value = Vec<u8>> {
     let [a, b] = NOWHERE.start().to_be_bytes();
     prop_oneof![
@@ -116,7 +117,8 @@ fn pdu() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// A frame whose first eight bytes hold a CRC as well: of function 15 or 16, with that many bytes of values.
+/// A frame of function 15 or 16 with that many bytes of values, whose first eight bytes are a valid frame,
+/// too.
 fn by_chance(unit: u8, function: u8, bytes: u8, seed: u16) -> Vec<u8> {
     let number = if function == 16 { bytes / 2 } else { bytes.saturating_mul(8) };
     let all = NOWHERE.cycle().skip(usize::from(seed)).take(NOWHERE.len());
@@ -132,7 +134,7 @@ fn by_chance(unit: u8, function: u8, bytes: u8, seed: u16) -> Vec<u8> {
     frame
 }
 
-/// A request to a drive: to it, or now and then to another one.
+/// A request to the drive, or sometimes to another drive.
 #[derive(Clone, Debug)]
 enum Request {
     Any(u8, Vec<u8>),
@@ -159,7 +161,7 @@ impl Request {
     }
 }
 
-/// Addresses of drives as they come.
+/// Address of a drive with factory settings.
 fn unit(kind: &str) -> u8 {
     let drive = catalog::make(kind).expect("a kind");
     let spec = drive.spec();
@@ -185,7 +187,7 @@ proptest! {
             let (stream, pause) = (frames.concat(), Duration::from_ticks(pause));
             let heard = said(&mut bench, client, &split(&stream, &reads), pause, frames.len());
             prop_assert_eq!(&heard, &answers.concat(), "{} hears {:02x?}", kind, frames);
-            // On a line with other devices a master waits for its answer, and silence ends a message.
+            // With other devices on the line a master waits for each answer, and a silence ends a message.
             bench.set_self_paced(client);
             for (frame, answer) in frames.iter().zip(&answers) {
                 let heard = said(&mut bench, client, &split(frame, &reads), pause, 2);
@@ -219,10 +221,10 @@ proptest! {
     fn lines_at_once_are_answered_as_one_by_one(
         lines in prop::collection::vec(line(), 1..8), reads in reads(), pause in 0_u64..20_000,
     ) {
-        // For a QSB no character waits for the end of its line.
+        // A QSB handles each character at once and does not wait for the end of a line.
         let ends = [Framing::Return, Framing::Character].into_iter();
         for (kind, ends) in ends.flat_map(|ends| kinds_of(ends).into_iter().map(move |kind| (kind, ends))) {
-            // The first one has an answer, with any others.
+            // The first line always has an answer, whatever the others are.
             let first = ("R0E\r".to_owned(), "PR R1\r".to_owned());
             let lines: Vec<String> = core::iter::once(&first).chain(&lines)
                 .map(|(qsb, mdrive)| if kind.starts_with("qsb") { qsb } else { mdrive }.clone())
@@ -242,7 +244,8 @@ proptest! {
     }
 }
 
-/// A PDU of an MDrive's own functions: a mnemonic of two characters, the last one first, and text (FB 4.3.1).
+/// A PDU with one of the MDrive's own functions: a mnemonic of two characters, in reverse order, and text (FB
+/// 4.3.1).
 fn adu() -> impl Strategy<Value = Vec<u8>> {
     (65_u8..=66, prop::sample::select(vec![*b"R1", *b"S1", *b"VM", *b"ZZ"]), "[=0-9,]{0,6}").prop_map(
         |(function, name, text)| {
@@ -251,7 +254,8 @@ fn adu() -> impl Strategy<Value = Vec<u8>> {
     )
 }
 
-/// A line for a QSB, and one for an MDrive: no answer depends on time, and no line starts something that does.
+/// A line for a QSB, and one for an MDrive. Their answers do not depend on time, and they start nothing that
+/// would.
 fn line() -> impl Strategy<Value = (String, String)> {
     let qsb = prop::sample::select(&["R0E", "R00", "W0812", "W0A1F", "R03", "R", "X1", "W0", "r0e", ""][..]);
     let mdrive = prop::sample::select(

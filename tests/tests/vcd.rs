@@ -1,4 +1,4 @@
-//! Waveforms, read by a third-party reader, against the manual and the mathematics.
+//! Waveform files, read by a third-party reader and compared with the manual and with exact computation.
 #![allow(missing_docs, reason = "a test")]
 
 use std::collections::BTreeMap;
@@ -16,10 +16,10 @@ use vcd::{Command, IdCode, Parser, SimulationCommand, TimescaleUnit, Value};
 /// Units of 100 ps in a tick of 62.5 ns.
 const UNITS_PER_TICK: u64 = 625;
 
-/// A change of a wire, and when in ticks.
+/// A change of a signal: its tick and the new value.
 type Change = (u64, Value);
 
-/// The wires of a file by scope and name, each with its changes from its first value on.
+/// The signals of a file by scope and name, each with its changes, beginning with its first value.
 struct File {
     wires: BTreeMap<(String, String), Vec<Change>>,
     end: u64,
@@ -75,18 +75,18 @@ impl File {
         &self.wires[&(scope.to_owned(), name.to_owned())]
     }
 
-    /// Times at which a wire takes `value`, from `from` on.
+    /// Ticks at which a signal changes to `value`, from `from` on.
     fn when(&self, scope: &str, name: &str, value: Value, from: u64) -> Vec<u64> {
         let changes = self.wire(scope, name).iter();
         changes.filter(|change| change.1 == value && change.0 >= from).map(|change| change.0).collect()
     }
 
-    /// Value of a wire at a time.
+    /// Value of a signal at a tick.
     fn at(&self, scope: &str, name: &str, at: u64) -> Value {
         self.wire(scope, name).iter().rev().find(|change| change.0 <= at).unwrap().1
     }
 
-    /// Begin and end of a drive's motions: BUSY, J3 pin 7, is pulled to ground between them.
+    /// Begin and end of each motion of a drive. Between them BUSY, J3 pin 7, is pulled to ground.
     fn busy(&self, scope: &str) -> Vec<(u64, u64)> {
         let ends = self.when(scope, "J3_7", Value::Z, 1);
         self.when(scope, "J3_7", Value::V0, 0).into_iter().zip(ends).collect()
@@ -129,7 +129,7 @@ fn every_step_of_a_move_is_on_its_tick() {
     bench.run_until(2_500.millis());
     write(&mut bench, md3, at::MOTION, bit::MOVE);
     bench.run_until(6.secs());
-    // A triangle backwards: 101 steps, 4,000,000 steps/s².
+    // A triangle backward: 101 steps at 4,000,000 steps/s².
     write_pair(&mut bench, md3, at::MOVE_STEPS, (-101_i32).cast_unsigned());
     write_pair(&mut bench, md3, at::ACCEL_DECEL, 4_000_000);
     write_pair(&mut bench, md3, at::SPEED, 40_000);
@@ -143,12 +143,12 @@ fn every_step_of_a_move_is_on_its_tick() {
     assert!((ticks(2_500.millis())..ticks(2_600.millis())).contains(&forward));
     assert_eq!(stands - forward, ticks(2_500.millis()), "1250, 7500 and 1250 steps");
     file.check_move("x", forward, 10_000, 5_000, 10_000);
-    // 2·sqrt(101/4,000,000) s
+    // The move takes 2·sqrt(101/4,000,000) s.
     assert!((stands_again - back).abs_diff(160_798) <= 1, "{}", stands_again - back);
     file.check_move("x", back, -101, 40_000, 4_000_000);
     assert_eq!(file.when("x", "STEP", Value::V1, 0).len(), 10_101, "and no pulse beside them");
 
-    // DIR changes 5 µs before the first step of a direction.
+    // DIR changes 5 µs before the first step in a new direction.
     let rises = file.when("x", "STEP", Value::V1, 0);
     let dir = file.wire("x", "DIR");
     let setup = ticks(5.micros());
@@ -162,7 +162,8 @@ fn a_reversal_changes_the_direction_between_two_pulses() {
     bench.run_until(2_500.millis());
     write(&mut bench, md3, at::MOTION, bit::JOG);
     bench.run_until(4.secs());
-    // From 5,000 steps/s to −5,000: the high half first is −60,536, which acts as −40,000.
+    // From 5,000 to −5,000 steps/s. After only the high half is written, the speed is −60,536, which is
+    // limited to −40,000.
     write_pair(&mut bench, md3, at::SPEED, (-5_000_i32).cast_unsigned());
     bench.run_until(6.secs());
     let file = File::of(&bench);
@@ -184,7 +185,7 @@ fn step_pulses_pass_through() {
     let mut bench = bench();
     let md3 = bench.add::<Md3>("x");
     bench.run_until(2_500.millis());
-    // J2 pins 4 and 5 are step and direction (7.8), a step at each falling edge, low is backward.
+    // J2 pin 4 is step, at each falling edge. J2 pin 5 is direction, and low is backward (7.8).
     bench.set_pin(md3, Pin(3), PinStimulus::Low);
     bench.pulse(md3, Pin(2), 1_000, 100_000.0).unwrap();
     bench.run_until(3.secs());
@@ -207,7 +208,7 @@ fn lights_blink_as_the_manual_says() {
         let changes = file.wire("md3", name).iter();
         changes.map(|(at, value)| (at / ticks(1.millis()), *value == Value::V1)).collect()
     };
-    // Two flashes, then in turns; red is done when green begins to beat (sections 2 and 4).
+    // Both flash twice, then alternately. Red ends when green begins its regular flashes (sections 2 and 4).
     let flashes = [(0, true), (250, false), (500, true), (750, false)];
     assert_eq!(millis("D5"), [&flashes[..], &[(1_500, true), (2_000, false)]].concat());
     let beats = [(2_750, false), (4_000, true), (4_250, false), (5_500, true), (5_750, false)];

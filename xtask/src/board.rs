@@ -1,4 +1,4 @@
-//! The boards: their images, and the memory layout of these.
+//! The boards: their images, and the memory layout of the images.
 
 use std::path::PathBuf;
 
@@ -11,20 +11,20 @@ use crate::checks::{BARE, host, target_dir};
 use crate::image::Image;
 use crate::tools::{Tool, Tools};
 
-/// Cargo's profile of what is flashed.
+/// Cargo's profile for the images that are flashed.
 pub(crate) const PROFILE: &str = "firmware";
 
-/// A board, with a binary for each kind of drive in its package.
+/// A board. Its package has a binary for each kind of drive.
 #[derive(Debug)]
 pub(crate) struct Board {
     pub(crate) name: &'static str,
     pub(crate) package: &'static str,
     pub(crate) target: &'static str,
-    /// Address of the vector table, once the image runs; `None` if it is behind the stack.
+    /// Address of the vector table while the image runs; `None` if the table follows the stack.
     vectors: Option<u64>,
-    /// Start of RAM.
+    /// Address of the start of RAM.
     ram: u64,
-    /// True if it has Ethernet, and so an image of the drives with TCP ports, too.
+    /// True if the board has Ethernet, and therefore also images of the drives with TCP ports.
     has_ethernet: bool,
 }
 
@@ -42,7 +42,7 @@ pub(crate) const BOARDS: [Board; 3] = [
         name: "rp2040",
         package: "drivetwin-rp2040",
         target: "thumbv6m-none-eabi",
-        // The image runs from RAM.
+        // The image runs from RAM, so the vector table is in RAM, after the stack.
         vectors: None,
         ram: 0x2000_0000,
         has_ethernet: false,
@@ -51,14 +51,14 @@ pub(crate) const BOARDS: [Board; 3] = [
         name: "stm32f4",
         package: "drivetwin-stm32f4",
         target: "thumbv7em-none-eabihf",
-        // As on the rp2040.
+        // The vector table is in RAM, as on the rp2040.
         vectors: None,
         ram: 0x2000_0000,
         has_ethernet: false,
     },
 ];
 
-/// Target of lints.
+/// Target for which the crates are linted.
 const LINTED: &str = BOARDS[2].target;
 
 /// The board that QEMU emulates.
@@ -66,8 +66,8 @@ pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
 
-/// The arguments of cargo that choose what runs on a processor. Always the same packages: with others cargo may choose
-/// other features of what they use, and build that again.
+/// Arguments of cargo that select everything that runs on a processor. The packages are always the same: with
+/// others cargo may select other features of their dependencies, and build these again.
 pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
     let board = BOARDS.iter().filter(|board| board.target == target).map(|board| board.package);
     let packages = board.chain(["panic-free"]);
@@ -77,8 +77,9 @@ pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
         .collect()
 }
 
-/// Lints the crates that only a board, or a linker, can build: all for one processor, which has every instruction of the
-/// others. The profile is theirs: the lock of another's folder would be waited for.
+/// Lints the crates that only a board, or a linker, can build. All are linted for one processor, which has
+/// every instruction of the others. The profile is that of the boards, so that no other lane's lock on a
+/// profile folder has to be waited for.
 pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     let packages = BARE.iter().flat_map(|bare| ["--package", bare]);
     let lint = || {
@@ -90,19 +91,20 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
 }
 
-/// Builds the images that log, one of each board: their linker scripts differ.
+/// Builds one image with logging for each board, because their linker scripts differ.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         let (bare, package) = (bare(board.target), board.package);
         cmd!(sh, "cargo build {bare...} --features {package}/defmt --bin md3").run()?;
-        // The name belongs to the image that is silent: cargo, which has kept it, only links it to the name again.
+        // The logging image now has the file name of the one without logging. Building that one again only
+        // links the name to cargo's copy.
         board.build(sh, "md3")?;
     }
     Ok(())
 }
 
 impl Board {
-    /// The kinds of drive that it has an image of, in order of their names.
+    /// The kinds of drive for which the board has an image, sorted by name.
     pub(crate) fn kinds(&self, sh: &Shell) -> Result<Vec<String>> {
         let mut kinds: Vec<String> = sh
             .read_dir(format!("firmware/boards/{}/src/bin", self.name))?
@@ -113,7 +115,7 @@ impl Board {
         Ok(kinds)
     }
 
-    /// Folder of its images once they are built, each with the name of its kind.
+    /// Folder of the images after they are built. The file name of an image is its kind.
     pub(crate) fn images(&self, sh: &Shell) -> PathBuf {
         target_dir(sh).join(self.target).join(PROFILE)
     }
@@ -125,7 +127,7 @@ impl Board {
         Ok(self.images(sh).join(kind))
     }
 
-    /// The image with a kind of drive, once it is built; reads the addresses and sizes in it.
+    /// The image with a kind of drive, which must be built. Checks the memory layout of the image.
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         let image = Image::of(sh, self.target, PROFILE, kind)?;
         let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
@@ -133,11 +135,11 @@ impl Board {
         Ok(image)
     }
 
-    /// Builds the image for interactive use, and first what that needs.
+    /// Builds the image for interactive use, after installing the tools that are needed.
     ///
     /// # Errors
     ///
-    /// If there is no image of that kind, if it does not build, or if a tool is missing.
+    /// There is no image of that kind, it does not build, or a tool is missing.
     pub(crate) fn image_for(&self, sh: &Shell, kind: &str, needed: &[Tool]) -> Result<PathBuf> {
         let kinds = self.kinds(sh)?;
         if !kinds.iter().any(|known| known == kind) {
@@ -149,12 +151,12 @@ impl Board {
         self.build(sh, kind)
     }
 
-    /// Returns whether it must have an image of a kind of drive: each has one wherever its ports are.
+    /// Returns whether the board must have an image of a kind of drive: if it has the ports of that kind.
     pub(crate) fn carries(&self, kind: &str) -> bool {
         self.has_ethernet || !spec(kind).is_some_and(Spec::is_on_network)
     }
 
-    /// Builds every image, at once.
+    /// Builds every image of the board with one command.
     pub(crate) fn all(&self, sh: &Shell) -> Result<PathBuf> {
         let kinds = kinds().into_iter().filter(|kind| self.carries(kind));
         let bins = kinds.flat_map(|kind| ["--bin", kind]);
@@ -164,7 +166,7 @@ impl Board {
     }
 }
 
-/// Description of every kind of drive.
+/// Specs of every kind of drive.
 fn specs() -> Vec<&'static Spec> {
     macro_rules! specs {
         ($($make:expr),* $(,)?) => { vec![$(($make)().spec()),*] };
@@ -172,17 +174,18 @@ fn specs() -> Vec<&'static Spec> {
     drivetwin_firmware::devices!(specs)
 }
 
-/// The kinds of drives.
+/// Names of all kinds of drives.
 pub(crate) fn kinds() -> Vec<&'static str> {
     specs().into_iter().map(|spec| spec.kind).collect()
 }
 
-/// Description of a kind of drive.
+/// Spec of a kind of drive.
 pub(crate) fn spec(kind: &str) -> Option<&'static Spec> {
     specs().into_iter().find(|spec| spec.kind == kind)
 }
 
-/// Commands to communicate with a kind of drive whose line is at `address` of this machine.
+/// Commands to communicate with a kind of drive whose serial line is at the TCP address `address` of this
+/// machine.
 pub(crate) fn hint(kind: &str, address: &str) -> String {
     let spec = spec(kind);
     match spec.and_then(|spec| spec.ports.first()).map(|port| port.framing) {
@@ -200,7 +203,8 @@ pub(crate) fn hint(kind: &str, address: &str) -> String {
     }
 }
 
-/// Commands to communicate with a kind of drive whose Modbus and MCode are at these ports of this machine.
+/// Commands to communicate with a kind of drive whose Modbus and MCode are at these TCP ports of this
+/// machine.
 pub(crate) fn network_hint(kind: &str, [modbus, mcode]: [u16; 2]) -> String {
     let first = first_register(spec(kind));
     format!(
@@ -210,7 +214,7 @@ pub(crate) fn network_hint(kind: &str, [modbus, mcode]: [u16; 2]) -> String {
     )
 }
 
-/// The first holding register of a drive, counted from 1.
+/// Number of the drive's first holding register, counted from 1.
 fn first_register(spec: Option<&'static Spec>) -> u32 {
     let holding = spec.into_iter().flat_map(Spec::rows).map(|(_, row)| row);
     let first = holding.filter(|row| row.space == Space::Holding).map(|row| row.address).min();
@@ -225,7 +229,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     Ok(test.env("DRIVETWIN_BOARD", image).run()?)
 }
 
-/// Plays the golden traces on the images under QEMU.
+/// Replays the golden traces on the images under QEMU.
 pub(crate) fn golden(sh: &Shell) -> Result<()> {
     let images = LM3S6965.all(sh)?;
     let host = host();

@@ -1,25 +1,26 @@
-//! Budgets of the drives. `cargo xtask size` measures every line, and fails where one costs more, or where a measured
-//! value has no line here.
+//! Budgets of the drives. `cargo xtask size` measures every value, and fails if a value exceeds its budget or
+//! has no budget here.
 
 use crate::board::BOARDS;
 
 /// Budget of a measured value.
 #[derive(Debug)]
 pub(crate) struct Budget {
-    /// Measured value: instructions, if not stated otherwise.
+    /// Name of the measured value. The unit is instructions, if not stated otherwise.
     pub(crate) what: &'static str,
-    /// On a Cortex-M3 and the lm3s6965, on a Cortex-M0+ and the rp2040, and on a Cortex-M4F and the stm32f4.
+    /// Maximum on a Cortex-M3 and the lm3s6965, on a Cortex-M0+ and the rp2040, and on a Cortex-M4F and the
+    /// stm32f4.
     pub(crate) most: [u64; PLACES],
     /// Reason.
     pub(crate) why: &'static str,
 }
 
-/// A budget of what is counted where it is emulated: not on the stm32f4.
+/// A budget of a value that is counted in emulation. The stm32f4 is not emulated.
 const fn most(what: &'static str, [m3, m0]: [u64; 2], why: &'static str) -> Budget {
     Budget { what, most: [m3, m0, NO_BUDGET], why }
 }
 
-/// A budget of a value in an image of each board.
+/// A budget of a value of the image for each board.
 const fn image(what: &'static str, most: [u64; PLACES], why: &'static str) -> Budget {
     Budget { what, most, why }
 }
@@ -27,7 +28,7 @@ const fn image(what: &'static str, most: [u64; PLACES], why: &'static str) -> Bu
 /// Number of boards, or processors.
 pub(crate) const PLACES: usize = BOARDS.len();
 
-/// Marks a value that is not measured on a board, or depends on the host there.
+/// Marks a value that is not measured on a board, or that depends on the host there.
 pub(crate) const NO_BUDGET: u64 = u64::MAX;
 
 const REACHED: &str = "what has been reached, and a little for another compiler";

@@ -1,4 +1,4 @@
-//! Everything that must hold.
+//! The checks of `cargo xtask test`: everything that must hold.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -12,12 +12,12 @@ use crate::report::{Outcome, Report, Row, now};
 use crate::tools::{self, Tool, Tools};
 use crate::{board, crates, docs, panic_free, pico, size, swarm};
 
-/// The crates that only a board, or a linker, can build.
+/// Crates that only a board, or a linker, can build.
 pub(crate) const BARE: [&str; 5] =
     ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
 
-/// The arguments of cargo that choose every crate that the host can build. Always the same ones: with others cargo may
-/// choose other features of what they use, and build that again.
+/// Arguments of cargo that select every crate that the host can build. They are always the same: with other
+/// packages cargo may select other features of their dependencies, and build these again.
 pub(crate) fn host() -> Vec<&'static str> {
     ["--workspace"].into_iter().chain(BARE.iter().flat_map(|bare| ["--exclude", bare])).collect()
 }
@@ -25,19 +25,20 @@ pub(crate) fn host() -> Vec<&'static str> {
 /// Checks that are run together.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Group {
-    /// Checks that run here.
+    /// Checks that run on the host.
     Host,
-    /// Masters that we did not write, and the binary.
+    /// Tests of the binary with third-party masters.
     Foreign,
-    /// Checks that run on Cortex-M, and its emulators.
+    /// Checks of code for Cortex-M, and tests in emulators.
     Boards,
 }
 
 const GROUPS: [(&str, Group); 3] =
     [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards)];
 
-/// Groups that run one after the other, beside those of the other lane. Cargo locks the folder of a profile while it
-/// builds there: the first lane builds in `debug`, the second one in `firmware` and those of the targets.
+/// Lanes that run at the same time; the groups of a lane run one after the other. Cargo locks the folder of a
+/// profile while it builds there. The first lane builds in `debug`, the second one in `firmware` and in the
+/// folders of the targets.
 const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards]];
 
 struct Check {
@@ -56,7 +57,7 @@ const fn check(
     Check { group, name, needs, run }
 }
 
-/// Every check, in the order of its lane.
+/// Every check. The order is that in which a lane runs its checks.
 const CHECKS: [Check; 26] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
@@ -79,7 +80,7 @@ const CHECKS: [Check; 26] = [
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
         let others = [MBPOLL, MODBUS_SERIAL, PARTY, PCAP, BOARDS, DOCUMENTS];
-        // Most of the time they wait for a drive's time to pass.
+        // Four at a time, because most of the time a test waits for a drive's time to pass.
         let side_by_side = ["--numprocesses", "4", "--dist", "worksteal", "tests/foreign"];
         foreign(sh, &[&side_by_side[..], &others.map(|test| ["--ignore", test]).concat()].concat())
     }),
@@ -111,10 +112,10 @@ const CHECKS: [Check; 26] = [
     ),
 ];
 
-/// Runs the checks of these groups, of all if there are none; whether none failed.
+/// Runs the checks of these groups, or of all groups if there are none. Returns whether no check failed.
 pub(crate) fn run(groups: &[&str]) -> Result<bool> {
     let groups = chosen(groups)?;
-    // In continuous integration nothing is skipped.
+    // In continuous integration a missing tool is a failure; elsewhere the check is skipped.
     let ci = std::env::var("CI").is_ok_and(|ci| ci == "true");
     let this = std::env::current_exe()?;
     let (report, tools) = (Report::new(), Tools::default());
@@ -144,7 +145,7 @@ pub(crate) fn run(groups: &[&str]) -> Result<bool> {
     Ok(report.finish())
 }
 
-/// The groups with these names, or all.
+/// The groups with these names, or all groups if there are no names.
 fn chosen(names: &[&str]) -> Result<Vec<Group>> {
     let named = |name: &&str| {
         let group = GROUPS.iter().find(|(known, _)| known == name).map(|(_, group)| *group);
@@ -158,7 +159,7 @@ fn chosen(names: &[&str]) -> Result<Vec<Group>> {
     names.iter().map(named).collect()
 }
 
-/// Runs a check in a process of its own. What that prints comes to us.
+/// Runs a check in a process of its own and collects its output.
 fn run_apart(sh: &Shell, this: &Path, name: &str) -> Result<(String, Outcome)> {
     let folder = sh.create_temp_dir()?;
     let path = folder.path().join("output");
@@ -174,7 +175,7 @@ fn run_apart(sh: &Shell, this: &Path, name: &str) -> Result<(String, Outcome)> {
     Ok((output.to_owned(), Outcome::Failed(why.to_owned())))
 }
 
-/// Splits the output of a failed check from the reason, which is its last line.
+/// Splits the output of a failed check into the text and the reason, which is the last line.
 fn reason(output: &str) -> (&str, &str) {
     match output.rfind("error: ") {
         Some(begin) if begin == 0 || output[..begin].ends_with('\n') => {
@@ -184,7 +185,7 @@ fn reason(output: &str) -> (&str, &str) {
     }
 }
 
-/// Runs one check, as [`run_apart`] calls it.
+/// Runs one check in this process. [`run_apart`] calls this through the command line.
 pub(crate) fn run_one(sh: &Shell, name: &str) -> Result<()> {
     let check = CHECKS.iter().find(|check| check.name == name).with_context(|| {
         format!(
@@ -195,8 +196,8 @@ pub(crate) fn run_one(sh: &Shell, name: &str) -> Result<()> {
     (check.run)(sh)
 }
 
-/// Seed of the property tests' cases: whether a commit passes depends on it alone. New ones are for [`soak`] and for
-/// `cargo test`.
+/// Seed of the property tests' cases. With a fixed seed only the commit decides whether they pass. New cases
+/// are for [`soak`] and for `cargo test`.
 const SEED: &str = "434544";
 
 /// Runs every test of the host. Optimising pays for what runs long: the drives and the bench below the tests of whole
@@ -223,13 +224,14 @@ pub(crate) fn soak(sh: &Shell, cases: &str) -> Result<()> {
     Ok(soak.env("PROPTEST_CASES", cases.to_string()).run()?)
 }
 
-/// Checks that the bench builds for systems that this is not: all at once.
+/// Checks that the bench builds for systems other than this one, all with one command.
 fn other_systems(sh: &Shell) -> Result<()> {
     let targets = tools::OTHER_SYSTEMS.iter().flat_map(|target| ["--target", target]);
     Ok(cmd!(sh, "cargo check --package drivetwin-sim {targets...}").run()?)
 }
 
-/// Builds the binary as `cargo test` does: with overflow checks, and in the time that the tests have taken already.
+/// Builds the binary like `cargo test`: with overflow checks, and without building again what the tests have
+/// built.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
     let host = host();
     Ok(cmd!(sh, "cargo build {host...} --tests --bin drivetwin").run()?)
@@ -237,13 +239,13 @@ pub(crate) fn build(sh: &Shell) -> Result<()> {
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";
 const MODBUS_SERIAL: &str = "tests/foreign/test_modbus_serial.py";
-/// A test that must run alone: its client takes the first piece of a reply for all of it.
+/// A test that must run alone, because its client takes the first piece of a reply for the whole reply.
 const PARTY: &str = "tests/foreign/test_mdrive_party.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 const DOCUMENTS: &str = "tests/foreign/test_documents.py";
 
-/// Builds the binary, and tests it with third-party masters.
+/// Builds the binary and tests it with third-party masters.
 fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
     build(sh)?;
     pytest(sh, which)
@@ -251,13 +253,13 @@ fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
 
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {
     let python = tools::python(sh);
-    // Most of the time they wait for a drive's time to pass.
+    // Four at a time, because most of the time a test waits for a drive's time to pass.
     let pytest =
         cmd!(sh, "{python} -B -m pytest -q -p no:cacheprovider --numprocesses 4 --dist worksteal {which...}");
     Ok(pytest.env("DRIVETWIN", drivetwin(sh)).run()?)
 }
 
-/// The binary.
+/// Path of the binary.
 pub(crate) fn drivetwin(sh: &Shell) -> PathBuf {
     target_dir(sh).join("debug/drivetwin")
 }

@@ -8,64 +8,65 @@ use crate::board::{self, PROFILE};
 use crate::checks::target_dir;
 use crate::image::Image;
 
-/// A processor that QEMU emulates, and the machine around it.
+/// A processor that QEMU emulates, and the machine that contains it.
 #[derive(Debug)]
 pub(crate) struct Processor {
     pub(crate) target: &'static str,
     machine: &'static str,
 }
 
-/// A Cortex-M3, and a Cortex-M0, which executes what a Cortex-M0+ does.
+/// A Cortex-M3, and a Cortex-M0, which has the same instructions as a Cortex-M0+.
 pub(crate) const PROCESSORS: [Processor; 2] = [
     Processor { target: "thumbv7m-none-eabi", machine: "lm3s6965evb" },
     Processor { target: "thumbv6m-none-eabi", machine: "microbit" },
 ];
 
-/// The programs beside those of the drives.
+/// Programs other than those of the drives.
 pub(crate) const PROGRAMS: [&str; 4] = ["motion", "counter", "program", "turning"];
 
-/// Program that checks the plugin itself.
+/// A program that tests the plugin itself.
 const KNOWN: &str = "known";
 
-/// Versions of QEMU whose interface for plugins is known. Those before 9 take the first version of it alone, the others
-/// the second and later ones.
+/// Versions of QEMU with a known plugin interface. Versions before 9 take only the first version of the
+/// interface, later ones the second.
 const TAKES_PLUGIN: std::ops::RangeInclusive<u32> = 6..=10;
 const TAKES_SECOND: u32 = 9;
 
-/// Returns whether the QEMU that is here takes the plugin.
+/// Returns whether the installed QEMU takes the plugin.
 pub(crate) fn takes_plugin(sh: &Shell) -> bool {
     qemu_version(sh).is_some_and(|version| TAKES_PLUGIN.contains(&version))
 }
 
-/// The first number of QEMU's version.
+/// The major version of QEMU.
 fn qemu_version(sh: &Shell) -> Option<u32> {
     let text = cmd!(sh, "qemu-system-arm --version").quiet().ignore_stderr().read().ok()?;
     text.split(' ').skip_while(|word| *word != "version").nth(1)?.split('.').next()?.parse().ok()
 }
 
-/// The kinds of drives that have a program: the counted requests come on a serial port.
+/// The kinds of drives that have a program. The counted requests arrive on a serial port, so kinds on a
+/// network have none.
 pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
     board::kinds().into_iter().filter(|kind| !board::spec(kind).is_some_and(Spec::is_on_network))
 }
 
-/// Cost of a group of a program, in instructions.
+/// Cost of a group of parts of a program, in instructions.
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) name: String,
-    /// On average, rounded up.
+    /// Average of the parts, rounded up.
     pub(crate) mean: u64,
     pub(crate) most: u64,
 }
 
-/// The plugin and the programs, built.
+/// The plugin and the programs, after they are built.
 pub(crate) struct Counting<'a> {
     sh: &'a Shell,
-    /// The path of the plugin.
+    /// Path of the plugin.
     pub(crate) plugin: String,
 }
 
 impl<'a> Counting<'a> {
-    /// Builds the plugin for the QEMU that is here, and every program for each processor.
+    /// Builds the plugin for the installed QEMU, and every program for each processor.
     pub(crate) fn build(sh: &'a Shell) -> Result<Self> {
         let second = qemu_version(sh).is_some_and(|version| version >= TAKES_SECOND);
         let interface = second.then_some(["--features", "second-interface"]).into_iter().flatten();
@@ -99,7 +100,7 @@ impl<'a> Counting<'a> {
             .collect()
     }
 
-    /// Checks the plugin with known counts.
+    /// Checks the plugin with a program whose counts are known.
     pub(crate) fn check(&self) -> Result<()> {
         for processor in &PROCESSORS {
             let image = Image::of(self.sh, processor.target, PROFILE, &name(KNOWN))?;
@@ -107,7 +108,7 @@ impl<'a> Counting<'a> {
                 Ok::<_, anyhow::Error>(format!(",handler={handler}:{:#x}", image.symbol(handler)?))
             });
             let Run { log, .. } = self.run(processor, KNOWN, &(low? + &high?))?;
-            // From the program's comments.
+            // The counts are from the comments in the program.
             let known = "handler PendSV calls 2 most 16\nhandler SVCall calls 2 most 4\n";
             ensure!(log == known, "{}: the plugin counts wrong:\n{log}", processor.machine);
         }
@@ -143,7 +144,7 @@ struct Run {
     log: String,
 }
 
-/// The numbers of a line of the plugin, each behind its word.
+/// Reads the numbers in a text line of the plugin, each after its word.
 fn numbers<const N: usize>(line: &str, words: [&str; N]) -> Result<[u64; N]> {
     let mut rest = line;
     let mut numbers = [0; N];

@@ -1,21 +1,21 @@
-//! Licences and origins of the crates that we use.
+//! Licences and origins of the dependencies.
 //!
-//! cargo-deny does that and more, but takes minutes to build on a fresh machine; the two libraries that it reads a
-//! workspace with take seconds.
+//! cargo-deny does that and more, but takes minutes to build on a fresh machine. The two libraries with which
+//! it reads a workspace take seconds.
 
 use anyhow::{Result, ensure};
 use cargo_metadata::{MetadataCommand, Package};
 use spdx::{Expression, ParseMode};
 use xshell::Shell;
 
-/// Licences that permit to redistribute a program as it is.
+/// Licences that permit redistribution of an unmodified program.
 const LICENCES: [&str; 5] = ["0BSD", "Apache-2.0", "BSD-3-Clause", "MIT", "Unicode-3.0"];
 
-/// Crates that must not be used, and why.
+/// Crates that must not be used, each with the reason.
 const BANNED: [(&str, &str); 1] =
     [("rodbus", "its licence allows no commercial use; the server of Modbus is our own")];
 
-/// Judges all crates that the lock file names, for all targets.
+/// Checks all crates of the lock file, for all targets.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let metadata =
         MetadataCommand::new().current_dir(sh.current_dir()).other_options(["--locked".into()]).exec()?;
@@ -45,7 +45,7 @@ fn objection(package: &Package) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// A crate of the registry.
+    /// A crate from the registry, with another name and licence.
     fn package(name: &str, licence: &str) -> Package {
         let metadata = MetadataCommand::new().exec().expect("cargo");
         let mut package =

@@ -1,4 +1,4 @@
-//! The generated references, `docs/reference`: of the drives, from their tables, and of the command line.
+//! The generated pages of `docs/reference`: of the drives, from their tables, and of the command line.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use xshell::{Shell, cmd};
 use crate::board::kinds;
 use crate::checks::{build, drivetwin};
 
-/// Pages about drives, and the kinds on each.
+/// Pages about drives, with the kinds on each page.
 const PAGES: [(&str, &[&str]); 5] = [
     ("md3", &["md3", "md3-low"]),
     ("qsb", &["qsb-d", "qsb-m", "qsb-s"]),
@@ -17,7 +17,7 @@ const PAGES: [(&str, &[&str]); 5] = [
     ("mdrive", &["mdrive", "mdrive-hybrid"]),
 ];
 
-/// Builds `drivetwin` and writes every reference.
+/// Builds `drivetwin` and writes every generated page.
 pub(crate) fn write(sh: &Shell) -> Result<()> {
     build(sh)?;
     for (path, text) in references(sh)? {
@@ -27,7 +27,7 @@ pub(crate) fn write(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Builds `drivetwin` and compares the references with its output.
+/// Builds `drivetwin` and compares the committed pages with its output.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     build(sh)?;
     for (path, text) in references(sh)? {
@@ -38,7 +38,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Path and text of each reference.
+/// Path and text of each generated page.
 fn references(sh: &Shell) -> Result<Vec<(String, String)>> {
     let drivetwin = drivetwin(sh);
     let mut pages =

@@ -1,4 +1,4 @@
-//! Reads linked programs.
+//! Reads linked programs (ELF files).
 
 use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
@@ -6,22 +6,22 @@ use xshell::Shell;
 
 use crate::checks::target_dir;
 
-/// A program for a Cortex-M.
+/// A program for a Cortex-M, as an ELF file.
 pub(crate) struct Image(Vec<u8>);
 
 /// Size of a program, in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sizes {
-    /// Code, constants, and what variables begin with.
+    /// Code, constants, and initial values of variables.
     pub(crate) flash: u64,
-    /// Variables, and the stack where one is reserved.
+    /// Variables, and the stack if one is reserved.
     pub(crate) ram: u64,
-    /// Bytes of its stack.
+    /// Size of the stack.
     pub(crate) stack: u64,
 }
 
 impl Image {
-    /// The program that cargo has built in a profile for a target.
+    /// The program that cargo has built for a target, in a profile.
     pub(crate) fn of(sh: &Shell, target: &str, profile: &str, program: &str) -> Result<Self> {
         let path = target_dir(sh).join(target).join(profile).join(program);
         Ok(Self(sh.read_binary_file(path)?))
@@ -45,14 +45,14 @@ impl Image {
         }
         let stack = match (self.symbol("_stack_start"), self.symbol("_stack_end")) {
             (Ok(top), Ok(bottom)) => top.saturating_sub(bottom),
-            // A program that is only linked.
+            // A program that is linked but never flashed reserves no stack.
             _ => 0,
         };
         Ok(Sizes { flash, ram: ram + stack, stack })
     }
 
-    /// Fails unless the vector table is at `vectors`, and the stack is the bottom of the RAM at `ram`, with
-    /// nothing else in it.
+    /// Fails unless the vector table is at `vectors`, the stack is at the bottom of the RAM at `ram`, and no
+    /// section lies in the stack.
     pub(crate) fn expect_map(&self, vectors: u64, ram: u64) -> Result<()> {
         let file = self.file()?;
         let table = self.symbol("__vector_table")?;
@@ -89,7 +89,7 @@ impl Image {
     /// Number of places in the code that call a function that panics.
     pub(crate) fn panic_sites(&self) -> Result<u64> {
         let file = self.file()?;
-        // `unwrap_failed`, `slice_index_fail` and the like panic for their callers.
+        // `unwrap_failed`, `slice_index_fail` and similar functions panic on behalf of their callers.
         let panics =
             |name: &str| name.contains("4core") && (name.contains("9panicking") || name.contains("_fail"));
         let panics: Vec<u64> = file
@@ -122,7 +122,7 @@ fn branch(at: u64, code: &[u8]) -> Option<u64> {
     let sign = first >> 10 & 1;
     let [high, low] = [second >> 13 & 1, second >> 11 & 1].map(|bit| bit ^ sign ^ 1);
     let offset = sign << 24 | high << 23 | low << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
-    // 25 bits with their sign.
+    // Extends the sign of the 25-bit offset.
     let offset = i64::from((offset << 7).cast_signed() >> 7);
     Some((at + 4).wrapping_add_signed(offset))
 }
@@ -131,7 +131,7 @@ fn branch(at: u64, code: &[u8]) -> Option<u64> {
 mod tests {
     use super::*;
 
-    /// As `arm-none-eabi-objdump` shows them.
+    /// The expected values are from `arm-none-eabi-objdump`.
     #[test]
     fn branches_lead_where_a_disassembler_says() {
         assert_eq!(branch(0x218, &[0x02, 0xF0, 0x17, 0xFE]), Some(0x2E4A), "bl");

@@ -1,5 +1,5 @@
-//! The longest interrupts of images, and their deepest stacks: counted in emulation while the drive answers requests,
-//! saves, moves, and receives edges.
+//! The longest interrupts of images, and their deepest stacks, counted in emulation. Meanwhile the drive
+//! answers requests, saves, moves, and receives edges.
 
 use std::io::{BufReader, Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
@@ -28,50 +28,52 @@ const CLOCK: &str = "clock's interrupt";
 const STEPS: &str = "step's interrupt, with the wait for its pulse";
 const PINS: &str = "pins' interrupt";
 
-/// Interrupts of the lm3s6965, and what they are for, of a drive with a serial port and of one on a network. The step
-/// timer's is not among them: QEMU brings it late, and then one call makes several steps.
+/// Interrupts of the lm3s6965 and their purposes: for a drive with a serial port, and for a drive on a
+/// network. The step timer's interrupt is not measured, because QEMU calls it late, and then one call makes
+/// several steps.
 const HANDLERS: [(&str, &str); 2] = [("UART0", BUS), ("SysTick", CLOCK)];
 const ON_NETWORK: [(&str, &str); 2] = [("ETHERNET", NETWORK), ("SysTick", CLOCK)];
 
-/// Exceptions of the rp2040, and what they are for: 16 and the number of the interrupt (RP2040 Datasheet,
-/// 2.3.2).
+/// Exceptions of the rp2040 and their purposes. The number is 16 plus that of the interrupt (RP2040
+/// Datasheet, 2.3.2).
 const EXCEPTIONS: [(u32, &str); 3] = [(16, STEPS), (16 + 13, PINS), (16 + 20, BUS)];
 
 /// Work of a drive while it is measured.
 pub(crate) struct Work {
     /// The kind of drive.
     pub(crate) kind: &'static str,
-    /// Orders; the last one is a move.
+    /// Commands to the drive; the last one starts a move.
     orders: fn() -> Vec<Vec<u8>>,
-    /// Request that is repeated until the move is over.
+    /// Request that is repeated until the move has ended.
     question: fn() -> Vec<u8>,
-    /// Takes an answer off what has come; `None` if it is not all there.
+    /// Removes a complete answer from the received bytes and returns it; `None` if the answer is incomplete.
     answer: fn(&mut Vec<u8>) -> Option<Vec<u8>>,
-    /// Returns whether that answer shows that the move is over.
+    /// Returns whether an answer shows that the move has ended.
     is_over: fn(&[u8]) -> bool,
-    /// True if a move has steps.
+    /// True if the move makes step pulses.
     steps: bool,
-    /// Changes of pins of the Pico while it moves.
+    /// Changes of pins of the Pico during the move.
     edges: &'static [(u8, &'static str)],
 }
 
 /// MotionControl of an MD3 (7.15).
 const MD3_MOTION: u16 = 0x11;
 
-/// Takes a Modbus frame off what has come.
+/// Takes a complete Modbus frame from the received bytes.
 fn frame(heard: &mut Vec<u8>) -> Option<Vec<u8>> {
     let whole = rtu::scan(heard, Expect::Replies) == Scan::Complete(heard.len());
     whole.then(|| std::mem::take(heard))
 }
 
-/// A line of an RS 434544's program on its way to the buffer: function 16 over WRITE_CMD and CMD_W (6.6).
+/// Request that writes a line of an RS 434544's program to the buffer: function 16 on WRITE_CMD and CMD_W
+/// (6.6).
 fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     let mut pdu = vec![16, 0x60, 0, 0, 3, 6];
     pdu.extend([place, command, data].iter().flat_map(|word| word.to_be_bytes()));
     rtu::frame(1, &pdu).to_vec()
 }
 
-/// The work of an MD3, of the drive with the most of a QSB, of an RS 434544, of an MDROBOT, and of an MDrive.
+/// Work of an MD3, of the QSB with the most functions, of an RS 434544, of an MDROBOT, and of an MDrive.
 pub(crate) const WORKS: [Work; 5] = [
     Work {
         kind: "md3",
@@ -93,12 +95,13 @@ pub(crate) const WORKS: [Work; 5] = [
         answer: frame,
         is_over: |answer| answer.get(3..5) == Some(&[0, 0]),
         steps: true,
-        // J2.4 and J2.5.
+        // Pins J2.4 and J2.5.
         edges: &[(7, "low"), (8, "low"), (7, "high"), (8, "high")],
     },
     Work {
         kind: "qsb-m",
-        // A save; a stream as fast as it can; the motor drive, 13,000 steps/s, 360,000 steps/s², 4,000 steps.
+        // A save; a stream at the highest rate; the motor drive with 13,000 steps/s, 360,000 steps/s² and
+        // 4,000 steps.
         orders: || {
             let lines =
                 ["W163\r", "W0C0\r", "S0E\r", "W162\r", "W0F32C8\r", "W1057E40\r", "W11FA0\r", "W168\r"];
@@ -108,18 +111,19 @@ pub(crate) const WORKS: [Work; 5] = [
         answer: |heard| {
             let end = heard.iter().position(|byte| *byte == b'\n')? + 1;
             let line: Vec<u8> = heard.drain(..end).collect();
-            // Records of the stream come between.
+            // Records of the stream may arrive before the answer, and are skipped.
             (line.first() != Some(&b's')).then_some(line)
         },
         // MD STATUS: enabled and ready.
         is_over: |answer| answer.starts_with(b"r 13 00000011"),
         steps: true,
-        // A, B and I.
+        // Pins A, B and I.
         edges: &[(5, "low"), (6, "low"), (7, "high"), (5, "high"), (6, "high"), (7, "low")],
     },
     Work {
         kind: "rs434544",
-        // START (2000h), 500 ms, STOP (2001h), 100 ms, END; settings and program are saved; it starts (6.5).
+        // START (2000h), 500 ms, STOP (2001h), 100 ms, END. The settings and the program are saved; the
+        // program starts (6.5).
         orders: || {
             let mut orders = vec![
                 line(0, 0x100E, 0x2000),
@@ -134,32 +138,33 @@ pub(crate) const WORKS: [Work; 5] = [
             orders.extend(keys.map(|(register, value)| rtu::write(1, register, value).to_vec()));
             orders
         },
-        // STATUS_USER_PROGRAM.
+        // Reads STATUS_USER_PROGRAM.
         question: || rtu::frame(1, &[4, 0x30, 0x09, 0, 1]).to_vec(),
         answer: frame,
         is_over: |answer| answer.get(3..5) == Some(&[0, 5]),
         steps: false,
-        // IN1 and IN2.
+        // Pins IN1 and IN2.
         edges: &[(5, "low"), (6, "low"), (5, "high"), (6, "high")],
     },
     Work {
         kind: "mdrobot",
-        // SLOW_START of 15 s, which is saved (p. 13); UI_COM, START_STOP and VEL_CMD (p. 7, 12): it turns.
+        // SLOW_START of 15 s, which is saved (p. 13); UI_COM, START_STOP and VEL_CMD (p. 7, 12) make the
+        // motor turn.
         orders: || {
             let writes = [(153, 1_023), (78, 1), (100, 1), (130, 500)];
             writes.map(|(pid, value)| rtu::write(1, pid, value).to_vec()).to_vec()
         },
-        // RPM_DATA, until it is half way.
+        // Reads RPM_DATA, until the motor has half of its speed.
         question: || rtu::read(1, 138, 1).to_vec(),
         answer: frame,
         is_over: |answer| answer.get(3) == Some(&1),
         steps: false,
-        // INT_SPEED and ENC_A.
+        // Pins INT_SPEED and ENC_A.
         edges: &[(5, "low"), (10, "low"), (5, "high"), (10, "high")],
     },
     Work {
         kind: "mdrive",
-        // A program, which is listed; a save; a move of a turn (MC 5-55, 5-43, 5-62, 5-48).
+        // A program and its listing; a save; a move of one turn (MC 5-55, 5-43, 5-62, 5-48).
         orders: || {
             let lines = [
                 "PG 1\r",
@@ -177,25 +182,27 @@ pub(crate) const WORKS: [Work; 5] = [
             lines.map(|line| line.as_bytes().to_vec()).collect()
         },
         question: || b"PR MV\r".to_vec(),
-        // All of it up to a prompt; a program prints between.
+        // An answer ends with a prompt. It may contain what the running program prints.
         answer: |heard| {
             let end = heard.iter().position(|byte| b">?".contains(byte))? + 1;
             Some(heard.drain(..end).collect())
         },
         is_over: |answer| answer.windows(5).any(|line| line == b"\r\n0\r\n"),
         steps: false,
-        // No image of the Pico has it.
+        // The Pico has no image of this drive.
         edges: &[],
     },
 ];
 
-/// Counts: each interrupt's purpose with its most instructions, and bytes of the stack.
+/// Results: the purpose of each interrupt with its highest number of instructions, and the bytes of the
+/// stack.
 pub(crate) struct Worst {
     pub(crate) interrupts: Vec<(&'static str, u64)>,
     pub(crate) stack: u64,
 }
 
-/// On each board that is emulated and carries it, whose images are built, of the first two of [`BOARDS`](crate::board::BOARDS).
+/// Measures the work on the first two of [`BOARDS`](crate::board::BOARDS), which are emulated. A board
+/// without an image of the kind is left out. The images must be built.
 pub(crate) fn worst(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Vec<Worst>> {
     let mut worst = vec![lm3s6965(sh, counting, work)?];
     if RP2040.carries(work.kind) {
@@ -204,24 +211,24 @@ pub(crate) fn worst(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<
     Ok(worst)
 }
 
-/// Lowest address of the stack, and the one above its highest.
+/// Lowest address of the stack, and the address after its highest one.
 fn stack(image: &Image) -> Result<[u64; 2]> {
     Ok([image.symbol("_stack_end")?, image.symbol("_stack_start")?])
 }
 
-/// The number behind `word` in the line of `log` that begins so.
+/// The number after `word` in the line of `log` that starts with `begin`.
 fn number(log: &str, begin: &str, word: &str) -> Result<u64> {
     let line = log.lines().find(|line| line.starts_with(begin));
     let number = line.and_then(|line| line.split(' ').skip_while(|part| *part != word).nth(1));
     number.and_then(|number| number.parse().ok()).with_context(|| format!("nothing counted: {begin}"))
 }
 
-/// The Pico, in exact virtual time.
+/// Measures on the emulated Pico, in exact virtual time.
 fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
     let image = RP2040.image(sh, work.kind)?;
     let path = RP2040.images(sh).join(work.kind);
     let [low, high] = stack(&image)?.map(|address| address.to_string());
-    // FAST is low; an order every 100 ms; pins change while it moves.
+    // Pin 22, FAST, is low. An order is sent every 100 ms. Pins change during the move.
     let mut script = "0 pin 22 low\n".to_owned();
     let mut at = 100_000;
     for order in (work.orders)() {
@@ -244,7 +251,7 @@ fn rp2040(sh: &Shell, work: &Work) -> Result<Worst> {
     Ok(Worst { interrupts, stack: number(&log, "stat stack ", "stack")? })
 }
 
-/// The LM3S6965 under QEMU.
+/// Measures on the LM3S6965 under QEMU.
 fn lm3s6965(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Worst> {
     let image = LM3S6965.image(sh, work.kind)?;
     let path = LM3S6965.images(sh).join(work.kind);
@@ -261,7 +268,7 @@ fn lm3s6965(sh: &Shell, counting: &Counting<'_>, work: &Work) -> Result<Worst> {
     let ports = if on_network { qemu::on_network() } else { on_line() };
     let mut qemu = start(&path, &plugin, &log, &ports)?;
     let asked = connect(&mut qemu, on_network).and_then(|line| ask(line, work));
-    // The plugin prints its results when QEMU ends normally.
+    // The plugin prints its results only when QEMU ends normally.
     let pid = qemu.id().to_string();
     cmd!(sh, "kill -TERM {pid}").quiet().run()?;
     qemu.wait()?;
@@ -281,10 +288,10 @@ fn on_line() -> Vec<String> {
     ["-monitor", "none", "-serial", "stdio", "-serial", "file:/dev/stderr"].map(str::to_owned).to_vec()
 }
 
-/// Starts the image, with its ports like that. It ends after a minute, even without this process.
+/// Starts the image with the options `ports`. QEMU ends after a minute, even if this process has ended.
 fn start(image: &Path, plugin: &str, log: &Path, ports: &[String]) -> Result<Child> {
     Command::new("timeout")
-        // An instruction takes 16 ns of its time, so that no step is late because the host is.
+        // An instruction takes 16 ns of virtual time, so that a slow host makes no step late.
         .args(["60", "qemu-system-arm", "-M", "lm3s6965evb", "-icount", "shift=4", "-display", "none"])
         .args(ports)
         .args(["-plugin", plugin, "-d", "plugin", "-D"])
@@ -298,10 +305,10 @@ fn start(image: &Path, plugin: &str, log: &Path, ports: &[String]) -> Result<Chi
         .context("qemu-system-arm does not start")
 }
 
-/// The two directions of a drive's line.
+/// The two directions of a connection to a drive.
 type Line = (Box<dyn Write>, Box<dyn Read + Send>);
 
-/// The line to the drive, once that has power.
+/// Connects to the drive when it has power.
 fn connect(qemu: &mut Child, on_network: bool) -> Result<Line> {
     let stderr = qemu.stderr.take().context("it is piped")?;
     qemu::wait_for_power(&mut BufReader::new(stderr))?;
@@ -315,10 +322,10 @@ fn connect(qemu: &mut Child, on_network: bool) -> Result<Line> {
     Ok((Box::new(stdin), Box::new(stdout)))
 }
 
-/// Sends the commands, and repeats the request until the move is over.
+/// Sends the commands, and then repeats the request until the move has ended.
 fn ask((mut tells, says): Line, work: &Work) -> Result<()> {
     let (said, hears) = mpsc::channel();
-    // It ends with QEMU.
+    // This thread ends with QEMU.
     thread::spawn(move || {
         BufReader::new(says).bytes().map_while(Result::ok).try_for_each(|byte| said.send(byte))
     });
@@ -332,7 +339,7 @@ fn ask((mut tells, says): Line, work: &Work) -> Result<()> {
             }
             match hears.recv_timeout(PATIENCE) {
                 Ok(byte) => heard.push(byte),
-                // A host that pauses within a request spoils it.
+                // The request is repeated, because a pause of the host within a request makes it invalid.
                 Err(RecvTimeoutError::Timeout) => break,
                 Err(RecvTimeoutError::Disconnected) => bail!("the board does not answer"),
             }

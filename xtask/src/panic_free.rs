@@ -1,4 +1,4 @@
-//! The link test: the protocol, the shell and each drive, for two Cortex-M, without any panic left.
+//! The link test: the protocol, the shell and each drive link for two Cortex-M only if no panic is left.
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
@@ -7,13 +7,13 @@ use crate::board::{PROFILE, bare, kinds};
 use crate::counted::{PROCESSORS, Processor};
 use crate::image::{Image, Sizes};
 
-/// Function that the panic handler calls and no crate defines.
+/// Function that the panic handler calls and that no crate defines, so that linking fails.
 const UNDEFINED: &str = "a_panic_can_happen";
 
-/// The programs beside those of the drives.
+/// Programs other than those of the drives.
 const PARTS: [&str; 4] = ["protocol", "motion", "counter", "shell"];
 
-/// Links everything as it would be flashed, and proves that a panic would not link.
+/// Links every program as for a board, and proves that a program with a panic does not link.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     for Processor { target, .. } in &PROCESSORS {
         refuses_a_panic(sh, target)?;
@@ -22,7 +22,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Links every program at once; where a panic is left, the linker prints the callers that can reach it.
+/// Links every program with one command. If a panic is left, the linker prints the callers that can reach it.
 pub(crate) fn link(sh: &Shell, target: &'static str) -> Result<()> {
     let (bare, kinds) = (bare(target), kinds());
     let programs: Vec<String> = PARTS.iter().chain(&kinds).map(|name| format!("proof-{name}")).collect();
@@ -41,7 +41,7 @@ pub(crate) fn link(sh: &Shell, target: &'static str) -> Result<()> {
     bail!("{} can panic on {target}, or does not build: see above", failing.join(", "))
 }
 
-/// The link must fail, for that one reason, as soon as one panic can happen.
+/// Checks that linking fails for this reason, and no other, as soon as a panic is possible.
 fn refuses_a_panic(sh: &Shell, target: &'static str) -> Result<()> {
     let bare = bare(target);
     let link = cmd!(sh, "cargo build --quiet {bare...} --bin proof-motion --features panic-free/panic");
@@ -55,7 +55,7 @@ fn refuses_a_panic(sh: &Shell, target: &'static str) -> Result<()> {
     Ok(())
 }
 
-/// Size of a drive without a board, once [`link`] has linked it as it would be flashed.
+/// Size of a drive without a board. [`link`] must have linked it, as for a board.
 pub(crate) fn sizes(sh: &Shell, target: &str, kind: &str) -> Result<Sizes> {
     let image = Image::of(sh, target, PROFILE, &format!("proof-{kind}"));
     image.with_context(|| format!("tests/panic-free has no program of {kind}"))?.sizes()

@@ -8,19 +8,20 @@ use xshell::{Shell, cmd};
 use crate::board::{RP2040, hint};
 use crate::tools::Tool;
 
-/// Builds the image of a kind of drive and runs it at the pace of real time, its UART0 on a TCP port, until the
+/// Builds the image of a kind of drive and runs it in real time, with its UART0 on a TCP port, until the
 /// process is stopped.
 ///
 /// # Errors
 ///
-/// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
+/// There is no image of that kind, it does not build, or a tool to build or emulate it is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = RP2040.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Node])?;
     println!("Ctrl-C ends the board; {}", hint(kind, "<the address below>"));
     serve(cmd!(sh, "node tests/pico/serve.mjs {image}").into())
 }
 
-/// Runs the board until it ends. It ends when its stdin does: when this process is gone, however it went.
+/// Runs the board until it ends. The board ends when its stdin is closed, and therefore also when this
+/// process ends in any way.
 fn serve(mut board: Command) -> Result<()> {
     let mut board = board.stdin(Stdio::piped()).spawn().context("cannot start node")?;
     let held = board.stdin.take();
@@ -30,11 +31,11 @@ fn serve(mut board: Command) -> Result<()> {
     Ok(())
 }
 
-/// Runs the emulator's own tests of its fidelity to the chip.
+/// Runs the tests of the emulator itself, which compare it with the chip.
 ///
 /// # Errors
 ///
-/// If one of them fails.
+/// A test fails.
 pub(crate) fn check_emulator(sh: &Shell) -> Result<()> {
     Ok(cmd!(sh, "npm test --prefix tests/pico --silent").run()?)
 }

@@ -16,19 +16,19 @@ use crate::tools::Tool;
 
 /// The TCP ports of a drive on the board: Modbus and MCode (FB 6.3).
 const PORTS: [u16; 2] = [502, 503];
-/// QEMU's network of one cable, the factory's of an MDrive (FB 6.3).
+/// QEMU's virtual network, with the factory address range of an MDrive (FB 6.3).
 const NETWORK: &str = "user,model=stellaris,net=192.168.33.0/24,host=192.168.33.2,dhcpstart=192.168.33.15";
-/// The drive there.
+/// Address of the drive in this network.
 const DRIVE: &str = "192.168.33.1";
-/// Text of the board's log once a drive receives.
+/// End of the log line of the board from which on the drive receives.
 const BOOTED: &str = " has power";
 
-/// Builds the image of a kind of drive and runs it, its UART0, or its TCP ports, on free TCP ports of this machine, until
-/// the process is stopped.
+/// Builds the image of a kind of drive and runs it until the process is stopped. Its UART0, or its TCP ports,
+/// are on free TCP ports of this machine.
 ///
 /// # Errors
 ///
-/// If there is no image of that kind, if it does not build, or if something to build or emulate it with is missing.
+/// There is no image of that kind, it does not build, or a tool to build or emulate it is missing.
 pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     let image = LM3S6965.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Qemu])?;
     let run = if spec(kind).is_some_and(Spec::is_on_network) { run_on_network } else { run_on_line };
@@ -37,7 +37,7 @@ pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
     Ok(())
 }
 
-/// QEMU, which dies with this process.
+/// A command that runs QEMU. QEMU is killed when this process ends.
 fn qemu(image: &Path) -> Command {
     let mut qemu = Command::new("setpriv");
     qemu.args(["--pdeathsig", "KILL", "qemu-system-arm", "-M", "lm3s6965evb", "-display", "none", "-kernel"]);
@@ -45,15 +45,16 @@ fn qemu(image: &Path) -> Command {
     qemu
 }
 
-/// Error where it cannot be started.
+/// Error message if QEMU cannot be started.
 const CANNOT_START: &str = "cannot start QEMU with setpriv, of util-linux";
 
-/// A drive with a serial port.
+/// Runs a drive with a serial port.
 fn run_on_line(kind: &str, image: &Path) -> Result<ExitStatus> {
     let bus = TcpListener::bind(("127.0.0.1", 0)).context("cannot listen on 127.0.0.1")?;
     let address = bus.local_addr()?;
     println!("{kind} is at {address}; Ctrl-C ends the board; {}", hint(kind, &address.to_string()));
-    // It gets the port as its standard input, so that no other process can take the port before.
+    // QEMU gets the listening socket as its standard input, so that no other process can take the port in
+    // between.
     let ended = qemu(image)
         .args(["-monitor", "none", "-chardev", "socket,id=bus,fd=0,server=on,wait=off"])
         .args(["-serial", "chardev:bus", "-serial", "null"])
@@ -63,7 +64,7 @@ fn run_on_line(kind: &str, image: &Path) -> Result<ExitStatus> {
     Ok(ended)
 }
 
-/// A drive with TCP ports.
+/// Runs a drive with TCP ports.
 fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
     let mut qemu = qemu(image)
         .args(on_network())
@@ -73,11 +74,11 @@ fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
         .spawn()
         .context(CANNOT_START)?;
     let mut said = BufReader::new(qemu.stderr.take().context("its standard error is a pipe")?);
-    // A client that connects before the drive accepts waits for seconds.
+    // Waits, because a client that connects before the drive accepts connections is delayed for seconds.
     wait_for_power(&mut said)?;
     thread::spawn(move || io::copy(&mut said, &mut io::stderr()));
     let ports = ports(&mut qemu)?;
-    // Waiting would close it.
+    // Kept open, because `wait` would close the standard input, which is the monitor.
     let _monitor = qemu.stdin.take();
     let [modbus, mcode] = ports;
     println!(
@@ -87,7 +88,8 @@ fn run_on_network(kind: &str, image: &Path) -> Result<ExitStatus> {
     Ok(qemu.wait()?)
 }
 
-/// Options of QEMU that forward the TCP ports of the drive: to free ports of this machine, which its monitor reports.
+/// Options of QEMU that forward the TCP ports of the drive to free ports of this machine. The monitor reports
+/// these ports.
 pub(crate) fn on_network() -> Vec<String> {
     let forward = PORTS.map(|port| format!("hostfwd=tcp:127.0.0.1:0-{DRIVE}:{port}"));
     let mut arguments = ["-monitor", "stdio", "-serial", "null", "-serial", "file:/dev/stderr", "-nic"]
@@ -97,7 +99,8 @@ pub(crate) fn on_network() -> Vec<String> {
     arguments
 }
 
-/// Reads the ports from the monitor of a QEMU that was started so, with pipes as standard input and output.
+/// Reads the forwarded ports from the monitor of a QEMU that was started with the options of [`on_network`]
+/// and with pipes as standard input and output.
 pub(crate) fn ports(qemu: &mut Child) -> Result<[u16; 2]> {
     let monitor = qemu.stdin.as_mut().context("its standard input is a pipe")?;
     let told = qemu.stdout.take().context("its standard output is a pipe")?;
@@ -114,7 +117,7 @@ pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     Ok(())
 }
 
-/// Ports of this machine for the drive's, as the monitor reports them.
+/// Ports of this machine that are forwarded to those of the drive, from the text of the monitor.
 fn forwarded(told: impl BufRead) -> Result<[u16; 2]> {
     let mut found = [None; PORTS.len()];
     for line in told.lines() {

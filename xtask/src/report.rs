@@ -1,10 +1,10 @@
-//! Result of each check, and its time.
+//! Result and duration of each check.
 
 use std::io::Write;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The checks of a run, as they end.
+/// The checks of a run that have ended.
 pub(crate) struct Report {
     began: Instant,
     rows: Mutex<Vec<Row>>,
@@ -12,7 +12,7 @@ pub(crate) struct Report {
 
 /// Result of a check.
 pub(crate) struct Row {
-    /// Place in the list of all.
+    /// Index in the list of all checks.
     pub(crate) place: usize,
     pub(crate) name: &'static str,
     pub(crate) took: Duration,
@@ -26,7 +26,7 @@ pub(crate) enum Outcome {
 }
 
 impl Report {
-    /// A report with nothing in it yet.
+    /// A report without results.
     pub(crate) fn new() -> Self {
         Self { began: now(), rows: Mutex::new(Vec::new()) }
     }
@@ -37,13 +37,13 @@ impl Report {
         print(&format!("{:>15} {name}, after {minutes:.1} min\n", "begins"));
     }
 
-    /// Adds a check with all that it has printed, which is not mixed with another's.
+    /// Adds a check and prints its whole output, which is not mixed with that of other checks.
     pub(crate) fn end(&self, output: &str, row: Row) {
         print(&format!("\n=== {}\n{}\n{}\n\n", row.name, output.trim_end(), row.line()));
         self.rows().push(row);
     }
 
-    /// Sums up, skipped checks last; whether none failed.
+    /// Prints the summary, with skipped checks last. Returns whether no check failed.
     pub(crate) fn finish(&self) -> bool {
         let mut rows = self.rows();
         rows.sort_by_key(|row| row.place);
@@ -86,7 +86,7 @@ impl Row {
     }
 }
 
-/// Prints at once: other threads print, too.
+/// Prints the text with one write, because other threads print, too.
 fn print(text: &str) {
     let mut stdout = std::io::stdout().lock();
     // If standard output is closed, the error cannot be reported.

@@ -1,4 +1,4 @@
-//! The table of what a drive costs, measured and compared with its [budgets](crate::budgets).
+//! Table of the cost of each drive, measured and compared with its [budgets](crate::budgets).
 
 use anyhow::{Result, bail, ensure};
 use xshell::Shell;
@@ -13,7 +13,7 @@ use crate::{interrupts, panic_free};
 /// Tools for measuring.
 pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Counting, Tool::Node];
 
-/// Brings what measuring needs, and measures.
+/// Installs the tools for measuring, and measures.
 pub(crate) fn print(sh: &Shell) -> Result<()> {
     if let Some(remedy) = Tools::default().missing(sh, &NEEDS) {
         bail!("{remedy}");
@@ -21,7 +21,7 @@ pub(crate) fn print(sh: &Shell) -> Result<()> {
     check(sh)
 }
 
-/// Measures everything, prints the table, and fails if something costs too much.
+/// Measures everything, prints the table, and fails if a value exceeds its budget.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         board.all(sh)?;
@@ -60,7 +60,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     table.judge()
 }
 
-/// The images with a kind of drive, and the drive alone.
+/// Measures the images with a kind of drive, and the drive without a board.
 fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
     for (place, board) in BOARDS.iter().enumerate().filter(|(_, board)| board.carries(kind)) {
         let image = board.image(sh, kind)?;
@@ -78,11 +78,11 @@ fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
     Ok(())
 }
 
-/// Measured values, in their order, on each board or its processor: see [`Budget`].
+/// Measured values in the order of measurement, on each board or its processor: see [`Budget`].
 #[derive(Default)]
 struct Table(Vec<(String, [Option<u64>; PLACES])>);
 
-/// The heads of the table's columns.
+/// Headings of the table's columns.
 const HEADS: [&str; PLACES] = ["M3, lm3s6965", "M0+, rp2040", "M4F, stm32f4"];
 
 impl Table {
@@ -118,7 +118,7 @@ impl Table {
         }
     }
 
-    /// Fails for everything that is too much, was not measured, or has no budget.
+    /// Fails if a value exceeds its budget, was not measured, or has no budget.
     fn judge(&self) -> Result<()> {
         let mut wrong = Vec::new();
         for (what, values) in &self.0 {

@@ -1,4 +1,4 @@
-//! Random benches under an oracle: `tests/swarm`.
+//! Random benches that an oracle checks: `tests/swarm`.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,20 +8,21 @@ use xshell::{Shell, cmd};
 
 use crate::checks::{host, target_dir};
 
-/// Seeds that every commit runs: the same ones, so that it passes or does not.
+/// Seeds that run for every commit. They are always the same, so only the commit decides whether they pass.
 const FIRST: &str = "1";
 const COUNT: &str = "200";
 
-/// Seconds that are enough to find a planted defect.
+/// Time limit in seconds for finding a planted defect.
 const MOST_SECONDS: &str = "60";
 
-/// Runs the swarm with these options.
+/// Runs the swarm with the given options.
 pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
     Ok(cmd!(sh, "cargo run --quiet --profile soak --package swarm -- {options...}").run()?)
 }
 
-/// Runs the seeds of a commit. The swarm is built like the tests: optimising takes longer than it saves, and
-/// `--tests` lets cargo choose the features of the crates that they have built already.
+/// Runs the seeds for a commit. The swarm is built like the tests, because optimising takes longer than it
+/// saves. With `--tests` cargo selects for the crates the features with which the tests have built them
+/// already.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
     cmd!(sh, "cargo build --quiet {host...} --tests --bin swarm").run()?;
@@ -29,8 +30,8 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     Ok(cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?)
 }
 
-/// Plants each defect of `tests/swarm/planted`, or those with these names, in a copy of the last commit, and measures
-/// how soon it is found.
+/// Plants each defect of `tests/swarm/planted` (or only the `names` given) in a copy of the last commit, and
+/// measures the time until the swarm finds it.
 pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
     let root = sh.current_dir();
     let mut patches = sh.read_dir("tests/swarm/planted")?;
@@ -67,7 +68,7 @@ pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// A defect that was found: the time it took, and the words of the swarm.
+/// A defect that was found: the time it took, and the message of the swarm.
 struct Found {
     after: Duration,
     said: String,
@@ -77,14 +78,16 @@ fn name(patch: &Path) -> String {
     patch.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Builds the swarm where the shell is; crates that are not of this repository are built in `target` already.
+/// Builds the swarm in the folder of the shell. Crates from outside this repository are built in `target`
+/// already.
 fn build(sh: &Shell, target: &Path) -> Result<PathBuf> {
     cmd!(sh, "cargo build --quiet --profile soak --package swarm").run()?;
     Ok(target.join("soak/swarm"))
 }
 
-/// Plants one defect in the folder of the shell, and searches for it with the swarm; `None` if it is not found. A
-/// seed that fails in the `sound` swarm, too, is an error: it shows another defect.
+/// Plants one defect in the folder of the shell and searches for it with the swarm. Returns `None` if the
+/// swarm does not find it. It is an error if the same seed also fails in the `sound` swarm, because then it
+/// shows another defect.
 fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
     cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;

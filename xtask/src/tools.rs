@@ -1,8 +1,8 @@
-//! Tools that the checks need beside Rust, and their installation.
+//! Tools that the checks need in addition to Rust, and their installation.
 //!
-//! Rust's own parts come by rustup, Debian packages by apt-get where this process may install them and none must go
-//! for them, Python packages into an environment of their own under `target/`. What cannot be brought is
-//! reported in one line, with what to install.
+//! rustup installs Rust's own components. apt-get installs Debian packages, if this process may do so and no
+//! other package is removed for them. Python packages go into an environment of their own under `target/`. A
+//! tool that cannot be installed is reported in one text line, with the command to install it.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
@@ -34,35 +34,35 @@ pub(crate) enum Tool {
     OtherSystems,
     /// Emulates the LM3S6965 board.
     Qemu,
-    /// A QEMU that takes the plugin which counts instructions.
+    /// A QEMU that takes the plugin that counts instructions.
     Counting,
     /// A Modbus master.
     Mbpoll,
     /// Calls the control API, as the documents do.
     Curl,
-    /// Wireshark without its windows.
+    /// Wireshark for the command line.
     Tshark,
-    /// Python with `venv`, and in it what `tests/foreign/requirements.txt` names: masters, and what tries the
-    /// control API.
+    /// Python with `venv`, and in this environment the packages of `tests/foreign/requirements.txt`: masters,
+    /// and programs that test the control API.
     Python,
-    /// Node and npm, and in `node_modules` of each of [`PACKAGES`] what its lock file names.
+    /// Node and npm, and in `node_modules` of each of [`PACKAGES`] the packages of its lock file.
     Node,
 }
 
-/// Tools that the checks of a run have requested.
+/// Tools that the checks of a run have requested so far.
 #[derive(Default)]
 pub(crate) struct Tools(Mutex<State>);
 
 #[derive(Default)]
 struct State {
     apt: Apt,
-    /// Each with what to install, if it is missing and could not be brought.
+    /// Each requested tool. If it is missing and could not be installed: how to install it by hand.
     known: Vec<(Tool, Option<String>)>,
 }
 
 impl Tools {
-    /// Installs missing ones of `tools`, as far as allowed. Returns what must be installed by hand before a check
-    /// that needs them can run; `None` if all are present. Concurrent calls wait.
+    /// Installs the tools that are missing, as far as allowed. Returns how to install by hand the tools that
+    /// are still missing; `None` if all are present. Concurrent calls wait.
     pub(crate) fn missing(&self, sh: &Shell, tools: &[Tool]) -> Option<String> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let remedies: Vec<String> = tools.iter().filter_map(|tool| state.remedy(sh, *tool)).collect();
@@ -82,7 +82,7 @@ impl State {
 }
 
 impl Tool {
-    /// Brings it if it is not here; what to install if that fails.
+    /// Installs the tool if it is missing. If that fails, returns how to install it by hand.
     fn bring(self, sh: &Shell, apt: &mut Apt) -> Option<String> {
         if self.is_here(sh) {
             return None;
@@ -115,7 +115,7 @@ impl Tool {
         }
     }
 
-    /// Command to install it by hand.
+    /// Command to install the tool by hand.
     fn remedy(self) -> &'static str {
         match self {
             Self::Rustfmt => "rustup component add rustfmt",
@@ -175,7 +175,7 @@ impl Tool {
                     apt.install(sh, "nodejs")?;
                     apt.install(sh, "npm")?;
                 }
-                // Node has its own list of authorities; those that the machine trusts are added.
+                // Node has its own list of certificate authorities. Those that the machine trusts are added.
                 let trusted = std::env::var_os(TRUSTED).unwrap_or_else(|| AUTHORITIES.into());
                 for folder in PACKAGES {
                     let install = cmd!(sh, "npm ci --prefix {folder} --no-audit --no-fund");
@@ -187,29 +187,30 @@ impl Tool {
     }
 }
 
-/// Variable by which Node finds more authorities, and the file in which Debian keeps those that the machine trusts.
+/// Variable that names further certificate authorities to Node, and Debian's file of the authorities that the
+/// machine trusts.
 const TRUSTED: &str = "NODE_EXTRA_CA_CERTS";
 const AUTHORITIES: &str = "/etc/ssl/certs/ca-certificates.crt";
 
-/// Returns whether Node is here, and new enough for the emulator.
+/// Returns whether Node is installed and new enough for the emulator.
 fn has_node(sh: &Shell) -> bool {
     let version = cmd!(sh, "node --version").quiet().ignore_stderr().read().unwrap_or_default();
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse().ok());
     major.is_some_and(|major: u32| major >= 20)
 }
 
-/// Returns whether a program starts and answers.
+/// Returns whether a program starts and reports its version.
 fn runs(sh: &Shell, program: &str) -> bool {
     cmd!(sh, "{program} --version").quiet().ignore_stdout().ignore_stderr().run().is_ok()
 }
 
-/// Returns whether the core library of a target is installed, with rustup or without.
+/// Returns whether the core library of a target is installed, by rustup or otherwise.
 fn has_target(sh: &Shell, target: &str) -> bool {
     let libraries = cmd!(sh, "rustc --print target-libdir --target {target}").quiet().read();
     libraries.is_ok_and(|path| sh.path_exists(path))
 }
 
-/// Runs a command whose output matters only if it fails: another check may print meanwhile.
+/// Runs a command and shows its output only if it fails, because another check may print at the same time.
 fn quietly(command: Cmd<'_>) -> Result<()> {
     let said = command.to_string();
     let output = command.quiet().ignore_status().output()?;
@@ -218,7 +219,7 @@ fn quietly(command: Cmd<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Debian's packages, where this process may install them. None is removed for another.
+/// Installs Debian packages, where this process may do that. No package is removed for another.
 #[derive(Default)]
 struct Apt {
     updated: bool,
@@ -243,7 +244,7 @@ const REQUIREMENTS: &str = "tests/foreign/requirements.txt";
 /// Packages that are installed without their dependencies.
 const ALONE: &str = "tests/foreign/requirements-alone.txt";
 
-/// The interpreter of the environment for foreign masters.
+/// Python interpreter of the environment for third-party masters.
 pub(crate) fn python(sh: &Shell) -> PathBuf {
     environment(sh).join("bin/python")
 }
@@ -252,13 +253,13 @@ fn environment(sh: &Shell) -> PathBuf {
     target_dir(sh).join("foreign-masters")
 }
 
-/// Returns whether the environment was made from the requirements as they are.
+/// Returns whether the environment was made from the present requirements.
 fn environment_is_current(sh: &Shell) -> bool {
     let made_from = sh.read_file(environment(sh).join("requirements.txt"));
     made_from.is_ok_and(|made_from| requirements(sh).is_ok_and(|wanted| wanted == made_from))
 }
 
-/// Both files of requirements.
+/// The text of both requirements files.
 fn requirements(sh: &Shell) -> Result<String> {
     Ok(sh.read_file(REQUIREMENTS)? + &sh.read_file(ALONE)?)
 }
@@ -269,22 +270,23 @@ fn make_environment(sh: &Shell) -> Result<()> {
     let python = python(sh);
     quietly(cmd!(sh, "{python} -m pip install -q --disable-pip-version-check -r {REQUIREMENTS}"))?;
     quietly(cmd!(sh, "{python} -m pip install -q --disable-pip-version-check --no-deps -r {ALONE}"))?;
-    // Last, so that an installation that broke off is begun again.
+    // Written last, so that an interrupted installation is repeated.
     sh.write_file(environment.join("requirements.txt"), requirements(sh)?)
         .with_context(|| format!("cannot finish {}", environment.display()))
 }
 
-/// Programs for Node: the emulated Pico, foreign masters.
+/// Folders of programs for Node: the emulated Pico, and third-party masters.
 const PACKAGES: [&str; 2] = ["tests/pico", "tests/foreign/node"];
 
-/// Returns whether the packages are those of the lock file: npm notes after an installation what it has installed.
+/// Returns whether the installed packages are those of the lock file. npm writes a list of the packages that
+/// it has installed.
 fn is_current(sh: &Shell, folder: &str) -> bool {
     let note = sh.read_file(format!("{folder}/node_modules/.package-lock.json"));
     let wanted = sh.read_file(format!("{folder}/package-lock.json"));
     note.is_ok_and(|note| wanted.is_ok_and(|wanted| integrities(&note) == integrities(&wanted)))
 }
 
-/// The check sums of the packages in a lock file.
+/// The checksums of the packages in a lock file.
 fn integrities(lock: &str) -> Vec<&str> {
     lock.lines().map(str::trim).filter(|line| line.starts_with("\"integrity\"")).collect()
 }

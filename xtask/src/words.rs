@@ -1,4 +1,4 @@
-//! The first words of doc comments: a list of comments that do not name their subject.
+//! The first words of doc comments: counts comments that do not name their subject.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,10 +6,10 @@ use std::path::Path;
 use anyhow::Result;
 use xshell::{Shell, cmd};
 
-/// First words of comments that ask instead of saying.
+/// First words of comments that ask a question instead of making a statement.
 const QUESTIONS: [&str; 8] = ["What", "Whether", "When", "How", "Where", "Who", "Whose", "Why"];
 
-/// First words of comments that point at something not named yet.
+/// First words of comments that refer to something that is not named yet.
 const POINTERS: [&str; 13] = [
     "It",
     "Its",
@@ -26,7 +26,7 @@ const POINTERS: [&str; 13] = [
     "He",
 ];
 
-/// Doc comments of one crate.
+/// Numbers of doc comments in one crate.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 struct Count {
     comments: usize,
@@ -34,7 +34,7 @@ struct Count {
     pointers: usize,
 }
 
-/// Prints the shares of each crate, or with `list` the comments themselves.
+/// Prints the share of such comments in each crate; with `list` also the comments themselves.
 pub(crate) fn print(sh: &Shell, list: bool) -> Result<()> {
     let files = cmd!(sh, "git ls-files *.rs").quiet().read()?;
     let mut rows: BTreeMap<String, Count> = BTreeMap::new();
@@ -88,7 +88,7 @@ fn first_lines(text: &str) -> Vec<(usize, &str)> {
     firsts
 }
 
-/// Returns whether a comment begins with a question, and whether with a pointer.
+/// Returns whether the first word of a comment is a question, and whether it is a pointer.
 fn judge(comment: &str) -> (bool, bool) {
     let word = comment.split(|c: char| !c.is_alphabetic()).next().unwrap_or_default();
     (QUESTIONS.contains(&word), POINTERS.contains(&word))

@@ -1,4 +1,4 @@
-//! `drivetwin disasm`: a user program of an RS drive as text.
+//! `drivetwin disasm`: converts a user program of an RS drive to text.
 
 use std::path::Path;
 
@@ -6,10 +6,10 @@ use drivetwin_host::rs_programs;
 
 use super::print;
 
-/// Shows an assembled program as text.
+/// Prints an assembled program as text.
 ///
 /// # Errors
-/// One sentence: what is wrong, and where.
+/// One sentence that names the file and the error.
 pub(crate) fn disasm(file: &Path) -> Result<(), String> {
     print(&rs_programs::disasm(file)?)
 }

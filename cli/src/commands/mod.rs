@@ -13,10 +13,10 @@ use std::io::{self, Write as _};
 /// Writes to stdout.
 ///
 /// # Errors
-/// One sentence: it cannot be written.
+/// One sentence: stdout cannot be written.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     match io::stdout().write_all(text.as_bytes()) {
-        // A reader that closes early, as in `drivetwin list | head -1`, is not an error.
+        // A reader that closes stdout early, as in `drivetwin list | head -1`, is not an error.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(format!("stdout cannot be written: {error}"))
         }

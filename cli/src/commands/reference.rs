@@ -1,4 +1,4 @@
-//! `drivetwin reference`: the page about the command line, docs/reference/cli.md.
+//! `drivetwin reference`: prints docs/reference/cli.md, the page about the command line.
 
 use std::fmt::Write as _;
 
@@ -17,7 +17,7 @@ const HEAD: &str = "\
 `drivetwin COMMAND --help` says the same in a terminal.
 ";
 
-/// Text behind the commands.
+/// Text after the commands.
 const TAIL: &str = "
 ## Exit codes
 
@@ -51,7 +51,7 @@ fn page() -> String {
     text + TAIL
 }
 
-/// Options that clap adds by itself.
+/// Returns whether clap adds the option by itself.
 fn is_of_clap(arg: &Arg) -> bool {
     ["help", "version"].contains(&arg.get_id().as_str())
 }
@@ -106,7 +106,7 @@ fn options<'a>(title: &str, args: impl Iterator<Item = &'a Arg>, text: &mut Stri
     }
 }
 
-/// An option as it is typed: `-o, --output <FILE>`.
+/// An option as a user types it: `-o, --output <FILE>`.
 fn name(arg: &Arg) -> String {
     let values = arg.get_value_names().unwrap_or_default().iter().map(|value| format!("<{value}>"));
     let values = values.collect::<Vec<_>>().join(" ");

@@ -8,10 +8,10 @@ use drivetwin_sim::replay as replayer;
 
 use super::print;
 
-/// Replays a recording; returns whether the drives did the same.
+/// Replays a recording. Returns whether the drives did the same as in the recording.
 ///
 /// # Errors
-/// One sentence: the file cannot be read, or is no trace.
+/// One sentence: the file cannot be read or is not a trace.
 pub(crate) fn replay(file: &Path) -> Result<bool, String> {
     let path = file.display();
     let bytes = std::fs::read(file).map_err(|error| format!("{path}: {error}"))?;

@@ -1,4 +1,4 @@
-//! `drivetwin run`: starts a drive, or a bench of several, until a signal ends it.
+//! `drivetwin run`: runs a drive or a bench of several drives until a signal ends it.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -13,7 +13,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use crate::args::Run;
 use crate::log;
 
-/// Runs a drive, or a bench of several, until a signal ends it.
+/// Runs a drive or a bench of several drives until a signal ends it.
 ///
 /// # Errors
 /// One sentence that names the option or file, and the error.
@@ -26,12 +26,12 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     }
     let uses_stdio = configuration.uses_stdio();
     let prepared = configuration.prepare()?;
-    // Clients may connect from here on.
+    // Caught from here on, because clients may connect as soon as the ports are open.
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
     let running = prepared.open()?;
     let banner = if json { running.json()? } else { running.text() };
     if uses_stdio {
-        // Stdout is used by a line.
+        // A serial line uses stdout.
         log::write_line(banner.as_bytes());
     } else {
         print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
@@ -39,13 +39,13 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     running.serve(&stop)
 }
 
-/// Prints the banner. Returns when it is written, or when a signal arrives.
+/// Prints the banner. Returns when the banner is written or a signal arrives, whichever is first.
 fn print(text: String, stop: &UnixStream) -> io::Result<()> {
     let (written, writes) = UnixStream::pair()?;
     let writer = std::thread::spawn(move || {
         let mut stdout = io::stdout();
         let result = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush());
-        // The other end sees this end close.
+        // Closing this end wakes the thread that polls the other end.
         drop(writes);
         result
     });
@@ -54,15 +54,15 @@ fn print(text: String, stop: &UnixStream) -> io::Result<()> {
     if both[0].revents().is_empty() { Ok(()) } else { writer.join().unwrap_or(Ok(())) }
 }
 
-/// Raises the limit of descriptors: a bench may have thousands of ports, and the usual limit is 1,024.
+/// Raises the limit of file descriptors: a bench may have thousands of ports, and the usual limit is 1,024.
 fn raise_limit_of_descriptors() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    // Best effort: a later lack of descriptors is reported where it occurs.
+    // An error is ignored here: a later lack of descriptors is reported where it occurs.
     let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
-/// A stream that becomes readable when the program is to end: Ctrl-C, SIGTERM, a terminal that is closed, Ctrl-\.
-/// Signals that the parent process ignores (`nohup`, a shell) stay ignored.
+/// A stream that becomes readable when a signal ends the program: Ctrl-C, SIGTERM, a closed terminal, or
+/// Ctrl-\. SIGHUP and SIGQUIT stay ignored if the parent process ignores them (`nohup`, a shell).
 fn signals() -> io::Result<UnixStream> {
     let (stop, caught) = UnixStream::pair()?;
     let ignored = ignored();
@@ -75,7 +75,8 @@ fn signals() -> io::Result<UnixStream> {
     Ok(stop)
 }
 
-/// Signals that were ignored at the start of the program, signal 1 in bit 0; none if the system does not report them.
+/// Signals that were ignored at the start of the program, with signal 1 in bit 0; 0 if the system does not
+/// report them.
 fn ignored() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

@@ -62,7 +62,7 @@ fn drives_on_one_line_keep_a_memory_each_and_one_recording() {
     let replayed = drivetwin(&["replay", &trace]);
     assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
 
-    // The memories are beside the file, wherever one starts it.
+    // The memory files are in the folder of the bench file, whatever the working directory.
     assert!(std::path::Path::new(&scratch.file("x.nv")).exists());
     let bench = Running::bench(&file, &[]);
     let mut line = bench.connect();
@@ -99,7 +99,8 @@ fn an_error_in_a_file_has_its_position() {
     assert_eq!(kind, at("line 3, column 8") + "there is no kind 'md4'; the nearest is 'md3'");
     assert!(said("[[drive]\n").starts_with(&at("line 1, column 9")), "{}", said("[[drive]\n"));
 
-    // An error that only the machine can find has the name of the drive as its position.
+    // An error that the text of the file does not show is reported with the name of the drive as its
+    // position.
     let x = "[[drive]]\nname = 'x'\nkind = 'rs434544'\n";
     std::fs::create_dir(&memory).unwrap();
     let directory = said(&format!("{x}nv = 'x.nv'\n"));
@@ -107,7 +108,7 @@ fn an_error_in_a_file_has_its_position() {
     let program = said(&format!("{x}program = 'x.rsasm'\n"));
     assert!(program.starts_with(&format!("{file}: program of x: ")), "{program}");
     std::fs::remove_dir(&memory).unwrap();
-    // Two names of one memory.
+    // Two paths of the same memory file.
     std::os::unix::fs::symlink("x.nv", scratch.file("y.nv")).unwrap();
     let y = x.replace("'x'", "'y'");
     let twice = said(&format!("{x}nv = 'x.nv'\n{y}nv = 'y.nv'\n"));

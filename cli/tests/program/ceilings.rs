@@ -1,4 +1,4 @@
-//! Memory of a program under clients that behave badly. The bounds are several times what it takes.
+//! Memory of the program while clients misbehave. Each bound is several times the memory that is needed.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -8,19 +8,19 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::running::{Running, ask};
 
-/// A user register of the MD3, without an effect.
+/// A user register of the MD3. It has no effect.
 const USER_REGISTER: u16 = 0x1D;
 
 const MIB: usize = 1 << 20;
 
-/// Memory of a program, in bytes.
+/// Memory in use by a program, in bytes.
 fn memory(program: &Running) -> usize {
     let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid().as_raw_nonzero())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<usize>().unwrap() << 10
 }
 
-/// Asserts that its memory has grown by at most `most` bytes.
+/// Asserts that the memory of a program has grown by at most `most` bytes.
 #[track_caller]
 fn grew_at_most(program: &Running, before: usize, most: usize) {
     let grown = memory(program).saturating_sub(before);
@@ -30,7 +30,7 @@ fn grew_at_most(program: &Running, before: usize, most: usize) {
 #[test]
 fn calls_whose_callers_have_left_are_not_kept() {
     const CALLS: usize = 3_000;
-    // While the clock is advanced jobs wait; each has a body of 1 KiB.
+    // Jobs wait while the clock is advanced. Each job has a body of 1 KiB.
     let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
     md3.drive();
     let before = memory(&md3);
@@ -61,12 +61,12 @@ fn clients_that_never_read_are_bounded_together() {
     let deaf: Vec<TcpStream> = (0..31).map(|_| qsb.connect()).collect();
     let mut polls = qsb.connect();
     let before = memory(&qsb);
-    // Each one receives all answers: 31 times 1 MiB.
+    // Each client receives all answers: 31 times 1 MiB.
     let (command, answer) = (b"R0E\r".repeat(1_000), 17 * 1_000);
     for _ in 0..MIB.div_ceil(answer) {
         ask(&mut polls, &command, answer);
     }
-    // 64 MiB may wait for the clients of a port.
+    // At most 64 MiB may wait for all clients of a port together.
     grew_at_most(&qsb, before, 96 * MIB);
     drop(deaf);
     assert_eq!(ask(&mut polls, b"R0E\r", 17), b"r 0E 00000000 !\r\n");
@@ -85,7 +85,7 @@ fn five_thousand_connections_leave_the_first_one_served() {
     let mut others: Vec<TcpStream> = Vec::new();
     for number in 0..5_000 {
         let mut other = md3.connect();
-        // Accepted clients send half a request; all stay.
+        // Clients that are accepted send half a request, and all of them stay.
         let _ = other.write_all(&request[..3]);
         others.push(other);
         if number % 500 == 0 {
@@ -93,11 +93,11 @@ fn five_thousand_connections_leave_the_first_one_served() {
         }
     }
     grew_at_most(&md3, before, 32 * MIB);
-    // 64 are accepted; the connections of all others are closed.
+    // 64 connections are accepted; all others are closed.
     assert_eq!(others.pop().unwrap().read(&mut [0]).unwrap_or(0), 0);
     drop(others);
     assert_eq!(ask(&mut first, &request, 8), *request);
-    // The system does not report closings and openings in their order.
+    // The system does not report closings and openings in the order in which they happened.
     let is_served = |mut other: TcpStream| {
         let mut reply = [0; 8];
         other.write_all(&request).is_ok() && other.read_exact(&mut reply).is_ok() && reply == *request
@@ -111,7 +111,7 @@ fn slow_and_half_open_callers_leave_others_served() {
     let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
     md3.drive();
     let before = memory(&md3);
-    // One byte each, and a part of a body with a long Content-Length.
+    // 30 clients send one byte each; 30 others send a part of a body with a long Content-Length.
     let slow: Vec<TcpStream> = (0..30)
         .map(|_| {
             let mut slow = md3.control();

@@ -6,7 +6,7 @@ use std::process::Stdio;
 use crate::running::{Answer, Running, ask, drivetwin};
 use drivetwin_protocol::modbus::rtu;
 
-/// An MD3 in manual time whose start-up is over.
+/// Starts an MD3 in manual time, without the start-up delay.
 fn md3() -> Running {
     Running::md3(&["--time", "manual", "--fast-boot"])
 }
@@ -33,14 +33,15 @@ fn in_manual_time_half_a_request_outlasts_the_wall_clock() {
     let mut line = md3.connect();
     let request = rtu::read(1, 0x11, 1);
     line.write_all(&request[..3]).expect("a connection");
-    // Nothing comes, for longer than half a request waits in real time: 20 ms.
+    // No byte arrives for 60 ms. In real time half a request would be given up after 20 ms.
     let patience = line.read_timeout().expect("a connection");
     line.set_read_timeout(Some(std::time::Duration::from_millis(60))).expect("a connection");
     line.read(&mut [0]).expect_err("half a request is not answered");
     line.set_read_timeout(patience).expect("a connection");
     ask(&mut line, &request[3..], 7);
     assert_eq!(md3.drive()["ports"]["rs485"]["requests"], 1);
-    // Bench time ends it: the drive drops it. It has come if what was written with it is answered.
+    // When bench time passes, the drive drops half a request. The half has arrived, because it was written
+    // together with a request that is answered.
     ask(&mut line, &[&request, &request[..3]].concat(), 7);
     md3.advance(0.05);
     ask(&mut line, &request, 7);
@@ -103,7 +104,7 @@ fn pins_are_driven_and_pulsed() {
     }
 }
 
-/// Writes a register of the drive past its bus.
+/// Presets a register of the drive, not through its bus.
 fn preset(md3: &Running, name: &str, value: u16) {
     let body = format!("{{\"value\":{value}}}");
     assert_eq!(md3.call("PUT", &format!("/api/drives/md3/registers/{name}"), &body).status, 204);
@@ -111,7 +112,7 @@ fn preset(md3: &Running, name: &str, value: u16) {
 
 #[test]
 fn a_driven_pin_shows_its_level_until_it_is_released() {
-    /// Bit of PinFunctionAndPolarity (7.8): J2 pins 9, 10 and 12 are outputs.
+    /// Bit 12 of PinFunctionAndPolarity (7.8): pins 9, 10 and 12 of J2 are outputs.
     const OUTPUTS: u16 = 1 << 12;
     let md3 = md3();
     let drive = |level: &str| {
@@ -141,7 +142,7 @@ fn a_driven_pin_shows_its_level_until_it_is_released() {
 
 #[test]
 fn every_fault_that_is_described_can_come_and_go() {
-    /// Bit of MotionControl (7.15).
+    /// Bit 15 of MotionControl (7.15).
     const FAULT: u16 = 1 << 15;
     let described = drivetwin(&["describe", "md3", "--json"]);
     let described: serde_json::Value = serde_json::from_slice(&described.stdout).unwrap();
@@ -166,7 +167,7 @@ fn every_fault_that_is_described_can_come_and_go() {
     }
 }
 
-/// Pins A (J2.10) and B (J2.12) as IOPortData shows them: bits 5 and 4 (7.9).
+/// Levels of pins A (J2.10) and B (J2.12), from bits 5 and 4 of IOPortData (7.9).
 fn quadrature(md3: &Running) -> u64 {
     md3.drive()["registers"]["IOPortData"].as_u64().unwrap() >> 4 & 0b11
 }
@@ -176,7 +177,7 @@ fn an_encoder_turns() {
     let md3 = md3();
     let turn = |body: &str| md3.call("POST", "/api/drives/md3/encoder", body);
     assert_eq!(quadrature(&md3), 0b00);
-    // A leads B: an edge each millisecond, the first one a tick after the call.
+    // A leads B. There is an edge each millisecond, and the first one comes a tick after the call.
     assert_eq!(turn("{\"counts\":6,\"hz\":1000}").status, 204);
     md3.advance(0.000_5);
     let mut seen = Vec::new();
@@ -185,7 +186,7 @@ fn an_encoder_turns() {
         md3.advance(0.001);
     }
     assert_eq!(seen, [0b10, 0b11, 0b01, 0b00, 0b10, 0b11, 0b11, 0b11]);
-    // From the present position, and back.
+    // Turns backward from the present position.
     assert_eq!(turn("{\"counts\":-3,\"hz\":1000}").status, 204);
     md3.advance(0.000_5);
     let mut seen = Vec::new();
@@ -220,7 +221,7 @@ fn an_encoder_is_refused_what_it_cannot_do() {
     assert!(nobody.problem(404).contains("the nearest is 'md3'"));
     assert_eq!(quadrature(&md3), 0b00);
 
-    // One at a time on a pin, whichever came first.
+    // A pin has one source of edges at a time: the encoder or a pulse train, whichever was first.
     let pulses = |pin: &str| {
         md3.call("POST", &format!("/api/drives/md3/pins/{pin}/pulses"), "{\"count\":1,\"hz\":1000}")
     };
@@ -287,7 +288,7 @@ fn time_runs_in_the_mode_that_is_set() {
 
 #[test]
 fn where_time_stands_no_request_waits() {
-    // A partial frame holds the line until the frame timeout; the complete frame behind it waits.
+    // A partial frame occupies the line until the frame timeout, and the complete frame after it waits.
     let md3 = md3();
     let (mut half, mut whole) = (md3.connect(), md3.connect());
     half.write_all(&[1, 6, 0]).unwrap();
@@ -299,7 +300,7 @@ fn where_time_stands_no_request_waits() {
     whole.read_exact(&mut reply).unwrap();
     assert_eq!(reply, *rtu::write(1, 0x1D, 7));
 
-    // An exchange in progress when the time is stopped is completed.
+    // The mode changes to manual time during an exchange, and the exchange is completed.
     let md3 = Running::md3(&["--fast-boot"]);
     let mut line = md3.connect();
     line.write_all(&rtu::write(1, 0x1D, 8)).unwrap();
@@ -309,7 +310,7 @@ fn where_time_stands_no_request_waits() {
     assert_eq!(reply, *rtu::write(1, 0x1D, 8));
 }
 
-/// A day with a train of pulses takes long enough to be looked at while it goes on.
+/// To advance a day with a train of pulses takes long enough for other calls during it.
 #[test]
 fn an_advance_can_be_given_up_and_is_the_only_one() {
     let md3 = md3();
@@ -322,7 +323,7 @@ fn an_advance_can_be_given_up_and_is_the_only_one() {
     );
     let mut first = md3.control();
     first.write_all(request.as_bytes()).unwrap();
-    // Whichever of the two comes first goes on; the other is refused at once.
+    // The first of the two requests to arrive is executed; the other is refused at once.
     let mut second = md3.control();
     second.write_all(request.as_bytes()).unwrap();
     first.set_nonblocking(true).unwrap();
@@ -338,7 +339,7 @@ fn an_advance_can_be_given_up_and_is_the_only_one() {
     assert!(refused.starts_with("HTTP/1.1 409"), "{refused}");
     assert!(refused.contains("another call advances the clock"), "{refused}");
     drop((first, second));
-    // Served only when the advance has been given up.
+    // The call is served only after the advance has been given up.
     let seconds = md3.call("GET", "/api/bench", "").ok()["time"]["seconds"].as_f64().unwrap();
     assert!((0.0..86_400.0).contains(&seconds), "{seconds}");
     assert_eq!(md3.stop(), Some(0));
@@ -364,7 +365,7 @@ fn a_web_page_is_refused() {
     assert!(request(target, "").problem(403).contains("Host"));
     assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
 
-    // A page of another origin, also one on this machine; and one without an origin.
+    // A page of another origin, also one on this machine, and a page without an origin.
     for origin in ["http://evil.example", "https://localhost:80", "http://localhost:81", "null"] {
         let ask = format!("{get}Host: localhost:80\r\nOrigin: {origin}");
         assert!(request(&ask, "").problem(403).contains("another origin"), "{origin}");
@@ -374,7 +375,7 @@ fn a_web_page_is_refused() {
         let ask = format!("{get}Host: localhost\r\nSec-Fetch-Site: {site}");
         assert_eq!(request(&ask, "").status, status, "{site}");
     }
-    // Before a request that is not simple, a browser sends a preflight.
+    // A browser sends a preflight before a request that is not "simple".
     let preflight =
         "OPTIONS /api/drives/md3/power HTTP/1.1\r\nHost: localhost\r\nAccess-Control-Request-Method: POST";
     let answer = request(preflight, "");
@@ -436,7 +437,7 @@ fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
     assert_eq!(disturbed["drop"], 0.25);
     assert_eq!((&disturbed["delay_ms"], &disturbed["exception_code"]), (&2.5.into(), &6.into()));
     assert_eq!(md3.call("GET", "/api/bench", "").ok()["buses"][0]["faults"], disturbed);
-    // The faults of a response may be put again.
+    // The faults of a response are valid as a request.
     assert_eq!(put("rs485", &disturbed.to_string()).status, 204);
     assert_eq!(faults(), disturbed);
     assert_eq!(put("md3.rs485", "{\"mute\":true}").status, 204, "its other name");
@@ -469,7 +470,7 @@ fn a_mute_line_sends_no_answer() {
     line.write_all(&rtu::write(1, 0x11, 0)).unwrap();
     assert!((0..10_000).any(|_| requests() == 1), "it has not come");
     assert_eq!(mute(false).status, 204);
-    // Its answer is the first one that comes.
+    // The reply to this request is the first one to arrive.
     let request = rtu::read(1, 0x10, 1);
     assert_eq!(ask(&mut line, &request, 7)[..3], [1, 3, 2]);
 }
@@ -479,7 +480,7 @@ fn idle_connections_block_no_other_client() {
     let md3 = md3();
     let mut idle: Vec<_> = (0..200).map(|_| md3.control()).collect();
     assert_eq!(md3.call("GET", "/api/bench", "").status, 200);
-    // The first ones have made room, long before their time was over.
+    // The first connections were closed to make room, long before their timeout.
     assert_eq!(idle[0].read(&mut [0]).unwrap(), 0);
     assert_eq!(md3.stop(), Some(0));
 }
@@ -514,13 +515,13 @@ fn long_work_in_manual_time_blocks_neither_queries_nor_the_stop() {
     let md3 = Running::md3(&["--time", "manual", "--fast-boot"]);
     let trace = || md3.call("GET", "/api/trace", "").body;
     assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":60000}").status, 204);
-    // Some thousand million edges until the reply.
+    // There are some thousand million edges until the reply.
     let pulses = "{\"count\":4000000000,\"hz\":8000000}";
     assert_eq!(md3.call("POST", "/api/drives/md3/pins/J2.2/pulses", pulses).status, 204);
     let before = trace();
     let mut line = md3.connect();
     line.write_all(&rtu::read(1, 0x1D, 1)).unwrap();
-    // Time is stopped except for the request.
+    // In manual time the request runs the clock.
     let mut looks = 0;
     while trace() == before {
         looks += 1;
@@ -532,7 +533,8 @@ fn long_work_in_manual_time_blocks_neither_queries_nor_the_stop() {
     assert!(reply.is_empty(), "it has ended");
 }
 
-/// S5, the kind of the analogue input: 10 for a current, of 0 to 20 mA; I5 has 1,023 for the most (MC 5-34, 5-65).
+/// S5 is the kind of the analogue input; 10 is a current of 0 to 20 mA. I5 is its value, at most 1,023 (MC
+/// 5-34, 5-65).
 #[test]
 fn a_current_is_driven_into_the_input_that_measures_one() {
     let what = ["--time", "manual", "--fast-boot"];
@@ -550,8 +552,8 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
     assert!(pin("ANALOG", "{}").problem(422).contains("{\"milliamps\":12}"));
 }
 
-/// "Operation is permitted with closed contact" (RS, 6): that of HARD_STOP is closed until it is used, and `open`
-/// opens it. "Power supply protection, VDC: 8 - 30" (3).
+/// "Operation is permitted with closed contact" (RS, 6): the contact at HARD_STOP counts as closed until the
+/// input is used; `open` opens it. "Power supply protection, VDC: 8 - 30" (3).
 #[test]
 fn an_emergency_stop_and_a_supply_out_of_its_range() {
     let rs434 = Running::start("rs434544", &["--time", "manual", "--fast-boot"], Stdio::inherit());

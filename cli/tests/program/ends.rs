@@ -1,4 +1,4 @@
-//! Serial ports, and standard input and output.
+//! Drives on serial ports, and on standard input and output.
 
 use std::io::{Read as _, Write as _};
 use std::os::fd::OwnedFd;
@@ -15,12 +15,12 @@ use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 const USER_REGISTER: u16 = 0x1D;
 const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;
 
-/// The other end of a serial cable: a new pty whose terminal is linked at `link`.
+/// The other end of a serial cable: a new pty whose device is linked at `link`.
 fn cable(link: &str) -> OwnedFd {
     let master = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     rustix::pty::grantpt(&master).unwrap();
     rustix::pty::unlockpt(&master).unwrap();
-    // A new terminal sends an echo, which no serial port does.
+    // A new terminal echoes its input. A serial port does not.
     let mut settings = tcgetattr(&master).unwrap();
     settings.make_raw();
     tcsetattr(&master, OptionalActions::Now, &settings).unwrap();
@@ -58,7 +58,7 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     assert_eq!(md3.ready["devices"][0]["ports"]["rs485"][0], listen);
     let settings = tcgetattr(&plugged).unwrap();
     let line = md3.call("GET", "/api/bench", "").ok()["buses"][0]["line"].as_str().unwrap().to_owned();
-    // Two stop bits and baud rate 2 (MD3 User Guide, 7.22). A pty has no parity to be seen.
+    // Two stop bits and baud rate code 2 (MD3 User Guide, 7.22). The parity is not visible on a pty.
     assert_eq!(line, "19200 8E2");
     assert_eq!(settings.output_speed(), 19_200);
     assert!(settings.control_modes.contains(ControlModes::CSTOPB));
@@ -67,7 +67,8 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     rustix::io::write(&plugged, &request).unwrap();
     assert_eq!(heard(&plugged, reply.len(), LONG), *reply);
 
-    // To 9,600 baud, even parity, one stop bit: the reply leaves before that (7.22), and what follows it then.
+    // Changes to 9,600 baud, even parity, one stop bit. The reply to this write still has the old settings
+    // (7.22); all that follows has the new ones.
     let change = rtu::write(1, SERIAL_PORT_CONFIGURATION, 0x21);
     rustix::io::write(&plugged, &change).unwrap();
     assert_eq!(heard(&plugged, change.len(), LONG), *change);
@@ -80,7 +81,7 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
 
     drop(plugged);
     let plugged = cable(&device);
-    // Nothing reports that it is open again, and bytes sent before that are lost.
+    // The program does not report when it has opened the port again, and bytes sent before that are lost.
     let answers = std::iter::repeat_with(|| {
         rustix::io::write(&plugged, &request).unwrap();
         heard(&plugged, reply.len(), Duration::from_millis(200))
@@ -90,7 +91,7 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
     assert_eq!(md3.stop(), Some(0));
 }
 
-/// Stdout of `drivetwin` with `input` as its whole standard input.
+/// Runs `drivetwin` with `input` as its whole standard input. Returns its standard output and its exit code.
 fn piped(arguments: &[&str], input: &[u8]) -> (Vec<u8>, Option<i32>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
         .args(arguments)
@@ -113,7 +114,7 @@ fn a_drive_on_standard_input_and_output_answers_all_and_ends_with_its_input() {
         let options = ["run", "md3", "--fast-boot", "--time", time, "--listen", "stdio:"];
         assert_eq!(piped(&options, &requests), (replies.clone(), Some(0)), "--time {time}");
         assert_eq!(piped(&options, &[]), (Vec::new(), Some(0)), "--time {time}");
-        // The rest of half a request cannot come any more.
+        // Half a request is dropped, because its rest cannot arrive any more.
         assert_eq!(piped(&options, &requests[..5]), (Vec::new(), Some(0)), "--time {time}");
     }
     let qsb = ["run", "qsb-d", "--fast-boot", "--time", "manual", "--listen", "stdio:", "--control", "off"];
@@ -143,7 +144,8 @@ fn a_bench_ends_when_its_output_is_closed_though_more_input_may_come() {
     drop(stdin);
 }
 
-/// The time stamps of a stream of records `s 0E 00000000 00000007 !`, each one character after the other.
+/// The timestamps of a stream of records `s 0E 00000000 00000007 !`, which arrive one character after the
+/// other.
 fn stamps(stream: &[u8]) -> Vec<u32> {
     let text = String::from_utf8(stream.to_vec()).unwrap();
     let records = text.split(['\r', '\n']).filter_map(|line| line.strip_prefix("s 0E 00000000 ")?.get(..8));
@@ -156,18 +158,18 @@ fn a_stream_of_a_minute_waits_for_a_late_reader() {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
     let port = rustix::fs::open(qsb.pty(), flags, Mode::empty()).unwrap();
     qsb.notice();
-    // A program that opens the port resets it.
+    // Opening the port resets the drive.
     qsb.advance(1.0);
     let mut line = qsb.connect();
-    // With time stamps, 512 records a second.
+    // Records have timestamps, and there are 512 per second.
     line.write_all(b"W15F\rW0C1\rS0E\r").unwrap();
     qsb.notice();
     qsb.advance(60.0);
     for reader in [line.into(), port] {
-        // 59 seconds of records of 26 characters, at least.
+        // At least 59 seconds of records, each with 26 characters.
         let heard = stamps(&heard(&reader, 59 * 512 * 26, LONG));
         assert!(heard.len() > 58 * 512, "{}", heard.len());
-        // The first ones wait for the answers before them.
+        // The first records wait for the answers before them.
         assert!(heard[8..].windows(2).all(|two| two[1] == two[0] + 1));
     }
     assert_eq!(qsb.stop(), Some(0));

@@ -9,11 +9,12 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::running::{Scratch, ask};
 
-/// Blocks of a file, of 512 or 1,024 bytes as the shell has it: a few exchanges.
+/// Limit of the file size in blocks, which the shell counts in 512 or 1,024 bytes. A few exchanges reach the
+/// limit.
 const BLOCKS: u32 = 32;
 
-/// Starts an MD3 none of whose files may become longer than `blocks`, asks it again and again, and ends it: the exit
-/// code, and its stderr.
+/// Starts an MD3 whose files may not become longer than `blocks`, sends it requests again and again, and
+/// stops it. Returns the exit code and the text on stderr.
 fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i32>, String) {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     let mut child = Command::new("sh")
@@ -29,7 +30,7 @@ fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i3
     let address = ready["devices"][0]["ports"]["rs485"][0].as_str().unwrap().strip_prefix("tcp:").unwrap();
     let mut client = TcpStream::connect(address).unwrap();
     for request in requests.iter().cycle().take(600) {
-        // The drive answers, even if its files fail.
+        // The drive answers, even when its files cannot be written.
         let length = if request[1] == 3 { 5 + 2 * usize::from(request[5]) } else { request.len() };
         assert_eq!(ask(&mut client, request, length)[..2], request[..2]);
     }
@@ -43,7 +44,7 @@ fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i3
 fn a_memory_that_cannot_be_stored_is_logged_and_the_drive_runs_on() {
     let scratch = Scratch::new("full-memory");
     let file = scratch.file("md3.nv");
-    // EEPROMControl: save (MD3 7.20).
+    // EEPROMControl 1: save (MD3 7.20).
     let (code, said) = ends(0, "--nv", &file, &[rtu::write(1, 0x1A, 1)]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains(&format!("{file} does not keep what the drive stores: File too large")), "{said}");
@@ -56,7 +57,7 @@ fn a_memory_that_cannot_be_stored_is_logged_and_the_drive_runs_on() {
 #[test]
 fn a_full_disk_is_logged_and_the_drive_runs_on() {
     let scratch = Scratch::new("full-files");
-    // All registers; MotionControl: move (MD3 7.15).
+    // A read of all registers; MotionControl 1: move (MD3 7.15).
     let requests = [rtu::read(1, 0, 32), rtu::write(1, 0x11, 1)];
     for option in ["--record", "--vcd", "--pcap"] {
         let file = scratch.file(&option[2..]);
@@ -65,7 +66,7 @@ fn a_full_disk_is_logged_and_the_drive_runs_on() {
         assert!(said.contains(&format!("{option} {file}: File too large")), "{said}");
         assert!(said.contains("; the file ends here"), "{said}");
         assert!(said.contains(&format!("drivetwin: {option} {file} is not complete")), "{said}");
-        // The file has all that fits.
+        // The file contains everything up to the limit.
         let length = std::fs::metadata(&file).unwrap().len();
         assert!(length > 0 && length.is_multiple_of(512), "{option}: {length} bytes");
     }

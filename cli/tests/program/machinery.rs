@@ -2,7 +2,8 @@
 
 use crate::running::{Running, Scratch, ask};
 
-/// 1,600 steps of 1/8 a turn, and 100 counts. The rates are so even that all arithmetic is whole.
+/// A turn has 1,600 steps (of 1/8 of a full step) and 100 counts. The rates are chosen so that all times are
+/// exact.
 const BENCH: &str = r#"
 time = "manual"
 
@@ -39,8 +40,8 @@ closed = { above_rev = 5000 }
 to = "reader.DIO1"
 "#;
 
-/// Time at which the shaft has made that many turns, in seconds since its start: up to 16,000 steps/s in 0.16 s and
-/// 1,280 steps.
+/// Time at which the shaft has made `turns` turns, in seconds since its start. It accelerates to 16,000
+/// steps/s in 0.16 s, which are 1,280 steps.
 fn comes_to(turns: f64) -> f64 {
     0.16 + (turns * 1_600.0 - 1_280.0) / 16_000.0
 }
@@ -60,7 +61,7 @@ fn ten_minutes_of_a_motor_with_encoder_and_switches() {
     let turn = bench.call("GET", "/api/drives/stepper", "").ok()["motion"].clone();
     assert_eq!((&turn["position"], &turn["moving"]), (&9_580_000.into(), &false.into()));
 
-    // 5,987.5 turns: exactly half a count before the next one, which it has come to, is 598,750.
+    // 5,987.5 turns are 598,750 counts. The shaft stops exactly half a count before the next edge.
     let mut line = bench.connect();
     let reply = ask(&mut line, b"R0E\r", "r 0E 00000000 !\r\n".len());
     assert_eq!(String::from_utf8(reply).unwrap(), format!("r 0E {:08X} !\r\n", 598_750));
@@ -85,11 +86,12 @@ fn ten_minutes_of_a_motor_with_encoder_and_switches() {
         assert_eq!(edges.len(), expected.len(), "{pin}: {edges:?}");
         for (edge, expected) in edges.iter().zip(expected) {
             assert_eq!(edge.1, expected.1, "{pin}");
-            // There and back a tick each, and one at which it is beyond.
+            // The motor gets the plan a tick late, the reader gets the edge a tick late, and up to a tick
+            // passes until the shaft is past the position.
             let late = edge.0 - start - expected.0;
             assert!((0.0..0.5e-6).contains(&late), "{pin} is {late} s late");
         }
     }
-    // For each channel every other count is an edge.
+    // Edges alternate between the two channels.
     assert_eq!([" reader > pin A ", " reader > pin B "].map(|pin| fed(pin).count()), [299_375, 299_375]);
 }

@@ -4,12 +4,14 @@ use std::process::Stdio;
 
 use crate::running::{Running, Scratch, drivetwin, refused};
 
-/// A line of one command, and one of two lines: the loop has no end.
+/// Source with a command that takes one line of the program and a command that takes two. The loop never
+/// ends.
 const SOURCE: &str = "again: mov_modbus_const SPEED, 1500\n jmp again\n";
-/// Lines of this program, by 6.9: 0Eh to a holding register (type 3) at 500Bh, the constant; 05h to line 0.
+/// Assembled lines of this source, by 6.9: 0Eh writes a constant to the holding register (type 3) 500Bh; 05h
+/// jumps to line 0.
 const LINES: [u8; 12] = [0x0E, 0x30, 0x0B, 0x50, 0xDC, 0x05, 0, 0, 0x05, 0, 0, 0];
 
-/// Runs `drivetwin`, which succeeds: what it prints.
+/// Runs `drivetwin` and asserts that it succeeds. Returns what it prints.
 fn prints(arguments: &[&str]) -> String {
     let output = drivetwin(arguments);
     assert!(output.status.success(), "{arguments:?}: {output:?}");
@@ -112,11 +114,11 @@ fn a_drive_has_its_program_at_power_on_and_its_memory_keeps_it() {
     assert!(kept.windows(LINES.len()).any(|part| part == LINES));
     // The presets and the program are saved, so no further options are needed.
     assert_eq!(runs(&[]), [4, 1_500]);
-    // Another one takes its place.
+    // Another program replaces the saved one.
     std::fs::write(&source, "mov_modbus_const SPEED, 700\nfor 1, 1").unwrap();
     assert_eq!(runs(&["--program", &source]), [5, 700]);
 
-    // A file of another drive is not changed.
+    // A file that belongs to another drive is not changed.
     let foreign = vec![7; 1 << 16];
     std::fs::write(&memory, &foreign).unwrap();
     let said = refused(&["run", "rs434544", "--program", &source, "--nv", &memory]);

@@ -1,4 +1,4 @@
-//! Ptys that go from one program to the next.
+//! Ptys that several programs use one after the other.
 
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -13,7 +13,7 @@ use rustix::termios::{Action, InputModes, LocalModes, OptionalActions, tcflow, t
 const USER_REGISTER: u16 = 0x1D;
 const SERIAL_PORT_CONFIGURATION: u16 = 0x1C;
 
-/// Opens a pty as a serial program does, at 9,600 baud.
+/// Opens a pty like a serial program, at 9,600 baud.
 fn open(path: &Path) -> OwnedFd {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
     let port = rustix::fs::open(path, flags, Mode::empty()).unwrap();
@@ -24,12 +24,12 @@ fn open(path: &Path) -> OwnedFd {
     port
 }
 
-/// Writes a request that differs from those of others by `value`.
+/// Writes a request. Its `value` tells it from other requests.
 fn request(port: &OwnedFd, value: u16) {
     assert_eq!(rustix::io::write(port, &rtu::write(1, USER_REGISTER, value)), Ok(8), "the output is stopped");
 }
 
-/// Waits until there is something to read, longer than anything takes here.
+/// Waits until there is something to read. The timeout is longer than every action of these tests.
 fn wait(port: &OwnedFd) {
     let minute = Timespec { tv_sec: 60, tv_nsec: 0 };
     let came = poll(&mut [PollFd::new(port, PollFlags::IN)], Some(&minute)).unwrap();
@@ -48,9 +48,9 @@ fn answer(port: &OwnedFd, value: u16) {
     assert_eq!(came, *rtu::write(1, USER_REGISTER, value));
 }
 
-/// Stops the process during `act`, so that it sees all changes at once.
+/// Stops the process of `md3` during `act`, so that it sees all changes at the same time.
 fn unseen<T>(md3: &Running, act: impl FnOnce() -> T) -> T {
-    // The thread of the bench sleeps: it is not in the middle of an event.
+    // First waits until the bench's thread sleeps, because then it is not handling an event.
     let stat = format!("/proc/{}/stat", md3.pid().as_raw_nonzero());
     while !std::fs::read_to_string(&stat).unwrap().contains(") S ") {}
     kill_process(md3.pid(), Signal::STOP).unwrap();
@@ -74,7 +74,8 @@ fn a_pty_answers_each_of_many_successive_programs() {
 #[test]
 fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     let md3 = Running::md3(&["--fast-boot"]);
-    // The last one's request is taken. A part of its reply may have come by now, so the next one waits with reading.
+    // The bench has taken the first program's request. A part of its reply may have been sent by now, so the
+    // next program does not read yet.
     let port = open(&md3.pty());
     request(&port, 1);
     md3.notice();
@@ -88,7 +89,7 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     answer(&next, 2);
     drop(next);
 
-    // The request is in one queue with that of the next program.
+    // The requests of both programs are in one queue.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
@@ -101,7 +102,7 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     answer(&next, 4);
     drop(next);
 
-    // The request is alone in the queue, and the next program writes later.
+    // Only the first program's request is in the queue. The next program writes later.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
@@ -114,7 +115,7 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     answer(&next, 6);
     drop(next);
 
-    // The process has not seen the first program open the port, either.
+    // The process has not seen that the first program opened the port, either.
     md3.notice();
     let next = unseen(&md3, || {
         request(&open(&md3.pty()), 9);
@@ -125,7 +126,7 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     answer(&next, 10);
     drop(next);
 
-    // Its reply has come, and is unread.
+    // The reply has arrived, but the first program does not read it.
     let port = open(&md3.pty());
     request(&port, 7);
     wait(&port);
@@ -141,7 +142,7 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
 #[test]
 fn two_programs_that_have_a_pty_open_are_one() {
     let md3 = Running::md3(&["--fast-boot"]);
-    // As `cat` and `echo` of a shell.
+    // Two programs at once, like `cat` and `echo` in a shell.
     let reader = open(&md3.pty());
     md3.notice();
     unseen(&md3, || request(&open(&md3.pty()), 1));
@@ -151,7 +152,7 @@ fn two_programs_that_have_a_pty_open_are_one() {
 #[test]
 fn output_that_a_program_stopped_does_not_outlive_it() {
     let md3 = Running::md3(&["--fast-boot"]);
-    // The first one comes and goes unseen.
+    // The process sees neither the opening nor the closing by the first program.
     let port = unseen(&md3, || {
         tcflow(open(&md3.pty()), Action::OOff).unwrap();
         open(&md3.pty())
@@ -170,7 +171,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     request(&port, 1);
     answer(&port, 1);
 
-    // Its reply has Ctrl-S in it, which is 0x13.
+    // The reply to the first program contains Ctrl-S, which is 0x13.
     let mut settings = tcgetattr(&port).unwrap();
     settings.input_modes.insert(InputModes::IXON);
     tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
@@ -183,7 +184,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     request(&port, 2);
     answer(&port, 2);
 
-    // The next one is there before the last one is seen to leave.
+    // The next program opens the pty before the process sees that the last one has closed it.
     md3.notice();
     let port = unseen(&md3, || {
         tcflow(&port, Action::OOff).unwrap();
@@ -199,12 +200,12 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
 fn a_pty_with_default_settings_changes_no_character() {
     let md3 = Running::md3(&["--fast-boot"]);
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-    // Ctrl-C, Ctrl-\\, Ctrl-Z, Ctrl-S, Ctrl-Q, Ctrl-D, CR and LF, both ways.
+    // Ctrl-C, Ctrl-\\, Ctrl-Z, Ctrl-S, Ctrl-Q, Ctrl-D, CR and LF, in both directions.
     for value in [0x031C, 0x1A13, 0x1104, 0x0D0A] {
         let port = rustix::fs::open(md3.pty(), flags, Mode::empty()).unwrap();
         request(&port, value);
         answer(&port, value);
-        // The next one inherits none of what a terminal does.
+        // The next program inherits none of these terminal functions.
         let mut settings = tcgetattr(&port).unwrap();
         settings.local_modes |= LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG;
         settings.input_modes |= InputModes::ICRNL | InputModes::ISTRIP | InputModes::IXON;
@@ -225,13 +226,13 @@ fn a_pty_has_the_baud_rate_of_its_drive() {
     let md3 = Running::md3(&["--fast-boot", "--time", "manual"]);
     assert_eq!(baud(&md3.pty()), 9_600);
     md3.notice();
-    // Baud rate 2 (MD3 User Guide, 7.22).
+    // Baud rate code 2 (MD3 User Guide, 7.22).
     let mut line = md3.connect();
     let faster = rtu::write(1, SERIAL_PORT_CONFIGURATION, 0x22);
     assert_eq!(ask(&mut line, &faster, 8), *faster);
     md3.notice();
     assert_eq!(baud(&md3.pty()), 19_200);
-    // The settings of an opener stay, as on a hardware port.
+    // As on a hardware port, the settings of a program stay after it has closed the port.
     drop(open(&md3.pty()));
     md3.notice();
     assert_eq!(baud(&md3.pty()), 9_600);

@@ -1,11 +1,11 @@
-//! Drives of several variants, whose ports take characters.
+//! Drives with several variants, whose ports take single characters.
 
 use std::process::Stdio;
 
 use crate::running::{Running, ask, drivetwin};
 use serde_json::Value;
 
-/// In manual time, without start-up.
+/// Starts a QSB in manual time, without the start-up delay.
 fn qsb(kind: &'static str, options: &[&str]) -> Running {
     let options = [&["--time", "manual", "--fast-boot"], options].concat();
     Running::start(kind, &options, Stdio::inherit())
@@ -22,7 +22,7 @@ fn names<'a>(of: &'a Value, what: &str) -> Vec<&'a str> {
 #[test]
 fn variants_have_their_registers_and_pins_only() {
     let listed = String::from_utf8(drivetwin(&["list"]).stdout).unwrap();
-    // Products of a register: "-D, -M, -S" or some of them.
+    // The manual lists products for each register: "-D, -M, -S" or some of them.
     for (kind, pins, lacks) in [
         ("qsb-d", 4, &["MdStepRate", "MdAccel", "MdMoveSteps", "MdJogRate", "MdStatus", "MotorDrive"][..]),
         ("qsb-m", 7, &[]),
@@ -94,7 +94,8 @@ fn a_pwm_encoder_is_a_train_of_pulses_with_a_duty() {
     let post = |body: &str| qsb.call("POST", "/api/drives/qsb-s/pins/PWM/pulses", body);
     let set = "/api/drives/qsb-s/pins/PWM";
     assert_eq!(qsb.call("PUT", set, "{\"level\":\"low\"}").status, 204);
-    // Ten-bit, 1 kHz: 0.25 × 1,026 − 1 is 255.5. Twelve-bit, 250 Hz: 0.75 × 4,098 − 1 is 3,072.5, and B4.
+    // Ten-bit mode, 1 kHz: 0.25 × 1,026 − 1 is 255.5. Twelve-bit mode, 250 Hz: 0.75 × 4,098 − 1 is 3,072.5,
+    // and B4.
     for (pulses, mode, value) in [
         ("{\"count\":10,\"hz\":1000,\"duty\":0.25}", 0x01, 255),
         ("{\"count\":10,\"hz\":250,\"duty\":0.75}", 0x11, 3_072),

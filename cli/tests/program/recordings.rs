@@ -1,4 +1,4 @@
-//! `--record`: what is in the file, and when.
+//! `--record`: the content of the file, and the time at which it is written.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use rustix::process::{Signal, kill_process};
 
 use crate::running::{Running, Scratch, ask, drivetwin, refused};
 
-/// Files that were made by the program at commit 681fd38. They are never made anew.
+/// Path of a file that the program at commit 681fd38 made. These files are never regenerated.
 fn old(name: &str) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/recordings/681fd38");
     folder.join(name).to_str().unwrap().to_owned()
@@ -23,7 +23,8 @@ fn assert_replays(file: &str) {
 
 #[test]
 fn old_recordings_replay() {
-    // It is read to its end. An MDrive has taken no time for a typed line then (MDRIVE-34).
+    // The whole file is read, but the replay differs: in this recording an MDrive takes no time for a typed
+    // text line, which it does since MDRIVE-34.
     let bench = drivetwin(&["replay", &old("bench.trace")]);
     let said = String::from_utf8(bench.stdout).unwrap();
     assert!(bench.status.code() == Some(1) && said.contains("mdrive < message:mcode"), "{said}");
@@ -48,7 +49,7 @@ fn old_memories_are_loaded() {
         let options = ["--time", "manual", "--fast-boot", "--control", "localhost:0", "--nv", &file];
         let drive = Running::start(kind, &options, std::process::Stdio::inherit());
         let registers = &drive.drive()["registers"];
-        // All that have a bus address had 7.
+        // Every memory with a bus address was saved with address 7.
         let described: serde_json::Value =
             serde_json::from_slice(&drivetwin(&["describe", kind, "--json"]).stdout).unwrap();
         let register =
@@ -62,7 +63,7 @@ fn whatever_ends_it_the_recording_is_there() {
     let scratch = Scratch::new("ends");
     for signal in [Signal::HUP, Signal::QUIT, Signal::TERM, Signal::KILL] {
         if is_ignored(signal) {
-            // As below `nohup`: the program ignores it, too.
+            // If this test runs with `nohup`, the program ignores the signal, too.
             continue;
         }
         let file = scratch.file("md3.trace");
@@ -80,7 +81,7 @@ fn whatever_ends_it_the_recording_is_there() {
     }
 }
 
-/// Returns whether this process, and so its children, ignores a signal.
+/// Returns whether this process, and therefore its children, ignores a signal.
 fn is_ignored(signal: Signal) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
@@ -92,14 +93,14 @@ fn a_kill_leaves_whole_lines_of_waveforms_and_whole_blocks_of_frames() {
     let scratch = Scratch::new("killed");
     let (waves, frames) = (scratch.file("md3.vcd"), scratch.file("md3.pcapng"));
     let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--vcd", &waves, "--pcap", &frames]);
-    // MotionControl: move (MD3 7.15).
+    // MotionControl 1: move (MD3 7.15).
     let request = rtu::write(1, 0x11, 1);
     ask(&mut md3.connect(), &request, 8);
     md3.advance(0.5);
     kill_process(md3.pid(), Signal::KILL).unwrap();
     assert_eq!(md3.wait(), None);
     let text = std::fs::read_to_string(&waves).unwrap();
-    // 1,250 steps, up and down.
+    // 1,250 steps, each with a rising and a falling edge.
     assert!(text.ends_with('\n') && text.lines().count() > 2_500, "{} lines", text.lines().count());
     let file = std::fs::read(&frames).unwrap();
     let (mut rest, mut said) = (&file[..], 0);
@@ -113,7 +114,8 @@ fn a_kill_leaves_whole_lines_of_waveforms_and_whole_blocks_of_frames() {
     assert_eq!((rest, said), (&[][..], 2), "the request and its reply");
 }
 
-/// A kill in the middle of a write leaves half a line, and perhaps half of what happened at an instant.
+/// A process that is killed during a write leaves an incomplete text line, and perhaps only some events of an
+/// instant.
 #[test]
 fn a_recording_replays_wherever_it_is_cut() {
     for name in ["answers-ahead", "preset-at-start"] {
@@ -144,7 +146,7 @@ fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
     let said = String::from_utf8(replayed.stdout).unwrap();
     let expected = format!("{file}: the last line is incomplete and is ignored\n{file}: as expected\n");
     assert_eq!((replayed.status.code(), said), (Some(0), expected));
-    // With a letter of several bytes, of which half is there.
+    // The incomplete line ends with a half of a character of two bytes.
     std::fs::write(&file, [text.as_bytes(), b"# \xC3"].concat()).unwrap();
     assert_replays(&file);
     std::fs::write(&file, format!("{text}1006.1 < tx 01 0\n2000 end\n")).unwrap();

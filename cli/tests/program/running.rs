@@ -1,4 +1,4 @@
-//! Starting `drivetwin`, talking to it, and ending it.
+//! Starts `drivetwin`, communicates with it, and stops it.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// Runs `drivetwin` to its end.
+/// Runs `drivetwin` until it ends.
 pub(crate) fn drivetwin(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_drivetwin")).args(arguments).output().unwrap()
 }
@@ -25,9 +25,9 @@ pub(crate) fn refused(arguments: &[&str]) -> String {
     sentence.to_owned()
 }
 
-/// A drive that runs, and is killed with the test.
+/// A running `drivetwin`, which is killed when the test ends.
 pub(crate) struct Running {
-    /// The name of its first drive.
+    /// The name of the first drive.
     name: String,
     child: Child,
     /// The banner as JSON.
@@ -40,7 +40,8 @@ impl Running {
         Self::start("md3", options, Stdio::inherit())
     }
 
-    /// Starts a drive with that file as its stderr, and waits until it is ready.
+    /// Starts a kind of drive or a bench file, with `stderr` as its standard error, and waits until it is
+    /// ready.
     pub(crate) fn start(what: &str, options: &[&str], stderr: Stdio) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
             .args(["run", what, "--json"])
@@ -56,7 +57,7 @@ impl Running {
         Self { name, child, ready }
     }
 
-    /// Starts a bench from the text of a bench file.
+    /// Starts a bench from the bench file at the path `file`.
     pub(crate) fn bench(file: &str, options: &[&str]) -> Self {
         Self::start(file, options, Stdio::inherit())
     }
@@ -68,33 +69,33 @@ impl Running {
         uri.unwrap().to_owned()
     }
 
-    /// Process of the program.
+    /// Process id of the program.
     pub(crate) fn pid(&self) -> Pid {
         Pid::from_child(&self.child)
     }
 
-    /// Pty of the drive.
+    /// Path of the pty of the first drive.
     pub(crate) fn pty(&self) -> PathBuf {
         self.address(0, "pty:").into()
     }
 
-    /// A new connection to its line.
+    /// A new connection to the line of the first drive.
     pub(crate) fn connect(&self) -> TcpStream {
         self.connect_to(0)
     }
 
-    /// A new connection to the line of one of its drives.
+    /// A new connection to the line of a drive.
     pub(crate) fn connect_to(&self, drive: usize) -> TcpStream {
         patient(TcpStream::connect(self.address(drive, "tcp:")).unwrap())
     }
 
-    /// A new connection to its control API.
+    /// A new connection to the control API.
     pub(crate) fn control(&self) -> TcpStream {
         let address = self.ready["control"].as_str().unwrap().strip_prefix("http://").unwrap();
         patient(TcpStream::connect(address).unwrap())
     }
 
-    /// A call of its control API, as a well-behaved program makes it.
+    /// Calls the control API with the headers that it requires.
     pub(crate) fn call(&self, method: &str, path: &str, body: &str) -> Answer {
         let length = body.len();
         let headers = format!(
@@ -103,7 +104,7 @@ impl Running {
         self.request(&format!("{method} {path} HTTP/1.1\r\n{headers}\r\n{body}"))
     }
 
-    /// Any request, which must make the API close the connection.
+    /// Sends any request. The request must make the API close the connection.
     pub(crate) fn request(&self, request: &str) -> Answer {
         let mut connection = self.control();
         connection.write_all(request.as_bytes()).unwrap();
@@ -112,30 +113,30 @@ impl Running {
         Answer::read(&answer)
     }
 
-    /// Returns when it has taken what was sent to its ports: the first call may be served together
-    /// with a new connection, the second one after what came on it.
+    /// Returns when the program has taken everything that was sent to its ports. The first call may be served
+    /// together with a new connection; the second call is served after the bytes of this connection.
     pub(crate) fn notice(&self) {
         self.drive();
         self.drive();
     }
 
-    /// The state of its first drive.
+    /// The state of the first drive.
     pub(crate) fn drive(&self) -> Value {
         self.call("GET", &format!("/api/drives/{}", self.name), "").ok()
     }
 
-    /// Moves the standing clock on.
+    /// Advances the clock in manual time.
     pub(crate) fn advance(&self, seconds: f64) -> Value {
         self.call("POST", "/api/time/advance", &format!("{{\"seconds\":{seconds}}}")).ok()
     }
 
-    /// Stops it as a user would; returns its exit code.
+    /// Stops the program as a user would. Returns its exit code.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.signal(Signal::TERM);
         self.child.wait().unwrap().code()
     }
 
-    /// Waits for the end of the program: its exit code, or `None` if it was killed.
+    /// Waits for the end of the program. Returns its exit code, or `None` if it was killed.
     pub(crate) fn wait(mut self) -> Option<i32> {
         self.child.wait().unwrap().code()
     }
@@ -158,7 +159,7 @@ impl Drop for Running {
     }
 }
 
-/// A connection that ends a test which hangs.
+/// Sets a read timeout on a connection, so that a test that would hang ends.
 fn patient(connection: TcpStream) -> TcpStream {
     connection.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     connection
@@ -182,13 +183,13 @@ impl Answer {
         Self { status, head, body }
     }
 
-    /// The body of a success.
+    /// The body of a successful answer.
     pub(crate) fn ok(&self) -> Value {
         assert_eq!(self.status, 200, "{self:?}");
         serde_json::from_str(&self.body).unwrap()
     }
 
-    /// The detail of a problem document with that status.
+    /// The detail of an answer that must be a problem document with this status.
     pub(crate) fn problem(&self, status: u16) -> String {
         assert_eq!(self.status, status, "{self:?}");
         assert!(self.head.contains("content-type: application/problem+json"), "{self:?}");
@@ -200,7 +201,7 @@ impl Answer {
     }
 }
 
-/// A body that was sent in chunks (RFC 9112, section 7.1).
+/// Joins a body that was sent in chunks (RFC 9112, section 7.1).
 fn unchunked(mut rest: &str) -> String {
     let mut body = String::new();
     loop {
@@ -214,7 +215,7 @@ fn unchunked(mut rest: &str) -> String {
     }
 }
 
-/// Sends a request on a line and reads as many bytes as its reply has.
+/// Sends a request on a line, and reads `reply` bytes.
 pub(crate) fn ask(line: &mut TcpStream, request: &[u8], reply: usize) -> Vec<u8> {
     line.write_all(request).unwrap();
     let mut bytes = vec![0; reply];
@@ -233,7 +234,7 @@ impl Scratch {
         Self(path)
     }
 
-    /// The path of a file in it.
+    /// The path of a file in the directory.
     pub(crate) fn file(&self, name: &str) -> String {
         self.path().join(name).to_str().unwrap().to_owned()
     }

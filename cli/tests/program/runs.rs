@@ -162,7 +162,7 @@ fn a_recording_survives_sigterm_and_replays() {
     std::fs::write(&file, "an old recording, which ends").unwrap();
     let md3 =
         Running::md3(&["--time", "manual", "--fast-boot", "--record", &file, "--control", "localhost:0"]);
-    // The new recording has begun, and the old one is gone.
+    // The new recording has begun and has replaced the old one.
     assert!(std::fs::read_to_string(&file).unwrap().starts_with("drivetwin trace 1\n"));
     let reply = ask(&mut md3.connect(), &rtu::write(1, USER_REGISTER, 7), 8);
     assert_eq!(reply, *rtu::write(1, USER_REGISTER, 7));
@@ -182,7 +182,8 @@ fn a_recording_survives_sigterm_and_replays() {
     assert!(refused(&["replay", &file]).contains("line 2"));
 }
 
-/// The changes of a pin in a file of waveforms, whose last line may be half written; stamps in ticks.
+/// The changes of a pin in a file of waveforms, with their times in ticks. The last text line may be
+/// incomplete.
 fn waves(file: &str, pin: &str) -> Vec<(char, u64)> {
     let text = std::fs::read_to_string(file).unwrap();
     let (text, _) = text.rsplit_once('\n').unwrap();
@@ -224,7 +225,7 @@ fn waveforms_follow_time_though_nothing_else_happens() {
     let scratch = Scratch::new("beats");
     let file = scratch.file("md3.vcd");
     let md3 = Running::md3(&["--time", "x100", "--fast-boot", "--control", "127.0.0.1:0", "--vcd", &file]);
-    // The green light is bright for a quarter of a second of every one and a half.
+    // The green light is on for a quarter of a second in every one and a half seconds.
     let beats = |n: u64| [('1', n * 24_000_000), ('0', n * 24_000_000 + 4_000_000)];
     let expected: Vec<(char, u64)> = (0..20).flat_map(beats).collect();
     while waves(&file, "D6").len() < expected.len() {
@@ -239,7 +240,7 @@ fn waveforms_follow_time_though_nothing_else_happens() {
     assert!(end.parse::<f64>().unwrap() / 1e10 >= seconds, "it goes as far as the drive did");
 }
 
-/// Runs an MD3 in manual time until its start-up is over, with its memory in a file.
+/// Runs an MD3 with its memory in a file, in manual time, until it has started.
 fn started(memory: &str, options: &[&str]) -> Running {
     let md3 = Running::md3(&[&["--time", "manual", "--nv", memory], options].concat());
     md3.advance(2.5);
@@ -298,7 +299,7 @@ fn an_invalid_memory_acts_as_in_the_manual_and_is_unchanged_until_a_save() {
         let said = refused(&["run", "md3", "--nv", &memory, "--address", "2"]);
         assert!(said.contains("memory is bad"), "{said}");
         let md3 = started(&memory, &[]);
-        // 5 s of red flashes come first (MD3-13).
+        // The drive first flashes its red light for 5 s (MD3-13).
         md3.advance(5.0);
         assert_eq!(register(&md3, "EEPROMControl") >> 8, 0xF1, "{bad:?}");
         assert_eq!(std::fs::read(&memory).unwrap(), bad);
@@ -319,7 +320,7 @@ fn open(path: &Path) -> OwnedFd {
 fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
     let scratch = Scratch::new("pty");
     let link = scratch.file("md3.tty");
-    // A link that a killed process left behind.
+    // A killed process left this link behind.
     std::os::unix::fs::symlink("/dev/pts/4000000", &link).unwrap();
     let listen = format!("pty:{link}");
     let md3 = Running::md3(&["--time", "manual", "--fast-boot", "--listen", &listen]);
@@ -332,7 +333,7 @@ fn a_pty_is_linked_answers_and_is_ready_for_the_next_opener() {
         assert!(!settings.local_modes.intersects(LocalModes::ECHO | LocalModes::ICANON));
         settings.make_raw();
         settings.local_modes.remove(waiting);
-        // The second one sends at the wrong baud rate and gets no answer.
+        // The second program sends at the wrong baud rate and gets no answer.
         settings.set_speed(if value == 2 { 19_200 } else { 9_600 }).unwrap();
         tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
         rustix::io::write(&port, &rtu::write(1, USER_REGISTER, value)).unwrap();
@@ -372,7 +373,8 @@ fn an_opener_of_a_pty_does_not_inherit_the_input_of_the_previous_one() {
     settings.set_speed(9_600).unwrap();
     settings.control_modes.insert(ControlModes::PARODD);
     tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
-    // As much as there is room for, at the wrong parity: a quarter of a minute on the line.
+    // Writes as much as fits into the buffer, with the wrong parity. On the line this takes a quarter of a
+    // minute.
     rustix::fs::fcntl_setfl(&port, OFlags::NONBLOCK).unwrap();
     let much = rtu::write(1, USER_REGISTER, 1).repeat(500);
     let mut sent = 0;
@@ -389,7 +391,7 @@ fn an_opener_of_a_pty_does_not_inherit_the_input_of_the_previous_one() {
     tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
     rustix::io::write(&port, &rtu::write(1, USER_REGISTER, 2)).unwrap();
     md3.notice();
-    // The rest of the first one's characters is handled at once.
+    // The switch to manual time handles the remaining characters of the first program at once.
     md3.call("PUT", "/api/time", "{\"mode\":\"manual\"}").ok();
     assert_eq!(read(&port, 8), *rtu::write(1, USER_REGISTER, 2));
     let seen = &md3.drive()["ports"]["rs485"];
@@ -414,7 +416,7 @@ fn an_unread_log_blocks_nothing() {
 #[test]
 fn a_client_that_has_sent_all_still_receives_its_last_reply() {
     let md3 = Running::md3(&["--fast-boot", "--time", "x10"]);
-    // Half a second here.
+    // The delay of the reply, which takes half a second of the wall clock at this speed.
     assert_eq!(md3.call("PUT", "/api/buses/rs485/faults", "{\"delay_ms\":5000}").status, 204);
     let mut line = md3.connect();
     let request = rtu::write(1, USER_REGISTER, 7);
@@ -432,7 +434,7 @@ fn a_connection_without_a_free_descriptor_is_accepted_later() {
     let md3 = Running::start("md3", &["--fast-boot"], its_end.into());
     let mut log = BufReader::new(log).lines().map(Result::unwrap);
     let mut told = || log.any(|line| line.contains("cannot accept connections"));
-    // The first three are open all the while.
+    // A limit of three descriptors allows no further ones, because the first three stay open.
     let none = Rlimit { current: Some(3), ..getrlimit(Resource::Nofile) };
     let before = prlimit(Some(md3.pid()), Resource::Nofile, none).unwrap();
 
@@ -440,7 +442,7 @@ fn a_connection_without_a_free_descriptor_is_accepted_later() {
     let mut line = md3.connect();
     line.write_all(&request).unwrap();
     assert!(told());
-    // No connection is closed.
+    // The waiting connection is still open, and is served now.
     prlimit(Some(md3.pid()), Resource::Nofile, before).unwrap();
     let mut reply = vec![0; request.len()];
     line.read_exact(&mut reply).unwrap();
@@ -471,7 +473,7 @@ fn a_link_of_another_process_is_kept() {
     );
     assert_eq!(std::fs::read_link(&link).unwrap(), pty);
 
-    // A link left behind by a killed program is not in use.
+    // A link that a killed program left behind is not in use.
     md3.kill();
     assert!(Path::new(&link).is_symlink());
     let next = Running::md3(&["--listen", &listen]);
@@ -481,7 +483,7 @@ fn a_link_of_another_process_is_kept() {
 #[test]
 fn sigterm_does_not_wait_for_a_reader_of_the_banner() {
     let (_reader, mut writer) = pipe().unwrap();
-    // As much as the system buffers for a reader; more would block.
+    // Fills the buffer of the pipe, so that a further write would block.
     writer.write_all(&[b'x'; 65_536]).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
@@ -489,7 +491,7 @@ fn sigterm_does_not_wait_for_a_reader_of_the_banner() {
         .stdout(writer)
         .spawn()
         .unwrap();
-    // Once the program accepts connections, it also handles SIGTERM.
+    // When the program accepts connections, it also handles SIGTERM.
     while std::net::TcpStream::connect(free).is_err() {
         assert!(child.try_wait().unwrap().is_none(), "it does not listen");
         std::thread::yield_now();
@@ -517,7 +519,7 @@ fn every_incomplete_file_is_reported_at_the_end() {
     let last = said.lines().last().unwrap();
     assert!(last.contains(&format!("--vcd {pipe} is not complete")), "{said}");
     assert!(last.contains(&format!("--record {record}")), "{said}");
-    // A disk that is full at the start is reported then.
+    // If the disk is full at the start, the program reports that and does not run.
     let full = drivetwin(&["run", "md3", "--record", "/dev/full"]);
     let said = String::from_utf8(full.stderr).unwrap();
     assert!(full.status.code() == Some(2) && said.contains("--record /dev/full: No space left"), "{said}");

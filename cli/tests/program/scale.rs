@@ -8,16 +8,16 @@ use crate::running::{Running, Scratch, ask};
 use drivetwin_protocol::modbus::rtu;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// A user register of the MD3, without an effect.
+/// A user register of the MD3. It has no effect.
 const USER_REGISTER: u16 = 0x1D;
 /// A register of the RS drives that has no effect with factory settings.
 const TARGET_POSITION1: u16 = 0x501B;
 
-/// A register value that identifies a drive, on its own line.
+/// The value that identifies a drive on its own line.
 enum Mark {
     /// A register on Modbus.
     Register(u16),
-    /// The serial number, in VERSION.
+    /// The serial number, which is a part of VERSION.
     Serial,
 }
 
@@ -31,7 +31,7 @@ const KINDS: [(&str, &str, Mark); 7] = [
     ("qsb-s", "SerialNumber", Mark::Serial),
 ];
 
-/// A line of text, without its end.
+/// Reads a text line without its end.
 fn line(connection: &mut TcpStream) -> String {
     let mut text = Vec::new();
     while !text.ends_with(b"\n") {
@@ -42,7 +42,7 @@ fn line(connection: &mut TcpStream) -> String {
     String::from_utf8(text).unwrap().trim_end().to_owned()
 }
 
-/// Reads the register that identifies a drive.
+/// A request for the value that identifies a drive.
 fn request(number: usize) -> Vec<u8> {
     match KINDS[number % KINDS.len()].2 {
         Mark::Register(address) => rtu::read(1, address, 1).to_vec(),
@@ -50,7 +50,7 @@ fn request(number: usize) -> Vec<u8> {
     }
 }
 
-/// Reads what it answers.
+/// Reads the reply and checks that it comes from the drive with this number.
 fn check(number: usize, connection: &mut TcpStream) {
     let expected = u16::try_from(number).unwrap();
     match KINDS[number % KINDS.len()].2 {
@@ -88,7 +88,7 @@ fn a_thousand_drives_answer_each_on_its_own_port() {
             connection.write_all(&request(number)).unwrap();
             check(number, connection);
         }
-        // All at once.
+        // Then all drives get a request at once.
         for (number, connection) in lines.iter_mut().enumerate() {
             connection.write_all(&request(number)).unwrap();
         }

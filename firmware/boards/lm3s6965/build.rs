@@ -1,8 +1,9 @@
-//! Links for the board. `link.x` includes the `memory.x` in the root of the workspace, where the
-//! linker runs; this board's map is the default one there.
+//! Linker arguments for the board. `link.x` includes the `memory.x` in the root of the workspace, where the
+//! linker runs. That file has this board's memory map by default.
 
-/// Bytes of each image's stack, which holds the drive and its queued output. An MD3 sends one message at a time, and
-/// its board takes 8 KiB of RAM; a QSB may send many at once; an RS 434544 has a program, an MDrive the index of one.
+/// Size of each image's stack in bytes. The stack holds the drive and its queued output. An MD3 sends one
+/// message at a time, and its board takes 8 KiB of RAM; a QSB may send many at once; an RS 434544 holds a
+/// program, and an MDrive the index of one.
 const STACKS: [(&str, u32); 10] = [
     ("md3", 5_632),
     ("md3-low", 5_632),
@@ -16,7 +17,8 @@ const STACKS: [(&str, u32); 10] = [
     ("mdrive-hybrid", 22_016),
 ];
 
-/// Images with a network. The linker cannot prove that the TCP/IP stack never panics: there a panic is a fault.
+/// Images with a network. The linker cannot prove that the TCP/IP stack never panics, so a panic there is a
+/// fault.
 const ON_NETWORK: [&str; 2] = ["mdrive", "mdrive-hybrid"];
 
 fn main() {

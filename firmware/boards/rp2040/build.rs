@@ -1,7 +1,7 @@
-//! Links for the board: by its own script alone, which sets all addresses.
+//! Linker arguments for the board. Its own linker script sets all addresses.
 
-/// Bytes of the stacks that differ from `pico.x`: of drives with a large memory, which is on the stack with them, and
-/// of one with deep computations.
+/// Stack sizes in bytes that differ from that in `pico.x`: of drives with a large memory, which is on the
+/// stack with the drive, and of a drive whose computations need much stack.
 const STACKS: [(&str, u32); 3] = [("rs434544", 17 << 10), ("rs434546", 17 << 10), ("mdrobot", 8 << 10)];
 
 fn main() {

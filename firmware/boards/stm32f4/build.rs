@@ -1,7 +1,7 @@
-//! Links for the board: by its own script alone, which sets all addresses.
+//! Linker arguments for the board. Its own linker script sets all addresses.
 
-/// Bytes of the stacks that differ from `black_pill.x`: of drives with a large memory, which is on the stack with
-/// them.
+/// Stack sizes in bytes that differ from that in `black_pill.x`: of drives with a large memory, which is on
+/// the stack with the drive.
 const STACKS: [(&str, u32); 2] = [("rs434544", 18 << 10), ("rs434546", 18 << 10)];
 
 fn main() {

@@ -1,4 +1,4 @@
-//! Arbitration: which client a line serves, and until when.
+//! Arbitration: which client a line serves, and for how long.
 
 use drivetwin_firmware::device::{Duration, Instant};
 
@@ -9,13 +9,13 @@ use crate::line::faults::Text;
 use crate::line::{LineState, PendingFrame, Request, SerialLine};
 use crate::scheduler::Phase;
 
-/// Longest time that queued output of a drive may take before clients have to wait (HOST-14).
+/// Maximum duration of a drive's queued output; while it is longer, clients have to wait (HOST-14).
 const AHEAD: Duration = Duration::secs(1);
 
 /// Arbitration of lines.
 impl Bench {
-    /// Gives a free line to the client whose bytes came first. On a line with timed characters the client that is
-    /// served also sends its next character.
+    /// Gives a free line to the client whose bytes arrived first. On a line with timed characters, the client
+    /// that is being served also sends its next character.
     pub(super) fn serve(&mut self, bus: u32) {
         let framed = self.framed(bus);
         loop {
@@ -47,7 +47,7 @@ impl Bench {
                     }
                 }
                 PendingFrame::Partial(_) if state.left => {
-                    // The line was reserved for it until it left.
+                    // The line was reserved for the client until the client left.
                     let serial_line = &mut self.buses[bus as usize];
                     serial_line.free = serial_line.free.max(self.now);
                     self.forget(id);
@@ -60,15 +60,15 @@ impl Bench {
         }
     }
 
-    /// The client of a line whose bytes came first.
+    /// The client of a line whose waiting bytes arrived first.
     fn first_waiting(&self, bus: u32) -> Option<u32> {
         let clients = &self.buses[bus as usize].clients;
         let waiting = clients.iter().filter_map(|&id| Some((self.clients.get(&id)?.order()?, id)));
         waiting.min().map(|(_, id)| id)
     }
 
-    /// Sends frames that only wait for the inter-frame gap to show that they are complete. Returns whether there was
-    /// one.
+    /// Sends frames that are complete if no more bytes follow, without waiting for the timeout. Returns true
+    /// if there was one.
     pub(super) fn flush_ambiguous(&mut self) -> bool {
         let mut ended = false;
         for bus in 0..self.buses.len() as u32 {
@@ -88,16 +88,16 @@ impl Bench {
         ended
     }
 
-    /// Time at which a partial frame behind which another client waits is given up.
+    /// Time at which the first partial frame that blocks another client times out.
     pub(super) fn blocking_partial_timeout(&self) -> Option<Instant> {
         let waits = |id: &&u32| self.clients.get(id).is_some_and(|client| client.backlog() > 0);
         let several = |serial_line: &&SerialLine| serial_line.clients.iter().filter(waits).nth(1).is_some();
         self.buses.iter().filter(several).filter_map(SerialLine::partial_until).min()
     }
 
-    /// Defers a client while the queued output of a drive takes more than [`AHEAD`]: answers are longer than commands,
-    /// so the queue of a client that does not wait for them would grow without end. Returns whether the client is
-    /// deferred; its turn goes on meanwhile.
+    /// Defers a client while the queued output of a drive takes longer than [`AHEAD`]. Answers are longer
+    /// than commands, so the queue would grow without limit if a client did not wait for its answers. Returns
+    /// true if the client is deferred; its turn continues meanwhile.
     fn defer_client(&mut self, bus: u32, client: u32) -> bool {
         let serial_line = &mut self.buses[bus as usize];
         let ahead = AHEAD + serial_line.disturbance.faults().delay;
@@ -111,7 +111,8 @@ impl Bench {
         true
     }
 
-    /// Transmits the first `length` bytes of a client, without gaps, from their arrival or from when the line is free.
+    /// Transmits the first `length` bytes of a client without gaps, from their arrival or, if later, from the
+    /// time at which the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
         let Some(state) = self.clients.get_mut(&client) else { return };
         let (flags, order) = (state.flags(), state.order().unwrap_or_default());
@@ -125,7 +126,7 @@ impl Bench {
             Request { client, order, sender, count: length, text, refused: None, noise: flags.noise };
         let serial_line = &self.buses[bus as usize];
         let start = came.max(match &serial_line.collisions {
-            // It transmits while others do.
+            // The client transmits while others do.
             Some(collisions) if serial_line.turn != LineState::Free => collisions.free.max(self.now),
             _ => serial_line.free,
         });
@@ -149,7 +150,7 @@ impl Bench {
         }
     }
 
-    /// Ends a turn if it is over: the line is free then, and serves the next client.
+    /// Ends a turn if its time is over. The line is then free and serves the next client.
     pub(super) fn turn_ends(&mut self, bus: u32, at: Instant) {
         let serial_line = &mut self.buses[bus as usize];
         if serial_line.until != at {
@@ -165,10 +166,10 @@ impl Bench {
         }
     }
 
-    /// Ends a turn on a line with frames: it lasts until all drives have detected the inter-frame gap and answered,
-    /// and repetitions and noise are over (HOST-4).
+    /// Ends a turn on a line with frames. The turn lasts until all drives have detected the inter-frame gap
+    /// and answered, and repetitions and noise are sent (HOST-4).
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
-        // Once only: drives may answer each other's answers for ever.
+        // The turn is extended for answers only once, because drives may answer each other's answers forever.
         if self.buses[bus as usize].turn == LineState::Asked && self.answers(bus, at) {
             return;
         }
@@ -177,7 +178,8 @@ impl Bench {
         } else {
             let gap = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
             let serial_line = &self.buses[bus as usize];
-            // A character that began no sooner ends one tick after the drives have detected the gap.
+            // A character that begins at this time plus the gap ends one tick after the drives have detected
+            // the gap.
             (serial_line.free + Duration::TICK).max(serial_line.sends_until) + gap
         };
         match self.buses[bus as usize].behind.pop_front() {
@@ -186,10 +188,10 @@ impl Bench {
         }
     }
 
-    /// Ends a turn on a line with timed characters: the client sends its next character, a deferred client tries
-    /// again, or all is sent. In the last case the client keeps the line for an inter-frame gap, because programs
-    /// write a command in pieces, and those of two clients must not mix. An answer that begins at once ends the turn
-    /// earlier (HOST-13).
+    /// Ends a turn on a line with timed characters: the client sends its next character, a deferred client
+    /// tries again, or all is sent. If all is sent, the client keeps the line for an inter-frame gap, because
+    /// programs write a command in pieces, and pieces from two clients must not mix. If a drive begins to
+    /// answer at once, the turn ends earlier (HOST-13).
     fn turn_ends_of_characters(&mut self, bus: u32, at: Instant) {
         let serial_line = &mut self.buses[bus as usize];
         let transmitted = serial_line.turn == LineState::Asked && serial_line.free == at;
@@ -213,13 +215,14 @@ impl Bench {
             self.set_turn(bus, turn);
             return self.turn_until(bus, kept_until);
         }
-        // Once only: streams never end, and both directions run at the same time.
+        // The turn is extended for answers only once, because a stream never ends, and a client may send
+        // during it.
         if answered || !self.answers(bus, at) {
             self.free(bus, at);
         }
     }
 
-    /// Returns whether a drive still sends; the turn then lasts until the end of its transmission.
+    /// If a drive still sends, extends the turn until the end of its transmission and returns true.
     fn answers(&mut self, bus: u32, at: Instant) -> bool {
         let serial_line = &mut self.buses[bus as usize];
         let until = serial_line.sends_until;
@@ -231,8 +234,8 @@ impl Bench {
         answers
     }
 
-    /// Time at which all drives have received the characters sent by `at`: where characters take no time, other drives
-    /// receive an answer one tick later.
+    /// Time at which all drives have received the characters sent by `at`. If characters take no time, other
+    /// drives receive an answer one tick later.
     fn received_by_all(&self, bus: u32, at: Instant) -> Instant {
         let waits = self.fast() && self.ports(Bus(bus)).len() > 1;
         if waits { at + Duration::TICK } else { at }

@@ -21,8 +21,8 @@ impl Bench {
         Client(self.connected)
     }
 
-    /// Disconnects a client. A partial frame is dropped. Complete requests are still sent; on a TCP connection not
-    /// those that wait because answers were not read.
+    /// Disconnects a client. A partial frame is dropped. Complete requests are still sent, except requests on
+    /// a TCP connection that wait because the client has not read its answers.
     pub fn disconnect(&mut self, client: Client) {
         if self.connections.has(client.0) {
             return self.disconnect_tcp(client.0);
@@ -40,8 +40,8 @@ impl Bench {
         self.send_from(client, bytes, Sender::default());
     }
 
-    /// Sends bytes of a client now, from a port with these serial settings. A drive with other settings receives
-    /// framing errors.
+    /// Sends bytes of a client now, from a port with these serial settings. A drive with other settings
+    /// receives framing errors.
     pub fn send_from(&mut self, client: Client, bytes: &[u8], sender: Sender) {
         if self.connections.has(client.0) {
             return self.send_messages(client.0, bytes);
@@ -68,9 +68,9 @@ impl Bench {
         }
     }
 
-    /// Number of bytes of a client that are not on the line yet, or on a TCP connection not delivered to the drive. A
-    /// host that reads from a client only while this is small throttles clients that send faster than the line, or
-    /// that do not read their answers.
+    /// Number of bytes of a client that are not on the line yet, or on a TCP connection not delivered to the
+    /// drive yet. A host that reads from a client only while this number is small slows down clients that
+    /// send faster than the line, or that do not read their answers.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
         let on_a_line = self.clients.get(&client.0).map(ClientState::backlog);
@@ -90,17 +90,17 @@ impl Bench {
         self.clients.readable(self.now).chain(self.connections.readable()).map(Client)
     }
 
-    /// Declares that the port of a client times characters itself, as a real serial port does: a reply of a drive is
-    /// delivered whole when its first character begins.
+    /// Sets that the port of a client times characters itself, as a real serial port does. A drive's reply is
+    /// then delivered as a whole when its first character begins.
     pub fn set_self_paced(&mut self, client: Client) {
         if let Some(state) = self.clients.get_mut(&client.0) {
             state.paces_itself = true;
         }
     }
 
-    /// Sends a whole frame to the first port of a drive, [runs until the bench is idle](Self::run_until_idle), and
-    /// returns the reply; empty if there is none. A frame that could be the beginning of a longer one is ended by the
-    /// inter-frame gap.
+    /// Sends a whole frame to the first port of a drive, [runs until the bench is
+    /// idle](Self::run_until_idle), and returns the reply, or nothing if there is none. If the frame could be
+    /// the beginning of a longer one, the bench treats it as complete.
     pub fn ask(&mut self, drive: DriveId, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
         if let Ok(client) = self.connect_to(drive, Port(0)) {

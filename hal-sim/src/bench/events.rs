@@ -1,4 +1,4 @@
-//! Events that are scheduled on a bench.
+//! Events that a bench schedules.
 
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
@@ -10,21 +10,22 @@ use crate::slot::PinStimulus;
 pub(crate) enum EventKind {
     /// An input of a drive.
     Input(InputRecord),
-    /// An input of a drive that shares its line with the sender, which began to send at `began`.
+    /// An input of a drive on the same line as the sending drive, which began to send at `began`.
     Overheard { input: InputRecord, began: Instant },
-    /// A received character that is corrupt if it overlaps another one; `number` identifies its transmission on the
-    /// line.
+    /// A received character that is corrupt if it overlaps another one. `number` identifies its transmission
+    /// on the line.
     MayCollide { input: InputRecord, number: u32 },
-    /// An input of a drive on a TCP connection; dropped if the connection of the client is closed by then.
+    /// An input of a drive on a TCP connection. It is dropped if the client's connection has been closed by
+    /// then.
     TcpInput { client: u32, input: InputRecord },
     /// A stimulus of a pin from outside.
     Stimulus { pin: Pin, stimulus: PinStimulus },
-    /// Levels at the pins of a drive that was added at this instant.
+    /// The initial levels at the pins of a drive that was added at this instant.
     InitialLevels,
     /// The level at the input end of a wire changes.
     WireLevel { wire: u32, level: Level },
-    /// The next edge of a pulse train. `number` distinguishes it from earlier trains on the pin; likewise for
-    /// encoders, waves and axes.
+    /// The next edge of a pulse train. `number` distinguishes this train from earlier ones on the pin, so
+    /// that an outdated event is ignored; `number` of encoders, waves and axes does the same.
     Pulse { pin: Pin, number: u32 },
     /// The next edge of an encoder.
     Encoder { encoder: Encoder, number: u32 },
@@ -32,8 +33,8 @@ pub(crate) enum EventKind {
     Wave { pin: Pin, number: u32 },
     /// The next edge of the step pulses of an axis.
     Steps { axis: Axis, number: u32 },
-    /// A motor is due, whose index is that of [`motor_at`](super::motors::motor_at); `number` distinguishes it from
-    /// earlier predictions.
+    /// A motor is due; the target of the event is its index as for [`motor_at`](super::motors::motor_at).
+    /// `number` distinguishes this prediction from earlier ones.
     Motor { number: u32 },
     /// Reports of a motor arrive at its drive.
     MotorReports { motor: u32 },

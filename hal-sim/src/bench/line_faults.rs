@@ -1,4 +1,4 @@
-//! Faults of lines, and characters that collide.
+//! Faults of lines, and collisions of characters.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 
@@ -12,14 +12,15 @@ use crate::record::capture::Source;
 use crate::record::trace::InputRecord;
 use crate::slot::Sent;
 
-/// Longest delay of replies by inserted repetitions and noise: a stream without a pause leaves no room for more (BENCH-14).
+/// Maximum delay of replies by inserted repetitions and noise: a stream of replies without pauses leaves no
+/// room for more (BENCH-14).
 const ROOM: Duration = Duration::millis(500);
 
 /// Faults of lines.
 impl Bench {
-    /// Sets the faults of a line from its next frame on. The random choices of a frame depend on the seed and the
-    /// number of the frame, not on earlier faults. A value that [`check_for`](LineFaults::check_for) refuses acts as
-    /// the nearest valid one, or has no effect.
+    /// Sets the faults of a line from its next frame on. The random choices for a frame depend on the seed
+    /// and the number of the frame, not on earlier faults. A value that [`check_for`](LineFaults::check_for)
+    /// refuses is replaced by the nearest valid value, or has no effect.
     pub fn set_line_faults(&mut self, bus: Bus, faults: LineFaults) {
         self.buses[bus.0 as usize].disturbance.set(faults);
     }
@@ -30,8 +31,9 @@ impl Bench {
         *self.buses[bus.0 as usize].disturbance.faults()
     }
 
-    /// Sets whether characters that overlap on a line corrupt each other; by default a client waits until the line is
-    /// free. Without effect where characters take no time, and on full-duplex lines.
+    /// Sets whether overlapping characters on a line corrupt each other. By default they cannot overlap,
+    /// because a client waits until the line is free. This has no effect if characters take no time, or on
+    /// full-duplex lines.
     pub fn set_collisions(&mut self, bus: Bus, collisions: bool) {
         let may = collisions && !self.fast() && self.framed(bus.0).is_some();
         let serial_line = &mut self.buses[bus.0 as usize];
@@ -66,7 +68,7 @@ impl Bench {
         }
     }
 
-    /// Applies faults to a request on a Modbus line. Repetitions and noise wait until it is answered.
+    /// Applies faults to a request on a Modbus line. Repetitions and noise are sent after the answer.
     pub(super) fn disturbed_request(&mut self, bus: u32, request: Request) -> Request {
         let line = self.line(Bus(bus));
         let serial_line = &mut self.buses[bus as usize];
@@ -124,7 +126,8 @@ impl Bench {
         }
     }
 
-    /// Replaces a reply by the exception for a refused request, or by the same reply from another address.
+    /// The reply that replaces `reply`: the exception for a refused request, the reply with another address,
+    /// or both. `None` if the reply stays unchanged.
     fn rewritten(&self, bus: u32, line: Line, reply: &[u8], fate: &FrameFaults) -> Option<Vec<u8>> {
         let refusal = self.buses[bus as usize].refusal;
         let refused = refusal.and_then(|refusal| refusal.answer(line, reply));
@@ -136,7 +139,7 @@ impl Bench {
         readdressed(line, refused.as_deref().unwrap_or(reply), &taken).or(refused)
     }
 
-    /// Transmits noise from `start` on to all drives but one.
+    /// Transmits noise from `start` on to all clients, and to all drives except one.
     fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, except: Option<(DriveId, Port)>) {
         let number = self.occupy_line(bus, start, line, noise.bytes.len());
         self.deliver_to_clients(bus, start, line, &noise.bytes, number, None);
@@ -147,11 +150,11 @@ impl Bench {
     }
 }
 
-/// Characters that collide.
+/// Collisions of characters.
 impl Bench {
-    /// Occupies a line with characters from `start` on, which are recorded next. Returns the number of the
-    /// transmission where characters may collide. They corrupt overlapping characters that clients have not received
-    /// yet.
+    /// Occupies a line with characters from `start` on, which the caller records next. Overlapping characters
+    /// that clients have not received yet are corrupted. Returns the number of the transmission, or `None` if
+    /// characters cannot collide.
     pub(super) fn occupy_line(&mut self, bus: u32, start: Instant, line: Line, count: usize) -> Option<u32> {
         let serial_line = &mut self.buses[bus as usize];
         let collisions = serial_line.collisions.as_mut().filter(|_| count > 0)?;
@@ -169,7 +172,7 @@ impl Bench {
         Some(number)
     }
 
-    /// The input of a drive for a character that may have collided.
+    /// The input that a drive receives for a character that may have collided.
     pub(super) fn exposed(&self, index: u32, input: InputRecord, number: u32) -> InputRecord {
         let (InputRecord::Bytes { port, .. } | InputRecord::RxError { port }) = input else { return input };
         let bus = self.bus(DriveId(index), port);
@@ -181,8 +184,8 @@ impl Bench {
         }
     }
 
-    /// Transmits the frames of waiting clients at once on a line where characters may collide: none waits for a free
-    /// line.
+    /// On a line where characters may collide, transmits the frames of waiting clients at once: no client
+    /// waits for a free line.
     pub(super) fn transmit_into_collisions(&mut self, bus: u32) {
         let serial_line = &self.buses[bus as usize];
         let (Some(collisions), framed) = (&serial_line.collisions, self.framed(bus)) else { return };

@@ -1,4 +1,4 @@
-//! Lines: names, ports and serial settings.
+//! Serial lines: names, ports and settings.
 
 use drivetwin_firmware::device::{Duration, Line, Port};
 use drivetwin_protocol::line::Parity;
@@ -10,19 +10,19 @@ use crate::line::{LineMode, SerialLine};
 use crate::record::trace::{self, InputRecord};
 use crate::scheduler::Phase;
 
-/// Inter-frame gap on a Modbus line; zero in Modbus ASCII, where a line feed ends a frame.
+/// Inter-frame gap on a Modbus line; zero for Modbus ASCII, where a line feed ends a frame.
 pub(super) fn inter_frame_gap(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { Timing::of(line).t3_5 }
 }
 
-/// Time from the last character of a frame until a drive on the line detects its end.
+/// Time from the end of a frame's last character until the drives on the line detect the end of the frame.
 pub(super) fn end_detection_time(line: Line) -> Duration {
     if ascii::is_on(line) { Duration::ZERO } else { inter_frame_gap(line) + line.character() }
 }
 
-/// Lines.
+/// Serial lines.
 impl Bench {
-    /// Puts several serial ports on one line. Clients must be connected after this call.
+    /// Connects several serial ports to one shared line. Connect clients after this call.
     ///
     /// # Panics
     /// If the name is not valid or is taken.
@@ -50,8 +50,9 @@ impl Bench {
         self.at(drive).bus(port).map(Bus)
     }
 
-    /// The name of a line: as given to [`share`](Self::share). The line of a single port has the name of the port, or
-    /// on a bench of several drives `drive.port`, for instance `reader.usb`.
+    /// The name of a line. A shared line has the name given to [`share`](Self::share). The line of a single
+    /// port has the name of the port, or on a bench of several drives `drive.port`, for instance
+    /// `reader.usb`.
     #[must_use]
     pub fn bus_name(&self, bus: Bus) -> &str {
         let serial_line = &self.buses[bus.0 as usize];
@@ -64,7 +65,7 @@ impl Bench {
         &self.buses[bus.0 as usize].ports
     }
 
-    /// All lines with a drive, sorted by the names of their first drives and ports.
+    /// All lines with at least one drive, sorted by the names of their first drives and ports.
     #[must_use]
     pub fn buses(&self) -> Vec<Bus> {
         let lines = (0..self.buses.len() as u32).map(Bus);
@@ -73,8 +74,8 @@ impl Bench {
         lines
     }
 
-    /// The line of that name. The line of a single port is also found by the name of its port alone if no other line
-    /// is.
+    /// The line of that name. The name of a port alone also finds the line of that port if no other line has
+    /// a port of the same name.
     #[must_use]
     pub fn find_bus(&self, name: &str) -> Option<Bus> {
         let lines = self.buses();
@@ -84,21 +85,21 @@ impl Bench {
         called.or_else(|| alike.next().filter(|_| alike.next().is_none())).copied()
     }
 
-    /// The serial settings of a line now: those of its first drive by name.
+    /// The present serial settings of a line: those of its first drive by name.
     #[must_use]
     pub fn line(&self, bus: Bus) -> Line {
         let first = self.ports(bus).first().and_then(|&(drive, port)| self.at(drive).line_at(port, self.now));
         first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
     }
 
-    /// Returns whether all requests on a line are answered. A partial frame may still wait for its rest.
+    /// Returns true if all requests on a line are answered. A partial frame may still wait for its rest.
     #[must_use]
     pub fn is_answered(&self, bus: Bus) -> bool {
         !self.buses[bus.0 as usize].turn.is_busy()
     }
 
-    /// Reports to the drives of a line that a program opened (`true`) or closed the port at its other end (DTR, a
-    /// pty).
+    /// Tells the drives of a line that a program has opened (`true`) or closed the port at the other end
+    /// (DTR, a pty).
     pub fn attach(&mut self, bus: Bus, here: bool) {
         for n in 0..self.ports(bus).len() {
             let (drive, port) = self.ports(bus)[n];
@@ -111,14 +112,14 @@ impl Bench {
         self.settings.line == LineMode::Fast
     }
 
-    /// The settings of a Modbus line, on which frames are sent whole; `None` on a line with timed characters.
+    /// The settings of a Modbus line, on which whole frames are sent; `None` on a line with timed characters.
     pub(super) fn framed(&self, bus: u32) -> Option<Line> {
         let &(drive, port) = self.ports(Bus(bus)).first()?;
         let serial = self.at(drive).serial(port).filter(|serial| serial.framed)?;
         Some(serial.line_at(self.now))
     }
 
-    /// The serial settings of all drives on a line now.
+    /// The present serial settings of all drives on a line.
     pub(super) fn lines(&self, bus: u32) -> impl Iterator<Item = Line> {
         self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).line_at(port, self.now))
     }

@@ -1,13 +1,15 @@
 //! A bench of drives on virtual time.
 //!
-//! The resolution is one tick of 62.5 ns. An output of a drive reaches other drives one tick later at the earliest, so
-//! there is no loop without delay. Events of one instant have a fixed order: by kind (power, faults, pins, lines,
-//! deadlines), then by the name of the drive, then by the order in which they were scheduled. So the order in which
-//! drives are added makes no difference, and the [trace](Bench::trace) replays exactly.
+//! The resolution is one tick of 62.5 ns. An output of a drive reaches other drives one tick later at the
+//! earliest, so there is no loop without delay. Events of one instant have a fixed order: by kind (power,
+//! faults, pins, lines, deadlines), then by the name of the drive, then by the order in which they were
+//! scheduled. Therefore the order in which drives are added makes no difference, and the
+//! [trace](Bench::trace) replays exactly.
 //!
-//! Time advances from event to event: a tournament tree holds the next deadline of each drive, a heap holds scheduled
-//! events, and only the drive that is due is called. Step pulses and the edges of waves become events only where a
-//! [wire](Bench::wire) is connected, one edge ahead; elsewhere a whole move is one event.
+//! Time advances from event to event. A tournament tree holds the next deadline of each drive and a heap
+//! holds scheduled events; only the drive that is due is called. Step pulses and edges of waves become events
+//! only where a [wire](Bench::wire) is connected, and only the next edge is scheduled. Elsewhere a whole move
+//! is one event.
 //!
 //! ```
 //! use drivetwin_firmware::device::{Axis, Duration, Instant};
@@ -61,12 +63,12 @@ pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
 
-/// Settings of a bench, fixed at its creation ([`Bench::with`]).
+/// Settings of a bench, fixed when it is created ([`Bench::with`]).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settings {
-    /// Seed of every random choice: the same seed and calls give the same trace. Default: 1.
+    /// Seed of all random choices: the same seed and the same calls give the same trace. Default: 1.
     pub seed: u64,
-    /// Whether characters take time on serial lines.
+    /// Timing of characters on serial lines. Default: [`LineMode::Timed`].
     pub line: LineMode,
     /// Longest wait for the rest of a partial frame of a client, in bench time. Default: 20 ms.
     pub frame_timeout: Duration,
@@ -101,18 +103,19 @@ pub struct Setup {
     /// Registers to preset: row of the register map, value. Saved registers are written to the memory before the first
     /// power-on; others are set after every power-on.
     pub presets: Vec<(usize, i64)>,
-    /// True if the drive turns a motor of the bench ([`attach_motor`](Bench::attach_motor)) instead of its internal
-    /// motor model. Later changes of its motor registers then change the drive's control only, not the motor.
+    /// True if the drive turns a motor of the bench ([`attach_motor`](Bench::attach_motor)) instead of its
+    /// internal motor model. Later changes of its motor registers then affect only the drive's control, not
+    /// the motor.
     pub external_motor: bool,
 }
 
-/// Reason why a drive cannot be added. The bench is unchanged then.
+/// Reason why a drive cannot be added. The bench is then unchanged.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum AddError {
     /// The name is not valid. A valid name is one word without dots, does not begin with a digit, `#`, `<`, `>` or
     /// `"`, and is not `end`.
     Name(String),
-    /// A drive, a shared line or a motor has that name.
+    /// A drive, a shared line or a motor has that name already.
     Taken(String),
     /// A preset is refused.
     Preset {
@@ -137,7 +140,7 @@ impl fmt::Display for AddError {
 
 impl std::error::Error for AddError {}
 
-/// Error: a pulse train or an encoder drives that pin already.
+/// Error: a pulse train or an encoder already drives that pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Busy;
 
@@ -165,22 +168,23 @@ pub enum PowerAction {
 /// State of [`Bench::continue_idle_run`] between two calls.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IdleRun {
-    /// Time by which scheduled changes of pins and power have arrived, and waits for partial frames have ended.
+    /// Time by which scheduled changes of pins and power have arrived and waits for partial frames have
+    /// ended.
     inputs_due: Instant,
 }
 
 /// Test bench: drives, serial lines, motors, wires and clients on one virtual clock.
 ///
-/// Drives are [added](Self::add), time [advances](Self::run_until) on request only, and tests [send
-/// requests](Self::ask), [drive pins](Self::set_pin) and read registers, pins and motion. The [module](self) has an
-/// example.
+/// [Add](Self::add) drives. Time [advances](Self::run_until) on request only. Tests [send
+/// requests](Self::ask), [drive pins](Self::set_pin) and read registers, pins and motion. The [module](self)
+/// has an example.
 pub struct Bench {
     settings: Settings,
     now: Instant,
     slots: Vec<Slot>,
-    /// Names in use by drives, shared lines and motors; for a drive, its handle.
+    /// Names of drives, shared lines and motors; with the handle if the name belongs to a drive.
     names: HashMap<String, Option<DriveId>>,
-    /// Slots sorted by name, and the rank of each slot.
+    /// Slots sorted by name; `ranks` has the position of each slot in this order.
     order: Vec<u32>,
     ranks: Vec<u32>,
     deadlines: Tournament,
@@ -200,7 +204,7 @@ pub struct Bench {
     connections: Connections,
     /// Number of clients so far.
     connected: u32,
-    /// Bytes that have arrived from clients, in the order of arrival.
+    /// Number of arrivals of bytes from clients so far; defines the order of arrival.
     arrivals: u64,
     /// Outputs of the device that was called last.
     outputs: Outputs,
@@ -214,7 +218,7 @@ impl Default for Bench {
     }
 }
 
-/// Drives.
+/// Adding and finding drives.
 impl Bench {
     /// An empty bench at [`Instant::ZERO`], with default [`Settings`].
     #[must_use]
@@ -250,7 +254,7 @@ impl Bench {
         }
     }
 
-    /// Seats a device and powers it on now.
+    /// Adds a device to the bench and powers it on now.
     ///
     /// # Panics
     /// If the name is not valid or is taken.
@@ -261,7 +265,7 @@ impl Bench {
         }
     }
 
-    /// Seats a device and powers it on now. Each of its serial ports gets a line of its own.
+    /// Adds a device to the bench and powers it on now. Each of its serial ports gets its own line.
     ///
     /// # Errors
     /// The name is not valid or taken, or the drive refuses a preset.
@@ -294,7 +298,7 @@ impl Bench {
                 slot.preset(now, row, value, &mut context).map_err(|why| AddError::Preset { row, why })
             });
         }
-        // The trace begins with the content of the memory, so stores of presets are not recorded.
+        // The trace contains the memory after these presets, so their stores are not recorded.
         context.trace.rewind(mark);
         let memory = slot.state.memory.clone();
         if result.is_ok() {
@@ -335,12 +339,12 @@ impl Bench {
         Ok(DriveId(index))
     }
 
-    /// Presets registers that are not saved, now and after every power-on, in place of those of [`Setup::presets`]. At
-    /// the instant of power-on they are applied after the initial levels of the pins; those of [`Setup`] are applied
-    /// before, because no wire is connected yet.
+    /// Sets registers that are not saved, now and after every power-on. These presets replace those of
+    /// [`Setup::presets`]. At power-on they are applied after the initial levels of the pins. Those of
+    /// [`Setup`] are applied before, because no wire is connected yet.
     ///
     /// # Errors
-    /// The drive refuses a preset; the presets before it are applied.
+    /// The drive refuses a preset. The presets before it have been applied.
     pub fn preset(&mut self, drive: DriveId, presets: Vec<(usize, i64)>) -> Result<(), AddError> {
         self.run_until(self.now);
         let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
@@ -374,8 +378,8 @@ impl Bench {
         self.names.get(name).copied().flatten()
     }
 
-    /// Returns whether a drive, a shared line or a motor has that name: all three share one list of names. The name of
-    /// a line of a single port has a dot, which no other name has.
+    /// Returns true if a drive, a shared line or a motor has that name: all three share one list of names.
+    /// The line of a single port is not in the list, because its name has a dot and no other name has one.
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
         self.names.contains_key(name)
@@ -387,13 +391,13 @@ impl Bench {
         &self.trace
     }
 
-    /// Marks all events of the [trace](Self::trace) as written to a file, so that [`Retention::Written`] may drop
-    /// them.
+    /// Marks all events of the [trace](Self::trace) as written to a file, so that [`Retention::Written`] may
+    /// drop them.
     pub fn mark_written(&mut self) {
         self.trace.mark_written();
     }
 
-    /// Frames that were on the lines and TCP connections, as far as [`Settings::capture`] retains them.
+    /// Frames on the lines and TCP connections, as far as [`Settings::capture`] retains them.
     #[must_use]
     pub fn capture(&self) -> &Capture {
         &self.capture
@@ -408,7 +412,7 @@ impl Bench {
     }
 }
 
-/// Time.
+/// Time of the bench.
 impl Bench {
     /// Present bench time.
     #[must_use]
@@ -416,8 +420,8 @@ impl Bench {
         self.now
     }
 
-    /// The next instant with an event, or at which a client can read a character; [`Instant::NEVER`] if nothing is
-    /// scheduled.
+    /// Time of the next event, or at which a client can next read a character; [`Instant::NEVER`] if nothing
+    /// is scheduled.
     #[must_use]
     pub fn next(&self) -> Instant {
         let readable = if self.connections.readable().next().is_some() { self.now } else { Instant::NEVER };
@@ -434,8 +438,8 @@ impl Bench {
         scheduled.min(deadline)
     }
 
-    /// Runs the bench up to and including `at`. Time never goes back: an `at` in the past handles only events that are
-    /// due now. With [`Instant::NEVER`] it runs until no event is left.
+    /// Runs the bench up to and including `at`. Time never goes back: if `at` is in the past, only events
+    /// that are due now are handled. With [`Instant::NEVER`] the bench runs until no event is left.
     pub fn run_until(&mut self, at: impl Into<Instant>) {
         let at = at.into();
         self.index();
@@ -464,35 +468,36 @@ impl Bench {
         self.trace.end = self.now;
     }
 
-    /// Runs until the bench is idle: every complete request is answered or rejected, and scheduled changes of pins and
-    /// power have arrived. A move may still be under way (MDRIVE-36).
+    /// Runs until the bench is idle: every complete request is answered or rejected, and scheduled changes of
+    /// pins and power have arrived. A move may still be running (MDRIVE-36).
     pub fn run_until_idle(&mut self) {
         let idle_run = self.begin_idle_run();
         self.continue_idle_run(idle_run, Instant::NEVER);
     }
 
-    /// Begins a [`run_until_idle`](Self::run_until_idle) in pieces, by [`continue_idle_run`](Self::continue_idle_run).
+    /// Begins a [`run_until_idle`](Self::run_until_idle) in several calls of
+    /// [`continue_idle_run`](Self::continue_idle_run).
     pub fn begin_idle_run(&mut self) -> IdleRun {
         self.run_until(self.now);
-        // A power cycle takes longest: power off within a tick, power on a tick later.
+        // A power cycle takes longest: power goes off within a tick, and on again a tick later.
         IdleRun { inputs_due: self.now + Duration::TICK * 2 }
     }
 
-    /// Begins a [`run_until_idle`](Self::run_until_idle) that also flushes partial frames, because no client will send
-    /// the rest of one.
+    /// Begins a [`run_until_idle`](Self::run_until_idle) that also waits until partial frames time out,
+    /// because no client will send the rest of them.
     pub fn begin_idle_run_flushing(&mut self) -> IdleRun {
         let IdleRun { inputs_due } = self.begin_idle_run();
         let partial = self.buses.iter().filter_map(SerialLine::partial_until).max();
         IdleRun { inputs_due: partial.map_or(inputs_due, |until| inputs_due.max(until)) }
     }
 
-    /// Continues a [`run_until_idle`](Self::run_until_idle), but not beyond `at`. Returns whether the bench is idle.
-    /// The number of pieces makes no difference as long as nothing else is done to the bench in between.
+    /// Continues a [`run_until_idle`](Self::run_until_idle), but not beyond `at`. Returns true if the bench
+    /// is idle. The number of calls makes no difference if nothing else is done to the bench in between.
     pub fn continue_idle_run(&mut self, idle_run: IdleRun, at: Instant) -> bool {
         loop {
             let mut next = self.next_event();
             if next == Instant::NEVER || (next > idle_run.inputs_due && self.busy == 0) {
-                // No client sends more before this returns.
+                // No client can send more before this function returns.
                 if self.flush_ambiguous() {
                     continue;
                 }
@@ -506,7 +511,7 @@ impl Bench {
         }
     }
 
-    /// Calls the drive of that rank at its deadline.
+    /// Calls the drive with that rank at its deadline.
     fn wake(&mut self, rank: u32, due: Instant) {
         let index = self.order[rank as usize];
         let slot = &mut self.slots[index as usize];
@@ -566,7 +571,8 @@ impl Bench {
     /// Schedules an event.
     #[inline(always)]
     fn schedule(&mut self, at: Instant, phase: Phase, index: u32, what: EventKind) {
-        // While slots have no rank, `index` ranks all of them before the next event.
+        // If slots have no ranks yet, `index()` sets them, also in scheduled events, before the next event is
+        // handled.
         let rank = self.ranks.get(index as usize).copied().unwrap_or(0);
         self.scheduled.push(at, phase, rank, index, what);
     }
@@ -581,7 +587,8 @@ impl Bench {
         match event.kind {
             EventKind::Input(input) => self.deliver(event.target, &input),
             EventKind::Overheard { input, began } => {
-                // Where characters take no time, a drive that began to send at the same instant is still sending.
+                // If characters take no time, a drive that began to send at the same instant is still
+                // sending.
                 if !(self.fast() && self.slots[event.target as usize].began(&input) == Some(began)) {
                     self.deliver(event.target, &input);
                 }
@@ -604,7 +611,7 @@ impl Bench {
         }
     }
 
-    /// Delivers an input to a drive now, unless it cannot receive.
+    /// Delivers an input to a drive now, unless the drive cannot receive it.
     fn deliver(&mut self, index: u32, input: &InputRecord) {
         let now = self.now;
         if let InputRecord::Fault { fault, on } = *input {
@@ -618,20 +625,20 @@ impl Bench {
         let reports = if powers_on { self.motors_report(index) } else { Vec::new() };
         let slot = &mut self.slots[index as usize];
         let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
-        // Only a preset can be refused, and presets are not delivered here.
+        // A call can fail only for a preset, and presets are not delivered here.
         let _ = slot.feed(now, input, &mut context);
         if powers_on {
             for input in slot.state_to_report().into_iter().chain(reports) {
                 let _ = slot.feed(now, &input, &mut context);
             }
-            // The drive accepted them at the first power-on.
+            // The drive accepted these presets at its first power-on, so the call cannot fail.
             let _ = slot.preset_again(now, &mut context);
         }
         self.finish_call(index);
     }
 
-    /// Delivers an input of a trace to a drive, at an instant that is not over. Several characters for a port with
-    /// timed characters follow back to back.
+    /// Delivers an input of a trace to a drive at `at`, an instant that has not passed. Several characters
+    /// for a port with timed characters follow back to back.
     pub(crate) fn feed(&mut self, drive: DriveId, at: Instant, input: &InputRecord) {
         if matches!(input, InputRecord::Poke { .. }) && at > Instant::ZERO {
             self.run_until(at);
@@ -640,8 +647,8 @@ impl Bench {
         }
         self.now = self.now.max(at);
         self.index();
-        // At power-on a preset comes after the deadlines of its own drive; other drives still receive their initial
-        // levels.
+        // A preset at power-on is applied after the deadlines of its own drive; other drives still receive
+        // their initial levels afterwards.
         if matches!(input, InputRecord::Poke { .. }) {
             while self.at(drive).deadline() <= at {
                 self.wake(self.ranks[drive.0 as usize], self.at(drive).deadline());
@@ -653,7 +660,8 @@ impl Bench {
         {
             let character = self.takes(serial.line_at(at), 1);
             let single = |&byte| InputRecord::Bytes { port, bytes: vec![byte] };
-            // Characters of the same instant keep their order among the other events of it.
+            // If characters take no time, all are delivered now, so that they keep their order among the
+            // events of this instant.
             let count = if character == Duration::ZERO { bytes.len() } else { 1 };
             let (now, later) = bytes.split_at(count.min(bytes.len()));
             for (n, byte) in (1..).zip(later) {

@@ -1,7 +1,8 @@
 //! Motors outside of drives.
 //!
-//! A motor receives commands of its drive one tick later. Its reactions arrive one tick later: at its drive the edges
-//! of Hall sensors and the motor current, elsewhere the levels of the [sensors](super::shaft_sensors) on its shaft (BENCH-6).
+//! A motor receives the commands of its drive one tick later. Its reactions also arrive one tick later: edges
+//! of Hall sensors and the motor current at its drive, and levels of the [sensors](super::shaft_sensors) on
+//! its shaft at other pins (BENCH-6).
 
 use std::collections::VecDeque;
 
@@ -27,8 +28,8 @@ pub struct Motor(u32);
 pub enum MotorModel {
     /// A stepper motor, which follows the motion plans and steps of its drive.
     Stepper(stepper::StepperParameters),
-    /// A brush or brushless motor, turned by the duty of a drive that was added with
-    /// [`external_motor`](super::Setup::external_motor), or of one that turns either kind of motor
+    /// A brush or brushless motor. It turns by the duty of a drive that was added with
+    /// [`external_motor`](super::Setup::external_motor), or of a drive that can turn stepper and brush motors
     /// ([`dc_motor`](drivetwin_firmware::device::Spec::dc_motor)).
     Brush(motor::Parameters),
 }
@@ -40,13 +41,13 @@ pub struct ShaftState {
     pub revolutions: f64,
     /// Speed in revolutions per minute, signed.
     pub rpm: f64,
-    /// True if the shaft cannot follow its drive.
+    /// True if the shaft cannot follow the commands of its drive.
     pub stalled: bool,
     /// Current in mA; for a stepper motor the peak phase current that its drive sets.
     pub ma: i32,
 }
 
-/// Indices from here on are those of motors, not of drives.
+/// First event target that is a motor; smaller indices are drives.
 const MOTORS: u32 = 1 << 31;
 
 /// The motor of an event target; `None` if the target is a drive.
@@ -54,7 +55,7 @@ pub(super) fn motor_at(index: u32) -> Option<usize> {
     index.checked_sub(MOTORS).map(|motor| motor as usize)
 }
 
-/// Units of an angle in a turn.
+/// Units of angle per turn.
 pub(super) const TURN: f64 = (1_u64 << 32) as f64;
 
 /// A motor that is attached to a drive.
@@ -66,16 +67,16 @@ pub(super) struct MotorSlot {
     kinematics: Kinematics,
     /// Angle of the shaft when the motor was attached.
     began: i64,
-    /// Microsteps that its drive reported last.
+    /// Microsteps per full step that the drive last reported.
     microsteps: u16,
-    /// Commands on their way to the motor, by time.
+    /// Commands that have not reached the motor yet, with their times of arrival.
     inbox: VecDeque<(Instant, MotorCommand)>,
-    /// Wires of its Hall sensors.
+    /// Wires from its Hall sensors.
     halls: Vec<u32>,
     reports: MotorReports,
     sensors: Vec<Sensor>,
     wakes: Wakes,
-    /// Distinguishes the next event from earlier predictions.
+    /// Number of the next event; events with earlier numbers are outdated.
     number: u32,
 }
 
@@ -104,7 +105,7 @@ impl Machine {
         let plan;
         let input = match *command {
             MotorCommand::Plan(at_drive) => {
-                // A command that arrives one tick later is also executed one tick later.
+                // A command that arrives one tick late is also executed one tick late.
                 plan = at_drive.delayed(Duration::TICK);
                 Input::Plan { axis: AXIS, plan: &plan }
             }
@@ -123,14 +124,14 @@ impl Machine {
     }
 }
 
-/// Reports of a motor at an instant, on their way to its drive.
+/// Reports of a motor that its drive has not received yet.
 #[derive(Default)]
 struct MotorReports {
     halls: [Option<Level>; HALL_PINS.len()],
     draws: Option<i32>,
     motor: Option<Box<motor::Parameters>>,
     rotation: Option<Rotation>,
-    /// True if its arrival is scheduled.
+    /// True if their delivery is scheduled.
     is_scheduled: bool,
 }
 
@@ -165,12 +166,12 @@ impl Context for MotorReports {
 
 /// Motors.
 impl Bench {
-    /// Attaches a motor to an axis of a drive, from now on. An axis has at most one motor. The motor takes over the
-    /// present commands of the drive; until then its shaft is at rest.
+    /// Attaches a motor to an axis of a drive, from now on. An axis has at most one motor. The shaft is at
+    /// rest until the motor receives the present commands of the drive.
     ///
     /// # Errors
-    /// One sentence that states the reason: the name is not valid or taken, there is no such axis, the axis has a
-    /// motor, or the drive does not turn that kind of motor.
+    /// One sentence with the reason: the name is not valid or taken, there is no such axis, the axis has a
+    /// motor already, or the drive does not turn that kind of motor.
     pub fn attach_motor(
         &mut self,
         name: &str,
@@ -244,15 +245,15 @@ impl Bench {
     }
 
     /// Parameters of the internal motor of a drive that was added with
-    /// [`external_motor`](super::Setup::external_motor), as its registers described it after the first power-on, with
-    /// its memory and presets; `None` for any other drive (BENCH-5).
+    /// [`external_motor`](super::Setup::external_motor): those in the drive's registers after the first
+    /// power-on, with its memory and presets. `None` for any other drive (BENCH-5).
     #[must_use]
     pub fn detached_motor(&self, drive: DriveId) -> Option<motor::Parameters> {
         self.at(drive).detached_motor
     }
 
-    /// Adds a sensor to a motor's shaft, whose first wire goes `to` that pin. A drive that was added at this instant
-    /// receives the first level as its initial level, without an edge.
+    /// Adds a sensor to a motor's shaft; its first wire goes to the pin `to`. A drive that was added at this
+    /// instant receives the first level as its initial level, without an edge.
     pub(super) fn add_sensor(&mut self, motor: Motor, to: (DriveId, Pin), kind: SensorKind) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
         let MotorSlot { machine, kinematics, sensors, began, .. } = &mut self.motors[motor.0 as usize];
@@ -285,7 +286,7 @@ impl Bench {
         self.motors[motor.0 as usize].drive
     }
 
-    /// Position, speed and current of a motor's shaft now.
+    /// Present position, speed and current of a motor's shaft.
     #[must_use]
     pub fn turn(&self, motor: Motor) -> ShaftState {
         let MotorSlot {
@@ -305,15 +306,15 @@ impl Bench {
         }
     }
 
-    /// State of the brush motor that is attached to an axis, if the drive reads its Hall sensors: for such a drive
-    /// this is the position of the axis.
+    /// State of the brush motor on an axis, if the drive reads its Hall sensors. For such a drive, the motor
+    /// determines the position of the axis.
     pub(super) fn shaft(&self, drive: DriveId, axis: Axis) -> Option<Shaft> {
         self.at(drive).halls?;
         let &(_, motor) = self.at(drive).motors.iter().find(|(of, _)| *of == axis)?;
         self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
     }
 
-    /// Ranks the motors after all drives, by name.
+    /// Ranks the motors by name, after all drives.
     pub(super) fn rank_motors(&mut self) {
         let mut order: Vec<usize> = (0..self.motors.len()).collect();
         order.sort_by(|&a, &b| self.motors[a].name.cmp(&self.motors[b].name));
@@ -347,13 +348,13 @@ impl Bench {
         self.outputs.motor_commands.clear();
     }
 
-    /// Returns whether the shaft of a drive's motor is blocked, by the fault `stall`.
+    /// Returns true if the fault `stall` blocks the shafts of a drive's motors.
     fn is_shaft_blocked(&self, drive: DriveId) -> bool {
         let stall = self.spec(drive).faults.iter().position(|fault| *fault == "stall");
         stall.is_some_and(|stall| self.faulty(drive, Fault(stall as u8)))
     }
 
-    /// Blocks or releases the shaft of a drive's motor at once if the fault is `stall`.
+    /// Blocks or releases the shafts of a drive's motors at once, if the fault is `stall`.
     pub(super) fn set_shaft_blocked(&mut self, index: u32, fault: Fault, on: bool) {
         let slot = &self.slots[index as usize];
         if slot.motors.is_empty() || slot.spec.faults.get(usize::from(fault.0)) != Some(&"stall") {
@@ -361,13 +362,15 @@ impl Bench {
         }
         for n in 0.. {
             let Some(&(_, motor)) = self.slots[index as usize].motors.get(n) else { break };
-            // Before commands that the drive gave one tick ago and that arrive at this instant.
+            // This command comes before those that the drive gave one tick ago and that arrive at this
+            // instant.
             self.motors[motor as usize].inbox.push_front((self.now, MotorCommand::Blocked(on)));
             self.schedule_motor(motor as usize);
         }
     }
 
-    /// Schedules the next event of a motor: a command, a change of a sensor one tick ago, or its own deadline.
+    /// Schedules the next event of a motor: a command, the arrival of a change of a sensor one tick after the
+    /// change, or the motor's own deadline.
     fn schedule_motor(&mut self, motor: usize) {
         let slot = &mut self.motors[motor];
         slot.number = slot.number.wrapping_add(1);
@@ -415,7 +418,7 @@ impl Bench {
         self.schedule_motor(motor);
     }
 
-    /// Reports of the motors of a drive at its power-on: parameters, rotation, current.
+    /// Reports from the motors of a drive at its power-on: parameters, rotation, current.
     pub(super) fn motors_report(&self, index: u32) -> Vec<InputRecord> {
         let of = |&(axis, motor): &(Axis, u32)| {
             let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
@@ -425,14 +428,14 @@ impl Bench {
             Some([InputRecord::Motor { axis, parameters }, InputRecord::Rotation { axis, rotation }, draws])
         };
         let slot = &self.slots[index as usize];
-        // Other drives have no feedback of their motors.
+        // A drive without Hall sensor inputs gets no feedback from its motors.
         if slot.halls.is_none() {
             return Vec::new();
         }
         slot.motors.iter().filter_map(of).flatten().collect()
     }
 
-    /// Updates the sensors of a motor to the position of its shaft one tick ago.
+    /// Updates the sensors of a motor to the position that its shaft had one tick ago.
     fn update_sensors(&mut self, motor: usize) {
         for n in 0.. {
             let MotorSlot { machine, kinematics, sensors, .. } = &mut self.motors[motor];
@@ -448,11 +451,11 @@ impl Bench {
         }
     }
 
-    /// Schedules the reports of a motor for its drive.
+    /// Schedules the delivery of a motor's reports to its drive.
     fn schedule_motor_reports(&mut self, motor: usize) {
         let MotorSlot { reports, drive: (drive, _), .. } = &mut self.motors[motor];
         if self.slots[drive.0 as usize].halls.is_none() {
-            // Its drive has no feedback of its motor.
+            // The drive has no Hall sensor inputs, so it gets no feedback.
             *reports = MotorReports::default();
             return;
         }

@@ -8,10 +8,10 @@ use crate::scheduler::Phase;
 use crate::signals::pulses::{self, Pulse};
 use crate::slot::PinChange;
 
-/// A wire.
+/// The input end of a wire.
 pub(super) struct PinWire {
     to: (DriveId, Pin),
-    /// Level that has arrived at its input end.
+    /// Level that has reached the input end.
     level: Level,
 }
 
@@ -23,7 +23,7 @@ pub struct StepOutput {
 }
 
 impl DriveId {
-    /// The STEP output of the device's first axis, to count [pulses](Bench::pulses) on.
+    /// The STEP output of the drive's first axis, to count its [pulses](Bench::pulses).
     #[must_use]
     pub fn step(self) -> StepOutput {
         StepOutput { drive: self, axis: Axis(0) }
@@ -32,8 +32,8 @@ impl DriveId {
 
 /// Wires and step pulses.
 impl Bench {
-    /// The pulses on a STEP output that have begun by now, from the beginning of time. They are computed from the
-    /// plans and steps in the [trace](Self::trace).
+    /// All pulses on a STEP output that have begun by now. They are computed from the plans and steps in the
+    /// [trace](Self::trace).
     ///
     /// # Panics
     /// If the axis has no STEP output, or if the trace is not complete; use
@@ -51,9 +51,10 @@ impl Bench {
         pulses::pulses(&self.trace, drive.0 as usize, axis, self.now)
     }
 
-    /// Connects an output pin to an input pin, permanently. A change of the output arrives one tick later: levels,
-    /// edges of waves, step pulses and changes of direction. While the output floats, the input is at its pull-up. A
-    /// drive that was added at this instant receives the output's level as its initial level, without an edge.
+    /// Connects an output pin to an input pin, permanently. A change of the output arrives one tick later,
+    /// also edges of waves, step pulses and changes of direction. While the output floats, the input is
+    /// pulled up. A drive that was added at this instant receives the output's level as its initial level,
+    /// without an edge.
     ///
     /// Several outputs may be connected to one input: low wins over high. An input with a [stimulus](Self::set_pin)
     /// other than [`Open`](PinStimulus::Open) ignores its wires (BENCH-9).
@@ -82,8 +83,8 @@ impl Bench {
         }
     }
 
-    /// Puts a level on a new wire. A drive that was added at this instant receives it now, before its deadlines, as an
-    /// initial level; any other drive one tick later, as a change.
+    /// Sets the initial level of a new wire. A drive that was added at this instant receives it now, before
+    /// its deadlines, as an initial level. Any other drive receives it one tick later, as a change.
     pub(super) fn set_initial_level(&mut self, wire: u32, level: Level) {
         let drive = self.wires[wire as usize].to.0;
         let starts = self.trace.drives[drive.0 as usize].from == self.now;
@@ -101,8 +102,8 @@ impl Bench {
         }
     }
 
-    /// Reports the initial levels of a drive's pins, in the order of the pins, whatever the order of wires and
-    /// sensors.
+    /// Reports the initial levels of a drive's pins, in the order of the pins. The order of wires and sensors
+    /// makes no difference.
     pub(super) fn report_initial_levels(&mut self, index: u32) {
         for pin in (0..self.slots[index as usize].spec.pins.len() as u8).map(Pin) {
             self.report_pin(index, pin);
@@ -119,7 +120,7 @@ impl Bench {
         wire
     }
 
-    /// Schedules a change of an output at the ends of its wires.
+    /// Schedules the arrival of a change of an output at the ends of its wires.
     pub(super) fn schedule_pin_change(&mut self, index: u32, change: &PinChange) {
         match *change {
             PinChange::Pin { pin, at, level } => {
@@ -143,19 +144,19 @@ impl Bench {
         }
     }
 
-    /// The wires from a pin, one after the other.
+    /// The wire with number `n` of those from a pin; `None` after the last one.
     fn wire_of(&self, index: u32, pin: Pin, n: usize) -> Option<u32> {
         self.slots[index as usize].pin(pin)?.drives_wires.get(n).copied()
     }
 
-    /// Handles a level that arrives at the end of a wire.
+    /// Handles a level that reaches the end of a wire.
     pub(super) fn wire_level_arrives(&mut self, wire: u32, level: Level) {
         self.put_on_wire(wire, level);
         let (drive, pin) = self.wires[wire as usize].to;
         self.report_pin(drive.0, pin);
     }
 
-    /// Sets the level at the end of a wire, and the stimulus of its pin by all its wires.
+    /// Sets the level at the end of a wire, and updates the stimulus of its pin from all wires of the pin.
     fn put_on_wire(&mut self, wire: u32, level: Level) {
         let PinWire { to: (drive, pin), level: end } = &mut self.wires[wire as usize];
         *end = level;
@@ -171,7 +172,7 @@ impl Bench {
         };
     }
 
-    /// Schedules the next step edge of an axis for its wires.
+    /// Schedules the arrival of the next step edge of an axis at the ends of its wires.
     fn schedule_step_edge(&mut self, index: u32, axis: Axis) {
         let Some((due, number)) = self.slots[index as usize].next_edge(axis) else { return };
         if due < Instant::NEVER {
@@ -179,7 +180,7 @@ impl Bench {
         }
     }
 
-    /// Handles a step edge of an axis that arrives.
+    /// Handles a step edge that reaches the ends of its wires.
     pub(super) fn axis_edge(&mut self, index: u32, axis: Axis, number: u32) {
         let made = self.now - Duration::TICK;
         let Some((pin, level)) = self.slots[index as usize].take_edge(axis, number, made) else { return };
@@ -196,7 +197,7 @@ impl Bench {
         }
     }
 
-    /// Handles an edge of a wave that arrives.
+    /// Handles an edge of a wave that reaches the ends of its wires.
     pub(super) fn wave_edge(&mut self, index: u32, pin: Pin, number: u32) {
         let made = self.now - Duration::TICK;
         let Some((due, now)) = self.slots[index as usize].wave_after(made, pin) else { return };
@@ -207,7 +208,7 @@ impl Bench {
         }
     }
 
-    /// Handles a level that arrives at the ends of all wires from a pin.
+    /// Handles a level that reaches the ends of all wires from a pin.
     fn level_arrives(&mut self, index: u32, pin: Pin, level: Level) {
         for n in 0.. {
             let Some(wire) = self.wire_of(index, pin, n) else { break };

@@ -1,6 +1,6 @@
 //! Sensors on the shafts of motors: encoders and switches.
 //!
-//! A sensor shows at each tick where the shaft is. Its next change is predicted, one ahead.
+//! At each tick a sensor shows the position of the shaft. Only the next change of each sensor is predicted.
 
 use std::ops::RangeInclusive;
 
@@ -17,8 +17,9 @@ pub const CYCLES_PER_REV: RangeInclusive<u32> = 1..=100_000;
 /// Largest distance of a switch point from the start position of the shaft, in revolutions, in either direction.
 pub const FURTHEST_REV: f64 = 10_000_000.0;
 
-/// Range in which a switch is closed: above one position of the shaft and below another, in revolutions from the start
-/// position. With one bound it is closed on one side; without a bound always.
+/// Range in which a switch is closed: above one position of the shaft and below another, in revolutions from
+/// the start position. With a single bound the range has no other end; without bounds the switch is always
+/// closed.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Closed {
     /// Lower bound, within ±[`FURTHEST_REV`].
@@ -27,42 +28,44 @@ pub struct Closed {
     pub below_rev: Option<f64>,
 }
 
-/// Wires and their levels.
+/// Up to three wires of a sensor, with their levels.
 pub(super) type WireLevels = [Option<(u32, Level)>; 3];
 
-/// The count of a turn in which the index is high: A and B are low there, as US Digital gates the index of its
-/// encoders ("to coincide with the low states of channels A and B ... ¼ of one quadrature cycle wide").
+/// The count within a revolution in which the index is high. A and B are low in this count, because US
+/// Digital gates the index of its encoders ("to coincide with the low states of channels A and B ... ¼ of one
+/// quadrature cycle wide").
 const INDEX: i64 = 2;
 
-/// A sensor on a shaft. Its state is a position index that increases with the angle.
+/// A sensor on a shaft. Its state is a position index, which increases with the angle.
 pub(super) struct Sensor {
-    /// Target of its first wire: the order of a motor's sensors.
+    /// Target of the first wire; the sensors of a motor are sorted by it.
     pub(super) key: (String, Pin),
     kind: SensorKind,
     /// Angle of the shaft when the motor was attached.
     began: i64,
     position: i64,
-    /// Levels of its wires; `None` before the first.
+    /// Levels of the wires; `None` before they are set for the first time.
     levels: Option<WireLevels>,
-    /// Time of the next change of the position index, and its next value.
+    /// Time of the next change of the position index; `to` is its value after the change.
     next: Instant,
     to: i64,
 }
 
 pub(super) enum SensorKind {
-    /// Counts, four to a cycle.
+    /// An encoder with four counts per cycle.
     Encoder { counts: i64, wires: [Option<u32>; 3] },
-    /// Closed at position index 0, from one angle up to another, where these are given.
+    /// A switch, closed at position index 0: from the angle `from` up to the angle `to`. A bound that is
+    /// `None` is not there.
     Switch { from: Option<i64>, to: Option<i64>, wire: u32 },
 }
 
 impl SensorKind {
-    /// The position index of an angle.
+    /// The position index at an angle.
     fn position(&self, angle: i64) -> i64 {
         match *self {
             Self::Encoder { counts, .. } => {
                 let part = angle & 0xFFFF_FFFF;
-                // A shaft starts in the middle of a count, so that rounding causes no edge.
+                // The start position is in the middle of a count, so that rounding causes no edge.
                 (angle >> 32) * counts + ((part * counts + (1 << 31)) >> 32)
             }
             Self::Switch { from, .. } if from.is_some_and(|from| angle < from) => -1,
@@ -70,18 +73,18 @@ impl SensorKind {
         }
     }
 
-    /// Angle at which a count begins.
+    /// Angle at which a count begins, in the forward direction.
     fn count_begins(counts: i64, count: i64) -> i64 {
         let (turn, part) = (count.div_euclid(counts), count.rem_euclid(counts));
         (turn << 32) - ((1 << 31) - (part << 32)).div_euclid(counts)
     }
 
-    /// The next position index with another output, and the angle from which on (forward) or below which (backward)
-    /// the shaft has it.
+    /// The next position index with a different output, and the angle at which it begins. Forward, the shaft
+    /// has this position index from the angle on; backward, below the angle.
     fn next(&self, position: i64, forward: bool) -> Option<(i64, i64)> {
         match *self {
             Self::Encoder { counts, wires: [None, None, _] } => {
-                // Only the index is wired: one count of a revolution, and the others.
+                // Only the index is wired: one count of a revolution differs from all others.
                 let count = match ((position - INDEX).rem_euclid(counts), forward) {
                     (0, true) => position + 1,
                     (0, false) => position - 1,
@@ -124,17 +127,17 @@ impl SensorKind {
 }
 
 impl Sensor {
-    /// A sensor without levels yet, on a shaft that started at `began`.
+    /// A sensor whose levels are not set yet, on a shaft that started at `began`.
     pub(super) fn new(key: (String, Pin), kind: SensorKind, began: i64) -> Self {
         Self { key, kind, began, position: 0, levels: None, next: Instant::NEVER, to: 0 }
     }
 
-    /// Time of the next change, as predicted.
+    /// Predicted time of the next change.
     pub(super) fn next(&self) -> Instant {
         self.next
     }
 
-    /// Predicts the next change from `from` on, at the present motion of the shaft.
+    /// Predicts the next change from `from` on, for the present motion of the shaft.
     pub(super) fn predict(&mut self, rotor: &dyn Rotor, kinematics: &Kinematics, from: Instant) {
         if self.levels.is_none() {
             (self.next, self.to) = (from, self.position_at(rotor, from));
@@ -155,7 +158,7 @@ impl Sensor {
         }
     }
 
-    /// Returns whether the shaft passes a further change within the same tick.
+    /// Returns true if the shaft passes another change within the same tick.
     fn is_beyond(&self, rotor: &dyn Rotor, at: Instant, forward: bool) -> bool {
         let further = self.kind.next(self.to, forward);
         further.is_some_and(|(_, angle)| rotor.is_at_least(at, angle.wrapping_add(self.began)) == forward)
@@ -165,9 +168,9 @@ impl Sensor {
         self.kind.position(rotor.angle_at(at).wrapping_sub(self.began))
     }
 
-    /// Applies the predicted change. Returns the wires that change, in the order in which they change; the caller
-    /// predicts the next change. The index pulse lies within the count that it marks: it rises after A and B change,
-    /// and falls before.
+    /// Applies the predicted change. Returns the wires that change, in the order of their changes. The caller
+    /// must then predict the next change. The index pulse lies within its count: it rises after A and B have
+    /// changed, and falls before they change.
     pub(super) fn take_change(&mut self) -> WireLevels {
         self.position = self.to;
         let after = self.kind.levels(self.position);
@@ -191,17 +194,16 @@ fn forward(kinematics: &Kinematics) -> bool {
     kinematics.half_speed > 0 || (kinematics.half_speed == 0 && kinematics.half_acceleration > 0)
 }
 
-/// The first tick from `from` on, and before the motion changes, at which the shaft is at or beyond an angle
-/// (forward), or below it (backward).
+/// The first tick from `from` on at which the shaft has reached or passed an angle (forward), or is below it
+/// (backward); [`Instant::NEVER`] if the motion changes before.
 ///
-/// Floating point gives a first guess, usually exact to the tick. The exact position decides on which side of the
-/// angle the shaft is, and the search goes on from the guess until the crossing lies between two ticks. So the result
-/// is exact.
+/// Floating point gives a first guess, usually exact to the tick. From there a search compares exact
+/// positions until the crossing lies between two ticks, so the result is exact.
 fn crossing(rotor: &dyn Rotor, kinematics: &Kinematics, angle: i64, forward: bool, from: Instant) -> Instant {
     let there = |tick: u64| rotor.is_at_least(Instant::from_ticks(tick), angle) == forward;
     let first = from.ticks();
     let Some(last) = rotor.until().ticks().checked_sub(1).filter(|last| *last >= first) else {
-        // The motion changes now; the prediction is repeated then.
+        // The motion changes now, and the prediction is repeated then.
         return Instant::NEVER;
     };
     if is_at_rest(kinematics) {
@@ -210,11 +212,11 @@ fn crossing(rotor: &dyn Rotor, kinematics: &Kinematics, angle: i64, forward: boo
     let way = angle.wrapping_sub(kinematics.angle) as f64 / TURN * kinematics.turn as f64;
     let (h, a) = (kinematics.half_speed as f64, kinematics.half_acceleration as f64);
     let root = (h * h + a * way).max(0.0).sqrt();
-    // At standstill and at the angle this is 0/0, which becomes no ticks at all.
+    // At standstill at the angle this is 0/0, which converts to 0 ticks.
     let ticks = (way / if forward { h + root } else { h - root }).ceil() as u64;
     let guess = kinematics.since.ticks().saturating_add(ticks).clamp(first, last);
 
-    // The crossing is between `low` and `high`; they are found in steps that double.
+    // The crossing lies between `low` and `high`. Steps of doubling size find these two.
     let (mut low, mut high, mut step) = (guess, guess, 1);
     if there(guess) {
         loop {
@@ -248,13 +250,14 @@ fn crossing(rotor: &dyn Rotor, kinematics: &Kinematics, angle: i64, forward: boo
 
 /// Encoders and switches.
 impl Bench {
-    /// Adds an encoder to a motor's shaft and wires its channels A and B and its index to input pins. `cycles_per_rev`
-    /// is clamped to [`CYCLES_PER_REV`]. The encoder starts in the middle of a count, with A and B high; A leads B by
-    /// a quarter of a cycle while the motor turns forward. The index is high in the third quarter of the first cycle
-    /// of each revolution, where A and B are low.
+    /// Adds an encoder to a motor's shaft and wires its channels A and B and its index to input pins.
+    /// `cycles_per_rev` is clamped to [`CYCLES_PER_REV`]. The encoder starts in the middle of a count, with A
+    /// and B high. A leads B by a quarter of a cycle while the motor turns forward. The index is high in the
+    /// third quarter of the first cycle of each revolution, where A and B are low.
     ///
-    /// The levels follow the shaft at each tick. Above one count per tick (100,000 cycles at 2,400 rpm) counts are
-    /// left out: the encoder never lags, and each channel has at most one edge per tick.
+    /// The levels follow the shaft at each tick. If the shaft moves more than one count per tick (100,000
+    /// cycles at 2,400 rpm), counts are skipped: the encoder never lags, and each channel has at most one
+    /// edge per tick.
     ///
     /// # Panics
     /// If one of the drives has no such pin.
@@ -274,10 +277,10 @@ impl Bench {
     pub fn switch(&mut self, motor: Motor, closed: Closed, to: (DriveId, Pin)) {
         let (wire, pin) = (self.end_of_wire(to), to);
         let angle = |rev: f64| (!rev.is_nan()).then(|| rev.clamp(-FURTHEST_REV, FURTHEST_REV) * TURN);
-        // The bounds themselves are outside.
+        // The range does not include the bounds themselves.
         let from = closed.above_rev.and_then(angle).map(|angle| angle.floor() as i64 + 1);
         let to = closed.below_rev.and_then(angle).map(|angle| angle.ceil() as i64);
-        // An empty range is closed at no angle.
+        // A switch with an empty range is never closed.
         let to = if let (Some(from), Some(to)) = (from, to) { Some(to.max(from)) } else { to };
         self.add_sensor(motor, pin, SensorKind::Switch { from, to, wire });
     }

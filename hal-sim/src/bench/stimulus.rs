@@ -1,4 +1,4 @@
-//! Stimulus from outside: pins, faults, power, registers.
+//! Stimulus from outside: pins, faults, power and registers.
 
 use drivetwin_firmware::device::{
     Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, PresetError,
@@ -16,17 +16,17 @@ use crate::value::Value;
 /// Maximum number of edges per second: one per tick.
 const MOST_HZ: f64 = TICKS_PER_SECOND as f64;
 
-/// Ticks between edges at `hz` edges per second, clamped to one per 1,000,000 s and one per tick. NaN counts as the
-/// minimum.
+/// Ticks between edges at `hz` edges per second, clamped to the range from one edge per 1,000,000 s to one
+/// per tick. NaN counts as the slowest rate.
 fn ticks_per_edge(hz: f64) -> f64 {
     MOST_HZ / if hz > 0.0 { hz.clamp(1e-6, MOST_HZ) } else { 1e-6 }
 }
 
 /// Pins, faults, power and registers.
 impl Bench {
-    /// Drives a pin from outside. The change arrives one tick later, and ends a pulse train or an encoder motion on
-    /// the pin. The levels of [wires](Self::wire) count only while the stimulus is [`Open`](PinStimulus::Open).
-    /// Without effect if there is no such pin.
+    /// Drives a pin from outside. The change arrives one tick later. A pulse train or an encoder motion on
+    /// the pin ends. The levels of [wires](Self::wire) count only while the stimulus is
+    /// [`Open`](PinStimulus::Open). If there is no such pin, nothing happens.
     ///
     /// ```
     /// use drivetwin_firmware::device::{Duration, Level};
@@ -57,7 +57,7 @@ impl Bench {
         self.schedule(at, Phase::Pin, drive.0, EventKind::Stimulus { pin, stimulus });
     }
 
-    /// Handles a stimulus of a pin that arrives.
+    /// Handles a stimulus that reaches a pin.
     pub(super) fn stimulus_arrives(&mut self, index: u32, pin: Pin, stimulus: PinStimulus) {
         if let Some(state) = self.slots[index as usize].pin_mut(pin) {
             state.stimulus_arrives(stimulus);
@@ -74,8 +74,8 @@ impl Bench {
         }
     }
 
-    /// Starts a train of `count` pulses on an input pin, away from its present level and back, at `hz` pulses per
-    /// second (clamped to 0.5 µHz to 8 MHz), with a duty of 50 %. Each edge is at the nearest tick.
+    /// Starts a train of `count` pulses on an input pin, away from its present level and back, at `hz` pulses
+    /// per second (clamped to 0.5 µHz to 8 MHz). The duty is 50 %. Each edge is at the nearest tick.
     ///
     /// # Errors
     /// A pulse train or an encoder motion runs on the pin.
@@ -83,8 +83,8 @@ impl Bench {
         self.pulse_width(drive, pin, count, hz, 0.5)
     }
 
-    /// Like [`pulse`](Self::pulse), with a duty from 0 to 1, as a PWM encoder makes them. A pulse is at least one tick
-    /// long and at most one tick shorter than its period. NaN counts as 0.5.
+    /// Like [`pulse`](Self::pulse), with a duty from 0 to 1, for instance to imitate a PWM encoder. A pulse
+    /// is at least one tick long and at most one tick shorter than its period. NaN counts as 0.5.
     ///
     /// # Errors
     /// As [`pulse`](Self::pulse).
@@ -138,13 +138,13 @@ impl Bench {
         }
     }
 
-    /// Turns the encoder at a drive's inputs A and B: `counts` edges, four per cycle, at `hz` edges per second
-    /// (clamped to 1 µHz to 16 MHz), from the present levels. A leads B; with negative `counts` B leads A. Each edge
-    /// is at the nearest tick; the pins keep the levels of the last edges. An index pulse is made by
-    /// [`set_pin`](Self::set_pin).
+    /// Turns the encoder at a drive's inputs A and B by `counts` edges, four per cycle, at `hz` edges per
+    /// second (clamped to 1 µHz to 16 MHz). It starts from the present levels. A leads B; with negative
+    /// `counts` B leads A. Each edge is at the nearest tick, and the pins keep the levels of the last edges.
+    /// For an index pulse use [`set_pin`](Self::set_pin).
     ///
     /// # Errors
-    /// The encoder turns already, or a pulse train runs on A or B.
+    /// The encoder turns already, or a pulse train is running on A or B.
     pub fn encoder(&mut self, drive: DriveId, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Busy> {
         let start = self.now + Duration::TICK;
         let Some((_, &EncoderSpec { a, b, .. })) = self.at_mut(drive).encoder_mut(encoder) else {
@@ -180,7 +180,7 @@ impl Bench {
             state.edges = None;
         }
         let high = |pin| slot.pin(pin).is_some_and(PinState::is_high);
-        // Where A leads, A changes while the two are alike.
+        // If A leads, A changes while A and B have the same level.
         let pin = if (high(spec.a) == high(spec.b)) == back { spec.b } else { spec.a };
         let stimulus = if high(pin) { PinStimulus::Low } else { PinStimulus::High };
         if let Some(due) = due {
@@ -195,8 +195,8 @@ impl Bench {
         self.stimulus_arrives(index, pin, stimulus);
     }
 
-    /// Drives both channels of an encoder that begins to turn: a drive that distinguishes an open pin from a high one
-    /// would miss the first edges otherwise.
+    /// Drives both channels of an encoder that begins to turn. Otherwise a drive that distinguishes an open
+    /// pin from a high one would miss the first edges.
     fn drive_channels(&mut self, index: u32, EncoderSpec { a, b, .. }: EncoderSpec) {
         for pin in [a, b] {
             let Some(state) = self.slots[index as usize].pin_mut(pin) else { continue };
@@ -207,7 +207,7 @@ impl Bench {
         }
     }
 
-    /// Returns whether a train of pulses, or an encoder, runs on a pin.
+    /// Returns true if a pulse train or an encoder motion is running on a pin.
     fn runs(&mut self, drive: DriveId, pin: Pin) -> bool {
         let slot = self.at_mut(drive);
         slot.encoders_at(pin).any(|encoder| encoder.edges.is_some())
@@ -226,7 +226,7 @@ impl Bench {
         self.send_to(at, drive.0, InputRecord::Fault { fault, on });
     }
 
-    /// Returns whether the cause of a fault is present.
+    /// Returns true if the cause of a fault is present.
     #[must_use]
     pub fn faulty(&self, drive: DriveId, fault: Fault) -> bool {
         self.at(drive).state.faults.get(usize::from(fault.0)).copied().unwrap_or(false)
@@ -246,7 +246,7 @@ impl Bench {
         }
     }
 
-    /// Returns whether a drive has power.
+    /// Returns true if a drive has power.
     #[must_use]
     pub fn powered(&self, drive: DriveId) -> bool {
         self.at(drive).state.powered
@@ -256,9 +256,10 @@ impl Bench {
     /// ([`Spec::find`](drivetwin_firmware::device::Spec::find)).
     ///
     /// # Errors
-    /// The drive refuses the value, and nothing changes. A drive without power refuses all: [`PresetError::ReadOnly`].
+    /// The drive refuses the value; nothing changes then. A drive without power refuses every value:
+    /// [`PresetError::ReadOnly`].
     pub fn poke(&mut self, drive: DriveId, row: usize, value: i64) -> Result<(), PresetError> {
-        // After all other events of this instant, so that a replay does the same.
+        // All other events of this instant are handled first, because a replay does the same.
         self.run_until(self.now);
         if !self.powered(drive) {
             return Err(PresetError::ReadOnly);
@@ -271,7 +272,8 @@ impl Bench {
         result
     }
 
-    /// The value of a register now, without the side effects of a bus read. `row` is the row of the register map.
+    /// The present value of a register, without the side effects of a bus read. `row` is the row of the
+    /// register map.
     #[must_use]
     pub fn peek(&self, drive: DriveId, row: usize) -> i64 {
         self.at(drive).peek(self.now, row)
@@ -289,8 +291,8 @@ impl Bench {
         })
     }
 
-    /// Motion of an axis now: position in steps or counts, speed, current. With an attached brush motor it is the
-    /// motion of that motor.
+    /// Present motion of an axis: position in steps or counts, speed, current. With an attached brush motor
+    /// it is the motion of that motor.
     #[must_use]
     pub fn motion(&self, drive: DriveId, axis: Axis) -> Motion {
         self.shaft(drive, axis).map_or_else(|| self.at(drive).motion(self.now, axis), Motion::from)

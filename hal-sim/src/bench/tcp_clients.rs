@@ -1,9 +1,10 @@
 //! TCP ports of drives: connections and messages.
 //!
-//! A message takes no time: a drive receives it at the instant at which its last byte arrives, and its answer is
-//! available at once. A drive receives the messages of one connection one after the other, and those of several
-//! connections in turn. While a client leaves its answers unread, its further messages wait, which bounds the unread
-//! answers. While a drive [takes](drivetwin_firmware::device::Device::takes) no messages all clients wait.
+//! A message takes no time: a drive receives it when its last byte arrives, and the answer is available at
+//! once. A drive receives the messages of one connection one after the other, and serves several connections
+//! in turn. While a client has unread answers above a limit, its further messages wait, which bounds the
+//! memory for answers. While a drive does not [take](drivetwin_firmware::device::Device::takes) messages, all
+//! clients wait.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -19,7 +20,7 @@ use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
 use crate::slot::{MOST_CONNECTIONS, Tcp, TcpSend};
 
-/// Buffer capacity that a connection keeps when all is read, in bytes.
+/// Buffer capacity in bytes that a connection keeps when its buffer is empty.
 const KEPT_BYTES: usize = 1 << 10;
 
 /// Bytes of unread answers above which the messages of a client wait.
@@ -83,28 +84,28 @@ struct Connection {
     drive: DriveId,
     port: Port,
     link: Link,
-    /// Splitter of messages, on a Modbus/TCP port.
+    /// Splitter of requests, on a Modbus/TCP port.
     splitter: Option<Splitter>,
-    /// Bytes of the client that are not scheduled for the drive yet.
+    /// Bytes of the client that are not scheduled for delivery to the drive yet.
     pending: Vec<u8>,
-    /// Number of inputs of the client that are scheduled for the drive.
+    /// Number of inputs of the client that are scheduled for delivery to the drive.
     scheduled: usize,
-    /// Bytes of the drive that the client has not received.
+    /// Bytes from the drive that the client has not received.
     inbox: Vec<u8>,
-    /// True while the host does not pass on the bytes that the client received.
+    /// True while the host cannot forward the bytes that the client received.
     held_back: bool,
-    /// True if the client has left, and only its earlier input is still to be delivered.
+    /// True if the client has left. Only its earlier input is still delivered.
     has_left: bool,
     ended: Option<Ended>,
 }
 
 impl Connection {
-    /// Returns whether the client reads its answers.
+    /// Returns true if the client reads its answers, or has left.
     fn reads(&self) -> bool {
         self.has_left || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
     }
 
-    /// Puts bytes of the client back, before all others.
+    /// Puts bytes of the client back to the front of its pending bytes.
     fn put_back(&mut self, mut bytes: Vec<u8>) {
         bytes.append(&mut self.pending);
         self.pending = bytes;
@@ -131,7 +132,7 @@ impl Connection {
 #[derive(Default)]
 pub(super) struct Connections {
     all: BTreeMap<u32, Connection>,
-    /// Clients with bytes to read, or whose connection was closed.
+    /// Clients that have bytes to read or whose connection was closed.
     readable: BTreeSet<u32>,
 }
 
@@ -140,7 +141,7 @@ impl Connections {
         self.all.contains_key(&client)
     }
 
-    /// Clients with bytes to read.
+    /// Clients that have bytes to read or whose connection was closed.
     pub(super) fn readable(&self) -> impl Iterator<Item = u32> {
         self.readable.iter().copied()
     }
@@ -191,8 +192,8 @@ impl Bench {
         self.buses().into_iter().map(Outlet::Line).chain(ports).collect()
     }
 
-    /// The name of an outlet: that of the [line](Self::bus_name) or of the TCP port, `modbus`, or on a bench of
-    /// several drives `x.modbus`.
+    /// The name of an outlet: the name of the [line](Self::bus_name) or of the TCP port, for instance
+    /// `modbus`; on a bench of several drives `x.modbus`.
     #[must_use]
     pub fn outlet_name(&self, outlet: Outlet) -> String {
         match outlet {
@@ -204,7 +205,7 @@ impl Bench {
         }
     }
 
-    /// Returns whether a TCP port has that name, with the name of its drive or without.
+    /// Returns true if a TCP port has that name, with or without the name of its drive.
     #[must_use]
     pub fn has_tcp_port(&self, name: &str) -> bool {
         let (drive, port) = name.split_once('.').map_or((None, name), |(drive, port)| (Some(drive), port));
@@ -223,8 +224,8 @@ impl Bench {
         self.join(self.outlet(drive, port))
     }
 
-    /// Returns whether an outlet takes connections: the TCP port of a drive that is starting does not. Without power
-    /// [`join`](Self::join) refuses at once, so nothing has to wait.
+    /// Returns true if an outlet accepts connections. The TCP port of a drive that is starting does not. If
+    /// power is off the result is true, because [`join`](Self::join) refuses at once and nobody has to wait.
     #[must_use]
     pub fn accepts(&self, outlet: Outlet) -> bool {
         match outlet {
@@ -281,7 +282,7 @@ impl Bench {
         self.connections.all.get(&client.0).and_then(|connection| connection.ended)
     }
 
-    /// Returns whether all input of a client is executed, and on a line answered.
+    /// Returns true if all input of a client is executed, and on a line also answered.
     #[must_use]
     pub fn is_served(&self, client: Client) -> bool {
         match (self.connections.all.get(&client.0), self.clients.get(&client.0)) {
@@ -297,14 +298,14 @@ impl Bench {
         }
     }
 
-    /// Returns whether input of a client on a TCP connection is scheduled for the drive.
+    /// Returns true if input of a client on a TCP connection is scheduled for delivery to the drive.
     #[must_use]
     pub fn is_under_way(&self, client: Client) -> bool {
         self.connections.all.get(&client.0).is_some_and(|connection| connection.scheduled > 0)
     }
 
-    /// Sets whether the host cannot pass on the bytes that a client [receives](Self::receive): meanwhile further
-    /// messages of a client on a TCP connection wait. Without effect on a line.
+    /// Sets whether the host is unable to forward the bytes that a client [receives](Self::receive). While
+    /// this is true, further messages of a client on a TCP connection wait. On a line this has no effect.
     pub fn hold_back(&mut self, client: Client, held_back: bool) {
         if let Some(connection) = self.connections.all.get_mut(&client.0)
             && std::mem::replace(&mut connection.held_back, held_back) != held_back
@@ -329,7 +330,7 @@ impl Bench {
         }
     }
 
-    /// Appends the bytes that the drive sent to a client on a TCP connection. Returns their number.
+    /// Appends the bytes that the drive sent to a client on a TCP connection to `into`. Returns their number.
     pub(super) fn receive_messages(&mut self, client: u32, into: &mut Vec<u8>) -> usize {
         let Some(connection) = self.connections.all.get_mut(&client) else { return 0 };
         self.connections.readable.remove(&client);
@@ -340,8 +341,9 @@ impl Bench {
         count
     }
 
-    /// Schedules the next message of a client if the drive has received all earlier ones, takes more, and its answers
-    /// are read; after the last message the end of the connection, if the client has left.
+    /// Schedules the next message of a client if the drive has received all earlier ones and takes more, and
+    /// the client reads its answers. If the client has left, schedules the end of the connection after its
+    /// last message.
     fn resume_client(&mut self, client: u32) {
         let Some(connection) = self.connections.all.get(&client) else { return };
         let Connection { drive, port, has_left, .. } = *connection;
@@ -362,7 +364,8 @@ impl Bench {
         }
     }
 
-    /// Updates, after a call of a drive, which of its TCP ports take messages, and resumes their clients.
+    /// After a call of a drive, updates which of its TCP ports take messages, and resumes the clients of
+    /// ports that do so again.
     pub(super) fn update_tcp_busy(&mut self, index: u32) {
         for number in 0..self.slots[index as usize].state.ports.len() {
             let port = Port(number as u8);
@@ -387,7 +390,7 @@ impl Bench {
         }
     }
 
-    /// Resumes the client that waits longest, if the drive takes more.
+    /// Resumes the client that has waited longest, if the drive takes messages.
     fn release(&mut self, index: u32, port: Port) {
         while let Some(client) = self.slots[index as usize].state.tcp(port).and_then(Tcp::next_waiting) {
             self.resume_client(client);
@@ -397,7 +400,7 @@ impl Bench {
         }
     }
 
-    /// Schedules the next message of a client. Returns whether there is one.
+    /// Schedules the next message of a client. Returns true if there is one.
     fn schedule_next_message(&mut self, client: u32) -> bool {
         let connection = self.connections.all.get_mut(&client);
         let Some(connection) = connection.filter(|connection| connection.ended.is_none()) else {
@@ -419,7 +422,8 @@ impl Bench {
         }
     }
 
-    /// Disconnects a client from a TCP port. If it has not read its answers, no more of its input is delivered.
+    /// Disconnects a client from a TCP port. If the client has not read its answers, none of its pending
+    /// input is delivered.
     pub(super) fn disconnect_tcp(&mut self, client: u32) {
         self.connections.readable.remove(&client);
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
@@ -430,7 +434,8 @@ impl Bench {
             connection.pending.clear();
         }
         connection.has_left = true;
-        // Requests take no time, so the drive receives all of them now. Lines of text wait for each other.
+        // Modbus requests take no time, so the drive receives all of them now. Lines of text wait for each
+        // other.
         if connection.splitter.is_some() {
             while self.schedule_next_message(client) {}
             self.close_connection(client);
@@ -440,7 +445,7 @@ impl Bench {
         }
     }
 
-    /// Schedules the end of a connection for the drive, if the drive has not closed it.
+    /// Schedules the end of a connection for the drive, unless the drive has closed the connection itself.
     fn close_connection(&mut self, client: u32) {
         let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) else { return };
         if self.at_mut(drive).state.tcp(port).is_some_and(|tcp| tcp.leave(link, client)) {
@@ -448,7 +453,7 @@ impl Bench {
         }
     }
 
-    /// Schedules an input of a client for the drive, at the first instant that is possible.
+    /// Schedules an input of a client for the drive, at the earliest possible instant.
     fn schedule_tcp_input(&mut self, client: u32, drive: DriveId, input: InputRecord) {
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.scheduled += 1;
@@ -472,7 +477,8 @@ impl Bench {
         tcp.last_served = if takes { Some(client) } else { tcp.last_served };
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.scheduled -= 1;
-            // Another client's message of the same instant came first.
+            // A message of another client at the same instant was delivered first, so this message has to
+            // wait.
             if let (false, InputRecord::Message { bytes, .. }) = (takes, input) {
                 connection.put_back(bytes.clone());
             }
@@ -484,7 +490,7 @@ impl Bench {
         self.release(index, port);
     }
 
-    /// Delivers an input of a client to the drive, unless the connection has been closed meanwhile.
+    /// Delivers an input of a client to the drive, unless the connection has been closed in the meantime.
     fn deliver_if_open(&mut self, index: u32, client: u32, input: &InputRecord) {
         let (InputRecord::Opened { port, link }
         | InputRecord::Message { port, link, .. }
@@ -509,7 +515,7 @@ impl Bench {
         self.deliver(index, input);
     }
 
-    /// Passes a message of a drive to its client, or closes the connection.
+    /// Delivers a message of a drive to its client, or closes the connection.
     pub(super) fn receive_from_drive(&mut self, send: &TcpSend, bytes: &[u8]) {
         let TcpSend { drive, port, link, client, count } = *send;
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
@@ -525,7 +531,7 @@ impl Bench {
         self.record_message((DriveId(drive), port, link), Source::Drive(DriveId(drive)), bytes);
     }
 
-    /// Closes all connections of a drive at power-off.
+    /// Closes all connections of a drive whose power is off.
     pub(super) fn lose_connections(&mut self, index: u32) {
         let ports = self.slots[index as usize].state.ports.iter_mut();
         let clients: Vec<u32> = ports.filter_map(|port| port.tcp.as_mut()).flat_map(Tcp::close_all).collect();
@@ -537,7 +543,7 @@ impl Bench {
         }
     }
 
-    /// Records a message on a connection; without bytes the end of the connection.
+    /// Records a message on a connection; a message without bytes is the end of the connection.
     fn record_message(&mut self, (drive, port, link): (DriveId, Port, Link), from: Source, bytes: &[u8]) {
         let at = self.now;
         self.capture.record(|| Frame {

@@ -1,4 +1,4 @@
-//! Transmission: characters on a line, and the time at which each receiver gets them.
+//! Transmission: characters on a line, and the times at which each receiver gets them.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::modbus::ascii;
@@ -30,7 +30,7 @@ impl Origin {
         }
     }
 
-    /// Returns whether a port with the settings `line` can read the characters.
+    /// Returns true if a port with the settings `line` can read the characters.
     fn fits(self, line: Line) -> bool {
         match self {
             Self::Client(sender) => sender.fits(line),
@@ -47,22 +47,22 @@ impl Origin {
     }
 }
 
-/// Characters that follow each other without gaps.
+/// Characters that are sent back to back.
 #[derive(Clone, Copy)]
 pub(super) struct TxBurst<'a> {
     pub(super) bytes: &'a [u8],
     /// Indices of characters with a parity or framing error.
     pub(super) unreadable: &'a [usize],
     pub(super) origin: Origin,
-    /// Number of the transmission where characters may collide.
+    /// Number of the transmission, if characters may collide.
     pub(super) number: Option<u32>,
 }
 
 /// Times of a transmission.
 struct TxTiming {
-    /// End of its last character.
+    /// End of the last character.
     last: Instant,
-    /// Time at which receivers detect that no more follows.
+    /// Time at which receivers detect that the transmission is over.
     detected: Instant,
 }
 
@@ -94,11 +94,11 @@ impl Bench {
         serial_line.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(serial_line.refusal);
         serial_line.free = serial_line.free.max(last);
         let free = serial_line.turn == LineState::Free;
-        // The next character is looked for when this one has ended.
+        // On a line with timed characters, the next character is sent after the end of this one.
         let mut until = if framed { detected } else { last };
         if let Some(collisions) = &mut serial_line.collisions {
             collisions.transmitted.push(client);
-            // The transmission that it overlaps may last longer.
+            // An overlapping transmission may last longer than this one.
             if !free && serial_line.until < Instant::NEVER {
                 until = until.max(serial_line.until);
             }
@@ -123,8 +123,8 @@ impl Bench {
         TxTiming { last, detected: last + end_detection_time(line) }
     }
 
-    /// End of a character that begins at `start`, or as soon as possible: the line may have been free for a part of a
-    /// character by now.
+    /// End of a character that begins at `start`, or one tick after now if that end is past: the line may
+    /// have been free for a part of a character already.
     fn first_ends(&self, start: Instant, character: Duration) -> Instant {
         (start + character).max(self.now + Duration::TICK)
     }
@@ -135,8 +135,8 @@ impl Bench {
         let Some(serial) = self.at(drive).serial(port).filter(|_| !bytes.is_empty()) else { return };
         let line = serial.line_at(start);
         let (framed, fit, ascii) = (serial.framed, origin.fits(line), ascii::is_on(line));
-        // Corrupt characters, timed characters and characters that may collide are delivered one by one. In ASCII a
-        // delivery ends at the latest with a line feed.
+        // Corrupt characters, timed characters and characters that may collide are delivered one by one. In
+        // ASCII, a delivery ends at a line feed at the latest.
         let whole = framed && fit && unreadable.is_empty() && number.is_none();
         let pieces = bytes.split_inclusive(|&byte| !whole || (ascii && byte == b'\n'));
         let message = |index: usize, piece: &[u8]| {
@@ -219,8 +219,8 @@ impl Bench {
         if self.fast() { Duration::ZERO } else { line.character() * count as u64 }
     }
 
-    /// Delivers characters of a drive to all others on the line, from `start` on; `to_clients` has the characters as
-    /// clients read them.
+    /// Delivers characters of a drive to all others on the line, from `start` on. `to_clients` contains the
+    /// settings and characters for clients.
     pub(super) fn deliver_from_drive(
         &mut self,
         bus: u32,
@@ -237,9 +237,9 @@ impl Bench {
         self.record(bus, start, sent.line, Source::Drive(DriveId(sent.drive)), bytes, number);
     }
 
-    /// Delivers characters to all clients, from `start` on; `from` is the drive that sends them, if any. An answer to
-    /// a client that has left is not delivered to clients that connected after the request: one of them may have taken
-    /// over the port.
+    /// Delivers characters to all clients, from `start` on. `from` is the drive that sends them, if any. If a
+    /// client has left, clients that connected after its request do not receive the answer, because one of
+    /// them may use the same port.
     pub(super) fn deliver_to_clients(
         &mut self,
         bus: u32,
@@ -267,7 +267,7 @@ impl Bench {
         }
     }
 
-    /// Delivers characters to all drives but the sender, from `start` on.
+    /// Delivers characters to all drives except the sender, from `start` on.
     pub(super) fn deliver_to_drives(
         &mut self,
         bus: u32,
@@ -278,8 +278,8 @@ impl Bench {
     ) {
         let start = match (self.fast(), self.buses[bus as usize].turn) {
             (false, _) => start,
-            // Unsolicited output takes time: two drives with one address may answer each other's answers for ever, and
-            // must not do so every tick.
+            // Unsolicited output takes time here: two drives with the same address may answer each other's
+            // answers forever, and must not do so every tick.
             (true, LineState::Free) => start + line.character() * burst.bytes.len() as u64,
             (true, _) => start + Duration::TICK,
         };
@@ -291,7 +291,7 @@ impl Bench {
         }
     }
 
-    /// Records the characters of a transmission; `number` identifies it where characters may collide.
+    /// Records the characters of a transmission; `number` identifies it if characters may collide.
     pub(super) fn record(
         &mut self,
         bus: u32,
@@ -318,7 +318,7 @@ impl Bench {
         });
     }
 
-    /// Cancels the characters that a drive has not sent yet, at power-off.
+    /// Cancels the characters that a drive has not sent yet when its power goes off.
     pub(super) fn cancel_output(&mut self, index: u32) {
         let now = self.now;
         for port in (0..self.spec(DriveId(index)).ports.len() as u8).map(Port) {
@@ -332,7 +332,7 @@ impl Bench {
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).serial(port));
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let serial_line = &mut self.buses[bus as usize];
-            // Delayed replies and noise still come.
+            // Delayed replies and noise are still delivered.
             let delay = serial_line.disturbance.faults().delay;
             let until = now + delay;
             serial_line.sends_until = (sends_until + delay).max(serial_line.held_up);

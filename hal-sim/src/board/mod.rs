@@ -1,4 +1,4 @@
-//! Simulated hardware for firmware and drivers over embedded-hal.
+//! Simulated hardware for firmware and for drivers that use embedded-hal.
 
 pub mod spi;
 pub mod virtual_board;

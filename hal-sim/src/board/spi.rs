@@ -1,4 +1,4 @@
-//! Chips on an SPI bus, so that drivers over embedded-hal operate them on the host.
+//! Chips on an SPI bus, so that drivers written for embedded-hal can use them on the host.
 
 use std::cell::{RefCell, RefMut};
 use std::convert::Infallible;
@@ -7,21 +7,21 @@ use std::rc::Rc;
 use drivetwin_firmware::counter::{Ls7366r, Transmission};
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 
-/// An LS7366R with a slave select of its own; clones are the same chip.
+/// An LS7366R with its own slave select; clones are the same chip.
 ///
-/// A transaction takes no time: it happens when the counter is, so call its
-/// [`timeout`](Ls7366r::timeout) before.
+/// A transaction takes no time. It happens at the present time of the counter, so call
+/// [`timeout`](Ls7366r::timeout) on the counter first.
 #[derive(Clone, Debug)]
 pub struct Counter(Rc<RefCell<Ls7366r>>);
 
 impl Counter {
-    /// Puts a counter on the bus.
+    /// Makes a handle of a counter that is on the bus.
     #[must_use]
     pub fn new(counter: Ls7366r) -> Self {
         Self(Rc::new(RefCell::new(counter)))
     }
 
-    /// The counter, whose pins a test drives.
+    /// The counter; a test drives the pins of the counter through it.
     ///
     /// # Panics
     ///
@@ -50,7 +50,7 @@ impl SpiDevice for Counter {
                         transmission.exchange(*byte);
                     }
                 }
-                // The longer of the two determines the length.
+                // The longer of the two buffers determines the length.
                 Operation::Transfer(read, written) => {
                     for index in 0..read.len().max(written.len()) {
                         let miso = transmission.exchange(written.get(index).copied().unwrap_or(0));
@@ -75,7 +75,7 @@ impl SpiDevice for Counter {
 mod tests {
     use super::*;
 
-    /// RD MDR0, WR MDR0, CLR MDR0.
+    /// Instructions: read, write and clear MDR0.
     const RD: u8 = 0x48;
     const WR: u8 = 0x88;
     const CLR: u8 = 0x08;

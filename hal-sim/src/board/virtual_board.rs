@@ -1,8 +1,8 @@
-//! Simulated hardware of a board: a clock, UARTs, pins and a memory that implement embedded-hal, embedded-io and
-//! embedded-storage. The [shell](drivetwin_firmware::shell) of a board runs on it on the host, on virtual time, and
-//! all outputs are recorded.
+//! Simulated hardware of a board: a clock, UARTs, pins and a memory that implement embedded-hal, embedded-io
+//! and embedded-storage. On the host, the [shell](drivetwin_firmware::shell) of a board runs on this hardware
+//! in virtual time. All outputs are recorded.
 //!
-//! A [`Board`] is a handle; clones of it, its UARTs, pins and memory share one state.
+//! A [`Board`] is a handle: its clones, UARTs, pins and memory share one state.
 
 use std::cell::{Ref, RefCell};
 use std::collections::VecDeque;
@@ -16,35 +16,35 @@ use embedded_hal::digital;
 use embedded_io::ErrorType;
 use embedded_storage::{ReadStorage, Storage};
 
-/// Characters that a UART takes before the first of them has left.
+/// Maximum number of characters in a UART that have not left completely.
 const FIFO: usize = 16;
 
-/// Output of a simulated board, with its data.
+/// A recorded output of a simulated board.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Done {
-    /// Characters left back to back, from the stamp on.
+    /// Characters that left back to back; the timestamp is the start of the first one.
     Sent(Port, Vec<u8>),
     /// A message left on a TCP connection.
     Message(Port, Link, Vec<u8>),
     /// The drive closed a TCP connection.
     Closed(Port, Link),
-    /// A line changed.
+    /// The serial settings of a port changed.
     Line(Port, Line),
     /// A pin changed, to high or low.
     Level(Pin, bool),
-    /// The memory took bytes at an offset.
+    /// Bytes were stored in the memory at an offset.
     Stored(u32, Vec<u8>),
-    /// An axis was given a plan.
+    /// An axis received a plan.
     Planned(Axis, Plan),
     /// An axis made steps without a plan.
     Stepped(Axis, i32),
-    /// An axis was given a current, in mA.
+    /// An axis received a current limit, in mA.
     Current(Axis, u32),
-    /// An axis was given a duty, in 1/65536.
+    /// An axis received a duty, in 1/65536.
     Duty(Axis, i32),
 }
 
-/// A simulated board: inputs caught by interrupts, recorded outputs, and the time.
+/// A simulated board: inputs queued by interrupts, recorded outputs, and the time.
 #[derive(Clone, Debug)]
 pub struct Board(Rc<RefCell<State>>);
 
@@ -56,16 +56,17 @@ struct State {
     came: VecDeque<(Instant, Port, Link, LinkEvent, Adu)>,
     done: Vec<(Instant, Done)>,
     uarts: Vec<Line>,
-    /// Time at which each UART has sent all that it took, and where that began.
+    /// For each UART: time at which its last queued character has left, and index in `done` of its present
+    /// [`Done::Sent`].
     busy: Vec<Option<(Instant, usize)>>,
     levels: Vec<bool>,
     memory: Vec<u8>,
-    /// Bytes that the memory still takes before the power fails.
+    /// Number of bytes that the memory still stores before the power fails; `None`: no power failure.
     cut: Option<usize>,
 }
 
 impl Board {
-    /// A board with the ports and pins of `spec`, and this memory.
+    /// A board with the ports and pins of `spec`, and `memory` as the content of its memory.
     #[must_use]
     pub fn new(spec: &Spec, memory: Vec<u8>) -> Self {
         let lines: Vec<Line> = spec.ports.iter().filter_map(|port| port.line).collect();
@@ -95,20 +96,20 @@ impl Board {
         }
     }
 
-    /// Adds an input that an interrupt catches at `at`, not before any earlier one.
+    /// Queues an input that an interrupt receives at `at`. Inputs must be added in the order of their times.
     pub fn catch(&self, at: Instant, caught: BoardEvent) {
         self.0.borrow_mut().caught.push_back((at, caught));
     }
 
-    /// Adds an event of a TCP connection at `at`, not before any earlier one.
+    /// Queues an event of a TCP connection at `at`. Events must be added in the order of their times.
     pub fn come(&self, at: Instant, port: Port, link: Link, came: LinkEvent) {
         self.0.borrow_mut().came.push_back((at, port, link, came, Adu::new()));
     }
 
-    /// Adds a message on a TCP connection, like [`come`](Self::come).
+    /// Queues a message on a TCP connection, like [`come`](Self::come).
     ///
     /// # Panics
-    /// If it is longer than the buffer of a board.
+    /// If the message is longer than the buffer of a board.
     pub fn say(&self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
         let message = Adu::from_slice(bytes).expect("no more than comes at once");
         self.0.borrow_mut().came.push_back((at, port, link, LinkEvent::Message, message));
@@ -120,7 +121,7 @@ impl Board {
         state.now = state.now.max(now);
     }
 
-    /// Time at which a UART that was full has room again; [`Instant::NEVER`] if none is full.
+    /// Earliest time at which a full UART has room again; [`Instant::NEVER`] if none is full.
     #[must_use]
     pub fn room_at(&self) -> Instant {
         let state = self.0.borrow();
@@ -128,7 +129,7 @@ impl Board {
         ports.map(|port| state.room_at(port)).filter(|&at| at > state.now).min().unwrap_or(Instant::NEVER)
     }
 
-    /// Time of the oldest waiting input; [`Instant::NEVER`] if there is none.
+    /// Time of the oldest queued input; [`Instant::NEVER`] if there is none.
     #[must_use]
     pub fn caught_at(&self) -> Instant {
         let state = self.0.borrow();
@@ -137,7 +138,7 @@ impl Board {
         caught.into_iter().chain(came).min().unwrap_or(Instant::NEVER)
     }
 
-    /// Outputs so far, with stamps that ascend.
+    /// Outputs so far, in the order of their timestamps.
     pub fn done(&self) -> Ref<'_, [(Instant, Done)]> {
         Ref::map(self.0.borrow(), |state| state.done.as_slice())
     }
@@ -148,8 +149,8 @@ impl Board {
         self.0.borrow().memory.clone()
     }
 
-    /// The power will fail when the memory has taken `bytes` more: the rest of that write, and every
-    /// later one, is lost.
+    /// Lets the power fail after the memory has stored `bytes` more bytes. The rest of that write and all
+    /// later writes are lost.
     pub fn cut_after(&self, bytes: usize) {
         self.0.borrow_mut().cut = Some(bytes);
     }
@@ -163,7 +164,7 @@ impl State {
         *free - line.character() * (FIFO as u64 - 1)
     }
 
-    /// Takes what the UART has room for.
+    /// Queues as many characters as the UART has room for. Returns their number.
     fn send(&mut self, port: usize, bytes: &[u8]) -> usize {
         let (Some(line), Some(busy)) = (self.uarts.get(port), self.busy.get_mut(port)) else { return 0 };
         let character = line.character();
@@ -269,7 +270,7 @@ impl Outputs for SimOutputs {
     }
 }
 
-/// A UART: what it takes leaves at the rate of its line.
+/// A UART that sends queued characters at the baud rate of its serial line.
 #[derive(Debug)]
 pub struct Uart(Board, usize);
 
@@ -294,7 +295,7 @@ impl embedded_io::WriteReady for Uart {
     }
 }
 
-/// TCP connections without limits, on which output is delivered at once.
+/// TCP connections without limits. Output is delivered at once.
 #[derive(Debug)]
 pub struct Network(Board);
 
@@ -370,11 +371,11 @@ impl digital::InputPin for WiredPin {
     }
 }
 
-/// A memory whose power may fail at any byte.
+/// A memory in which power may fail after any byte.
 #[derive(Debug)]
 pub struct Memory {
     board: Board,
-    /// Content that it would have if power never failed.
+    /// Content that the memory would have without a power failure.
     stored: Vec<u8>,
 }
 
@@ -472,7 +473,7 @@ mod tests {
         while shell.poll().is_ok() {}
         assert_eq!(shell.deadline(), reply);
         assert!(!board.done().iter().any(|(_, done)| matches!(done, Done::Sent(..))));
-        // 25 characters do not fit the buffer at once.
+        // The reply has 25 characters, more than the UART's buffer.
         board.set_now(reply);
         while shell.poll().is_ok() {}
         while board.room_at() != Instant::NEVER {
@@ -486,12 +487,13 @@ mod tests {
         assert_eq!(shell.failures(), 0);
     }
 
-    /// Steps that an MD3 from the factory makes of its J2.4, on a board where that pin is low from an instant on.
+    /// Steps of a factory-new MD3 on a board where its pin J2.4 goes low at `closed` and stays low.
     fn steps_of_a_contact(boot: Boot, closed: Instant) -> Vec<(Instant, i32)> {
         let j2_4 = Md3::new().spec().pin("J2.4").unwrap();
         let board = md3_board();
         let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), board.clone(), board.outputs());
-        // As the images do: the pins are read before power-on and stamped 0, and the loop begins then.
+        // The images of boards do the same: they read the pins before power-on and stamp them with time 0,
+        // when the loop begins.
         board.catch(closed, BoardEvent::Edge(j2_4, false));
         shell.power_on(Instant::ZERO, boot);
         for now in [Instant::ZERO, closed, Instant::from(10.secs())] {
@@ -521,8 +523,9 @@ mod tests {
         );
     }
 
-    /// Asks a QSB-M for its version, so many times without a pause, with a loop that comes only when all has been
-    /// caught; so many characters may wait. Returns what left its UART, once the banner is gone, and the failures.
+    /// Sends a QSB-M `commands` requests for its version without a pause. The loop first runs after all of
+    /// them have arrived. The queue for output has room for `CHARACTERS` characters. Returns the characters
+    /// that left the UART after the banner, and the number of failures.
     fn ask_at_once<const CHARACTERS: usize>(commands: usize) -> (Vec<(Instant, Vec<u8>)>, u32) {
         let board = Board::new(Qsb::m().spec(), vec![0xFF; drivetwin_firmware::qsb::MEMORY]);
         let boot = Boot { fast: true, ..Boot::default() };
@@ -578,7 +581,7 @@ mod tests {
         assert_eq!(all.len() / ANSWER.len() + failures as usize, FIT + 10);
     }
 
-    /// An echo with power, on a board.
+    /// An echo device that is powered on, on a board.
     fn powered(echo: EchoDevice) -> (Board, Shell<EchoDevice, Board, SimOutputs>) {
         let board = Board::new(echo.spec(), Vec::new());
         let mut shell = Shell::new(echo, board.clone(), board.outputs());
@@ -597,7 +600,7 @@ mod tests {
         board.come(second(3), MCODE, Link(0), LinkEvent::Closed);
         board.say(second(4), MCODE, Link(1), b"x");
         assert!(shell.poll().is_err(), "nothing has come");
-        // It sleeps no longer than until something comes.
+        // The shell sleeps only until the next event arrives.
         for n in 1..=4 {
             assert_eq!(shell.deadline(), second(n));
             board.set_now(second(n));
@@ -607,7 +610,7 @@ mod tests {
         let expected = [
             output(1, 0, b">"),
             output(2, 1, b">"),
-            // Once, because the closing is reported to the drive one second later.
+            // One `T` only, because the drive learns of the closing one second later.
             output(2, 0, b"T"),
             output(2, 1, b"a"),
             (second(4), Done::Closed(MCODE, Link(1))),
@@ -620,7 +623,7 @@ mod tests {
     fn what_comes_by_tcp_waits_for_no_deadline_and_no_deadline_for_it() {
         const TEN_MS: Duration = Duration::millis(10);
         let (board, mut shell) = powered(EchoDevice { ring: Some(TEN_MS), ..EchoDevice::default() });
-        // The loop is late: three deadlines are over, and a client has connected and sent messages.
+        // The loop is late: three deadlines have passed, and a client has connected and sent messages.
         let late = Instant::ZERO + TEN_MS * 3;
         board.come(late, MCODE, Link(0), LinkEvent::Opened);
         board.say(late, MCODE, Link(0), b"a");
@@ -643,7 +646,7 @@ mod tests {
 
         const HOUR: Duration = Duration::secs(3_600);
 
-        /// All of a board but its network.
+        /// Outputs of a board without a network.
         struct Alone(SimOutputs);
 
         impl Outputs for Alone {

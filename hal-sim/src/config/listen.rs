@@ -38,7 +38,7 @@ impl fmt::Display for Uri {
     }
 }
 
-/// Returns whether a text is `HOST:PORT`.
+/// Returns true if a text is `HOST:PORT`.
 #[must_use]
 pub fn is_host_and_port(text: &str) -> bool {
     text.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
@@ -48,7 +48,7 @@ impl FromStr for Listen {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // A port's name ends before the scheme of the URI; a link's name may hold anything.
+        // The name of a port is before the scheme of the URI. The path of a link may contain any character.
         let (port, uri) = match text.split_once('=') {
             Some((port, uri)) if !port.contains(':') => (Some(port.to_owned()), uri),
             _ => (None, text),

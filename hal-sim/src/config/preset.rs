@@ -1,4 +1,4 @@
-//! Registers set by name, past the bus: `--set REG=VALUE` and the control API.
+//! Presets: registers set by name, not through the bus, with `--set REG=VALUE` and the control API.
 
 use std::iter::repeat;
 
@@ -13,7 +13,7 @@ use crate::value::Value;
 pub struct Preset {
     /// Row of the register map.
     pub row: usize,
-    /// Half of the register to set; `None`: the whole.
+    /// Half of the register to set; `None`: the whole register.
     half: Option<Half>,
     value: i64,
 }
@@ -26,10 +26,10 @@ enum Half {
 }
 
 impl Preset {
-    /// `value` for the register called `name`.
+    /// Preset of `value` for the register called `name`.
     ///
     /// # Errors
-    /// One sentence: there is no such register, or it does not take the value.
+    /// One sentence: there is no such register, or the register does not take the value.
     pub fn new(spec: &Spec, name: &str, value: &Number) -> Result<Self, String> {
         let Place { row, half, shape, is } = Place::find(spec, name)?;
         let (least, greatest) = shape.limits();
@@ -79,13 +79,13 @@ impl Preset {
         Some(Ok(presets.map(|(&row, part)| Self { row, half: None, value: registers::text(part) }).collect()))
     }
 
-    /// Returns whether it sets only a half of the register.
+    /// Returns true if the preset sets only a half of the register.
     pub fn is_half(&self) -> bool {
         self.half.is_some()
     }
 
-    /// Checks that a save stores all bits of the preset: of some registers only some bits are saved, and others would
-    /// be lost before the drive has started.
+    /// Checks that a save stores all bits of the preset. Of some registers only some bits are saved; the
+    /// others would be lost before the drive has started.
     ///
     /// # Errors
     /// One sentence that names the bits that can be preset.
@@ -102,7 +102,7 @@ impl Preset {
         Err(format!("of {} only {bits} can be preset, so it cannot be {}", row.name, self.value))
     }
 
-    /// New value of the register, whose present value is `old`.
+    /// New value of a register whose present value is `old`.
     pub fn onto(&self, spec: &Spec, old: i64) -> i64 {
         let pair = match self.half {
             None => return self.value,
@@ -114,11 +114,11 @@ impl Preset {
     }
 }
 
-/// Meaning of a name.
+/// Register, or half of a register, that a name means.
 struct Place {
     row: usize,
     half: Option<Half>,
-    /// Value of the half, or of the whole.
+    /// Shape of the half, or of the whole register.
     shape: Shape,
     is: &'static Row,
 }
@@ -132,7 +132,7 @@ impl Place {
                 return format!("{name} is a register of other variants; {} does not have it", spec.kind);
             }
             let what = format!("register of {}", spec.kind);
-            // With the prefix if that was typed.
+            // The names in the message have the prefix if the user typed it.
             let prefix = if name.starts_with(spec.prefix) { spec.prefix } else { "" };
             let names: Vec<_> = spec.rows().map(|(_, row)| format!("{prefix}{}", row.name)).collect();
             suggest::unknown(&what, name, names.iter().map(String::as_str))
@@ -146,10 +146,10 @@ impl Place {
     }
 }
 
-/// Characters of a row of text.
+/// Number of characters in a row of text.
 const CHARACTERS: usize = 8;
 
-/// The rows of the text called `name`.
+/// The rows of text called `name`, or `name` followed by a digit from 1 to 9.
 fn text_rows<'a>(spec: &'a Spec, name: &'a str) -> impl Iterator<Item = usize> + 'a {
     let is_part = move |row: &Row| {
         row.name.strip_prefix(name).is_some_and(|part| matches!(part.as_bytes(), [] | [b'1'..=b'9']))
@@ -162,9 +162,9 @@ fn text_rows<'a>(spec: &'a Spec, name: &'a str) -> impl Iterator<Item = usize> +
 pub enum Number {
     /// A number.
     Decimal(i64),
-    /// The bits of a number: `0xFFFF` is −1 where the register is a signed word.
+    /// The bits of a number: `0xFFFF` is −1 if the register is a signed word.
     Bits(i64),
-    /// Words, in bus order, of a register that has words with a meaning each.
+    /// Words in bus order, for a register whose words have a meaning each.
     Words(Vec<i64>),
 }
 
@@ -188,15 +188,15 @@ impl Number {
             return text.split(',').map(word).collect::<Option<_>>().map(Self::Words);
         }
         match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
-            // Not `0x-5`, which `from_str_radix` would take.
+            // `from_str_radix` would accept a sign, as in `0x-5`.
             Some(digits) if digits.starts_with(['+', '-']) => None,
             Some(digits) => i64::from_str_radix(digits, 16).ok().map(Self::Bits),
             None => text.parse().ok().map(Self::Decimal),
         }
     }
 
-    /// Converts to a value of a shape; excess bits are kept, so that the value is refused later. `None` if the number
-    /// of words differs.
+    /// Converts to a value of a shape. Excess bits are kept, so that the value is refused later. `None` if
+    /// the number of words is wrong.
     fn shaped(&self, entries: &Entries, shape: Shape) -> Option<i64> {
         match (self, shape) {
             (Self::Words(words), Shape::Words(count)) => {
@@ -226,12 +226,12 @@ impl Number {
     }
 }
 
-/// A word that may be written with a sign.
+/// A word, which may also be written as a negative number.
 fn bits_of(word: i64) -> Option<u16> {
     u16::try_from(word).ok().or_else(|| i16::try_from(word).ok().map(i16::cast_unsigned))
 }
 
-/// Legal values of a row, or of a half of it, as text.
+/// Legal values of a row, or of a half of a row, as text for messages.
 fn takes(row: &Row, half: Option<Half>) -> String {
     if half.is_some() {
         let (least, greatest) = Shape::U16.limits();
@@ -281,7 +281,7 @@ mod tests {
     use super::*;
 
     drivetwin_protocol::registers! {
-        /// A toy's map.
+        /// A register map for tests.
         enum Reg: HighFirst {
             /// Bus address.
             DeviceAddress = rw(0x00, "1").reset(1).range(1, 247).saved(),
@@ -289,9 +289,9 @@ mod tests {
             Speed = rw(0x14, "2").i32().reset(5_000).saved(),
             /// A code.
             Mode = rw(0x20, "3").one_of(&[0, 3]),
-            /// Some of it is saved.
+            /// Only some bits are saved.
             Control = rw(0x21, "4").saved_bits(0x0020),
-            /// Only of another variant.
+            /// Only in another variant.
             Jog = rw(0x22, "5").only(2),
         }
     }
@@ -333,7 +333,7 @@ mod tests {
             let preset = Preset::new(&spec, name, &Number::parse(value).unwrap())?;
             Ok::<_, String>(preset.onto(&spec, 0))
         };
-        // The low word first.
+        // The low word comes first.
         assert_eq!(set("PID_FUNC_SPEED", "1000,10"), Ok(10 << 16 | 1_000));
         assert_eq!(set("FUNC_POSI", "0x5DC, -240"), Ok(0xFF10 << 16 | 1_500));
         assert_eq!(set("SPEED_LIMIT", "512,512"), Ok(512 << 16 | 512));
@@ -353,15 +353,15 @@ mod tests {
     fn text_fills_the_rows_of_its_name() {
         use drivetwin_protocol::registers::{Register, text};
         drivetwin_protocol::registers! {
-            /// A map with a name of two halves.
+            /// A map in which a text has two rows.
             enum Named: HighFirst {
-                /// A half.
+                /// First row of the text.
                 Name1 = setting(1, "1").text().reset(text(b"ABCDEFGH")),
-                /// The other half.
+                /// Second row of the text.
                 Name2 = setting(5, "1").text(),
-                /// A name of its own.
+                /// Another text, with one row.
                 Short = setting(9, "1").text().only(1),
-                /// No text.
+                /// Words, no text.
                 Name3 = setting(13, "1").words(4),
             }
         }

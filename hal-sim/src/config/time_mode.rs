@@ -14,7 +14,7 @@ const FASTEST: u32 = 1000;
 /// Relation of bench time to the wall clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TimeMode {
-    /// Bench time runs that many times as fast as the wall clock.
+    /// Bench time runs this many times as fast as the wall clock.
     Times(u32),
     /// Bench time is stopped, except for the time that a request or a call needs.
     Manual,

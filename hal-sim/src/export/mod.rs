@@ -1,4 +1,4 @@
-//! Files for other programs, from recordings: waveforms and frames.
+//! Export of recordings as files for other programs: waveforms and frames.
 
 pub mod pcapng;
 pub mod vcd;

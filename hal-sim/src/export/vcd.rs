@@ -1,18 +1,19 @@
-//! Waveforms of the pins: VCD (IEEE 1364-2001, section 18), as GTKWave and its like read it.
+//! Waveforms of the pins as a VCD file (IEEE 1364-2001, section 18), for GTKWave and similar programs.
 //!
-//! The unit is 100 ps, the coarsest one of the format in which a tick of 62.5 ns is whole: 625 of them. Each drive is
-//! a scope, each of its pins a wire; analogue inputs are reals in volts. Names are those of drives and pins, with `_`
-//! for any character that is neither letter nor digit, because readers take a dot for a level of hierarchy: `J2.5` is
-//! `J2_5`.
+//! The unit is 100 ps, the coarsest unit of the format that divides a tick of 62.5 ns: a tick is 625 units.
+//! Each drive is a scope, each of its pins is a wire, and analogue inputs are reals in volts. Names are those
+//! of drives and pins. Every character that is neither letter nor digit is replaced by `_`, because readers
+//! take a dot for a level of hierarchy: `J2.5` becomes `J2_5`.
 //!
 //! | value | what a probe at the pin sees |
 //! |---|---|
 //! | `0` `1` | the output of the drive, else the stimulus from outside, else the idle level |
 //! | `z` | floating: a released output or an open input, without a wire |
-//! | `x` `nan` | unknown: the drive has no power, or its events are lost |
+//! | `x` `nan` | unknown: the drive has no power, or its events were lost |
 //!
-//! Edges of STEP and DIR are computed from the plans of the axes, those of lights and clocks from their waves, while
-//! the file is written. Of several changes of a pin at one instant the last one is written.
+//! While the file is written, edges of STEP and DIR are computed from the plans of the axes, and edges of
+//! lights and clocks from their waves. If a pin changes several times at one instant, only the last change is
+//! written.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -29,7 +30,7 @@ use crate::signals::pulses::{Lent, Shaper, StepDir};
 const TIMESCALE: &str = "100 ps";
 const UNITS_PER_TICK: u128 = 625;
 
-/// Bytes of text that are written at once; at most as many again are buffered.
+/// Number of bytes of text that are written at once; at most as many again are buffered.
 const CHUNK: usize = 64 << 10;
 
 /// Writes all waveforms of a trace.
@@ -42,25 +43,25 @@ pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
     waves.finish()
 }
 
-/// Writer of a VCD file while a trace grows. It holds only the present state of the pins.
+/// Writer of a VCD file while a trace grows. It keeps only the present state of the pins.
 pub struct Waves<W> {
     out: W,
-    /// Whole lines that are not written yet.
+    /// Complete lines that are not written yet.
     text: Vec<u8>,
     wires: Vec<VcdVar>,
     motors: Vec<Motor>,
-    /// The drives of the trace.
+    /// The drives of the trace, by index.
     drives: Vec<Drive>,
-    /// Drives that are not added yet, the next one last.
+    /// Drives that are not added yet, and the time of each; the next one is last.
     not_added: Vec<(Instant, usize)>,
-    /// Next change of each wire, followed by that of each motor.
+    /// Next change of each wire, then next change of each motor.
     edges: Tournament,
     now: Instant,
     /// Wires that may have changed at `now`.
     changed: Vec<usize>,
-    /// The last instant in the file.
+    /// The last time that was written to the file.
     stamped: Option<Instant>,
-    /// Events taken from the trace.
+    /// Number of events taken from the trace.
     taken: u64,
     /// Time that the trace has reached.
     end: Instant,
@@ -79,19 +80,19 @@ struct Motor {
     step: usize,
     dir: usize,
     shaper: Shaper,
-    /// Outputs that the drive uses itself.
+    /// Outputs that the drive uses for other purposes now.
     lent: Lent,
 }
 
 /// A pin.
 struct VcdVar {
     pin: &'static PinSpec,
-    /// Code of the wire in the file.
+    /// Code that identifies the wire in the file.
     code: String,
-    /// True while its waveform is known.
+    /// True if the waveform is known now.
     known: bool,
     drives: PinOutput,
-    /// Stimulus from outside, if there is one, in mV.
+    /// Stimulus from outside in mV, if there is one.
     applied: Option<i32>,
     /// Value that was written last.
     shown: Option<Value>,
@@ -156,7 +157,8 @@ impl<W: Write> Waves<W> {
         })
     }
 
-    /// Writes the events since the last call. The last instant waits, since more may happen in it.
+    /// Writes the events since the last call. Changes at the last instant are held back, because more may
+    /// happen at that instant.
     ///
     /// # Errors
     /// Errors of the writer.
@@ -176,24 +178,24 @@ impl<W: Write> Waves<W> {
         self.write_text()
     }
 
-    /// Ends the file where the trace has come to.
+    /// Ends the file at the end of the trace.
     ///
     /// # Errors
     /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.tell_changes();
-        // So that the file shows how far it goes.
+        // This last time shows how far the file goes.
         self.stamp(self.end.max(self.now));
         self.write_text()?;
         self.out.flush()
     }
 
-    /// Takes an event.
+    /// Applies an event of the trace.
     fn happen(&mut self, entry: &Entry) -> io::Result<()> {
         if let Event::Output(output) = &entry.event
             && matches!(output.group(), Group::Tx | Group::Line)
         {
-            // No pin shows it, and its stamp may lie ahead.
+            // These outputs are not visible at a pin, and their timestamps may be in the future.
             return Ok(());
         }
         self.run_until(entry.at)?;
@@ -228,7 +230,8 @@ impl<W: Write> Waves<W> {
         Ok(())
     }
 
-    /// Handles a change of power of a drive: all its pins are released, and stimuli are recorded again after power-on.
+    /// Handles a change of power of a drive: all its pins are released. After power-on the trace reports the
+    /// stimuli again.
     fn power(&mut self, drive: usize, on: bool) {
         let Some(drive) = self.drives.get(drive) else { return };
         for index in drive.wires.clone() {
@@ -251,7 +254,7 @@ impl<W: Write> Waves<W> {
         self.make_pulses(index);
     }
 
-    /// All edges of a motor up to now.
+    /// Applies all edges of a motor up to now.
     fn make_pulses(&mut self, index: usize) {
         let Motor { step, dir, shaper, lent, .. } = &mut self.motors[index];
         while shaper.take(self.now).is_some() {}
@@ -264,7 +267,8 @@ impl<W: Write> Waves<W> {
         self.edges.set((self.wires.len() + index) as u32, shaper.due());
     }
 
-    /// Marks the pulses of a motor as unknown: a text has where it goes, not when it steps.
+    /// Marks the pulses of a motor as unknown: a trace from text has the course of a motion, not the times of
+    /// its steps.
     fn lose(&mut self, drive: usize, axis: Axis) {
         let Some(index) = self.motor(drive, axis) else { return };
         let Motor { step, dir, .. } = self.motors[index];
@@ -274,7 +278,7 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// Sets the stimulus of a pin from outside, or none.
+    /// Sets the stimulus of a pin from outside, or removes it (`None`).
     fn set_stimulus(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
         let Some(index) = self.index(drive, pin) else { return };
         let wire = &mut self.wires[index];
@@ -282,7 +286,7 @@ impl<W: Write> Waves<W> {
         self.changed.push(index);
     }
 
-    /// A drive does something with a pin.
+    /// Handles an output of a drive at a pin.
     fn drive(&mut self, drive: usize, pin: Pin, drives: PinOutput) {
         let Some(index) = self.index(drive, pin) else { return };
         for motor in self.drives[drive].motors.clone() {
@@ -304,7 +308,7 @@ impl<W: Write> Waves<W> {
         self.drives.get(drive)?.motors.clone().find(|&index| self.motors[index].axis == axis)
     }
 
-    /// Marks all as unknown before `at`.
+    /// Advances to `at` and marks everything as unknown, because events before `at` are lost.
     fn forget(&mut self, at: Instant) -> io::Result<()> {
         self.not_added.retain(|(from, _)| *from > at);
         self.run_until(at)?;
@@ -314,7 +318,7 @@ impl<W: Write> Waves<W> {
         Ok(())
     }
 
-    /// Goes to `to`, and makes what edges there are up to then.
+    /// Advances to `to`: adds drives, and applies all edges up to then.
     fn run_until(&mut self, to: Instant) -> io::Result<()> {
         while let Some((from, drive)) = self.not_added.pop_if(|(from, _)| *from <= to) {
             self.make_edges(from)?;
@@ -340,7 +344,7 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// Time goes on to `at`; what was before is settled.
+    /// Advances the time to `at`. Changes at the previous time are complete, so they are written.
     fn pass(&mut self, at: Instant) -> io::Result<()> {
         if at <= self.now {
             return Ok(());
@@ -350,7 +354,7 @@ impl<W: Write> Waves<W> {
         if self.text.len() < CHUNK { Ok(()) } else { self.write_text() }
     }
 
-    /// Tells what has changed by now; the first time, everything.
+    /// Writes the wires whose values have changed by now; at the first call, all wires.
     fn tell_changes(&mut self) {
         let first = self.stamped.is_none();
         if first {
@@ -375,7 +379,7 @@ impl<W: Write> Waves<W> {
         }
     }
 
-    /// Writes the time of what follows.
+    /// Writes the time of the changes that follow, unless it is already written.
     fn stamp(&mut self, at: Instant) {
         if self.stamped != Some(at) {
             self.stamped = Some(at);
@@ -420,7 +424,7 @@ impl VcdVar {
 }
 
 impl fmt::Display for Value {
-    /// Text before the code of the wire.
+    /// Text that is written before the code of the wire.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Bit(bit) => write!(f, "{bit}"),
@@ -430,7 +434,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Code of a wire by its index: printable characters, as few as possible.
+/// Code of a wire from its index: as few printable characters as possible.
 fn code(index: usize) -> String {
     const FIRST: u8 = b'!';
     const COUNT: usize = (b'~' - FIRST) as usize + 1;
@@ -445,7 +449,7 @@ fn code(index: usize) -> String {
     }
 }
 
-/// Names that every reader takes, each of them once.
+/// Unique names that every reader accepts.
 fn names<'a>(given: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for given in given {
@@ -482,7 +486,7 @@ mod tests {
         String::from_utf8(text).unwrap()
     }
 
-    /// The changes behind the header, one line an instant.
+    /// The changes after the header, one text for each instant.
     fn changes(trace: &Trace) -> Vec<String> {
         let text = text(trace);
         let (_, changes) = text.split_once("$enddefinitions $end").unwrap();
@@ -575,7 +579,7 @@ r2.5 \"
 
     #[test]
     fn what_is_lost_is_unknown_until_it_is_told() {
-        // Room for a few events only.
+        // The ring has room for a few events only.
         let mut bench = Bench::with(Settings { trace: Retention::Ring(1_000), ..Settings::default() });
         let toy = bench.add::<TestDevice>("toy");
         bench.run_until(1.millis());

@@ -1,4 +1,4 @@
-//! Clients of lines: bytes that wait to be sent, characters that wait to be read.
+//! Clients of lines: bytes that wait to be sent, and characters that wait to be read.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -11,18 +11,18 @@ use crate::ids::DriveId;
 #[derive(Default)]
 pub(crate) struct ClientState {
     pub(crate) bus: u32,
-    /// Arrival order of the last bytes before it connected.
+    /// Arrival order of the last bytes on the bench before the client connected.
     since: u64,
-    /// True once it has left, and only its complete frames are still sent.
+    /// True once the client has left. Only its complete frames are still sent.
     pub(crate) left: bool,
-    /// True if its port times characters itself, so that replies are delivered at once.
+    /// True if the client's port times characters itself, so that replies are delivered at once.
     pub(crate) paces_itself: bool,
     pub(crate) sender: Sender,
     /// Bytes that are not on the line yet.
     pub(super) bytes: VecDeque<u8>,
-    /// Arrival of the bytes, in pieces.
+    /// Arrival times of `bytes`; one entry for bytes that arrived together.
     pub(super) arrivals: VecDeque<Arrival>,
-    /// Received characters, by the time of their end.
+    /// Received characters, sorted by the time of their end.
     inbox: VecDeque<RxChar>,
 }
 
@@ -34,11 +34,11 @@ struct RxChar {
     byte: u8,
     /// The drive that sends it, if any.
     from: Option<DriveId>,
-    /// True once it has collided: a further collision does not change it.
+    /// True once the character has collided: a further collision does not change it.
     collided: bool,
 }
 
-/// Characters for clients, without gaps from `start` on.
+/// Characters for clients, back to back from `start` on.
 #[derive(Clone, Copy)]
 pub(crate) struct RxBurst<'a> {
     pub(crate) start: Instant,
@@ -51,17 +51,17 @@ pub(crate) struct RxBurst<'a> {
 /// Bytes that arrived together.
 #[derive(Clone, Copy)]
 pub(super) struct Arrival {
-    /// Arrival order.
+    /// Position in the order of all arrivals on the bench.
     order: u64,
     pub(super) at: Instant,
     pub(super) count: usize,
     flags: CharFlags,
 }
 
-/// Flags of a character that a client sends on a line with timed characters.
+/// Flags of a character on a line with timed characters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct CharFlags {
-    /// Noise, not sent by a client.
+    /// Noise, which no client has sent.
     pub(crate) noise: bool,
     /// Received with a parity or framing error.
     pub(crate) unreadable: bool,
@@ -79,12 +79,12 @@ impl ClientState {
         self.arrivals.push_back(Arrival { order, at, count: bytes.len(), flags });
     }
 
-    /// Flags of its first waiting byte.
+    /// Flags of the first waiting byte.
     pub(crate) fn flags(&self) -> CharFlags {
         self.arrivals.front().map(|arrival| arrival.flags).unwrap_or_default()
     }
 
-    /// Arrival order of its first waiting byte.
+    /// Arrival order of the first waiting byte.
     pub(crate) fn order(&self) -> Option<u64> {
         self.arrivals.front().map(|arrival| arrival.order)
     }
@@ -94,7 +94,7 @@ impl ClientState {
         self.bytes.len()
     }
 
-    /// Takes the first waiting bytes.
+    /// Takes the first `length` waiting bytes.
     pub(crate) fn take(&mut self, length: usize) -> Vec<u8> {
         let mut left = length;
         while let Some(arrival) = self.arrivals.front_mut()
@@ -109,13 +109,13 @@ impl ClientState {
         self.bytes.drain(..length).collect()
     }
 
-    /// Adds a received character. The characters of two drives that send at once are mixed.
+    /// Adds a received character. If two drives send at the same time, their characters are interleaved.
     fn push(&mut self, rx_char: RxChar) {
         let place = self.inbox.partition_point(|other| other.end <= rx_char.end);
         self.inbox.insert(place, rx_char);
     }
 
-    /// Corrupts the characters on their way to it that are on the line between `from` and `until`.
+    /// Corrupts the unread characters that are on the line between `from` and `until`.
     pub(crate) fn garble(
         &mut self,
         from: Instant,
@@ -135,7 +135,7 @@ impl ClientState {
         self.inbox.retain(|rx_char| rx_char.end <= at || rx_char.from != Some(drive));
     }
 
-    /// End of the next character for it.
+    /// End of the next character for the client.
     fn due(&self) -> Instant {
         self.inbox.front().map_or(Instant::NEVER, |rx_char| rx_char.end)
     }
@@ -148,8 +148,8 @@ impl ClientState {
     }
 }
 
-/// All clients of lines, and when each can read a character. There may be thousands, of which few receive characters
-/// at a time.
+/// All clients of lines, and the time at which each can read a character. There may be thousands of clients,
+/// of which few receive characters at a time.
 #[derive(Default)]
 pub(crate) struct Clients {
     all: BTreeMap<u32, ClientState>,
@@ -176,12 +176,12 @@ impl Clients {
         Some(state)
     }
 
-    /// Returns whether a client connected after that point in the order of arrival.
+    /// Returns true if a client connected after the arrival with that number.
     pub(crate) fn came_after(&self, id: u32, order: u64) -> bool {
         self.all.get(&id).is_some_and(|state| state.since >= order)
     }
 
-    /// Disconnects a client: it receives nothing more, and stays only until its complete frames are sent.
+    /// Disconnects a client. It receives nothing more, and is removed once its complete frames are sent.
     pub(crate) fn leave(&mut self, id: u32) -> Option<&ClientState> {
         self.with_inbox(id, |state| state.inbox.clear());
         let state = self.all.get_mut(&id)?;
@@ -189,8 +189,9 @@ impl Clients {
         Some(state)
     }
 
-    /// Adds characters for a client; all of them at the start of the first one if its port times characters itself.
-    /// `garbage` returns the corrupt byte for a character that collides.
+    /// Adds characters for a client. If its port times characters itself, it receives all of them at the
+    /// start of the first one. `garbage` returns the corrupt byte for a character that collides, otherwise
+    /// `None`.
     pub(crate) fn push(&mut self, id: u32, burst: RxBurst<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
         let RxBurst { start, character, bytes, from } = burst;
         self.with_inbox(id, |state| {
@@ -227,7 +228,7 @@ impl Clients {
         self.readable.iter().take_while(move |&&(at, _)| at <= now).map(|&(_, id)| id)
     }
 
-    /// Changes the received characters of a client that has not left.
+    /// Calls `act` for a client that has not left, and updates `readable` afterwards.
     fn with_inbox<T>(&mut self, id: u32, act: impl FnOnce(&mut ClientState) -> T) -> Option<T> {
         let state = self.all.get_mut(&id).filter(|state| !state.left)?;
         let before = state.due();

@@ -1,4 +1,4 @@
-//! Characters that overlap on a line.
+//! Collisions: characters that overlap on a line.
 
 use drivetwin_firmware::device::{Duration, Instant, Line};
 
@@ -8,10 +8,10 @@ use crate::rng::Rng;
 /// Longest character: 12 bits at 50 baud.
 const LONGEST_CHARACTER: Duration = Duration::millis(240);
 
-/// Characters on a line on which they may overlap.
+/// Characters on a line where characters may overlap.
 pub(crate) struct CollisionTracker {
     spans: Vec<Span>,
-    /// Count of transmissions.
+    /// Number of transmissions so far.
     count: u32,
     /// Clients that have sent since the line was free (BENCH-15).
     pub(crate) transmitted: Vec<u32>,
@@ -20,10 +20,10 @@ pub(crate) struct CollisionTracker {
     rng: Rng,
 }
 
-/// Characters of one sender, without gaps.
+/// Characters of one sender, back to back.
 struct Span {
     number: u32,
-    /// The number of their frame in the capture.
+    /// Number of their frame in the capture.
     frame: u64,
     from: Instant,
     until: Instant,
@@ -31,14 +31,14 @@ struct Span {
 }
 
 impl CollisionTracker {
-    /// A tracker without characters, for the line of that name.
+    /// A tracker without characters, for the line with that name.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         let rng = Rng::new(seed, &format!("collisions on {line}"));
         Self { spans: Vec::new(), count: 0, transmitted: Vec::new(), free: Instant::ZERO, rng }
     }
 
-    /// Adds `count` characters from `from` on, which become `frame` of the capture. Returns the number of the
-    /// transmission.
+    /// Adds `count` characters from `from` on, which are frame number `frame` of the capture. Returns the
+    /// number of the transmission.
     pub(crate) fn add(
         &mut self,
         now: Instant,
@@ -54,7 +54,7 @@ impl CollisionTracker {
         self.count
     }
 
-    /// The frames that a transmission overlaps.
+    /// Frames in the capture that a transmission overlaps.
     pub(crate) fn overlapped(&self, number: u32) -> impl Iterator<Item = u64> {
         let own = self.spans.iter().find(|span| span.number == number);
         let meets = move |span: &&Span| {
@@ -63,15 +63,16 @@ impl CollisionTracker {
         self.spans.iter().filter(meets).map(|span| span.frame)
     }
 
-    /// Returns whether a character of a transmission that ends at `end` overlaps another one.
+    /// Returns true if the character of a transmission that ends at `end` overlaps characters of another
+    /// transmission.
     pub(crate) fn collides(&self, number: u32, end: Instant) -> bool {
         let own = self.spans.iter().find(|span| span.number == number);
         let began = own.map_or(end, |span| end - span.character);
         self.spans.iter().any(|span| span.number != number && span.from < end && span.until > began)
     }
 
-    /// Byte that clients receive for a character of a line that ends at `end` and overlaps another one: the same for
-    /// all clients, and never the character itself.
+    /// Byte that clients receive for a character that ends at `end` and overlaps another one. The byte is the
+    /// same for all clients, and differs from `byte`.
     pub(crate) fn garbage(&self, line: Line, end: Instant, byte: u8) -> u8 {
         let mut rng = self.rng.clone();
         rng.skip(end.ticks());

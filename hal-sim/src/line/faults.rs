@@ -1,4 +1,5 @@
-//! Faults of a line: frames lost, corrupted, duplicated, truncated, delayed, and noise between frames.
+//! Faults of a line: frames that are lost, corrupted, duplicated, truncated or delayed, and noise between
+//! frames.
 
 use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
@@ -13,9 +14,10 @@ pub const LONGEST_DELAY: Duration = Duration::secs(60);
 /// Range of [`LineFaults::baud`] in bits per second: 50 to 4,000,000.
 pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 
-/// Faults of a line, set by [`Bench::set_line_faults`](crate::bench::Bench::set_line_faults). Rates are shares of the
-/// frames, from 0 to 1, for requests and replies alike unless a field says otherwise. The default has no faults. On a
-/// line with timed characters, a frame is a write of a client, or an output of a drive.
+/// Faults of a line, set by [`Bench::set_line_faults`](crate::bench::Bench::set_line_faults). Rates are
+/// shares of the frames, from 0 to 1, and apply to requests and replies unless a field says otherwise. The
+/// default has no faults. On a line with timed characters, a frame is one write of a client or one output of
+/// a drive.
 ///
 /// ```
 /// use drivetwin_firmware::device::{Duration, Instant, Port};
@@ -42,26 +44,28 @@ pub struct LineFaults {
     /// Share of frames in which one data bit is inverted. On a line with parity, drives detect a parity error in that
     /// character (BENCH-11).
     pub corrupt: f64,
-    /// Share of frames that come twice: a reply again after an inter-frame gap, a request again after its answer, on a
-    /// line with timed characters at once. Replies that lag by half a second, because the line is full, come once.
+    /// Share of frames that are sent twice. A reply is repeated after an inter-frame gap, a request after its
+    /// answer; on a line with timed characters, a frame is repeated at once. Replies that are more than half
+    /// a second late because the line is full are sent once.
     pub duplicate: f64,
-    /// Share of frames whose end is missing: at least one character, and at most all but one.
+    /// Share of truncated frames. At least one character is missing, and at least one is sent.
     pub truncate: f64,
-    /// Share of replies with an address that no drive of the line has, and a valid checksum; only on Modbus lines.
+    /// Share of replies with a valid checksum and an address that no drive on the line has; only on Modbus
+    /// lines.
     pub wrong_address: f64,
     /// Share of requests that are not executed but answered with the exception `exception_code`; only on Modbus lines.
     pub exception: f64,
     /// Code of the exception, 1 to 255.
     pub exception_code: u8,
-    /// Share of frames after which, behind an inter-frame gap, one to eight characters of noise follow; not behind
-    /// replies that lag by half a second, because the line is full.
+    /// Share of frames that are followed, after an inter-frame gap, by one to eight characters of noise. No
+    /// noise follows replies that are more than half a second late because the line is full.
     pub noise: f64,
     /// Delay of every reply, up to 60 s ([`LONGEST_DELAY`]).
     pub delay: Duration,
     /// True if no reply is delivered.
     pub mute: bool,
-    /// Baud rate of the clients, 50 to 4,000,000 bits per second, whatever the settings of the drives. `None`: that of
-    /// the drives.
+    /// Baud rate of the clients, 50 to 4,000,000 bits per second, regardless of the drives' settings. `None`:
+    /// the baud rate of the drives.
     pub baud: Option<u32>,
 }
 
@@ -72,7 +76,7 @@ impl Default for LineFaults {
 }
 
 impl LineFaults {
-    /// No faults: all rates 0, no delay; the default.
+    /// No faults, the default: all rates are 0 and there is no delay.
     pub const NONE: Self = Self {
         drop: 0.0,
         corrupt: 0.0,
@@ -123,8 +127,8 @@ impl LineFaults {
         }
     }
 
-    /// Checks that a line with that port can have these faults: [`check`](Self::check), and `wrong_address` and
-    /// `exception` only on a Modbus line.
+    /// Checks that these faults are valid for a line with that port: all values pass [`check`](Self::check),
+    /// and `wrong_address` and `exception` are used only on a Modbus line.
     ///
     /// # Errors
     /// One sentence that names the fault and the reason.
@@ -140,7 +144,7 @@ impl LineFaults {
     }
 }
 
-/// Faults of a line, and the random streams for its frames.
+/// Faults of a line, and the random numbers for its frames.
 pub(crate) struct Disturbance {
     faults: LineFaults,
     /// True if there are no faults.
@@ -150,7 +154,7 @@ pub(crate) struct Disturbance {
 }
 
 impl Disturbance {
-    /// No faults yet, on the line of that name.
+    /// A line with that name, without faults.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         Self {
             faults: LineFaults::NONE,
@@ -203,20 +207,21 @@ pub(crate) struct FrameFaults {
     cut: Option<u64>,
     /// Random number for the inverted bit.
     flip: Option<u64>,
-    /// The frame comes twice.
+    /// The frame is sent twice.
     pub(crate) twice: bool,
     /// The frame has another address.
     pub(crate) wrong_address: bool,
     /// The request is refused with an exception.
     pub(crate) refused: bool,
-    /// Random number for the noise behind it.
+    /// Random number for the noise after the frame.
     noise: Option<u64>,
     /// Seed of the characters that a receiver at another baud rate reads.
     garbage: u64,
 }
 
 impl FrameFaults {
-    /// Random numbers per frame, whatever the faults are: so one rate does not change the effect of another (BENCH-10).
+    /// Number of random numbers per frame, regardless of the faults, so that one rate does not change the
+    /// effect of another (BENCH-10).
     const DRAWS: u64 = 11;
 
     fn draw(faults: &LineFaults, rng: &mut Rng) -> Self {
@@ -255,7 +260,7 @@ impl FrameFaults {
         text
     }
 
-    /// The noise behind the frame.
+    /// The noise after the frame, if any.
     pub(crate) fn noise(&self, line: Line) -> Option<Text> {
         let mut rng = Rng::branch(self.noise?);
         let mut text = Text::default();
@@ -269,8 +274,8 @@ impl FrameFaults {
         Some(text)
     }
 
-    /// Bytes that a receiver at `baud` bits per second reads for `count` characters of `line`: as many as fit into
-    /// their time, at most `count`.
+    /// Bytes that a receiver at `baud` bits per second reads in the time of `count` characters of `line`: as
+    /// many as fit into that time, but at most `count`.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
         let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
         let mut rng = Rng::branch(self.garbage);
@@ -283,7 +288,7 @@ pub(crate) fn data_bits(line: Line) -> u8 {
     if line.data == 7 { 0x7F } else { 0xFF }
 }
 
-/// Characters as they are on a line.
+/// Characters as transmitted on a line.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Text {
     pub(crate) bytes: Vec<u8>,
@@ -303,8 +308,8 @@ impl Refusal {
     /// A user-defined function code (application, 5) that no drive supports (BENCH-12).
     const UNUSED_FUNCTION: u8 = 110;
 
-    /// Refusal of a request on a Modbus line, and the request that the drives receive instead. `None` where it cannot
-    /// be refused: a broadcast, or no request.
+    /// Refusal of a request on a Modbus line, and the request that the drives receive instead. `None` if the
+    /// message cannot be refused, because it is a broadcast or no request.
     pub(crate) fn of(line: Line, request: &[u8], code: u8) -> Option<(Self, Vec<u8>)> {
         let (unit, mut pdu) = opened(line, request)?;
         let function = pdu.first_mut().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
@@ -313,7 +318,7 @@ impl Refusal {
         Some((refusal, framed(line, unit, &pdu)))
     }
 
-    /// The exception that replaces a drive's reply, if that is the reply to the request.
+    /// The exception that replaces a drive's reply; `None` if `reply` does not answer the refused request.
     pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
         let (unit, pdu) = opened(line, reply)?;
         let refused = unit == self.unit && pdu.first() == Some(&(Self::UNUSED_FUNCTION | EXCEPTION_BIT));
@@ -321,8 +326,8 @@ impl Refusal {
     }
 }
 
-/// A reply from another address, with a valid checksum: the next higher free address of 1 to 247, or if none is free a
-/// reserved one (serial, 2.2). `None` if these are taken, too (BENCH-13).
+/// The same reply with another address and a valid checksum. The address is the next higher free one of 1 to
+/// 247 or, if none is free, a reserved one (serial, 2.2). `None` if all of these are in use (BENCH-13).
 pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec<u8>> {
     let (unit, pdu) = opened(line, reply)?;
     let others = (1..247).map(|up| (u32::from(unit) + up - 1) % 247 + 1).map(|other| other as u8);
@@ -330,13 +335,13 @@ pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec
     Some(framed(line, other, &pdu))
 }
 
-/// Address and PDU of a valid frame on a Modbus line.
+/// Address and PDU of a frame on a Modbus line; `None` if the frame is not valid.
 fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
     let split = |body: &[u8]| body.split_first().map(|(&unit, pdu)| (unit, pdu.to_vec()));
     if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::verify_crc(frame)?) }
 }
 
-/// The frame of an address and a PDU on a Modbus line.
+/// The frame on a Modbus line for an address and a PDU.
 fn framed(line: Line, unit: u8, pdu: &[u8]) -> Vec<u8> {
     if ascii::is_on(line) { ascii::frame(unit, pdu).to_vec() } else { rtu::frame(unit, pdu).to_vec() }
 }

@@ -1,4 +1,4 @@
-//! Serial lines: arbitration, faults, and the time of each character.
+//! Serial lines: arbitration, faults, and the times of characters.
 
 mod client_buffers;
 pub(crate) mod collisions;
@@ -16,24 +16,25 @@ pub(crate) use collisions::CollisionTracker;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
-/// Whether characters take time on serial lines.
+/// Timing of characters on serial lines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum LineMode {
     /// Each character takes its time at the line's baud rate.
     #[default]
     Timed,
-    /// Characters take no time, for load tests: a frame and its end arrive at one instant, replies leave at once (HOST-5).
+    /// Characters take no time, for load tests: a frame and its end arrive at the same instant, and replies
+    /// leave at once (HOST-5).
     Fast,
 }
 
-/// Serial settings of a client's port as far as they are known; a field that is `None` fits every line.
+/// Serial settings of a client's port, as far as they are known; a field that is `None` fits every line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Sender {
     /// Baud rate in bits per second; `None` if unknown.
     pub baud: Option<u32>,
     /// Number of stop bits, 1 or 2; `None` if unknown.
     pub stop: Option<u8>,
-    /// True for odd parity, false for even or no parity: a pty does not report more.
+    /// True for odd parity, false for even or no parity, which a pty does not distinguish; `None` if unknown.
     pub odd: Option<bool>,
 }
 
@@ -49,35 +50,35 @@ impl Sender {
 
 /// A line and the ports on it.
 pub(crate) struct SerialLine {
-    /// Name of the line: as given, or the names of its drive and port.
+    /// Name of the line: the given name, or `drive.port` for the line of a single port.
     pub(crate) name: String,
     /// Name of the port, for the line of a single port.
     pub(crate) port: Option<&'static str>,
     /// Ports, sorted by the names of their drives.
     pub(crate) ports: Vec<(DriveId, Port)>,
-    /// Clients that are connected.
+    /// Connected clients.
     pub(crate) clients: Vec<u32>,
     pub(crate) turn: LineState,
-    /// The client that was served last.
+    /// Client that was served last.
     pub(crate) served: u32,
-    /// Arrival order of its last request.
+    /// Arrival order of the last request of `served`.
     pub(crate) served_order: u64,
-    /// End of `turn`, or of the wait for the rest of a partial frame.
+    /// End of `turn`; if the line is free, end of the wait for the rest of a partial frame.
     pub(crate) until: Instant,
     /// Earliest start of a client's next character.
     pub(crate) free: Instant,
-    /// End of the time for which the client served last keeps a line with timed characters.
+    /// Time until which the client that was served last keeps a line with timed characters.
     pub(crate) kept_until: Instant,
-    /// Time at which the last character of a drive has left.
+    /// End of the last character that a drive sends.
     pub(crate) sends_until: Instant,
     pub(crate) disturbance: Disturbance,
-    /// Requests that are sent unchanged before the line is free again.
+    /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
-    /// The request that is refused now.
+    /// The refusal of the present request, if a fault refuses it.
     pub(crate) refusal: Option<Refusal>,
-    /// End of delayed and repeated replies: no other reply overtakes them.
+    /// End of delayed and repeated replies; the next reply does not start earlier.
     pub(crate) held_up: Instant,
-    /// Characters on the line, where they may collide.
+    /// Characters on the line; `None` if they cannot collide.
     pub(crate) collisions: Option<CollisionTracker>,
 }
 
@@ -85,12 +86,12 @@ pub(crate) struct SerialLine {
 #[derive(Clone, Default)]
 pub(crate) struct Request {
     pub(crate) client: u32,
-    /// Arrival order.
+    /// Arrival order of its bytes.
     pub(crate) order: u64,
     pub(crate) sender: Sender,
     /// Number of characters.
     pub(crate) count: usize,
-    /// Characters as they are on the line.
+    /// Characters as transmitted on the line.
     pub(crate) text: Text,
     /// Refusal of the request, and the request that the drives receive instead.
     pub(crate) refused: Option<(Refusal, Vec<u8>)>,
@@ -103,24 +104,25 @@ pub(crate) struct Request {
 pub(crate) enum LineState {
     /// Free, or reserved for a partial frame.
     Free,
-    /// A frame or character is on its way to the drives, or they wait for the inter-frame gap, or the client is
-    /// deferred.
+    /// A frame or character is being transmitted to the drives, or the drives wait for the inter-frame gap,
+    /// or the client is deferred.
     Asked,
     /// A drive answers.
     Answering,
-    /// All is answered and no client waits, but the client served last keeps the line and may send more.
+    /// All requests are answered and no client waits. The client that was served last keeps the line and may
+    /// send more.
     Kept,
 }
 
 impl LineState {
-    /// Returns whether a request is not complete yet.
+    /// Returns true while a request is not completely handled.
     pub(crate) fn is_busy(self) -> bool {
         matches!(self, Self::Asked | Self::Answering)
     }
 }
 
 impl SerialLine {
-    /// A line that drives share.
+    /// A line that several drives share.
     pub(crate) fn shared(seed: u64, name: &str, ports: Vec<(DriveId, Port)>) -> Self {
         Self {
             name: name.to_owned(),
@@ -147,7 +149,7 @@ impl SerialLine {
         (self.turn == LineState::Free && self.until != Instant::NEVER).then_some(self.until)
     }
 
-    /// The line of a single port called `name`.
+    /// The line of a single port that is called `name`.
     pub(crate) fn own(seed: u64, drive: &str, name: &'static str, at: (DriveId, Port)) -> Self {
         Self { port: Some(name), ..Self::shared(seed, &format!("{drive}.{name}"), vec![at]) }
     }

@@ -1,37 +1,37 @@
-//! Request boundaries: where a request ends in the bytes of a client, and when it is complete.
+//! Request boundaries: where a request ends in the bytes of a client, and at which time it is complete.
 //!
-//! Gaps between bytes carry no information on a pty or TCP connection, so the checksum and the length of the function
-//! decide ([`modbus::scan`]), and after them a timeout.
+//! On a pty or TCP connection, gaps between bytes carry no information. The end of a request is determined by
+//! its checksum and by the length that its function code implies ([`modbus::scan`]), otherwise by a timeout.
 
 use drivetwin_firmware::device::{Duration, Instant, Line};
 use drivetwin_protocol::modbus::{self, Expect, Scan};
 
 use super::ClientState;
 
-/// Bytes of a client without a gap of the frame timeout.
+/// Bytes of a client up to the first gap that is as long as the frame timeout.
 struct ClientBytes<'a> {
     bytes: &'a [u8],
-    /// Time at which the last of them came.
+    /// Arrival time of the last of these bytes.
     last: Instant,
-    /// True if more came after such a gap.
+    /// True if more bytes have arrived after the gap.
     over: bool,
 }
 
-/// Bytes of a client that are ready for the line.
+/// Frame that the waiting bytes of a client form.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum PendingFrame {
-    /// A frame of so many bytes, complete at that instant.
+    /// A frame of that many bytes, complete since that instant.
     Complete(usize, Instant),
-    /// A partial frame, whose rest is waited for until then.
+    /// A partial frame. The line waits for the rest until that instant.
     Partial(Instant),
-    /// A frame of so many bytes, if no more follow until then.
+    /// A frame of that many bytes, if no more bytes follow by that instant.
     Ambiguous(usize, Instant),
 }
 
 impl ClientState {
-    /// Returns what is ready for a line at `now`. On a Modbus line (`framed`) that is a frame, which ends where its
-    /// checksum is valid or in ASCII behind its line feed; a burst that cannot become a frame is sent unchanged. On
-    /// other lines it is a character.
+    /// Returns the next frame of the client for a line at `now`. On a Modbus line (`framed`), a frame ends
+    /// where its checksum is valid, or in ASCII after its line feed. A burst that cannot become a frame is
+    /// sent unchanged. On other lines a frame is a single character.
     pub(crate) fn next_frame(
         &mut self,
         now: Instant,
@@ -41,7 +41,7 @@ impl ClientState {
         let Some(line) = framed else {
             return PendingFrame::Complete(1, self.arrivals.front().map_or(now, |arrival| arrival.at));
         };
-        // Behind a port that paces itself is a real line, on which other drives may answer.
+        // A port that times characters itself is a real serial line, on which other drives may answer.
         let expect = if self.paces_itself { Expect::Both } else { Expect::Requests };
         let left = self.left;
         let ClientBytes { bytes, last, over } = self.first_burst(frame_timeout);
@@ -58,7 +58,7 @@ impl ClientState {
         }
     }
 
-    /// The first bytes, up to a gap of `frame_timeout`.
+    /// The first bytes, up to a gap of at least `frame_timeout`.
     fn first_burst(&mut self, frame_timeout: Duration) -> ClientBytes<'_> {
         let bytes = &*self.bytes.make_contiguous();
         let mut count = 0;

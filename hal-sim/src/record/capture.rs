@@ -1,5 +1,5 @@
-//! Capture of lines and TCP connections: frames as a probe on the wires reads them, with their faults. For frames that
-//! collided it has the bytes of each sender, and the mark that no receiver could read them (BENCH-16).
+//! Capture of lines and TCP connections: frames as a probe on the wires reads them, including their faults. A
+//! frame that collided has the bytes of its sender, and a mark that no receiver could read it (BENCH-16).
 
 use std::collections::VecDeque;
 
@@ -18,7 +18,7 @@ pub struct Capture {
     lost: u64,
 }
 
-/// A frame: characters that were sent together.
+/// A frame: characters of one sender that were sent together.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Bench time of the start of the first character.
@@ -33,7 +33,7 @@ pub struct Frame {
     pub line: Option<Line>,
     /// Bytes of the frame; empty at the end of a TCP connection.
     pub bytes: Vec<u8>,
-    /// True if some characters overlapped others on the line.
+    /// True if some of its characters overlapped others on the line.
     pub collided: bool,
 }
 
@@ -69,7 +69,7 @@ impl Capture {
         self.lost + self.frames.len() as u64
     }
 
-    /// The retained frames after the first `seen`, in the order of recording.
+    /// The retained frames after the first `seen` frames, in the order of recording.
     pub fn since(&self, seen: u64) -> impl Iterator<Item = &Frame> {
         let skip = usize::try_from(seen.saturating_sub(self.lost)).unwrap_or(usize::MAX);
         self.frames.iter().skip(skip)
@@ -81,15 +81,15 @@ impl Capture {
         self.lost
     }
 
-    /// A copy without the frames; [`copy_on`](Self::copy_on) adds them.
+    /// A copy without frames; [`copy_on`](Self::copy_on) adds them.
     #[must_use]
     pub fn outline(&self) -> Self {
         Self { lost: self.lost, ..Self::new(Retention::All) }
     }
 
-    /// Copies at most `most` more frames of the capture of which this is an [outline](Self::outline), none beyond the
-    /// first `seen`. Returns whether there are more. Frames that the ring has dropped meanwhile are lost here, too,
-    /// with all before them.
+    /// Copies at most `most` more frames from `original`, of which this must be an [outline](Self::outline),
+    /// up to frame number `seen`. Returns true if there are more. If the ring of `original` has dropped
+    /// frames in the meantime, these and all earlier frames are lost here, too.
     pub fn copy_on(&mut self, original: &Self, seen: u64, most: usize) -> bool {
         if original.lost > self.seen() {
             self.frames.clear();
@@ -118,7 +118,7 @@ impl Capture {
         }
     }
 
-    /// Marks a frame as collided; the first one has number 0.
+    /// Marks the frame with that number as collided. The first frame has number 0.
     pub(crate) fn collide(&mut self, number: u64) {
         let index = number.checked_sub(self.lost).and_then(|index| usize::try_from(index).ok());
         if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
@@ -126,7 +126,7 @@ impl Capture {
         }
     }
 
-    /// Records a frame.
+    /// Records a frame; the ring drops its oldest frames if it is full.
     pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
         if self.retention == Retention::Off {
             return;
@@ -153,7 +153,7 @@ impl Frame {
         self.at + self.lasts
     }
 
-    /// Memory that it takes, in bytes.
+    /// Memory of the frame, in bytes.
     fn size(&self) -> usize {
         size_of::<Self>() + allocated(self.bytes.len())
     }

@@ -1,4 +1,4 @@
-//! Recordings: what happened on a bench, and what was on its lines.
+//! Recordings: inputs and outputs of drives (traces), and frames on the lines (captures).
 
 pub mod capture;
 pub mod trace;

@@ -1,7 +1,7 @@
-//! Text to lines of a program.
+//! From text to lines of a program.
 //!
-//! Two rounds: the first one finds out at which line everything is, and so what each label means; the second one
-//! reads what the commands work with.
+//! There are two passes. The first one finds the program line of each command, and with it the meaning of
+//! each label. The second one reads the operands of the commands.
 
 use std::collections::BTreeMap;
 use std::iter;
@@ -17,21 +17,21 @@ use super::cursor::{Cursor, Position, Token};
 use super::{Error, RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
 use crate::suggest;
 
-/// Targets of a jump (6.9). A program has no line 1024, but the manual prints it.
+/// Targets of a jump (6.9). A program has no line 1024, but the manual includes it.
 const TARGETS: RangeInclusive<i64> = 0..=1_024;
 /// Distances of a relative jump (6.9).
 const DISTANCES: RangeInclusive<i64> = -1_024..=1_024;
 const BYTES: RangeInclusive<i64> = 0..=0xFF;
 const WORDS: RangeInclusive<i64> = 0..=0xFFFF;
-/// A constant, with a sign or without.
+/// Constants of 16 bits, signed or unsigned.
 const CONSTANTS: RangeInclusive<i64> = -0x8000..=0xFFFF;
-/// A constant of 32 bits, likewise.
+/// Constants of 32 bits, signed or unsigned.
 const PAIRS: RangeInclusive<i64> = -0x8000_0000..=0xFFFF_FFFF;
 
-/// The lines of the program that `source` describes.
+/// Assembles `source` and returns the lines of the program.
 ///
 /// # Errors
-/// What is wrong first, and where.
+/// The first error, with its position.
 pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
     let mut names = Names::default();
     let mut parts = Vec::new();
@@ -58,27 +58,27 @@ pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
     Ok(program)
 }
 
-/// A command, or a directive in its place.
+/// A command or a directive.
 struct Part<'a> {
-    /// First line in the program.
+    /// First line of the part in the program.
     at: usize,
     content: Content,
-    /// Operands in the text.
+    /// Operands of the part in the text.
     operands: Cursor<'a>,
 }
 
 #[derive(Clone, Copy)]
 enum Content {
-    /// The command of that code.
+    /// A command, with its code.
     Opcode(u8, Opcode),
-    /// A line by its number.
+    /// A line given as a number.
     Word,
-    /// So many lines that hold 0.
+    /// A number of lines that contain 0.
     Zero(usize),
 }
 
 impl Content {
-    /// Lines that it takes.
+    /// Number of lines in the program.
     fn lines(self) -> usize {
         match self {
             Self::Opcode(_, command) => command.lines().into(),
@@ -92,7 +92,7 @@ impl Content {
 #[derive(Clone, Copy)]
 enum Meaning {
     Constant(i64),
-    /// The line of the program that follows it.
+    /// A label, with its line in the program.
     Label(usize),
 }
 
@@ -100,7 +100,8 @@ enum Meaning {
 struct Names<'a>(BTreeMap<&'a str, Meaning>);
 
 impl<'a> Names<'a> {
-    /// Reads a line of the text up to what a command works with; `at` is the next line of the program.
+    /// Reads a text line up to the operands of its command; `None` if it has no command. `at` is the next
+    /// line of the program.
     fn part(&mut self, cursor: &mut Cursor<'a>, at: usize) -> Result<Option<(Position, Content)>, Error> {
         loop {
             let (position, word) = match cursor.next()? {
@@ -149,7 +150,7 @@ impl<'a> Names<'a> {
         }
     }
 
-    /// A number, or the name of a constant that the text has defined before.
+    /// Reads a number, or the name of a constant that the text has defined before.
     fn number(&self, cursor: &mut Cursor<'a>, takes: RangeInclusive<i64>) -> Result<i64, Error> {
         let (position, token) = cursor.next()?;
         let value = match token {
@@ -170,7 +171,7 @@ impl<'a> Names<'a> {
         within(position, value, takes)
     }
 
-    /// There is no constant, or label, of that name.
+    /// Message that there is no constant or label with that name.
     fn unknown(&self, what: &str, name: &str) -> String {
         let same = |meaning: &Meaning| matches!(meaning, Meaning::Label(_)) == (what == "label");
         suggest::unknown(
@@ -181,7 +182,7 @@ impl<'a> Names<'a> {
     }
 }
 
-/// Meaning of a name in the language itself.
+/// Meaning of a name that the language reserves.
 fn reserved(name: &str) -> Option<&'static str> {
     if instruction::code(name).is_some() {
         Some("a command")
@@ -203,11 +204,11 @@ fn within(position: Position, value: i64, takes: RangeInclusive<i64>) -> Result<
     Err(position.error(format!("here comes a number from {} to {}, not {value}", takes.start(), takes.end())))
 }
 
-/// Reads what a command works with.
+/// Reader of the operands of a command.
 struct Reader<'a, 'n> {
     names: &'n Names<'a>,
     cursor: Cursor<'a>,
-    /// The command's line in the program.
+    /// First line of the command in the program.
     at: usize,
 }
 
@@ -225,7 +226,8 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// The fields of a command's first line but uCmd, and its second line if it has one.
+    /// Reads the operands of a command. Returns the fields of its first line except uCmd, and its second line
+    /// if it has one.
     fn operands(&mut self, command: Opcode) -> Result<(u32, Option<u32>), Error> {
         let mut constant = None;
         let fields = match command.form {
@@ -270,7 +272,7 @@ impl Reader<'_, '_> {
                 let first = self.system()?;
                 self.cursor.comma()?;
                 let second = self.system()?;
-                // In the text what changes always comes first.
+                // In the text, the register that changes always comes first.
                 let (register, data) =
                     if command.operation == Operation::Move { (second, first) } else { (first, second) };
                 register << 8 | data << 16
@@ -294,12 +296,12 @@ impl Reader<'_, '_> {
         self.names.number(&mut self.cursor, takes)
     }
 
-    /// A constant on a line of its own.
+    /// Reads a constant that fills a line of the program.
     fn constant(&mut self, wide: bool) -> Result<u32, Error> {
         if wide { Ok(self.number(PAIRS)? as u32) } else { Ok(u32::from(self.number(CONSTANTS)? as u16)) }
     }
 
-    /// uAdrSysReg.
+    /// Reads a system register, and returns uAdrSysReg.
     fn system(&mut self) -> Result<u32, Error> {
         let (position, token) = self.cursor.next()?;
         let Token::Word(name) = token else {
@@ -311,7 +313,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// uTypeModbusReg and uData: a register by its name, or by its space and address.
+    /// Reads a register by its name, or by its space and address. Returns uTypeModbusReg and uData.
     fn modbus(&mut self) -> Result<u32, Error> {
         let (position, token) = self.cursor.next()?;
         let Token::Word(name) = token else {
@@ -331,7 +333,8 @@ impl Reader<'_, '_> {
         Ok((space as u32) << 12 | u32::from(row.address + named.word.unwrap_or(0)) << 16)
     }
 
-    /// The same, of a coil or a holding register: a command that writes a constant knows no others.
+    /// Like `modbus`, but only for a coil or a holding register: commands that write a constant take no
+    /// others.
     fn written(&mut self) -> Result<u32, Error> {
         let mut ahead = self.cursor;
         let (position, _) = ahead.next()?;
@@ -342,7 +345,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// bTypeJmp and uData of a jump.
+    /// Reads the target of a jump, and returns bTypeJmp and uData.
     fn target(&mut self) -> Result<u32, Error> {
         if !self.cursor.skips_word(RELATIVE)? {
             return Ok(data(self.line()?));
@@ -354,7 +357,7 @@ impl Reader<'_, '_> {
         Ok(Instruction::TYPE_JMP | data(distance))
     }
 
-    /// A line of the program.
+    /// Reads a line of the program: a label or a number.
     fn line(&mut self) -> Result<i64, Error> {
         match self.label()? {
             Some(line) => Ok(line as i64),
@@ -362,7 +365,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// Lines of a loop: up to a label, or a number.
+    /// Reads the number of lines of a loop: a number, or the label after the loop.
     fn body(&mut self) -> Result<i64, Error> {
         let mut ahead = self.cursor;
         let (position, _) = ahead.next()?;
@@ -374,7 +377,7 @@ impl Reader<'_, '_> {
         Err(position.error(format!("the loop ends 0 to 255 lines behind its first one, not {lines}")))
     }
 
-    /// The line of a label, if one comes next.
+    /// Reads a label if one comes next, and returns its line.
     fn label(&mut self) -> Result<Option<usize>, Error> {
         let mut ahead = self.cursor;
         let (position, Token::Word(name)) = ahead.next()? else { return Ok(None) };
@@ -388,7 +391,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// bTypeJmp of a shift, with the commas around it.
+    /// Reads the direction of a shift with the commas around it, and returns bTypeJmp.
     fn way(&mut self) -> Result<u32, Error> {
         self.cursor.comma()?;
         let (position, token) = self.cursor.next()?;
@@ -399,7 +402,7 @@ impl Reader<'_, '_> {
     }
 }
 
-/// uData, of a number in two's complement.
+/// uData for a number, in two's complement.
 fn data(value: i64) -> u32 {
     u32::from(value as u16) << 16
 }

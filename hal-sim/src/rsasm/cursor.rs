@@ -1,8 +1,8 @@
-//! Parts of a line of text.
+//! Tokens of a text line.
 
 use super::Error;
 
-/// Place in the text: line and column, from 1.
+/// Position in the text: line and column, from 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Position {
     pub(super) line: usize,
@@ -18,16 +18,16 @@ impl Position {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Token<'a> {
-    /// A name, or what may be one.
+    /// A name, or another word.
     Word(&'a str),
     Number(i64),
     /// A sign: `,`, `:` or `=`.
     Sign(char),
-    /// The line is over, or a comment begins.
+    /// End of the line, or start of a comment.
     End,
 }
 
-/// A position in a line, and the rest of the line.
+/// A position in a text line, with the rest of the line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cursor<'a> {
     position: Position,
@@ -39,7 +39,7 @@ impl<'a> Cursor<'a> {
         Self { position: Position { line, column: 1 }, rest: text }
     }
 
-    /// Steps over what comes next.
+    /// Reads the next token, and returns it with its position.
     pub(super) fn next(&mut self) -> Result<(Position, Token<'a>), Error> {
         self.take(char::is_whitespace);
         let position = self.position;
@@ -64,12 +64,12 @@ impl<'a> Cursor<'a> {
         Ok((position, token))
     }
 
-    /// Steps over one of `,:=` if it comes next.
+    /// Skips a sign (`,`, `:` or `=`) if it comes next. Returns true if it did.
     pub(super) fn skips(&mut self, sign: char) -> Result<bool, Error> {
         self.skips_token(Token::Sign(sign))
     }
 
-    /// Steps over a word if it comes next.
+    /// Skips a word if it comes next. Returns true if it did.
     pub(super) fn skips_word(&mut self, word: &str) -> Result<bool, Error> {
         self.skips_token(Token::Word(word))
     }
@@ -83,7 +83,7 @@ impl<'a> Cursor<'a> {
         Ok(found)
     }
 
-    /// Steps over a comma, which must come next.
+    /// Skips a comma, which must come next.
     pub(super) fn comma(&mut self) -> Result<(), Error> {
         match self.next()? {
             (_, Token::Sign(',')) => Ok(()),
@@ -91,7 +91,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Checks that the line ends here.
+    /// Checks that nothing more follows in the line.
     pub(super) fn end(&mut self) -> Result<(), Error> {
         match self.next()? {
             (_, Token::End) => Ok(()),
@@ -101,13 +101,13 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Takes all characters that belong.
+    /// Takes all next characters for which `belongs` is true.
     fn take(&mut self, belongs: fn(char) -> bool) -> &'a str {
         let length = self.rest.find(|next| !belongs(next)).unwrap_or(self.rest.len());
         self.step(length)
     }
 
-    /// Takes a number of bytes.
+    /// Takes the next `length` bytes.
     fn step(&mut self, length: usize) -> &'a str {
         let (taken, rest) = self.rest.split_at(length);
         self.rest = rest;

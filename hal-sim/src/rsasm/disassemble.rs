@@ -1,6 +1,6 @@
-//! Lines of a program to text that assembles to the same lines.
+//! From lines of a program to text that assembles to the same lines.
 //!
-//! A line with content that the text of its command cannot express, like bits in unused fields or an unknown system
+//! A line that text cannot express exactly, for instance with bits in unused fields or an unknown system
 //! register, becomes a number (RS434-34).
 
 use std::fmt::Write as _;
@@ -13,10 +13,10 @@ use drivetwin_protocol::registers::{Register as _, Space};
 
 use super::{RELATIVE, SPACES, SYSTEM, WAYS, WORD, ZERO};
 
-/// So many lines that hold 0 are not worth a line of text each.
+/// Minimum number of consecutive lines that contain 0 and are written as one line of text.
 const MANY: usize = 4;
 
-/// `program` as text, with the number of each line behind it. The numbers are what PC_REG shows.
+/// `program` as text, with the number of each line after it. PC_REG shows the same numbers.
 #[must_use]
 pub fn disassemble(program: &[u32]) -> String {
     let listing = Listing::new(program);
@@ -41,9 +41,9 @@ pub fn disassemble(program: &[u32]) -> String {
     text
 }
 
-/// Appends a line.
+/// Appends a text line.
 fn line(text: &mut String, content: std::fmt::Arguments<'_>) {
-    // A string takes everything.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "{content}");
 }
 
@@ -51,20 +51,20 @@ fn label(at: usize) -> String {
     format!("line_{at}")
 }
 
-/// A command that has an exact text.
+/// A command that text can express exactly.
 #[derive(Clone, Copy)]
 struct Found {
     instruction: Instruction,
     command: Opcode,
-    /// Second line of the command, or 0.
+    /// Second line of the command; 0 if it has none.
     constant: u32,
 }
 
 struct Listing<'a> {
     program: &'a [u32],
-    /// Lines at which a command begins, or the program ends.
+    /// True for each line at which a command begins, and for the end of the program.
     begins: Vec<bool>,
-    /// Lines that are targets of jumps.
+    /// True for each line that is a target.
     labelled: Vec<bool>,
 }
 
@@ -89,13 +89,13 @@ impl<'a> Listing<'a> {
         listing
     }
 
-    /// Lines from here on that hold 0, up to the next label.
+    /// Number of lines from `at` on that contain 0, up to the next label.
     fn zeros(&self, at: usize) -> usize {
         let rest = self.program[at..].iter().zip(&self.labelled[at..]).enumerate();
         rest.take_while(|(n, (line, labelled))| **line == 0 && (*n == 0 || !**labelled)).count()
     }
 
-    /// The command here, if it has an exact text.
+    /// The command at a line, if text can express it exactly.
     fn command(&self, at: usize) -> Option<Found> {
         let instruction = Instruction(self.program[at]);
         let command = instruction.command()?;
@@ -118,7 +118,7 @@ impl<'a> Listing<'a> {
         exact.then_some(Found { instruction, command, constant })
     }
 
-    /// A command as text.
+    /// Text of a command.
     fn words(&self, at: usize, found: Found) -> String {
         let Found { instruction, command, constant } = found;
         let data = instruction.data();
@@ -154,7 +154,7 @@ impl<'a> Listing<'a> {
             OperandForm::ModbusRegister => format!("{}, {}", modbus(), register()),
             OperandForm::RegisterRegister => {
                 let other = system(data.into());
-                // In the text what changes always comes first.
+                // In the text, the register that changes always comes first.
                 let (first, second) = if command.operation == Operation::Move {
                     (other, register())
                 } else {
@@ -169,13 +169,13 @@ impl<'a> Listing<'a> {
         if operands.is_empty() { mnemonic.into() } else { format!("{mnemonic} {operands}") }
     }
 
-    /// The label of a command's target; `None` if it needs a number.
+    /// The label of a command's target; `None` if the target has no label and must be a number.
     fn target_label(&self, at: usize, found: Found) -> Option<String> {
         target(at, found).filter(|to| self.labelled.get(*to) == Some(&true)).map(label)
     }
 }
 
-/// Target of a command, or the end of the loop that it begins.
+/// Target of a jump or call, or the line after the loop that the command begins.
 fn target(at: usize, Found { instruction, command, .. }: Found) -> Option<usize> {
     let data = instruction.data();
     match command.form {
@@ -186,7 +186,7 @@ fn target(at: usize, Found { instruction, command, .. }: Found) -> Option<usize>
     }
 }
 
-/// A register by its name, if it has one.
+/// Text of a register: its name if it has one, otherwise its space and address.
 fn modbus(instruction: Instruction) -> String {
     let (name, space) = SPACES[usize::from(instruction.space())];
     let table = Reg::TABLE;
@@ -199,7 +199,7 @@ fn modbus(instruction: Instruction) -> String {
     }
 }
 
-/// A constant as it is read best: bits of logic, and positions with their sign.
+/// Text of a constant: hexadecimal for logic commands, signed for other commands with 32 bits.
 fn number(command: Opcode, value: u32) -> String {
     match command.operation {
         Operation::And | Operation::Or | Operation::Xor if command.wide => format!("0x{value:08X}"),

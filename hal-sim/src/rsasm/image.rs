@@ -1,8 +1,8 @@
-//! A program in the memory of a drive, where a save puts it (6.6).
+//! A program in the memory of a drive, where a save stores it (6.6).
 
 use drivetwin_firmware::rs434::{MEMORY, program};
 
-/// A program as it lies in a drive's memory.
+/// A program as it is stored in a drive's memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Image {
     /// Offset of the first byte in the memory.
@@ -26,7 +26,7 @@ impl Image {
         }
     }
 
-    /// The memory of a drive that is new but for this program, for [`Setup`](crate::bench::Setup).
+    /// The memory of a factory-new drive with only this program in it, for [`Setup`](crate::bench::Setup).
     #[must_use]
     pub fn memory(&self) -> Vec<u8> {
         let mut memory = vec![0xFF; MEMORY];

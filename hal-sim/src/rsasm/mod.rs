@@ -1,13 +1,13 @@
 //! User programs of the RS 434544 and 434546 as text: assembler and disassembler.
 //!
-//! The language is described in `docs/reference/rs434-programs.md`. Commands, what they work with and how many lines they
-//! take come from the drive's own table, names of registers from its map.
+//! `docs/reference/rs434-programs.md` describes the language. Commands, their operands and their numbers of
+//! lines come from the drive's own table, and names of registers from its register map.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `cursor` | words, numbers and signs of a line of text, and where they are |
-//! | `assemble` | text to lines of a program |
-//! | `disassemble` | the way back |
+//! | `cursor` | words, numbers and signs of a text line, with their positions |
+//! | `assemble` | from text to lines of a program |
+//! | `disassemble` | from lines of a program to text |
 //! | `image` | a program in the memory of a drive |
 
 mod assemble;
@@ -27,10 +27,10 @@ pub use self::assemble::assemble;
 pub use self::disassemble::disassemble;
 pub use self::image::Image;
 
-/// The system registers, by uAdrSysReg.
+/// The system registers, in the order of uAdrSysReg.
 const SYSTEM: [&str; 10] = ["ax", "bx", "cx", "dx", "ex", "fx", "gx", "hx", "ix", "jx"];
 
-/// The address spaces, by uTypeModbusReg.
+/// The address spaces, in the order of uTypeModbusReg.
 const SPACES: [(&str, Space); 4] = [
     ("discrete", Space::Discrete),
     ("coil", Space::Coil),
@@ -38,16 +38,17 @@ const SPACES: [(&str, Space); 4] = [
     ("holding", Space::Holding),
 ];
 
-/// The name of a number of lines that hold 0.
+/// Directive for a number of lines that contain 0.
 const ZERO: &str = ".zero";
-/// The name of a line by its number.
+/// Directive for a line given as a number.
 const WORD: &str = ".word";
-/// Word that makes a jump count from its own line.
+/// Word that makes a jump relative to its own line.
 const RELATIVE: &str = "rel";
-/// The ways of a shift, by bTypeJmp.
+/// The directions of a shift, in the order of bTypeJmp.
 const WAYS: [&str; 2] = ["left", "right"];
 
-/// Returns whether a kind of drive runs such programs: it has the register through which they come.
+/// Returns true if a kind of drive runs user programs: it then has the register through which they are
+/// loaded.
 #[must_use]
 pub fn runs_on(spec: &Spec) -> bool {
     spec.find("CMD_W").is_some()
@@ -72,10 +73,10 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
-/// Assembles a text that may turn out not to be one.
+/// Assembles bytes, which may turn out not to be text.
 ///
 /// # Errors
-/// What is wrong first, and where.
+/// The first error, with its position.
 pub fn assemble_bytes(source: &[u8]) -> Result<Vec<u32>, Error> {
     let text = std::str::from_utf8(source).map_err(|error| {
         let before = String::from_utf8_lossy(&source[..error.valid_up_to()]);
@@ -85,13 +86,13 @@ pub fn assemble_bytes(source: &[u8]) -> Result<Vec<u32>, Error> {
     assemble(text)
 }
 
-/// A program as it is kept in a file: its lines, each with its low byte first.
+/// A program as the bytes of a file: its lines, each with the low byte first.
 #[must_use]
 pub fn to_bytes(program: &[u32]) -> Vec<u8> {
     program.iter().flat_map(|line| line.to_le_bytes()).collect()
 }
 
-/// The program in the bytes of a file.
+/// The program in the bytes of a file; see [`to_bytes`].
 ///
 /// # Errors
 /// One sentence: the bytes are not a program.

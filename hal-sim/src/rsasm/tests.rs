@@ -3,17 +3,18 @@ use drivetwin_firmware::rs434::program::instruction::{COMMANDS, MNEMONICS};
 use proptest::prelude::*;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 
-/// The lines of a program.
+/// Assembles a program that has no error.
 fn lines(source: &str) -> Vec<u32> {
     assemble(source).unwrap_or_else(|error| panic!("{error}\n{source}"))
 }
 
-/// What is wrong with a program.
+/// Error message for a program.
 fn wrong(source: &str) -> String {
     assemble(source).unwrap_err().to_string()
 }
 
-/// A line of its fields, from the highest bit on (6.9): data, space, register, bTypeJmp, command.
+/// A program line made of its fields, from the highest bit on (6.9): data, space, register, bTypeJmp,
+/// command.
 fn line(data: u16, space: u32, register: u32, type_jmp: u32, command: u32) -> u32 {
     u32::from(data) << 16 | space << 12 | register << 8 | type_jmp << 7 | command
 }
@@ -42,7 +43,7 @@ fn each_form_of_operands_has_its_fields() {
         ("dmov_modbus_const OFFSET, 0xDEADBEEF", vec![line(0x5015, 3, 0, 0, 0x12), 0xDEAD_BEEF]),
         ("mov_modbus_sysreg OFFSETHigh, dx", vec![line(0x5016, 3, 3, 0, 0x02)]),
         ("mov_modbus_sysreg input 0x3000, ax", vec![line(0x3000, 2, 0, 0, 0x02)]),
-        // 6.9: from uAdrSysReg to uData; the text has the destination first, as everywhere.
+        // 6.9: from uAdrSysReg to uData. In the text the destination comes first, as everywhere.
         ("mov_sysreg_sysreg bx, ax", vec![line(1, 0, 0, 0, 0x0F)]),
         ("dmov_sysreg_sysreg ix, gx", vec![line(8, 0, 6, 0, 0x14)]),
         ("sub_sysreg_sysreg bx, ax", vec![line(0, 0, 1, 0, 0x38)]),
@@ -103,15 +104,15 @@ fn what_text_cannot_say_exactly_is_a_number() {
     for (program, expected) in [
         (vec![0x0000_0F00], ".word 0x00000F00"), // END with a register
         (vec![line(5, 0, 0, 1, 0x0A)], ".word 0x0005008A"), // CALL with bTypeJmp
-        (vec![line(0, 0, 10, 0, 0x15)], ".word 0x00000A15"), // a system register that there is none of
-        (vec![line(10, 0, 0, 0, 0x0F)], ".word 0x000A000F"), // the other one
-        (vec![line(0x5000, 4, 0, 0, 0x03)], ".word 0x50004003"), // a space that there is none of
+        (vec![line(0, 0, 10, 0, 0x15)], ".word 0x00000A15"), // a system register that does not exist
+        (vec![line(10, 0, 0, 0, 0x0F)], ".word 0x000A000F"), // the second system register does not exist
+        (vec![line(0x5000, 4, 0, 0, 0x03)], ".word 0x50004003"), // a space that does not exist
         (vec![line(0x1000, 0, 0, 0, 0x16)], ".word 0x10000016"), // NOT of an input
         (vec![line(1_025, 0, 0, 0, 0x05)], ".word 0x04010005"), // a jump too far
-        (vec![line(0, 0, 0, 0, 0x67)], ".word 0x00000067"), // no command
+        (vec![line(0, 0, 0, 0, 0x67)], ".word 0x00000067"), // a code without a command
         (vec![line(0x500B, 3, 0, 0, 0x0E)], ".word 0x500B300E"), // without its constant
         (vec![line(0x500B, 3, 0, 0, 0x0E), 0x1_0000], ".word 0x500B300E"), // with more than 16 bits
-        (vec![line(2, 0, 0, 0, 0x05)], "jmp 2"), // where nothing is
+        (vec![line(2, 0, 0, 0, 0x05)], "jmp 2"), // beyond the end of the program
         (vec![line(0, 0, 0, 1, 0x05)], "jmp rel line_0"),
         (vec![line(0xFFFF, 0, 0, 1, 0x05)], "jmp rel -1"),
         (vec![line(0x6000, 1, 0, 0, 0x03)], "mov_sysreg_modbus ax, coil 0x6000"),
@@ -191,14 +192,14 @@ fn bytes_of_a_file_are_lines_with_the_low_byte_first() {
     assert_eq!(from_bytes(&[0; 4_097]).unwrap_err(), long);
 }
 
-/// Lines of which most are commands with fields that make sense, and some are noise.
+/// Programs in which most lines are commands with sensible fields, and some are noise.
 fn program() -> impl Strategy<Value = Vec<u32>> {
     let code = 0..COMMANDS.len() as u32;
     let sensible = (code, 0..16_u16, 0..11_u32, 0..5_u32, 0..2_u32, 0..4_u32).prop_map(
         |(code, data, register, space, type_jmp, noise)| {
             let command = COMMANDS[code as usize];
             let word = line(data, space, register, type_jmp, code);
-            // Three quarters of them have nothing in fields that they do not use.
+            // Three quarters of the commands have zeros in the fields that they do not use.
             if noise == 0 { word } else { word & command.used() }
         },
     );
@@ -225,7 +226,7 @@ proptest! {
 }
 
 proptest! {
-    // Of as many lines as there can be.
+    // These programs have the maximum number of lines.
     #![proptest_config(ProptestConfig::with_cases(32))]
 
     #[test]

@@ -1,4 +1,4 @@
-//! The order of events: phases of one instant, a queue of events, a tournament of deadlines.
+//! The order of events: phases of one instant, a queue of events, and a tournament of deadlines.
 
 mod queue;
 mod tournament;
@@ -15,7 +15,7 @@ pub(crate) enum Phase {
     Pin,
     Line,
     Deadline,
-    /// A preset: it returns a result, so it cannot be queued.
+    /// A preset. It returns a result to its caller, so it is never queued.
     Preset,
     /// End of a turn on a line, after all drives have acted.
     Turn,

@@ -46,7 +46,7 @@ impl<T> Ord for Event<T> {
     }
 }
 
-/// All scheduled events, the first on top.
+/// All scheduled events, the earliest on top.
 #[derive(Debug)]
 pub(crate) struct Queue<T> {
     events: BinaryHeap<Reverse<Event<T>>>,
@@ -61,7 +61,7 @@ impl<T> Default for Queue<T> {
 
 impl<T> Queue<T> {
     /// Schedules an event.
-    // Inlined, an event is written once and not copied.
+    // Inlined so that an event is written once and not copied.
     #[inline(always)]
     pub(crate) fn push(&mut self, at: Instant, phase: Phase, rank: u32, target: u32, kind: T) {
         self.sequence += 1;
@@ -69,7 +69,7 @@ impl<T> Queue<T> {
         self.events.push(Reverse(Event { key, target, kind }));
     }
 
-    /// The key of the first.
+    /// The key of the earliest event, if there is one.
     pub(crate) fn first(&self) -> Option<&EventKey> {
         self.events.peek().map(|Reverse(event)| &event.key)
     }

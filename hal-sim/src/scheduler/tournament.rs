@@ -2,16 +2,17 @@
 
 use drivetwin_firmware::device::Instant;
 
-/// The next deadline of every drive, in a tree of winners: a change costs one comparison per level. Of equal deadlines
-/// the lower rank wins.
+/// The next deadline of every drive, in a tree of winners. A change costs one comparison per level of the
+/// tree. If deadlines are equal, the lower rank wins.
 #[derive(Debug)]
 pub(crate) struct Tournament {
-    /// The root at 1, the children of `n` at `2n` and `2n + 1`; the leaves are the second half.
+    /// The root is at index 1, the children of `n` are at `2n` and `2n + 1`, and the leaves are the second
+    /// half.
     nodes: Vec<(Instant, u32)>,
 }
 
 impl Tournament {
-    /// A tournament of these deadlines, in the order of their ranks.
+    /// A tournament of these deadlines; the index of a deadline is its rank.
     pub(crate) fn new(deadlines: &[Instant]) -> Self {
         let leaves = deadlines.len().next_power_of_two();
         let mut nodes = vec![(Instant::NEVER, u32::MAX); 2 * leaves];

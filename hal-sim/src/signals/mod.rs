@@ -1,4 +1,4 @@
-//! Signals at pins: step pulses from plans of motion, and what a device does with a pin.
+//! Signals at pins: step pulses from motion plans, and the outputs of a drive at a pin.
 
 pub(crate) mod pin_waveform;
 pub mod pulses;

@@ -1,11 +1,11 @@
-//! Waveforms of outputs: the level at any instant.
+//! Waveforms of outputs: the level at any time.
 
 use drivetwin_firmware::device::{Duration, Instant, Level};
 
-/// Output of a device at a pin.
+/// Output of a drive at a pin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum PinOutput {
-    /// A constant level, or the pin is released.
+    /// A constant level; `Float` if the pin is released.
     Level(Level),
     /// A wave: high for `high`, low for the rest of `period`.
     Wave { since: Instant, period: Duration, high: Duration },
@@ -15,7 +15,7 @@ impl PinOutput {
     /// The pin is released.
     pub(crate) const NOTHING: Self = Self::Level(Level::Float);
 
-    /// The level at `at`, which is not before a wave began.
+    /// The level at `at`. If the output is a wave, it must have begun by then.
     pub(crate) fn level(self, at: Instant) -> Level {
         match self {
             Self::Level(level) => level,
@@ -23,8 +23,8 @@ impl PinOutput {
         }
     }
 
-    /// Next change of the level after `at`, which is not before a wave began, if the output stays the same;
-    /// [`Instant::NEVER`] if there is none.
+    /// Time of the next change of level after `at`, if the output stays the same; [`Instant::NEVER`] if there
+    /// is none. If the output is a wave, it must have begun by `at`.
     pub(crate) fn next_edge(self, at: Instant) -> Instant {
         match self {
             Self::Wave { since, period, high } if Duration::ZERO < high && high < period => {
@@ -41,7 +41,7 @@ pub(crate) fn level_of(high: bool) -> Level {
     if high { Level::High } else { Level::Low }
 }
 
-/// Phase of a wave in its cycle. A wave without length is always at its beginning.
+/// Time since the start of the present cycle of a wave; zero if the period is zero.
 fn phase(since: Instant, period: Duration, at: Instant) -> Duration {
     Duration::from_ticks(at.since(since).ticks() % period.ticks().max(1))
 }
@@ -60,7 +60,7 @@ mod tests {
         }
     }
 
-    /// The level that many ticks after the start, and the tick of its next change.
+    /// The level at that many ticks after the start, and the tick of the next change.
     fn after(drives: PinOutput, ticks: u64) -> (Level, Option<u64>) {
         let at = Instant::from_ticks(SINCE + ticks);
         let next = drives.next_edge(at);

@@ -1,13 +1,15 @@
-//! Step pulses: what an axis does, as edges of its STEP and DIR pins.
+//! Step pulses: the motion of an axis as edges of its STEP and DIR pins.
 //!
-//! Plans are computed step by step ([`StepIterator`]), one step ahead, because the width of a pulse depends on the
-//! next step. STEP rises at each step and is high for 2 µs, or half the interval to the next step if that is shorter.
-//! DIR is high for forward; it changes 5 µs before the first step of a reversal, or half the interval if that is
-//! shorter, but not while a pulse is high, and not before the step is planned. Steps without a plan are passed
-//! through, at most one every 4 µs; closer steps are delayed. A step that reverses DIR follows that change by 2 µs.
+//! The steps of a plan are computed one step ahead ([`StepIterator`]), because the width of a pulse depends
+//! on the next step. STEP rises at each step and is high for 2 µs, or for half the interval to the next step
+//! if that is shorter. DIR is high for forward. It changes 5 µs before the first step of a reversal, or half
+//! the interval before it if that is shorter, but not while a pulse is high, and not before the step is
+//! planned. Steps without a plan are made at once, at most one every 4 µs; closer steps are delayed. A step
+//! that reverses DIR follows the change of DIR by 2 µs.
 //!
-//! STEP and DIR may serve other purposes, too: a level or wave that the drive puts out there lends the pin, and a plan
-//! returns it. The pins are low then until the first step of the plan.
+//! STEP and DIR may also serve other purposes: if the drive outputs a level or wave at such a pin, the axis
+//! lends the pin to it, and the next plan takes the pin back. The pin is then low until the first step of the
+//! plan.
 //!
 //! This module has no clock: the caller passes the time.
 
@@ -21,12 +23,12 @@ use crate::record::trace::{Event, InputRecord, OutputRecord, Power, Trace};
 pub(crate) enum StepDir {
     /// Rises at each step.
     Step,
-    /// High forward.
+    /// High while the axis goes forward.
     Dir,
 }
 
 impl StepDir {
-    /// The output of a pin, if it is `step` or `dir`.
+    /// The output at a pin, if the pin is `step` or `dir`.
     pub(crate) fn at((step, dir): (Pin, Pin), pin: Pin) -> Option<Self> {
         match pin {
             _ if pin == step => Some(Self::Step),
@@ -36,7 +38,7 @@ impl StepDir {
     }
 }
 
-/// Outputs that serve another purpose at present.
+/// Outputs that the drive uses for another purpose now.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Lent {
     pub(crate) step: bool,
@@ -44,7 +46,7 @@ pub(crate) struct Lent {
 }
 
 impl Lent {
-    /// Returns whether that output is lent.
+    /// Returns true if that output is lent.
     pub(crate) fn has(self, output: StepDir) -> bool {
         match output {
             StepDir::Step => self.step,
@@ -82,10 +84,10 @@ pub struct Pulse {
     pub forward: bool,
 }
 
-/// Shapes the pulses of one axis.
+/// Generates the pulses of one axis.
 ///
-/// Changes of the axis are passed in the order of time. Before each change the caller must [take](Self::take) the
-/// edges up to its instant: an edge at the very instant of a change is still made.
+/// The caller passes changes of the axis in the order of time. Before each change it must [take](Self::take)
+/// all edges up to the time of the change: an edge at the same instant comes before the change.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Shaper {
     walker: Option<StepIterator>,
@@ -93,11 +95,11 @@ pub(crate) struct Shaper {
     planned: Option<Step>,
     /// Steps without a plan that are still to be made, signed.
     direct: i32,
-    /// Last rise of STEP.
+    /// Last rising edge of STEP.
     rose: Option<Instant>,
-    /// Earliest time of a step without a plan, after the last change of DIR.
+    /// Earliest time of a step without a plan after the last change of DIR.
     settled: Instant,
-    /// Time of the last edge or change: no edge comes before it.
+    /// Time of the last edge or change; no edge is earlier.
     since: Instant,
     powered: bool,
     step: bool,
@@ -105,15 +107,14 @@ pub(crate) struct Shaper {
 }
 
 impl Shaper {
-    /// Pulses of an axis that follows `plan`, from `at` on; DIR is as its last step left it.
+    /// Pulses from `at` on, for an axis that follows `plan`. `dir` is true if its last step was forward.
     pub(crate) fn new(at: Instant, plan: &Plan, dir: bool) -> Self {
         let mut shaper = Self { dir, ..Self::default() };
         shaper.plan(at, plan, Lent::default());
         shaper
     }
 
-    /// From `at` on the axis follows `plan`. A pulse that is high still falls. Outputs that were `lent` are
-    /// low.
+    /// Follows `plan` from `at` on. A pulse that is high now still falls. Outputs in `lent` are low.
     pub(crate) fn plan(&mut self, at: Instant, plan: &Plan, lent: Lent) {
         (self.step, self.dir) = (self.step && !lent.step, self.dir && !lent.dir);
         let walker = self.walker.insert(StepIterator::new(plan, at));
@@ -121,18 +122,18 @@ impl Shaper {
         (self.since, self.powered) = (at, true);
     }
 
-    /// Steps without a plan, signed.
+    /// Adds steps without a plan; negative steps go backward.
     pub(crate) fn steps(&mut self, at: Instant, steps: i32) {
         self.direct = self.direct.saturating_add(steps);
         (self.since, self.powered) = (at, true);
     }
 
-    /// Switches power off: both outputs fall, and no more edges come.
+    /// Switches power off: both outputs fall, and there are no more edges.
     pub(crate) fn power_off(&mut self, at: Instant) {
         *self = Self { since: at, step: self.step, dir: self.dir, ..Self::default() };
     }
 
-    /// Returns whether an output is high.
+    /// Returns true if an output is high.
     pub(crate) fn is_high(&self, output: StepDir) -> bool {
         match output {
             StepDir::Step => self.step,
@@ -145,7 +146,7 @@ impl Shaper {
         self.next().map_or(Instant::NEVER, |edge| edge.at)
     }
 
-    /// The next edge, if it is due by `until`.
+    /// Takes the next edge, if it is due by `until`.
     pub(crate) fn take(&mut self, until: Instant) -> Option<Edge> {
         let edge = self.next().filter(|edge| edge.at <= until)?;
         self.since = edge.at;
@@ -173,7 +174,7 @@ impl Shaper {
         };
         match step {
             _ if self.step => {
-                // A pulse shorter than a tick would be none.
+                // A pulse is at least one tick long.
                 let high = step.map_or(HIGH, |step| HIGH.min(half(step)).max(Duration::TICK));
                 edge(self.rose.map_or(self.since, |rose| rose + high), StepDir::Step, false)
             }
@@ -198,7 +199,7 @@ impl Shaper {
         (self.direct != 0).then_some(Step { at, forward })
     }
 
-    /// Returns whether the next step is one of the plan.
+    /// Returns true if the next step is one of the plan.
     fn plan_is_next(&self) -> bool {
         match (self.planned, self.next_direct()) {
             (Some(planned), Some(direct)) => planned.at <= direct.at,
@@ -207,7 +208,7 @@ impl Shaper {
     }
 }
 
-/// The edges of an axis in a recording, in the order of time, up to `until`.
+/// The edges of an axis in a trace up to `until`, in the order of time.
 fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
     let spec = trace.drives.get(drive).and_then(|drive| drive.spec.axes.get(usize::from(axis.0)));
     let pins = spec.and_then(|axis| axis.step_dir);
@@ -219,10 +220,10 @@ fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
 /// Iterator that [`edges`] returns.
 struct Edges<'a> {
     news: Box<dyn Iterator<Item = (Instant, News<'a>)> + 'a>,
-    /// Next change of the axis, after the edges up to then have been taken.
+    /// Next change of the axis; the edges up to its time are returned first.
     next: Option<(Instant, News<'a>)>,
     shaper: Shaper,
-    /// Outputs that the device uses itself.
+    /// Outputs that the drive uses for other purposes now.
     lent: Lent,
     until: Instant,
 }
@@ -232,7 +233,7 @@ struct Edges<'a> {
 enum News<'a> {
     Plan(&'a Plan),
     Steps(i32),
-    /// The device uses an output itself, and that is the level it starts with.
+    /// The drive uses an output for another purpose; true if its level is high at first.
     Lent(StepDir, bool),
     PowerOff,
 }
@@ -256,7 +257,7 @@ impl<'a> News<'a> {
 }
 
 impl Edges<'_> {
-    /// The fall of a pulse that is still high at the end.
+    /// Time of the falling edge of a pulse that is still high at the end.
     fn due(&self) -> Instant {
         self.shaper.due()
     }
@@ -302,8 +303,8 @@ impl Iterator for Edges<'_> {
 /// The pulses of an axis in a trace that rise up to `until`, in the order of time. `drive` is an index in
 /// [`Trace::drives`].
 ///
-/// They are complete if the trace is: all events are retained, and none is [lost](Trace::lost). A trace that was read
-/// from text has no plans but their courses only; replay it first.
+/// The pulses are complete only if the trace is: all events are retained, and none is [lost](Trace::lost). A
+/// trace that was read from text has only the courses of plans, not the plans themselves; replay it first.
 pub fn pulses(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> impl Iterator<Item = Pulse> {
     let mut edges = edges(trace, drive, axis, until);
     let (mut forward, mut rise) = (false, None);

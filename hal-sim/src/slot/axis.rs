@@ -39,11 +39,11 @@ impl From<Shaft> for Motion {
 pub(super) struct AxisState {
     step_dir: Option<(Pin, Pin)>,
     plan: Plan,
-    /// Steps made without a plan since the last one.
+    /// Steps made without a plan since the last plan.
     steps: i32,
     /// True if the last step before the plan was forward.
     forward: bool,
-    /// Direction of the last of `steps`, if any.
+    /// Direction of the last of `steps`, true if forward; `None` without such steps.
     stepped: Option<bool>,
     pub(super) current_ma: u32,
     /// True once the drive has set a current.
@@ -51,19 +51,20 @@ pub(super) struct AxisState {
     pub(super) duty: i32,
     /// True if a motor of the bench is attached.
     pub(super) turns_motor: bool,
-    /// Makes the pulses for wires; `None` without a wire.
+    /// Generates the pulses for wires; `None` if no wire needs them.
     pub(super) shaper: Option<Shaper>,
-    /// Pulses from the beginning of the plan on, if one of the plan before was not over then; without a wire.
+    /// Pulses from the start of the plan on, if a pulse of the previous plan was unfinished then. Used only
+    /// without a wire.
     unfinished: Option<Box<Shaper>>,
-    /// Count of changes of the next edge.
+    /// Number of predictions of the next edge so far.
     changes: u32,
-    /// Outputs of STEP and DIR that the drive also uses for other purposes.
+    /// Outputs STEP and DIR that the drive also uses for other purposes.
     shared: Lent,
-    /// Outputs that it uses for other purposes at present.
+    /// The outputs of `shared` that the drive uses for other purposes now.
     lent: Lent,
 }
 
-/// The pulses after all edges up to `at`.
+/// Advances the pulses over all edges up to `at`.
 fn taken(mut shaper: Shaper, at: Instant) -> Shaper {
     while shaper.take(at).is_some() {}
     shaper
@@ -103,11 +104,11 @@ impl AxisState {
         }
         (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
         self.unfinished = None;
-        // DIR is low then, whatever the last direction.
+        // Without power DIR is low, so the last direction counts as backward.
         self.stepped = Some(false);
     }
 
-    /// Follows `plan` from `at` on, with all outputs.
+    /// Follows `plan` from `at` on. The axis takes all lent outputs back.
     pub(super) fn follow(&mut self, at: Instant, plan: &Plan) {
         let lent = std::mem::take(&mut self.lent);
         if let Some(shaper) = &mut self.shaper {
@@ -123,7 +124,8 @@ impl AxisState {
         (self.plan, self.steps, self.stepped) = (*plan, 0, None);
     }
 
-    /// Lends an output to the drive until the next plan. Returns whether the output is shared.
+    /// Lends an output to the drive until the next plan. Returns false if the output is not shared, so that
+    /// the axis keeps it.
     pub(super) fn lend(&mut self, output: StepDir) -> bool {
         let is_shared = self.shared.has(output);
         if is_shared {
@@ -132,14 +134,14 @@ impl AxisState {
         is_shared
     }
 
-    /// The pins that are lent.
+    /// The pins that are lent to the drive.
     pub(super) fn lent(&self) -> impl Iterator<Item = Pin> + use<> {
         let lent = self.lent;
         let pins = self.step_dir.map(|(step, dir)| [(step, StepDir::Step), (dir, StepDir::Dir)]);
         pins.into_iter().flatten().filter(move |(_, output)| lent.has(*output)).map(|(pin, _)| pin)
     }
 
-    /// Steps without a plan, signed.
+    /// Makes steps without a plan; negative steps go backward.
     pub(super) fn step(&mut self, at: Instant, steps: i32) {
         if let Some(shaper) = &mut self.shaper {
             shaper.steps(at, steps);
@@ -148,8 +150,9 @@ impl AxisState {
         self.stepped = Some(steps > 0);
     }
 
-    /// Commands that bring a motor up to date, in the order of a drive: motion of the axis, then current. A current
-    /// that was never set is left out: the motor of such a drive has its rated current, also without power.
+    /// Commands that give a motor the present state of the axis, in the order that a drive uses: motion, then
+    /// current. A current that the drive has never set is omitted: the motor of such a drive has its rated
+    /// current, also without power.
     pub(super) fn motor_commands(&self) -> impl Iterator<Item = MotorCommand> + use<> {
         let current = self.reports_current.then_some(MotorCommand::Current(self.current_ma));
         [MotorCommand::Plan(self.plan), MotorCommand::Duty(self.duty)].into_iter().chain(current)
@@ -166,12 +169,12 @@ impl AxisState {
         }
     }
 
-    /// The output of a pin: STEP, DIR, or none.
+    /// The output at a pin: STEP or DIR; `None` for any other pin.
     pub(super) fn output(&self, pin: Pin) -> Option<StepDir> {
         StepDir::at(self.step_dir?, pin)
     }
 
-    /// The level of STEP or DIR; `None` for any other pin, and while it is lent.
+    /// The level of STEP or DIR; `None` for any other pin, and while the output is lent.
     pub(super) fn level(&self, at: Instant, pin: Pin, powered: bool) -> Option<Level> {
         let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
         let shaper = match &self.shaper {
@@ -181,35 +184,36 @@ impl AxisState {
         Some(level_of(shaper.is_high(output)))
     }
 
-    /// The pulses after all edges up to `at`, where no wire needs those before.
+    /// The pulses after all edges up to `at`, if no wire needs earlier edges.
     fn recent_pulses(&self, at: Instant, powered: bool) -> Shaper {
         let start = self.plan.start();
-        // The longest pulse.
+        // Earlier edges have no effect, because `HIGH` is the length of the longest pulse.
         match &self.unfinished {
             Some(shaper) if at <= start + HIGH => taken(Shaper::clone(shaper), at),
             _ => taken(self.pulses(start.max(at - HIGH), powered), at),
         }
     }
 
-    /// Makes pulses from now on, for a wire.
+    /// Generates pulses from `at` on, for a wire.
     pub(super) fn listen(&mut self, at: Instant, powered: bool) {
         if self.shaper.is_none() {
             self.shaper = Some(self.pulses(at, powered));
         }
     }
 
-    /// The pulses from `at` on.
+    /// The pulses of the plan from `at` on.
     fn pulses(&self, at: Instant, powered: bool) -> Shaper {
         if powered { Shaper::new(at, &self.plan, self.forward_at(at)) } else { Shaper::default() }
     }
 
-    /// Time of the next edge, and a number that distinguishes it from earlier predictions.
+    /// Time of the next edge, and a number that identifies this prediction.
     pub(super) fn next_edge(&mut self) -> Option<(Instant, u32)> {
         self.changes = self.changes.wrapping_add(1);
         Some((self.shaper.as_ref()?.due(), self.changes))
     }
 
-    /// The edge that was predicted under that number, if it is due by `until`; without a level while the pin is lent.
+    /// Takes the edge that was predicted under that number, if it is due by `until`. The level is `None`
+    /// while the pin is lent.
     pub(super) fn take_edge(&mut self, number: u32, until: Instant) -> Option<(Pin, Option<Level>)> {
         if self.changes != number {
             return None;
@@ -217,7 +221,8 @@ impl AxisState {
         self.take(until).map(|(pin, _, level)| (pin, level))
     }
 
-    /// The next edge, if it is due by `until`: pin, time, and level, if the pin is not lent.
+    /// Takes the next edge, if it is due by `until`: pin, time and level. The level is `None` while the pin
+    /// is lent.
     pub(super) fn take(&mut self, until: Instant) -> Option<(Pin, Instant, Option<Level>)> {
         let (step, dir) = self.step_dir?;
         let edge = self.shaper.as_mut()?.take(until)?;
@@ -225,7 +230,7 @@ impl AxisState {
         Some((pin, edge.at, (!self.lent.has(edge.output)).then(|| level_of(edge.high))))
     }
 
-    /// Returns whether the last step by `at` was forward.
+    /// Returns true if the last step up to `at` was forward.
     fn forward_at(&self, at: Instant) -> bool {
         if let Some(forward) = self.stepped
             && self.plan.end() <= at

@@ -1,4 +1,4 @@
-//! A drive on a bench: its deadlines, its inputs, and its state as seen from outside.
+//! A drive on a bench: its deadlines, its inputs, and its state as visible from outside.
 
 mod axis;
 mod pins;
@@ -33,25 +33,25 @@ pub(crate) struct Slot {
     device: Box<dyn Device>,
     pub(crate) state: SlotState,
     boot_fast: bool,
-    /// Pins for the Hall sensors, if the internal motor is detached.
+    /// Pins of the drive for Hall sensors, if its internal motor is detached.
     pub(crate) halls: Option<&'static [Pin]>,
-    /// Parameters of the detached motor, as the registers described it after the first power-on.
+    /// Parameters of the detached motor, from the drive's registers after the first power-on.
     pub(crate) detached_motor: Option<Parameters>,
-    /// Axes with an attached motor, and the index of that motor.
+    /// Axes with an attached motor, and the index of each motor.
     pub(crate) motors: Vec<(Axis, u32)>,
-    /// Rows that are set after every power-on, and their values.
+    /// Presets for every power-on: row and value.
     pub(crate) presets: Vec<(usize, i64)>,
-    /// Random stream of the seeds, one for each power-on.
+    /// Random numbers: the seed of the drive at each power-on.
     rng: Rng,
-    /// Time and phase of its last event: no event can come before that.
+    /// Time and phase of the last event. No later event may come before them.
     last: (Instant, Phase),
     wakes: Wakes,
-    /// Next deadline; [`Instant::NEVER`] without power.
+    /// Next deadline; [`Instant::NEVER`] if power is off.
     deadline: Instant,
 }
 
 impl Slot {
-    /// A drive without power.
+    /// A drive whose power is off.
     pub(crate) fn new(
         drive: u32,
         name: &str,
@@ -82,22 +82,23 @@ impl Slot {
         }
     }
 
-    /// Next deadline; [`Instant::NEVER`] without power.
+    /// Next deadline; [`Instant::NEVER`] if power is off.
     pub(crate) fn deadline(&self) -> Instant {
         self.deadline
     }
 
-    /// Detaches the internal motor, before the first power-on.
+    /// Detaches the internal motor; to be called before the first power-on.
     pub(crate) fn detach_motor(&mut self) {
         self.halls = self.device.detach_motor();
     }
 
-    /// Records the parameters of the detached motor, after the first power-on.
+    /// Records the parameters of the detached motor; to be called after the first power-on.
     pub(crate) fn record_detached_motor(&mut self) {
         self.detached_motor = self.halls.and_then(|_| self.device.internal_motor());
     }
 
-    /// Attaches a motor of the bench to an axis. Returns the commands that bring the motor up to date, in their order.
+    /// Attaches a motor of the bench to an axis. Returns the commands that give the motor the present state
+    /// of the axis, in their order.
     pub(crate) fn turns(&mut self, axis: Axis, motor: u32) -> Vec<MotorCommand> {
         self.motors.push((axis, motor));
         let microsteps = MotorCommand::Microsteps(self.microsteps(axis));
@@ -106,17 +107,17 @@ impl Slot {
         std::iter::once(microsteps).chain(state.motor_commands()).collect()
     }
 
-    /// Returns whether a TCP port accepts connections.
+    /// Returns true if a TCP port accepts connections.
     pub(crate) fn accepts(&self, port: Port) -> bool {
         self.device.accepts(port)
     }
 
-    /// Returns whether the drive takes messages on a TCP port.
+    /// Returns true if the drive takes messages on a TCP port, or if power is off.
     pub(crate) fn takes(&self, port: Port) -> bool {
         !self.state.powered || self.device.takes(port)
     }
 
-    /// Steps of its motion plans per full step of the motor on an axis.
+    /// Number of steps in a motion plan per full step of the motor on an axis.
     pub(crate) fn microsteps(&self, axis: Axis) -> u16 {
         self.device.microsteps(axis)
     }
@@ -124,7 +125,7 @@ impl Slot {
     /// Calls the drive at its deadline. Returns the next deadline.
     ///
     /// # Panics
-    /// If it sets deadlines at one instant for ever, so that time would not advance.
+    /// If the drive sets deadlines at the same instant forever, so that time cannot advance.
     pub(crate) fn wake(&mut self, due: Instant, context: &mut CallContext<'_>) -> Instant {
         self.device.timeout(due, &mut SlotContext { state: &mut self.state, context });
         let next = self.done(due, Phase::Deadline, context);
@@ -132,7 +133,7 @@ impl Slot {
         next
     }
 
-    /// Applies the presets for every power-on. The error has the row that the drive refuses.
+    /// Applies the presets for every power-on. An error contains the row that the drive refuses.
     pub(crate) fn preset_again(
         &mut self,
         at: Instant,
@@ -140,7 +141,7 @@ impl Slot {
     ) -> Result<(), (usize, PresetError)> {
         for n in 0..self.presets.len() {
             let (row, value) = self.presets[n];
-            // A preset comes after the deadlines of its instant.
+            // A preset is applied after the deadlines of its instant.
             while self.deadline() <= at {
                 self.wake(self.deadline(), context);
             }
@@ -157,8 +158,9 @@ impl Slot {
         self.done(at, Phase::Power, context);
     }
 
-    /// Notes an input, and returns whether the drive receives it: not without power, and not on a half-duplex line
-    /// while it sends.
+    /// Updates the signal of a pin or the cause of a fault. Returns true if the drive receives the input. If
+    /// power is off, it receives only changes of power; while it sends on a half-duplex line, it receives no
+    /// characters.
     pub(crate) fn receives(&mut self, at: Instant, input: &InputRecord) -> bool {
         match *input {
             InputRecord::Edge { pin, high } => self.set_reported(pin, Signal::Digital(high)),
@@ -185,7 +187,8 @@ impl Slot {
         }
     }
 
-    /// Delivers an input and records it. Without power the drive receives nothing.
+    /// Delivers an input and records it. While power is off, only inputs that change the power have an
+    /// effect.
     pub(crate) fn feed(
         &mut self,
         at: Instant,
@@ -223,7 +226,7 @@ impl Slot {
         Ok(())
     }
 
-    /// Writes a preset to the memory, before the first power-on (PROJECT-6).
+    /// Writes a preset to the memory; to be called before the first power-on (PROJECT-6).
     pub(crate) fn preset(
         &mut self,
         at: Instant,
@@ -244,12 +247,13 @@ impl Slot {
         self.deadline
     }
 
-    /// The first instant from `now` on at which an event of that phase can still reach the drive.
+    /// Earliest time, `now` or one tick later, at which the drive can still receive an event of that phase.
     pub(crate) fn free(&self, now: Instant, phase: Phase) -> Instant {
         if self.last > (now, phase) { now + Duration::TICK } else { now }
     }
 
-    /// Inputs that differ from the state that a drive assumes at power-on: faults, then pins.
+    /// Inputs to report at power-on: first the faults, then the pins that differ from the state that a drive
+    /// assumes then.
     pub(crate) fn state_to_report(&self) -> Vec<InputRecord> {
         let faults = (0..).zip(&self.state.faults).filter(|(_, on)| **on);
         let pins = (0..).zip(&self.state.pins).filter(|(_, pin)| pin.is_news());
@@ -269,7 +273,7 @@ impl Slot {
         self.state.pins.get(usize::from(pin.0))
     }
 
-    /// An encoder input, and its pins.
+    /// An encoder input, and its description with its pins.
     pub(crate) fn encoder_mut(
         &mut self,
         encoder: Encoder,
@@ -278,7 +282,7 @@ impl Slot {
         Some((self.state.encoders.get_mut(index)?, self.spec.encoders.get(index)?))
     }
 
-    /// The encoder inputs of which a pin is A or B.
+    /// The encoder inputs that have a pin as A or B.
     pub(crate) fn encoders_at(&mut self, pin: Pin) -> impl Iterator<Item = &mut EncoderState> {
         let encoders = self.state.encoders.iter_mut().zip(self.spec.encoders);
         encoders.filter(move |(_, spec)| spec.a == pin || spec.b == pin).map(|(state, _)| state)
@@ -289,7 +293,8 @@ impl Slot {
         self.state.ports.get(usize::from(port.0))?.serial.as_ref()
     }
 
-    /// Time at which it began to send its last message on the port that `input` comes to.
+    /// Start of the last message that the drive sent on the port of `input`; `None` if `input` has no
+    /// characters.
     pub(crate) fn began(&self, input: &InputRecord) -> Option<Instant> {
         match *input {
             InputRecord::Bytes { port, .. } | InputRecord::RxError { port } | InputRecord::Idle { port } => {
@@ -316,12 +321,12 @@ impl Slot {
         }
     }
 
-    /// A register as it reads at `at`.
+    /// Value of a register, as it would be read at `at`.
     pub(crate) fn peek(&self, at: Instant, row: usize) -> i64 {
         self.device.peek(at, row)
     }
 
-    /// One word of a register of more than four words.
+    /// A word of a register that has more than four words.
     pub(crate) fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
         self.device.peek_word(at, row, word)
     }
@@ -339,7 +344,7 @@ impl Slot {
         self.state.axes.iter().find_map(|axis| axis.level(at, pin, self.state.powered))
     }
 
-    /// Level that the device drives at a pin.
+    /// The level that the drive outputs at a pin.
     pub(crate) fn driven(&self, at: Instant, pin: Pin) -> Level {
         match self.pulses_at(at, pin) {
             Some(level) => level,
@@ -347,7 +352,8 @@ impl Slot {
         }
     }
 
-    /// Time of the next change of a wave on an output, and the number of that change.
+    /// Time of the next edge of a wave on an output, and the count of output changes, which identifies this
+    /// wave.
     pub(crate) fn wave_after(&self, at: Instant, pin: Pin) -> Option<(Instant, u32)> {
         let pin = self.pin(pin)?;
         let due = pin.drives.next_edge(at);
@@ -363,7 +369,7 @@ impl Slot {
             .map(|(axis, _)| axis)
     }
 
-    /// Makes the pulses of an axis from now on, for a wire.
+    /// Generates the step pulses of an axis from `at` on, because a wire needs them.
     pub(crate) fn listen(&mut self, at: Instant, axis: Axis) {
         let powered = self.state.powered;
         if let Some(axis) = self.state.axis(axis) {
@@ -371,13 +377,13 @@ impl Slot {
         }
     }
 
-    /// Time of the next edge of an axis, and a number that distinguishes it from earlier predictions.
+    /// Time of the next edge of an axis, and a number that identifies this prediction.
     pub(crate) fn next_edge(&mut self, axis: Axis) -> Option<(Instant, u32)> {
         self.state.axis(axis)?.next_edge()
     }
 
-    /// The edge of an axis that was predicted under that number, if it is due by `until`; without a level while the
-    /// drive uses the pin itself.
+    /// Takes the edge of an axis that was predicted under that number, if it is due by `until`. The level is
+    /// `None` while the drive uses the pin for another purpose.
     pub(crate) fn take_edge(
         &mut self,
         axis: Axis,
@@ -387,25 +393,25 @@ impl Slot {
         self.state.axis(axis)?.take_edge(number, until)
     }
 
-    /// Motion of an axis: that of the internal motor, if there is one, else as commanded.
+    /// Motion of an axis: that of the internal motor if there is one, otherwise as commanded.
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
         let commanded = || self.state.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
         self.device.shaft(at, axis).map(Motion::from).or_else(commanded).unwrap_or_default()
     }
 }
 
-/// Count of consecutive calls after which the next deadline was due at once.
+/// Number of consecutive calls that each set the next deadline to the same instant.
 #[derive(Default)]
 pub(crate) struct Wakes(u32);
 
 impl Wakes {
-    /// Calls at one instant after which a drive is considered to hang.
+    /// Number of calls at one instant after which a drive counts as hanging.
     const MOST: u32 = 1_000_000;
 
-    /// Counts a call at `due`, after which the next deadline is `next`.
+    /// Counts a call at `due` that set the next deadline to `next`.
     ///
     /// # Panics
-    /// If it sets deadlines at one instant for ever, so that time would not advance.
+    /// If the drive sets deadlines at the same instant forever, so that time cannot advance.
     pub(crate) fn count(&mut self, name: &str, due: Instant, next: Instant) {
         self.0 = if next > due { 0 } else { self.0 + 1 };
         assert!(

@@ -12,7 +12,7 @@ pub enum PinStimulus {
     Low,
     /// Driven high.
     High,
-    /// Not driven.
+    /// Not driven from outside.
     Open,
     /// A voltage, in mV.
     Millivolts(i32),
@@ -21,26 +21,26 @@ pub enum PinStimulus {
 /// A pin, with its stimulus and its output.
 pub(crate) struct PinState {
     spec: &'static PinSpec,
-    /// Stimulus from outside.
+    /// Stimulus set from outside.
     pub(crate) stimulus: PinStimulus,
-    /// Stimulus that has arrived.
+    /// Stimulus from outside that has reached the drive.
     arrived: PinStimulus,
-    /// True once it was driven from outside.
+    /// True once the pin has been driven from outside.
     was_driven: bool,
-    /// Stimulus by wires.
+    /// Stimulus from wires.
     pub(crate) wire_stimulus: PinStimulus,
-    /// Wires that drive the pin, and wires that the pin drives: indices in the bench's list.
+    /// Indices in the bench's list of wires: those that drive the pin, and those that the pin drives.
     pub(crate) driven_by: Vec<u32>,
     pub(crate) drives_wires: Vec<u32>,
-    /// Signal that was reported to the drive last.
+    /// Signal that was last reported to the drive.
     pub(crate) reported: Signal,
-    /// The train of pulses that runs.
+    /// The running train of pulses, if any.
     pub(crate) train: Option<PulseTrain>,
-    /// Count of trains.
+    /// Number of trains so far.
     pub(crate) trains: u32,
-    /// Output of the device.
+    /// Output of the drive at the pin.
     pub(super) drives: PinOutput,
-    /// Count of changes of that.
+    /// Number of changes of `drives` so far.
     pub(super) changes: u32,
 }
 
@@ -64,24 +64,25 @@ impl PinState {
         pin
     }
 
-    /// Idle level: a wired contact is pulled up.
+    /// Level of the pin without a stimulus: high for a contact that is pulled up because a wire or a stimulus
+    /// uses it, otherwise the idle level of the pin.
     fn rest(&self) -> Level {
         let wired = !self.driven_by.is_empty();
         let used = self.spec.high_once_used && (wired || self.was_driven);
         if used || self.spec.reports_open() && wired { Level::High } else { self.spec.idle }
     }
 
-    /// Handles a stimulus that arrives.
+    /// Handles a stimulus from outside that reaches the drive.
     pub(crate) fn stimulus_arrives(&mut self, drive: PinStimulus) {
         (self.arrived, self.was_driven) = (drive, true);
     }
 
-    /// Signal at the drive: a pin without a stimulus follows its wires.
+    /// Signal that the drive reads. Without a stimulus from outside, the wires determine it.
     pub(crate) fn seen(&self) -> Signal {
         self.signal(if self.arrived == PinStimulus::Open { self.wire_stimulus } else { self.arrived })
     }
 
-    /// Signal at the drive for a stimulus.
+    /// Signal that the drive reads for a stimulus.
     fn signal(&self, drive: PinStimulus) -> Signal {
         let rests_high = self.rest() == Level::High;
         if self.spec.role == Role::Analogue {
@@ -104,22 +105,22 @@ impl PinState {
         })
     }
 
-    /// Stimulus in effect: from outside, else by wires.
+    /// Present stimulus: from outside, or else from the wires.
     fn applied(&self) -> PinStimulus {
         if self.stimulus == PinStimulus::Open { self.wire_stimulus } else { self.stimulus }
     }
 
-    /// Returns whether the drive would read a high level now.
+    /// Returns true if the drive would read a high level now.
     pub(crate) fn is_high(&self) -> bool {
         match self.signal(self.applied()) {
             Signal::Digital(high) => high,
             Signal::Millivolts(mv) => mv > HIGH_MV,
-            // The pull-up is effective all the same.
+            // An open input is pulled up, too.
             Signal::Open => true,
         }
     }
 
-    /// Returns whether the signal differs from the one that a drive assumes at power-on.
+    /// Returns true if the reported signal differs from the one that a drive assumes at power-on.
     pub(super) fn is_news(&self) -> bool {
         self.reported != Self::new(self.spec).reported
     }
@@ -139,12 +140,12 @@ impl PinState {
 pub(crate) enum Signal {
     Digital(bool),
     Millivolts(i32),
-    /// Not driven, and no wire ends there.
+    /// Not driven, and no wire drives the pin.
     Open,
 }
 
 impl Signal {
-    /// Input of the device for that signal.
+    /// Input that reports the signal to the drive.
     pub(crate) fn input(self, pin: Pin) -> InputRecord {
         match self {
             Self::Digital(high) => InputRecord::Edge { pin, high },
@@ -154,45 +155,45 @@ impl Signal {
     }
 }
 
-/// Edges at a steady rate.
+/// Edges at a constant rate.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EdgeTrain {
     pub(crate) start: Instant,
     pub(crate) ticks_per_edge: f64,
     /// Additional delay of every second edge, in ticks.
     pub(crate) second_later: f64,
-    /// Edges made.
+    /// Number of edges made so far.
     pub(crate) made: u64,
-    /// Edges to make in all.
+    /// Total number of edges.
     pub(crate) count: u64,
 }
 
 impl EdgeTrain {
     /// Time of the next edge; `None` after the last one.
     pub(crate) fn due(&self) -> Option<Instant> {
-        // Exact below 2^53, to the nearest; beyond the end of time the conversion saturates.
+        // Rounded to the nearest tick, and exact below 2^53. Beyond the end of time the conversion saturates.
         let later = if self.made % 2 == 1 { self.second_later } else { 0.0 };
         let ticks = (self.made as f64 * self.ticks_per_edge + later + 0.5) as u64;
         (self.made < self.count).then_some(self.start + Duration::from_ticks(ticks))
     }
 }
 
-/// Pulses on an input.
+/// Pulse train on an input.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PulseTrain {
     pub(crate) edges: EdgeTrain,
     /// The level between pulses.
     pub(crate) rest: bool,
-    /// Stimulus to which the pin returns.
+    /// Stimulus of the pin before the train, to which the pin returns.
     pub(crate) before: PinStimulus,
 }
 
-/// Motion of an encoder that is turned from outside.
+/// Rotation of an encoder from outside.
 #[derive(Default)]
 pub(crate) struct EncoderState {
     pub(crate) edges: Option<EdgeTrain>,
     /// True if B leads A.
     pub(crate) back: bool,
-    /// Count of turns that were ordered.
+    /// Number of rotations started so far.
     pub(crate) turns: u32,
 }

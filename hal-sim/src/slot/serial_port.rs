@@ -1,4 +1,4 @@
-//! Ports of a drive, and their transmission.
+//! Ports of a drive: statistics, serial settings and transmission.
 
 use drivetwin_firmware::device::{Duration, Framing, Instant, Line, PortSpec};
 
@@ -23,11 +23,11 @@ pub struct Statistics {
     pub foreign: u64,
     /// Number of frames that arrived while the drive was starting.
     pub starting: u64,
-    /// Number of connections so far, on a TCP port.
+    /// Number of connections so far; only on a TCP port.
     pub connections: u64,
-    /// Number of messages to the drive, on a TCP port; for MCode of pieces of lines.
+    /// Number of messages to the drive; only on a TCP port. For MCode, the number of pieces of text lines.
     pub messages: u64,
-    /// Number of connections that were closed because of bytes that are not Modbus/TCP.
+    /// Number of connections closed because the client sent bytes that are not Modbus/TCP.
     pub broken: u64,
 }
 
@@ -57,18 +57,18 @@ impl PortState {
 
 /// A serial port.
 pub(crate) struct Serial {
-    /// The line it is on.
+    /// The serial line that the port is on.
     pub(super) bus: u32,
     factory: Line,
     line: Line,
-    /// Settings that hold later.
+    /// Settings that take effect later, and their times.
     later: Vec<(Instant, Line)>,
-    /// True for half-duplex Modbus: a gap ends a frame, or in ASCII a line feed. False for timed characters, full
-    /// duplex.
+    /// True for half-duplex Modbus, where a gap or, in ASCII, a line feed ends a frame. False for full-duplex
+    /// lines with timed characters.
     pub(crate) framed: bool,
-    /// Time at which its last message began to leave.
+    /// Time at which the first character of the last message began to leave.
     pub(super) began: Option<Instant>,
-    /// Time at which its last character has left.
+    /// Time at which the last character has left.
     pub(crate) sends_until: Instant,
 }
 
@@ -91,20 +91,20 @@ impl Serial {
         self.later.clear();
     }
 
-    /// The settings of a character that begins at `at`.
+    /// Settings that apply to a character that begins at `at`.
     pub(crate) fn line_at(&self, at: Instant) -> Line {
         self.later.iter().rev().find(|(from, _)| *from <= at).map_or(self.line, |&(_, line)| line)
     }
 
-    /// Changes the settings once all characters are sent.
+    /// Changes the settings after all queued characters have left.
     pub(super) fn change(&mut self, at: Instant, line: Line) {
         self.line = self.line_at(at);
         self.later.retain(|(from, _)| *from > at);
         self.later.push((at.max(self.sends_until), line));
     }
 
-    /// Sends `count` characters behind all others; with `fast` they take no time. Returns the start of the first one,
-    /// and its settings.
+    /// Sends `count` characters after all queued ones. With `fast`, characters take no time. Returns the
+    /// start of the first character, and its settings.
     pub(super) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
         let start = at.max(self.sends_until);
         let line = self.line_at(start);

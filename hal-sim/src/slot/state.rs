@@ -21,10 +21,10 @@ pub(crate) struct SlotState {
     pub(crate) memory: Vec<u8>,
     persist: Option<PersistFn>,
     pub(crate) powered: bool,
-    /// The scheduled power cut, and whether it has happened.
+    /// Scheduled power cut; `dead` is true after it has happened, until power is switched off.
     cut: Option<Place>,
     pub(super) dead: bool,
-    /// Random stream of the points at which power fails.
+    /// Random numbers for the points at which power fails.
     rng: Rng,
     pub(crate) pins: Vec<PinState>,
     pub(super) axes: Vec<AxisState>,
@@ -37,7 +37,7 @@ pub(crate) struct SlotState {
 /// Point in a save at which power fails.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// Stores that are still completed.
+    /// Number of stores that are still completed before.
     stores: u32,
     part: Part,
 }
@@ -46,18 +46,18 @@ struct Place {
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Bytes(usize),
-    /// A random part; `whole`: it may be the whole store.
+    /// A random part. With `whole`, it may be the whole store.
     Random {
         number: u64,
         whole: bool,
     },
 }
 
-/// Characters that a port sends.
+/// Characters that a port sends in one output.
 pub(crate) struct Sent {
     pub(crate) drive: u32,
     pub(crate) port: Port,
-    /// Start of the first one.
+    /// Start of the first character.
     pub(crate) start: Instant,
     pub(crate) line: Line,
     /// Number of characters; they are in [`Outputs::bytes`].
@@ -69,13 +69,13 @@ pub(crate) struct TcpSend {
     pub(crate) drive: u32,
     pub(crate) port: Port,
     pub(crate) link: Link,
-    /// The client.
+    /// The client of the connection.
     pub(crate) client: u32,
-    /// Number of bytes, which are in [`Outputs::messages`]; `None`: the drive closes the connection.
+    /// Number of bytes, which are in [`Outputs::messages`]; `None` if the drive closes the connection.
     pub(crate) count: Option<usize>,
 }
 
-/// Change of an output with a wire.
+/// Change of an output that has a wire.
 pub(crate) enum PinChange {
     /// A pin changes to a level.
     Pin { pin: Pin, at: Instant, level: Level },
@@ -87,12 +87,12 @@ pub(crate) enum PinChange {
 
 /// A command to a motor, from its drive or from outside.
 ///
-/// Of one instant the step size comes first, because plans are in steps: a plan in steps of another size would make
-/// the shaft jump. The other commands keep the order in which the drive gave them.
+/// At one instant the step size is applied first, because plans are in steps: with a plan in steps of another
+/// size the shaft would jump. The other commands keep the order in which the drive gave them.
 #[derive(Clone, Debug)]
 pub(crate) enum MotorCommand {
     Plan(Plan),
-    /// Step size from the next plan on, and for the rest of the present one.
+    /// Step size for the next plan, and for the rest of the present plan.
     Microsteps(u16),
     Steps(i32),
     Current(u32),
@@ -104,7 +104,7 @@ pub(crate) enum MotorCommand {
 /// Outputs of a drive in one call.
 #[derive(Default)]
 pub(crate) struct Outputs {
-    /// Commands to its motors: drive, axis, time.
+    /// Commands to motors: drive, axis, time and command.
     pub(crate) motor_commands: Vec<(u32, Axis, Instant, MotorCommand)>,
     pub(crate) sent: Vec<Sent>,
     /// Characters of all entries of `sent`.
@@ -112,7 +112,7 @@ pub(crate) struct Outputs {
     pub(crate) tcp_sends: Vec<TcpSend>,
     /// Bytes of all entries of `tcp_sends`.
     pub(crate) messages: Vec<u8>,
-    /// Changes of outputs, and the drive of each.
+    /// Changes of outputs, each with the drive.
     pub(crate) pin_changes: Vec<(u32, PinChange)>,
 }
 
@@ -132,7 +132,7 @@ impl Outputs {
     }
 }
 
-/// Destination of a drive's outputs, besides its own state.
+/// Trace and outputs of the bench, to which a drive's outputs go during a call.
 pub(crate) struct CallContext<'a> {
     pub(crate) trace: &'a mut Trace,
     pub(crate) outputs: &'a mut Outputs,
@@ -140,7 +140,7 @@ pub(crate) struct CallContext<'a> {
     pub(crate) fast: bool,
 }
 
-/// The sink of one call of a drive.
+/// Context of one call of a drive: updates the slot's state and passes outputs on to the bench.
 pub(super) struct SlotContext<'a, 'b> {
     pub(super) state: &'a mut SlotState,
     pub(super) context: &'a mut CallContext<'b>,
@@ -169,7 +169,7 @@ impl Context for SlotContext<'_, '_> {
 }
 
 impl SlotState {
-    /// State of a drive without power.
+    /// State of a drive whose power is off.
     pub(super) fn new(
         drive: u32,
         name: &str,
@@ -196,7 +196,7 @@ impl SlotState {
         }
     }
 
-    /// Stores bytes up to a power cut, and returns the bytes that were stored.
+    /// Stores bytes; at a power cut only a part of them. Returns the bytes that were stored.
     fn store<'a>(&mut self, offset: u16, bytes: &'a [u8]) -> &'a [u8] {
         let part = match &mut self.cut {
             None => bytes.len(),
@@ -209,7 +209,8 @@ impl SlotState {
                 let part = match *part {
                     Part::Bytes(part) => part.min(length),
                     Part::Random { number, whole } => {
-                        // A cut that leaves the memory unchanged is not in the middle of a save.
+                        // With `whole`, at least one byte changes: a cut that leaves the memory unchanged is
+                        // not in the middle of a save.
                         let old = self.memory.get(usize::from(offset)..).unwrap_or(&[]);
                         let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
                         let least = if whole { (same + 1).min(length) } else { 0 };
@@ -233,7 +234,7 @@ impl SlotState {
         bytes
     }
 
-    /// Handles any output but a store.
+    /// Handles all outputs except stores.
     fn put(&mut self, at: Instant, output: Output<'_>, context: &mut CallContext<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
@@ -275,7 +276,7 @@ impl SlotState {
             Output::Log(note) => self.count(note),
             Output::Message { port, link, bytes } => self.send_tcp(port, link, Some(bytes), context.outputs),
             Output::Close { port, link } => self.send_tcp(port, link, None, context.outputs),
-            // A store is handled by the caller, and motors have no slot.
+            // The caller handles stores. The other outputs come from motors, which have no slot.
             Output::Store { .. }
             | Output::MotorCurrent { .. }
             | Output::Motor { .. }
@@ -283,7 +284,7 @@ impl SlotState {
         }
     }
 
-    /// Sends bytes on a TCP connection, or closes it (`None`), if a client is connected.
+    /// Sends bytes on a TCP connection, or closes it (`None`). Without a client this has no effect.
     fn send_tcp(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outputs: &mut Outputs) {
         let drive = self.drive;
         let Some(tcp) = self.tcp(port) else { return };
@@ -293,7 +294,7 @@ impl SlotState {
         outputs.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
-    /// Adds a command to the motor of an axis, if there is one.
+    /// Adds a command to the motor of an axis, if a motor is attached.
     fn command_motor(
         &self,
         axis: Axis,
@@ -341,7 +342,8 @@ impl SlotState {
         }
     }
 
-    /// Lends an output of an axis to the drive, if the pin is shared; pins for pulses only stay with the axis.
+    /// Lends a shared output of an axis to the drive. Returns true if the drive now controls the pin, false
+    /// if the pin is only for pulses and stays with the axis.
     fn lend(&mut self, pin: Pin, at: Instant, outputs: &mut Outputs) -> bool {
         for axis in (0..self.axes.len() as u8).map(Axis) {
             let Some(output) = self.axis(axis).and_then(|axis| axis.output(pin)) else { continue };
@@ -351,7 +353,7 @@ impl SlotState {
         true
     }
 
-    /// Returns the pins of an axis from the drive; they are low then.
+    /// Returns the lent pins of an axis from the drive to the axis. They are low then.
     fn take_back(&mut self, axis: Axis, at: Instant, outputs: &mut Outputs) {
         let Some(state) = self.axes.get(usize::from(axis.0)) else { return };
         for pin in state.lent() {
@@ -362,7 +364,7 @@ impl SlotState {
         }
     }
 
-    /// Changes an axis. If its pulses are wired, the edges up to now come first.
+    /// Changes an axis. If its pulses are wired, the edges up to `at` are added to the outputs first.
     fn shape(
         &mut self,
         axis: Axis,
@@ -380,7 +382,7 @@ impl SlotState {
         };
         moves(state);
         gen_bool(state);
-        // Without power the outputs fall at once.
+        // If power is off now, the outputs fall at once.
         moves(state);
         if state.shaper.is_some() {
             outputs.pin_changes.push((self.drive, PinChange::Axis { axis }));
@@ -428,7 +430,8 @@ impl SlotState {
         self.cut = Some(match cut {
             Some(Cut { stores, bytes }) => Place { stores, part: Part::Bytes(bytes) },
             None => {
-                // A save is two stores. The end of the first one is in its middle, the end of the second is not.
+                // A save is two stores. The end of the first store is in the middle of the save, but the end
+                // of the second is not.
                 let stores = u32::from(self.rng.next() % 2 == 1);
                 Place { stores, part: Part::Random { number: self.rng.next(), whole: stores == 0 } }
             }

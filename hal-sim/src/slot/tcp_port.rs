@@ -4,33 +4,34 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Framing, Link, PortSpec};
 
-/// Maximum number of connections of a TCP port; a further one is refused.
+/// Maximum number of connections of a TCP port; further connections are refused.
 pub const MOST_CONNECTIONS: usize = 64;
 
 /// A TCP port.
 ///
-/// Openings and closings are reported to the drive in their turn. So a connection number may belong to a new client
-/// while the drive still uses it for the previous one.
+/// The drive receives openings and closings as events, later than they happen. Therefore a connection number
+/// may already belong to a new client while the drive still uses it for the previous client.
 pub(crate) struct Tcp {
     /// True for Modbus/TCP, whose messages are delivered whole.
     pub(crate) framed: bool,
     numbers: Vec<Number>,
-    /// Clients that have connected, which was not reported to the drive yet.
+    /// Clients that have connected but are not reported to the drive yet.
     not_reported: Vec<u32>,
-    /// Client whose message the drive executes, while it takes no other one.
+    /// `Some` while the drive takes no messages; inside, the client whose message the drive executes.
     pub(crate) busy_with: Option<Option<u32>>,
     /// Client whose message was delivered last.
     pub(crate) last_served: Option<u32>,
-    /// Clients with more messages, or that have left, in the order of their waiting time.
+    /// Clients that wait until the drive takes messages, because they have sent more or have left; the first
+    /// has waited longest.
     waiting: VecDeque<u32>,
 }
 
-/// The number of a connection.
+/// State of a connection number.
 #[derive(Clone, Copy, Default)]
 struct Number {
-    /// Client that has the connection.
+    /// Client that has the number.
     given: Option<u32>,
-    /// Client of the connection as reported to the drive.
+    /// Client that has the number from the drive's point of view.
     known: Option<u32>,
 }
 
@@ -66,29 +67,29 @@ impl Tcp {
         Some(Link(index as u8))
     }
 
-    /// Removes a client; returns whether it was still connected.
+    /// Removes a client. Returns true if it was still connected.
     pub(crate) fn leave(&mut self, link: Link, client: u32) -> bool {
         self.number(link).is_some_and(|number| number.given.take_if(|given| *given == client).is_some())
     }
 
-    /// Queues a client until the drive takes more.
+    /// Queues a client until the drive takes messages again.
     pub(crate) fn enqueue(&mut self, client: u32) {
         if !self.waiting.contains(&client) {
             self.waiting.push_back(client);
         }
     }
 
-    /// Next client to be served, if the drive takes more.
+    /// The next client to serve, if the drive takes messages.
     pub(crate) fn next_waiting(&mut self) -> Option<u32> {
         if self.busy_with.is_none() { self.waiting.pop_front() } else { None }
     }
 
-    /// Client of a connection number as reported to the drive.
+    /// Client that has a connection number from the drive's point of view.
     pub(crate) fn known(&self, link: Link) -> Option<u32> {
         self.numbers.get(usize::from(link.0))?.known
     }
 
-    /// Marks an opening as reported to the drive; returns false if power was off since.
+    /// Marks a connection as reported to the drive. Returns false if power has been off since it was opened.
     pub(crate) fn report_opened(&mut self, link: Link, client: u32) -> bool {
         let Some(index) = self.not_reported.iter().position(|&not_reported| not_reported == client) else {
             return false;
@@ -97,13 +98,13 @@ impl Tcp {
         self.number(link).is_some_and(|number| number.known.replace(client).is_none())
     }
 
-    /// Marks a closing as reported to the drive; returns false if the drive closed the connection itself, or power was
-    /// off since.
+    /// Marks a closing as reported to the drive. Returns false if the drive closed the connection itself, or
+    /// power has been off since.
     pub(crate) fn report_closed(&mut self, link: Link, client: u32) -> bool {
         self.number(link).is_some_and(|number| number.known.take_if(|known| *known == client).is_some())
     }
 
-    /// Closes a connection on behalf of the drive. Returns its client.
+    /// Closes a connection for the drive. Returns the client of the connection.
     pub(crate) fn close(&mut self, link: Link) -> Option<u32> {
         let client = self.number(link)?.known.take()?;
         self.leave(link, client);

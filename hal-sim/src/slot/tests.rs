@@ -1,4 +1,4 @@
-//! Pulses on pins that serve other purposes, too.
+//! Pulses on pins that also serve other purposes.
 
 use drivetwin_firmware::device::{AxisSpec, Context, Input, Output, PinSpec, Plan, Role};
 use drivetwin_firmware::motion::Limits;
@@ -14,10 +14,11 @@ use crate::record::trace::{Event, Retention};
 use crate::signals::pulses::Pulse;
 
 drivetwin_protocol::registers! {
-    /// What a lender does.
+    /// Registers of a lender, a device that lends its pins.
     enum Reg: HighFirst {
-        /// 0 to 2: STEP low, high, let go; 3 to 5: DIR. 6: a plan at rest; 7 and 8: one of two steps, forward
-        /// and back; 9 and 10: a wave on STEP, on DIR; 11: 200,000 steps/s at once. Reads the edges seen.
+        /// 0 to 2: STEP low, high, floating. 3 to 5: the same for DIR. 6: a plan without motion. 7 and 8: a
+        /// plan of two steps, forward and backward. 9 and 10: a wave on STEP, on DIR. 11: 200,000 steps/s at
+        /// once. Reads as the number of edges received.
         Do = rw(0, "1"),
     }
 }
@@ -77,7 +78,7 @@ impl Device for Lender {
             8 => -2,
             _ => 0,
         };
-        // Its first step after sqrt(2/200) s, its second and last one after as much again.
+        // The first step comes after sqrt(2/200) s, the second and last one after the same time again.
         let plan = match value {
             11 => {
                 let ramp = Plan::at_rest(at - 1.millis(), 0);
@@ -99,7 +100,7 @@ impl Device for Lender {
     }
 }
 
-/// A bench with a lender on it that has power, and one that listens to it.
+/// A bench with a lender that is powered on, and a second lender `ear` that receives its signals.
 struct Fixture {
     bench: Bench,
     lender: DriveId,
@@ -124,7 +125,7 @@ impl Fixture {
         }
     }
 
-    /// Does something then.
+    /// Gives the lender an order at a time in ms.
     fn poke(&mut self, ms: u64, what: u8) {
         self.bench.run_until(ms.millis());
         self.bench.poke(self.lender, 0, what.into()).unwrap();
@@ -134,8 +135,8 @@ impl Fixture {
         [STEP, DIR].map(|pin| self.bench.level(drive, pin))
     }
 
-    /// Inputs of the other drive up to then: pins and levels with their instants in µs, without the tick
-    /// that a wire takes.
+    /// Inputs that `ear` has received by a time in ms: pin, level and time in µs, without the tick of delay
+    /// of a wire.
     fn received(&mut self, ms: u64) -> Vec<String> {
         self.bench.run_until(ms.millis());
         let ear = self.ear.0 as usize;
@@ -153,7 +154,7 @@ impl Fixture {
     }
 }
 
-/// When pulses rise and fall, in µs, and whether they go forward.
+/// Rise and fall of each pulse in µs, and true if it is forward.
 fn pulses(fixture: &Fixture) -> Vec<(f64, f64, bool)> {
     let micros = |at: Instant| at.ticks() as f64 / 16.0;
     let pulses = fixture.bench.pulses(fixture.lender.step());
@@ -177,7 +178,8 @@ fn a_level_takes_its_pin_until_the_next_plan() {
     fixture.poke(10, 7);
     fixture.poke(150, 1);
     assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
-    // The second step is not seen. DIR was not taken, and is high from the first one.
+    // The second step does not appear at the pin. The axis kept DIR, which has been high since the first
+    // step.
     let before = fixture.received(299).len();
     assert_eq!(fixture.received(299)[before - 1], "S+ 150000");
     fixture.poke(300, 8);
@@ -208,7 +210,7 @@ fn the_direction_is_low_when_a_plan_takes_it() {
         if late {
             fixture.wire();
         }
-        // It was forward; so the next plan must turn it again.
+        // The last step was forward, but DIR is low now, so the next plan must raise it again.
         fixture.poke(400, 7);
         fixture.bench.run_until(499.millis());
         assert_eq!(fixture.levels(fixture.lender), [Level::Low; 2]);
@@ -225,7 +227,8 @@ fn a_plan_that_turns_the_direction_at_once_is_heard() {
     }
     fixture.poke(10, 11);
     fixture.bench.run_until(10_003.micros());
-    // It has come 190.687 steps in the 1 ms before, of which 93 µs were a ramp: the next one is 1.57 µs away.
+    // In the 1 ms before, of which 93 µs were a ramp, the plan made 190.687 steps; so the next step is 1.57
+    // µs away.
     assert_eq!(fixture.received(10)[2..], ["D+ 10000", "S+ 10001.5625"]);
     assert_eq!(fixture.levels(fixture.ear), fixture.levels(fixture.lender));
 }
@@ -238,7 +241,7 @@ fn a_level_cuts_a_pulse_off() {
     fixture.bench.poke(fixture.lender, 0, 0).unwrap();
     assert_eq!(fixture.received(400)[3..], ["S+ 110000", "S- 110001"]);
     assert_eq!(pulses(&fixture), [(110_000.0, 110_001.0, true)]);
-    // A plan does not bring the rest of it back.
+    // A plan does not restore the rest of the pulse.
     let mut fixture = Fixture::new(true);
     fixture.poke(10, 7);
     fixture.bench.run_until(110_001.micros());
@@ -256,7 +259,7 @@ fn a_pin_that_is_let_go_is_an_input() {
     fixture.poke(20, 2);
     let edges = fixture.bench.peek(fixture.lender, 0);
     fixture.bench.run_until(30.millis());
-    // The other one pulls it down, and lets it go.
+    // The other drive pulls the pin low, and then releases it.
     for (ms, what, level) in [(40, 0, Level::Low), (50, 2, Level::High)] {
         fixture.bench.run_until(ms.millis());
         fixture.bench.poke(fixture.ear, 0, what).unwrap();
@@ -277,12 +280,12 @@ fn without_power_the_pins_are_let_go() {
     fixture.bench.power(fixture.lender, PowerAction::On);
     fixture.bench.run_until(300.millis());
     assert_eq!(fixture.levels(fixture.lender), [Level::High; 2]);
-    // DIR was high; STEP comes up when it is let go.
+    // DIR was high already. STEP rises when it is released.
     assert_eq!(fixture.received(500).last().unwrap(), "S+ 150000");
     assert_eq!(pulses(&fixture).len(), 1);
 }
 
-/// The level of the lender's STEP or DIR in a file of waveforms, in ticks.
+/// The level of the lender's STEP or DIR at `at` in a file of waveforms.
 fn shown(file: &str, pin: Pin, at: Instant) -> Level {
     let code = if pin == STEP { '!' } else { '"' };
     let (mut stamp, mut level) = (0, None);
@@ -311,7 +314,8 @@ proptest! {
         for (wait, what, sample) in orders {
             ms += wait;
             for fixture in [&mut fixture, &mut except] {
-                // Beside all steps, which are at whole milliseconds after a plan began, or between.
+                // Orders are given 0.3 ms after whole milliseconds; steps come whole milliseconds after the
+                // start of a plan.
                 fixture.bench.run_until((1_000 * ms + 300).micros());
                 fixture.bench.poke(fixture.lender, 0, what.into()).unwrap();
             }

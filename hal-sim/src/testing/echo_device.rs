@@ -1,5 +1,5 @@
-//! Test device with two TCP ports: Modbus/TCP, where it sends each ADU back, and lines of text, where it sends most
-//! characters back.
+//! Test device with two TCP ports. On the Modbus/TCP port it sends each ADU back, on the port for text lines
+//! most characters.
 
 use drivetwin_firmware::device::{
     Boot, Context, Device, Duration, Framing, Input, Instant, Link, LogEvent, Output, Port, PortSpec,
@@ -19,19 +19,19 @@ static SPEC: Spec = Spec {
 
 /// The Modbus/TCP port.
 pub const MODBUS: Port = Port(0);
-/// The port of lines of text.
+/// The port for text lines.
 pub const MCODE: Port = Port(1);
 
-/// Maximum number of connections of its text port.
+/// Maximum number of connections of the text port.
 const MOST: u8 = 4;
 
-/// A device that echoes. On its port of text it greets with `>`; `x` closes the connection, `f` sends a MiB, `t` sends
-/// `T` at the deadlines of this instant and of each second after it, until the connection is closed.
+/// A device that echoes. On its text port it greets each client with `>`. `x` closes the connection, `f`
+/// sends 1 MiB, and `t` sends `T` at once and then every second until the connection is closed.
 #[derive(Debug, Default)]
 pub struct EchoDevice {
-    /// Interval at which it sends `T` to connection 0, open or not, from power-on.
+    /// Interval at which the device sends `T` to connection 0 from power-on, even if that is not open.
     pub ring: Option<Duration>,
-    /// Next time of sending `T`, and the connection.
+    /// Time and connection of the next `T`.
     pub due: Option<(Instant, Link)>,
 }
 

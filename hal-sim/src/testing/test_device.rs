@@ -1,5 +1,5 @@
-//! Test device with features that an MD3 does not have: timed characters, a stream, a save of two stores, waves,
-//! steps, analogue inputs.
+//! Test device with features that an MD3 does not have: timed characters, a stream, a save of two stores,
+//! waves, steps and an analogue input.
 
 use drivetwin_firmware::device::{
     Axis, AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Line, Output,
@@ -11,9 +11,9 @@ use drivetwin_protocol::registers::Register;
 use crate::signals::pin_waveform::level_of;
 
 drivetwin_protocol::registers! {
-    /// Registers of a toy.
+    /// Registers of the toy.
     pub enum Reg: HighFirst {
-        /// Sent as the answer to `r`; 7 is refused.
+        /// Sent in the answer to `r`; 7 is refused.
         Volume = rw(0, "1").range(0, 250),
         /// The first byte of the memory.
         Number = rw(1, "2").range(0, 250).saved(),
@@ -65,15 +65,15 @@ pub const INTERVAL: Duration = Duration::millis(3);
 /// Time between the two stores of a save.
 pub const SAVE: Duration = Duration::millis(20);
 
-/// `r` sends a random letter and the volume, `s` starts and stops the stream, `w` saves, `1` and `0`
-/// set the output; a preset volume pulls it down.
+/// The toy: `r` sends a random letter and the volume, `s` starts or stops the stream, `w` saves, `1` and `0`
+/// set the output. A preset of the volume sets the output low.
 #[derive(Debug, Default)]
 pub struct TestDevice {
     letter: u8,
     volume: u8,
     next: Option<Instant>,
     saved: Option<Instant>,
-    /// First deadline, at the instant of power-on; the output goes high then.
+    /// Deadline at the instant of power-on, when the output goes high.
     started: Option<Instant>,
     /// Last state of the fault `stall`.
     stalled: bool,

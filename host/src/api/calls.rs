@@ -43,8 +43,8 @@ pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> R
     .await?
 }
 
-/// Drives an input pin from outside. While the drive itself drives the pin, its output has precedence, and the
-/// stimulus takes effect when the drive releases the pin.
+/// Drives an input pin from outside. While the drive itself drives the pin, the drive's output has
+/// precedence; the stimulus takes effect when the drive releases the pin.
 #[utoipa::path(put, path = "/api/drives/{name}/pins/{pin}", request_body = PinLevel, responses(
     (status = 204),
 ))]
@@ -269,7 +269,7 @@ pub(super) async fn advance(
     if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
         return Err(Problem::refused("seconds are 0 to 86400"));
     }
-    // Not negative, and far below what a tick counter holds.
+    // The span is not negative, and far below the maximum of a tick counter.
     let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
     let Ok(_turn) = api.advancing.try_acquire() else {
         return Err(Problem::conflict("another call advances the clock; wait until it has ended"));
@@ -289,7 +289,7 @@ pub(super) async fn advance(
     Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
 
-/// The drive of that name.
+/// Finds the drive with that name.
 fn find_drive(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
     let bench = &event_loop.bench;
     bench.find_drive(name).ok_or_else(|| {
@@ -297,7 +297,7 @@ fn find_drive(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
     })
 }
 
-/// The pin of that name, which must be one that can be driven from outside.
+/// Finds the pin with that name. The pin must be one that can be driven from outside.
 fn input(event_loop: &EventLoop, id: DriveId, name: &str) -> Result<Pin, Problem> {
     let spec = event_loop.bench.spec(id);
     let pin = spec.pin(name).ok_or_else(|| {

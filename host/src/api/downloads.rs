@@ -1,7 +1,7 @@
 //! `GET /api/trace`: the recorded events, in one of several formats.
 //!
-//! The trace is copied in pieces, so that the bench runs on meanwhile, and written by a thread that waits for its
-//! reader: waveforms of a short trace may contain days of step pulses.
+//! The trace is copied in pieces, so that the bench continues meanwhile. A thread of its own writes the copy
+//! and waits for the reader, because the waveforms of a short trace may contain days of step pulses.
 
 use std::io::{self, BufWriter, Write};
 use std::time::Duration;
@@ -27,14 +27,14 @@ use super::{Api, too_many};
 /// Maximum number of events per piece.
 const PIECE: usize = 4_096;
 
-/// Maximum number of bytes that are copied: the whole ring; of an unbounded trace the end.
+/// Maximum number of bytes that are copied: the whole ring, or the end of an unbounded trace.
 const RECENT: usize = Retention::RING;
 
-/// Bytes that are sent at once, and how many such pieces may wait for the reader.
+/// Size of a chunk of the response, and the number of chunks that may wait for the reader.
 const CHUNK: usize = 64 << 10;
 const CHUNKS: usize = 4;
 
-/// Longest time without progress of a reader.
+/// Longest wait for a reader that takes nothing.
 const STALL: Duration = Duration::from_secs(30);
 
 /// Parameters of the call.
@@ -49,7 +49,7 @@ pub(super) struct TraceParameters {
 #[derive(Clone, Copy, Default, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Format {
-    /// Text that `drivetwin replay` takes.
+    /// Text for `drivetwin replay`.
     #[default]
     Trace,
     /// Waveforms of the pins.
@@ -58,10 +58,10 @@ pub(super) enum Format {
     Pcapng,
 }
 
-/// Writes a trace.
+/// Function that writes a trace.
 type TraceWriter = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
 
-/// The recording, as far back as the ring reaches: the last 64 MiB.
+/// The recording of the last events, as far as the ring reaches: up to 64 MiB.
 #[utoipa::path(get, path = "/api/trace",
     params(("format" = Option<Format>, Query, description = "`trace` if not given")),
     responses((status = 200, description = "To be replayed, or for a viewer of waveforms or of frames.", content(
@@ -93,19 +93,20 @@ pub(super) async fn trace(
     let (pipe, body) = pipe();
     tokio::task::spawn_blocking(move || {
         let _permit = permit;
-        // On an error the body ends early, which is its only report.
+        // After an error the body ends early, which is the only report of the error.
         let _ = pipe.fill(writer);
     });
     Ok(([(header::CONTENT_TYPE, media)], body).into_response())
 }
 
-/// A copy of the trace as it is now.
+/// A copy of the trace at this moment.
 async fn events(api: &Api) -> Result<Trace, Problem> {
     let begin = |bench: &Bench| bench.trace().outline();
     copy_in_pieces(api, begin, |copy, bench| copy.copy_back(bench.trace(), RECENT, PIECE)).await
 }
 
-/// Copies the present state of something: begun by one query, and continued by others while there is more.
+/// Copies the present state of something. One query begins the copy; further queries continue it until it is
+/// complete.
 async fn copy_in_pieces<T: Send + 'static>(
     api: &Api,
     begin: fn(&Bench) -> T,
@@ -125,14 +126,14 @@ async fn copy_in_pieces<T: Send + 'static>(
     }
 }
 
-/// A body that is being written.
+/// A response body that is being written.
 struct Pipe {
-    /// An empty piece is the end; a body without it is not complete.
+    /// Chunks of the body. An empty chunk marks the end; a body without that mark is incomplete.
     pieces: mpsc::Sender<Bytes>,
     runtime: Handle,
 }
 
-/// A pipe, and the body at its end.
+/// A pipe, and the response body at its other end.
 fn pipe() -> (Pipe, Body) {
     let (pieces, taken) = mpsc::channel(CHUNKS);
     let body = stream::unfold(taken, |mut taken: mpsc::Receiver<Bytes>| async {
@@ -146,14 +147,14 @@ fn pipe() -> (Pipe, Body) {
 }
 
 impl Pipe {
-    /// Has it filled, on a thread that may wait.
+    /// Calls `write` to fill the body. The calling thread may have to wait.
     fn fill(self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
         let mut out = BufWriter::with_capacity(CHUNK, self);
         write(&mut out)?;
         out.into_inner()?.send(Bytes::new())
     }
 
-    /// Waits until the reader takes it; an error if that is never.
+    /// Waits until the reader takes the chunk. Fails if it does not within [`STALL`], or has left.
     fn send(&self, piece: Bytes) -> io::Result<()> {
         let sent = self.runtime.block_on(self.pieces.send_timeout(piece, STALL));
         sent.map_err(|_| io::ErrorKind::BrokenPipe.into())

@@ -1,8 +1,8 @@
 //! `GET /api/events`: live events.
 //!
-//! The queue of a reader is the ring of the trace: a reader holds only its position, and takes the next piece when the
-//! trace has grown and its last piece is sent. So a slow reader costs no more than a fast one, and misses only events
-//! that the ring has dropped.
+//! A reader has no queue of its own: it stores only its position in the ring of the trace. It takes the next
+//! piece when the trace has grown and its last piece is sent. So a slow reader costs no more than a fast one,
+//! and misses only events that the ring has dropped.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -25,7 +25,7 @@ use super::schema::seconds;
 use super::{Api, too_many};
 use drivetwin_sim::suggest;
 
-/// Longest time without an event before a comment keeps the connection alive.
+/// Longest time without an event. Then a comment keeps the connection alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// Maximum number of events per piece.
@@ -38,14 +38,14 @@ pub(super) struct EventParameters {
     drive: Option<String>,
 }
 
-/// The data of an event `fed` (to a drive) or `did` (by a drive).
+/// The data of an event `fed` (input of a drive) or `did` (output of a drive).
 #[derive(Serialize, ToSchema)]
 pub(super) struct Happened {
-    /// Bench time in seconds. Outputs of a drive may lie ahead.
+    /// Bench time in seconds. Outputs of a drive may be in the future.
     #[schema(example = 2.513176875)]
     seconds: f64,
     drive: String,
-    /// The event as a line of a trace has it.
+    /// The event, in the form of a line of a trace.
     #[schema(example = "tx 01 03 02 00 01 79 84")]
     words: String,
 }
@@ -74,7 +74,7 @@ pub(super) async fn events(
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
     let permit = api.readers.clone().try_acquire_owned();
     let permit = permit.map_err(|_| too_many("follow the bench"))?;
-    // Before the first query, so that no later event is missed.
+    // Taken before the first query, so that no later event is missed.
     let grown = api.handle.watch();
     let outline = api.query(|bench| bench.trace().outline()).await?;
     let drive = parameters.drive.map(|name| drive_index(&outline, &name)).transpose()?;
@@ -88,7 +88,7 @@ pub(super) async fn events(
     })))
 }
 
-/// Index of the drive of that name.
+/// Index of the drive with that name.
 fn drive_index(trace: &Trace, name: &str) -> Result<usize, Problem> {
     let names = || trace.drives.iter().map(|drive| drive.name.as_str());
     let unknown = || Problem::refused(suggest::unknown("drive", name, names()));
@@ -103,7 +103,7 @@ struct Reader {
     outline: Trace,
     /// Index of the drive whose events are wanted; `None` for all.
     drive: Option<usize>,
-    /// Mark in the trace up to which events were taken.
+    /// Position in the trace up to which events were taken.
     mark: u64,
     /// Events of the last piece that are still to be sent.
     ready: VecDeque<Event>,
@@ -111,11 +111,11 @@ struct Reader {
 }
 
 impl Reader {
-    /// The next event, or a comment after a long time without one; `None` when the bench has ended.
+    /// The next event, or a comment after a long time without an event; `None` when the bench has ended.
     async fn next(&mut self) -> Option<Event> {
         match timeout(KEEP_ALIVE, self.wait()).await {
             Ok(event) => event,
-            // The pending query is repeated.
+            // A query that was pending is repeated by the next call.
             Err(_) => Some(Event::default().comment("")),
         }
     }
@@ -135,7 +135,7 @@ impl Reader {
         }
     }
 
-    /// Formats a piece.
+    /// Formats the events of a piece.
     fn take(&mut self, piece: Piece) {
         if piece.lost > 0 {
             let id = self.mark + piece.lost;
@@ -158,17 +158,17 @@ fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {
     Event::default().event(kind).id(id.to_string()).json_data(data).ok()
 }
 
-/// Some events, with their numbers.
+/// Some events and their numbers.
 struct Piece {
     entries: Vec<(u64, Entry)>,
-    /// Number of events before them that the ring had dropped.
+    /// Number of events before them that the reader missed, because the ring had dropped them.
     lost: u64,
-    /// Mark behind the last event.
+    /// Position in the trace after the last event.
     end: u64,
 }
 
 impl Piece {
-    /// Events behind a mark.
+    /// At most [`PIECE`] events after the position `mark`, without those of drives that are not wanted.
     fn of(trace: &Trace, mark: u64, drive: Option<usize>) -> Self {
         let from = mark.max(trace.lost);
         let looked_at = trace.since(from).take(PIECE);

@@ -1,9 +1,9 @@
 //! Protection of the bench against requests of web pages (HOST-6).
 //!
-//! A web page may send "simple" requests to any address, and may resolve its own host name to a loopback address. So
-//! the `Host` of a request must be a loopback name, the listening address of the API, or a name that the user allows;
-//! and a request that changes something must have a media type that needs a CORS preflight, which is never granted.
-//! Requests with the origin of another page are refused.
+//! A web page may send "simple" requests to any address, and may resolve its own host name to a loopback
+//! address. Therefore the `Host` of a request must be a loopback name, the listening address of the API, or a
+//! name that the user allows. A request that changes something must have a media type that needs a CORS
+//! preflight, and the API never grants a preflight. Requests with the origin of another page are refused.
 
 use std::error::Error as _;
 use std::net::{IpAddr, SocketAddr};
@@ -21,10 +21,10 @@ use serde::de::DeserializeOwned;
 
 use super::problem::Problem;
 
-/// The longest body of a request.
+/// Longest body of a request, in bytes.
 pub(super) const BODY_BYTES: usize = 64 << 10;
 
-/// Longest time for a body to come.
+/// Longest time in which a body must arrive.
 const BODY_TIME: Duration = Duration::from_secs(5);
 
 /// Hosts that requests may name.
@@ -37,7 +37,8 @@ pub(super) struct Hosts {
 }
 
 impl Hosts {
-    /// Returns whether `host`, as the header has it, is a loopback name, the API's own address, or an allowed name.
+    /// Returns whether `host`, as given in the header, is a loopback name, the API's own address, or an
+    /// allowed name.
     fn accept(&self, host: &str) -> bool {
         let Some(name) = name_of(host) else { return false };
         let is_ours = |address: IpAddr| address.is_loopback() || address == self.here.ip();
@@ -58,7 +59,7 @@ fn name_of(host: &str) -> Option<&str> {
     (port.is_empty() || is_port(port)).then_some(name)
 }
 
-/// Refuses requests that a web page may have made.
+/// Refuses requests that may come from a web page.
 pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Next) -> Response {
     match page(&request, &hosts) {
         None => next.run(request).await,
@@ -66,12 +67,12 @@ pub(super) async fn check(State(hosts): State<Hosts>, request: Request, next: Ne
     }
 }
 
-/// The reason why a web page may have made a request, in one sentence; `None` if it cannot have.
+/// The reason why a request may come from a web page, in one sentence; `None` if it cannot.
 fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     let headers = request.headers();
     let mut hosts = headers.get_all(header::HOST).iter().map(|host| host.to_str().unwrap_or(""));
     let host = hosts.next().unwrap_or("");
-    // A target may name a host as well.
+    // The request target may contain a host, too.
     let targets = request.uri().authority().map(Authority::as_str);
     if !targets.into_iter().chain(hosts).chain([host]).all(|host| known.accept(host)) {
         return Some("the Host of a request must be a loopback address, or a name of --allow-host");
@@ -89,7 +90,7 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     None
 }
 
-/// Refuses a query where none is asked for.
+/// Refuses a query for calls that have none.
 pub(super) async fn no_query(request: Request, next: Next) -> Response {
     match request.uri().query() {
         None | Some("") => next.run(request).await,
@@ -106,7 +107,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for QueryParameter
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         let query = Query::try_from_uri(&parts.uri);
         query.map(|Query(query)| Self(query)).map_err(|error| {
-            // The source has the reason without the name of the framework.
+            // The source of the error has the reason without the name of the framework.
             let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
             Problem::refused(format!("the query is not valid: {why}"))
         })
@@ -139,7 +140,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
             };
             Problem::new(error.status(), detail)
         })?;
-        // Serde would accept an array for a struct, which is not documented.
+        // Serde would accept an array for a struct. The API's description does not allow that.
         if bytes.trim_ascii_start().starts_with(b"[") {
             return Err(Problem::refused("the body is an array; this call takes an object"));
         }

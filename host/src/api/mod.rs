@@ -1,7 +1,7 @@
-//! The control API: HTTP and JSON, described by itself at `/openapi.json`.
+//! The control API: HTTP and JSON. `/openapi.json` describes it to programs.
 //!
-//! It runs on a thread of its own. Each call becomes one job for the thread that owns the bench, which executes one
-//! job at a time. Long data is copied from there in pieces.
+//! The API runs on a thread of its own. Each call becomes one job for the thread that owns the bench. That
+//! thread executes one job at a time. Long data, such as a trace, is copied from the bench in pieces.
 
 mod calls;
 mod downloads;
@@ -35,16 +35,16 @@ use guard::Hosts;
 use problem::Problem;
 pub(crate) use schema::Places;
 
-/// Maximum number of connections; for a further one all idle connections are closed.
+/// Maximum number of connections. A further connection makes the API close all idle ones.
 const MAX_CONNECTIONS: usize = 64;
 
 /// Maximum number of connections that stream events.
 const MAX_READERS: usize = 16;
 
-/// Maximum number of simultaneous downloads of a trace, each from a copy of it.
+/// Maximum number of simultaneous downloads of a trace. Each download has its own copy of the trace.
 const MAX_EXPORTS: usize = 2;
 
-/// Longest wait for the head of a request, also on an idle connection.
+/// Longest wait for the head of a request. An idle connection is closed after the same time.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// State that every call needs.
@@ -52,9 +52,9 @@ const HEAD_TIME: Duration = Duration::from_secs(5);
 struct Api {
     handle: BenchHandle,
     places: Arc<Places>,
-    /// Free while no call advances the clock.
+    /// Has one permit, which a call takes while it advances the clock.
     advancing: Arc<Semaphore>,
-    /// Permits for event streams.
+    /// Permits for readers of event streams.
     readers: Arc<Semaphore>,
     /// Permits for downloads of a trace.
     exports: Arc<Semaphore>,
@@ -67,11 +67,11 @@ impl Api {
         work: impl FnOnce(&mut EventLoop) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
-        // Dropped with this call, if its caller leaves.
+        // If the client leaves, this call is dropped, and `caller` with it.
         let caller = Arc::new(());
         self.handle.submit(Arc::downgrade(&caller), |event_loop| {
             let result = work(event_loop);
-            // The caller may have left.
+            // The client may have left.
             || drop(done.send(result))
         });
         answer.await.map_err(|_| stopping())
@@ -85,7 +85,7 @@ impl Api {
         let (done, answer) = oneshot::channel();
         let caller = Arc::new(());
         self.handle.query(Arc::downgrade(&caller), |bench| {
-            // The caller may have left.
+            // The client may have left.
             let _ = done.send(query(bench));
         });
         answer.await.map_err(|_| stopping())
@@ -96,17 +96,17 @@ fn stopping() -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, "the bench is stopping")
 }
 
-/// Error: the maximum number of clients that `what` is reached.
+/// Problem: the maximum number of clients that do `what` is reached.
 fn too_many(what: &str) -> Problem {
     let detail = format!("the maximum number of clients that {what} is reached; wait until one disconnects");
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
 }
 
-/// Serves the API on `listener`, for requests to this machine or to the `allowed` names, on a thread of its own, until
-/// the process ends.
+/// Serves the API on `listener`, on a thread of its own, until the process ends. It answers requests that
+/// name this machine or one of the `allowed` hosts.
 ///
 /// # Errors
-/// The system gives no thread, or does not let it wait.
+/// The system gives no thread, or the runtime cannot be set up.
 pub(crate) fn serve(
     listener: TcpListener,
     allowed: &[String],
@@ -141,7 +141,7 @@ fn router(api: Api, hosts: Hosts) -> Router {
         .with_state(api)
 }
 
-/// All calls, with their descriptions.
+/// All calls with their OpenAPI descriptions.
 fn calls() -> OpenApiRouter<Api> {
     OpenApiRouter::with_openapi(openapi::begin())
         .routes(routes!(calls::bench))
@@ -161,8 +161,8 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(event_stream::events))
 }
 
-/// Accepts connections. If the maximum is reached, each present connection ends: at once if it is idle, else after its
-/// present answer.
+/// Accepts connections. When the maximum is reached, each existing connection ends: at once if it is idle,
+/// otherwise after the response in progress.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
     let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let crowded = Arc::new(Notify::new());
@@ -171,7 +171,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
             Ok(accepted) => accepted,
             Err(error) => {
                 warn!("the control API cannot take a connection: {error}");
-                // There may be no descriptor left for it; wait until a connection ends.
+                // The process may have no file descriptor left, so wait until a connection ends.
                 crowded.notify_waiters();
                 tokio::time::sleep(Duration::from_secs(1)).await;
                 continue;
@@ -182,7 +182,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
         }
         let Ok(permit) = Arc::clone(&room).acquire_owned().await else { return };
         let service = TowerToHyperService::new(router.clone());
-        // Counts from now on, not from when the task first runs.
+        // Created here, not in the task, so that no notification is missed before the task first runs.
         let leave = Arc::clone(&crowded).notified_owned();
         tokio::spawn(async move {
             let mut server = hyper::server::conn::http1::Builder::new();

@@ -62,14 +62,14 @@ pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
     document
 }
 
-/// Returns whether the path has a name as a parameter.
+/// Returns whether the path of a call contains a name.
 fn names_something(operation: &Operation) -> bool {
     operation.parameters.iter().flatten().any(
         |parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == ParameterIn::Path),
     )
 }
 
-/// Adds a problem document for a status, unless the call describes it itself.
+/// Adds a problem document for a status, unless the description of the call already has one.
 fn refuse(operation: &mut Operation, status: &str, when: &str) {
     operation.responses.responses.entry(status.to_owned()).or_insert_with(|| {
         let mut response = Response::new(when);
@@ -144,7 +144,7 @@ mod tests {
             }
         }
     }
-    /// The schema takes no constants, so it repeats the ranges.
+    /// The schema macro takes no constants, so the schema repeats the ranges.
     #[test]
     fn faults_have_the_ranges_of_the_line() {
         let document = document();

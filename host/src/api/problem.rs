@@ -58,7 +58,7 @@ impl IntoResponse for Problem {
     }
 }
 
-/// Makes a problem document of an error that the framework answered by itself.
+/// Converts an error response of the framework to a problem document.
 pub(super) async fn of_framework(response: Response) -> Response {
     let status = response.status();
     let is_error = status.is_client_error() || status.is_server_error();

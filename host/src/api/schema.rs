@@ -1,4 +1,4 @@
-//! Requests and answers of the control API, as JSON.
+//! Requests and responses of the control API, as JSON.
 
 use std::collections::BTreeMap;
 
@@ -65,7 +65,7 @@ pub(super) struct Faults {
     /// Share of frames in which one bit is inverted.
     #[schema(minimum = 0, maximum = 1)]
     corrupt: f64,
-    /// Share of frames that come twice.
+    /// Share of frames that are delivered twice.
     #[schema(minimum = 0, maximum = 1)]
     duplicate: f64,
     /// Share of frames whose end is missing.
@@ -88,7 +88,7 @@ pub(super) struct Faults {
     delay_ms: f64,
     /// True if no reply is delivered.
     mute: bool,
-    /// Baud rate of the clients, whatever the settings of the drives.
+    /// Baud rate of the clients. By default it is that of the drives.
     #[schema(minimum = 50, maximum = 4000000)]
     baud: Option<u32>,
 }
@@ -97,13 +97,13 @@ pub(super) struct Faults {
 #[derive(Serialize, ToSchema)]
 struct Motor {
     name: String,
-    /// The drive that turns it.
+    /// Name of the drive that turns the motor.
     drive: String,
     /// Revolutions since the start, signed.
     revolutions: f64,
     /// Speed in revolutions per minute, signed.
     rpm: f64,
-    /// True if the shaft cannot follow its drive.
+    /// True if the shaft cannot follow the commands of its drive.
     stalled: bool,
     /// Current in A.
     current: f64,
@@ -163,7 +163,7 @@ struct Motion {
     moving: bool,
     /// Current in A.
     current: f64,
-    /// Duty of a motor without steps, −1 to 1.
+    /// Duty of a motor that has no steps, −1 to 1.
     duty: f64,
 }
 
@@ -187,7 +187,7 @@ struct TcpStatistics {
     connections: u64,
     /// Number of connections that were closed because of bytes that are not Modbus/TCP.
     broken: u64,
-    /// Number of messages to the drive; on a text port of pieces of lines.
+    /// Number of messages to the drive. On a text port a message is a piece of a text line.
     messages: u64,
     /// Number of requests that were executed.
     requests: u64,
@@ -207,11 +207,11 @@ struct Statistics {
     requests: u64,
     /// Number of requests that were refused with an exception.
     refused: u64,
-    /// Number of frames that were ignored: the sum of the following.
+    /// Number of frames that were ignored: the sum of the numbers that follow.
     dropped: u64,
     /// Frames with a wrong checksum.
     crc: u64,
-    /// Frames with a gap inside.
+    /// Frames with a silent gap inside.
     gap: u64,
     /// Frames of a wrong length.
     length: u64,
@@ -223,12 +223,12 @@ struct Statistics {
     starting: u64,
 }
 
-/// Level, voltage or current for an input pin: one of the three.
+/// Level, voltage or current of an input pin: exactly one of the three.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"level": "low"}))]
 pub(super) struct PinLevel {
-    /// Pulled low, driven high, or not driven.
+    /// `low` pulls the pin low, `high` drives it high, `open` does not drive it.
     pub(super) level: Option<Driven>,
     /// A voltage, on an analogue input.
     pub(super) volts: Option<f64>,
@@ -255,7 +255,7 @@ pub(super) struct Pulses {
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
     pub(super) hz: f64,
-    /// Duty: the share of its period that a pulse takes, above 0 and below 1; 0.5 by default.
+    /// Duty: the part of each period for which the pulse lasts, above 0 and below 1; 0.5 by default.
     #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
     pub(super) duty: Option<f64>,
 }
@@ -265,7 +265,7 @@ pub(super) struct Pulses {
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"counts": 400, "hz": 10000}))]
 pub(super) struct Turn {
-    /// Number of edges, four per cycle; negative for the other direction, not 0.
+    /// Number of edges, four per cycle; not 0. A negative number turns in the other direction.
     #[schema(minimum = -2147483648, maximum = 2147483647)]
     pub(super) counts: i64,
     /// Edges per second of bench time.
@@ -273,8 +273,9 @@ pub(super) struct Turn {
     pub(super) hz: f64,
 }
 
-/// A number, or a list of words, each 0 to 65,535 in bus order, for a register whose words have a meaning each.
-// The schema of `Value`, which knows nothing of HTTP.
+/// A number, or a list of words (each 0 to 65,535, in bus order) for a register in which each word has its
+/// own meaning.
+// The schema of `Value`. `Value` itself is in a crate without HTTP.
 #[derive(Serialize, ToSchema)]
 #[schema(as = Value)]
 #[serde(untagged)]
@@ -282,7 +283,7 @@ pub(super) struct Turn {
 enum ValueSchema {
     /// A number.
     Number(i64),
-    /// Words.
+    /// A list of words.
     Words(Vec<i64>),
 }
 
@@ -303,8 +304,8 @@ pub(super) struct Power {
     pub(super) action: Action,
 }
 
-/// `off`, `on`, `cycle` (off and on again), or `cut`: the drive runs on, and power fails in the middle of its next
-/// save.
+/// `off`, `on`, `cycle` (off and on again), or `cut`: the drive continues to run, and its power fails in the
+/// middle of its next save to memory.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Action {
@@ -329,7 +330,7 @@ impl From<Action> for PowerAction {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Mode {
-    /// `real`, `xN` (N times faster, to 1000) or `manual`.
+    /// `real`, `xN` (N times faster than real time, N up to 1000) or `manual`.
     #[schema(example = "manual", pattern = "^(real|x([1-9][0-9]{0,2}|1000)|manual)$")]
     pub(super) mode: String,
 }
@@ -535,7 +536,7 @@ impl Statistics {
     }
 }
 
-/// Seconds since the beginning.
+/// Time since the start of the bench, in seconds.
 pub(super) fn seconds(at: Instant) -> f64 {
     at.ticks() as f64 / TICKS_PER_SECOND as f64
 }

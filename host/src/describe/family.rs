@@ -1,4 +1,4 @@
-//! The reference of a family of kinds on one page: what differs, then each table once for all.
+//! The reference of a family of kinds on one page: first the differences, then each table once for all kinds.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use drivetwin_firmware::device::Spec;
 
 use super::{NOT_MODELLED, Section, sections};
 
-/// The reference in docs/ of kinds that share most of their tables.
+/// The reference page in docs/ of kinds that share most of their tables.
 pub(super) fn markdown(specs: &[&Spec]) -> String {
     let kinds: Vec<&str> = specs.iter().map(|spec| spec.kind).collect();
     let mut text = format!(
@@ -35,21 +35,21 @@ pub(super) fn markdown(specs: &[&Spec]) -> String {
     text
 }
 
-/// A table with the rows of all kinds.
+/// A table that contains the rows of all kinds.
 struct Merged {
     title: &'static str,
-    /// Empty for a plain list.
+    /// Column headings; empty for a plain list.
     columns: &'static [&'static str],
     rows: Vec<Row>,
 }
 
-/// A row, and the places of the kinds that have it.
+/// A row, and the indices of the kinds that have it.
 struct Row {
     cells: Vec<String>,
     kinds: Vec<usize>,
 }
 
-/// The tables of all kinds, in the order of the first kind that has each.
+/// Merges the tables of all kinds. The order is that of the first kind that has the table.
 fn merge(specs: &[&Spec]) -> Vec<Merged> {
     let mut all: Vec<Merged> = Vec::new();
     for (kind, spec) in specs.iter().enumerate() {
@@ -67,8 +67,8 @@ fn merge(specs: &[&Spec]) -> Vec<Merged> {
 }
 
 impl Merged {
-    /// Adds the rows of a kind. One that is new goes behind the one that precedes it in that kind, or behind another
-    /// version of itself.
+    /// Adds the rows of a kind. A new row goes after another version of the same row (a row with the same
+    /// key), or else after the row that precedes it in this kind.
     fn add(&mut self, kind: usize, rows: Vec<Vec<String>>) {
         let mut behind = 0;
         for cells in rows {
@@ -88,17 +88,19 @@ impl Merged {
         }
     }
 
-    /// The cell by which people know a row.
+    /// The cell that identifies a row for readers: its name.
     fn key<'a>(&self, cells: &'a [String]) -> &'a str {
         let place = self.columns.iter().position(|column| *column == "Name").unwrap_or(0);
         cells.get(place).map_or("", String::as_str)
     }
 
-    /// A row for each row that is not the same in all `kinds`: table, row, and a cell for each kind.
+    /// Lines of the table of differences: one for each row that is not the same in all `kinds` kinds, with the
+    /// title of its table, the row, and a cell for each kind.
     fn differences(&self, kinds: usize) -> Vec<Vec<String>> {
         let mut told: Vec<&str> = Vec::new();
         let mut rows = Vec::new();
-        // A gap of the emulation is no property of the product, and its sentence is too long for a table.
+        // What the emulation does not model is no property of the product, and the sentence is too long for a
+        // table.
         let rows_that_count = self.rows.iter().filter(|_| self.title != NOT_MODELLED);
         for row in rows_that_count.filter(|row| row.kinds.len() < kinds) {
             let key = self.key(&row.cells);
@@ -123,7 +125,7 @@ impl Merged {
                     .join(", "),
             };
             let cells: Vec<String> = (0..kinds).map(cell).collect();
-            // Rows that the same kinds have share a line.
+            // Rows that exist in the same kinds only are joined into one line.
             match rows.iter_mut().find(|row: &&mut Vec<String>| columns.is_empty() && row[2..] == cells) {
                 Some(row) => row[1] += &format!(", {what}"),
                 None => rows.push([self.title.to_owned(), what].into_iter().chain(cells).collect()),

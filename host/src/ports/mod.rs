@@ -1,12 +1,12 @@
 //! Endpoints of a bench for clients: ptys, TCP ports, serial ports, standard input and output.
 //!
-//! An endpoint belongs to a line, or to a TCP port of a drive.
+//! An endpoint belongs to a serial line, or to a TCP port of a drive.
 //!
-//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until input arrives,
-//! [`Ports::take`] takes it, [`Ports::deliver`] delivers the output of the drives. Each handles only the endpoints
-//! with work to do, so idle ones cost nothing. The bench never waits for a client: one that does not read for too long
-//! loses its connection (TCP) or characters (elsewhere), and one that sends faster than its line is read at the speed
-//! of the line.
+//! All descriptors are non-blocking and belong to the bench's thread. [`Ports::wait`] sleeps until input
+//! arrives, [`Ports::take`] takes the input, [`Ports::deliver`] delivers the output of the drives. Each call
+//! handles only the endpoints with work to do, so idle endpoints cost nothing. The bench never waits for a
+//! client. A client that does not read for too long loses its connection (TCP) or characters (other
+//! endpoints). A client that sends faster than its serial line is read at the speed of the line.
 
 mod poller;
 mod pty;
@@ -44,59 +44,61 @@ pub(crate) use serial_device::Device;
 pub(crate) use tcp_listener::{Bound, bind};
 use unread::Unread;
 
-/// Bytes read from a client at once.
+/// Most bytes that one read takes from a client.
 const READ_BYTES: usize = 4096;
 
-/// Bytes of a client that wait for the line, or that the client has not read, above which reading from it is
-/// suspended.
+/// Number of bytes from which on reading from a client is suspended: bytes of the client that wait for the
+/// line, or bytes that the client has not read.
 const BACKLOG_BYTES: usize = 4096;
 
-/// Time between two attempts to accept connections for which the system has no room.
+/// Time between two attempts to accept connections while the system has no room for more.
 const CROWDED: Duration = Duration::from_secs(1);
 
-/// An endpoint of a line or TCP port: a client sends and receives there, or may connect.
+/// An endpoint of a line or TCP port, where a client can connect, send and receive.
 trait Endpoint {
-    /// The client there, while one is connected.
+    /// The client, while one is connected.
     fn client(&self) -> Option<Client>;
 
-    /// The descriptor, while there is one.
+    /// The descriptor, while the endpoint has one.
     fn fd(&self) -> Option<BorrowedFd<'_>>;
 
-    /// Events to wait for; with `None` not even errors.
+    /// Events to wait for. With `None` not even errors are reported.
     fn interest(&self, bench: &Bench) -> Option<EventFlags>;
 
-    /// Takes input; returns whether there was some. In manual time it has its whole effect before more input is taken.
+    /// Takes input. Returns whether there was some. In manual time the caller lets the input have its whole
+    /// effect before more input is taken.
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
 
-    /// Delivers the output of the drives so far. Returns whether reading from the client is to be resumed, because it
-    /// reads its answers.
+    /// Delivers the output of the drives so far. Returns true if input of the client, which was held back
+    /// because it did not read its answers, now goes on to the drive.
     fn deliver(&mut self, bench: &mut Bench) -> bool;
 
-    /// Time at which the endpoint is closed.
+    /// Time at which the endpoint is to be closed.
     fn expires(&self) -> Instant {
         Instant::NEVER
     }
 
-    /// Returns whether [`Endpoint::deliver`] is called whenever time has passed, though the drives may have sent
-    /// nothing.
+    /// Returns whether [`Endpoint::deliver`] must be called whenever time has passed, even if the drives have
+    /// sent nothing.
     fn follows_time(&self) -> bool {
         false
     }
 
-    /// Interval of [`Endpoint::poll`], for changes that no event reports.
+    /// Interval at which [`Endpoint::poll`] is called, for changes that no event reports.
     fn poll_interval(&self) -> Option<Duration> {
         None
     }
 
-    /// Looks for changes that no event reports.
+    /// Checks for changes that no event reports.
     fn poll(&mut self, _bench: &mut Bench) {}
 
-    /// Called when a program has opened, left or written to it. Takes input, as [`Endpoint::take`] does.
+    /// Called when a program has opened, closed or written to the endpoint. Takes input, like
+    /// [`Endpoint::take`].
     fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
         false
     }
 
-    /// Called before the endpoint is dropped: its client leaves.
+    /// Called before the endpoint is dropped: disconnects the client.
     fn leave(&mut self, bench: &mut Bench);
 }
 
@@ -104,13 +106,13 @@ trait Endpoint {
 struct Registered {
     endpoint: Box<dyn Endpoint>,
     client: Option<Client>,
-    /// Events that the system waits for.
+    /// Events that the poller waits for.
     interest: Option<EventFlags>,
     expires: Instant,
     poll_interval: Option<Duration>,
 }
 
-/// Endpoints that are polled at one interval.
+/// Endpoints that are polled at the same interval.
 struct PollGroup {
     timer: OwnedFd,
     number: u64,
@@ -120,31 +122,32 @@ struct PollGroup {
 /// All ports of a bench.
 pub(crate) struct Ports {
     poller: Poller,
-    /// Events that are still to be handled.
+    /// Events that are not handled yet.
     ready: VecDeque<(u64, EventFlags)>,
     listeners: BTreeMap<u64, tcp_listener::Listener>,
-    /// Listeners with a connection waiting whose drive is starting.
+    /// Suspended listeners: a connection waits while the drive is starting.
     booting: BTreeSet<u64>,
     endpoints: BTreeMap<u64, Registered>,
     /// The endpoint of each client.
     clients: BTreeMap<Client, u64>,
-    /// Endpoints that follow time: its passing may make room for a client that is not read for now.
+    /// Endpoints to which output is delivered whenever time has passed. Some follow time; for the others
+    /// reading is suspended, and may resume when time has passed.
     time_driven: BTreeSet<u64>,
-    /// Endpoints that expire, by time.
+    /// Endpoints that expire, ordered by time.
     expiring: BTreeSet<(Instant, u64)>,
     poll_groups: BTreeMap<Duration, PollGroup>,
-    /// Openings and closings of the ptys.
+    /// Events of the ptys: openings, closings and writes.
     openings: Rc<RefCell<Openings>>,
-    /// The ptys by their watches among the openings.
+    /// Number of the endpoint of each pty, by the pty's inotify watch.
     ptys: BTreeMap<i32, u64>,
     /// The endpoint of standard input and output.
     stdio: Option<u64>,
-    /// The last number given.
+    /// The number that was assigned last.
     last: u64,
 }
 
 impl Ports {
-    /// No port yet.
+    /// A set without any port.
     ///
     /// # Errors
     /// The system gives no epoll or inotify instance, or no timer.
@@ -176,7 +179,7 @@ impl Ports {
     /// The system refuses to listen, or gives no timer.
     pub(crate) fn add_tcp(&mut self, outlet: Outlet, bound: Bound) -> io::Result<String> {
         let listener = tcp_listener::Listener::new(outlet, bound)?;
-        // Later there may be no descriptor left for its timer.
+        // The timer of this group is made now, because later there may be no descriptor left for it.
         self.poll_group(CROWDED)?;
         let uri = format!("tcp:{}", listener.address());
         let number = self.number();
@@ -185,10 +188,10 @@ impl Ports {
         Ok(uri)
     }
 
-    /// Opens a new pty for `bus`, with a link at `link`. Returns its path.
+    /// Opens a new pty for `bus`, with a symbolic link at `link`. Returns the path of the pty.
     ///
     /// # Errors
-    /// The system gives no pty, or the link cannot be made.
+    /// The system gives no pty, or the link cannot be created.
     pub(crate) fn add_pty(
         &mut self,
         bench: &Bench,
@@ -203,7 +206,7 @@ impl Ports {
         Ok(path)
     }
 
-    /// Uses a serial port of this machine for `bus`. Returns its URI.
+    /// Connects the serial port `device` of this machine to `bus`. Returns its URI.
     pub(crate) fn add_serial(&mut self, bench: &mut Bench, bus: Bus, device: Device) -> String {
         let uri = device.uri();
         let number = self.register(Box::new(serial_device::Serial::new(bench, bus, device)));
@@ -211,7 +214,7 @@ impl Ports {
         uri
     }
 
-    /// Uses standard input and output for `bus`. The bench ends when standard input ends.
+    /// Connects standard input and output to `bus`. The bench ends when standard input ends.
     ///
     /// # Errors
     /// The system gives no sockets or threads.
@@ -222,17 +225,18 @@ impl Ports {
         Ok(())
     }
 
-    /// Adds a descriptor that wakes the thread. Returns its number.
+    /// Adds a descriptor that ends the wait when it becomes readable. Returns its number.
     ///
     /// # Errors
-    /// The system cannot wait for that.
+    /// The system cannot wait for this descriptor.
     pub(crate) fn wake_for(&mut self, fd: impl AsFd) -> io::Result<u64> {
         let number = self.number();
         self.poller.add(number, fd, EventFlags::IN)?;
         Ok(number)
     }
 
-    /// Sets the time after which [`wait`](Self::wait) ends, not zero; `None`: only when input arrives.
+    /// Sets the time after which [`wait`](Self::wait) ends, which must not be zero. With `None` only input
+    /// ends it.
     pub(crate) fn set_alarm(&self, left: Option<Duration>) {
         self.poller.set_alarm(left);
     }
@@ -243,35 +247,37 @@ impl Ports {
     /// The system cannot wait for events.
     pub(crate) fn wait(&mut self, at_once: bool) -> io::Result<()> {
         self.poller.wait(at_once)?;
-        // A descriptor that is ready now is ready next time, too.
+        // Events are level-triggered: the next wait reports again what is not taken now.
         if self.ready.is_empty() {
             self.ready.extend(self.poller.ready());
-            // Connections first, so that a client that leaves makes room for a new one.
+            // Existing connections come before listeners, so that a client that leaves makes room for a new
+            // one.
             let listeners = &self.listeners;
             self.ready.make_contiguous().sort_by_key(|(number, _)| listeners.contains_key(number));
         }
         Ok(())
     }
 
-    /// Returns whether that descriptor ended the wait.
+    /// Returns whether the descriptor with this number ended the wait.
     pub(crate) fn is_ready(&self, number: u64) -> bool {
         self.poller.ready().any(|(ready, _)| ready == number)
     }
 
-    /// Time at which an endpoint expires next.
+    /// Time at which the next endpoint expires.
     pub(crate) fn deadline(&self) -> Instant {
         self.expiring.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
-    /// Returns whether standard input has ended and all is answered, so that the bench ends.
+    /// Returns whether standard input has ended and all requests are answered. Then the bench ends.
     pub(crate) fn are_over(&self) -> bool {
         self.stdio.is_some_and(|stdio| !self.endpoints.contains_key(&stdio))
     }
 
-    /// Takes input until an endpoint had some; this must have its effect, in manual time its whole effect, before more
-    /// is taken. Returns whether there was input.
+    /// Takes the input of one endpoint. The caller must let this input have its effect (in manual time its
+    /// whole effect) before it takes more. Returns whether there was input.
     pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
-        // Bytes of a program that opened a pty a moment ago are not its predecessor's.
+        // Openings are read before bytes: the bytes of a program that has just opened a pty are not its
+        // predecessor's.
         if !self.ready.is_empty() && !self.ptys.is_empty() {
             self.openings.borrow_mut().read_events();
         }
@@ -298,8 +304,8 @@ impl Ports {
         }
     }
 
-    /// Delivers the output of the drives so far. Returns whether the drives have new input because of that: reading
-    /// from a client was resumed, or a client has left.
+    /// Delivers the output of the drives so far. Returns whether the drives have new input because of that:
+    /// input of a client is no longer held back, or a client has left.
     pub(crate) fn deliver(&mut self, bench: &mut Bench) -> bool {
         let readable = bench.readable().filter_map(|client| self.clients.get(&client).copied());
         let mut numbers: Vec<u64> = readable.chain(self.time_driven.iter().copied()).collect();
@@ -341,7 +347,7 @@ impl Ports {
         number
     }
 
-    /// Updates what is known of an endpoint.
+    /// Updates the registered state of an endpoint after a change.
     fn note(&mut self, bench: &Bench, number: u64) {
         let Some(registered) = self.endpoints.get_mut(&number) else { return };
         let Registered { endpoint, client, interest, expires, poll_interval } = registered;
@@ -405,7 +411,7 @@ impl Ports {
         group.endpoints.insert(number);
     }
 
-    /// The endpoints that are polled at that interval.
+    /// The group of endpoints that are polled at this interval; creates it if necessary.
     fn poll_group(&mut self, interval: Duration) -> io::Result<&mut PollGroup> {
         match self.poll_groups.entry(interval) {
             Entry::Occupied(group) => Ok(group.into_mut()),
@@ -418,7 +424,7 @@ impl Ports {
         }
     }
 
-    /// Polls the endpoints whose timer has expired, and listens again where no connection was accepted.
+    /// Polls the endpoints whose timer has expired, and resumes listeners for which the system had no room.
     fn poll_endpoints(&mut self, bench: &mut Bench, timer: u64) {
         let Some(group) = self.poll_groups.values().find(|group| group.number == timer) else { return };
         timer::acknowledge(&group.timer);
@@ -435,7 +441,7 @@ impl Ports {
         }
     }
 
-    /// Resumes listeners whose drives have booted.
+    /// Resumes listeners whose drives have finished starting.
     fn listen_again(&mut self, bench: &Bench) {
         let Self { booting, listeners, poller, .. } = self;
         booting.retain(|number| {
@@ -450,12 +456,13 @@ impl Ports {
         });
     }
 
-    /// Accepts the waiting connections of a TCP port. Returns whether the opening of one is reported to a drive.
+    /// Accepts the waiting connections of a TCP port. Returns whether a drive is notified of one of them.
     fn accept(&mut self, bench: &mut Bench, number: u64) -> bool {
         let mut came = false;
         while let Some(listener) = self.listeners.get_mut(&number) {
             if !listener.is_open(bench) {
-                // A waiting connection would be reported again and again.
+                // The listener is suspended, because the poller would report the waiting connection again and
+                // again.
                 let _ = self.poller.remove(listener.socket());
                 self.booting.insert(number);
                 break;
@@ -468,7 +475,8 @@ impl Ports {
                 }
                 Ok(None) => break,
                 Err(_) => {
-                    // A waiting connection would be reported again and again.
+                    // The listener is suspended, because the poller would report the waiting connection again
+                    // and again.
                     let _ = self.poller.remove(listener.socket());
                     self.poll_every(number, None, Some(CROWDED));
                     break;
@@ -482,7 +490,7 @@ impl Ports {
     fn remove(&mut self, bench: &mut Bench, number: u64) {
         let Some(mut registered) = self.endpoints.remove(&number) else { return };
         if let Some(fd) = registered.endpoint.fd() {
-            // Without interest it is not registered.
+            // An endpoint without interest is not registered with the poller.
             let _ = self.poller.remove(fd);
         }
         registered.endpoint.leave(bench);
@@ -494,8 +502,8 @@ impl Ports {
         self.poll_every(number, registered.poll_interval, None);
     }
 
-    /// Handles openings, closings and writes of the ptys, up to the first one with input. Returns whether there was
-    /// one.
+    /// Handles openings, closings and writes of the ptys until one of them brings input. Returns whether
+    /// there was input.
     fn note_openings(&mut self, bench: &mut Bench, manual: bool) -> bool {
         loop {
             let Some(watch) = self.openings.borrow().next() else { return false };
@@ -514,7 +522,7 @@ impl Ports {
     }
 }
 
-/// Events to wait for at the descriptor of a client.
+/// Events to wait for at the descriptor of a client: input if `reads`, and room for output if some is unread.
 fn interest(reads: bool, unread: &Unread) -> EventFlags {
     let mut interest = EventFlags::empty();
     interest.set(EventFlags::IN, reads);
@@ -522,17 +530,17 @@ fn interest(reads: bool, unread: &Unread) -> EventFlags {
     interest
 }
 
-/// Returns whether a client may be read further.
+/// Returns whether the client may be read now, because neither its input nor its unread output is too long.
 fn may_read(bench: &Bench, client: Client, unread: &Unread) -> bool {
     bench.backlog(client) < BACKLOG_BYTES && unread.len() < BACKLOG_BYTES
 }
 
-/// Room for what is read from a client at once.
+/// Buffer for one read from a client.
 const ROOM: [MaybeUninit<u8>; READ_BYTES] = [MaybeUninit::uninit(); READ_BYTES];
 
 /// Result of a read from a client.
 enum ReadResult<'a> {
-    /// These bytes.
+    /// The bytes that were read.
     Bytes(&'a [u8]),
     /// No bytes for now.
     Nothing,
@@ -540,13 +548,13 @@ enum ReadResult<'a> {
     Closed,
 }
 
-/// Reads the bytes that are there.
+/// Reads the bytes that are available.
 fn read_some(from: impl AsFd, room: &mut [MaybeUninit<u8>]) -> ReadResult<'_> {
     match rustix::io::read(from, room) {
         Ok(([], _)) => ReadResult::Closed,
         Ok((bytes, _)) => ReadResult::Bytes(bytes),
         Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => ReadResult::Nothing,
-        // The error of a pty that no program has open, or of a broken connection.
+        // A pty that no program has open reports an error, and so does a broken connection.
         Err(_) => ReadResult::Closed,
     }
 }

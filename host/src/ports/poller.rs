@@ -1,8 +1,8 @@
 //! Waiting for many descriptors at once, and for an alarm.
 //!
-//! The system keeps the list of descriptors, so a wake-up costs the ready ones only. The alarm is a descriptor, too: a
-//! timer has a resolution of nanoseconds, which `epoll_wait` does not have everywhere, and needs no call while it does
-//! not change (HOST-1).
+//! The system keeps the list of descriptors, so a wake-up costs time only for the descriptors that are ready.
+//! The alarm is a descriptor, too, because a timer has a resolution of nanoseconds, which `epoll_wait` does
+//! not have everywhere. An alarm that does not change needs no system call (HOST-1).
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -14,13 +14,13 @@ use rustix::io::Errno;
 
 use super::timer;
 
-/// Maximum number of ready descriptors per wait; others are reported next time.
+/// Maximum number of ready descriptors per wait. Further ones are reported by the next wait.
 const READY: usize = 256;
 
-/// Number of the alarm; no descriptor has it.
+/// Number of the alarm. No descriptor has this number.
 const ALARM: u64 = 0;
 
-/// Descriptors that are waited for, each by a number.
+/// Descriptors to wait for, each identified by a number, and an alarm.
 pub(super) struct Poller {
     epoll: OwnedFd,
     alarm: OwnedFd,
@@ -38,15 +38,15 @@ impl Poller {
             alarm: timer::new()?,
             ready: Vec::with_capacity(READY),
         };
-        // Edge-triggered: it is reported once and needs no read.
+        // Edge-triggered: an expiry is reported once, and the timer need not be read.
         poller.add(ALARM, &poller.alarm, EventFlags::IN | EventFlags::ET)?;
         Ok(poller)
     }
 
-    /// Adds `fd` with the events `interest`; errors and hang-ups are always reported.
+    /// Adds `fd` and waits for the events `interest`; errors and hang-ups are always reported.
     ///
     /// # Errors
-    /// The system cannot wait for that.
+    /// The system cannot wait for this descriptor.
     pub(super) fn add(&self, number: u64, fd: impl AsFd, interest: EventFlags) -> io::Result<()> {
         Ok(epoll::add(&self.epoll, fd, EventData::new_u64(number), interest)?)
     }
@@ -54,7 +54,7 @@ impl Poller {
     /// Changes the events of `fd`.
     ///
     /// # Errors
-    /// The system cannot wait for that.
+    /// The system cannot wait for this descriptor.
     pub(super) fn change(&self, number: u64, fd: impl AsFd, interest: EventFlags) -> io::Result<()> {
         Ok(epoll::modify(&self.epoll, fd, EventData::new_u64(number), interest)?)
     }
@@ -62,12 +62,12 @@ impl Poller {
     /// Removes `fd`.
     ///
     /// # Errors
-    /// The system refuses.
+    /// The descriptor was not added.
     pub(super) fn remove(&self, fd: impl AsFd) -> io::Result<()> {
         Ok(epoll::delete(&self.epoll, fd)?)
     }
 
-    /// Sets the alarm to expire after `left`, not zero; `None` disables it.
+    /// Sets the alarm to expire after `left`, which must not be zero; `None` disables the alarm.
     pub(super) fn set_alarm(&self, left: Option<Duration>) {
         timer::start_once(&self.alarm, left.unwrap_or_default());
     }

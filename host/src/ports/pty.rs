@@ -1,14 +1,16 @@
-//! A line reached by a pseudo terminal, which programs take for a serial port.
+//! A serial line that programs reach through a pseudo terminal, which they use like a serial port.
 //!
-//! A pty never has parity. Some C libraries (for example Debian's) report `EINVAL` when parity was requested and no
-//! other setting has changed: when a plain pty is opened for the second time, or when a program configures its port in
-//! two steps. Therefore two flags that serial programs clear, and that have no effect on raw characters, are kept set:
-//! `ECHOE` and `IEXTEN`. They are set while no program has the pty open, and again shortly after a program has cleared
-//! them, together with a toggled third flag (`ECHOK`), because the C library compares the settings before and after. A
-//! program that takes its second step before that still gets `EINVAL` (HOST-2).
+//! A pty never has parity. Some C libraries (for example Debian's) report `EINVAL` if a program requested
+//! parity and no other setting has changed. That happens when an unmodified pty is opened for the second
+//! time, or when a program configures its port in two steps. Therefore two flags are kept set that serial
+//! programs clear and that have no effect on raw characters: `ECHOE` and `IEXTEN`. They are set while no
+//! program has the pty open, and again shortly after a program has cleared them. A third flag (`ECHOK`) is
+//! toggled with them, because the C library compares the settings before and after. A program that takes its
+//! second step earlier still gets `EINVAL` (HOST-2).
 //!
-//! A program may open a pty before the closing of its predecessor is noticed. The bytes of both are then in one queue,
-//! so nothing of that queue is dropped: it is read to its end, and [`Openings`] determine the sender.
+//! A program may open a pty before the bench notices that the previous program closed it. The bytes of both
+//! are then in one queue. Therefore nothing of that queue is dropped: it is read to its end, and [`Openings`]
+//! determine the sender of each byte.
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -39,7 +41,7 @@ use super::pty_openings::{Openers, Openings};
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
 
-/// A pty of a line.
+/// A pty connected to a line.
 pub(super) struct Pty {
     master: OwnedFd,
     path: PathBuf,
@@ -48,47 +50,48 @@ pub(super) struct Pty {
     /// The inotify watch of the pty.
     watch: i32,
     bus: Bus,
-    /// The baud rate of the drive that it was last given.
+    /// Baud rate of the drive at the last update of the pty.
     baud: u32,
     /// The client, while a program has the pty open.
     client: Option<Client>,
     openers: Openers,
-    /// The present value of [`OTHER`].
+    /// The present value of the toggled flag [`OTHER`].
     other: bool,
-    /// Characters that the drives sent and no program has read.
+    /// Characters that the drives sent and that no program has read.
     unread: Unread,
-    /// The settings that were last warned of; many programs open a port for each request.
+    /// The settings of the last warning. Many programs open a port for each request, and would be warned each
+    /// time.
     warned: Option<Sender>,
 }
 
-/// The flags that are kept set.
+/// Flags that are kept set.
 const WAITING: LocalModes = LocalModes::ECHOE.union(LocalModes::IEXTEN);
 
-/// The flag that is toggled each time.
+/// The flag that is toggled whenever the flags of [`WAITING`] are set.
 const OTHER: LocalModes = LocalModes::ECHOK;
 
-/// Flags of a terminal's lines and keys, which no serial port has.
+/// Flags for line editing and special keys of a terminal. A serial port has no such functions.
 const COOKED: LocalModes = LocalModes::ECHO.union(LocalModes::ICANON).union(LocalModes::ISIG);
 
-/// Flags that change, drop or hold up characters of a drive.
+/// Flags that change, drop or delay characters of a drive.
 const CHANGING: InputModes = InputModes::ICRNL
     .union(InputModes::INLCR)
     .union(InputModes::IGNCR)
     .union(InputModes::ISTRIP)
     .union(InputModes::IXON);
 
-/// More bytes than the system buffers of programs that have closed the pty.
+/// More bytes than the system can buffer from programs that have closed the pty.
 const ALL: usize = 128 << 10;
 
-/// Poll interval of the settings of an open pty, whose changes are not reported.
+/// Poll interval of the settings of an open pty. The system does not report when they change.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Reason why there is no pty.
 #[derive(Debug)]
 pub(crate) enum PtyError {
-    /// The system gives none.
+    /// The system gives no pty.
     None(io::Error),
-    /// The link cannot be made.
+    /// The link at this path cannot be created.
     Link(PathBuf, io::Error),
 }
 
@@ -102,7 +105,7 @@ impl fmt::Display for PtyError {
 }
 
 impl Pty {
-    /// A new pty for `bus`, with a link at `link` and the baud rate of its drive.
+    /// A new pty for `bus`, with a symbolic link at `link` and the baud rate of the drive.
     ///
     /// # Errors
     /// The system gives no pty, or the link cannot be made.
@@ -135,7 +138,7 @@ impl Pty {
         Ok(pty)
     }
 
-    /// The name of the other end.
+    /// Path of the end that programs open.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
@@ -156,13 +159,13 @@ impl Pty {
         bench.attach(self.bus, true);
     }
 
-    /// Handles new openings and closings.
+    /// Handles new events of openings and closings.
     fn read_openings(&mut self) {
         let events_seen = self.openings.borrow_mut().take(self.watch);
         self.openers.handle(&events_seen);
     }
 
-    /// Reads available bytes, up to `most`. Returns whether no program has the pty open.
+    /// Reads available bytes until there are at least `most`. Returns whether no program has the pty open.
     fn read(&mut self, bytes: &mut Vec<u8>, most: usize) -> bool {
         while bytes.len() < most {
             let mut room = ROOM;
@@ -172,13 +175,13 @@ impl Pty {
                 ReadResult::Closed => return true,
             }
         }
-        // There may be more.
+        // There may be more bytes than were read.
         self.openers.wrote = true;
         false
     }
 
-    /// Sends new bytes to the bench and handles openings and closings; `hung_up`: no program had the pty open a moment
-    /// ago. Returns whether there was input.
+    /// Sends new bytes to the bench, and handles openings and closings. `hung_up` is true if the system has
+    /// reported that no program has the pty open. Returns whether there was input.
     fn process(&mut self, bench: &mut Bench, hung_up: bool, manual: bool) -> bool {
         self.read_openings();
         if self.client.is_none() {
@@ -202,7 +205,7 @@ impl Pty {
         let (mut bytes, mut was_closed) = (Vec::new(), false);
         loop {
             let changed = self.openers.changed;
-            // Writes reported by now are read here, unless another program made them.
+            // Writes that are reported by now are read here, unless another program made them.
             let wrote = !changed && std::mem::take(&mut self.openers.wrote);
             was_closed |= self.read(&mut bytes, if hung_up || changed { ALL } else { READ_BYTES });
             self.read_openings();
@@ -214,7 +217,8 @@ impl Pty {
         let changed = self.openers.changed;
         let (own, next) =
             bytes.split_at(if changed { self.predecessors_bytes(bench, &bytes) } else { bytes.len() });
-        // Of a program that has left, no more is taken than would have been read.
+        // From a program that has left, no more bytes are taken than would have been read while it was
+        // connected.
         let most = match (hung_up || changed, full) {
             (true, true) if !manual => 0,
             (true, false) if !manual => READ_BYTES,
@@ -230,12 +234,12 @@ impl Pty {
             self.connect(bench);
             self.send(bench, next);
         }
-        // Another program may have opened the pty meanwhile.
+        // Another program may have opened the pty since then.
         (self.openers.changed && self.process(bench, false, manual)) || !bytes.is_empty()
     }
 
-    /// Number of bytes of the programs that have left, when another one has opened the pty: if both wrote, the bytes
-    /// before the last message.
+    /// Number of bytes that belong to the programs that have left, after another program has opened the pty.
+    /// If both sides wrote, all bytes before the last message belong to the earlier programs.
     fn predecessors_bytes(&self, bench: &Bench, bytes: &[u8]) -> usize {
         match (self.openers.left_wrote, self.openers.wrote) {
             (false, _) => 0,
@@ -250,8 +254,8 @@ impl Pty {
         bench.send_from(client, bytes, sender);
     }
 
-    /// Clears what the last program left: replies, stopped output, unsuitable settings. A program that has the pty
-    /// open now is a new one if `was_closed` had it open before.
+    /// Clears what the last program left: unread replies, stopped output, unsuitable settings. If
+    /// `was_closed`, no known program has the pty open, so a program that has it open now is a new one.
     fn prepare_for_next(&mut self, was_closed: bool) {
         let made_ready = self.reset();
         let path = self.path.display();
@@ -264,8 +268,8 @@ impl Pty {
             Err(error) => warn!("{path} cannot be made ready again: {error}"),
             Ok(()) => {}
         }
-        // The events include the opening by this process, so the state of the master decides whether a program is
-        // connected.
+        // The events include the opening by this process. Therefore the state of the master decides whether a
+        // program is connected.
         let mut events = Vec::new();
         loop {
             let is_open = !self.is_left();
@@ -277,7 +281,7 @@ impl Pty {
         }
     }
 
-    /// Returns whether no program has it open.
+    /// Returns whether no program has the pty open.
     fn is_left(&self) -> bool {
         let mut master = [PollFd::new(&self.master, PollFlags::empty())];
         let polled = poll(&mut master, Some(&Timespec::default()));
@@ -285,7 +289,7 @@ impl Pty {
     }
 
     /// Drops unread output, resumes stopped output, and restores the flags that the next program relies on. All other
-    /// settings belong to that program, which may be connected already.
+    /// settings belong to the next program, which may be connected already.
     fn reset(&mut self) -> io::Result<()> {
         tcflush(&self.master, QueueSelector::OFlush)?;
         let far = ioctl_tiocgptpeer(&self.master, OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
@@ -300,14 +304,14 @@ impl Pty {
             let mut settings = settings;
             settings.local_modes.remove(COOKED);
             settings.output_modes.remove(OutputModes::OPOST);
-            // Without IXON, output that Ctrl-S has stopped is resumed.
+            // Removing IXON resumes output that Ctrl-S has stopped.
             settings.input_modes.remove(CHANGING);
             tcsetattr(&self.master, OptionalActions::Now, &settings)?;
         }
         self.keep_waiting()
     }
 
-    /// Sets the flags that are kept set, if a program has cleared them.
+    /// Sets the flags of [`WAITING`] again, if a program has cleared them.
     fn keep_waiting(&mut self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.master)?;
         if !settings.local_modes.contains(WAITING) {
@@ -319,7 +323,7 @@ impl Pty {
         Ok(())
     }
 
-    /// Sets the baud rate of the drive, if it has changed.
+    /// Sets the pty to the baud rate of the drive, if that has changed.
     fn follow(&mut self, bench: &Bench) -> io::Result<()> {
         let baud = bench.line(self.bus).baud;
         if std::mem::replace(&mut self.baud, baud) != baud {
@@ -330,7 +334,7 @@ impl Pty {
         Ok(())
     }
 
-    /// Serial settings of the program. A pty does not report whether there is parity, nor 7 data bits.
+    /// Serial settings of the program. A pty reports neither whether there is parity nor 7 data bits.
     fn sender(&mut self, bench: &Bench) -> Sender {
         let Ok(settings) = tcgetattr(&self.master) else { return Sender::default() };
         let control = settings.control_modes;
@@ -363,7 +367,8 @@ impl Endpoint for Pty {
         Some(self.master.as_fd())
     }
 
-    /// A pty that no program has open is always "ready", so it is left to the openings then.
+    /// Events to wait for, or `None` if no program has the pty open. The system would then always report the
+    /// pty as ready; instead the events of [`Openings`] report the next opening.
     fn interest(&self, bench: &Bench) -> Option<EventFlags> {
         self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
     }
@@ -381,7 +386,7 @@ impl Endpoint for Pty {
             return false;
         };
         self.unread.receive(bench, client);
-        // After a failure the program has left, which the next read reports.
+        // If the write fails, the program has left, and the next read reports that.
         let _ = self.unread.write(&self.master);
         // As on a real port, output that is not read in time is lost.
         if self.unread.lose() {
@@ -393,12 +398,13 @@ impl Endpoint for Pty {
         false
     }
 
-    /// The drive may change its baud rate at any time.
+    /// Returns true while no program has the pty open, because the drive may change its baud rate at any
+    /// time.
     fn follows_time(&self) -> bool {
         self.client.is_none()
     }
 
-    /// Changes of the settings of an open pty are not reported.
+    /// Interval for checking the settings of an open pty, whose changes the system does not report.
     fn poll_interval(&self) -> Option<Duration> {
         self.client.map(|_| POLL_INTERVAL)
     }
@@ -423,7 +429,7 @@ impl Endpoint for Pty {
     }
 }
 
-/// Offset of the last request, of Modbus RTU or ASCII; 0 if there is none.
+/// Offset of the last request of Modbus RTU or ASCII; 0 if there is none.
 fn last_message(line: Line, bytes: &[u8]) -> usize {
     if ascii::is_on(line) {
         return bytes.iter().rposition(|&byte| byte == b':').unwrap_or(0);
@@ -435,7 +441,7 @@ fn last_message(line: Line, bytes: &[u8]) -> usize {
     (0..bytes.len()).find(is_message).unwrap_or(0)
 }
 
-/// A new pty: its master, and the name of the other end.
+/// A new pty: its master, and the path of the end that programs open.
 fn open() -> io::Result<(OwnedFd, PathBuf)> {
     let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
     let master = rustix::pty::openpt(flags)?;

@@ -1,4 +1,4 @@
-//! Link to a pty, under a fixed name.
+//! Symbolic link to a pty, which gives it a fixed name.
 
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::Access;
 
-/// A link that is removed when dropped.
+/// A link that is removed when this value is dropped.
 pub(super) struct Link {
     path: PathBuf,
     target: PathBuf,
 }
 
 impl Link {
-    /// Makes a link at `path` to `target`; a link to a closed pty is replaced.
+    /// Creates a link at `path` to `target`. A link to a closed pty is replaced.
     ///
     /// # Errors
-    /// Another file has that path, or the link cannot be made.
+    /// Another file has that path, or the link cannot be created.
     pub(super) fn new(path: PathBuf, target: &Path) -> io::Result<Self> {
         check_link(&path)?;
         if path.is_symlink() {
@@ -27,7 +27,7 @@ impl Link {
     }
 }
 
-/// Removes the link, unless it has another target by now.
+/// Removes the link, unless it has been changed to another target.
 impl Drop for Link {
     fn drop(&mut self) {
         if std::fs::read_link(&self.path).is_ok_and(|target| target == self.target) {
@@ -39,10 +39,10 @@ impl Drop for Link {
 /// Directory of all ptys.
 const PTYS: &str = "/dev/pts";
 
-/// Checks that a link can be made at `path`: there is no file, or a link to a closed pty.
+/// Checks that a link can be created at `path`: no file is there, or only a link to a closed pty.
 ///
 /// # Errors
-/// The path has another file or a link to an open pty, or a link cannot be made there.
+/// Another file or a link to an open pty has that path, or a link cannot be created there.
 pub(crate) fn check_link(path: &Path) -> io::Result<()> {
     match path.symlink_metadata() {
         Ok(there) if there.is_symlink() => {
@@ -54,7 +54,7 @@ pub(crate) fn check_link(path: &Path) -> io::Result<()> {
             if !target.starts_with(PTYS) {
                 return refused("which is no pty");
             }
-            // A pty with a reused number is younger than the link.
+            // A pty that is younger than the link has reused the number of a closed pty.
             let made = |of: &std::fs::Metadata| (of.ctime(), of.ctime_nsec());
             let lives = target.metadata().is_ok_and(|pty| made(&pty) <= made(&there));
             if lives {

@@ -1,8 +1,8 @@
-//! Openings, closings and writes of the programs at the ptys.
+//! Events of the ptys: programs open, close and write to them.
 //!
-//! The system reports these events in order, but not in relation to the bytes: those of one program are followed
-//! directly by those of the next. It may merge two consecutive openings or closings into one event; so only the pty's
-//! master reports the last closing reliably.
+//! The system reports these events in order, but not in relation to the bytes: the bytes of one program are
+//! followed directly by those of the next. The system may merge two consecutive openings or closings into one
+//! event. Therefore only the pty's master reports the last closing reliably.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,14 +12,14 @@ use std::path::Path;
 
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, WatchFlags};
 
-/// Events of the ptys that are still to be handled.
+/// Events of the ptys that are not handled yet.
 pub(super) struct Openings {
     inotify: OwnedFd,
     events: BTreeMap<i32, Vec<ReadFlags>>,
 }
 
 impl Openings {
-    /// None yet.
+    /// A list without events.
     ///
     /// # Errors
     /// The system gives no inotify instance.
@@ -31,19 +31,19 @@ impl Openings {
     /// Adds the pty at `path`. Returns the number of its watch.
     ///
     /// # Errors
-    /// The system cannot watch it.
+    /// The system cannot watch the path.
     pub(super) fn watch(&self, path: &Path) -> io::Result<i32> {
         let events =
             WatchFlags::OPEN | WatchFlags::MODIFY | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
         Ok(inotify::add_watch(&self.inotify, path, events)?)
     }
 
-    /// A pty with events that are not handled yet.
+    /// A pty that has events to handle.
     pub(super) fn next(&self) -> Option<i32> {
         self.events.keys().next().copied()
     }
 
-    /// Takes the events of a pty.
+    /// Takes all events of a pty.
     pub(super) fn take(&mut self, watch: i32) -> Vec<ReadFlags> {
         self.read_events();
         self.events.remove(&watch).unwrap_or_default()
@@ -65,17 +65,17 @@ impl AsFd for Openings {
     }
 }
 
-/// State of the programs that have a pty open, as far as events show.
+/// State of the programs that have a pty open, as far as the events show it.
 #[derive(Default)]
 pub(super) struct Openers {
     count: u32,
-    /// True while some of their bytes may still be unread.
+    /// True while bytes of these programs may still be unread.
     pub(super) wrote: bool,
-    /// True if a program opened it after all others had left, which is not handled yet.
+    /// True if a program opened the pty after all others had left, and that is not handled yet.
     pub(super) changed: bool,
-    /// True if another program opened and closed it since the last one was handled.
+    /// True if another program opened and closed the pty since the last handled opening.
     pub(super) unseen: bool,
-    /// True while bytes of programs that left then may still be unread.
+    /// True while bytes of programs that have left may still be unread.
     pub(super) left_wrote: bool,
 }
 
@@ -101,8 +101,9 @@ impl Openers {
         (self.changed, self.unseen, self.left_wrote) = (false, false, false);
     }
 
-    /// Sets whether a program has the pty open. It is a new one if `was_closed` had it open before, or if a program with
-    /// write access has closed the pty meanwhile; the events do not show which opening was our own.
+    /// Sets whether a program has the pty open. It counts as a new program if `was_closed` (no known program
+    /// had the pty open), or if a program with write access has closed the pty meanwhile. The events do not
+    /// show which opening was that of this process.
     pub(super) fn set_present(&mut self, is_open: bool, was_closed: bool, events: &[ReadFlags]) {
         let closed = events.iter().rposition(|event| event.contains(ReadFlags::CLOSE_WRITE));
         let before = closed.and_then(|last| events.get(..last)).unwrap_or_default();
@@ -128,7 +129,7 @@ mod tests {
     const WRITE: ReadFlags = ReadFlags::MODIFY;
     const CLOSE: ReadFlags = ReadFlags::CLOSE_WRITE;
 
-    /// New program there; it wrote; the one before wrote.
+    /// Returns three values after `events`: a new program is there; it wrote; the one before it wrote.
     fn state_after(events: &[ReadFlags]) -> (bool, bool, bool) {
         let mut openers = Openers::default();
         openers.handle(&[OPEN]);
@@ -150,12 +151,13 @@ mod tests {
         assert!(!openers.unseen);
         openers.handle(&[OPEN]);
         assert!(openers.changed && openers.unseen);
-        // One wrote and left, and another one came, while the other end was opened and closed here.
+        // While this process opened and closed the other end, one program wrote and left, and another one
+        // opened the pty.
         openers.set_present(true, false, &[OPEN, WRITE, CLOSE, OPEN, ReadFlags::CLOSE_NOWRITE, WRITE]);
         assert!(openers.changed && openers.left_wrote && openers.wrote);
         openers.set_present(true, false, &[OPEN, WRITE, ReadFlags::CLOSE_NOWRITE]);
         assert!(!openers.changed && !openers.left_wrote && openers.wrote);
-        // Two programs at once, as a shell's `cat` and `echo`, are one opener.
+        // Two programs that have the pty open at once, like a shell's `cat` and `echo`, count as one.
         assert_eq!(state_after(&[OPEN, WRITE, CLOSE]), (false, true, false));
     }
 }

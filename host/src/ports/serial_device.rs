@@ -1,11 +1,12 @@
-//! A line reached by a serial port of this machine (HOST-16).
+//! A serial line that is connected to a serial port of this machine (HOST-16).
 //!
-//! The port is the drive's end of a cable, so its settings follow those of the drive, and it times characters itself:
-//! replies are written whole. New settings wait until the port has sent its buffer, which takes seconds at 300 baud,
-//! and for ever with an adapter that hangs; so a thread waits for that. A character with a parity error is read as 0,
-//! which makes its frame invalid. The port is opened exclusively. An unplugged port is polled until it is back;
-//! meanwhile no client is connected. Its modem lines are not read: a drive that is reset by DTR is reset when the port
-//! appears, and not when a program at the other end opens its own port.
+//! The port is the drive's end of a cable, so it has the serial settings of the drive. The port times
+//! characters itself, so replies are written whole. Before settings change, the port must have sent its
+//! buffer. That takes seconds at 300 baud, and never ends with an adapter that hangs; so a thread waits for
+//! it. A character with a parity error is read as 0, which makes its frame invalid. The port is opened
+//! exclusively. An unplugged port is polled until it is plugged in again; meanwhile no client is connected.
+//! The modem lines of the port are not read: a drive that is reset by DTR is reset when the port appears, and
+//! not when a program at the other end opens its own port.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -31,7 +32,7 @@ use super::{Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 /// Time between two attempts to open an unplugged port.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Poll interval while new settings are pending.
+/// Poll interval while a thread waits to change the settings.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// A serial port that is open.
@@ -44,7 +45,7 @@ impl Device {
     /// Opens the serial port `path`.
     ///
     /// # Errors
-    /// It is not a serial port, does not exist, or another program uses it.
+    /// The path is not a serial port, does not exist, or another program uses it.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty())?;
@@ -61,18 +62,18 @@ impl Device {
     }
 }
 
-/// A serial port of a line.
+/// A serial port that is connected to a line.
 pub(super) struct Serial {
     path: PathBuf,
-    /// `None` while it is unplugged.
+    /// `None` while the port is unplugged.
     fd: Option<OwnedFd>,
-    /// Present settings.
+    /// Serial settings that the port has, or is about to have.
     line: Line,
-    /// The thread that changes them. Nothing is written meanwhile.
+    /// The thread that changes the settings. Nothing is written while it runs.
     setter: Option<JoinHandle<()>>,
     bus: Bus,
     client: Option<Client>,
-    /// Characters that the drives sent and the device has not taken.
+    /// Characters that the drives sent and that the device has not taken.
     unread: Unread,
 }
 
@@ -87,9 +88,9 @@ impl Serial {
         serial
     }
 
-    /// Connects the open port.
+    /// Connects the port, which has just been opened, as a client of the line.
     fn come(&mut self, bench: &mut Bench, fd: OwnedFd) {
-        // Earlier output is not for the new client.
+        // Characters from before the opening are not for the new client.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
         self.line = bench.line(self.bus);
         set(&fd, &self.path, self.line, OptionalActions::Now);
@@ -107,7 +108,7 @@ impl Serial {
             return;
         }
         let Some(fd) = &self.fd else { return };
-        // Attempted only once, whatever the result.
+        // The change is attempted only once, whether it succeeds or not.
         self.line = line;
         let path = self.path.clone();
         let setter = fd.try_clone().and_then(|fd| {
@@ -161,7 +162,7 @@ impl Endpoint for Serial {
         let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
         self.unread.receive(bench, client);
         if self.setter.is_none() {
-            // After a failure the port is unplugged, which the next read reports.
+            // If the write fails, the port is unplugged, and the next read reports that.
             let _ = self.unread.write(fd);
             if self.unread.is_empty() {
                 self.follow(bench);
@@ -174,7 +175,7 @@ impl Endpoint for Serial {
         false
     }
 
-    /// The drive may change its settings at any time.
+    /// Returns true while the port is connected, because the drive may change its settings at any time.
     fn follows_time(&self) -> bool {
         self.client.is_some()
     }

@@ -1,8 +1,9 @@
-//! A line reached by standard input and output (HOST-17).
+//! A serial line that is connected to standard input and output (HOST-17).
 //!
-//! They may be shared with other programs, for instance a shell, which do not expect non-blocking descriptors. So two
-//! threads copy between them and a socket pair, whose other end belongs to the bench's thread. The bench ends when
-//! input has ended and all answers are written, or when the reader of the output closes it.
+//! Other programs, for instance a shell, may share these descriptors and do not expect them to be
+//! non-blocking. Therefore two threads copy between them and a socket pair, whose other end belongs to the
+//! bench's thread. The bench ends when standard input has ended and all answers are written, or when the
+//! reader of standard output closes it.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::Shutdown;
@@ -22,33 +23,33 @@ use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_som
 /// Poll interval until all output is written.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Standard input and output as an end of a line.
+/// Standard input and output as a client of a line.
 pub(super) struct Stdio {
     near: UnixStream,
     bus: Bus,
     client: Client,
-    /// Characters that the drives sent and stdout has not taken.
+    /// Characters that the drives sent and that standard output has not taken.
     unread: Unread,
     stage: Stage,
     /// The thread that writes to standard output.
     writer: JoinHandle<()>,
 }
 
-/// Stage of standard input and output.
+/// Stage in the life cycle of standard input and output.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd)]
 enum Stage {
-    /// Input may come.
+    /// Standard input is open.
     Open,
-    /// Input has ended; requests are still answered.
+    /// Standard input has ended; the drives still answer requests.
     Asked,
-    /// All is answered, and is still written.
+    /// All requests are answered; the answers are still being written.
     Answered,
-    /// Input has ended and all is answered.
+    /// All answers are written, or standard output is closed.
     Over,
 }
 
 impl Stdio {
-    /// Standard input and output on `bus`.
+    /// Connects standard input and output to `bus`.
     ///
     /// # Errors
     /// The system gives no sockets or threads.
@@ -101,7 +102,7 @@ impl Endpoint for Stdio {
             warn!("stdout has left more than {MOST_MIB} MiB unread; what follows is lost");
         }
         if self.stage == Stage::Asked && self.unread.is_empty() && bench.is_answered(self.bus) {
-            // The writing thread ends when it has written all before that.
+            // The writing thread ends when it has written everything that was sent before this shutdown.
             let _ = self.near.shutdown(Shutdown::Write);
             self.stage = Stage::Answered;
         }
@@ -127,7 +128,7 @@ impl Endpoint for Stdio {
     }
 }
 
-/// Copies standard input to the bench, until it ends.
+/// Copies standard input to the bench, until either ends.
 fn copy_in(mut to: UnixStream) {
     let mut buffer = [0; READ_BYTES];
     let mut stdin = io::stdin().lock();
@@ -144,7 +145,7 @@ fn copy_in(mut to: UnixStream) {
 /// Copies output of the drives to standard output, until either ends.
 fn copy_out(mut from: UnixStream) {
     let mut buffer = [0; READ_BYTES];
-    // `io::stdout` would buffer text without a line end.
+    // Flushed each time, because `io::stdout` buffers text that has no line end.
     let write = |bytes: &[u8]| {
         let mut stdout = io::stdout().lock();
         stdout.write_all(bytes).and_then(|()| stdout.flush())
@@ -162,6 +163,6 @@ fn copy_out(mut from: UnixStream) {
             Err(_) => break,
         }
     }
-    // Further writes to the bench have no effect.
+    // The bench's thread learns that standard output is closed, because its further writes fail.
     let _ = from.shutdown(Shutdown::Both);
 }

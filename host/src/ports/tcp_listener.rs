@@ -1,4 +1,5 @@
-//! TCP listeners: for a line, with raw characters like a serial device server, or for a TCP port of a drive.
+//! TCP listeners: for a serial line, with raw characters like a serial device server, or for a TCP port of a
+//! drive.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
@@ -16,36 +17,36 @@ use super::unread::{Unread, share_mib};
 use super::web::{BrowserCheck, Verdict};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, read_some};
 
-/// Interval at which a client that has sent all is polled until it leaves.
+/// Interval at which a connection is polled after its client has sent everything, until the client leaves.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Number of polls after which such a connection is closed: twice the longest delay of a reply.
+/// Number of polls after which such a connection is closed. The time is twice the longest delay of a reply.
 const LINGER_POLLS: u32 = 120;
 
-/// The same where the drive, or the host, has closed the connection.
+/// The same number for a connection that the drive or the host has closed.
 const LINGER_POLLS_CLOSED: u32 = 5;
 
 /// Idle time of a client after which the system sends keep-alive probes.
 const KEEPALIVE_IDLE: Duration = Duration::from_secs(10);
 
-/// Keep-alive probes, and the time between two.
+/// Number of keep-alive probes, and the time between two probes.
 const KEEPALIVE_PROBES: u32 = 4;
 const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Time without any sign of a client after which its connection is dropped.
+/// Time without any acknowledgement by a client, after which the system drops its connection.
 const USER_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Number of reads that drain a connection before it is closed: with unread input the system would discard output that
-/// is under way.
+/// Maximum number of reads that empty a connection before it is closed. With unread input the system would
+/// discard output that is still in transit.
 const LAST_READS: usize = 16;
 
-/// A TCP port that is reserved, and does not listen yet.
+/// A TCP port that is reserved but does not listen yet.
 pub(crate) struct Bound(OwnedFd);
 
 /// Reserves `HOST:PORT`.
 ///
 /// # Errors
-/// There is no such address here, or another program has it.
+/// This machine has no such address, or another program uses it.
 pub(crate) fn bind(address: &str) -> io::Result<Bound> {
     let mut last = io::Error::new(io::ErrorKind::NotFound, "no such host");
     for address in address.to_socket_addrs()? {
@@ -61,7 +62,7 @@ fn bind_at(address: SocketAddr) -> io::Result<Bound> {
     let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = rustix::net::socket_with(family, SocketType::STREAM, flags, None)?;
-    // A port left a moment ago is free.
+    // A port that another process has just closed can be reserved at once.
     sockopt::set_socket_reuseaddr(&socket, true)?;
     rustix::net::bind(&socket, &address)?;
     Ok(Bound(socket))
@@ -73,8 +74,9 @@ fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
     sockopt::set_tcp_keepintvl(stream, KEEPALIVE_INTERVAL)?;
     sockopt::set_tcp_keepcnt(stream, KEEPALIVE_PROBES)?;
     sockopt::set_socket_keepalive(stream, true)?;
-    // While output is not acknowledged the system sends no probes, so a timeout is needed. It also drops a client that
-    // is alive but does not read, which is legal with the stream of a line.
+    // While output is not acknowledged the system sends no probes, so a timeout is needed. The timeout also
+    // drops a client that is alive but does not read; for the stream of a serial line that is allowed, so it
+    // has no timeout.
     if matches!(outlet, Outlet::Tcp(..)) {
         sockopt::set_tcp_user_timeout(stream, USER_TIMEOUT.as_millis() as u32)?;
     }
@@ -82,10 +84,10 @@ fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
 }
 
 impl Bound {
-    /// Listens from now on.
+    /// Starts to listen.
     ///
     /// # Errors
-    /// Another program listens there already.
+    /// Another program listens at this address already.
     pub(crate) fn listen(self) -> io::Result<TcpListener> {
         rustix::net::listen(&self.0, 128)?;
         Ok(self.0.into())
@@ -97,40 +99,40 @@ pub(super) struct Listener {
     socket: TcpListener,
     outlet: Outlet,
     address: SocketAddr,
-    /// Shared with each connection, also while it is leaving.
+    /// A clone of this is in each connection, so that its count shows the number of connections.
     presence: Rc<()>,
-    /// True while a connection waits for which the system has no room.
+    /// True while a connection waits because the system has no room for it.
     crowded: bool,
-    /// True once a refusal is logged, until a connection is accepted.
+    /// True after a refusal was logged, until a connection is accepted.
     is_refusing: bool,
 }
 
-/// Connection of a client.
+/// Connection to a client.
 pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
     address: SocketAddr,
-    /// Shared by all clients of the port, which it counts.
+    /// Clone of the listener's `presence`, which counts the clients of the port.
     presence: Rc<()>,
     outlet: Outlet,
     client: Client,
-    /// Check of the beginning of the connection, until it is complete.
+    /// Check of the first bytes of the connection; `None` when it is complete.
     check: Option<BrowserCheck>,
     /// Bytes that the drives sent and the client has not taken.
     unread: Unread,
-    /// True while the last bytes of the client are not acknowledged.
+    /// True while the last bytes of the client may not be acknowledged yet.
     unacknowledged: bool,
-    /// Polls that are left, once the client has sent all.
+    /// Number of polls that are left, after the client has sent everything or the connection has ended.
     linger_polls: Option<u32>,
     /// True when the connection is to be dropped.
     over: bool,
 }
 
 impl Listener {
-    /// A port of `outlet` that listens from now on.
+    /// A listener for `outlet`, which listens from now on.
     ///
     /// # Errors
-    /// The system refuses.
+    /// The system does not let the port listen.
     pub(super) fn new(outlet: Outlet, bound: Bound) -> io::Result<Self> {
         let socket = bound.listen()?;
         let address = socket.local_addr()?;
@@ -142,7 +144,7 @@ impl Listener {
         self.address
     }
 
-    /// Returns whether the next connection can be accepted or refused; until then it waits.
+    /// Returns whether the next connection can be accepted or refused now. Otherwise it waits.
     pub(super) fn is_open(&self, bench: &Bench) -> bool {
         bench.accepts(self.outlet)
     }
@@ -155,13 +157,14 @@ impl Listener {
     /// Accepts the next connection that can be served.
     ///
     /// # Errors
-    /// The system has no room for one more; that is logged once, until a connection is accepted again.
+    /// The system has no room for a further connection. This is logged once, until a connection is accepted
+    /// again.
     pub(super) fn accept(&mut self, bench: &mut Bench) -> io::Result<Option<Connection>> {
         loop {
             let (stream, peer) = match self.socket.accept() {
                 Ok(accepted) => accepted,
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                // A client that left before it was accepted.
+                // The client left before its connection was accepted.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
                 Err(error) => {
                     if !std::mem::replace(&mut self.crowded, true) {
@@ -208,7 +211,8 @@ impl Listener {
         }
     }
 
-    /// Logs a refusal: once, until a connection is accepted again, because many clients try again and again.
+    /// Logs a refusal. Further refusals are not logged until a connection is accepted, because many clients
+    /// try again and again.
     fn refuse(&mut self, peer: SocketAddr, why: ConnectError) {
         if !std::mem::replace(&mut self.is_refusing, true) {
             warn!(
@@ -220,13 +224,13 @@ impl Listener {
 }
 
 impl Connection {
-    /// Returns whether a drive is notified of connections.
+    /// Returns whether the drive is notified of this connection.
     pub(super) fn is_reported(&self) -> bool {
         matches!(self.outlet, Outlet::Tcp(..))
     }
 
-    /// Passes to the drive what has come, unless it begins as a browser's connection does. Returns whether something
-    /// was passed.
+    /// Passes received bytes to the drive, unless the connection begins like that of a browser. Returns
+    /// whether bytes were passed.
     fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
         let Some(check) = &mut self.check else {
             bench.send(self.client, bytes);
@@ -248,12 +252,13 @@ impl Connection {
         true
     }
 
-    /// MiB that it may leave unread: the port and each of its clients have a presence.
+    /// Maximum unread output of this client in MiB. The listener and each of its clients have a clone of
+    /// `presence`.
     fn most_mib(&self) -> usize {
         share_mib(Rc::strong_count(&self.presence) - 1)
     }
 
-    /// Returns whether all that the client sent is taken, and it will send no more.
+    /// Returns whether the connection is about to be closed, and no more input is read.
     fn is_leaving(&self) -> bool {
         self.linger_polls.is_some()
     }
@@ -283,7 +288,7 @@ impl Endpoint for Connection {
                     self.unacknowledged = true;
                     return self.pass(bench, bytes);
                 }
-                // It may have closed one direction only, and wait for a reply.
+                // The client may have closed one direction only, and still wait for a reply.
                 ReadResult::Closed => {
                     self.linger_polls = Some(LINGER_POLLS);
                     let held = self.check.take().map(|mut check| check.release()).unwrap_or_default();
@@ -303,8 +308,9 @@ impl Endpoint for Connection {
         let waits = self.unread.len();
         let written = self.unread.write(&self.stream);
         if self.unacknowledged && self.unread.len() == waits {
-            // Else a client without `TCP_NODELAY` is kept from its next request for up to 40 ms where the drive does
-            // not answer this one. An answer tells it by itself.
+            // The drive has not answered, so the acknowledgement is sent now. Otherwise a client without
+            // `TCP_NODELAY` could not send its next request for up to 40 ms. An answer carries the
+            // acknowledgement.
             let _ = sockopt::set_tcp_quickack(&self.stream, true);
         }
         self.unacknowledged = false;

@@ -1,4 +1,4 @@
-//! TCP ports of a drive, reached by sockets.
+//! TCP ports of a drive, reached through sockets.
 
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -15,10 +15,10 @@ use super::{Ports, bind};
 use crate::event_loop::{BenchHandle, EventLoop, handle};
 use drivetwin_sim::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
-/// Longer than anything takes here.
+/// Timeout that is longer than every action of these tests.
 const LONG: Duration = Duration::from_secs(20);
 
-/// An echo that runs on a thread of its own.
+/// An echo device on a bench with an event loop, which runs on a thread of its own.
 struct Running {
     addresses: [SocketAddr; 2],
     drive: DriveId,
@@ -55,14 +55,14 @@ impl Running {
         stream
     }
 
-    /// Connects where text is spoken, and is greeted.
+    /// Connects to the text port, and reads its greeting.
     fn greeted(&self) -> TcpStream {
         let mut stream = self.connect(MCODE);
         expect(&mut stream, b">");
         stream
     }
 
-    /// Does something with the bench.
+    /// Calls `act` with the bench, on the bench's thread, and returns the result.
     fn call<T: Send + 'static>(&self, act: impl FnOnce(&mut Bench, DriveId) -> T + Send + 'static) -> T {
         let (done, result) = mpsc::channel();
         let drive = self.drive;
@@ -75,7 +75,7 @@ impl Running {
         result.recv_timeout(LONG).unwrap()
     }
 
-    /// Waits until that many clients are connected.
+    /// Waits until `count` clients are connected.
     fn until_connected(&self, port: Port, count: usize) {
         while self.call(move |bench, drive| bench.connections(drive, port)) != count {
             std::thread::yield_now();
@@ -95,7 +95,7 @@ impl Drop for Running {
     }
 }
 
-/// Reads the maximum velocity of an MDrive (FB 4.2.4); the transaction is the argument.
+/// A request that reads the maximum velocity of an MDrive (FB 4.2.4). The argument is the transaction number.
 fn adu(transaction: u8) -> [u8; 12] {
     [0, transaction, 0, 0, 0, 6, 1, 3, 0x00, 0x8B, 0x00, 0x02]
 }
@@ -111,14 +111,14 @@ fn exchange(stream: &mut TcpStream, transaction: u8) {
     expect(stream, &adu(transaction));
 }
 
-/// Bytes until the other end closes, which it does in good order.
+/// Reads until the other end closes the connection without an error.
 fn rest(stream: &mut TcpStream) -> Vec<u8> {
     let mut rest = Vec::new();
     stream.read_to_end(&mut rest).unwrap();
     rest
 }
 
-/// Returns whether the connection is closed, in whatever order.
+/// Returns whether the connection is closed, with or without an error.
 fn is_closed(stream: &mut TcpStream) -> bool {
     match stream.read(&mut [0]) {
         Ok(count) => count == 0,
@@ -153,7 +153,7 @@ fn a_browser_reaches_no_drive() {
             let request =
                 b"POST /x HTTP/1.1\r\nHost: localhost\r\nContent-Type: text/plain\r\n\r\nMR 1000\r\n";
             for piece in request.chunks(request.len().div_ceil(pieces)) {
-                // It may be closed by now.
+                // The connection may be closed by now.
                 let _ = stream.write_all(piece);
             }
             assert!(is_closed(&mut stream), "nothing is answered");
@@ -161,7 +161,7 @@ fn a_browser_reaches_no_drive() {
         }
         assert_eq!(running.statistics(port).messages, 0, "nothing is heard");
     }
-    // Letters that may begin an HTTP request are delivered when the client sends no more.
+    // Letters that may begin an HTTP request are delivered when the client ends its output.
     let mut text = running.greeted();
     text.write_all(b"P").unwrap();
     text.shutdown(Shutdown::Write).unwrap();
@@ -201,10 +201,10 @@ fn the_65th_is_closed_at_once_and_the_others_are_served() {
         exchange(stream, transaction);
     }
     assert!(is_closed(&mut running.connect(MODBUS)));
-    // Who leaves makes room.
+    // A client that leaves makes room for another one.
     for transaction in 0..100 {
         drop(streams.pop());
-        // The system does not report closings and openings in their order.
+        // The system does not report closings and openings in the order in which they happened.
         running.until_connected(MODBUS, 63);
         streams.push(running.connect(MODBUS));
         exchange(streams.last_mut().unwrap(), transaction);
@@ -265,7 +265,7 @@ fn who_does_not_read_is_not_read() {
         let piece = longest.repeat(100);
         (0..MESSAGES / 100).try_for_each(|_| writer.write_all(&piece))
     });
-    // Until none of its messages is delivered while another client is answered 200 times.
+    // Waits until the bench takes none of the messages while it answers another client 200 times.
     let mut received = 0;
     loop {
         (0..200).for_each(|transaction| exchange(&mut other, transaction));
@@ -294,7 +294,7 @@ fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
             other.write_all(b"a").unwrap();
             expect(&mut other, b"a");
         }
-        // The system holds some of it between two sockets.
+        // The sockets of the system buffer a part of the replies.
         let received = running.statistics(MCODE).messages - LINES as u64;
         assert!(received < LINES as u64 / 2, "{received} of {LINES}");
         let mut came = vec![0; LINES * ((1 << 20) + 1)];
@@ -307,7 +307,7 @@ fn many_long_answers_are_given_as_they_are_read_and_hold_up_nobody() {
 fn who_never_reads_is_disconnected() {
     let running = Running::start(TimeMode::Times(1));
     let (mut not_reading, mut other) = (running.greeted(), running.greeted());
-    // More than the maximum of unread bytes, though the system buffers some of it.
+    // Causes more unread bytes than the maximum, although the system buffers a part of them.
     not_reading.write_all(&[b'f'; 40]).unwrap();
     running.until_connected(MCODE, 1);
     other.write_all(b"a").unwrap();
@@ -340,7 +340,7 @@ fn while_the_clock_is_advanced_all_is_answered() {
     let (mut text, mut stream) = (running.greeted(), running.connect(MODBUS));
     text.write_all(b"t").unwrap();
     expect(&mut text, b"T");
-    // So far that it never comes there, with a `T` each second.
+    // The advance is so long that it never ends. Each second of it sends a `T`.
     let (done, mut there) = tokio::sync::oneshot::channel();
     let caller = std::sync::Arc::new(());
     running.bench_handle.submit(std::sync::Arc::downgrade(&caller), move |host| {

@@ -1,4 +1,4 @@
-//! Characters that the drives sent and a client has not taken yet.
+//! Characters that the drives sent and that a client has not taken yet.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -8,14 +8,14 @@ use rustix::io::Errno;
 
 use super::READ_BYTES;
 
-/// Maximum unread output of a client in MiB: ten minutes of a QSB's stream at 230,400 baud (14 MB), so that a test may
-/// advance manual time that far before it reads.
+/// Maximum unread output of a client in MiB. It holds ten minutes of a QSB's stream at 230,400 baud (14 MB),
+/// so that a test may advance manual time that far before it reads.
 pub(super) const MOST_MIB: usize = 16;
 
 /// Maximum unread output of all clients of a port in MiB (HOST-15).
 const MOST_MIB_OF_PORT: usize = 64;
 
-/// Maximum unread output of each of `clients` clients of a port, in MiB.
+/// Maximum unread output in MiB of each client, if a port has `clients` clients.
 pub(super) fn share_mib(clients: usize) -> usize {
     (MOST_MIB_OF_PORT / clients.max(1)).clamp(1, MOST_MIB)
 }
@@ -24,29 +24,30 @@ pub(super) fn share_mib(clients: usize) -> usize {
 #[derive(Default)]
 pub(super) struct Unread {
     bytes: Vec<u8>,
-    /// Number of bytes that are written already: to move the rest after each write would take longer than the write.
+    /// Number of bytes that are already written. They are removed later, because moving the remaining bytes
+    /// after each write would take longer than the write.
     taken: usize,
-    /// True if some were lost since all were written.
+    /// True if bytes were lost since the last time that all bytes were written.
     lost: bool,
 }
 
 impl Unread {
-    /// Number of waiting characters.
+    /// Number of unread characters.
     pub(super) fn len(&self) -> usize {
         self.bytes.len() - self.taken
     }
 
-    /// Returns whether there are none.
+    /// Returns whether no character is unread.
     pub(super) fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Returns whether the maximum is exceeded.
+    /// Returns whether there are more unread characters than the maximum.
     pub(super) fn is_too_much(&self) -> bool {
         self.len() > MOST_MIB << 20
     }
 
-    /// Adds the bytes that have reached a client by now.
+    /// Adds the bytes that have arrived at a client by now.
     pub(super) fn receive(&mut self, bench: &mut Bench, client: Client) {
         bench.receive(client, &mut self.bytes);
     }
@@ -73,7 +74,8 @@ impl Unread {
         Ok(())
     }
 
-    /// Drops bytes beyond the maximum. Returns whether these are the first lost ones.
+    /// Drops bytes beyond the maximum. Returns true if bytes are lost for the first time since all were
+    /// written.
     pub(super) fn lose(&mut self) -> bool {
         let too_much = self.is_too_much();
         if too_much {

@@ -1,49 +1,50 @@
 //! Protection of drives against browsers.
 //!
-//! A web page may make a browser send a POST to any port of its machine, and a drive would execute the lines or frames
-//! in its body. A connection that begins with the first line of an HTTP request is closed before the drive receives a
-//! byte. The same applies to a connection to a TCP port of a drive that begins with a TLS handshake, which a browser
-//! may try first: its second byte is Ctrl-C.
+//! A web page may make a browser send a POST to any port of its machine, and a drive would execute the text
+//! lines or frames in the body. Therefore a connection that begins with the first line of an HTTP request is
+//! closed before the drive receives a byte. A connection to a TCP port of a drive is also closed if it begins
+//! with a TLS handshake, which a browser may try first: the second byte of a handshake is Ctrl-C.
 
 /// Methods that a browser sends.
 const METHODS: [&[u8]; 9] =
     [b"GET", b"HEAD", b"POST", b"PUT", b"DELETE", b"CONNECT", b"OPTIONS", b"TRACE", b"PATCH"];
 
-/// End of the first line, without the minor version.
+/// End of the first line of a request, without the minor version.
 const VERSION: &[u8] = b" HTTP/1.";
 
-/// Maximum length of a target in bytes. A longer one is a browser's, too.
+/// Maximum length of a request target in bytes. A connection with a longer target counts as a browser's.
 const MOST_TARGET: usize = 8_192;
 
-/// A record of a handshake, and the major version (RFC 8446, 5.1); the minor one is not 0, which a header of Modbus/TCP
-/// has there. On a serial line it may be a request to address 22.
+/// First bytes of TLS: a handshake record and the major version (RFC 8446, 5.1). The minor version follows;
+/// it is not 0, while a Modbus/TCP header has 0 there. On a serial line the bytes may be a request to address
+/// 22.
 const TLS: &[u8] = &[22, 3];
 
-/// The beginning of a connection, while it may be that of a browser.
+/// The first bytes of a connection, while they may be those of a browser.
 pub(super) struct BrowserCheck {
     beginning: Vec<u8>,
-    /// True if TLS is refused, too.
+    /// True if TLS handshakes are recognized, too.
     knows_tls: bool,
 }
 
 /// Result of the check.
 #[derive(PartialEq, Eq, Debug)]
 pub(super) enum Verdict {
-    /// The beginning of an HTTP request, so far.
+    /// The bytes so far may be the beginning of an HTTP request or a TLS handshake.
     Unclear,
-    /// Not a browser: these bytes go to the drive.
+    /// Not a browser. These bytes are for the drive.
     Ordinary(Vec<u8>),
-    /// An HTTP request, or a handshake of TLS.
+    /// An HTTP request or a TLS handshake.
     Web,
 }
 
 impl BrowserCheck {
-    /// The check of a new connection: to a TCP port of a drive, or to a line.
+    /// The check of a new connection to a line (`is_line`) or to a TCP port of a drive.
     pub(super) fn new(is_line: bool) -> Self {
         Self { beginning: Vec::new(), knows_tls: !is_line }
     }
 
-    /// Checks the beginning with these bytes appended.
+    /// Appends `bytes` to the first bytes of the connection and checks them.
     pub(super) fn inspect(&mut self, bytes: &[u8]) -> Verdict {
         self.beginning.extend_from_slice(bytes);
         let is_web = match self.beginning.strip_prefix(TLS) {
@@ -59,13 +60,14 @@ impl BrowserCheck {
         }
     }
 
-    /// The bytes of a connection that has ended before the check was complete.
+    /// Takes the bytes of a connection that ended before the check was complete.
     pub(super) fn release(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.beginning)
     }
 }
 
-/// Returns whether `beginning` is that of an HTTP request with a whole first line; `None` while it may become one.
+/// Returns true if `beginning` has the whole first line of an HTTP request, and `None` if further bytes may
+/// complete one.
 fn is_request(beginning: &[u8]) -> Option<bool> {
     let Some(blank) = beginning.iter().position(|&byte| byte == b' ') else {
         return if METHODS.iter().any(|method| method.starts_with(beginning)) { None } else { Some(false) };
@@ -80,7 +82,7 @@ fn is_request(beginning: &[u8]) -> Option<bool> {
     match version.split_at_checked(VERSION.len()) {
         _ if length > MOST_TARGET => Some(true),
         _ if length == 0 && !target.is_empty() => Some(false),
-        // A minor version and CR; some leave CR out.
+        // The digit of the minor version and CR LF; some programs send LF only.
         Some((VERSION, rest)) => match rest {
             [] | [b'0'..=b'9'] => None,
             [b'0'..=b'9', b'\r' | b'\n', ..] => Some(true),
@@ -96,7 +98,8 @@ fn is_request(beginning: &[u8]) -> Option<bool> {
 mod tests {
     use super::*;
 
-    /// The judgements of a beginning that comes a byte at a time, but for `Unclear`, and at which byte.
+    /// Checks `bytes` one at a time. Returns the first verdict other than `Unclear`, and the number of bytes
+    /// it took.
     fn first(bytes: &[u8]) -> (usize, Verdict) {
         let mut check = BrowserCheck::new(false);
         for (index, byte) in bytes.iter().enumerate() {
@@ -132,7 +135,8 @@ mod tests {
 
     #[test]
     fn other_bytes_pass_at_the_first_that_differs() {
-        // MCode; RTU to addresses 71 (G), 80 (P) and 72 (H); Modbus/TCP with transactions 4745 and 504F; a QSB.
+        // MCode; RTU to addresses 71 (G), 80 (P) and 72 (H); Modbus/TCP with transactions 0x4745 and 0x504F;
+        // a QSB.
         for (bytes, at) in [
             (&b"PR P\r"[..], 2),
             (b"PS\r", 2),
@@ -157,7 +161,7 @@ mod tests {
             assert_eq!(first(bytes), (at, Verdict::Ordinary(bytes[..at].to_vec())), "{bytes:?}");
             assert_eq!(BrowserCheck::new(false).inspect(bytes), Verdict::Ordinary(bytes.to_vec()));
         }
-        // TLS on a TCP port; on a line a request to address 22.
+        // A TLS handshake at a TCP port; on a serial line the same bytes are a request to address 22.
         let hello = [0x16, 3, 1, 2, 0, 1];
         assert_eq!(first(&hello), (3, Verdict::Web));
         let transaction = [0x16, 3, 0, 0, 0, 6];

@@ -23,7 +23,7 @@ pub struct Configuration {
 }
 
 impl Configuration {
-    /// Reads the options of a single drive, or the bench file that they name. Opens no ports.
+    /// Reads the options of a single drive, or the bench file that they name. Opens no port.
     ///
     /// # Errors
     /// One sentence that names the option or the place in the file, and the error.
@@ -94,7 +94,7 @@ impl Configuration {
     }
 }
 
-/// Refuses options for a single drive with a bench file (BENCH-4).
+/// Rejects options for a single drive if there is a bench file (BENCH-4).
 fn refuse_single_drive_options(options: &RunOptions, file: &Path) -> Result<(), String> {
     let given = [
         ("--listen", !options.listen.is_empty(), "listen = [\"tcp:127.0.0.1:5020\"]"),
@@ -112,7 +112,7 @@ fn refuse_single_drive_options(options: &RunOptions, file: &Path) -> Result<(), 
     }
 }
 
-/// Reads a bench file, whose paths are relative to its folder.
+/// Reads a bench file. Paths in the file are relative to its folder.
 fn read(path: &Path) -> Result<Layout, String> {
     let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
     let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
@@ -121,7 +121,7 @@ fn read(path: &Path) -> Result<Layout, String> {
     Ok(layout)
 }
 
-/// A single drive, named like its kind.
+/// A single drive, whose name is its kind.
 fn drive(options: &RunOptions) -> Result<DriveLayout, String> {
     let spec = catalog::make(&options.what)?.spec();
     Ok(DriveLayout {
@@ -136,7 +136,8 @@ fn drive(options: &RunOptions) -> Result<DriveLayout, String> {
     })
 }
 
-/// Listening addresses of the ports. A port without one gets a free loopback TCP port, and a serial port also a pty.
+/// Listening addresses of the ports. A port without an address gets a free loopback TCP port, and a serial
+/// port also gets a pty.
 fn places(spec: &Spec, listen: &[Listen]) -> Result<Vec<(Port, Uri)>, String> {
     let mut places: Vec<(Port, Uri)> = Vec::new();
     for listen in listen {

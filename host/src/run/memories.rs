@@ -1,4 +1,4 @@
-//! The non-volatile memories of the drives, and the files that keep them.
+//! Non-volatile memories of the drives, and the files that store them.
 
 use std::cell::RefCell;
 use std::fs::Metadata;
@@ -29,8 +29,8 @@ struct MemoryFile {
 }
 
 impl Memory {
-    /// The memory of the drive with that index in the layout, with its user program, if there is one. The file is not
-    /// changed.
+    /// Opens the memory of the drive with index `index` in the layout. A user program is put into the
+    /// returned memory but not yet into the file, which stays unchanged.
     ///
     /// # Errors
     /// One sentence: the file cannot be used.
@@ -67,7 +67,7 @@ impl Memory {
         self.content.clone()
     }
 
-    /// Writes a user program to the file.
+    /// Writes a user program to the file. The program is already in the memory.
     ///
     /// # Errors
     /// One sentence: the file cannot be written.
@@ -77,7 +77,7 @@ impl Memory {
         stored.map_err(|error| format!("{}: {error}", path.display()))
     }
 
-    /// A function that writes stores of the drive to the file.
+    /// A function that writes to the file what the drive stores.
     pub(super) fn persist_fn(&self) -> Option<PersistFn> {
         let MemoryFile { path, nv } = self.file.clone()?;
         Some(Box::new(move |offset, bytes| {
@@ -87,7 +87,7 @@ impl Memory {
         }))
     }
 
-    /// Logs a warning for a file of another drive.
+    /// Logs a warning if the file belongs to another drive.
     pub(super) fn warn(&self) {
         let Some(MemoryFile { path, nv }) = &self.file else { return };
         if nv.borrow().is_longer() {
@@ -98,7 +98,7 @@ impl Memory {
         }
     }
 
-    /// Returns whether the memory uses that file.
+    /// Returns whether this memory is stored in `file`.
     pub(super) fn is_in(&self, file: &Metadata) -> io::Result<bool> {
         let Some(MemoryFile { nv, .. }) = &self.file else { return Ok(false) };
         let own = nv.borrow().metadata()?;
@@ -108,7 +108,7 @@ impl Memory {
     /// Waits until the file is on the disk.
     ///
     /// # Errors
-    /// One sentence: the file does not have all stores of the drive.
+    /// One sentence: the file does not contain everything that the drive stored.
     pub(super) fn sync(&self) -> Result<(), String> {
         let Some(MemoryFile { path, nv }) = &self.file else { return Ok(()) };
         let synced = nv.borrow_mut().sync();

@@ -1,7 +1,7 @@
 //! A run of a bench, in three steps: configuration, preparation, service.
 //!
-//! Errors are found before anything listens: names and values, addresses in use, files. Old recordings are overwritten
-//! last.
+//! Names, values, addresses in use and files are checked before any port listens. Old recordings are
+//! overwritten last.
 
 mod configuration;
 mod memories;
@@ -87,8 +87,8 @@ impl Configuration {
 }
 
 impl Prepared {
-    /// Opens the ports and the control API, and begins the output files. Clients may connect from now on; they are
-    /// served by [`Running::serve`].
+    /// Opens the ports and the control API, and starts the output files. Clients may connect from now on, but
+    /// only [`Running::serve`] serves them.
     ///
     /// # Errors
     /// One sentence that names what cannot be opened, and the reason.
@@ -128,10 +128,11 @@ impl Running {
         self.banner.text()
     }
 
-    /// Serves until `stop` becomes readable, or standard input has ended if a line uses it; then ends the files.
+    /// Serves until `stop` becomes readable. If a line uses standard input, its end also ends the serving.
+    /// Then completes the files.
     ///
     /// # Errors
-    /// One sentence: which files are not complete, or why the bench cannot run on.
+    /// One sentence: the files that are not complete, or the reason why the bench cannot continue.
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");

@@ -18,7 +18,7 @@ pub(super) struct OutputFiles {
 }
 
 impl OutputFiles {
-    /// Opens them. No two may be the same file, and none may be a memory file.
+    /// Opens the files. No two may be the same file, and none may be a memory file.
     ///
     /// # Errors
     /// One sentence that names the file, and the reason why it cannot be used.
@@ -38,19 +38,20 @@ impl OutputFiles {
         Ok(Self { record, waves, frames })
     }
 
-    /// Retention of the trace and of the frames: for these files, and for the control API if the bench is
-    /// `controlled`.
+    /// Retention of the trace and of the frames: as much as these files need, and for the control API
+    /// (if `controlled`) a ring of each.
     pub(super) fn retention(&self, controlled: bool) -> (Retention, Retention) {
         let ring = |wanted| if wanted { Retention::default() } else { Retention::Off };
         let trace = match self.record {
-            // The control API serves the events of a ring; the file itself needs only events that are not written yet.
+            // The control API serves events from a ring. The file itself needs only the events that are not
+            // written yet.
             Some(_) => Retention::Written(if controlled { Retention::RING } else { 0 }),
             None => ring(controlled || self.waves.is_some()),
         };
         (trace, ring(controlled || self.frames.is_some()))
     }
 
-    /// Begins the files.
+    /// Starts writing the files.
     ///
     /// # Errors
     /// One sentence that names the file, and the reason why it cannot be written.

@@ -1,4 +1,4 @@
-//! Listening addresses of a bench: reserved first, and opened when everything else is checked.
+//! Listening addresses of a bench: first reserved, later opened, after everything else has been checked.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -12,16 +12,16 @@ use drivetwin_sim::config::listen::Uri;
 use crate::banner::Address;
 use crate::ports::{self, Bound, Device, Ports};
 
-/// A line or port with a listening address.
+/// A line or a port that has a listening address.
 #[derive(Clone, Copy)]
 enum Reached {
-    /// A port, with its own line if it is serial: index of the drive in the layout.
+    /// A port of one drive, with its own line if the port is serial: index of the drive in the layout.
     Own(usize, Port),
-    /// A line that drives share: index in the layout.
+    /// A line that several drives share: index in the layout.
     Shared(usize),
 }
 
-/// A reserved address, which no other program can take.
+/// A reserved address. No other program can use it.
 enum Place {
     Tcp(Bound),
     Pty(Option<PathBuf>),
@@ -33,7 +33,7 @@ enum Place {
 pub(super) struct ReservedPorts(Vec<(Reached, Place)>);
 
 impl ReservedPorts {
-    /// Reserves all of them.
+    /// Reserves all addresses.
     ///
     /// # Errors
     /// One sentence that names the address, and the reason.
@@ -53,7 +53,7 @@ impl ReservedPorts {
         Ok(Self(places))
     }
 
-    /// Opens all of them. Returns the addresses of each line and TCP port.
+    /// Opens all reserved addresses. Returns the addresses of each line and TCP port.
     ///
     /// # Errors
     /// One sentence that names the address, and the reason.
@@ -102,7 +102,7 @@ impl ReservedPorts {
     }
 }
 
-/// Checks that no two ptys have the same link, by whatever paths.
+/// Checks that no two ptys have the same link, even if the paths are written differently.
 fn check_links(layout: &Layout) -> Result<(), String> {
     let own = layout.drives.iter().flat_map(|drive| &drive.listen).map(|(_, uri)| uri);
     let shared = layout.buses.iter().flat_map(|bus| &bus.listen);
@@ -110,7 +110,7 @@ fn check_links(layout: &Layout) -> Result<(), String> {
     for uri in own.chain(shared) {
         let Uri::Pty(Some(link)) = uri else { continue };
         let folder = Path::new(".").join(link).parent().map(Path::canonicalize);
-        // A folder that is not there is reported with the link.
+        // If the folder does not exist, the check of the link reports that.
         if let (Some(Ok(folder)), Some(name)) = (folder, link.file_name())
             && let Some(other) = places.insert(folder.join(name), uri)
         {

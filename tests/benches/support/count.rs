@@ -1,10 +1,10 @@
-//! Instructions of a part of a benchmark: valgrind runs the very same program with two numbers of
-//! rounds, and the difference is theirs alone.
+//! Number of instructions of a part of a benchmark. valgrind runs the same program with two numbers of
+//! rounds, and the difference belongs to the rounds alone.
 
 use std::process::Command;
 
-/// Instructions of a round of `what`; `None` without valgrind. The program is called with `count`,
-/// `what` and a number of rounds.
+/// Instructions of a round of `what`; `None` without valgrind. This program is started again with the
+/// arguments `count`, `what` and a number of rounds.
 pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
     let collected = |rounds: u64| {
         let this = std::env::current_exe().expect("this program has a path");
@@ -22,7 +22,7 @@ pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
     Some((collected(many)? - collected(few)?) as f64 / (many - few) as f64)
 }
 
-/// Name and rounds of the work to count, if this process was started to count.
+/// Name and number of rounds of the measured work, if this process was started to be counted.
 pub(crate) fn wanted() -> Option<(String, u64)> {
     let mut words = std::env::args().skip(1);
     if words.next()? != "count" {
@@ -32,12 +32,12 @@ pub(crate) fn wanted() -> Option<(String, u64)> {
     Some((what, words.next()?.parse().expect("a number of rounds")))
 }
 
-/// A number of instructions as it is printed.
+/// A number of instructions as text.
 pub(crate) fn counted(instructions: Option<f64>) -> String {
     instructions.map_or("not counted".to_owned(), |n| format!("{n:.0} instructions"))
 }
 
-/// Prints a warning if nothing could be counted.
+/// Prints a warning if valgrind counted nothing.
 pub(crate) fn warn_unless(counted: bool) {
     if !counted {
         println!("NO VALGRIND: instructions were not counted; install it with `apt-get install valgrind`");

@@ -10,7 +10,7 @@ pub(crate) fn took(act: impl FnOnce()) -> Duration {
     start.elapsed()
 }
 
-/// Prints a result.
+/// Prints a line with a result.
 pub(crate) fn line(name: &str, result: &str) {
     println!("  {name:<20} {result}");
 }

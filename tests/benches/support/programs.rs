@@ -1,10 +1,10 @@
-//! User programs of an RS 434544 that are measured on the host and on boards. Every line but the first one is
-//! carried out again and again; AX counts the rounds.
+//! User programs of an RS 434544 for measurements on the host and on boards. All lines except the first one
+//! are executed repeatedly; AX counts the rounds.
 
-/// A program.
+/// A user program.
 pub(crate) struct Program {
     pub(crate) lines: &'static [u32],
-    /// Lines carried out in a round.
+    /// Number of lines executed in a round.
     pub(crate) per_round: u32,
 }
 
@@ -23,18 +23,18 @@ const CURRENT_POSITION: u32 = 0x3003;
 const SPEED: u32 = 0x500B;
 const DX_REG: u32 = 0x7003;
 
-/// A line with these fields, from its low end on: uCmd, bTypeJmp, uAdrSysReg, uTypeModbusReg, uData.
+/// A line with these fields, from its low end: uCmd, bTypeJmp, uAdrSysReg, uTypeModbusReg, uData.
 const fn line(command: u32, type_jmp: u32, register: u32, space: u32, data: u32) -> u32 {
     command | type_jmp << 7 | register << 8 | space << 12 | data << 16
 }
 
-/// First line of some rounds.
+/// First line of the programs, before the rounds.
 pub(crate) const MOV_AX_0: u32 = line(0x01, 0, AX, 0, 0);
 /// The last line of a round.
 pub(crate) const JMP_1: u32 = line(0x05, 0, 0, 0, 1);
 const ADD_AX_1: u32 = line(0x19, 0, AX, 0, 1);
 
-/// A mix of all sorts of instructions.
+/// A mix of all kinds of instructions.
 pub(crate) const MIXED: Program = Program {
     lines: &[
         MOV_AX_0,
@@ -81,7 +81,7 @@ pub(crate) const SYSTEM: Program = Program {
     per_round: 7,
 };
 
-/// Registers of the bus.
+/// Reads and writes of registers of the bus.
 pub(crate) const BUS: Program = Program {
     lines: &[
         MOV_AX_0,

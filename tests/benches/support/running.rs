@@ -1,4 +1,4 @@
-//! The program `drivetwin` as users start it, and the resources of its process from `/proc`.
+//! The program `drivetwin` started as by users, and the resources of its process from `/proc`.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -6,16 +6,16 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// Clock ticks of the system in a second, as `/proc` counts.
+/// Clock ticks of the system per second, the unit of `/proc`.
 const TICKS: f64 = 100.0;
 
-/// Sleeps: a benchmark measures the wall clock.
+/// Sleeps for `span` of wall time.
 pub(crate) fn wait(span: Duration) {
     let (_open, never) = mpsc::channel::<()>();
     let _ = never.recv_timeout(span);
 }
 
-/// Builds the binary; where it is.
+/// Builds the binary; returns its path.
 pub(crate) fn build() -> PathBuf {
     let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "drivetwin-sim"]).status();
     assert!(built.is_ok_and(|status| status.success()), "drivetwin cannot be built");
@@ -24,7 +24,7 @@ pub(crate) fn build() -> PathBuf {
     here.ancestors().nth(2).map(|release| release.join("drivetwin")).expect("it is in a target directory")
 }
 
-/// A program that serves TCP ports, and is killed with this.
+/// A running program that serves TCP ports. It is killed when this is dropped.
 pub(crate) struct Running {
     child: Child,
     /// Address of each port.
@@ -32,7 +32,7 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    /// `drivetwin` with the bench of a file.
+    /// Starts `drivetwin` with the bench file `text`.
     pub(crate) fn start(drivetwin: &Path, text: &str, options: &[&str]) -> Self {
         let file = std::env::temp_dir().join(format!("drivetwin-bench-{}.toml", std::process::id()));
         std::fs::write(&file, text).expect("there is room for a file");
@@ -41,7 +41,7 @@ impl Running {
         running
     }
 
-    /// A program whose first output line has the address of each port as `tcp:HOST:PORT`.
+    /// Starts a program whose first output line has the address of each port as `tcp:HOST:PORT`.
     pub(crate) fn of(command: &mut Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
         let mut ready = String::new();
@@ -51,16 +51,16 @@ impl Running {
         Self { child, places: places.collect() }
     }
 
-    /// Seconds of a core that it has taken.
+    /// CPU time used so far, in seconds of a core.
     pub(crate) fn cpu(&self) -> f64 {
         let text = self.proc("stat");
-        // The name of the program may hold anything but is in brackets.
+        // The name of the program may contain any characters, but is in brackets.
         let after = text.rsplit(')').next().unwrap_or("");
         let ticks = after.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok());
         ticks.sum::<f64>() / TICKS
     }
 
-    /// KiB of memory that it has.
+    /// Used memory in KiB.
     pub(crate) fn memory(&self) -> f64 {
         let text = self.proc("status");
         let rss = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));

@@ -1,8 +1,8 @@
-//! The context of a drive that only gets requests.
+//! A context for a drive that only gets requests.
 
 use drivetwin_firmware::device::{Context, Instant, Output};
 
-/// Keeps the last answer.
+/// Stores the last reply.
 #[derive(Default)]
 pub(crate) struct World {
     pub(crate) answer: Vec<u8>,

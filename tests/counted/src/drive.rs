@@ -1,5 +1,5 @@
-// Cost of a byte, and of a request or a command, on a drive's board: the common part of the programs of drives,
-// included in each.
+// Counts the instructions that a drive on a board takes for a byte, and for a request or a command. Each
+// program of a drive includes this file.
 
 use core::cell::Cell;
 use core::convert::Infallible;
@@ -14,13 +14,14 @@ use embedded_hal::digital::{self, OutputPin};
 use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 
-/// The memory of a drive that never saved: of more bytes than any has.
+/// The memory of a drive that has never saved. It is larger than any drive needs.
 static MEMORY: [u8; 8 << 10] = [0xFF; _];
 
 type DriveShell<'a, D> = Shell<&'a mut D, &'a Board, Hands<'a>>;
 
-/// Reads from a drive with its factory settings its first ten registers, one whose addresses name whole values for
-/// the longest of them, or one that receives lines of text for a value. Not inlined: RAM has room for one drive.
+/// Measures a drive with its factory settings: each received byte, then the whole request. The request reads
+/// the first ten registers. If addresses name whole values, it reads the longest value. If the drive receives
+/// text, it is the command `R0E`. Not inlined, because RAM has room for one drive.
 #[inline(never)]
 fn measure<D: Device>(make: impl FnOnce() -> D) {
     let mut drive = make();
@@ -72,16 +73,16 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
 
 #[inline(never)]
 fn turn<D: Device>(shell: &mut DriveShell<'_, D>) {
-    // The result is whether to sleep now.
+    // The result tells whether the board may sleep. It is not needed.
     let _ = shell.poll();
 }
 
-/// A board that has just what is needed.
+/// A board with only the necessary parts.
 #[derive(Default)]
 struct Board {
     now: Cell<Instant>,
     caught: Cell<Option<BoardEvent>>,
-    /// Length of the drive's last message, and its beginning.
+    /// Length and first three bytes of the drive's last message.
     said: Cell<(usize, [u8; 3])>,
 }
 
@@ -95,7 +96,7 @@ impl Inputs for &Board {
     }
 }
 
-/// Outputs of the drive to the board.
+/// The outputs of the board that the drive uses.
 struct Hands<'a>(&'a Board);
 
 impl Outputs for Hands<'_> {
@@ -177,7 +178,7 @@ impl Storage for Hands<'_> {
     }
 }
 
-/// Makes a program of the function that makes a drive.
+/// Defines a program from the function that makes a drive.
 macro_rules! program {
     ($make:path) => {
         #[entry]

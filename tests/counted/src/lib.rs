@@ -1,6 +1,6 @@
-//! Marks of a program that has its instructions counted by the plugin `insncount`.
+//! Marks in a program for the plugin `insncount`, which counts the program's instructions.
 //!
-//! A program is a list of groups; a group is an operation, done several times:
+//! A program consists of groups. A group is one operation, done several times:
 //!
 //! ```text
 //! group(c"a step");
@@ -9,7 +9,8 @@
 //! }
 //! ```
 //!
-//! The names go to QEMU's output, the counts of the plugin to its log, both in the order of the groups.
+//! QEMU prints the names to its output, and the plugin prints the counts to its log, both in the order of the
+//! groups.
 #![no_std]
 
 use core::arch::asm;
@@ -19,26 +20,26 @@ use core::ptr;
 
 pub use core::hint::black_box as opaque;
 
-/// Operation of a debugger for the program (ARM IHI 0105, semihosting).
+/// Semihosting operations (ARM IHI 0105).
 const WRITE0: usize = 0x04;
 const EXIT: usize = 0x18;
-/// Reason of a program's end.
+/// Reasons for which a program ends.
 const APPLICATION_EXIT: *const c_void = ptr::without_provenance(0x20026);
 const RUN_TIME_ERROR: *const c_void = ptr::without_provenance(0x20023);
 
-/// Begins a group. Its name is a line.
+/// Begins a group and prints its name as a text line.
 pub fn group(name: &CStr) {
     semihosting(WRITE0, name.as_ptr().cast());
     semihosting(WRITE0, c"\n".as_ptr().cast());
-    // SAFETY: it does nothing.
+    // SAFETY: the instruction does nothing.
     unsafe { asm!("mov r9, r9") };
 }
 
-/// Runs a part of the group: the instructions of `act` are counted. Call a function there that is not inlined, so
-/// that none of it runs outside.
+/// Counts the instructions of `act` as a part of the group. `act` should call a function that is not inlined,
+/// because the compiler may move inlined instructions out of the part.
 #[inline(always)]
 pub fn count<R>(act: impl FnOnce() -> R) -> R {
-    // SAFETY: it does nothing, and the compiler moves no access to memory across it.
+    // SAFETY: the instruction does nothing, and the compiler moves no access to memory across it.
     unsafe { asm!("mov r10, r10") };
     let result = act();
     // SAFETY: the same.
@@ -61,6 +62,6 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 }
 
 fn semihosting(operation: usize, argument: *const c_void) {
-    // SAFETY: QEMU answers this breakpoint; both operations only read what they are given.
+    // SAFETY: QEMU handles this breakpoint, and both operations only read their argument.
     unsafe { asm!("bkpt 0xab", inlateout("r0") operation => _, in("r1") argument) };
 }

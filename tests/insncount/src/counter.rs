@@ -1,4 +1,4 @@
-//! Counters.
+//! Counts of instructions in groups and interrupt handlers, and of the bytes of stack used.
 
 use std::fmt;
 use std::ops::Range;
@@ -10,15 +10,15 @@ pub(crate) struct Counter {
     /// Instructions of the whole run.
     total: u64,
     groups: Vec<Group>,
-    /// `total` where the open part of a group began.
+    /// Value of `total` at the begin mark of a part that has not ended.
     began: Option<u64>,
     handlers: Vec<Handler>,
-    /// Handlers that have begun and not returned; each interrupts the one before it.
+    /// Handlers that have begun and not returned. Each has interrupted the one before it.
     frames: Vec<Frame>,
-    /// A call or a return that has been executed, if its condition did not skip it.
+    /// The last instruction, if it is a call or a return. Its condition may have skipped it.
     jump: Option<Instruction>,
     stack: Range<u32>,
-    /// The lowest address of the stack that was written.
+    /// Lowest address of the stack that has been written.
     lowest: u32,
 }
 
@@ -37,10 +37,10 @@ struct Handler {
     most: u64,
 }
 
-/// A handler that runs.
+/// A handler that is running.
 struct Frame {
     handler: usize,
-    /// Calls that have not returned.
+    /// Number of calls that have not returned.
     depth: u32,
     instructions: u64,
 }
@@ -59,20 +59,20 @@ impl Counter {
         }
     }
 
-    /// Counts a handler, too.
+    /// Adds an interrupt handler whose calls are counted.
     pub(crate) fn add_handler(&mut self, name: &str, entry: u32) {
         self.handlers.push(Handler { name: name.to_owned(), entry, calls: 0, most: 0 });
     }
 
-    /// Watches how deep a stack goes.
+    /// Records the lowest write into a stack.
     pub(crate) fn watch_stack(&mut self, stack: Range<u32>) {
         self.lowest = stack.end;
         self.stack = stack;
     }
 
-    /// An instruction is about to be executed.
+    /// Handles an instruction that is about to be executed.
     pub(crate) fn executed(&mut self, instruction: &Instruction) {
-        // One that its condition skips is followed by the one behind it.
+        // If the condition of a jump skips it, the next instruction is the one after it in memory.
         if let Some(jump) = self.jump.take()
             && jump.next != instruction.address
         {
@@ -92,14 +92,15 @@ impl Counter {
         }
     }
 
-    /// The stack is written at `address`, or something else is.
+    /// Handles a write to `address`, which may be outside the stack.
     pub(crate) fn stored(&mut self, address: u32) {
         if self.stack.contains(&address) {
             self.lowest = self.lowest.min(address);
         }
     }
 
-    /// A handler begins where its first instruction is executed, unless that is a loop in it.
+    /// Begins a handler when its first instruction is executed, unless the handler already runs and loops to
+    /// it.
     fn enter(&mut self, address: u32) {
         let Some(handler) = self.handlers.iter().position(|handler| handler.entry == address) else { return };
         if self.frames.iter().all(|frame| frame.handler != handler) {
@@ -122,7 +123,7 @@ impl Counter {
 
     fn end_part(&mut self) {
         if let (Some(began), Some(group)) = (self.began.take(), self.groups.last_mut()) {
-            // Without the mark at its end.
+            // Without the mark at the end of the part.
             let instructions = self.total - began - 1;
             group.parts += 1;
             group.instructions += instructions;
@@ -150,7 +151,7 @@ impl fmt::Display for Counter {
 mod tests {
     use super::*;
 
-    /// Executes instructions of two bytes.
+    /// Executes two-byte instructions.
     fn run(counter: &mut Counter, course: &[(u32, Kind)]) {
         for &(address, kind) in course {
             counter.executed(&Instruction { address, next: address + 2, kind });
@@ -166,7 +167,8 @@ mod tests {
         let inner = [(0x200, Plain), (0x202, Return)];
         run(&mut counter, &[(0x10, Plain), (0x100, Plain), (0x102, Call), (0x300, Plain)]);
         run(&mut counter, &inner);
-        // Back in what `outer` has called; then a return that is skipped, and one that is not.
+        // Back in the function that `outer` has called; then a return whose condition skips it, and one that
+        // is executed.
         run(
             &mut counter,
             &[(0x302, Return), (0x104, Return), (0x106, Plain), (0x108, Return), (0x12, Plain)],

@@ -1,4 +1,4 @@
-//! A plugin of QEMU that counts the instructions of a Cortex-M: exactly, and the same in every run.
+//! A QEMU plugin that counts the instructions of a Cortex-M. Its counts are exact, and the same in every run.
 //!
 //! ```text
 //! qemu-system-arm … -d plugin -plugin libinsncount.so,handler=UART0:0x1c5,stack=0x20000000:0x20000c00
@@ -6,13 +6,13 @@
 //!
 //! | argument | counts |
 //! |---|---|
-//! | `handler=name:entry` | calls of an interrupt's handler, and the most instructions from its first to its return. A handler that interrupts another is not part of it |
+//! | `handler=name:entry` | calls of an interrupt handler, and the most instructions from its first one to its return, without those of handlers that interrupt it |
 //! | `stack=bottom:top` | how deep the stack was written |
 //!
-//! A program can mark the code to count, by instructions that do nothing otherwise:
-//! `mov r9, r9` begins a group; what runs between `mov r10, r10` and `mov r11, r11` is a part of it.
+//! A program can mark the code to count, with instructions that have no other effect: `mov r9, r9` begins a
+//! group, and the code between `mov r10, r10` and `mov r11, r11` is one part of the group.
 //!
-//! When QEMU ends, every result is a line in its log:
+//! When QEMU ends, the plugin writes each result as a text line to QEMU's log:
 //!
 //! ```text
 //! group parts 1000 instructions 76700 most 196
@@ -20,7 +20,8 @@
 //! stack 812
 //! ```
 //!
-//! These are instructions, not cycles. One that its condition skips counts, because it takes its cycle.
+//! The counts are instructions, not cycles. An instruction that its condition skips counts, because it takes
+//! a cycle.
 
 mod counter;
 pub mod qemu;
@@ -32,7 +33,7 @@ use counter::Counter;
 use qemu::Block;
 use thumb::Instruction;
 
-/// QEMU's callbacks come with a number each, so what they are about is here.
+/// State of the plugin. It is global, because a callback of QEMU carries only a number.
 static PLUGIN: Mutex<Plugin> = Mutex::new(Plugin { counter: Counter::new(), seen: Vec::new() });
 
 struct Plugin {
@@ -45,7 +46,7 @@ fn plugin() -> MutexGuard<'static, Plugin> {
     PLUGIN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Takes an argument of the command line.
+/// Handles an argument of the command line.
 fn configure(argument: &str) -> Result<(), String> {
     let wrong = || format!("`{argument}` is neither handler=name:entry nor stack=bottom:top");
     let (key, value) = argument.split_once('=').ok_or_else(wrong)?;
@@ -65,7 +66,7 @@ fn number(text: &str) -> Option<u32> {
     u32::from_str_radix(text.strip_prefix("0x")?, 16).ok()
 }
 
-/// QEMU has translated a block of instructions.
+/// Handles a block of instructions that QEMU has translated.
 fn translated(block: &Block) {
     let mut plugin = plugin();
     for instruction in block.instructions() {
@@ -76,7 +77,7 @@ fn translated(block: &Block) {
     }
 }
 
-/// The instruction at this place is about to be executed.
+/// Handles the execution of an instruction. `place` is its index in `seen`.
 fn executed(place: usize) {
     let Plugin { counter, seen } = &mut *plugin();
     if let Some(instruction) = seen.get(place) {
@@ -84,12 +85,12 @@ fn executed(place: usize) {
     }
 }
 
-/// An instruction writes to this address.
+/// Handles a write to `address`.
 fn stored(address: u32) {
     plugin().counter.stored(address);
 }
 
-/// Report when QEMU ends.
+/// The report for QEMU's log.
 fn report() -> String {
     plugin().counter.to_string()
 }

@@ -1,11 +1,11 @@
-//! Effect of an instruction on the depth of calls (ARM DDI 0403, A5 and A7.7).
+//! Decoding of Thumb instructions that change the depth of calls (ARM DDI 0403, A5 and A7.7).
 
 /// An instruction at its address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Instruction {
     /// Address.
     pub(crate) address: u32,
-    /// Address of the next one.
+    /// Address of the next instruction in memory.
     pub(crate) next: u32,
     /// Kind of instruction.
     pub(crate) kind: Kind,
@@ -29,11 +29,11 @@ pub(crate) enum Kind {
 }
 
 impl Instruction {
-    /// Decodes the two or four bytes at `address`. More may follow them: QEMU 7 reads beyond the last halfword but
-    /// one of a page.
+    /// Decodes the instruction of two or four bytes at `address`. More bytes may follow, because QEMU 7 reads
+    /// four bytes for an instruction in the last halfword but one of a page.
     pub(crate) fn decode(address: u32, code: &[u8]) -> Self {
         let (length, kind) = match *code {
-            // A5.1: what begins with 0b11101 and above is a word.
+            // A5.1: an instruction whose upper five bits are 0b11101 or more has four bytes.
             [a, b, ..] if b < 0b11101 << 3 => (2, short(u16::from_le_bytes([a, b]))),
             [a, b, c, d, ..] => (4, long(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]))),
             _ => (0, Kind::Plain),
@@ -74,7 +74,7 @@ fn long(first: u16, second: u16) -> Kind {
 mod tests {
     use super::*;
 
-    /// Encodings as `arm-none-eabi-as` makes them, halfwords in their order.
+    /// Encodings as `arm-none-eabi-as` makes them, as halfwords in memory order.
     #[test]
     fn calls_and_returns_are_known() {
         let kind = |halves: &[u16]| {

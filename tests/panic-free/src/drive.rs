@@ -1,4 +1,4 @@
-// Calls every method of one drive: the common part of the programs of drives, included in each.
+// Calls every method of one drive. Each program of a drive includes this file.
 
 use core::sync::atomic::AtomicU8;
 
@@ -18,7 +18,7 @@ impl Context for World {
     }
 }
 
-/// Does everything that can be done to a drive, in any order, with any arguments.
+/// Calls every method of a drive, in any order, with any arguments.
 fn exercise<D: Device>(make: fn() -> D) -> ! {
     let mut device = make();
     let device: &mut dyn Device = opaque(&mut device);
@@ -40,15 +40,15 @@ fn exercise<D: Device>(make: fn() -> D) -> ! {
     }
 }
 
-/// Bytes of the drive that a function makes.
+/// Size in bytes of the drive that a function makes.
 const fn size_of_made<D>(_: &fn() -> D) -> usize {
     size_of::<D>()
 }
 
-/// Makes a program of the function that makes a drive.
+/// Defines a program from the function that makes a drive.
 macro_rules! program {
     ($make:path) => {
-        /// The bytes of RAM that the drive takes, so that the size of the program shows them.
+        /// As many bytes as the drive takes in RAM, so that they count in the size of the program.
         #[used]
         static STATE: [AtomicU8; size_of_made(&($make as fn() -> _))] = [const { AtomicU8::new(0) }; _];
 

@@ -1,8 +1,8 @@
-//! Proof that no panic can happen: the linked programs of this crate have none left.
+//! Proof that no panic can happen: the programs of this crate link only if they contain none.
 //!
-//! The panic handler calls a function that exists nowhere. The linker keeps only what the entry
-//! point can reach (`--gc-sections`), so a program links exactly if no panic is among it. Each
-//! program calls everything it is about with [`opaque`] arguments, of which the compiler may assume
+//! The panic handler calls a function that is not defined. The linker keeps only code that the entry
+//! point can reach (`--gc-sections`), so a program links only if it can reach no panic. Each
+//! program calls the code under test with [`opaque`] arguments, about which the compiler can assume
 //! nothing.
 #![no_std]
 
@@ -20,7 +20,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
     a_panic_can_happen()
 }
 
-/// Panics for some argument; only with the feature `panic`, for the test of this test.
+/// Panics for some arguments, but only with the feature `panic`, which tests this proof.
 pub fn perhaps_panic(bytes: &[u8], place: usize) {
     #[cfg(feature = "panic")]
     opaque(bytes[place]);

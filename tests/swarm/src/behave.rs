@@ -1,4 +1,4 @@
-//! Clients that behave: they ask with good frames on a quiet line, and know what the answer is.
+//! Well-behaved clients. They send valid requests on a quiet line and know the right answers.
 
 use drivetwin_firmware::device::{Duration, Port};
 use drivetwin_protocol::modbus::tcp::{self, Header};
@@ -17,7 +17,7 @@ use crate::run::Runner;
 const MODBUS: Port = Port(0);
 const MCODE: Port = Port(1);
 
-/// Illegal data address (application 7), and an address that no drive has.
+/// Exception code "illegal data address" (application 7), and an address that no drive has.
 const ILLEGAL_ADDRESS: u8 = 2;
 const NOWHERE: u16 = 0xF000;
 
@@ -27,12 +27,13 @@ const NO_ANSWER: &str = "no answer";
 /// A request and its reply.
 type Exchange = (Vec<u8>, Vec<u8>);
 
-/// A function and the words behind it.
+/// A PDU: a function code and the words after it.
 fn pdu(function: u8, words: &[u16]) -> Vec<u8> {
     std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect()
 }
 
-/// The parts of a block that one request of a family takes: first registers, and values.
+/// Splits the values of a block into the parts that a family takes in one request. Each part is the address
+/// of its first register and its words.
 fn parts<'a>(
     family: Family,
     block: Block,
@@ -43,7 +44,8 @@ fn parts<'a>(
     (block.first..).step_by(most).zip(values.chunks(most)).map(move |(first, values)| (first, words(values)))
 }
 
-/// Writes a block (application 6.6, 6.12), a single word in one of two ways.
+/// Requests that write a block, and their replies (application 6.6, 6.12). A single word is written by
+/// function 6 or 16.
 fn writing(family: Family, block: Block, values: &[u32], rng: &mut Rng) -> Vec<Exchange> {
     let write = |(first, words): (u16, Vec<u16>)| match words[..] {
         [word] if one_of(rng, family.writes_a_word()) == 6 => {
@@ -58,7 +60,7 @@ fn writing(family: Family, block: Block, values: &[u32], rng: &mut Rng) -> Vec<E
     parts(family, block, values).map(write).collect()
 }
 
-/// Reads a block that holds these values (application 6.3).
+/// Requests that read a block with these values, and their replies (application 6.3).
 fn reading(family: Family, block: Block, values: &[u32]) -> Vec<Exchange> {
     let read = |(first, words): (u16, Vec<u16>)| {
         let data = pdu(2 * words.len() as u8, &words);
@@ -68,7 +70,8 @@ fn reading(family: Family, block: Block, values: &[u32]) -> Vec<Exchange> {
 }
 
 impl Runner<'_> {
-    /// A well-behaved client writes plain values, reads them back, and requests registers that do not exist.
+    /// A well-behaved client writes values that have no effect, reads them back, and requests registers that
+    /// do not exist.
     pub(crate) fn ask_step(&mut self, name: Name, seed: u64) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         let mut rng = Rng::with_seed(seed);
@@ -76,7 +79,7 @@ impl Runner<'_> {
         let values = self.values(name, block, &mut rng);
         self.quiet(name)?;
         if family == Family::Mdrobot {
-            // It saves what it is written.
+            // An MDROBOT saves every value that is written.
             self.kept.remove(name);
         }
         if family == Family::Qsb {
@@ -96,15 +99,16 @@ impl Runner<'_> {
         if family == Family::Mdrive { self.ask_mcode(name, &mut rng) } else { Ok(()) }
     }
 
-    /// A well-behaved client saves values, twice where power fails during the second save, and reads them back when
-    /// power has come again: those of the save before or after, or the factory's where it may have them.
+    /// A well-behaved client saves values, and reads them back after power was off. If power is to fail
+    /// during a save, the client saves a second time, and power fails then. The drive must have the values of
+    /// the first or of the second save, or the factory's where its family allows them.
     pub(crate) fn save_step(&mut self, name: Name, seed: u64, failing: Failing) -> Result<(), Failure> {
         let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
             return Ok(());
         };
         let mut rng = Rng::with_seed(seed);
         let block = family.blocks()[0];
-        // Waits until all that other clients have started is over.
+        // Waits until the drives have handled everything that other clients have sent.
         self.quiet(name)?;
         self.bench.power(seat, PowerAction::Off);
         self.pass(1.millis())?;
@@ -113,15 +117,16 @@ impl Runner<'_> {
         let mut saved = self.values(name, block, &mut rng);
         self.save(name, block, &saved, &mut rng)?;
         let rows = self.saved_rows(seat);
-        // The factory's address may be another one's.
+        // If the drive loses its address, the factory's address may be that of another drive on its line.
         let alone = NAMES.iter().filter(|other| self.shares(name, other)).count() == 1;
         let mut may_be = vec![saved.clone()];
         if failing == Failing::Amid && alone {
-            // Where a save is one store the cut may wait for the next one, half of the times.
+            // If a save is a single store, the power failure may be delayed to the next save. That happens to
+            // half of them.
             for _ in 0..64 {
                 let new = self.values(name, block, &mut rng);
                 self.bench.power(seat, PowerAction::Cut);
-                // Power may fail before the end of an answer.
+                // Power may fail before the answer is complete.
                 let _ = self.save(name, block, &new, &mut rng);
                 may_be = vec![saved, new.clone()];
                 may_be.extend(family.factory().map(<[u32]>::to_vec));
@@ -139,7 +144,7 @@ impl Runner<'_> {
         self.power_on(name)?;
         let again = self.saved_rows(seat);
         let found = match self.find(name, block, &may_be) {
-            // A drive with the factory's values has its address, too.
+            // A drive that has gone back to the factory's values has the factory's address, too.
             Err(failure) if failure.what == NO_ANSWER && may_be.len() > 1 => {
                 self.addresses.insert(name, 1);
                 self.find(name, block, &may_be)
@@ -147,7 +152,8 @@ impl Runner<'_> {
             found => found,
         };
         let found = found.map_err(|failure| failure.of("saved values lost or mixed"))?;
-        // The values from before the cut, and not the factory's.
+        // Other saved registers are unchanged, unless the drive has gone back to the factory's values (index
+        // 2).
         let differs = rows.iter().zip(&again).find(|(row, again)| found < 2 && row != again);
         if let Some((row, again)) = differs {
             let detail = format!("{name}: {row:?} became {again:?}");
@@ -158,18 +164,19 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Sets some saved registers that are not in the block, to what they take.
+    /// Sets some saved registers outside the block to random values.
     fn set_others(&mut self, seat: DriveId, family: Family, rng: &mut Rng) {
         let rows = dialect::settable(self.bench.spec(seat));
         let rows = rows.filter(|(_, row)| row.saved != 0 && !family.keeps_from_saving(row.address));
         let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
         for _ in 0..8 {
-            // Refused is as good.
+            // A drive may refuse the value.
             let _ = self.bench.poke(seat, one_of(rng, &rows), dialect::any_value(rng));
         }
     }
 
-    /// The saved registers of a drive, by name, without the block, what changes by itself, and bits that are not saved.
+    /// Saved registers of a drive by name, with only the bits that are saved. Leaves out the block, and
+    /// registers that the drive changes by itself.
     fn saved_rows(&self, seat: DriveId) -> Vec<(&'static str, i64)> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
@@ -185,7 +192,7 @@ impl Runner<'_> {
         rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & bits(row))).collect()
     }
 
-    /// Reads a block, and returns which of these values it holds.
+    /// Reads a block and returns the index in `may_be` of the values that it holds.
     fn find(&mut self, name: Name, block: Block, may_be: &[Vec<u32>]) -> Result<usize, Failure> {
         let mut failure = Failure::new("nothing to find", name);
         for (place, values) in may_be.iter().enumerate().rev() {
@@ -197,13 +204,13 @@ impl Runner<'_> {
         Err(failure)
     }
 
-    /// Reads back values that were saved in a former life.
+    /// Reads back values that were saved before a restart.
     pub(crate) fn expect_kept(&mut self, name: Name, values: &[u32]) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         self.expect(name, family.blocks()[0], values).map_err(|failure| failure.of("saved values lost"))
     }
 
-    /// Picks one of a family's blocks; often one whose write the CRC may cut.
+    /// Picks one of a family's blocks; often a [treacherous](Block::treacherous) one.
     fn block(&self, name: Name, family: Family, rng: &mut Rng) -> Block {
         let blocks = family.blocks();
         let address = self.addresses.get(name).copied().unwrap_or_default();
@@ -212,7 +219,8 @@ impl Runner<'_> {
         if some.is_empty() || rng.bool() { one_of(rng, &blocks) } else { one_of(rng, &some) }
     }
 
-    /// Random values of a block. Of a write whose CRC may hold too soon the first byte is often the one that it needs.
+    /// Random values of a block. For a [treacherous](Block::treacherous) block the first byte is often the
+    /// one that makes a valid CRC too early.
     fn values(&self, name: Name, block: Block, rng: &mut Rng) -> Vec<u32> {
         if self.family(name) == Some(Family::Qsb) {
             return QSB.iter().map(|(_, most)| rng.u32(..) & most).collect();
@@ -230,11 +238,11 @@ impl Runner<'_> {
         let Some(family) = self.family(name) else { return Ok(()) };
         if family == Family::Qsb {
             let client = self.qsb_terminal(name)?;
-            // COMMAND 3 (command list): saves.
+            // COMMAND 3 (command list) saves.
             let saved = self
                 .qsb_write(client, values)
                 .and_then(|()| self.qsb_command(client, "W163", "w 16 00000003 !"));
-            // A client that stays and never reads would be kept all for.
+            // Disconnects, because the bench would keep all bytes for a connected client that never reads.
             self.bench.disconnect(client);
             saved?;
         } else {
@@ -250,7 +258,7 @@ impl Runner<'_> {
         self.pass(100.millis())
     }
 
-    /// Reads a block that holds these values.
+    /// Reads a block and fails if it does not hold these values.
     fn expect(&mut self, name: Name, block: Block, values: &[u32]) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         if family == Family::Qsb {
@@ -263,7 +271,7 @@ impl Runner<'_> {
         reads.try_for_each(|read| self.exchange(name, &[read], &mut Rng::with_seed(0)))
     }
 
-    /// Sends requests in one burst, in any pieces, and expects their replies and nothing else.
+    /// Sends requests as one burst, split at random. Expects their replies and nothing else.
     fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let client =
@@ -277,7 +285,7 @@ impl Runner<'_> {
             let (piece, behind) =
                 rest.split_at(if rng.bool() { rest.len() } else { rng.usize(1..=rest.len()) });
             self.bench.send(client, piece);
-            // Half a message is waited for 20 ms.
+            // A drive waits 20 ms for the rest of a message.
             self.pass(Duration::from_ticks(rng.u64(0..5.millis().ticks())))?;
             rest = behind;
         }
@@ -287,7 +295,7 @@ impl Runner<'_> {
         judge(name, &request, &expected, &heard)
     }
 
-    /// Receives `expected` bytes, or those that come in some seconds; then nothing more may come.
+    /// Receives `expected` bytes, or fewer if no more arrive within 3 s. Then waits 20 ms for surplus bytes.
     fn hear(&mut self, client: Client, expected: usize) -> Result<Vec<u8>, Failure> {
         let mut heard = Vec::new();
         for _ in 0..150 {
@@ -302,7 +310,7 @@ impl Runner<'_> {
         Ok(heard)
     }
 
-    /// A PDU as it goes to a drive and back.
+    /// The bytes that carry a PDU to a drive or back.
     fn framed(&self, name: Name, transaction: u16, pdu: &[u8]) -> Vec<u8> {
         let bus = self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, MODBUS));
         let unit = self.addresses.get(name).copied().unwrap_or(1);
@@ -313,7 +321,8 @@ impl Runner<'_> {
         }
     }
 
-    /// A variable over MCode (MC 5-60): what is set is printed, on a line of its own.
+    /// Sets a variable over MCode (MC 5-60) and prints it. The value must be printed in a text line of its
+    /// own.
     fn ask_mcode(&mut self, name: Name, rng: &mut Rng) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
@@ -335,17 +344,17 @@ impl Runner<'_> {
         judge(name, lines.as_bytes(), &printed, &heard)
     }
 
-    /// A terminal at a QSB that streams nothing, with the reply format of the factory.
+    /// A client at a QSB whose streams are stopped, and whose reply format is the factory's.
     fn qsb_terminal(&mut self, name: Name) -> Result<Client, Failure> {
         let seat = self.bench.find_drive(name).ok_or_else(|| Failure::new("no drive", name))?;
         let client =
             self.bench.connect_to(seat, Port(0)).map_err(|error| Failure::new("nobody let in", error))?;
-        // It ends half a line, and all streams: by COMMAND 1, or by reading.
+        // These commands end a partial command and stop all streams, by COMMAND 1 or by reading.
         for command in ["\r\r", "W161\r", "R01\r", "R05\r", "R06\r", "R0E\r", "R13\r", "W15B\r"] {
             self.bench.send(client, command.as_bytes());
             self.pass(20.millis())?;
         }
-        // Answers may be a second behind.
+        // Answers may arrive up to a second late.
         self.pass(1_500.millis())?;
         self.bench.receive(client, &mut Vec::new());
         Ok(client)
@@ -367,7 +376,7 @@ impl Runner<'_> {
         })
     }
 
-    /// A command, and its answer alone.
+    /// Sends a command, and expects its answer and nothing else.
     fn qsb_command(&mut self, client: Client, command: &str, answer: &str) -> Result<(), Failure> {
         self.bench.send(client, format!("{command}\r").as_bytes());
         let expected = format!("{answer}\r\n");

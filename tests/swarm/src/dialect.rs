@@ -1,5 +1,5 @@
-//! The knowledge of clients: plain values of drives and how they are saved, typed from the manuals; and the words of
-//! clients that do not behave.
+//! Facts that clients know about the drives: registers that are safe to write and how they are saved, typed
+//! from the manuals; and the messages of clients that misbehave.
 
 use drivetwin_firmware::device::Spec;
 use drivetwin_protocol::modbus::tcp::{self, Header};
@@ -18,18 +18,19 @@ pub(crate) enum Family {
     Mdrive,
 }
 
-/// Values that a master may write at any time, that have no effect without a further write, and that are read back as
-/// they were written.
+/// Registers that a master may write at any time. Their values have no effect without a further write, and
+/// are read back as they were written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Block {
-    /// The first register; of a QSB one of those in [`QSB`].
+    /// Address of the first register; for a QSB an index into [`QSB`].
     pub(crate) first: u16,
     pub(crate) count: u16,
 }
 
 impl Block {
-    /// The CRC of the head of its write, if that ends with the number of bytes: behind it the CRC of the shorter reply of
-    /// that function holds in the request, if the first byte is right, too.
+    /// Returns the CRC of the first six bytes of a write of this block, if the low byte of that CRC is equal
+    /// to the next byte, the number of data bytes. If the first data byte is equal to the high byte, too, the
+    /// first eight bytes of the request are a valid frame: the shorter reply of the same function.
     pub(crate) fn treacherous(self, address: u8) -> Option<[u8; 2]> {
         let ([a, b], [c, d]) = (self.first.to_be_bytes(), self.count.to_be_bytes());
         let sum = rtu::crc(&[address, 16, a, b, c, d]).to_le_bytes();
@@ -37,7 +38,7 @@ impl Block {
     }
 }
 
-/// Registers of a QSB with such values, and their digits: DTR and THRESHOLD.
+/// Harmless registers of a QSB, DTR and THRESHOLD, with the largest value of each.
 pub(crate) const QSB: [(u16, u32); 2] = [(0x08, u32::MAX), (0x0B, 0xFFFF)];
 
 impl Family {
@@ -52,7 +53,7 @@ impl Family {
         }
     }
 
-    /// Blocks of plain values; the first of them is saved, all of it at once.
+    /// Blocks of harmless registers. The first block is saved, all of it at once.
     pub(crate) fn blocks(self) -> Vec<Block> {
         let block = |first, count| Block { first, count };
         match self {
@@ -71,7 +72,7 @@ impl Family {
         }
     }
 
-    /// Words that one request writes: of an MDrive those of a variable (FB 4.2).
+    /// Most words that one request writes. An MDrive takes one variable (FB 4.2).
     pub(crate) fn words_at_once(self) -> usize {
         match self {
             Self::Md3 => 1,
@@ -80,7 +81,7 @@ impl Family {
         }
     }
 
-    /// Functions that write a single word: an MD3 has 6 alone (6.2), an MDrive 16 alone (FB 4).
+    /// Functions that write a single word. An MD3 has only 6 (6.2), an MDrive only 16 (FB 4).
     pub(crate) fn writes_a_word(self) -> &'static [u8] {
         match self {
             Self::Md3 => &[6],
@@ -89,8 +90,8 @@ impl Family {
         }
     }
 
-    /// Factory values of the first block, where a save that power has cut may bring them back; an MDROBOT keeps two
-    /// copies (MDROBOT-6).
+    /// Factory values of the first block, if a power failure during a save may bring them back. An MDROBOT
+    /// keeps two copies (MDROBOT-6), so it never loses the saved values.
     pub(crate) fn factory(self) -> Option<&'static [u32]> {
         match self {
             Self::Md3 => Some(&[0; 4]),
@@ -101,7 +102,8 @@ impl Family {
         }
     }
 
-    /// The register and the value that save; `None` where there is none, since all is saved at once.
+    /// The register and the value that start a save. `None` if every write is saved at once, or if saving is
+    /// a command.
     pub(crate) fn save(self) -> Option<(u16, u16)> {
         match self {
             // EEPROMControl: write to EEPROM (7.20).
@@ -114,13 +116,14 @@ impl Family {
         }
     }
 
-    /// Returns whether a register may keep a drive from saving: a Hybrid in torque mode (AS) saves no more.
+    /// Returns true if a register may keep a drive from saving: a Hybrid in torque mode (AS) does not save.
     pub(crate) fn keeps_from_saving(self, address: u16) -> bool {
         self == Self::Mdrive && address == 0x8E
     }
 
-    /// Returns whether a saved register changes by itself: of an MD3 IOPortData with its pins (7.9), and the sign of
-    /// MoveSteps where it moves to and fro (7.8); of a QSB DIG I/O, which reads levels of pins.
+    /// Returns true if a drive changes a saved register without a write. An MD3 changes `IOPortData` with its
+    /// pins (7.9), and the sign of `MoveSteps` when it moves to and fro (7.8). DIG I/O of a QSB reads the
+    /// levels of pins.
     pub(crate) fn changes_by_itself(self, address: u16) -> bool {
         match self {
             Self::Md3 => matches!(address, 0x0A | 0x12),
@@ -129,11 +132,11 @@ impl Family {
         }
     }
 
-    /// Longer than the drive takes from power-on to its first answer: MD3 4, RS434-9, MDROBOT-11, QSB-6; a
+    /// A time longer than from power-on to the drive's first answer: MD3 4, RS434-9, MDROBOT-11, QSB-6. A
     /// Hybrid calibrates for 3.12 s (MC 5-9).
     pub(crate) fn boot(self) -> Duration {
         match self {
-            // Behind a bad memory 5 s later (MD3 7.4, MD3-13).
+            // With a bad memory an MD3 takes 5 s longer (MD3 7.4, MD3-13).
             Self::Md3 => 7_600.millis(),
             Self::Qsb => 100.millis(),
             Self::Rs434 => 1.secs(),
@@ -143,8 +146,9 @@ impl Family {
     }
 }
 
-/// Registers that set how a drive is reached, that take it off its line for long, or that start a user program, which
-/// may write any other: of all families, since a broadcast reaches all.
+/// Registers that set how a master reaches a drive, that take a drive off its line for long, or that start a
+/// user program, which may write any register. The list has those of all families, because a broadcast
+/// reaches every drive.
 const IDENTITY: [u16; 12] = [
     // MD3: DeviceAddress, StartupDelay, SerialPortConfiguration.
     0x00, 0x03, 0x1C, //
@@ -152,22 +156,23 @@ const IDENTITY: [u16; 12] = [
     133, 135, //
     // RS: address, type, bit rate, delay of replies, MODE_USER_PROGRAM, FLAG_SAVE_USER_PROGRAM.
     0x5000, 0x5001, 0x5002, 0x5003, 0x5005, 0x5025, //
-    // MDrive: S, for what is saved in torque mode can never be saved again.
+    // MDrive: S. What is saved in torque mode can never be saved again.
     0x76,
 ];
 
-/// Returns whether misbehaving clients and direct presets must not write a register.
+/// Returns true if misbehaving clients and direct presets must not write a register.
 pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
 }
 
-/// Rows that may be set past the bus, and their places in the table: on the bus, and those that leave a drive reachable.
+/// Rows that may be set past the bus, and their indices in the table: registers on the bus that do not make a
+/// drive unreachable.
 pub(crate) fn settable(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
     let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);
     spec.rows().filter(move |(_, row)| on_bus(row) && !is_identity(row.address))
 }
 
-/// A value for any register, which takes it or not; often a small one.
+/// A random value for any register, often a small one. A drive may refuse it.
 pub(crate) fn any_value(rng: &mut Rng) -> i64 {
     if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) }
 }
@@ -220,7 +225,7 @@ fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
     }
 }
 
-/// A message spoiled in one of many ways, or not.
+/// A message that is damaged in one of several ways, or unchanged.
 fn spoiled(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
     match rng.u8(..12) {
         0 => {
@@ -238,7 +243,7 @@ fn spoiled(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
     bytes
 }
 
-/// A message on a line of Modbus from a client that does not behave.
+/// A message of a misbehaving client on a Modbus line.
 pub(crate) fn modbus_mischief(family: Family, address: u8, ascii: bool, rng: &mut Rng) -> Vec<u8> {
     let unit = match rng.u8(..10) {
         0 => 0,
@@ -251,14 +256,14 @@ pub(crate) fn modbus_mischief(family: Family, address: u8, ascii: bool, rng: &mu
     spoiled(message, rng)
 }
 
-/// A message on a connection of Modbus/TCP from a client that does not behave.
+/// A message of a misbehaving client on a Modbus/TCP connection.
 pub(crate) fn tcp_mischief(rng: &mut Rng) -> Vec<u8> {
     let header = Header { transaction: rng.u16(..), unit: rng.u8(..) };
     let message = tcp::frame(header, &pdu(Family::Mdrive, rng)).to_vec();
     spoiled(message, rng)
 }
 
-/// Lines of MCode that leave the ways of talking as they are: no EM, ES, PY, S.
+/// Lines of MCode that do not change how the port talks: no EM, ES, PY, S.
 const MCODE: [&str; 40] = [
     "PR P\r",
     "PR R2,\" \",V\r",
@@ -302,11 +307,11 @@ const MCODE: [&str; 40] = [
     "TE=1\r",
 ];
 
-/// Text on a port of MCode from a misbehaving client.
+/// Text of a misbehaving client on an MCode port.
 pub(crate) fn mcode_mischief(rng: &mut Rng) -> Vec<u8> {
     let lines = (0..rng.u8(1..6)).map(|_| one_of(rng, &MCODE));
     let text = lines.collect::<String>().into_bytes();
-    // No letters in noise: they might set EM.
+    // Noise has no letters, because letters might set EM.
     match rng.u8(..8) {
         0 => text[..rng.usize(..=text.len())].to_vec(),
         1 => (0..rng.usize(1..300)).map(|_| one_of(rng, b"0123456789 =,.\"'*/\r\n\x08")).collect(),
@@ -314,7 +319,7 @@ pub(crate) fn mcode_mischief(rng: &mut Rng) -> Vec<u8> {
     }
 }
 
-/// Commands of a QSB that leave its rate as it is.
+/// Commands of a QSB that do not change its baud rate.
 const ORDERS: [&str; 30] = [
     "W0C0\r",
     "W0C1\r",
@@ -348,7 +353,7 @@ const ORDERS: [&str; 30] = [
     "W167\r",
 ];
 
-/// Commands to a QSB from a client that does not behave.
+/// Commands of a misbehaving client to a QSB.
 pub(crate) fn qsb_mischief(rng: &mut Rng) -> Vec<u8> {
     let text = (0..rng.u8(1..5)).map(|_| match rng.u8(..4) {
         0 => format!("{}{:02X}{:X}\r", one_of(rng, b"RSQr") as char, rng.u8(..0x18), rng.u32(..)),

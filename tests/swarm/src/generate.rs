@@ -1,4 +1,4 @@
-//! A seed becomes a plan. It depends on nothing else, on any machine of 64 bits.
+//! Makes a plan from a seed. The plan depends on nothing else, and is the same on every 64-bit machine.
 
 use drivetwin_firmware::device::{Duration, Encoder, Fault, Framing, Pin, Role, Spec};
 use drivetwin_protocol::time::Span;
@@ -18,7 +18,7 @@ struct Drive {
     spec: &'static Spec,
     address: u8,
     ascii: bool,
-    /// True if its line is as the factory has set it.
+    /// True if the settings of its serial line are the factory's.
     as_made: bool,
 }
 
@@ -38,7 +38,7 @@ pub(crate) fn plan(seed: u64) -> Plan {
     }
     plan.steps.extend(drives.iter().map(|drive| Step::Ask(drive.name, rng.u64(..))));
     if rng.bool() {
-        // The end comes in the middle of something.
+        // The run ends in the middle of a message.
         for drive in &drives {
             say(&mut plan.steps, *drive, &mut rng);
         }
@@ -47,7 +47,7 @@ pub(crate) fn plan(seed: u64) -> Plan {
     plan
 }
 
-/// Adds a part, if the bench file is still one.
+/// Adds a part, unless the bench file with the part is invalid.
 fn add(plan: &mut Plan, part: String) {
     plan.parts.push(part);
     if bench_file::parse(&plan.bench_file()).is_err() {
@@ -78,7 +78,8 @@ fn drive(plan: &mut Plan, name: Name, specs: &[&'static Spec], rng: &mut Rng) ->
     Drive { name, spec, address, ascii, as_made }
 }
 
-/// An address that no other place has; of half of the drives one with a [treacherous](dialect::Block::treacherous) block.
+/// An address that no other drive of the plan can have. Half of the drives get an address with a
+/// [treacherous](dialect::Block::treacherous) block, if their family has one.
 fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
     let blocks = family.blocks();
     let any: Vec<u8> = (2..248).filter(|address| address % NAMES.len() as u8 == place).collect();
@@ -87,13 +88,13 @@ fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
     if some.is_empty() || rng.bool() { one_of(rng, &any) } else { one_of(rng, &some) }
 }
 
-/// Lines, motors, what is on their shafts, wires, faults.
+/// Adds serial lines, motors, encoders and switches on shafts, and wires to a plan.
 fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
     let names = |drives: &[Drive]| {
         drives.iter().map(|drive| format!("\"{}\"", drive.name)).collect::<Vec<_>>().join(", ")
     };
     if rng.bool() {
-        // A line has one framing.
+        // All drives of a serial line have the same framing.
         let ascii = rng.u8(..3) == 0;
         let on_lines = drives
             .iter()
@@ -101,8 +102,9 @@ fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
             .filter(|drive| drive.spec.address.is_some() && drive.ascii == ascii && rng.u8(..4) > 0);
         let on_lines: Vec<Drive> = on_lines.collect();
         if let [first, others @ ..] = &on_lines[..] {
-            // A client has the baud rate of its drive. Slower drives would take longer to receive a message than it
-            // takes to send.
+            // Collisions need drives with equal line settings. A client sends at the baud rate of the drive
+            // it is connected to, so a slower drive would take longer to receive the message than the client
+            // takes to send it.
             let line = |drive: &Drive| drive.spec.ports.first().and_then(|port| port.line);
             let alike =
                 others.iter().all(|other| other.as_made && first.as_made && line(other) == line(first));
@@ -158,7 +160,7 @@ fn pin_name(drive: Drive, pin: Pin) -> String {
     format!("\"{}.{}\"", drive.name, drive.spec.pins[usize::from(pin.0)].name)
 }
 
-/// A pin that a drive reads; not the contact of an RS that brings back the factory's values.
+/// A pin that a drive reads, except `CLR_FLASH`, the contact of an RS that restores the factory's values.
 fn input(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
     let reads = |role| matches!(role, Role::Input | Role::Both | Role::AnalogueOrDigital | Role::Analogue);
     let pins = (0..).map(Pin).zip(spec.pins).filter(|(_, pin)| reads(pin.role) && pin.name != "CLR_FLASH");
@@ -166,7 +168,7 @@ fn input(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
     (!pins.is_empty()).then(|| one_of(rng, &pins))
 }
 
-/// A pin that a drive can drive.
+/// A pin that a drive sets.
 fn output(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
     let drives = |role| matches!(role, Role::Output | Role::Both | Role::Led);
     let pins: Vec<Pin> =
@@ -174,7 +176,7 @@ fn output(spec: &Spec, rng: &mut Rng) -> Option<Pin> {
     (!pins.is_empty()).then(|| one_of(rng, &pins))
 }
 
-/// Makes a step and the time behind it.
+/// Adds a step, and often a wait after it.
 fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     let Drive { name, spec, .. } = drive;
     match rng.u8(..41) {
@@ -225,14 +227,14 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     }
 }
 
-/// A register is set past the bus, to a value that it takes or not.
+/// Sets a register past the bus. The drive may refuse the value.
 fn preset(name: Name, spec: &'static Spec, rng: &mut Rng) -> Option<Step> {
     let rows: Vec<usize> = dialect::settable(spec).map(|(place, _)| place).collect();
     let value = dialect::any_value(rng);
     (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
 }
 
-/// From a tick to half a second, as many short ones as long ones.
+/// A duration from one tick to half a second. Each order of magnitude is equally likely.
 fn pause(rng: &mut Rng) -> Duration {
     let most = 1 << rng.u32(1..23);
     Duration::from_ticks(rng.u64(1..=most))
@@ -262,7 +264,7 @@ fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     }
 }
 
-/// Faults of a line; often none any more.
+/// Faults of a line; in one case of three none, which ends earlier faults.
 fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
     let mut faults = LineFaults::NONE;
     if rng.u8(..3) == 0 {
@@ -288,7 +290,7 @@ fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
 mod tests {
     use super::*;
 
-    /// As many as `cargo xtask test` runs.
+    /// The seeds that `cargo xtask test` runs.
     const SEEDS: std::ops::RangeInclusive<u64> = 1..=200;
 
     #[test]

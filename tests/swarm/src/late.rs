@@ -1,5 +1,5 @@
-//! Drives that are called late: by the library's own loop, with inputs that have waited. What they do is the same as
-//! when they are called at each deadline.
+//! Calls drives late, through the library's own loop, with inputs that have waited. A drive must make the
+//! same outputs as if it were called at each deadline.
 
 use drivetwin_firmware::device::{Boot, Device, Duration, Input, Instant, advance, feed};
 use drivetwin_firmware::testing::Transcript;
@@ -9,25 +9,25 @@ use fastrand::Rng;
 
 use crate::oracle::Failure;
 
-/// Timeouts of a drive at one instant.
+/// Most timeouts of a drive at one instant. More mean that its clock is stuck.
 const MOST_TIMEOUTS: u32 = 100_000;
 
-/// A drive by itself.
+/// A drive without a bench.
 struct Alone<'a> {
     device: Box<dyn Device>,
     log: Transcript,
     name: &'a str,
     powered: bool,
-    /// Chances of a drive that is called late.
+    /// Source of the delays, if the drive is called late.
     late: Option<Rng>,
-    /// Inputs that the drive gets late.
+    /// Inputs that the drive has not received yet.
     waiting: Vec<(Instant, Input<'a>)>,
-    /// The last instant at which something came to it.
+    /// Instant of the last input.
     last: Instant,
 }
 
 impl<'a> Alone<'a> {
-    /// Feeds an input, or delays it.
+    /// Passes an input to the drive, or queues it for later.
     fn hear(&mut self, at: Instant, input: Input<'a>) -> Result<(), Failure> {
         if let Some(rng) = &mut self.late {
             if at > self.last && rng.u8(..4) == 0 {
@@ -43,7 +43,7 @@ impl<'a> Alone<'a> {
         Ok(())
     }
 
-    /// Handles all that is due before `at`, with `inclusive` also at it.
+    /// Handles everything that is due before `at`, and with `inclusive` also at `at`.
     fn come_to(&mut self, at: Instant, inclusive: bool) -> Result<(), Failure> {
         let device = &mut *self.device;
         if self.late.is_none() {
@@ -62,7 +62,7 @@ impl<'a> Alone<'a> {
         Ok(())
     }
 
-    /// Calls it at each deadline before `at`, or at it, too.
+    /// Calls the drive at each deadline before `at`, and with `inclusive` also at `at`.
     fn wake(&mut self, at: Instant, inclusive: bool) -> Result<(), Failure> {
         let mut again = 0;
         loop {
@@ -80,7 +80,7 @@ impl<'a> Alone<'a> {
         }
     }
 
-    /// Fails if its deadline is before `at`, which is now.
+    /// Fails if the deadline of the drive is before `at`, the current time.
     fn look(&self, at: Instant) -> Result<(), Failure> {
         let due = self.device.deadline();
         if due >= at {
@@ -90,7 +90,7 @@ impl<'a> Alone<'a> {
     }
 }
 
-/// Plays each drive of a trace by itself, punctually and late.
+/// Runs each drive of a trace twice without a bench, punctually and late, and compares the outputs.
 pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
     (0..trace.drives.len()).try_for_each(|place| {
         let punctual = play(trace, place, None)?;
@@ -104,7 +104,7 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
     })
 }
 
-/// Feeds a drive the inputs of a trace, punctually or `late`, and returns its outputs.
+/// Passes the inputs of a trace to a drive, punctually or `late`, and returns its outputs.
 fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
     let device = catalog::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
@@ -114,7 +114,7 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
     if drive.external_motor {
         alone.device.detach_motor();
     }
-    // Any seed will do, as long as both times have the same one.
+    // Any seed will do, as long as both runs have the same.
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast, fast_line: drive.fast_line };
     alone.device.power_on(drive.from, boot, &mut alone.log);
     for entry in trace.events().filter(|entry| entry.drive == place) {
@@ -129,7 +129,7 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
                 alone.come_to(at, false)?;
                 alone.powered = false;
             }
-            // It comes behind all else of its instant.
+            // A preset takes effect after all other events of its instant.
             &Event::Input(InputRecord::Poke { row, value }) => {
                 alone.come_to(at, true)?;
                 let _ = alone.device.poke(at, row, value, &mut alone.log);

@@ -1,9 +1,10 @@
 //! A swarm of random benches: `cargo xtask swarm --minutes 1`.
 //!
-//! A seed is all that a run depends on. It becomes a [plan](plan::Plan), which is run in several ways, and the
-//! [oracle](oracle::judge) checks what must hold for all of them. A seed that fails is printed with the command that
-//! shows it: the plan made as small as it fails in the same way. After FoundationDB's simulation and TigerBeetle's
-//! VOPR.
+//! Everything in a run follows from its seed. The program makes a [plan](plan::Plan) of the seed and runs the
+//! plan in several ways. The [oracle](oracle::judge) checks the properties that must hold for every run. For
+//! a seed that fails the program prints the command that repeats the failure. That command prints the
+//! smallest plan it can find that fails in the same way. The design follows FoundationDB's simulation and
+//! TigerBeetle's VOPR.
 
 mod behave;
 mod dialect;
@@ -24,7 +25,7 @@ use clap::Parser;
 use oracle::Tally;
 use plan::Plan;
 
-/// Words about what xtask does with the swarm.
+/// Help text about `--planted`, an option of xtask itself.
 const PLANTED: &str = "\
 `cargo xtask swarm --planted [NAME]...` plants the defects of tests/swarm/planted, all or those with these names, in a
 copy of the last commit, and prints how soon each is found.";
@@ -33,10 +34,11 @@ copy of the last commit, and prints how soon each is found.";
 #[derive(Parser)]
 #[command(name = "cargo xtask swarm", after_help = PLANTED)]
 struct Options {
-    /// Runs this seed alone, and prints its plan: if it fails, as small as it fails in the same way.
+    /// Runs this seed alone, and prints its plan. If the seed fails, prints the smallest plan that fails in
+    /// the same way.
     #[arg(long, conflicts_with_all = ["minutes", "count", "first", "jobs"])]
     seed: Option<u64>,
-    /// Runs seeds for that many minutes; 1 without a count.
+    /// Runs seeds for that many minutes; 1 if there is no `--count`.
     #[arg(long)]
     minutes: Option<f64>,
     /// Runs that many seeds.
@@ -48,7 +50,7 @@ struct Options {
     /// Number of processes, which share the seeds.
     #[arg(long, default_value_t = 1)]
     jobs: u64,
-    /// From one seed to the next.
+    /// Difference between one seed and the next.
     #[arg(long, default_value_t = 1, hide = true)]
     stride: u64,
     /// Each process ends with its first seed that fails.
@@ -56,7 +58,7 @@ struct Options {
     until_failure: bool,
 }
 
-/// Seeds that are reported at most: what fails that often needs no more of them.
+/// Most seeds that are reported. More would show nothing new about a failure that frequent.
 const MOST_FAILURES: u64 = 20;
 
 fn main() -> ExitCode {
@@ -73,7 +75,8 @@ fn main() -> ExitCode {
 /// A plan takes a fraction of a second; one that takes longer than this hangs.
 const LONGEST: Duration = Duration::from_secs(600);
 
-/// Ends the program if no seed begins for too long, and prints the plan of the last if it `shows` that.
+/// Ends the program if no new seed begins within [`LONGEST`]. Prints the plan of the last seed if `shows` is
+/// true.
 fn watch(shows: bool) -> Sender<u64> {
     let (begins, seeds) = mpsc::channel();
     std::thread::spawn(move || {
@@ -96,7 +99,7 @@ fn watch(shows: bool) -> Sender<u64> {
     begins
 }
 
-/// Runs one seed and prints its plan; whether it fails.
+/// Runs one seed and prints its plan. Returns true if the seed fails.
 fn show(seed: u64) -> bool {
     let plan = generate::plan(seed);
     let begins = watch(true);
@@ -121,7 +124,7 @@ fn show(seed: u64) -> bool {
     }
 }
 
-/// Runs one seed after the other; whether one fails.
+/// Runs one seed after the other. Returns true if a seed fails.
 #[expect(
     clippy::disallowed_methods,
     reason = "for how long, and from which seed on, is said in time of the wall clock"
@@ -164,7 +167,7 @@ fn fresh() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs() << 24
 }
 
-/// Shares the seeds among processes; whether one fails.
+/// Shares the seeds among processes. Returns true if a seed fails.
 fn spread(options: &Options, jobs: u64) -> bool {
     let first = options.first.unwrap_or_else(fresh);
     let this = std::env::current_exe().expect("a running program has a file");

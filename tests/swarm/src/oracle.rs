@@ -1,4 +1,4 @@
-//! The oracle: all that must hold for each plan.
+//! The oracle: every property that must hold for each plan.
 
 use std::cell::RefCell;
 use std::fmt;
@@ -17,16 +17,17 @@ use crate::run::{self, Happened, Life, Mode};
 #[global_allocator]
 static ALLOCATED: PeakAlloc = PeakAlloc;
 
-/// Bytes that a bench may take with a [ring](run::RING) of its trace, and all that clients have received.
+/// Most bytes of memory for a bench with a [ring](run::RING) as trace, including all that its clients
+/// received.
 const MOST_BYTES: usize = 4 << 20;
 
-/// The failure of a plan that takes too long; it shows no defect of the drives.
+/// Name of the failure of a plan with too many events. It shows no defect of a drive.
 pub(crate) const TOO_MUCH: &str = "too much";
 
 /// A property that does not hold.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Failure {
-    /// By which plans that fail in the same way are known.
+    /// Name of the failure. Two plans with the same name fail in the same way.
     pub(crate) what: String,
     pub(crate) detail: String,
 }
@@ -36,7 +37,7 @@ impl Failure {
         Self { what: what.into(), detail: detail.to_string() }
     }
 
-    /// The same under another name.
+    /// The same failure under another name.
     pub(crate) fn of(self, what: &str) -> Self {
         Self { what: what.into(), detail: format!("{}: {}", self.what, self.detail) }
     }
@@ -54,14 +55,14 @@ pub(crate) struct Tally {
     pub(crate) answered: u64,
     pub(crate) saved: u64,
     pub(crate) events: u64,
-    /// Plans that were given up, because they have too many events.
+    /// Plans that were given up because they had too many events.
     pub(crate) given_up: u64,
-    /// The most bytes that a bench took.
+    /// Most bytes of memory that a bench took.
     pub(crate) bytes: usize,
 }
 
 impl Tally {
-    /// Takes in what was looked at elsewhere.
+    /// Adds the counts of another run.
     pub(crate) fn add(&mut self, other: Self) {
         self.answered += other.answered;
         self.saved += other.saved;
@@ -72,11 +73,11 @@ impl Tally {
 }
 
 thread_local! {
-    /// The place and the words of the last panic.
+    /// Place and message of the last panic.
     static PANIC: RefCell<Option<(String, String)>> = const { RefCell::new(None) };
 }
 
-/// Keeps panics for [`judge`], instead of printing them.
+/// Stores panics for [`judge`] instead of printing them.
 pub(crate) fn keep_panics() {
     panic::set_hook(Box::new(|info| {
         let place = info.location().map_or_else(String::new, ToString::to_string);
@@ -85,7 +86,7 @@ pub(crate) fn keep_panics() {
     }));
 }
 
-/// Runs a plan in each way and judges all of it.
+/// Runs a plan in each mode and checks every property.
 pub(crate) fn judge(plan: &Plan) -> Result<Tally, Failure> {
     let judged = panic::catch_unwind(AssertUnwindSafe(|| judge_all(plan))).unwrap_or_else(|_| {
         let (place, said) = PANIC.take().unwrap_or_default();
@@ -126,7 +127,7 @@ fn judge_all(plan: &Plan) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// Compares a plan that was run whole with the same in pieces.
+/// Compares a run in whole waits with a run in pieces.
 fn alike(whole: &Happened, pieces: &Happened) -> Result<(), Failure> {
     let what = "pieces of time change something";
     for (one, other) in whole.lives.iter().zip(&pieces.lives) {
@@ -146,7 +147,7 @@ fn alike(whole: &Happened, pieces: &Happened) -> Result<(), Failure> {
     Err(Failure::new(what, "clients hear something else"))
 }
 
-/// The first line in which two texts differ.
+/// Fails with the first text line in which two texts differ.
 fn differ(what: &str, one: &str, other: &str) -> Result<(), Failure> {
     if one == other {
         return Ok(());

@@ -1,4 +1,4 @@
-//! A plan: what is on a bench, and what happens there, as data that can be printed and made smaller.
+//! A plan: a bench and the events on it, as data that can be printed and shrunk.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin};
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_sim::line::faults::LineFaults;
 
-/// The name of a drive; also of its motor, behind `motor-`.
+/// Name of a drive. The name of its motor is this name after `motor-`.
 pub(crate) type Name = &'static str;
 
 /// Names of drives.
@@ -19,13 +19,13 @@ pub(crate) struct Plan {
     pub(crate) seed: u64,
     /// True if characters take no time.
     pub(crate) fast: bool,
-    /// Tables of a bench file, each of which may be taken away.
+    /// Tables of a bench file. The shrinker may remove each of them.
     pub(crate) parts: Vec<String>,
     pub(crate) steps: Vec<Step>,
 }
 
 impl Plan {
-    /// The bench file, which `drivetwin run` takes, too.
+    /// The bench file, which `drivetwin run` accepts, too.
     pub(crate) fn bench_file(&self) -> String {
         let line = if self.fast { "fast" } else { "timed" };
         format!("seed = {}\nline = \"{line}\"\n\n{}", self.seed, self.parts.join("\n"))
@@ -54,28 +54,28 @@ pub(crate) enum Step {
     /// Counts of an encoder: number, and rate per second.
     Turn(Name, Encoder, i32, u32),
     Cause(Name, Fault, bool),
-    /// A register, by its place in the table, is set past the bus.
+    /// Sets a register past the bus. The row is its index in the register table.
     Preset(Name, usize, i64),
     Power(Name, PowerAction),
-    /// A program opens the port at the other end of its line, or leaves.
+    /// A program opens the host's end of the drive's serial line (`true`), or closes it (`false`).
     Attach(Name, bool),
     Disturb(Name, Box<LineFaults>),
-    /// A well-behaved client writes, reads back, and requests registers that do not exist. The number is the seed of
-    /// the requests and of their cuts.
+    /// A well-behaved client writes, reads back, and requests registers that do not exist. The number is the
+    /// seed of the requests, and of the pieces in which they are sent.
     Ask(Name, u64),
-    /// A well-behaved client saves values; power fails during the save, or is switched off later; the values are read
-    /// back.
+    /// A well-behaved client saves values and reads them back after a power failure. Power fails during the
+    /// save or is switched off after it.
     Save(Name, u64, Failing),
-    /// The program ends, and begins again with the memories of all drives.
+    /// The emulator ends and starts again with the memories of all drives.
     Restart,
 }
 
-/// Power, while values are saved.
+/// Moment at which power goes off in a step that saves values.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Failing {
-    /// Fails at some byte.
+    /// Power fails at some byte of the save.
     Amid,
-    /// Goes when they are.
+    /// Power is switched off after the save.
     Later,
 }
 

@@ -1,5 +1,5 @@
-//! Replies of all drives, as they leave them: each is valid, and answers one request to that drive. What a line does
-//! to them later does not matter here.
+//! Checks the replies of all drives at the moment the drives send them. Each must be valid and answer one
+//! request to that drive. What a line then does to a reply does not matter here.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -9,32 +9,32 @@ use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Trace};
 
 use crate::oracle::Failure;
 
-/// The first port of a drive, which is that of Modbus if the drive has it.
+/// First port of a drive. If the drive has Modbus, it is on this port.
 const MODBUS: Port = Port(0);
 
-/// The address of a drive with the factory's values, to which it falls back when its memory is bad.
+/// Factory address, which a drive takes when its memory is bad.
 const FACTORY: u8 = 1;
 
-/// Longer than any drive takes for an answer, after the messages of others at the slowest rate.
+/// Longer than any drive takes to answer, also after messages of others at the lowest baud rate.
 const LONGEST: Duration = Duration::secs(10);
 
 /// Longest request on a serial line, in characters.
 const LONGEST_REQUEST: usize = 256;
 
-/// The bit of the function in a reply that refuses.
+/// Bit that a refusing reply sets in the function code.
 const REFUSED: u8 = 0x80;
 
-/// Bytes that a drive receives, all of them readable.
+/// Bytes that a drive receives without an unreadable character among them.
 struct Stretch {
     last: Instant,
     bytes: Vec<u8>,
 }
 
-/// Bytes and messages that a drive has received and not answered.
+/// Bytes and messages that a drive has received and not yet answered.
 #[derive(Default)]
 struct Heard {
     on_line: VecDeque<Stretch>,
-    /// True if the next character begins another stretch.
+    /// True if the next character begins a new stretch.
     broken: bool,
     on_links: BTreeMap<u8, VecDeque<Vec<u8>>>,
 }
@@ -61,9 +61,10 @@ impl Heard {
         }
     }
 
-    /// Takes the request that this reply on a line answers.
+    /// Removes the request that this reply on a line answers. Fails if there is none.
     fn take_request(&mut self, at: Instant, unit: u8, reply: &[u8], ascii: bool) -> Result<(), &'static str> {
-        // A reply may be stamped later than it is put, and earlier than bytes that were received after its request.
+        // The timestamp of a reply may be later than the call that outputs it, and earlier than bytes
+        // received after its request. So old stretches stay for a while.
         self.on_line.retain(|stretch| at < stretch.last + LONGEST);
         let mut wrong = "nobody asked for it";
         for stretch in &mut self.on_line {
@@ -78,12 +79,12 @@ impl Heard {
         Err(wrong)
     }
 
-    /// Takes the request that this ADU answers.
+    /// Removes the request that this ADU answers. Fails if there is none.
     fn take_message(&mut self, link: u8, reply: &[u8]) -> Result<(), &'static str> {
         let (header, pdu) = tcp::parse(reply).ok_or("it is no ADU")?;
         let waiting = self.on_links.entry(link).or_default();
         while let Some(request) = waiting.pop_front() {
-            // Bytes that are no ADU are not answered.
+            // A drive does not answer bytes that are no ADU.
             let Some((asked, request)) = tcp::parse(&request) else { continue };
             let fits = asked == header && answers(pdu, request);
             return if fits { Ok(()) } else { Err("it does not fit its request") };
@@ -92,10 +93,10 @@ impl Heard {
     }
 }
 
-/// PDUs of good requests to a unit with that function, and where each ends.
+/// PDUs of all valid requests to a unit with a function code, each with the index of its end.
 fn requests(bytes: &[u8], unit: u8, function: u8, is_ascii: bool) -> Vec<(usize, Vec<u8>)> {
     let starts = 0..bytes.len();
-    // A function that has the bit itself is refused, too.
+    // A request whose function code has the bit `REFUSED` is refused, too, so the bit is ignored here.
     let is_asked =
         |body: &[u8]| body.first() == Some(&unit) && body.get(1).is_some_and(|it| it & !REFUSED == function);
     if is_ascii {
@@ -113,7 +114,7 @@ fn requests(bytes: &[u8], unit: u8, function: u8, is_ascii: bool) -> Vec<(usize,
     frames.collect()
 }
 
-/// Returns whether a PDU may answer another (application 6, 7).
+/// Returns true if one PDU may answer the other (application 6, 7).
 fn answers(reply: &[u8], request: &[u8]) -> bool {
     let (&[function, ref rest @ ..], &[asked, ref data @ ..]) = (reply, request) else { return false };
     if function == asked | REFUSED {
@@ -123,7 +124,7 @@ fn answers(reply: &[u8], request: &[u8]) -> bool {
     function == asked
         && match function {
             1 | 2 => count().is_some_and(|count| rest.len() == 1 + count.div_ceil(8)),
-            // In some drives a value of two words is one register.
+            // In some drives a register holds two words, so the reply may be longer.
             3 | 4 => rest.len() % 2 == 1 && count().is_some_and(|count| rest.len() > 2 * count),
             5 | 6 => rest == data,
             15 | 16 => rest.len() == 4 && data.starts_with(rest),
@@ -132,7 +133,7 @@ fn answers(reply: &[u8], request: &[u8]) -> bool {
         && (function > 4 || rest.first().is_some_and(|&count| usize::from(count) + 1 == rest.len()))
 }
 
-/// Judges all replies of a life, of drives with these addresses.
+/// Checks all replies of one run of the emulator. `addresses` are those of the drives.
 pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Result<(), Failure> {
     let mut heard: Vec<Heard> = trace.drives.iter().map(|_| Heard::default()).collect();
     for entry in trace.events() {
@@ -181,7 +182,7 @@ mod tests {
 
     const OWN: u8 = 7;
 
-    /// Judges a reply to these received bytes.
+    /// Judges a reply to the received bytes.
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
         let mut drive = Heard::default();
         for bytes in heard {

@@ -1,4 +1,4 @@
-//! A plan becomes what happened.
+//! Runs a plan and keeps its outcome.
 
 use std::collections::BTreeMap;
 
@@ -14,28 +14,30 @@ use crate::dialect::Family;
 use crate::oracle::{Failure, TOO_MUCH};
 use crate::plan::{NAMES, Name, Plan, Step, Who};
 
-/// A way to run a plan; the same happens in each.
+/// A way to run a plan. The drives do the same in each.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Mode {
-    /// Each wait in one piece, clients read behind each step.
+    /// Each wait runs in one piece. Clients read after each step.
     Whole,
-    /// Waits in pieces of any lengths, in which clients of lines read, or do not.
+    /// Waits run in pieces of random lengths. After a piece, clients on serial lines read or do not.
     Pieces,
-    /// Waits in short pieces, behind each of which clients of lines read, as programs do; only a ring of the trace is kept.
+    /// Waits run in short pieces. After each, clients on serial lines read, as real programs do. The trace is
+    /// a ring buffer.
     Lean,
 }
 
 /// The outcome of a run.
 pub(crate) struct Happened {
-    /// Lives, one from each beginning.
+    /// The lifetimes of the emulator: a plan without [`Step::Restart`] has one, and each restart begins
+    /// another.
     pub(crate) lives: Vec<Life>,
-    /// All that clients received.
+    /// Digests of all bytes that clients received.
     pub(crate) heard: BTreeMap<Who, Heard>,
-    /// Requests of clients that behave, each of which was answered rightly.
+    /// Number of requests of well-behaved clients. Each was answered correctly.
     pub(crate) answered: u64,
-    /// Saves after which a drive came back with what it should.
+    /// Number of saves after which a drive started again with the expected values.
     pub(crate) saved: u64,
-    /// Addresses that the bench file gives.
+    /// Addresses of the drives, as set in the bench file.
     pub(crate) addresses: BTreeMap<Name, u8>,
 }
 
@@ -56,34 +58,36 @@ impl Heard {
     }
 }
 
-/// From a beginning to an end of the program.
+/// A run of the emulator, from its start to its end.
 pub(crate) struct Life {
     pub(crate) bench: Bench,
-    /// Written while it went on.
+    /// The trace as it was written during the run.
     pub(crate) recording: String,
 }
 
-/// The ring of [`Mode::Lean`].
+/// Bytes of the ring buffer that holds the trace in [`Mode::Lean`].
 pub(crate) const RING: usize = 64 << 10;
 
-/// Between two looks of a program at its port.
+/// Time between two reads of a client in [`Mode::Lean`].
 const READS: Duration = Duration::millis(20);
 
-/// Longer than any drive saves: power fails during a save only where a well-behaved client expects it.
+/// Longer than any save takes. A plan waits this long before it switches power off, so power fails during a
+/// save only where a well-behaved client expects it.
 const A_SAVE: Duration = Duration::millis(100);
 
-/// Events after which the rest of a plan is left out. Pulses in wires may make millions.
+/// After this many events the rest of a plan is left out. Pulses on wires may make millions of events.
 const MOST_EVENTS: u64 = 30_000;
 
-/// Events of a drive in a tick, and in a span however short: more would mean that the clock does not advance.
+/// Most events of a drive in a time span: 4,096 however short the span, and 16 more for each tick. More mean
+/// that the clock does not advance.
 const MOST_AT_ONCE: u64 = 4_096;
 const MOST_A_TICK: u64 = 16;
 
-/// Events in a step of a plan after which the plan is given up: an output that is wired to an input of its own drive may
-/// change at every tick.
+/// If one step of a plan makes more events than this, the plan is given up. An output that is wired to an
+/// input of the same drive may change at every tick.
 const MOST_A_STEP: u64 = 300_000;
 
-/// Longest time that such a bench runs before its events are counted.
+/// With wires on the bench, time advances by at most this much before the events are counted.
 const SLICE: Duration = Duration::millis(10);
 
 /// A bench in the middle of a plan.
@@ -91,16 +95,16 @@ pub(crate) struct Runner<'a> {
     layout: Layout,
     mode: Mode,
     pub(crate) bench: Bench,
-    /// Random lengths of pieces, and the clients that read between them.
+    /// Chooses the lengths of the pieces, and after which of them clients read.
     dice: Rng,
     clients: BTreeMap<Who, Client>,
-    /// Addresses on the bus.
+    /// Current addresses of the drives on their buses.
     pub(crate) addresses: BTreeMap<Name, u8>,
-    /// Saved first blocks that cannot have changed since.
+    /// Values of first blocks that were saved, and that no other client can have changed since.
     pub(crate) kept: BTreeMap<Name, Vec<u32>>,
     recording: Option<Recording<Vec<u8>>>,
     pub(crate) happened: Happened,
-    /// Events of former lives.
+    /// Number of events before the last restart.
     events: u64,
     plan: &'a Plan,
 }
@@ -112,7 +116,7 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
     let (bench, recording) = build(&layout, mode, Vec::new())?;
     let addresses: BTreeMap<Name, u8> =
         NAMES.iter().filter_map(|name| Some((*name, address(&bench, name)?))).collect();
-    // Later lives find them in their memories.
+    // After a restart the drives find these values in their memories.
     layout.drives.iter_mut().for_each(|drive| drive.presets.clear());
     let mut runner = Runner {
         layout,
@@ -144,7 +148,7 @@ fn build(layout: &Layout, mode: Mode, given: Vec<Setup>) -> Result<(Bench, Recor
     Ok((bench, recording))
 }
 
-/// The address that a bench file has given a drive.
+/// The address that the bench file sets for a drive.
 fn address(bench: &Bench, name: &str) -> Option<u8> {
     let seat = bench.find_drive(name)?;
     u8::try_from(bench.peek(seat, bench.spec(seat).address?)).ok()
@@ -184,7 +188,7 @@ impl Runner<'_> {
             Step::Cause(name, fault, on) => self.with(name, |bench, seat| bench.fault(seat, fault, on)),
             Step::Preset(name, row, value) => {
                 self.kept.remove(name);
-                // Refused is as good.
+                // A drive may refuse the value.
                 self.with(name, |bench, seat| _ = bench.poke(seat, row, value));
             }
             Step::Power(name, action) => {
@@ -208,21 +212,21 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Does something with a drive, if it is there.
+    /// Calls a function with a drive, if the drive is on the bench.
     fn with(&mut self, name: Name, act: impl FnOnce(&mut Bench, DriveId)) {
         if let Some(seat) = self.bench.find_drive(name) {
             act(&mut self.bench, seat);
         }
     }
 
-    /// The family of a drive, if that is on the bench.
+    /// The family of a drive, if the drive is on the bench.
     pub(crate) fn family(&self, name: Name) -> Option<Family> {
         Some(Family::of(self.bench.spec(self.bench.find_drive(name)?).kind))
     }
 
     fn say(&mut self, who: Who, bytes: &[u8]) {
         let Some(seat) = self.bench.find_drive(who.drive) else { return };
-        // All that it sends may be received, and saved.
+        // Every drive on the same line may receive these bytes and save values.
         for name in NAMES {
             if self.shares(who.drive, name) {
                 self.kept.remove(name);
@@ -239,13 +243,13 @@ impl Runner<'_> {
         self.bench.send(self.clients[&who], bytes);
     }
 
-    /// Returns whether two drives are the same, or on one line.
+    /// Returns true if two drives are the same drive or are on the same line.
     pub(crate) fn shares(&self, a: Name, b: Name) -> bool {
         let line = |name| self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, Port(0)));
         a == b || (line(a).is_some() && line(a) == line(b))
     }
 
-    /// Time passes.
+    /// Advances the time, in pieces that depend on the mode.
     pub(crate) fn pass(&mut self, time: Duration) -> Result<(), Failure> {
         let until = self.bench.now() + time;
         while self.mode == Mode::Lean && self.bench.now() < until {
@@ -269,7 +273,7 @@ impl Runner<'_> {
         self.go_on(until)
     }
 
-    /// Brings the bench to an instant, and looks that it does not count for ever what happens at one.
+    /// Advances the bench to an instant. Fails if the bench makes so many events that its clock seems stuck.
     fn go_on(&mut self, until: Instant) -> Result<(), Failure> {
         let (from, before) = (self.bench.now(), self.bench.trace().mark());
         if self.layout.wires.is_empty() {
@@ -281,7 +285,7 @@ impl Runner<'_> {
                 return Err(Failure::new(TOO_MUCH, format!("{MOST_A_STEP} events in a step")));
             }
         }
-        // What is due at this instant.
+        // Handles what is due at the instant `until` itself.
         self.bench.run_until(until);
         let made = self.bench.trace().mark() - before;
         let drives = self.bench.drives().len() as u64;
@@ -302,12 +306,13 @@ impl Runner<'_> {
         recording.follow(self.bench.trace()).map_err(|error| Failure::new("no recording", error))
     }
 
-    /// All clients read.
+    /// Reads at all clients.
     fn read_all(&mut self) {
         self.read(|_| true);
     }
 
-    /// Reads at clients on lines: on a TCP connection a drive gets no more requests until its answers are read.
+    /// Reads at clients on serial lines. On a TCP connection a drive gets no more requests until its answers
+    /// are read, so reading there would change what happens.
     fn read_lines(&mut self) {
         let tcp = NAMES.map(|name| (name, self.family(name) == Some(Family::Mdrive)));
         self.read(|who| !tcp.contains(&(who.drive, true)));
@@ -322,7 +327,7 @@ impl Runner<'_> {
         }
     }
 
-    /// Power, and time to start.
+    /// Switches a drive on and waits until it has started.
     pub(crate) fn power_on(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| bench.power(seat, PowerAction::On));
         let boot = self.family(name).map_or(Duration::ZERO, Family::boot);
@@ -333,14 +338,15 @@ impl Runner<'_> {
         self.layout.drives.iter().any(|drive| drive.name == name && drive.fast_boot)
     }
 
-    /// Waits in silence until all messages are over and all drives have started.
+    /// Clears line faults and waits until all messages are answered. Then waits for the start-up, unless the
+    /// drive is on and starts fast. Switches the drive on if it is off.
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
             if let Some(bus) = bench.bus(seat, Port(0)) {
                 bench.set_line_faults(bus, drivetwin_sim::line::faults::LineFaults::NONE);
             }
         });
-        // At 1,200 baud, and doubled, garbage takes some seconds.
+        // At 1,200 baud, noise that a line fault duplicates takes some seconds.
         for _ in 0..10 {
             self.pass(1.secs())?;
             let bus = self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, Port(0)));
@@ -352,7 +358,7 @@ impl Runner<'_> {
         if starts || !self.boots_fast(name) { self.power_on(name) } else { Ok(()) }
     }
 
-    /// The program ends and begins again with what the memories hold.
+    /// Ends the emulator and starts it again with the contents of the drives' memories.
     fn restart(&mut self) -> Result<(), Failure> {
         self.pass(A_SAVE)?;
         let names = self.layout.drives.iter().map(|drive| drive.name.clone());
@@ -372,7 +378,7 @@ impl Runner<'_> {
     }
 
     fn end_life(&mut self) -> Result<(), Failure> {
-        // All of its last instant.
+        // Handles everything that is due at the last instant.
         self.pass(Duration::ZERO)?;
         self.events += self.bench.trace().mark();
         let Some(recording) = self.recording.take().filter(|_| self.mode != Mode::Lean) else {

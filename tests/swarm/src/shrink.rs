@@ -1,14 +1,14 @@
-//! A plan that fails becomes a smaller one that fails in the same way.
+//! Shrinks a plan that fails to a smaller plan that fails in the same way.
 
 use drivetwin_firmware::device::Duration;
 
 use crate::plan::{Plan, Step};
 
-/// Plans that are tried at most.
+/// Most plans that are tried.
 const MOST_TRIED: u32 = 1_500;
 
-/// A smaller plan that `fails`: no part, step or half of a wait can be taken away from it alone, unless too many plans
-/// were tried before.
+/// Returns a smaller plan for which `fails` is true. No single part, step or half of a wait can be removed
+/// from it without losing the failure, unless the limit of tried plans was reached first.
 pub(crate) fn shrink(plan: Plan, fails: impl Fn(&Plan) -> bool) -> Plan {
     let mut shrinking = Shrinking { plan, fails, tried: 0 };
     loop {
@@ -29,7 +29,7 @@ struct Shrinking<F> {
 }
 
 impl<F: Fn(&Plan) -> bool> Shrinking<F> {
-    /// Takes a plan if it fails, and returns whether it does.
+    /// Keeps a plan if it fails. Returns true if it does.
     fn try_plan(&mut self, plan: Plan) -> bool {
         self.tried += 1;
         let fails = self.tried <= MOST_TRIED && (self.fails)(&plan);
@@ -39,7 +39,7 @@ impl<F: Fn(&Plan) -> bool> Shrinking<F> {
         fails
     }
 
-    /// Takes away runs of a list, long ones first.
+    /// Removes runs of consecutive items from a list, long runs first.
     fn take_away<T: Clone>(&mut self, list: impl Fn(&mut Plan) -> &mut Vec<T>) {
         let mut run = list(&mut self.plan).len();
         while run > 0 {
@@ -56,7 +56,7 @@ impl<F: Fn(&Plan) -> bool> Shrinking<F> {
         }
     }
 
-    /// Makes steps simpler, each alone.
+    /// Makes each step simpler on its own.
     fn simplify(&mut self) {
         for n in 0..self.plan.steps.len() {
             for step in simpler(&self.plan.steps[n]) {

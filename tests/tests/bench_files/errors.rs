@@ -1,8 +1,8 @@
-//! Errors of bench files: message and place.
+//! Errors of bench files: messages and positions.
 
 use drivetwin_sim::config::bench_file;
 
-/// The error of `text`.
+/// The error message for `text`.
 #[track_caller]
 fn wrong(text: &str) -> String {
     match bench_file::parse(text) {
@@ -11,7 +11,7 @@ fn wrong(text: &str) -> String {
     }
 }
 
-/// Cases: a text, and its error.
+/// Checks cases: texts that are added to `before`, each with its error message.
 #[track_caller]
 fn check(before: &str, cases: &[(&str, &str)]) {
     for (text, told) in cases {
@@ -153,7 +153,7 @@ fn drives() {
     );
 }
 
-/// Three drives in the first line.
+/// Three drives in the first line of a file.
 const DRIVES: &str =
     "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'r', kind = 'rs434544'}]\n";
 
@@ -255,7 +255,7 @@ fn motors() {
             ),
         ],
     );
-    // Bit 13 is the motor mode (MD3 User Guide, 7.2).
+    // Bit 13 selects the motor mode (MD3 User Guide, 7.2).
     let dc = "drive = [{name = 'x', kind = 'md3', set = {MotorCurrentAndMicrostepping = 0x250a}}]\n";
     let says = "line 5, column 1: rated_ma is of a stepper motor; MotorCurrentAndMicrostepping of 'x' selects a brush motor";
     check(dc, &[("[[motor]]\nname = 'm'\ndrive = 'x'\nrated_ma = 1000", says)]);

@@ -10,7 +10,7 @@ use super::{ask, example, moments, register, seat};
 
 const AXIS: Axis = Axis(0);
 
-/// MotionControl (MD3 User Guide, 7.15), and Move in it.
+/// MotionControl (MD3 User Guide, 7.15), and its bit Move.
 const MOTION_CONTROL: u16 = 0x11;
 const MOVE: u16 = 1;
 
@@ -42,9 +42,10 @@ fn two_drives_on_one_line_are_two_addresses() {
 
 #[test]
 fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
-    /// Microsteps per turn of an MD3 from the factory, 8 microsteps to a step (7.2), with a motor of 200 steps.
+    /// Microsteps per turn of an MD3 with factory settings: 8 microsteps to a step (7.2), and a motor of 200
+    /// steps.
     const TURN: u32 = 8 * 200;
-    /// 1,000 cycles, of which the QSB counts all four edges (MDR0).
+    /// Counts per turn: an encoder of 1,000 cycles, of which the QSB counts all four edges (MDR0).
     const COUNTS: i32 = 4 * 1_000;
     let mut built = example("step-and-encoder");
     let bench = &mut built.bench;
@@ -52,7 +53,7 @@ fn the_qsb_moves_the_motor_of_the_md3_and_reads_its_encoder() {
     let client = bench.connect(bench.bus(reader, Port(0)).unwrap());
     bench.run_until(1.secs());
     ask(bench, client, b"");
-    // The motor drive takes its lines: the MD3 steps once when the step line falls.
+    // The motor drive takes its pins. The step line falls, so the MD3 makes one step.
     assert_eq!(command(bench, client, "W162"), 2);
     let began = (bench.motion(stepper, AXIS).position, command(bench, client, "R0E"));
     let indexes = moments(bench, "reader > pin I high").len();
@@ -87,12 +88,12 @@ fn two_wheels_drive_straight_on_with_the_same_command() {
     bench.run_until(10.secs());
     assert!((register(bench, left, "RPM_DATA") - 500).abs() <= 5);
     assert!((register(bench, right, "RPM_DATA") + 500).abs() <= 5, "measured values are not turned round");
-    // 12 counts a turn; the second drive got its command 30 ms later.
+    // A turn has 12 counts. The second drive gets its command 30 ms later.
     let ways = [position(bench, left) - began[0], began[1] - position(bench, right)];
     assert!(ways[0] > 400 && (ways[0] - ways[1]).abs() <= 6, "{ways:?}");
 }
 
-/// Sends a command to a QSB, and returns the data of its reply.
+/// Sends a command to a QSB and returns the data of its reply.
 #[track_caller]
 fn command(bench: &mut Bench, client: Client, command: &str) -> i32 {
     bench.send(client, format!("{command}\r").as_bytes());
@@ -104,8 +105,8 @@ fn command(bench: &mut Bench, client: Client, command: &str) -> i32 {
     u32::from_str_radix(data, 16).unwrap().cast_signed()
 }
 
-/// 1,000 rpm and a DEC of 100, which is 545 rps² (RS434-14): the switch opens at ten turns,
-/// for 10 ms (WAITED_INPUTS_EXTERN) it may bounce, then the motor brakes.
+/// 1,000 rpm and a DEC of 100, which is 545 rps² (RS434-14). The switch opens at ten turns. The drive waits
+/// 10 ms (WAITED_INPUTS_EXTERN), in which the switch may bounce, and then brakes.
 #[test]
 fn the_limit_switch_stops_the_motor() {
     const SPEED: f64 = 1_000.0 / 60.0;

@@ -1,5 +1,5 @@
-//! Identification of drives can be preset, and is read through the protocol: for each kind the firmware and, where it
-//! has one, the serial number.
+//! The identification of drives can be preset and is read over the protocol. Each kind has a firmware
+//! version, and some have a serial number.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -19,7 +19,7 @@ fn drive(kind: &str, set: &str) -> (Bench, DriveId) {
     (bench, x)
 }
 
-/// Power goes and comes.
+/// Switches power off and on.
 fn cycle(bench: &mut Bench, seat: DriveId) {
     bench.power(seat, PowerAction::Off);
     bench.run_until(bench.now() + 1.secs());
@@ -27,13 +27,13 @@ fn cycle(bench: &mut Bench, seat: DriveId) {
     bench.run_until(bench.now() + 10.millis());
 }
 
-/// Sends a request on the drive's line and returns the answer.
+/// Sends a request on the drive's serial line and returns the reply.
 fn on_line(bench: &mut Bench, seat: DriveId, request: &[u8]) -> Vec<u8> {
     let client = bench.connect(bench.bus(seat, Port(0)).unwrap());
     ask(bench, client, request)
 }
 
-/// A request is answered so with power, and after a power cycle.
+/// Asserts the reply to a request, before and after a power cycle.
 #[track_caller]
 fn always(kind: &str, set: &str, request: &[u8], reply: &[u8]) {
     let (mut bench, seat) = drive(kind, set);
@@ -44,7 +44,7 @@ fn always(kind: &str, set: &str, request: &[u8], reply: &[u8]) {
     }
 }
 
-/// Register 1Bh: the lower byte is the version; 1Eh and 1Fh the serial number (MD3 7.21, 7.24).
+/// Register 1Bh has the version in its low byte; 1Eh and 1Fh are the serial number (MD3 7.21, 7.24).
 #[test]
 fn an_md3() {
     for (kind, product) in [("md3", 0xBD), ("md3-low", 0x3D)] {
@@ -54,8 +54,8 @@ fn an_md3() {
     }
 }
 
-/// VERSION: "the first five most significant digits are the serial number, the next digit is the product type and the last
-/// two digits are the firmware version".
+/// VERSION: "the first five most significant digits are the serial number, the next digit is the product type
+/// and the last two digits are the firmware version".
 #[test]
 fn a_qsb() {
     for (kind, digit) in [("qsb-d", '0'), ("qsb-m", '1'), ("qsb-s", '2')] {
@@ -64,7 +64,7 @@ fn a_qsb() {
     }
 }
 
-/// Input registers 8002h to 8004h (RS 6.8); a restart by the bus (6.5: 95AFh in FLAG_RESTART) leaves them.
+/// Input registers 8002h to 8004h (RS 6.8). A restart over the bus (6.5: 95AFh in FLAG_RESTART) keeps them.
 #[test]
 fn an_rs_drive() {
     for (kind, model) in [("rs434544", 1_001_u16), ("rs434546", 1_002)] {
@@ -86,8 +86,8 @@ fn an_mdrobot() {
     always("mdrobot", "VERSION = 13", &rtu::read(1, 1, 1), &rtu::frame(1, &[3, 2, 0, 13]));
 }
 
-/// PR PN, SN and VR (MC 5-56, 5-69, 5-80), and the objects of the device identification (FB 4.1.1). Neither Ctrl-C nor FD
-/// changes them.
+/// PR PN, SN and VR (MC 5-56, 5-69, 5-80), and the objects of the device identification (FB 4.1.1). Ctrl-C
+/// and FD do not change them.
 #[test]
 fn an_mdrive() {
     for (kind, hardware, family) in [("mdrive", "", "MDI "), ("mdrive-hybrid", ", 2.1", "ASI ")] {
@@ -136,7 +136,7 @@ fn an_mdrive() {
     }
 }
 
-/// Each error is one sentence.
+/// Each error message is one sentence.
 #[test]
 fn invalid_identifications_are_refused() {
     for (kind, set, sentence) in [

@@ -1,5 +1,5 @@
-//! Bench files: the behaviour that the examples promise, the errors of wrong files, and that the order of tables and
-//! keys does not matter.
+//! Bench files: the examples behave as documented, wrong files give errors, and the order of tables and keys
+//! does not matter.
 #![allow(missing_docs, reason = "a test")]
 
 mod errors;
@@ -20,7 +20,7 @@ fn layout(text: &str) -> Layout {
     bench_file::parse(text).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The bench of a file, of which everything is kept.
+/// The bench of a file, with a trace of all events.
 #[track_caller]
 fn built(text: &str) -> Built {
     let layout = layout(text);
@@ -28,7 +28,7 @@ fn built(text: &str) -> Built {
     layout.build(settings, Vec::new()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The bench of an example.
+/// The bench of an example file.
 #[track_caller]
 fn example(name: &str) -> Built {
     let path = format!("{}/../examples/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -39,14 +39,14 @@ fn seat(bench: &Bench, name: &str) -> DriveId {
     bench.find_drive(name).unwrap_or_else(|| panic!("there is no drive {name}"))
 }
 
-/// A register now.
+/// Present value of a register.
 fn register(bench: &Bench, seat: DriveId, name: &str) -> i64 {
     let row =
         bench.spec(seat).registers.find(name).unwrap_or_else(|| panic!("there is no register {name}")).row;
     bench.peek(seat, row)
 }
 
-/// Sends a client's message, waits until it is answered or judged, and returns the reply.
+/// Sends a client's message, runs until the bench is idle, and returns the reply.
 fn ask(bench: &mut Bench, client: Client, message: &[u8]) -> Vec<u8> {
     bench.send(client, message);
     bench.run_until_idle();

@@ -1,4 +1,4 @@
-//! The order of tables, and of keys in a table, does not matter.
+//! The order of tables in a file, and of keys in a table, does not matter.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::{ask, built};
 
-/// The tables of a file: header, and lines of keys.
+/// The tables of a file: each has a header and lines with keys.
 const TABLES: [(&str, &[&str]); 18] = [
     ("[[bus]]", &["name = 'line1'", "drives = ['b', 'a.rs485']", "collisions = true"]),
     ("[[drive]]", &["name = 'a'", "kind = 'md3'", "set = { SpeedHigh = 0, MoveSteps = 300, Speed = 4000 }"]),
@@ -28,7 +28,7 @@ const TABLES: [(&str, &[&str]); 18] = [
     ("[[fault]]", &["bus = 'd.rs485'", "delay_ms = 2", "duplicate = 0.5"]),
 ];
 
-/// Trace of the bench of such a file.
+/// Trace of a bench with these tables, while clients send requests.
 fn perform(tables: &[(&str, Vec<&str>)]) -> String {
     let tables = tables.iter().map(|(header, keys)| format!("{header}\n{}\n", keys.join("\n")));
     let mut built = built(&format!("seed = 7\n{}", tables.collect::<String>()));
@@ -42,7 +42,7 @@ fn perform(tables: &[(&str, Vec<&str>)]) -> String {
         ask(bench, line1, &request);
         ask(bench, single, &request);
     }
-    // START of the RS drive.
+    // Sets START of the RS drive.
     ask(bench, single, &rtu::frame(1, &[5, 0x20, 0x00, 0xFF, 0x00]));
     bench.run_until(5.secs());
     bench.trace().to_text()

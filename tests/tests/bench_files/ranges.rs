@@ -1,4 +1,4 @@
-//! The ranges in the reference of bench files are those of the code.
+//! The reference of bench files has the same ranges as the code.
 
 use drivetwin_firmware::motor::{self, stepper};
 use drivetwin_sim::bench::{CYCLES_PER_REV, FURTHEST_REV};
@@ -6,7 +6,7 @@ use drivetwin_sim::catalog;
 
 const REFERENCE: &str = include_str!("../../../docs/reference/bench-files.md");
 
-/// A number with thousands separators: 10,000,000.
+/// Text of a number with thousands separators: 10,000,000.
 fn written(number: f64) -> String {
     let whole = number.trunc().to_string();
     let groups = whole.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap());
@@ -15,7 +15,7 @@ fn written(number: f64) -> String {
     groups.collect::<Vec<_>>().join(",") + fraction
 }
 
-/// Rows of the reference about each key with that name.
+/// Rows of the reference for keys with this name.
 fn rows(key: &str) -> Vec<&'static str> {
     let rows = REFERENCE
         .split_inclusive('\n')
@@ -54,7 +54,7 @@ fn the_reference_has_the_ranges_of_motors() {
     range("rated_ma", least.rated_ma, most.rated_ma);
     range("pull_out_rpm", least.pull_out_rpm, most.pull_out_rpm);
 
-    // One table has the range of both sorts.
+    // The reference has one table for both kinds of motors, so their ranges must be the same.
     let both = (least, most);
     let (least, most) = (motor::Parameters::LEAST, motor::Parameters::MOST);
     assert_eq!((both.0.inertia_gcm2, both.1.inertia_gcm2), (least.inertia_gcm2, most.inertia_gcm2));
@@ -77,7 +77,7 @@ fn the_reference_has_the_ranges_of_parts_on_a_shaft() {
     assert_says("closed", &format!("±{}", written(FURTHEST_REV)));
 }
 
-/// And the defaults, which follow the range: those of a new drive.
+/// The defaults in the reference, which follow the range, are those of a new drive.
 #[test]
 fn the_reference_has_the_defaults_of_motors() {
     let default = |key: &str, value: f64| assert_says(key, &format!("| {} |", written(value)));

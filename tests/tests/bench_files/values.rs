@@ -1,4 +1,4 @@
-//! Values of a file reach the layout and the bench.
+//! Values of a bench file reach the layout and the bench.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use super::{built, layout, moments, register, seat};
 fn nothing_but_a_drive_is_a_bench() {
     let layout = layout("[[drive]]\nname = 'x'\nkind = 'md3'\n");
     assert_eq!((layout.seed, layout.time, layout.line), (None, None, None));
-    // A pty is made only where a file lists one.
+    // A drive has a pty only if the file lists one.
     assert_eq!(layout.drives[0].listen, [(Port(0), Uri::Tcp("127.0.0.1:0".into()))]);
     assert_eq!(layout.settings(), drivetwin_sim::bench::Settings::default());
 }
@@ -115,7 +115,7 @@ fn every_key_of_a_bench_file() {
     assert_eq!(disturbed.faults, expected);
 }
 
-/// The one that documentation and scripts of others began with.
+/// The first bench file, on which documentation and scripts of others are based.
 #[test]
 fn the_first_bench_file_there_was() {
     let layout = layout(
@@ -199,8 +199,9 @@ fn paths_are_relative_to_the_folder_of_the_file() {
     assert_eq!(places, ["pty:/benches/x.tty", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:0"]);
 }
 
-/// Values missing in a `[[motor]]` come from the registers of its drive at power-on, preset or in the memory; later
-/// changes of the registers do not change the motor. Both edges of two sensors count, four a pulse.
+/// Values missing in a `[[motor]]` come from the registers of its drive at power-on, either presets or from
+/// the memory. Later changes of the registers do not change the motor. Both edges of two sensors count, four
+/// for each pulse.
 #[test]
 fn a_motor_is_what_its_drive_says_at_power_on() {
     let counts_per_turn = |set: &str, motor: &str, memory: Option<Vec<u8>>, later: Option<i64>| {
@@ -229,9 +230,9 @@ fn a_motor_is_what_its_drive_says_at_power_on() {
     assert_eq!(counts_per_turn(eight, "hall_pulses = 5", None, None).0, 20.0);
 }
 
-/// HU, HV and HW of a shaft that a load turns forward, and channels A and B of an encoder: three sensors, each with
-/// an edge per pole. HALL_TYPE 0 is 4 poles, 3 is 12 (p. 8). UI_COM 1 leaves the terminals open; with 0 an open
-/// RUN/BRAKE would short them.
+/// A load turns a shaft forward. HU, HV and HW are three sensors, each with an edge per pole; channels A and
+/// B belong to an encoder. HALL_TYPE 0 means 4 poles, 3 means 12 (p. 8). UI_COM 1 leaves the motor terminals
+/// open; with 0 an open RUN/BRAKE would short them.
 #[test]
 fn a_brushless_motor_has_its_configured_poles() {
     for (set, poles, has) in
@@ -244,9 +245,10 @@ fn a_brushless_motor_has_its_configured_poles() {
         ));
         bench.run_until(2.secs());
         let turns = bench.turn(motors[0]).revolutions;
-        // 40 mN·m on 5,000 g·cm² are 80 rad/s²: 25.46 turns, but for a look of the drive at its end of the start.
+        // 40 mN·m on 5,000 g·cm² are 80 rad/s²: 25.46 turns, slightly changed by what the drive does at the
+        // end of its start.
         assert!((turns - 25.46).abs() < 0.2, "{turns}");
-        // A shaft begins in the middle of a count.
+        // A shaft starts in the middle of a count.
         let counts = |a_turn: f64| (turns * a_turn + 0.5).floor() as usize;
         let halls = ["HU", "HV", "HW"].map(|name| bench.spec(drives[0]).pin(name).unwrap());
         let channels = ["ENC_A", "ENC_B"].map(|name| bench.spec(drives[0]).pin(name).unwrap());
@@ -261,16 +263,15 @@ fn a_brushless_motor_has_its_configured_poles() {
         }
         let forward = [[1, 0, 1], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]];
         assert!(states.iter().zip(forward.iter().cycle()).all(|(state, expected)| state == expected));
-        // The first state is the one at rest.
+        // The first state is the state at rest.
         assert_eq!(states.len() - 1, counts(3.0 * f64::from(has)), "{has} poles, {turns} turns");
         assert_eq!(bench.motion(drives[0], Axis(0)).position as usize, counts(3.0 * f64::from(has)));
         assert_eq!(edges, counts(400.0));
     }
 }
 
-/// A half of a register is merged into the whole that is set beside it, else into the value in the memory; the
-/// factory's Speed is 5,000 (7.17). `supply_v` feeds the drive, too: the drive shows the voltage, again after each
-/// power-on, and over 60 V is an alarm.
+/// `supply_v` is also the supply of the drive. The drive shows the voltage after each power-on, and more than
+/// 60 V is an alarm.
 #[test]
 fn supply_v_of_a_motor_sets_the_supply_of_its_drive() {
     for (said, shown, status) in [("supply_v = 36.04", 360, 0), ("supply_v = 60.1", 601, 0b101), ("", 240, 0)]
@@ -287,7 +288,7 @@ fn supply_v_of_a_motor_sets_the_supply_of_its_drive() {
             bench.power(drive, PowerAction::Cycle);
         }
     }
-    // A preset of the drive sets the supply of the motor: as fast as at 12 V.
+    // A preset of the drive also sets the supply of the motor, which is as fast as at 12 V.
     let mut built = built(
         "drive = [{name = 'd', kind = 'mdrobot', fast_boot = true, set = {VOLT_IN = 120}}]\n\
          [[motor]]\nname = 'm'\ndrive = 'd'",
@@ -303,8 +304,8 @@ fn supply_v_of_a_motor_sets_the_supply_of_its_drive() {
     assert!((rpm - 1_902.0).abs() < 5.0, "{rpm}");
 }
 
-/// RS, 3: "Power supply protection, VDC: 8 - 30", rated 12 to 24. Beyond it ERROR is bit 0 and nothing turns, after
-/// each power-on; within it the motor does.
+/// RS, 3: "Power supply protection, VDC: 8 - 30", rated 12 to 24. Outside that range bit 0 of ERROR is set
+/// and the motor does not turn, after each power-on. Inside the range the motor turns.
 #[test]
 fn supply_v_of_a_brush_motor_sets_the_supply_of_its_drive() {
     for kind in ["rs434544", "rs434546"] {
@@ -338,7 +339,8 @@ fn supply_v_of_a_brush_motor_sets_the_supply_of_its_drive() {
     assert!(error.contains("SUPPLY of 'd' sets the same as supply_v"), "{error}");
 }
 
-/// RS, 6: "operation is permitted with closed contact". Both the switch and the drive's own motor, as they are.
+/// RS, 6: "operation is permitted with closed contact". The switch and the motor have no settings of their
+/// own.
 #[test]
 fn an_emergency_switch_on_a_shaft_opens() {
     let mut built = built(
@@ -351,15 +353,15 @@ fn an_emergency_switch_on_a_shaft_opens() {
     let start = bench.spec(drive).find("START_bit").unwrap().row;
     bench.poke(drive, start, 1).unwrap();
     bench.run_until(3.secs());
-    // 1,000 rpm, braked by shorted terminals: it comes to rest within a turn.
+    // 1,000 rpm, braked by shorted terminals: the motor comes to rest within a turn.
     let turn = bench.turn(built.motors[0]);
     assert!((3.0..4.0).contains(&turn.revolutions) && turn.rpm == 0.0, "{turn:?}");
     let read = |name| register(bench, drive, name);
     assert_eq!((read("IN_HARD_STOP_bit"), read("ERROR"), read("STATUS")), (0, 1 << 5, 0));
 }
 
-/// A wire to the emergency stop, from CLUTCH of an MDROBOT, which floats until CLUTCH_OFF (CMD 18) makes it low, and
-/// CLUTCH_ON (17) high: a released contact is open.
+/// The emergency stop is wired to CLUTCH of an MDROBOT. CLUTCH floats until CLUTCH_OFF (CMD 18) makes it low;
+/// CLUTCH_ON (17) makes it high. A released contact is open.
 #[test]
 fn an_emergency_stop_on_a_wire() {
     let mut built = built(
@@ -382,6 +384,8 @@ fn an_emergency_stop_on_a_wire() {
     }
 }
 
+/// A preset of a half register is merged into the whole register that is preset beside it, else into the
+/// value in the memory. The factory value of Speed is 5,000 (7.17).
 #[test]
 fn presets_are_there_at_power_on() {
     for (set, speed) in
@@ -408,7 +412,7 @@ fn what_the_host_gives_a_drive_is_kept() {
     assert_eq!(register(&second.bench, second.drives[0], "Speed"), 65_538);
 }
 
-/// An MD3 from the factory steps when J2.4 falls; one that is too hot does not move (7.15).
+/// An MD3 with factory settings steps when J2.4 falls. An MD3 that is too hot does not move (7.15).
 #[test]
 fn wires_and_faults_are_there_from_the_beginning() {
     let mut built = built(
@@ -429,8 +433,8 @@ fn wires_and_faults_are_there_from_the_beginning() {
     assert_eq!(bench.motion(z, Axis(0)).position, 0);
 }
 
-/// A level at power-on is no edge: an MD3 from the factory steps when J2.4 falls (7.8), and does not for a switch
-/// that is closed from the beginning or an output that is low.
+/// A level at power-on is no edge. An MD3 with factory settings steps when J2.4 falls (7.8), but not because
+/// of a switch that is closed from the beginning, or an output that is low.
 #[test]
 fn a_contact_that_is_closed_at_power_on_is_no_edge() {
     for fast in [true, false] {
@@ -452,7 +456,8 @@ fn a_contact_that_is_closed_at_power_on_is_no_edge() {
     }
 }
 
-/// A preset of a register that is not saved comes after the contacts: an MD3 that is ready by then does not step of one.
+/// A preset of a register that is not saved is applied after the contacts have their levels. So an MD3 that
+/// is ready by then does not step because of a closed contact.
 #[test]
 fn a_contact_that_is_closed_at_power_on_is_no_edge_to_a_drive_with_presets() {
     for fast in [true, false] {
@@ -483,7 +488,7 @@ fn a_contact_that_is_closed_at_power_on_is_no_edge_to_a_drive_with_presets() {
             );
             assert_eq!(bench.motion(at, Axis(0)).position, 0, "{name}, fast: {fast}");
         }
-        // After the power has been away, too. That of "m" would be an edge.
+        // The same holds after a power cycle. "m" is left out, because its power cycle would cause an edge.
         for (name, row, value) in [registers[0], registers[2]] {
             let at = seat(bench, name);
             bench.power(at, PowerAction::Cycle);
@@ -497,8 +502,8 @@ fn a_contact_that_is_closed_at_power_on_is_no_edge_to_a_drive_with_presets() {
     }
 }
 
-/// An MDROBOT whose START_STOP is closed at power-on reads it closed, before it is ready; its DIR is pulled up by a
-/// wire from another drive.
+/// An MDROBOT with START_STOP closed at power-on reads it as closed before it is ready. DIR gets its level by
+/// a wire from another drive.
 #[test]
 fn an_mdrobot_reads_its_contacts_at_power_on() {
     let built = built(

@@ -1,8 +1,8 @@
-//! Drives that turn a DC motor, on motors of every kind: each reaches its target, or ends at the limit of its current
-//! or at full duty, as by the formulas of a DC motor.
+//! Drives that turn a DC motor, on motors of every kind. Each motor reaches its target, or ends at its
+//! current limit or at full duty, as the formulas of a DC motor say.
 //!
-//! The formulas are in floating point and independent of the drives' control. `cargo xtask soak 20000` tries so many
-//! random motors of each drive.
+//! The formulas use floating point and are independent of the drives' control. `cargo xtask soak 20000` tries
+//! that many random motors of each drive.
 #![allow(missing_docs, reason = "a test")]
 
 mod limits;
@@ -17,7 +17,7 @@ use proptest::prelude::*;
 use physics::{End, Limits, Motor};
 use rig::{Drive, Rig};
 
-/// Windings from 0.1 to 8 Ω, supplies from 8 to 24 V, motors of 60 to 10,000 rpm: 140 of them.
+/// 140 motors: windings from 0.1 to 8 Ω, supplies from 8 to 24 V, 60 to 10,000 rpm.
 fn grid() -> impl Iterator<Item = Motor> {
     [8.0, 12.0, 16.0, 20.0, 24.0].into_iter().flat_map(|supply_v| {
         [0.1, 0.3, 0.5, 1.0, 2.1, 4.3, 8.0].into_iter().flat_map(move |resistance| {
@@ -28,8 +28,8 @@ fn grid() -> impl Iterator<Item = Motor> {
     })
 }
 
-/// Turns a motor at a target, prints the result (`--nocapture` shows it) and compares its end with the formulas.
-/// Within 2 % of a limit both ends are right.
+/// Runs a motor towards a target, prints the result (`--nocapture` shows it) and compares the final state
+/// with the formulas. Within 2 % of a limit the states on both sides of the limit are accepted.
 fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     let limits = drive.limits();
     let mut rig = Rig::new(drive, motor.parameters());
@@ -41,9 +41,9 @@ fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
     let ends = [0.98, 1.0, 1.02].map(|part| motor.end(target * part, &limits));
     println!("{drive:?}: {target} rpm, is {rpm:.1} rpm {amps:.2} A, should be {:?}, {motor:?}", ends[1]);
     let errors = rig.errors();
-    // An MDROBOT gives up a motor that is far from its reference or at its limit for seconds (p. 9).
+    // An MDROBOT stops a motor that is far from its reference, or at its limit, for seconds (p. 9).
     let gave_up = drive == Drive::Mdrobot && errors != 0;
-    // OVER_LOAD is 4 s at the limit, in which a load may turn it against its reference, too.
+    // OVER_LOAD means 4 s at the limit. In this time a load may also turn the motor against its reference.
     let pulled = motor.load > motor.friction;
     let late = if pulled { rig::LIMITED } else { rig::OVER_LOAD };
     if gave_up && errors & late != 0 && motor.seconds_at_limit(target, &limits) > 3.5 {
@@ -54,7 +54,7 @@ fn turns(drive: Drive, motor: Motor, target: f64) -> Result<End, String> {
         End::FullDuty(end) if gave_up => end < target / 2.0 && errors & rig::OVER_LOAD == 0,
         End::FullDuty(end) => (rpm - end).abs() <= 0.01 * end.abs() + 0.5,
         End::CurrentLimit if gave_up => errors & rig::LIMITED != 0,
-        // A load that turns it backward faster than its supply does charges that, beyond the limit.
+        // A load that turns the motor backward fast charges the supply, with a current beyond the limit.
         End::CurrentLimit if rpm < -motor.no_load_rpm / 2.0 => amps >= limits.amps - 0.01,
         End::CurrentLimit => (amps - limits.amps).abs() <= 0.01 && rpm < target,
     };
@@ -72,7 +72,8 @@ fn the_grid() {
     for drive in [Drive::Rs434544, Drive::Mdrobot] {
         let (mut reached, mut failed) = (0, Vec::new());
         for motor in grid() {
-            // Half of its greatest speed, within the drive's range; a slower motor ends at full duty.
+            // Half of the motor's greatest speed, within the drive's range. A motor that is slower than that
+            // ends at full duty.
             match turns(drive, motor, (motor.no_load_rpm / 2.0).clamp(30.0, 5_000.0)) {
                 Ok(End::Target(_)) => reached += 1,
                 Ok(_) => {}
@@ -84,7 +85,7 @@ fn the_grid() {
     }
 }
 
-/// A motor, and a speed for it.
+/// A motor and a target speed for it.
 fn motors() -> impl Strategy<Value = (Motor, f64)> {
     let spread = |from: f64, to: f64| (from.ln()..to.ln()).prop_map(f64::exp);
     let time_constant = spread(0.000_5, 0.5);
@@ -94,13 +95,13 @@ fn motors() -> impl Strategy<Value = (Motor, f64)> {
             let motor = Motor::new(supply, rpm, resistance, seconds, friction, load);
             (motor, (rpm * part).clamp(30.0, 5_000.0).round())
         })
-        // Others take too long.
+        // Other motors take too long.
         .prop_filter("it comes to its end within 40 s", |(motor, target)| {
             motor.settles(*target, &SLOWEST) < 40.0
         })
 }
 
-/// Limits, of both drives, with which a motor comes to its end last.
+/// Limits of both drives combined so that a motor settles most slowly.
 const SLOWEST: Limits = Limits { amps: 20.0, duty: 0.98, ramp: 300_000.0 };
 
 proptest! {
@@ -122,7 +123,7 @@ proptest! {
         turns(Drive::Mdrobot, motor, target).map_err(TestCaseError::fail)?;
     }
 
-    /// A shaft that friction holds at the end stays there.
+    /// A move ends on its counts, and friction holds the shaft there.
     #[test]
     fn any_motor_ends_its_moves_on_their_counts(
         (motor, target) in motors(), robot in any::<bool>(), back in any::<bool>(), part in 0.0..1.0_f64,
@@ -132,7 +133,8 @@ proptest! {
         prop_assume!(motor.friction > 0.01 * motor.torque_limit(&drive.limits()));
         let mirrored = Motor { load: if back { -motor.load } else { motor.load }, ..motor };
         prop_assume!(matches!(mirrored.end(target, &drive.limits()), End::Target(_)));
-        // An MDROBOT that uses more than half of the supply at standstill for a second has a stalled motor (p. 9).
+        // An MDROBOT reports a stall if it uses more than half of the supply at standstill for a second
+        // (p. 9).
         prop_assume!(!robot || motor.supply_at_rest() < 0.45);
         let mut rig = Rig::new(drive, motor.parameters());
         let size = (200.0_f64.powf(part)).round() as i64;
@@ -149,7 +151,7 @@ proptest! {
 
 #[test]
 fn the_parameters_are_what_the_formulas_say() {
-    // 24 V, 3,000 rpm, 0.5 Ω: 76.4 mN·m/A; 400 g·cm² are 3.43 ms.
+    // 24 V, 3,000 rpm and 0.5 Ω give 76.4 mN·m/A; with these, 400 g·cm² give a time constant of 3.43 ms.
     let motor = Motor::new(24.0, 3_000.0, 0.5, 0.003_427, 0.0, 0.0);
     let Parameters { inertia_gcm2, .. } = motor.parameters();
     assert!((399..=401).contains(&inertia_gcm2), "{inertia_gcm2}");

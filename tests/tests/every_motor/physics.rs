@@ -1,4 +1,4 @@
-//! A DC motor in formulas.
+//! Formulas of a DC motor.
 
 use std::f64::consts::TAU;
 
@@ -9,24 +9,24 @@ use drivetwin_firmware::motor::Parameters;
 pub(crate) struct Limits {
     /// Current of the winding, in A.
     pub(crate) amps: f64,
-    /// Part of the supply.
+    /// Greatest duty, as a part of the supply.
     pub(crate) duty: f64,
-    /// Acceleration of the reference, in rpm a second.
+    /// Acceleration of the reference, in rpm per second.
     pub(crate) ramp: f64,
 }
 
-/// End of a motor that is to turn forward.
+/// Final state of a motor that is commanded to turn forward.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum End {
-    /// At its target, with that current in A.
+    /// At its target, with this current in A.
     Target(f64),
-    /// As fast as the supply turns it, in rpm.
+    /// At full duty, below its target, with this speed in rpm.
     FullDuty(f64),
     /// At the limit of its current, below its target.
     CurrentLimit,
 }
 
-/// A DC motor, in SI units but for the speed.
+/// A DC motor, in SI units except for the speed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motor {
     pub(crate) supply_v: f64,
@@ -34,13 +34,13 @@ pub(crate) struct Motor {
     pub(crate) resistance: f64,
     pub(crate) inertia: f64,
     pub(crate) friction: f64,
-    /// Against forward motion.
+    /// Load torque against forward motion.
     pub(crate) load: f64,
 }
 
 impl Motor {
-    /// With an inertia for that time constant in s; friction and load are parts of the torque of 25 A, or of standstill
-    /// if that is less.
+    /// A motor with an inertia that gives the time constant `seconds`. `friction` and `load` are parts of the
+    /// torque at 25 A, or at standstill if that torque is less.
     pub(crate) fn new(
         supply_v: f64,
         no_load_rpm: f64,
@@ -74,17 +74,17 @@ impl Motor {
         }
     }
 
-    /// V·s, or N·m/A.
+    /// Torque constant in V·s, or N·m/A.
     fn torque_constant(&self) -> f64 {
         self.supply_v / (self.no_load_rpm * TAU / 60.0)
     }
 
-    /// The torque of the greatest current that there is, in N·m.
+    /// Torque at the greatest possible current, in N·m.
     pub(crate) fn torque_limit(&self, limits: &Limits) -> f64 {
         self.torque_constant() * limits.amps.min(self.supply_v / self.resistance)
     }
 
-    /// End of the motor on the way to `rpm`, which is above 0.
+    /// Final state of the motor for the target `rpm`, which is above 0.
     pub(crate) fn end(&self, rpm: f64, limits: &Limits) -> End {
         let amps = (self.load + self.friction) / self.torque_constant();
         if amps > limits.amps && self.supply_v * limits.duty / self.resistance > limits.amps {
@@ -96,7 +96,7 @@ impl Motor {
         if rpm <= most {
             return End::Target(amps);
         }
-        // At standstill friction may hold it, or the load turn it backward.
+        // At standstill friction may hold the shaft, or the load may turn it backward.
         let amps = (self.load - self.friction) / self.torque_constant();
         if amps > limits.amps {
             return End::CurrentLimit;
@@ -105,18 +105,18 @@ impl Motor {
         End::FullDuty(if most > 0.0 { most } else { ((limits.duty - still) * self.no_load_rpm).min(0.0) })
     }
 
-    /// The part of the supply that moves it from rest, either way.
+    /// Part of the supply that moves the motor from rest, in both directions.
     pub(crate) fn supply_at_rest(&self) -> f64 {
         (self.load.abs() + self.friction) / self.torque_constant() * self.resistance / self.supply_v
     }
 
-    /// Time for which the limit of its current holds it back on the way to a speed, in s.
+    /// Time in s for which the current limit slows the motor down on the way to `rpm`.
     pub(crate) fn seconds_at_limit(&self, rpm: f64, limits: &Limits) -> f64 {
         let spare = self.torque_limit(limits) - self.load - self.friction;
         if spare > 0.0 { self.inertia * rpm * TAU / 60.0 / spare } else { f64::INFINITY }
     }
 
-    /// A time after which it has come to its end, in s.
+    /// Time in s after which the motor has reached its final state.
     pub(crate) fn settles(&self, rpm: f64, limits: &Limits) -> f64 {
         let k = self.torque_constant();
         let seconds = self.inertia * self.resistance / (k * k);

@@ -1,4 +1,4 @@
-//! A drive with a motor of the bench.
+//! A drive with its own motor or a motor of the bench.
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Pin};
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -27,8 +27,8 @@ pub(crate) enum Drive {
 }
 
 impl Drive {
-    /// REF_CURRENT and MAX_LOAD of a new drive are 20 A; the RS drive has 0.98 of the supply at most (3). ACC 1,000 is
-    /// 5,000 rps² (6.5); a VEL_CMD without SLOW_START is no ramp.
+    /// REF_CURRENT and MAX_LOAD of a new drive are 20 A. The RS drive uses at most 0.98 of the supply (3).
+    /// ACC 1,000 is 5,000 rps² (6.5); a VEL_CMD without SLOW_START has no ramp.
     pub(crate) fn limits(self) -> Limits {
         match self {
             Self::Rs434544 => Limits { amps: 20.0, duty: 0.98, ramp: 300_000.0 },
@@ -43,7 +43,8 @@ impl Drive {
         }
     }
 
-    /// Counts of the position in a turn: four an RS drive's 4 pulses, 3 for each of an MDROBOT's 4 poles.
+    /// Position counts in a turn: an RS drive has four for each of its 4 pulses, an MDROBOT 3 for each of its
+    /// 4 poles.
     fn counts(self) -> f64 {
         match self {
             Self::Rs434544 => 16.0,
@@ -52,22 +53,22 @@ impl Drive {
     }
 }
 
-/// A drive with a motor, ready to be commanded.
+/// A drive with a motor, ready for commands.
 pub(crate) struct Rig {
     drive: Drive,
     bench: Bench,
     seat: DriveId,
-    /// `None`: the drive turns the motor that it brings.
+    /// `None` if the drive turns its own motor.
     motor: Option<Motor>,
 }
 
 impl Rig {
-    /// With a motor of the bench.
+    /// A drive with a motor of the bench.
     pub(crate) fn new(drive: Drive, motor: Parameters) -> Self {
         Self::with(drive, Some(motor))
     }
 
-    /// With the motor that the drive brings.
+    /// A drive with its own motor.
     pub(crate) fn own(drive: Drive) -> Self {
         Self::with(drive, None)
     }
@@ -80,7 +81,7 @@ impl Rig {
         let motor = motor.map(|motor| {
             let motor = match drive {
                 Drive::Rs434544 => motor,
-                // HALL_TYPE 0: 4 poles.
+                // HALL_TYPE 0 means 4 poles.
                 Drive::Mdrobot => Parameters { hall_sensors: 3, hall_pulses: 2, ..motor },
             };
             bench.attach_motor("m", seat, AXIS, MotorModel::Brush(motor)).unwrap()
@@ -97,7 +98,7 @@ impl Rig {
         rig
     }
 
-    /// The motor that comes with a new drive, as one of the bench.
+    /// A drive with a copy of its own motor, changed by `change`, as a motor of the bench.
     pub(crate) fn nominal(drive: Drive, change: impl FnOnce(Parameters) -> Parameters) -> Self {
         let mut bench = Bench::new();
         let setup = Setup { external_motor: true, ..Setup::default() };
@@ -118,7 +119,7 @@ impl Rig {
         self.bench.fault(self.seat, Fault(stall as u8), on);
     }
 
-    /// Switches the power off for a while.
+    /// Switches the power off for `seconds`, and on again.
     pub(crate) fn cycle(&mut self, seconds: f64) {
         self.bench.power(self.seat, PowerAction::Off);
         self.run(seconds);
@@ -153,7 +154,7 @@ impl Rig {
         self.bench.run_until(until);
     }
 
-    /// Turns forward at that speed.
+    /// Turns forward at `rpm`.
     pub(crate) fn rotate(&mut self, rpm: i64) {
         match self.drive {
             Drive::Rs434544 => {
@@ -164,7 +165,7 @@ impl Rig {
         }
     }
 
-    /// Moves by that many counts.
+    /// Moves by `counts`, at most at `rpm`.
     pub(crate) fn go(&mut self, counts: i64, rpm: i64) {
         match self.drive {
             Drive::Rs434544 => {
@@ -181,7 +182,8 @@ impl Rig {
         }
     }
 
-    /// The time of such a move at its speed, and of MDROBOT's last counts: PV_GAIN 20 is 4 a second for each.
+    /// Longest duration of a move by `counts` at `rpm`. An MDROBOT is slow at the last counts: PV_GAIN 20 is
+    /// 20 rpm, 4 counts a second, for each remaining count.
     pub(crate) fn longest(&self, counts: i64, rpm: f64) -> f64 {
         let at_speed = counts.abs() as f64 / self.drive.counts() / rpm * 60.0;
         at_speed + if self.drive == Drive::Mdrobot { 4.0 } else { 1.0 }
@@ -191,7 +193,7 @@ impl Rig {
         self.turn().revolutions
     }
 
-    /// Position of the shaft, in counts from the middle of the first.
+    /// Position of the shaft in counts; the shaft starts in the middle of a count.
     pub(crate) fn revolutions_in_counts(&self) -> i64 {
         (self.revolutions() * self.drive.counts()).round() as i64
     }

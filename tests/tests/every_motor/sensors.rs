@@ -1,4 +1,4 @@
-//! Hall sensors that are broken, or used otherwise on the way.
+//! Hall sensors that are broken, or that are switched on or off while the motor turns.
 
 use drivetwin_firmware::motor::Parameters;
 
@@ -7,8 +7,8 @@ use crate::rig::{Drive, Rig};
 /// Bit 4 of ERROR: "Hall sensors connecting error" (6.5).
 const HALL: i64 = 1 << 4;
 
-/// One broken wire of two is noticed, from the start or while turning, and stops the motor; with one sensor in use
-/// only a break of that one, HA.
+/// The drive notices one broken wire of two, at the start or while turning, and stops the motor. With one
+/// sensor in use it notices only a break of that sensor's wire, HA.
 #[test]
 fn a_broken_hall_wire_is_noticed() {
     for pin in ["HA", "HB", "HA and HB"] {
@@ -37,7 +37,8 @@ fn a_broken_hall_wire_is_noticed() {
     }
 }
 
-/// So is one that is broken when the sensors come into use on the way, or have other pulses.
+/// The drive also notices a wire that broke before its sensor came into use, or before the number of pulses
+/// changed.
 #[test]
 fn a_wire_that_broke_before_its_sensor_is_used_is_noticed() {
     for (register, before, then) in [("USE_HALL", 0, 2), ("USE_HALL", 1, 2), ("PULSES_PER_REVOLUTION", 4, 8)]
@@ -53,7 +54,7 @@ fn a_wire_that_broke_before_its_sensor_is_used_is_noticed() {
     }
 }
 
-/// A motor that reverses again and again has no broken wire.
+/// A motor that reverses repeatedly does not look like a broken wire.
 #[test]
 fn reversals_are_no_broken_wire() {
     for ms in [3.0, 7.0, 20.0] {
@@ -67,7 +68,8 @@ fn reversals_are_no_broken_wire() {
     }
 }
 
-/// USE_HALL may be written in a run: the speed goes on, and nothing swings (5010h, 6.5).
+/// USE_HALL may be written while the motor turns: the motor continues, and the speed does not oscillate
+/// (5010h, 6.5).
 #[test]
 fn sensors_may_be_used_or_not_on_the_way() {
     for no_load_rpm in [2_000, 3_000, 6_000] {
@@ -76,7 +78,7 @@ fn sensors_may_be_used_or_not_on_the_way() {
         rig.rotate(1_000);
         rig.write("DEC", 10);
         rig.run(1.0);
-        // Open loop: a third of the supply, by RATED_SPEED 3,000.
+        // In open loop the duty is a third of the supply, because RATED_SPEED is 3,000.
         let open = f64::from(no_load_rpm) / 3.0;
         assert!((rig.rpm() / open - 1.0).abs() < 0.03, "{} rpm for {open}", rig.rpm());
         for halls in [2, 1, 2, 0, 1] {
@@ -85,7 +87,7 @@ fn sensors_may_be_used_or_not_on_the_way() {
             let (slow, fast) = (open.min(1_000.0) * 0.97, open.max(1_000.0) * 1.03);
             for ms in 0..1_500 {
                 rig.run(0.001);
-                // It changes from the one to the other, and no further: DEC 10 is 100 rps².
+                // The speed changes from one value to the other without overshoot: DEC 10 is 100 rps².
                 assert!(
                     (slow..fast).contains(&rig.rpm()),
                     "{} rpm after {ms} ms of {halls} sensors",
@@ -101,7 +103,7 @@ fn sensors_may_be_used_or_not_on_the_way() {
     }
 }
 
-/// SPEED_VALID and RPM_DATA of a shaft that has coasted to rest are 0.
+/// SPEED_VALID and RPM_DATA are 0 after the shaft has coasted to rest.
 #[test]
 fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
     for (drive, register, stop) in
@@ -117,7 +119,8 @@ fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
             assert_eq!((rig.rpm(), rig.read(register)), (0.0, 0), "{drive:?}");
         }
     }
-    // A load turns it at rest, and is taken away: only its edges show that.
+    // A load turns the shaft of a drive at rest, then the shaft is held. The drive learns this only from the
+    // edges.
     let mut rig = Rig::nominal(Drive::Rs434544, |motor| Parameters { load_unm: -12_000, ..motor });
     rig.run(0.2);
     assert!(rig.rpm() > 0.0);
@@ -127,7 +130,8 @@ fn a_shaft_that_has_coasted_to_rest_shows_no_speed() {
     assert_eq!(rig.read("SPEED_VALID"), 0);
 }
 
-/// STOP ends at rest, with any motor and friction: 3 mN·m and less are below what the least duty turns.
+/// STOP ends at rest, with any motor and friction. A friction of 3 mN·m or less is too low to hold the shaft
+/// at the least duty.
 #[test]
 fn a_stop_ends() {
     for friction_unm in [0, 500, 1_000, 3_000, 10_000] {
@@ -156,7 +160,7 @@ fn a_stop_ends() {
     }
 }
 
-/// The current of a drive that gets power again is that of its motor then.
+/// After a power failure the drive shows the present current of its motor, not the one before.
 #[test]
 fn a_power_failure_leaves_no_current() {
     let mut rig = Rig::nominal(Drive::Mdrobot, |motor| Parameters { inertia_gcm2: 20_000, ..motor });
@@ -170,8 +174,8 @@ fn a_power_failure_leaves_no_current() {
     assert_eq!((rig.rpm(), rig.read("TQ_DATA")), (0.0, 0));
 }
 
-/// Power that fails while the shaft turns: the drive finds it again wherever it has coasted, and its moves end on their
-/// counts.
+/// After a power failure while the shaft turns, the drive finds the shaft where it has coasted to, and its
+/// moves end on their counts.
 #[test]
 fn a_drive_finds_its_motor_after_a_power_failure() {
     for drive in [Drive::Rs434544, Drive::Mdrobot] {
@@ -193,7 +197,8 @@ fn a_drive_finds_its_motor_after_a_power_failure() {
     }
 }
 
-/// The drive's own motor has the same wires: a pin pulled to ground from outside acts as a broken wire.
+/// The drive's own motor has wires, too: a Hall pin that is pulled to ground from outside acts as a broken
+/// wire.
 #[test]
 fn wires_of_the_own_motor_can_be_pulled_to_ground() {
     for pin in ["HA", "HB"] {
@@ -205,7 +210,7 @@ fn wires_of_the_own_motor_can_be_pulled_to_ground() {
         rig.run(1.0);
         assert_eq!((rig.read("ERROR"), rig.read("STATUS")), (HALL, 0), "{pin}");
     }
-    // One of three never shows the drive a state that the three can have (p. 9).
+    // With one of three pins at ground the drive sees a state that three working sensors cannot have (p. 9).
     for pin in ["HU", "HV", "HW"] {
         let mut rig = Rig::own(Drive::Mdrobot);
         rig.rotate(300);

@@ -1,4 +1,4 @@
-//! Reports of motors that cannot be: no arithmetic of a drive overflows.
+//! Reports of impossible motors: no arithmetic of a drive overflows.
 
 use std::iter;
 

@@ -1,4 +1,4 @@
-//! The states that a drive shows agree after any sequence of actions: MotionControl (7.15), BUSY and the lights (2),
+//! After any sequence of actions a drive's indications agree: MotionControl (7.15), BUSY and the lights (2),
 //! the current (7.2, 7.3), the motion.
 
 use drivetwin_protocol::time::{Duration, Span};
@@ -45,7 +45,8 @@ fn deed() -> impl Strategy<Value = Deed> {
     ]
 }
 
-/// At one instant: registers are looked at past the bus, which would take its time.
+/// Asserts that all indications agree at this instant. It reads registers directly, because a request over
+/// the bus takes time.
 fn agrees(rig: &Rig) {
     let shown = rig.peek("MotionControl");
     let runs = shown & (bit::MOVE | bit::JOG | bit::HOME | bit::DECEL_STOP);

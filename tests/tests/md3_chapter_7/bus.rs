@@ -1,4 +1,4 @@
-//! Sections 5 and 6: the line, and the two functions.
+//! Sections 5 and 6: the serial line, and the two functions.
 
 use drivetwin_firmware::device::{Axis, Line, Port};
 use drivetwin_firmware::md3::Md3;
@@ -17,8 +17,8 @@ fn section_5_1_default_line() {
     assert_eq!(rig.bench.line(bus), Line::new(9_600, 8, Parity::Even, 1));
 }
 
-/// Two drives on one line, 1 and 2. "All MD3 units on the bus will perform the register write command,
-/// but no reply is sent"; a broadcast read does nothing; a drive ignores the replies of the other.
+/// Two drives on one line, with addresses 1 and 2. "All MD3 units on the bus will perform the register write
+/// command, but no reply is sent". A broadcast read does nothing. A drive ignores replies of the other drive.
 #[test]
 fn section_5_1_several_drives() {
     let mut bench = Bench::new();
@@ -33,14 +33,14 @@ fn section_5_1_several_drives() {
         assert_eq!(words(&bench.ask(one, &rtu::read(unit, at::USER, 1))), [0x55]);
         assert_eq!(words(&bench.ask(one, &rtu::read(unit, at::DEVICE_ADDRESS, 1))), [u16::from(unit)]);
     }
-    // Written to one of them only.
+    // A write to one of the drives leaves the other unchanged.
     bench.ask(one, &rtu::write(2, at::USER, 0x66));
     assert_eq!(words(&bench.ask(one, &rtu::read(1, at::USER, 1))), [0x55]);
     assert_eq!(words(&bench.ask(one, &rtu::read(2, at::USER, 1))), [0x66]);
     assert!(bench.ask(one, &rtu::read(3, at::USER, 1)).is_empty());
 }
 
-/// A broadcast moves them all, at the same instant.
+/// A broadcast starts the moves of all drives at the same instant.
 #[test]
 fn section_5_1_a_broadcast_move() {
     let mut bench = Bench::new();
@@ -56,7 +56,7 @@ fn section_5_1_a_broadcast_move() {
     assert_eq!(drives.map(|drive| bench.motion(drive, Axis(0)).position), [10_000, 10_000]);
 }
 
-/// The bytes, with their CRC: StartupDelay of address 1 is read, "0x0003 is sent 0x00 first".
+/// Request and reply with their CRC: reads StartupDelay of address 1, "0x0003 is sent 0x00 first".
 #[test]
 fn section_6_1_read_holding_register() {
     let mut rig = Rig::ready();
@@ -67,7 +67,8 @@ fn section_6_1_read_holding_register() {
     assert_eq!((five[2], five.len()), (0x0a, 15));
 }
 
-/// MD3-1: 02 for a quantity of 0, over 32, or past 0x1f; the function with its high bit set.
+/// MD3-1: a quantity of 0, over 32, or past 0x1f gives exception 02; the reply has the function with its high
+/// bit set.
 #[test]
 fn section_6_1_what_cannot_be_read() {
     let mut rig = Rig::ready();
@@ -101,7 +102,7 @@ fn section_6_2_write_single_register() {
     assert_eq!(rig.read(at::STARTUP_DELAY), 250);
 }
 
-/// MD3-1: 02 for read-only registers, and for missing ones.
+/// MD3-1: writes to read-only and missing registers give exception 02.
 #[test]
 fn section_6_2_what_cannot_be_written() {
     let mut rig = Rig::ready();
@@ -111,8 +112,8 @@ fn section_6_2_what_cannot_be_written() {
     assert_eq!(rtu::frame(1, &[0x86, 0x02])[..], [0x01, 0x86, 0x02, 0xC3, 0xA1]);
 }
 
-/// MD3-1, and MODBUS-2: every other function is 01, those of the modern
-/// Modbus as well as what a reset or a firmware update might use.
+/// MD3-1 and MODBUS-2: every other function gives exception 01. This includes the functions of modern Modbus
+/// and those that a reset or a firmware update might use.
 #[test]
 fn section_6_other_functions() {
     let mut rig = Rig::ready();

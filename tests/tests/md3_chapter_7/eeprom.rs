@@ -9,8 +9,8 @@ use drivetwin_sim::line::Sender;
 
 use crate::rig::{GREEN, RED, Rig, at, bit, words};
 
-/// Registers and values to save that differ from those of a new drive; no motion, no change of the
-/// line or the address. The counters are not saved.
+/// Registers with values that differ from those of a new drive. They cause no motion and change neither the
+/// line nor the address. A save does not store the counters.
 const OTHERS: [(u16, u16); 26] = [
     (0x01, 0x0114),
     (0x02, 0x0a05),
@@ -40,7 +40,7 @@ const OTHERS: [(u16, u16); 26] = [
     (0x1d, 0xbeef),
 ];
 
-/// 0x0e to 0x10, which are not saved (MD3-12).
+/// True for 0x0e to 0x10, the counters, which are not saved (MD3-12).
 fn is_counter(address: u16) -> bool {
     (0x0e..=0x10).contains(&address)
 }
@@ -65,7 +65,8 @@ fn section_7_20_what_was_not_saved_is_forgotten() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// MD3-12: a save takes 20 ms, during which bit 0 reads 1; then 0x0000. Commands may be answered during the save.
+/// MD3-12: a save takes 20 ms, during which bit 0 reads 1; then the register reads 0x0000. The drive may
+/// answer commands during the save.
 #[test]
 fn section_7_20_a_save_takes_its_time() {
     let mut rig = Rig::ready();
@@ -78,7 +79,7 @@ fn section_7_20_a_save_takes_its_time() {
     assert_eq!(rig.read(at::EEPROM), 0x0000);
 }
 
-/// A save stores the registers as they were when it began.
+/// A save stores the values that the registers had when the save began.
 #[test]
 fn section_7_20_a_write_during_a_save_comes_too_late() {
     let mut rig = Rig::ready();
@@ -90,7 +91,7 @@ fn section_7_20_a_write_during_a_save_comes_too_late() {
     assert_eq!(rig.read(at::USER), 1);
 }
 
-/// MD3-12: a save while one runs is ignored: it is over after 20 ms all the same.
+/// MD3-12: a second save during a save is ignored; the first one still ends after 20 ms.
 #[test]
 fn section_7_20_a_save_while_one_runs() {
     let mut rig = Rig::ready();
@@ -105,22 +106,22 @@ fn section_7_20_a_save_while_one_runs() {
     assert_eq!(rig.read(at::USER), 0);
 }
 
-/// MD3-12: a read brings back the saved values, at once, with 0x9a; the CRC status cannot be
-/// written.
+/// MD3-12: a read from the EEPROM restores the saved values at once and sets the CRC status to 0x9a. Writes
+/// cannot change the CRC status.
 #[test]
 fn section_7_20_read_registers_from_eeprom() {
     let mut rig = Rig::ready();
     rig.write(at::USER, 0x1111);
     rig.save();
     rig.write(at::USER, 0x2222);
-    rig.write(at::EEPROM, 0x7700); // no bit: nothing, and the field stays
+    rig.write(at::EEPROM, 0x7700); // no bit is set: nothing happens, and the CRC status stays
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x0000, 0x2222));
     rig.write(at::EEPROM, 2);
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 0x1111));
 }
 
-/// MD3-12: it acts as if all had been written: current, pins, Disable, address, line. The reply
-/// leaves with the old address (MODBUS-5).
+/// MD3-12: a read from the EEPROM acts as if a master had written all registers: current, pins, Disable,
+/// address, line. The reply still comes from the old address (MODBUS-5).
 #[test]
 fn section_7_20_a_read_acts() {
     let mut rig = Rig::ready();
@@ -143,12 +144,13 @@ fn section_7_20_a_read_acts() {
     assert_eq!(words(&rig.ask(&rtu::read(7, at::DEVICE_ADDRESS, 1))), [7]);
     assert_eq!(rig.current(), 2_000);
     assert_eq!(rig.level("J3.8"), drivetwin_firmware::device::Level::Low);
-    rig.after(20.millis()); // when the last reply would have left
+    rig.after(20.millis()); // by then the last reply has been sent
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
     assert_eq!(rig.bench.line(bus), Line::new(19_200, 8, Parity::Even, 1));
 }
 
-/// MD3-12: also the functions of the pins. Saved with pin 4 open: at rest; read back with pin 4 low: a jog.
+/// MD3-12: a read restores pin functions as well. They were saved with pin 4 open, so the motor was at rest.
+/// The read with pin 4 low starts a jog.
 #[test]
 fn section_7_20_a_read_changes_pin_modes() {
     let mut rig = Rig::ready();
@@ -162,7 +164,7 @@ fn section_7_20_a_read_changes_pin_modes() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// MD3-12: also Disable, either way, during any motion.
+/// MD3-12: a read restores Disable, set or cleared, during any motion.
 #[test]
 fn section_7_20_a_read_disables_and_enables() {
     let mut rig = Rig::ready();
@@ -179,7 +181,8 @@ fn section_7_20_a_read_disables_and_enables() {
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
 }
 
-/// MD3-12: of motion, too: an acceleration that is read stops a move (7.17), a speed turns a jog.
+/// MD3-12: a read in a motion acts like writes: the acceleration stops a move (7.17), the speed changes a
+/// jog.
 #[test]
 fn section_7_20_a_read_in_a_motion() {
     let mut rig = Rig::ready();
@@ -197,7 +200,7 @@ fn section_7_20_a_read_in_a_motion() {
     assert_eq!((rig.speed(), rig.motion_control()), (5_000.0, bit::JOG));
 }
 
-/// MD3-12: bits 0 and 1 together are a save.
+/// MD3-12: bits 0 and 1 together mean a save.
 #[test]
 fn section_7_20_both_bits_save() {
     let mut rig = Rig::ready();
@@ -210,7 +213,7 @@ fn section_7_20_both_bits_save() {
     assert_eq!(rig.read(at::USER), 3);
 }
 
-/// MD3-12: Disable is saved; nothing moves after power-up.
+/// MD3-12: Disable is saved, so the motor has no current after power-up.
 #[test]
 fn section_7_20_disable_is_saved() {
     let mut rig = Rig::restarted(&[(at::MOTION, bit::DISABLE)]);
@@ -222,7 +225,7 @@ fn section_7_20_disable_is_saved() {
     assert_eq!((rig.motion_control(), rig.position()), (0, 0));
 }
 
-/// A drive of which power failed in its first save, and came back.
+/// A drive that lost power during its first save and was then powered on again.
 fn with_bad_memory() -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::USER, 0x55aa);
@@ -235,7 +238,8 @@ fn with_bad_memory() -> Rig {
     rig
 }
 
-/// MD3-12: power lost in a save leaves bad memory; 0xf1, and the defaults, which are not saved.
+/// MD3-12: if power is lost during a save, the memory is bad. The status is 0xf1, and the drive uses the
+/// defaults without saving them.
 #[test]
 fn section_7_20_bad_memory() {
     let mut rig = with_bad_memory();
@@ -243,7 +247,7 @@ fn section_7_20_bad_memory() {
     rig.after(7_501.millis());
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0xf100, 0));
     assert_eq!(rig.bench.memory(rig.seat), memory);
-    // A read of bad memory changes nothing but the status.
+    // A read from bad memory changes only the status.
     rig.write(at::USER, 1);
     rig.write(at::EEPROM, 2);
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0xf100, 1));
@@ -254,7 +258,7 @@ fn section_7_20_bad_memory() {
     assert_eq!((rig.read(at::EEPROM), rig.read(at::USER)), (0x9a00, 1));
 }
 
-/// MD3-13: red flashes ten times in five seconds, then come the 2.5 s; first answer after 7.5 s.
+/// MD3-13: red flashes ten times in five seconds, then the 2.5 s follow; the first reply comes after 7.5 s.
 #[test]
 fn section_7_20_bad_memory_at_power_up() {
     let mut rig = with_bad_memory();
@@ -285,7 +289,7 @@ fn section_7_20_bad_memory_stays_bad() {
     assert_eq!(rig.read(at::EEPROM), 0xf100);
 }
 
-/// Every byte of the memory that differs is bad memory.
+/// A change of any byte of the memory makes the memory bad.
 #[test]
 fn section_7_20_the_crc_covers_every_byte() {
     let mut rig = Rig::ready();
@@ -299,7 +303,7 @@ fn section_7_20_the_crc_covers_every_byte() {
     }
 }
 
-/// An empty memory is a new drive (PROJECT-5).
+/// A drive with an empty memory is a new drive (PROJECT-5).
 #[test]
 fn section_7_20_a_new_drive() {
     let mut rig = Rig::new("md3", Setup { memory: Some(Vec::new()), ..Setup::default() });
@@ -307,7 +311,7 @@ fn section_7_20_a_new_drive() {
     assert_eq!(rig.read(at::EEPROM), 0x9a00);
 }
 
-/// MD3-16.
+/// MD3-16: the product register depends on the version and cannot be written.
 #[test]
 fn section_7_21_product_information() {
     for (kind, product) in [("md3", 0xbd01), ("md3-low", 0x3d01)] {
@@ -328,7 +332,7 @@ fn timed() -> (Bench, DriveId) {
     (bench, seat)
 }
 
-/// Sends a write of 0x1c and returns the line after its reply.
+/// Writes `value` to 0x1c and returns the line settings after the reply.
 fn line_after(value: u16) -> (Bench, DriveId, Line) {
     let (mut bench, seat) = timed();
     let request = rtu::write(1, at::SERIAL_PORT, value);
@@ -337,7 +341,7 @@ fn line_after(value: u16) -> (Bench, DriveId, Line) {
     (bench, seat, line)
 }
 
-/// MD3-9: parity and stop bits are independent, parity 3 is none. Unused bits are kept (MD3-2).
+/// MD3-9: parity and stop bits are independent; parity code 3 means none. Unused bits are kept (MD3-2).
 #[test]
 fn section_7_22_serial_port_configuration() {
     let bauds = [4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
@@ -354,8 +358,8 @@ fn section_7_22_serial_port_configuration() {
     }
 }
 
-/// A character is 1 + 8 + parity + stop bits: 8N1 10, 8E1 11, 8E2 and 8O2 12 bits. A
-/// question of 8 and an answer of 7 characters, with the drive's silences between.
+/// A character has 1 + 8 + parity + stop bits: 8N1 10, 8E1 11, 8E2 and 8O2 12 bits. A request has 8
+/// characters and a reply 7, with the drive's silences between them.
 #[test]
 fn section_7_22_characters_last_as_long_as_their_bits() {
     for (value, bits) in [(0x01, 10_u64), (0x21, 11), (0x29, 12), (0x19, 12), (0x09, 11)] {
@@ -366,7 +370,7 @@ fn section_7_22_characters_last_as_long_as_their_bits() {
         let took = bench.now().since(start);
         let character = (bits * 16_000_000 + 4_800) / 9_600;
         assert_eq!(line.character().ticks(), character);
-        // 8 of the question, 3.5 of silence and 1 to see it, 7 of the answer.
+        // 8 characters of request, 3.5 of silence and 1 to detect it, 7 of reply.
         let expected = Duration::from_ticks(character * 8 + character * 9 / 2 + character * 7);
         assert!(took >= expected && took <= expected + 2.millis(), "{value:#04x}: {took:?}");
     }
@@ -387,7 +391,7 @@ fn section_7_22_frames_with_other_settings_are_not_received() {
     }
 }
 
-/// MODBUS-3 and MODBUS-5: a broadcast of 0x1c is executed by all, and holds from the next frame.
+/// MODBUS-3 and MODBUS-5: all drives execute a broadcast of 0x1c, and it applies from the next frame.
 #[test]
 fn section_7_22_broadcast() {
     let (mut bench, seat) = timed();
@@ -406,7 +410,7 @@ fn section_7_23_user_register() {
     }
 }
 
-/// MD3-16: from a preset, 1 without; read only.
+/// MD3-16: the serial number comes from a preset, else it is 1. It is read-only.
 #[test]
 fn section_7_24_serial_number() {
     let mut rig = Rig::ready();

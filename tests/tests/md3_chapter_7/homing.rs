@@ -1,23 +1,23 @@
-//! Sections 7.5 to 7.7: the home cycle. At the defaults a ramp to 5,000/s takes 0.5 s and 1,250
-//! steps, so after a second of search the motor is 3,750 steps away.
+//! Sections 7.5 to 7.7: the home cycle. At the defaults a ramp to 5,000/s takes 0.5 s and 1,250 steps. So
+//! after 1 s of search the motor has made 3,750 steps.
 
 use drivetwin_firmware::device::Instant;
 use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{Rig, at, bit};
 
-/// HomingConfiguration (7.5).
+/// Value of HomingConfiguration (7.5) for a homing mode.
 const fn homing(mode: u16) -> u16 {
     mode << 1
 }
 const NEGATIVE: u16 = 1 << 4;
 const ON_STARTUP: u16 = 1;
 
-/// The home switch, and the index of the encoder.
+/// The pins of the home switch and of the encoder's index.
 const FLAG: &str = "J2.2";
 const INDEX: &str = "J2.9";
 
-/// A ready MD3 with that HomingConfiguration; pins 4 and 5 have no function.
+/// A ready MD3 with this HomingConfiguration; pins 4 and 5 have no function.
 fn rig(configuration: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::HOMING, configuration);
@@ -34,16 +34,16 @@ fn section_7_5_mode_0_switch() {
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
     rig.low(FLAG);
-    rig.after(4.micros()); // sampled by then
+    rig.after(4.micros()); // the drive samples the flag within this time
     let stopped_at = rig.position();
     assert!((stopped_at - 3_750).abs() <= 1, "{stopped_at}");
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
     rig.after(1.secs());
-    rig.assert_stands(stopped_at); // MD3-17: and stays the count from power-on
+    rig.assert_stands(stopped_at); // MD3-17: homing does not reset the position
 }
 
-/// Mode 1: with a ramp, another 0.5 s and 1,250 steps.
+/// Mode 1: the motor stops with a ramp, which takes another 0.5 s and 1,250 steps.
 #[test]
 fn section_7_5_mode_1_switch_with_a_ramp() {
     let mut rig = rig(homing(1));
@@ -62,7 +62,8 @@ fn section_7_5_mode_1_switch_with_a_ramp() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// Found while it still ramps up, at 2,500/s after 0.25 s and 312.5 steps: as much again to stop.
+/// The flag is found during the ramp up, at 2,500/s after 0.25 s and 312.5 steps. The ramp down takes the
+/// same time and steps.
 #[test]
 fn section_7_5_mode_1_found_on_the_way_up() {
     let mut rig = rig(homing(1));
@@ -74,7 +75,7 @@ fn section_7_5_mode_1_found_on_the_way_up() {
     assert!((rig.position() - 625).abs() <= 1, "{}", rig.position());
 }
 
-/// A flag is found once: changes of the flag during the ramp have no effect.
+/// After the flag is found, changes of the flag during the ramp have no effect.
 #[test]
 fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
     let mut rig = rig(homing(1));
@@ -89,7 +90,8 @@ fn section_7_5_mode_1_flag_let_go_during_the_ramp() {
     assert!((rig.position() - 5_000).abs() <= 1, "{}", rig.position());
 }
 
-/// Modes 2 and 3: the index, active high; MD3-27: its level, with any gating, and even if the counter ignores it.
+/// Modes 2 and 3 search the index, active high. MD3-27: the search uses the level of the index, with any
+/// gating, even if the counter ignores the index.
 #[test]
 fn section_7_5_mode_2_index() {
     for encoder in [0x0005, 0x0035, 0x0006, 0x0000] {
@@ -98,7 +100,7 @@ fn section_7_5_mode_2_index() {
         rig.write(at::CURRENT_CUTBACK, 5);
         rig.command(bit::HOME);
         rig.after(500.millis());
-        rig.low(FLAG); // LOWCURRENT now, no flag
+        rig.low(FLAG); // pin 2 is LOWCURRENT in this mode, not the flag
         rig.after(500.millis());
         rig.assert_on_its_way(3_750, 5_000.0);
         rig.high(INDEX);
@@ -117,7 +119,7 @@ fn section_7_5_mode_3_index_with_a_ramp() {
     rig.after(1.secs());
     rig.high(INDEX);
     rig.after(1.millis());
-    rig.low(INDEX); // it was detected
+    rig.low(INDEX); // the drive has detected the index
     assert_eq!(rig.motion_control(), bit::HOME);
     let rest = rig.until_idle();
     assert!(rest <= 500.millis() && rest >= 498.millis(), "{rest:?}");
@@ -125,7 +127,7 @@ fn section_7_5_mode_3_index_with_a_ramp() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// MD3-18: codes that the manual does not print.
+/// MD3-18: home cycles with mode codes that the manual does not print end at once.
 #[test]
 fn section_7_5_modes_4_to_7_complete_at_once() {
     for mode in 4..8 {
@@ -139,7 +141,8 @@ fn section_7_5_modes_4_to_7_complete_at_once() {
     }
 }
 
-/// "Register 0x09 can be used to invert this pin": low at rest, active when released.
+/// "Register 0x09 can be used to invert this pin": then the flag is inactive while low, and active when
+/// released.
 #[test]
 fn section_7_5_an_inverted_flag() {
     let mut rig = rig(homing(0));
@@ -153,7 +156,7 @@ fn section_7_5_an_inverted_flag() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// MD3-26: a flag that is active when the search starts ends it at once.
+/// MD3-26: a flag that is active when the search starts ends the search at once.
 #[test]
 fn section_7_5_a_flag_that_is_active_already() {
     for mode in [0, 1] {
@@ -174,7 +177,7 @@ fn section_7_5_a_flag_that_is_active_already() {
     }
 }
 
-/// "The switch input is sampled about every 4 microseconds": here at multiples of 4 µs.
+/// "The switch input is sampled about every 4 microseconds": the emulated drive samples at multiples of 4 µs.
 #[test]
 fn section_7_5_the_flag_is_sampled_every_4_us() {
     let mut rig = rig(homing(0));
@@ -188,11 +191,11 @@ fn section_7_5_the_flag_is_sampled_every_4_us() {
     rig.bench.run_until(Instant::from(5.secs() + 3.micros()));
     rig.low(FLAG);
     rig.after(2.micros());
-    rig.open(FLAG); // behind 5 s + 4 µs
+    rig.open(FLAG); // after 5 s + 4 µs
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Direction 1 is the negative one; |Speed| counts (MD3-26).
+/// Direction 1 is negative. The sign of Speed does not matter (MD3-26).
 #[test]
 fn section_7_5_direction() {
     for (direction, speed, goes) in
@@ -217,7 +220,7 @@ fn section_7_5_speed_divisor() {
     }
 }
 
-/// MD3-26: the quotient is kept as a fraction. 100/128 steps/s are 78.125 steps in 100 s.
+/// MD3-26: the divided speed keeps its fraction. 100/128 steps/s are 78.125 steps in 100 s.
 #[test]
 fn section_7_5_slow_searches() {
     let mut rig = rig(homing(0) | 7 << 5);
@@ -228,7 +231,7 @@ fn section_7_5_slow_searches() {
     assert_eq!(rig.position(), 78);
 }
 
-/// The acceleration is not divided. To 2,500/s at 10,000/s²: 0.25 s, 312.5 steps.
+/// The divisor does not affect the acceleration. To 2,500/s at 10,000/s²: 0.25 s, 312.5 steps.
 #[test]
 fn section_7_5_the_acceleration_is_not_divided() {
     let mut rig = rig(homing(1) | 1 << 5);
@@ -244,7 +247,7 @@ fn section_7_5_the_acceleration_is_not_divided() {
     assert!((rig.position() - 2_500).abs() <= 1);
 }
 
-/// 400 steps back: a triangle of 0.2 s up to −2,000/s and 0.2 s down. The flag is not looked at.
+/// 400 steps back are a triangle: 0.2 s up to −2,000/s and 0.2 s down. The drive ignores the flag meanwhile.
 #[test]
 fn section_7_6_pre_home_offset() {
     let mut rig = rig(homing(0));
@@ -259,7 +262,7 @@ fn section_7_6_pre_home_offset() {
     rig.after(100.millis());
     assert!((rig.position() + 400).abs() <= 1);
     assert!(rig.busy());
-    rig.after(1.secs()); // of search
+    rig.after(1.secs()); // 1 s of search
     rig.assert_on_its_way(3_350, 5_000.0);
     assert_eq!(rig.motion_control(), bit::HOME);
     rig.low(FLAG);
@@ -267,7 +270,7 @@ fn section_7_6_pre_home_offset() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// While pin 9 is an output there is no index.
+/// While pin 9 is an output, the drive has no index.
 #[test]
 fn section_7_5_no_index_while_pin_9_is_an_output() {
     let mut rig = rig(homing(2));
@@ -280,7 +283,7 @@ fn section_7_5_no_index_while_pin_9_is_an_output() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// An index that comes and goes during the offset is not what the search looks for.
+/// An index pulse that ends during the pre-home offset does not end the search.
 #[test]
 fn section_7_6_no_index_during_the_pre_home_offset() {
     let mut rig = rig(homing(2));
@@ -295,7 +298,7 @@ fn section_7_6_no_index_during_the_pre_home_offset() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Offsets without steps take no time.
+/// Offsets of 0 take no time.
 #[test]
 fn section_7_6_and_7_7_offsets_of_0_take_no_time() {
     let mut rig = rig(homing(0));
@@ -307,7 +310,8 @@ fn section_7_6_and_7_7_offsets_of_0_take_no_time() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// 900 steps: a triangle of 2·√(900/10,000) = 0.6 s, from where the flag has stopped the search.
+/// The home offset of 900 steps is a triangle of 2·√(900/10,000) = 0.6 s, from the position at which the
+/// search stopped.
 #[test]
 fn section_7_7_home_offset() {
     for (mode, found_at) in [(0, 3_750), (1, 5_000)] {
@@ -329,8 +333,8 @@ fn section_7_7_home_offset() {
     }
 }
 
-/// MD3-26: both offsets run at the undivided speed, and their ramps. 5,000 steps: 0.5 s, 0.5 s at
-/// 5,000/s, 0.5 s.
+/// MD3-26: both offsets and their ramps use the undivided speed. 5,000 steps take 0.5 s, 0.5 s at 5,000/s,
+/// and 0.5 s.
 #[test]
 fn section_7_6_and_7_7_offsets_run_at_the_undivided_speed() {
     let mut rig = rig(homing(0) | 7 << 5 | NEGATIVE);
@@ -351,7 +355,7 @@ fn section_7_6_and_7_7_offsets_run_at_the_undivided_speed() {
     assert!((rig.position() - 9_961).abs() <= 1);
 }
 
-/// MD3-26: an active flag ends the search at once; the offsets are made all the same.
+/// MD3-26: an active flag ends the search at once; the drive still makes both offsets.
 #[test]
 fn section_7_6_and_7_7_offsets_with_an_active_flag() {
     let mut rig = rig(homing(0));
@@ -364,8 +368,8 @@ fn section_7_6_and_7_7_offsets_with_an_active_flag() {
     rig.assert_stands(500);
 }
 
-/// MD3-26: an acceleration written in a home cycle is for its next part. −400 steps in 0.4 s as
-/// begun, then the search ramps with 5,000/s² in 1 s.
+/// MD3-26: an acceleration that is written in a home cycle applies from the next part. The offset of −400
+/// steps still takes 0.4 s, then the search ramps with 5,000/s² in 1 s.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_home_cycle() {
     let mut rig = rig(homing(0));
@@ -380,8 +384,8 @@ fn section_7_19_an_acceleration_written_in_a_home_cycle() {
     rig.assert_on_its_way(-400 + 625, 2_500.0);
 }
 
-/// So is a speed (7.17 ignores it in a move): the offset goes on to 2,000/s, the search is at 1,000/s,
-/// reached in 0.1 s and 50 steps.
+/// A speed that is written in a home cycle applies from the next part as well (7.17 ignores it in a move).
+/// The offset still reaches 2,000/s; the search runs at 1,000/s, reached in 0.1 s and 50 steps.
 #[test]
 fn section_7_17_a_speed_written_in_a_home_cycle() {
     let mut rig = rig(homing(0));
@@ -399,7 +403,7 @@ fn section_7_17_a_speed_written_in_a_home_cycle() {
     rig.assert_on_its_way(-400 + 1_950, 1_000.0);
 }
 
-/// MD3-4: Stop and Decel-stop end a home cycle with its remaining parts.
+/// MD3-4: Stop and Decel-stop end the whole home cycle, without its remaining parts.
 #[test]
 fn section_7_15_stops_end_a_home_cycle() {
     for (seconds, begun) in [(300, "pre-home offset"), (1_400, "search")] {
@@ -420,7 +424,7 @@ fn section_7_15_stops_end_a_home_cycle() {
     }
 }
 
-/// Also in the offset behind the flag.
+/// A stop in the home offset ends the home cycle, too.
 #[test]
 fn section_7_15_stops_end_a_home_offset() {
     let mut rig = rig(homing(0));
@@ -434,7 +438,7 @@ fn section_7_15_stops_end_a_home_offset() {
     assert!((rig.position() - 100).abs() <= 1, "{}", rig.position());
 }
 
-/// MD3-26: SPEEDSEL does not matter while homing.
+/// MD3-26: SPEEDSEL has no effect while homing.
 #[test]
 fn section_7_5_speedsel_does_not_matter() {
     let mut rig = rig(homing(2));
@@ -479,7 +483,8 @@ fn section_7_5_home_on_startup() {
     assert!(!rig.busy());
 }
 
-/// After the whole start-up delay, and with offsets as ever: 400 steps back, the flag is there.
+/// A home cycle at start-up begins after the whole start-up delay and makes its offsets: 400 steps back, then
+/// the flag is already active.
 #[test]
 fn section_7_5_home_on_startup_after_the_delay() {
     let mut rig = Rig::restarted(&[
@@ -497,8 +502,8 @@ fn section_7_5_home_on_startup_after_the_delay() {
     rig.assert_stands(-400);
 }
 
-/// Section 4 requires commands only after homing, 7.8 during it. We took 7.8, else a flag that never
-/// comes would lock the drive up.
+/// Section 4 accepts commands only after homing, 7.8 during homing. The emulated drive follows 7.8, because
+/// else a flag that never becomes active would lock the drive up.
 #[test]
 fn section_7_5_home_on_startup_can_be_stopped() {
     let mut rig = Rig::restarted(&[(at::HOMING, homing(0) | ON_STARTUP)]);
@@ -510,7 +515,7 @@ fn section_7_5_home_on_startup_can_be_stopped() {
     rig.assert_stands(stopped_at);
 }
 
-/// Not if Disable was saved, nor with a DC motor.
+/// No home cycle at start-up if Disable was saved, or with a DC motor.
 #[test]
 fn section_7_5_no_home_on_startup() {
     let homing = (at::HOMING, homing(0) | ON_STARTUP);

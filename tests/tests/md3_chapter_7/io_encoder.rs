@@ -18,10 +18,10 @@ const X4_MAX: u16 = 3 << 1;
 const SWAP: u16 = 1 << 3;
 const FILTER: u16 = 1 << 9;
 
-/// An encoder on the pins of an MD3, 10 µs for an edge.
+/// An encoder on the pins of an MD3. It makes an edge every 10 µs unless a test gives another interval.
 struct Encoder {
     rig: Rig,
-    /// Quarter cycles turned.
+    /// Position in quarter cycles.
     phase: i32,
 }
 
@@ -32,7 +32,7 @@ impl Encoder {
         Self { rig, phase: 0 }
     }
 
-    /// Turns the encoder by that many quarter cycles. A leads B: (A, B) = 00, 10, 11, 01.
+    /// Turns the encoder by `quarters` quarter cycles. Forward, A leads B: (A, B) = 00, 10, 11, 01.
     fn turn(&mut self, quarters: i32) {
         self.turn_at(quarters, 10.micros());
     }
@@ -49,7 +49,7 @@ impl Encoder {
         }
     }
 
-    /// An index pulse at the present position.
+    /// Makes an index pulse at the present position.
     fn index(&mut self, lasts: Duration) {
         self.rig.high(INDEX);
         self.rig.after(lasts - Duration::TICK);
@@ -66,7 +66,7 @@ impl Encoder {
     }
 }
 
-/// MD3-11: raw levels of pins 2, 3, 4, 5 in bits 3:0; they cannot be written.
+/// MD3-11: bits 3:0 show the raw levels of pins 2, 3, 4, 5; writes do not change them.
 #[test]
 fn section_7_9_inputs() {
     let mut rig = Rig::ready();
@@ -83,8 +83,8 @@ fn section_7_9_inputs() {
     assert_eq!(rig.read(at::IO_PORT), 0xf);
 }
 
-/// Bit 12 of 0x09 is the wrong way round (7.8): 0 makes pins 9, 10, 12 inputs, which can be read as
-/// such. Open they are low.
+/// The manual describes bit 12 of 0x09 the wrong way round (7.8). 0 makes pins 9, 10, 12 inputs, and reads
+/// show their levels. Open pins read low.
 #[test]
 fn section_7_9_encoder_pins_as_inputs() {
     let mut rig = Rig::ready();
@@ -103,7 +103,7 @@ fn section_7_9_encoder_pins_as_inputs() {
 #[test]
 fn section_7_9_outputs() {
     let mut rig = Rig::ready();
-    rig.write(at::IO_PORT, 0x50); // before they are outputs: the latch
+    rig.write(at::IO_PORT, 0x50); // the pins are still inputs: only the latch changes
     rig.write(at::PINS, 1 << 12);
     assert_eq!(rig.read(at::IO_PORT), 0x5f);
     let levels = |rig: &Rig| ["J2.9", "J2.10", "J2.12"].map(|pin| rig.level(pin));
@@ -113,7 +113,7 @@ fn section_7_9_outputs() {
     assert_eq!(levels(&rig), [Level::Low, Level::High, Level::Low]);
 }
 
-/// A save stores the latch, also while the pins are inputs and read differently (MD3-12).
+/// A save stores the latch even while the pins are inputs and read differently (MD3-12).
 #[test]
 fn section_7_9_the_latch_is_saved() {
     let mut rig = Rig::ready();
@@ -147,7 +147,7 @@ fn section_7_10_reserved() {
     assert_eq!(rig.words(0x0a, 3), [0x000f, 0x0000, 0x0005]);
 }
 
-/// MD3-33: A leads B counts up, each edge of both.
+/// MD3-33: if A leads B, each edge of both signals counts up.
 #[test]
 fn section_7_11_x4() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -163,7 +163,7 @@ fn section_7_11_x4() {
     assert_eq!(encoder.count(), 0xFFFF); // 16 bits
 }
 
-/// MD3-33: x2 counts the edges of A only.
+/// MD3-33: x2 counts only the edges of A.
 #[test]
 fn section_7_11_x2() {
     let mut encoder = Encoder::new(X2_INDEX);
@@ -180,7 +180,7 @@ fn section_7_11_swpab() {
     let mut encoder = Encoder::new(X4_INDEX | SWAP);
     encoder.turn(-40);
     assert_eq!(encoder.count(), 40);
-    // With x2 it is B's edges that count, then.
+    // With x2 and swapped signals the edges of B count.
     let mut encoder = Encoder::new(X2_INDEX | SWAP);
     for counts in [0, 0xFFFF, 0xFFFF, 0xFFFE] {
         encoder.turn(1);
@@ -188,8 +188,8 @@ fn section_7_11_swpab() {
     }
 }
 
-/// Swapped before gating, as in Microchip's unit (MD3-33). Gating 1 is B = 0, A = 1 of the swapped
-/// inputs: B's pin high.
+/// A and B are swapped before gating, as in Microchip's unit (MD3-33). Gating 1 is B = 0, A = 1 of the
+/// swapped inputs, so here pin B is high.
 #[test]
 fn section_7_11_swpab_before_gating() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX | SWAP | 1 << 4);
@@ -198,8 +198,8 @@ fn section_7_11_swpab_before_gating() {
     assert_eq!((encoder.count(), encoder.indices()), (0, 1));
 }
 
-/// Asserts that the index clears at that of the four phases (A, B) = 00, 10, 11, 01 for which `valid` is `true`, and
-/// nowhere else.
+/// Asserts that an index pulse clears the count at the phases (A, B) = 00, 10, 11, 01 for which `valid` is
+/// `true`, and not at the others.
 fn index_is_valid_at(configuration: u16, valid: [bool; 4]) {
     for (phase, valid) in (4..).zip(valid) {
         let mut encoder = Encoder::new(configuration);
@@ -212,7 +212,7 @@ fn index_is_valid_at(configuration: u16, valid: [bool; 4]) {
     }
 }
 
-/// MD3-34: an event outside the gate neither clears nor counts.
+/// MD3-34: an index pulse outside the gate neither clears the count nor counts.
 #[test]
 fn section_7_11_index_gating_x4() {
     let x4 = CLEAR | X4_INDEX;
@@ -222,7 +222,7 @@ fn section_7_11_index_gating_x4() {
     index_is_valid_at(x4 | 3 << 4, [false, false, true, false]); // B=1, A=1
 }
 
-/// Another table for x2.
+/// x2 has another gating table.
 #[test]
 fn section_7_11_index_gating_x2() {
     let x2 = CLEAR | X2_INDEX;
@@ -232,7 +232,7 @@ fn section_7_11_index_gating_x2() {
     index_is_valid_at(x2 | 3 << 4, [false, false, true, true]); // B=1
 }
 
-/// MD3-34: a wide index clears when A and B get there, once for each index pulse.
+/// MD3-34: a long index pulse clears when A and B reach the gate, and only once.
 #[test]
 fn section_7_11_a_wide_index() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);
@@ -242,14 +242,14 @@ fn section_7_11_a_wide_index() {
     assert_eq!((encoder.count(), encoder.indices()), (7, 0));
     encoder.turn(1); // A and B low
     assert_eq!((encoder.count(), encoder.indices()), (0, 1));
-    encoder.turn(8); // through the gate again, with the same pulse
+    encoder.turn(8); // A and B pass the gate again during the same pulse
     assert_eq!((encoder.count(), encoder.indices()), (8, 1));
     encoder.rig.low(INDEX);
     encoder.index(100.micros());
     assert_eq!((encoder.count(), encoder.indices()), (0, 2));
 }
 
-/// "Do not clear counter on index pulse"; the index itself counts.
+/// "Do not clear counter on index pulse"; the index count still changes.
 #[test]
 fn section_7_11_enable_index_0() {
     for configuration in [X4_INDEX, X2_INDEX] {
@@ -261,7 +261,8 @@ fn section_7_11_enable_index_0() {
     }
 }
 
-/// Going down the index loads MaxCount (MD3-34): 7.12's 4·CPR − 1 makes sense only so.
+/// If the count goes down, the index loads MaxCount (MD3-34). Only then does the 4·CPR − 1 of 7.12 make
+/// sense.
 #[test]
 fn section_7_11_the_index_going_down() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);
@@ -274,7 +275,7 @@ fn section_7_11_the_index_going_down() {
     assert_eq!(encoder.count(), 3_995);
 }
 
-/// Modes 1 and 3: "index ignored"; MD3-34: it counts, and does not clear.
+/// Modes 1 and 3: "index ignored". MD3-34: the index counts, and does not clear.
 #[test]
 fn section_7_11_max_count_modes_ignore_the_index() {
     for configuration in [X2_MAX | CLEAR, X4_MAX | CLEAR] {
@@ -286,8 +287,8 @@ fn section_7_11_max_count_modes_ignore_the_index() {
     }
 }
 
-/// Filter clocks of 7.11 from code 2 on (below the bench's tick, 40 and 20 MHz cannot be told apart):
-/// three periods in ticks of 62.5 ns.
+/// Three periods of the filter clocks of 7.11, in ticks of 62.5 ns, from code 2 on. The tick is too long to
+/// distinguish codes 0 and 1 (40 and 20 MHz).
 const THREE_PERIODS: [f64; 6] = [
     48.0 / 10.0,     // 10 MHz
     48.0 / 2.5,      // 2.5 MHz
@@ -297,8 +298,8 @@ const THREE_PERIODS: [f64; 6] = [
     48.0 / 0.156_25, // 156.25 kHz
 ];
 
-/// "Will ignore pulses less than 3 clock periods in duration": index pulses here. It does not
-/// divide.
+/// "Will ignore pulses less than 3 clock periods in duration": tested with index pulses. The filter does not
+/// divide the frequency.
 #[test]
 fn section_7_11_noise_filter() {
     for (code, periods) in (2..).zip(THREE_PERIODS) {
@@ -310,15 +311,15 @@ fn section_7_11_noise_filter() {
         assert_eq!((encoder.count(), encoder.indices()), (8, 0), "code {code}");
         encoder.index(ticks(1.1));
         assert_eq!((encoder.count(), encoder.indices()), (0, 1), "code {code}");
-        // Off, the short one counts.
+        // Without the filter the short pulse counts.
         encoder.rig.write(at::ENCODER, code << 6 | CLEAR | X4_INDEX);
         encoder.index(ticks(0.9));
         assert_eq!(encoder.indices(), 2, "code {code}");
     }
 }
 
-/// A and B: at code 7 (19.2 µs) an encoder of 5 µs an edge has pulses of 10 µs, which are too short;
-/// at 15 µs an edge they last 30 µs.
+/// The filter on A and B with code 7 (19.2 µs). An edge every 5 µs makes pulses of 10 µs, which are too
+/// short; an edge every 15 µs makes pulses of 30 µs, which count.
 #[test]
 fn section_7_11_noise_filter_on_a_and_b() {
     let mut encoder = Encoder::new(FILTER | 7 << 6 | X4_INDEX);
@@ -330,7 +331,8 @@ fn section_7_11_noise_filter_on_a_and_b() {
     assert_eq!(encoder.count(), 100);
 }
 
-/// "Maximum input frequency on A/B quadrature input is 3.3 MHz": here 1 MHz, four ticks an edge.
+/// "Maximum input frequency on A/B quadrature input is 3.3 MHz". The test uses 1 MHz, an edge every four
+/// ticks.
 #[test]
 fn section_7_11_fast() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -340,7 +342,7 @@ fn section_7_11_fast() {
     assert_eq!(encoder.count(), 3_000);
 }
 
-/// MaxCount → 0 going up, 0 → MaxCount going down.
+/// Going up, MaxCount is followed by 0; going down, 0 is followed by MaxCount.
 #[test]
 fn section_7_12_max_count() {
     let mut encoder = Encoder::new(X4_MAX);
@@ -372,8 +374,8 @@ fn section_7_12_default_max_count() {
     assert_eq!(encoder.count(), 0);
 }
 
-/// "5 CW rotations will increase the count by 5 and 3 CCW rotations will decrease the count by 3."
-/// Ten cycles a revolution.
+/// "5 CW rotations will increase the count by 5 and 3 CCW rotations will decrease the count by 3." The
+/// encoder has ten cycles a revolution.
 #[test]
 fn section_7_13_index_count() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);
@@ -395,7 +397,7 @@ fn section_7_13_index_count() {
     assert_eq!((encoder.indices(), encoder.rig.words(at::INDEX_COUNT, 2)), (-2, vec![0xFFFF, 0xFFFE]));
 }
 
-/// MD3-33: the counters can be written; they go on from there.
+/// MD3-33: both counters can be written and continue from the written value.
 #[test]
 fn section_7_13_and_7_14_counters_can_be_written() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -409,7 +411,7 @@ fn section_7_13_and_7_14_counters_can_be_written() {
     assert_eq!(encoder.count(), 0);
 }
 
-/// MD3-33: writing 0x0c or 0x0d does not touch the count.
+/// MD3-33: a write to 0x0c or 0x0d does not change the count.
 #[test]
 fn section_7_14_configuration_does_not_touch_the_count() {
     let mut encoder = Encoder::new(X4_INDEX);
@@ -422,7 +424,7 @@ fn section_7_14_configuration_does_not_touch_the_count() {
     }
 }
 
-/// MD3-33: with bit 12 of 0x09 = 1 the counter stands still.
+/// MD3-33: with bit 12 of 0x09 = 1 the counter does not change.
 #[test]
 fn section_7_14_no_count_while_the_pins_are_outputs() {
     let mut encoder = Encoder::new(CLEAR | X4_INDEX);

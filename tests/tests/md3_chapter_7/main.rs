@@ -1,9 +1,9 @@
-//! The MD3 User Guide V1.7 as a test: its tables, and each section of chapter 7 with its examples, over the bus and
-//! the pins, as a master sees them. Values and times are typed from the guide or come from the arithmetic of constant
-//! acceleration in the comments.
+//! The MD3 User Guide V1.7 as tests: its tables, and each section of chapter 7 with its examples. The tests
+//! see the drive as a master does, over the bus and the pins. Values and times are typed from the guide, or
+//! follow from the arithmetic of constant acceleration given in comments.
 //!
-//! Where the guide is silent or contradicts itself docs/decisions holds what the project has decided
-//! (`MD3-5`, `MODBUS-2`). Numbers like 7.8 are the guide's sections.
+//! Where the guide is silent or contradicts itself, a decision of the project applies (docs/decisions:
+//! `MD3-5`, `MODBUS-2`). Numbers like 7.8 are sections of the guide.
 #![allow(missing_docs, reason = "a test")]
 
 mod agreement;
@@ -20,7 +20,7 @@ mod start_up;
 
 use rig::Rig;
 
-/// The table at the head of chapter 7; the serial number is the stand-in's.
+/// The table at the head of chapter 7, with the serial number of the emulated drive.
 const DEFAULTS: [u16; 32] = [
     0x0001, 0x030a, 0x0000, 0x0000, // DeviceAddress … StartupDelay
     0x0000, 0x0000, 0x0000, 0x0000, // HomingConfiguration … HomeOffsetHigh
@@ -32,7 +32,7 @@ const DEFAULTS: [u16; 32] = [
     0x0021, 0x0000, 0x0000, 0x0001, // SerialPortConfiguration … SerialNumberLow
 ];
 
-/// All 32 in one read, 0x0b included.
+/// A single read returns all 32 registers, including the reserved 0x0b.
 #[test]
 fn section_7_initial_values_in_one_read() {
     assert_eq!(Rig::ready().words(0x00, 32), DEFAULTS);
@@ -52,18 +52,18 @@ fn section_7_initial_values_one_by_one() {
 #[test]
 fn section_7_all_registers_can_be_written_but_four() {
     for address in 0x00..0x20 {
-        // 7.10 reserved, 7.21 product, 7.24 serial number.
+        // Reserved (7.10), product (7.21), serial number (7.24).
         let read_only = [0x0b, 0x1b, 0x1e, 0x1f].contains(&address);
         assert_eq!(Rig::ready().accepts(address, 0x0001), !read_only, "register {address:#04x}");
     }
 }
 
-/// MD3-2 and MD3-18: includes unused bits, and codes that the manual does not print.
+/// MD3-2 and MD3-18: registers keep unused bits, and codes that the manual does not print.
 #[test]
 fn section_7_values_read_back_as_written() {
     let mut rig = Rig::ready();
-    // Not 0x00 (1 to 247), 0x0a (shows pins), 0x11 and 0x1a (commands), 0x1c (changes the line), and
-    // the four that are read only.
+    // Without 0x00 (takes 1 to 247), 0x0a (shows pins), 0x11 and 0x1a (commands), 0x1c (changes the line),
+    // and the four read-only registers.
     for address in (0x01..=0x09).chain(0x0c..=0x10).chain(0x12..=0x19).chain([0x1d]) {
         for value in [0xFFFF, 0x0000, 0xA5C3] {
             rig.write(address, value);
@@ -72,7 +72,7 @@ fn section_7_values_read_back_as_written() {
     }
 }
 
-/// The manual's names, a slash dropped.
+/// Register names as in the manual, without slashes.
 #[test]
 fn section_7_register_names() {
     let rig = Rig::ready();

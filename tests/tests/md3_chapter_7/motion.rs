@@ -5,7 +5,7 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{Rig, at, bit};
 
-/// 10,000 steps: 1,250 up, 7,500 at 5,000/s in 1.5 s, 1,250 down: 2.5 s.
+/// 10,000 steps: 1,250 up, 7,500 at 5,000/s in 1.5 s, 1,250 down. The move takes 2.5 s.
 #[test]
 fn section_7_15_move() {
     let mut rig = Rig::ready();
@@ -25,8 +25,8 @@ fn section_7_15_move() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// Too few steps for the speed: "it will ramp up to the max speed possible and then ramp down". 400
-/// steps: 200 up in √(2·200/10,000) = 0.2 s to 2,000/s, 200 down.
+/// A move with too few steps for the speed: "it will ramp up to the max speed possible and then ramp down".
+/// 400 steps: 200 up in √(2·200/10,000) = 0.2 s to 2,000/s, 200 down.
 #[test]
 fn section_7_16_a_short_move_is_a_triangle() {
     let mut rig = Rig::ready();
@@ -70,7 +70,7 @@ fn section_7_16_halves_in_any_order() {
     rig.assert_stands(65_536);
 }
 
-/// MD3-7: without speed or acceleration a command completes at once without motion.
+/// MD3-7: if the speed or the acceleration is 0, a command ends at once without motion.
 #[test]
 fn section_7_15_without_speed_or_acceleration_nothing_moves() {
     for register in [at::SPEED, at::ACCEL_DECEL] {
@@ -90,7 +90,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     let mut rig = Rig::ready();
     rig.command(bit::MOVE);
     rig.after(1.secs());
-    // MD3-4: Move and Jog are ignored; Home is, too.
+    // MD3-4: Move, Jog and Home are ignored during a move.
     for command in [bit::MOVE, bit::JOG, bit::HOME] {
         rig.command(command);
         assert_eq!(rig.motion_control(), bit::MOVE);
@@ -99,7 +99,7 @@ fn section_7_15_a_move_while_moving_is_ignored() {
     rig.assert_stands(10_000);
 }
 
-/// MD3-3: writing 0 while moving changes nothing.
+/// MD3-3: a write of 0 while the motor moves changes nothing.
 #[test]
 fn section_7_15_writing_0_stops_nothing() {
     let mut rig = Rig::ready();
@@ -130,7 +130,7 @@ fn section_7_15_jog_with_a_negative_speed() {
     rig.assert_on_its_way(-1_800, -2_000.0);
 }
 
-/// MD3-4: Move while jogging is ignored. Home is, too.
+/// MD3-4: Move and Home are ignored during a jog.
 #[test]
 fn section_7_15_a_jog_goes_on_whatever_else_is_commanded() {
     for command in [bit::MOVE, bit::HOME] {
@@ -158,14 +158,14 @@ fn section_7_15_stop_is_immediate_and_keeps_the_current() {
     rig.assert_stands(stopped_at);
 }
 
-/// From 5,000/s: 0.5 s and 1,250 steps.
+/// A stop from 5,000/s takes 0.5 s and 1,250 steps.
 #[test]
 fn section_7_15_decel_stop_ramps_down_and_keeps_the_current() {
     let mut rig = Rig::ready();
     rig.command(bit::JOG);
     rig.after(1.secs());
     rig.command(bit::DECEL_STOP);
-    assert_eq!(rig.motion_control(), bit::DECEL_STOP); // until it is completed
+    assert_eq!(rig.motion_control(), bit::DECEL_STOP); // the bit is set until the stop is completed
     rig.after(250.millis());
     rig.assert_on_its_way(3_750 + 1_250 - 312, 2_500.0);
     assert_eq!(rig.until_idle(), 250.millis());
@@ -173,7 +173,8 @@ fn section_7_15_decel_stop_ramps_down_and_keeps_the_current() {
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
 }
 
-/// A profile move ends early: from 0.25 s, 2,500/s and 312.5 steps it stops after as much again.
+/// Decel-stop ends a profile move early. At 0.25 s the speed is 2,500/s and the position 312.5 steps;
+/// stopping takes the same time and number of steps again.
 #[test]
 fn section_7_15_decel_stop_ends_a_move() {
     let mut rig = Rig::ready();
@@ -194,7 +195,8 @@ fn section_7_15_stops_from_a_stop_do_nothing() {
     }
 }
 
-/// Disable takes the current and clears the other bits; it is a level (MD3-3).
+/// Disable switches the current off and clears the other bits. The bit stays set until 0 is written to it
+/// (MD3-3).
 #[test]
 fn section_7_15_disable() {
     let mut rig = Rig::ready();
@@ -204,7 +206,7 @@ fn section_7_15_disable() {
     let stopped_at = rig.position();
     rig.assert_stands(stopped_at);
     assert_eq!((rig.motion_control(), rig.current()), (bit::DISABLE, 0));
-    // MD3-3: with bit 5 the rest is ignored.
+    // MD3-3: if bit 5 is written as 1, the other bits are ignored.
     rig.command(bit::DISABLE | bit::MOVE);
     assert_eq!(rig.motion_control(), bit::DISABLE);
     rig.after(1.secs());
@@ -215,7 +217,7 @@ fn section_7_15_disable() {
     rig.assert_stands(stopped_at);
 }
 
-/// MD3-3: a command with bit 5 = 0 enables and runs.
+/// MD3-3: a command with bit 5 = 0 enables the drive and is executed.
 #[test]
 fn section_7_15_a_move_enables() {
     let mut rig = Rig::ready();
@@ -226,7 +228,7 @@ fn section_7_15_a_move_enables() {
     rig.assert_stands(10_000);
 }
 
-/// MD3-3: Stop, Decel-stop, Home, Jog, Move; the first that is set counts.
+/// MD3-3: if several bits are set, the first of Stop, Decel-stop, Home, Jog, Move is executed.
 #[test]
 fn section_7_15_several_bits_at_once() {
     let mut rig = Rig::ready();
@@ -244,7 +246,7 @@ fn section_7_15_several_bits_at_once() {
     rig.assert_stands(5_000);
 }
 
-/// MD3-2: unused bits of other registers read back as written, but not these.
+/// MD3-2: unused bits of other registers read back as written; unused bits of this register read 0.
 #[test]
 fn section_7_15_unused_bits_read_0() {
     let mut rig = Rig::ready();
@@ -253,7 +255,8 @@ fn section_7_15_unused_bits_read_0() {
     rig.assert_stands(0);
 }
 
-/// MD3-14: over-temperature ends by cooling, but the fault stays until it is cleared after that.
+/// MD3-14: an over-temperature fault cannot be cleared before the drive has cooled, and stays until it is
+/// cleared after that.
 #[test]
 fn section_7_15_a_thermal_fault() {
     let mut rig = Rig::ready();
@@ -278,8 +281,8 @@ fn section_7_15_another_fault_is_cleared_by_its_bit() {
     rig.fault("over_current", true);
     rig.fault("over_current", false);
     rig.after(1.secs());
-    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // MD3-14: until cleared
-    // MD3-3: bit 15 first, then the rest of the same write.
+    assert_eq!((rig.motion_control(), rig.current()), (bit::FAULT, 0)); // MD3-14: it stays until cleared
+    // MD3-3: bit 15 clears the fault first, then the other bits of the same write are executed.
     rig.command(bit::FAULT | bit::MOVE);
     assert_eq!((rig.motion_control(), rig.current()), (bit::MOVE, 1_000));
     assert_eq!(rig.until_idle(), 2_500.millis());
@@ -307,7 +310,7 @@ fn section_7_17_a_jog_ramps_to_a_new_speed() {
     let mut rig = Rig::ready();
     rig.command(bit::JOG);
     rig.after(1.secs());
-    rig.write(at::SPEED + 1, 8_000); // 3,000/s more: 0.3 s, 1,950 steps on average 6,500/s
+    rig.write(at::SPEED + 1, 8_000); // 3,000/s more: 0.3 s, 1,950 steps at 6,500/s on average
     rig.after(300.millis());
     rig.assert_on_its_way(3_750 + 1_950, 8_000.0);
     rig.write(at::SPEED + 1, 1_000); // 7,000/s less: 0.7 s at 4,500/s
@@ -315,14 +318,14 @@ fn section_7_17_a_jog_ramps_to_a_new_speed() {
     rig.assert_on_its_way(5_700 + 3_150, 1_000.0);
 }
 
-/// To the other sign by way of standstill: 0.2 s and 200 steps down, as much up again.
+/// A jog reverses through standstill: 0.2 s and 200 steps down, 0.2 s and 200 steps up.
 #[test]
 fn section_7_17_a_jog_reverses() {
     let mut rig = Rig::ready();
     rig.write_long(at::SPEED, 2_000);
     rig.command(bit::JOG);
     rig.after(1_200.millis()); // 200 + 2,000
-    // −2,000 = 0xFFFF_F830; the 63,536 that is there for an instant leaves no trace.
+    // −2,000 = 0xFFFF_F830. Between the two writes the register is 63,536, which has no visible effect.
     rig.write(at::SPEED + 1, (-2_000_i16).cast_unsigned());
     rig.write(at::SPEED, 0xFFFF);
     rig.after(200.millis());
@@ -334,7 +337,7 @@ fn section_7_17_a_jog_reverses() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// In a jog the high half alone is a speed, too: 0x0001_1388 = 70,536 acts as 40,000.
+/// In a jog a write of the high half alone changes the speed: 0x0001_1388 = 70,536 acts as 40,000.
 #[test]
 fn section_7_17_the_high_half_first_is_a_value_in_between() {
     let mut rig = Rig::ready();
@@ -353,7 +356,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     rig.write_long(at::ACCEL_DECEL, 100_000);
     for (speed, acts_as) in [(40_000, 40_000.0), (40_001, 40_000.0), (-1_000_000, -40_000.0)] {
         rig.write_long(at::SPEED, speed);
-        assert_eq!(rig.read_long(at::SPEED), speed); // limited when it is used
+        assert_eq!(rig.read_long(at::SPEED), speed); // the limit applies when it is used
         rig.command(bit::JOG);
         rig.after(2.secs());
         assert_eq!(rig.speed(), acts_as);
@@ -361,7 +364,7 @@ fn section_7_17_speeds_are_at_most_40_000() {
     }
 }
 
-/// The sign of MoveSteps is the direction, with any sign of Speed.
+/// The sign of MoveSteps gives the direction of a move, whatever the sign of Speed.
 #[test]
 fn section_7_17_a_move_uses_the_absolute_speed() {
     let mut rig = Rig::ready();
@@ -382,14 +385,15 @@ fn section_7_17_speed_changes_in_a_move_are_ignored() {
     rig.write(at::SPEED, 0xFFFF);
     assert_eq!(rig.until_idle(), 1_500.millis());
     rig.assert_stands(10_000);
-    // Until the next one: 100 steps at 100/s, 0.01 s and half a step up and down: 1.01 s.
+    // The next move uses the new speed: 100 steps at 100/s take 1.01 s, with 0.01 s and half a step for each
+    // ramp.
     rig.write_long(at::SPEED, 100);
     rig.write_long(at::MOVE_STEPS, 100);
     rig.command(bit::MOVE);
     assert_eq!(rig.until_idle(), 1_010.millis());
 }
 
-/// MD3-6: either half, even with the value it had.
+/// MD3-6: a write to either half of the acceleration stops a move, even if the value does not change.
 #[test]
 fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     for (half, value) in [(0, 0), (1, 10_000)] {
@@ -404,7 +408,8 @@ fn section_7_17_an_acceleration_written_in_a_move_stops_it() {
     }
 }
 
-/// MD3-6: a jog takes it for its next ramp. From 5,000/s down at 2,500/s²: 2 s, 5,000 steps.
+/// MD3-6: a jog uses a new acceleration from its next ramp on. From 5,000/s down at 2,500/s²: 2 s, 5,000
+/// steps.
 #[test]
 fn section_7_19_an_acceleration_written_in_a_jog_is_for_its_next_ramp() {
     let mut rig = Rig::ready();
@@ -434,8 +439,8 @@ fn section_7_19_acceleration_has_32_bits() {
     rig.assert_stands(100_000);
 }
 
-/// The ramp down is as long as the ramp up, also where the top is reached for a moment only:
-/// 2,500 steps = 1,250 up and 1,250 down.
+/// The ramp down is as long as the ramp up, even if the motor reaches full speed only for a moment: 2,500
+/// steps = 1,250 up and 1,250 down.
 #[test]
 fn section_7_16_ramps_are_as_long_up_as_down() {
     let mut rig = Rig::ready();
@@ -447,7 +452,7 @@ fn section_7_16_ramps_are_as_long_up_as_down() {
     rig.assert_stands(2_500);
 }
 
-/// A jog whose speed becomes 0 stays one, at standstill, until it is stopped.
+/// If the speed of a jog becomes 0, the motor is at standstill, but the jog lasts until a stop.
 #[test]
 fn section_7_17_a_jog_at_speed_0() {
     let mut rig = Rig::ready();
@@ -467,7 +472,7 @@ fn section_7_17_a_jog_at_speed_0() {
     rig.assert_stands(7_500);
 }
 
-/// MD3-4: Jog while jogging ramps to the present registers, at the present acceleration. From
+/// MD3-4: Jog while jogging ramps to the speed in the registers with the acceleration in the registers. From
 /// 5,000/s to 8,000/s in 1 s at 3,000/s².
 #[test]
 fn section_7_15_jog_while_jogging() {
@@ -482,7 +487,7 @@ fn section_7_15_jog_while_jogging() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// Without an acceleration a running jog keeps its speed, and Decel-stop stops at once.
+/// If the acceleration becomes 0, a running jog keeps its speed, and Decel-stop stops at once.
 #[test]
 fn section_7_19_a_jog_that_loses_its_acceleration() {
     let mut rig = Rig::ready();
@@ -498,7 +503,7 @@ fn section_7_19_a_jog_that_loses_its_acceleration() {
     rig.assert_stands(stopped_at);
 }
 
-/// The largest acceleration does no harm: 10,000 steps at 5,000/s take 2 s and hardly more.
+/// A move with the largest acceleration works: 10,000 steps at 5,000/s take 2 s and less than 10 µs more.
 #[test]
 fn section_7_19_the_largest_acceleration() {
     let mut rig = Rig::ready();
@@ -509,7 +514,7 @@ fn section_7_19_the_largest_acceleration() {
     rig.assert_stands(10_000);
 }
 
-/// A fault whose cause is there at power-up shows when the start-up delay is over.
+/// A fault that has a cause at power-on is shown at the end of the start-up delay.
 #[test]
 fn section_7_15_a_fault_at_power_up() {
     let mut rig = Rig::ready();
@@ -528,7 +533,7 @@ fn with_speedsel() -> Rig {
     rig
 }
 
-/// From 5,000/s to the default 2,500/s: 0.25 s, 937.5 steps.
+/// From 5,000/s to the default alternate speed 2,500/s: 0.25 s, 937.5 steps.
 #[test]
 fn section_7_18_a_jog_ramps_to_the_selected_speed() {
     let mut rig = with_speedsel();
@@ -542,7 +547,8 @@ fn section_7_18_a_jog_ramps_to_the_selected_speed() {
     rig.assert_on_its_way(3_750 + 1_875, 5_000.0);
 }
 
-/// 7.18 prints 0x14/0x15, and 0x16/0x17 is meant. It is unsigned, and takes the sign of Speed.
+/// Section 7.18 prints 0x14/0x15 but means 0x16/0x17. The alternate speed is unsigned and gets the sign of
+/// Speed.
 #[test]
 fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     let mut rig = with_speedsel();
@@ -551,13 +557,13 @@ fn section_7_18_the_alternate_speed_takes_the_sign_of_speed() {
     rig.command(bit::JOG);
     rig.after(1.secs()); // 0.25 s and 312.5 steps up, 0.75 s at 2,500/s
     rig.assert_on_its_way(-312 - 1_875, -2_500.0);
-    // Written while jogging it takes effect at once (7.17).
+    // A write while jogging takes effect at once (7.17).
     rig.write(at::ALTERNATE_SPEED + 1, 3_500);
     rig.after(100.millis());
     assert_eq!(rig.speed(), -3_500.0);
 }
 
-/// At most 40,000; 0xFFFF_FFFF is not −1.
+/// The alternate speed is limited to 40,000; 0xFFFF_FFFF is not −1.
 #[test]
 fn section_7_18_the_alternate_speed_is_at_most_40_000() {
     let mut rig = with_speedsel();
@@ -579,7 +585,8 @@ fn section_7_18_a_move_reads_the_pin_when_it_starts() {
     rig.assert_stands(10_000);
 }
 
-/// 7.8 says that pin changes in a move are ignored, 7.18 that they make it a jog. MD3-30: 7.8.
+/// Section 7.8 says that pin changes in a move are ignored, 7.18 that they make the move a jog. MD3-30: 7.8
+/// applies.
 #[test]
 fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     let mut rig = with_speedsel();
@@ -596,8 +603,8 @@ fn section_7_18_against_7_8_the_pin_is_ignored_in_a_move() {
     rig.assert_stands(10_000);
 }
 
-/// MD3-30, the other one: with SpeedselJogsProfile a change turns the move into a jog at the
-/// selected speed with the sign of Speed.
+/// MD3-30, the alternative: with SpeedselJogsProfile a pin change turns the move into a jog at the selected
+/// speed, with the sign of Speed.
 #[test]
 fn section_7_18_against_7_8_or_makes_the_move_a_jog() {
     let mut rig = with_speedsel();
@@ -614,7 +621,7 @@ fn section_7_18_against_7_8_or_makes_the_move_a_jog() {
     assert_eq!(rig.until_idle(), 250.millis());
 }
 
-/// The sign of Speed, not of MoveSteps: from +5,000/s by way of standstill to −2,500/s.
+/// The jog gets the sign of Speed, not of MoveSteps: from +5,000/s through standstill to −2,500/s.
 #[test]
 fn section_7_18_a_move_that_becomes_a_jog_takes_the_sign_of_speed() {
     let mut rig = with_speedsel();
@@ -628,7 +635,7 @@ fn section_7_18_a_move_that_becomes_a_jog_takes_the_sign_of_speed() {
     rig.assert_on_its_way(5_000 - 312, -2_500.0);
 }
 
-/// With SpeedselJogsProfile the pin is still read when a move starts, and does nothing to a home cycle.
+/// With SpeedselJogsProfile a starting move still reads the pin. A pin change does not affect a home cycle.
 #[test]
 fn section_7_18_speedsel_before_a_move() {
     let mut rig = with_speedsel();

@@ -4,10 +4,10 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{RED, Rig, at, bit};
 
-/// Pins 4 and 5 without function, in PinFunctionAndPolarity.
+/// PinFunctionAndPolarity with pins 4 and 5 without function.
 const NO_PIN_4_5: u16 = 0xf << 4;
 
-/// Pin 2 works by its function (homing by index); cutback level 0.5 A.
+/// A drive with this function of pin 2, which needs homing by index. The cutback level is 0.5 A.
 fn pin_2(function: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::HOMING, 2 << 1);
@@ -22,7 +22,7 @@ fn pin_3(function: u16) -> Rig {
     rig
 }
 
-/// LOWCURRENT takes the level even with timeout 0, and lights red.
+/// LOWCURRENT reduces the current to the cutback level even with timeout 0, and switches the red light on.
 #[test]
 fn section_7_8_pin_2_lowcurrent() {
     let mut rig = pin_2(0);
@@ -35,7 +35,7 @@ fn section_7_8_pin_2_lowcurrent() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Homing mode 3 is by index, too.
+/// Homing mode 3 is by index, too, so LOWCURRENT works.
 #[test]
 fn section_7_8_pin_2_lowcurrent_in_homing_mode_3() {
     let mut rig = pin_2(0);
@@ -44,7 +44,7 @@ fn section_7_8_pin_2_lowcurrent_in_homing_mode_3() {
     assert_eq!(rig.current(), 500);
 }
 
-/// LOWCURRENT wins over cutback, also while the motor moves.
+/// LOWCURRENT takes priority over cutback, even while the motor moves.
 #[test]
 fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
     let mut rig = pin_2(0);
@@ -58,7 +58,7 @@ fn section_7_8_pin_2_lowcurrent_wins_over_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
 }
 
-/// A released pin that is inverted is active at once, by a write alone.
+/// Inverting a released pin makes it active at once, without an edge at the pin.
 #[test]
 fn section_7_8_pin_2_polarity() {
     let mut rig = pin_2(0);
@@ -70,7 +70,7 @@ fn section_7_8_pin_2_polarity() {
     assert_eq!(rig.current(), 500);
 }
 
-/// MD3-18: with homing modes 0 and 1 pin 2 is only the home flag, with any function code.
+/// MD3-18: in homing modes 0 and 1 pin 2 is only the home flag, whatever its function code.
 #[test]
 fn section_7_8_pin_2_is_only_the_flag_when_homing_by_switch() {
     for mode in [0, 1] {
@@ -103,7 +103,7 @@ fn section_7_8_pin_2_speedsel() {
     rig.command(bit::JOG);
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
-    rig.low("J2.2"); // to 2,500/s in 0.25 s and 937.5 steps
+    rig.low("J2.2"); // ramps to 2,500/s in 0.25 s and 937.5 steps
     assert_eq!(rig.current(), 1_000);
     rig.after(250.millis());
     rig.assert_on_its_way(3_750 + 937, 2_500.0);
@@ -121,7 +121,7 @@ fn section_7_8_pin_2_speedsel_inverted() {
     assert_eq!(rig.speed(), 5_000.0);
 }
 
-/// MD3-18: functions 2 and 3 are none.
+/// MD3-18: codes 2 and 3 have no function.
 #[test]
 fn section_7_8_pin_2_invalid_functions() {
     for function in [2, 3] {
@@ -134,8 +134,8 @@ fn section_7_8_pin_2_invalid_functions() {
     }
 }
 
-/// MD3-28: the profile runs on without current and without steps; these steps are lost. At
-/// 1 s the motor is at 3,750, the profile of 10,000 goes on to 6,250 at 1.5 s; then 3,750 are left.
+/// MD3-28: the profile continues without current, and its steps are lost. At 1 s the motor is at 3,750. The
+/// profile of 10,000 steps reaches 6,250 at 1.5 s, so the motor makes only the remaining 3,750 steps.
 #[test]
 fn section_7_8_pin_3_inhibit() {
     let mut rig = pin_3(0);
@@ -154,7 +154,7 @@ fn section_7_8_pin_3_inhibit() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// MD3-28: bit 0 stays 1 for the whole time of the profile, 2.5 s.
+/// MD3-28: bit 0 stays 1 for the whole duration of the profile, 2.5 s.
 #[test]
 fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
     let mut rig = pin_3(0);
@@ -172,7 +172,7 @@ fn section_7_8_pin_3_inhibit_over_the_end_of_a_move() {
     rig.assert_stands(stopped_at);
 }
 
-/// A move that is commanded while inhibited runs for its time, and the motor does not move.
+/// A move that is commanded while the drive is inhibited takes its usual time, but the motor does not move.
 #[test]
 fn section_7_8_pin_3_a_move_while_inhibited() {
     let mut rig = pin_3(0);
@@ -187,7 +187,8 @@ fn section_7_8_pin_3_a_move_while_inhibited() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// A jog runs on, too. After 1 s at 3,750; the steps of the second without current are lost.
+/// A jog continues while the drive is inhibited, too. After 1 s the motor is at 3,750; it loses the steps of
+/// the second without current.
 #[test]
 fn section_7_8_pin_3_inhibit_in_a_jog() {
     let mut rig = pin_3(0);
@@ -200,7 +201,7 @@ fn section_7_8_pin_3_inhibit_in_a_jog() {
     rig.open("J2.3");
     rig.after(1.secs());
     rig.assert_on_its_way(8_750, 5_000.0);
-    // After a stop while it is inhibited it stays at its position.
+    // After a stop while the drive is inhibited, the motor keeps its position.
     rig.low("J2.3");
     rig.command(bit::DECEL_STOP);
     rig.after(1.secs());
@@ -210,7 +211,8 @@ fn section_7_8_pin_3_inhibit_in_a_jog() {
     assert!((rig.position() - 8_750).abs() <= 1);
 }
 
-/// Inhibited twice in a move: at 3,750 and at the profile's 6,250, for 0.25 s and 1,250 steps each.
+/// The drive is inhibited twice in a move: when the profile is at 3,750 and at 6,250, each time for 0.25 s
+/// and 1,250 steps.
 #[test]
 fn section_7_8_pin_3_inhibit_twice() {
     let mut rig = pin_3(0);
@@ -226,7 +228,7 @@ fn section_7_8_pin_3_inhibit_twice() {
     assert!((rig.position() - 7_500).abs() <= 2, "{}", rig.position());
 }
 
-/// MD3-19: one write of 0x09 can inhibit the drive.
+/// MD3-19: a single write of 0x09 can inhibit the drive.
 #[test]
 fn section_7_8_pin_3_inhibit_by_polarity() {
     let mut rig = pin_3(0);
@@ -238,7 +240,7 @@ fn section_7_8_pin_3_inhibit_by_polarity() {
     assert_eq!(rig.current(), 0);
 }
 
-/// MD3-19: it acts as a level, at power-up too.
+/// MD3-19: INHIBIT acts on the level of the pin, so it works from power-up.
 #[test]
 fn section_7_8_pin_3_inhibit_at_power_up() {
     let mut rig = pin_3(0);
@@ -265,7 +267,7 @@ fn section_7_8_pin_3_home() {
     assert_eq!((rig.motion_control(), rig.current()), (0, 1_000));
 }
 
-/// Ignored while another kind of motion runs, and not remembered.
+/// An edge at HOME during another kind of motion is ignored, and not executed later.
 #[test]
 fn section_7_8_pin_3_home_while_moving() {
     let mut rig = pin_3(1);
@@ -289,7 +291,7 @@ fn section_7_8_pin_3_home_inverted() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// MD3-19: a change of polarity that makes the pin active is an edge like any other.
+/// MD3-19: a change of polarity that makes the pin active counts as an edge.
 #[test]
 fn section_7_8_pin_3_home_by_polarity() {
     let mut rig = pin_3(1);
@@ -297,7 +299,7 @@ fn section_7_8_pin_3_home_by_polarity() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// MD3-29: commands are answered and ignored, the current stays, Disable works.
+/// MD3-29: the drive answers motion commands but ignores them. The current stays on, and Disable works.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion() {
     let mut rig = pin_3(2);
@@ -338,7 +340,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_lets_pins_work() {
     rig.assert_stands(10_000);
 }
 
-/// MD3-19: by polarity alone.
+/// MD3-19: a change of the polarity alone stops the motion.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     let mut rig = pin_3(2);
@@ -348,7 +350,7 @@ fn section_7_8_pin_3_inhibit_modbus_motion_by_polarity() {
     assert_eq!((rig.speed(), rig.motion_control(), rig.current()), (0.0, 0, 1_000));
 }
 
-/// MD3-18: function 3 is none.
+/// MD3-18: code 3 has no function.
 #[test]
 fn section_7_8_pin_3_invalid_function() {
     let mut rig = pin_3(3);
@@ -360,7 +362,7 @@ fn section_7_8_pin_3_invalid_function() {
     rig.assert_stands(10_000);
 }
 
-/// Activating INHIBIT, HOME or INHIBIT_MODBUS_MOTION clears a fault that is not thermal.
+/// Activating INHIBIT, HOME or INHIBIT_MODBUS_MOTION clears a fault that is not a thermal one.
 #[test]
 fn section_7_8_pin_3_clears_a_fault() {
     for function in [0, 1, 2] {
@@ -370,14 +372,14 @@ fn section_7_8_pin_3_clears_a_fault() {
         rig.after(1.secs());
         assert_eq!(rig.motion_control(), bit::FAULT);
         rig.low("J2.3");
-        // HOME clears and homes.
+        // HOME clears the fault and starts a home cycle.
         assert_eq!(rig.motion_control(), if function == 1 { bit::HOME } else { 0 });
         rig.open("J2.3");
         assert_eq!(rig.current(), 1_000);
     }
 }
 
-/// MD3-14: a thermal one only when it has cooled.
+/// MD3-14: the pin clears a thermal fault only after the drive has cooled.
 #[test]
 fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     for function in [0, 1, 2] {
@@ -395,7 +397,7 @@ fn section_7_8_pin_3_does_not_clear_a_thermal_fault() {
     }
 }
 
-/// A held pin clears nothing, with any changes of other pins.
+/// A pin that stays active clears no fault, even if other pins change.
 #[test]
 fn section_7_8_pin_3_held_clears_no_fault() {
     for function in [0, 2] {
@@ -410,7 +412,7 @@ fn section_7_8_pin_3_held_clears_no_fault() {
     }
 }
 
-/// Letting the pin go clears nothing; activating it does.
+/// Releasing the pin clears no fault; activating it does.
 #[test]
 fn section_7_8_pin_3_clears_by_its_active_edge() {
     let mut rig = pin_3(2);

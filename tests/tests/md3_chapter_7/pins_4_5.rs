@@ -1,23 +1,23 @@
-//! Section 7.8, J2 pins 4 and 5: every row of the table of motion modes. A profile move at the
-//! defaults is 10,000 steps in 2.5 s; 400 steps are a triangle of 2·√(400/10,000) = 0.4 s.
+//! Section 7.8, J2 pins 4 and 5: every row of the table of motion modes. A profile move at the defaults is
+//! 10,000 steps in 2.5 s; a move of 400 steps is a triangle of 2·√(400/10,000) = 0.4 s.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{BUSY, Rig, at, bit};
 
-/// Polarities of pins 4 and 5: active high.
+/// Polarity bits that make pins 4 and 5 active high.
 const HIGH_4: u16 = 1 << 1;
 const HIGH_5: u16 = 1;
 
-/// A ready MD3 in that motion mode.
+/// A ready MD3 in the motion mode `code`.
 fn mode(code: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::PINS, code << 4);
     rig
 }
 
-/// A ready MD3 in that motion mode, with moves of 400 steps.
+/// A ready MD3 in the motion mode `code`, with moves of 400 steps.
 fn short(code: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write_long(at::MOVE_STEPS, 400);
@@ -25,7 +25,7 @@ fn short(code: u16) -> Rig {
     rig
 }
 
-/// A home cycle has just begun at 400 steps; the flag ends it at its next sample.
+/// Asserts that a home cycle has just begun at 400 steps. The flag ends the cycle at its next sample.
 fn assert_homes_from_400(rig: &mut Rig) {
     assert_eq!(rig.motion_control(), bit::HOME);
     rig.after(1.secs());
@@ -41,11 +41,11 @@ fn section_7_8_mode_0000_step_dir() {
     rig.low("J2.4");
     assert_eq!(rig.position(), 1);
     rig.after(1.millis());
-    rig.open("J2.4"); // only falling edges
+    rig.open("J2.4"); // only falling edges make steps
     assert_eq!(rig.position(), 1);
     rig.pulses("J2.4", 99, 10_000.0);
     assert_eq!(rig.position(), 100);
-    // MD3-20: open is forward, low is backward.
+    // MD3-20: pin 5 open is forward, low is backward.
     rig.low("J2.5");
     rig.pulses("J2.4", 150, 10_000.0);
     assert_eq!(rig.position(), -50);
@@ -94,12 +94,12 @@ fn section_7_8_mode_0000_step_by_polarity() {
 #[test]
 fn section_7_8_mode_0000_inverted_direction() {
     let mut rig = mode(0b0000);
-    rig.write(at::PINS, HIGH_5); // open is active now: backward
+    rig.write(at::PINS, HIGH_5); // pin 5 is open, which is now active: backward
     rig.low("J2.4");
     assert_eq!(rig.position(), -1);
 }
 
-/// "Maximum step frequency is 250 kHz"; MD3-25: faster edges are lost, here every other one.
+/// "Maximum step frequency is 250 kHz". MD3-25: faster edges are lost, here every second one.
 #[test]
 fn section_7_8_mode_0000_at_most_250_khz() {
     let mut rig = mode(0b0000);
@@ -110,7 +110,7 @@ fn section_7_8_mode_0000_at_most_250_khz() {
     assert_eq!(rig.position(), 30_000);
 }
 
-/// BUSY is not for step pulses.
+/// Step pulses do not set BUSY.
 #[test]
 fn section_7_8_mode_0000_is_never_busy() {
     let mut rig = mode(0b0000);
@@ -124,7 +124,7 @@ fn section_7_8_mode_0000_is_never_busy() {
     rig.assert_stands(100);
 }
 
-/// MD3-25: no steps while disabled; nor without current, nor in a fault.
+/// MD3-25: no steps while the drive is disabled, inhibited or in a fault.
 #[test]
 fn section_7_8_mode_0000_no_steps_without_current() {
     let mut rig = mode(0b0000);
@@ -141,7 +141,7 @@ fn section_7_8_mode_0000_no_steps_without_current() {
     assert_eq!(rig.position(), 0);
 }
 
-/// MD3-24 and MD3-25: pins 4 and 5 are ignored during a home cycle, step pulses too.
+/// MD3-24 and MD3-25: changes of pins 4 and 5 are ignored during a home cycle, and so are step pulses.
 #[test]
 fn section_7_8_pins_are_ignored_during_a_home_cycle() {
     let mut rig = mode(0b0000);
@@ -164,7 +164,7 @@ fn section_7_8_pins_are_ignored_during_a_home_cycle() {
         rig.assert_on_its_way(3_750, 5_000.0);
         rig.low("J2.2");
         rig.after(1.secs());
-        // MD3-24: and are not remembered.
+        // MD3-24: the drive does not execute them after the home cycle either.
         assert_eq!((rig.moving(), rig.motion_control()), (false, 0), "mode {code:04b}");
     }
 }
@@ -176,7 +176,7 @@ fn section_7_8_mode_0001_move_profile_dir() {
     assert_eq!(rig.motion_control(), bit::MOVE); // MD3-3
     rig.after(1.secs());
     rig.assert_on_its_way(3_750, 5_000.0);
-    // Pin 5 counts only at the edge (7.8); further edges are ignored (MD3-24).
+    // Pin 5 is read only at the edge of pin 4 (7.8); further edges are ignored (MD3-24).
     rig.low("J2.5");
     rig.open("J2.4");
     rig.low("J2.4");
@@ -194,7 +194,7 @@ fn section_7_8_mode_0001_move_profile_dir() {
     rig.assert_stands(0);
 }
 
-/// MD3-20: high is the sign of MoveSteps.
+/// MD3-20: with pin 5 high the direction is the sign of MoveSteps.
 #[test]
 fn section_7_8_mode_0001_negative_steps() {
     let mut rig = short(0b0001);
@@ -207,7 +207,7 @@ fn section_7_8_mode_0001_negative_steps() {
     rig.low("J2.4");
     rig.until_idle();
     rig.assert_stands(0);
-    assert_eq!(rig.read_long(at::MOVE_STEPS), -400); // only endless modes write it
+    assert_eq!(rig.read_long(at::MOVE_STEPS), -400); // only endless modes write MoveSteps
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn section_7_8_mode_0001_rising_edge() {
     rig.open("J2.4");
     rig.until_idle();
     rig.assert_stands(800);
-    // MD3-19: and by polarity alone.
+    // MD3-19: a change of polarity alone starts a move, too.
     rig.write(at::PINS, 0b0001 << 4);
     rig.write(at::PINS, 0b0001 << 4 | HIGH_4);
     assert_eq!(rig.until_idle(), 400.millis());
@@ -231,7 +231,7 @@ fn section_7_8_mode_0001_rising_edge() {
 #[test]
 fn section_7_8_mode_0010_move_profile_forward_backward() {
     let mut rig = short(0b0010);
-    rig.low("J2.5"); // is ignored
+    rig.low("J2.5"); // has no effect
     rig.low("J2.4");
     assert_eq!(rig.motion_control(), bit::MOVE);
     assert_eq!(rig.until_idle(), 400.millis());
@@ -243,7 +243,7 @@ fn section_7_8_mode_0010_move_profile_forward_backward() {
     assert_eq!(rig.until_idle(), 300.millis());
     rig.assert_stands(0);
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
-    // MD3-24: an edge during the move is not remembered.
+    // MD3-24: an edge during the move is not executed later.
     rig.low("J2.4");
     rig.after(100.millis());
     rig.open("J2.4");
@@ -259,7 +259,7 @@ fn section_7_8_mode_0010_inverted() {
     rig.write(at::PINS, 0b1111 << 4 | HIGH_4);
     rig.write(at::PINS, 0b0010 << 4 | HIGH_4);
     rig.assert_stands(0);
-    rig.open("J2.4"); // active: forward
+    rig.open("J2.4"); // pin 4 becomes active: forward
     rig.until_idle();
     rig.assert_stands(400);
     rig.low("J2.4");
@@ -267,7 +267,7 @@ fn section_7_8_mode_0010_inverted() {
     rig.assert_stands(0);
 }
 
-/// MD3-19: a change of polarity is an edge like any other, either way.
+/// MD3-19: a change of polarity counts as an edge, in both directions.
 #[test]
 fn section_7_8_mode_0010_by_polarity() {
     let mut rig = short(0b0010);
@@ -282,7 +282,7 @@ fn section_7_8_mode_0010_by_polarity() {
 #[test]
 fn section_7_8_mode_0011_move_profile_forward_home() {
     let mut rig = short(0b0011);
-    rig.low("J2.5"); // is ignored
+    rig.low("J2.5"); // has no effect
     rig.low("J2.4");
     assert_eq!(rig.motion_control(), bit::MOVE);
     rig.until_idle();
@@ -336,14 +336,14 @@ fn section_7_8_mode_0110_jog_dir() {
     rig.after(500.millis());
     rig.assert_on_its_way(3_750, -5_000.0);
     rig.open("J2.4");
-    // Until the motor is at rest the bit shows the running motion.
+    // The bit shows the running motion until the motor is at rest.
     assert_eq!(rig.motion_control(), bit::JOG);
     assert_eq!(rig.until_idle(), 500.millis());
     assert!((rig.position() - 2_500).abs() <= 1);
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// The speed comes from its register (7.17), with its sign; MD3-20: pin 5 low is the other way.
+/// The speed with its sign comes from its register (7.17). MD3-20: pin 5 low reverses the direction.
 #[test]
 fn section_7_8_mode_0110_negative_speed() {
     let mut rig = mode(0b0110);
@@ -354,13 +354,13 @@ fn section_7_8_mode_0110_negative_speed() {
     rig.low("J2.5");
     rig.after(400.millis());
     rig.assert_on_its_way(-1_800, 2_000.0);
-    // Written while jogging a speed takes effect at once (7.17).
+    // A speed that is written while jogging takes effect at once (7.17).
     rig.write(at::SPEED + 1, (-3_000_i16).cast_unsigned());
     rig.after(100.millis());
     assert!((rig.speed() - 3_000.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// MD3-21: one write of 0x09 can start a jog; it takes the levels.
+/// MD3-21: a single write of 0x09 can start a jog, because jog modes act on levels.
 #[test]
 fn section_7_8_mode_0110_starts_by_its_write() {
     let mut rig = mode(0b1111);
@@ -373,7 +373,7 @@ fn section_7_8_mode_0110_starts_by_its_write() {
     rig.assert_stands(5_000);
 }
 
-/// Pressed without a speed it waits for one.
+/// If the pin is active while the speed is 0, the jog starts when a speed is written.
 #[test]
 fn section_7_8_mode_0110_waits_for_a_speed() {
     let mut rig = mode(0b0110);
@@ -392,14 +392,15 @@ fn section_7_8_mode_0110_pressed_again_while_it_ramps_down() {
     rig.low("J2.4");
     rig.after(1.secs());
     rig.open("J2.4");
-    rig.after(250.millis()); // at 2,500/s, 937.5 steps on
+    rig.after(250.millis()); // at 2,500/s, after another 937.5 steps
     rig.low("J2.4");
     rig.after(250.millis());
     rig.assert_on_its_way(3_750 + 1_875, 5_000.0);
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// A jog that the bus began goes on while the pins do not change; a change of a pin takes it over.
+/// A jog that was started over the bus continues while the pins do not change. After a change the pins
+/// control the jog.
 #[test]
 fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -413,7 +414,7 @@ fn section_7_8_mode_0110_and_a_jog_by_the_bus() {
     assert_eq!(rig.until_idle(), 500.millis());
 }
 
-/// MD3-24 is about a jog of the pins: a jog that the bus began goes on in any mode.
+/// MD3-24 applies to a jog by pins only: a jog that was started over the bus continues in any mode.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
     let mut rig = mode(0b0110);
@@ -425,7 +426,7 @@ fn section_7_8_a_change_of_the_motion_mode_and_a_jog_by_the_bus() {
     rig.assert_on_its_way(8_750, 5_000.0);
 }
 
-/// SPEEDSEL selects the speed of these jogs as well.
+/// SPEEDSEL also selects the speed of jogs by pins.
 #[test]
 fn section_7_8_mode_0110_speedsel() {
     let mut rig = Rig::ready();
@@ -440,7 +441,7 @@ fn section_7_8_mode_0110_speedsel() {
     assert_eq!(rig.until_idle(), 250.millis());
 }
 
-/// And of a move that a pin starts: 10,000 steps at 2,500/s take 4.25 s.
+/// SPEEDSEL also selects the speed of a move that a pin starts: 10,000 steps at 2,500/s take 4.25 s.
 #[test]
 fn section_7_8_mode_0001_speedsel() {
     let mut rig = Rig::ready();
@@ -471,7 +472,7 @@ fn section_7_8_mode_0111_jog_forward_and_backward() {
     rig.assert_stands(0);
 }
 
-/// MD3-22: with both pins low the direction that runs stays; from rest it is that of pin 4.
+/// MD3-22: with both pins low a running jog keeps its direction; from rest the direction is that of pin 4.
 #[test]
 fn section_7_8_mode_0111_both_pins() {
     let mut rig = mode(0b0111);
@@ -480,7 +481,7 @@ fn section_7_8_mode_0111_both_pins() {
     rig.low("J2.4");
     rig.after(1.secs());
     rig.assert_on_its_way(-8_750, -5_000.0);
-    rig.open("J2.5"); // now pin 4 alone: by way of standstill
+    rig.open("J2.5"); // now only pin 4 is low: reverses through standstill
     rig.after(1.secs());
     rig.assert_on_its_way(-8_750, 5_000.0);
     rig.low("J2.5");
@@ -495,7 +496,7 @@ fn section_7_8_mode_0111_both_pins() {
     rig.assert_on_its_way(3_750, 5_000.0);
 }
 
-/// Levels are looked at when the drive becomes ready.
+/// The drive reads the jog levels when it becomes ready.
 #[test]
 fn section_7_8_jog_levels_when_the_drive_becomes_ready() {
     for code in [0b0110, 0b0111] {
@@ -511,7 +512,7 @@ fn section_7_8_jog_levels_when_the_drive_becomes_ready() {
     }
 }
 
-/// MD3-21: jog levels are looked at again when a home cycle ends, or a profile move.
+/// MD3-21: the drive reads the jog levels again at the end of a home cycle or a profile move.
 #[test]
 fn section_7_8_jog_levels_when_a_motion_ends() {
     for code in [0b0110, 0b0111] {
@@ -536,7 +537,8 @@ fn section_7_8_jog_levels_when_a_motion_ends() {
     assert_eq!(rig.motion_control(), bit::JOG);
 }
 
-/// Stop and Decel-stop end a jog by pins although the pin stays low, until it is pressed anew.
+/// Stop and Decel-stop end a jog by pins even if the pin stays low. The next active edge of the pin starts a
+/// new jog.
 #[test]
 fn section_7_8_stops_end_a_jog_by_pins() {
     for code in [0b0110, 0b0111] {
@@ -561,7 +563,8 @@ fn section_7_8_stops_end_a_jog_by_pins() {
     }
 }
 
-/// A fault, or INHIBIT_MODBUS_MOTION, ends it as well; clearing the fault looks again.
+/// A fault or INHIBIT_MODBUS_MOTION also ends a jog by pins. When the fault is cleared, the drive reads the
+/// levels again.
 #[test]
 fn section_7_8_a_fault_ends_a_jog_by_pins_until_it_is_cleared() {
     let mut rig = mode(0b0110);
@@ -588,7 +591,7 @@ fn section_7_8_a_fault_ends_a_jog_by_pins_until_it_is_cleared() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// Clearing a fault looks again, also after a Stop.
+/// After a fault is cleared, the drive reads the levels again, even after a Stop.
 #[test]
 fn section_7_8_clearing_a_fault_looks_at_levels_again() {
     for code in [0b0110, 0b0111, 0b1000, 0b1001] {
@@ -603,7 +606,7 @@ fn section_7_8_clearing_a_fault_looks_at_levels_again() {
     }
 }
 
-/// While Disable is 1 pins start nothing; enabling takes levels, and only levels.
+/// While Disable is 1, pins start nothing. When the drive is enabled, it acts on levels only.
 #[test]
 fn section_7_8_pins_start_nothing_while_disabled() {
     for code in [0b0001, 0b0010, 0b0011, 0b0100, 0b0101] {
@@ -635,7 +638,7 @@ fn section_7_8_pins_start_nothing_while_disabled() {
     assert_eq!(rig.motion_control(), bit::DISABLE);
 }
 
-/// MD3-24: a change of the field ramps a jog by pins down, but leaves a move and a home cycle.
+/// MD3-24: a change of the motion mode ends a jog by pins with a ramp, but a move and a home cycle continue.
 #[test]
 fn section_7_8_a_change_of_the_motion_mode() {
     let mut rig = mode(0b0110);
@@ -661,8 +664,8 @@ fn section_7_8_a_change_of_the_motion_mode() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// MD3-21: the motion starts when the mode is written. MD3-23: no pause between
-/// the parts, and the drive itself writes MoveSteps. Forward until 0.4 s, back until 0.8 s, and so on.
+/// MD3-21: the motion starts when the mode is written. MD3-23: there is no pause between the parts, and the
+/// drive itself writes MoveSteps. It moves forward until 0.4 s, back until 0.8 s, and so on.
 #[test]
 fn section_7_8_mode_1000_forward_and_backward() {
     let mut rig = short(0b1000);
@@ -677,7 +680,7 @@ fn section_7_8_mode_1000_forward_and_backward() {
     rig.after(400.millis()); // 1.0 s
     rig.assert_on_its_way(200, 2_000.0);
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
-    // The 1,000th time forward: no tick is lost between the parts.
+    // The 1,000th move forward: no tick is lost between the parts.
     rig.after(799_200.millis());
     rig.assert_on_its_way(200, 2_000.0);
 }
@@ -694,7 +697,7 @@ fn section_7_8_mode_1000_is_busy_all_the_time() {
     assert!(rig.now() > end - 1.secs());
 }
 
-/// MD3-23: leaving it stops at once; MoveSteps is negative if it went back.
+/// MD3-23: leaving the mode stops the motor at once. MoveSteps is negative if the motor was moving back.
 #[test]
 fn section_7_8_mode_1000_stopped() {
     let mut rig = short(0b1000);
@@ -713,7 +716,7 @@ fn section_7_8_mode_1000_stopped() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), 400);
 }
 
-/// Without steps there is nothing to do for ever.
+/// If MoveSteps is 0, the drive waits.
 #[test]
 fn section_7_8_mode_1000_without_steps() {
     let mut rig = mode(0b1111);
@@ -721,13 +724,13 @@ fn section_7_8_mode_1000_without_steps() {
     rig.write(at::PINS, 0b1000 << 4);
     rig.after(1.secs());
     rig.assert_stands(0);
-    // Until there are some.
+    // A write of MoveSteps starts the motion.
     rig.write(at::MOVE_STEPS + 1, 400);
     rig.after(200.millis());
     rig.assert_on_its_way(200, 2_000.0);
 }
 
-/// Pins 4 and 5 have no function here.
+/// Pins 4 and 5 have no function in this mode.
 #[test]
 fn section_7_8_mode_1000_without_pins() {
     let mut rig = short(0b1000);
@@ -738,7 +741,7 @@ fn section_7_8_mode_1000_without_pins() {
     rig.assert_on_its_way(200, 2_000.0);
 }
 
-/// Stop ends it until 0x09 is written again, or (here) the drive is disabled and enabled.
+/// Stop ends the motion until 0x09 is written again, or the drive is disabled and enabled.
 #[test]
 fn section_7_8_mode_1000_stop() {
     let mut rig = short(0b1000);
@@ -758,8 +761,8 @@ fn section_7_8_mode_1000_stop() {
     assert_eq!(rig.motion_control(), bit::MOVE);
 }
 
-/// A fault and INHIBIT_MODBUS_MOTION end it as well; clearing the fault starts it again, letting pin 3
-/// go does not.
+/// A fault and INHIBIT_MODBUS_MOTION also end the motion. It starts again when the fault is cleared, but not
+/// when pin 3 is released.
 #[test]
 fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
     let mut rig = short(0b1000);
@@ -785,7 +788,7 @@ fn section_7_8_mode_1000_in_a_fault_and_inhibited() {
     assert_eq!(rig.motion_control(), 0);
 }
 
-/// INHIBIT: the parts go on, the motor does not move (MD3-28).
+/// INHIBIT: the parts of the motion continue, but the motor does not move (MD3-28).
 #[test]
 fn section_7_8_mode_1000_goes_on_while_inhibited() {
     let mut rig = short(0b1000);
@@ -797,7 +800,7 @@ fn section_7_8_mode_1000_goes_on_while_inhibited() {
     assert_eq!(rig.read_long(at::MOVE_STEPS), -400);
 }
 
-/// MD3-21: a saved mode starts its motion after the start-up delay.
+/// MD3-21: a saved endless mode starts its motion after the start-up delay.
 #[test]
 fn section_7_8_endless_modes_start_after_power_up() {
     for code in [0b1000, 0b1001] {
@@ -812,11 +815,11 @@ fn section_7_8_endless_modes_start_after_power_up() {
     }
 }
 
-/// Profile move and home cycle in turn, without a pause: 0.4 s to 400, then the search.
+/// Profile move and home cycle alternate without a pause: 0.4 s to 400 steps, then the search.
 #[test]
 fn section_7_8_mode_1001_forward_and_home() {
     let mut rig = short(0b1001);
-    rig.write(at::HOMING, 1 << 4); // homes the negative way
+    rig.write(at::HOMING, 1 << 4); // homes in the negative direction
     assert_eq!(rig.motion_control(), bit::MOVE);
     rig.after(200.millis());
     rig.assert_on_its_way(200, 2_000.0);
@@ -836,7 +839,7 @@ fn section_7_8_mode_1001_forward_and_home() {
     assert_eq!((rig.speed(), rig.motion_control()), (0.0, 0));
 }
 
-/// MD3-18: codes that the manual does not print, and 1111, have no function.
+/// MD3-18: 1111 and the codes that the manual does not print have no function.
 #[test]
 fn section_7_8_modes_1010_to_1111_have_no_function() {
     for code in 0b1010..=0b1111 {
@@ -870,7 +873,7 @@ fn section_7_8_dc_motor_modes() {
     }
 }
 
-/// A fault, Disable and Stop end the duty at once, whether the bus or the pins commanded it.
+/// A fault, Disable and Stop set the duty to 0 at once, for a jog by the bus or by pins.
 #[test]
 fn section_7_8_dc_motor_stops() {
     for code in [0b0110, 0b0111] {
@@ -920,7 +923,7 @@ fn section_7_8_dc_motor_directions() {
     assert_eq!(rig.duty(), 8_192);
 }
 
-/// Pins that a register makes inputs are read with their raw levels, with any polarity (MD3-11).
+/// IOPortData shows the raw levels of input pins, whatever their polarity (MD3-11).
 #[test]
 fn section_7_8_polarity_does_not_change_what_is_read() {
     let mut rig = mode(0b1111);

@@ -1,4 +1,4 @@
-//! An MD3 on a bench, with a master and drivers for every pin.
+//! An MD3 on a bench, with a master and a stimulus for every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
 use drivetwin_protocol::modbus::{Frame, rtu};
@@ -8,11 +8,11 @@ use drivetwin_sim::line::LineMode;
 use drivetwin_tests::md3;
 pub(crate) use drivetwin_tests::md3::{at, bit};
 
-/// The lights (2).
+/// The lights D5 and D6 (section 2).
 pub(crate) const RED: &str = "D5";
 pub(crate) const GREEN: &str = "D6";
 
-/// Open, or switched to ground while the drive is busy (2).
+/// The BUSY output: open, or switched to ground while the drive is busy (section 2).
 pub(crate) const BUSY: &str = "J3.7";
 
 /// A drive of a kind, without power.
@@ -25,15 +25,15 @@ fn make(kind: &str) -> Box<dyn Device> {
     found.unwrap_or_else(|| panic!("there is no {kind}"))
 }
 
-/// An MD3 and its stimuli. Characters take no time here, so that a command counts from
-/// the instant at which it was given.
+/// An MD3 and its stimuli. Characters take no time, so that a command takes effect at the instant at which it
+/// is sent.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
 }
 
 impl Rig {
-    /// An MD3 that has just been given power, with this in its memory.
+    /// An MD3 that has just been powered on, with the memory of `setup`.
     pub(crate) fn new(kind: &str, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
         let seat = bench.add_with("x", make(kind), setup).expect("a drive that can be seated");
@@ -52,7 +52,7 @@ impl Rig {
         rig
     }
 
-    /// An MD3 that was given power a moment ago, and had these registers saved before.
+    /// An MD3 that was powered on a moment ago and had saved these registers before.
     pub(crate) fn restarted(registers: &[(u16, u16)]) -> Self {
         let mut rig = Self::ready();
         for &(address, value) in registers {
@@ -72,28 +72,29 @@ impl Rig {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Answer of the drive to a frame.
+    /// Reply of the drive to a frame.
     pub(crate) fn ask(&mut self, frame: &[u8]) -> Vec<u8> {
         self.bench.ask(self.seat, frame)
     }
 
-    /// The words from an address on.
+    /// Reads `count` words from the address `first`.
     pub(crate) fn words(&mut self, first: u16, count: u16) -> Vec<u16> {
         words(&self.ask(&rtu::read(1, first, count)))
     }
 
-    /// A register.
+    /// Reads a register.
     pub(crate) fn read(&mut self, address: u16) -> u16 {
         self.words(address, 1)[0]
     }
 
-    /// A pair of registers.
+    /// Reads a pair of registers.
     pub(crate) fn read_long(&mut self, first: u16) -> i32 {
         let pair = self.words(first, 2);
         (u32::from(pair[0]) << 16 | u32::from(pair[1])).cast_signed()
     }
 
-    /// Returns whether a write is accepted; if not it must be refused with exception 02, the only one (6.2).
+    /// Returns true if a write is accepted. Else the drive must refuse it with exception 02, the only one
+    /// (6.2).
     pub(crate) fn accepts(&mut self, address: u16, value: u16) -> bool {
         let request = rtu::write(1, address, value);
         let reply = self.ask(&request);
@@ -107,13 +108,13 @@ impl Rig {
         md3::write(&mut self.bench, self.seat, address, value);
     }
 
-    /// Both halves of a pair, the high one first.
+    /// Writes both halves of a pair, the high one first.
     #[track_caller]
     pub(crate) fn write_long(&mut self, first: u16, value: i32) {
         md3::write_pair(&mut self.bench, self.seat, first, value.cast_unsigned());
     }
 
-    /// A write of MotionControl.
+    /// Writes MotionControl.
     pub(crate) fn command(&mut self, bits: u16) {
         self.write(at::MOTION, bits);
     }
@@ -133,7 +134,7 @@ impl Rig {
         self.bench.poke(self.seat, row, value).expect("a value that it takes");
     }
 
-    /// A register of one word as it reads at this very instant.
+    /// Value of a register of one word at the present instant.
     pub(crate) fn peek(&self, name: &str) -> u16 {
         self.bench.peek(self.seat, self.row(name)) as u16
     }
@@ -145,7 +146,7 @@ impl Rig {
         assert_eq!(self.read(at::EEPROM), 0);
     }
 
-    /// Takes power and gives it again; returns two ticks later.
+    /// Switches power off and on; returns two ticks later.
     pub(crate) fn power_cycle(&mut self) {
         self.bench.power(self.seat, PowerAction::Cycle);
         self.after(Duration::TICK * 2);
@@ -168,7 +169,7 @@ impl Rig {
         self.after(Duration::TICK);
     }
 
-    /// Pulls a pin to ground; returns when the drive has seen it, as the next two do.
+    /// Pulls a pin to ground. Like the next two functions, returns when the drive has received the level.
     pub(crate) fn low(&mut self, name: &str) {
         self.drive(name, PinStimulus::Low);
     }
@@ -183,7 +184,7 @@ impl Rig {
         self.drive(name, PinStimulus::Open);
     }
 
-    /// A train of pulses on a pin, to its end.
+    /// Applies a train of pulses to a pin; returns after its end.
     pub(crate) fn pulses(&mut self, name: &str, count: u32, hz: f64) {
         self.bench.pulse(self.seat, self.pin(name), count, hz).expect("no train runs there");
         let lasts = (f64::from(count) / hz * 16e6).ceil() as u64;
@@ -211,7 +212,7 @@ impl Rig {
         self.bench.motion(self.seat, Axis(0)).position
     }
 
-    /// Steps per second.
+    /// Speed in steps per second.
     pub(crate) fn speed(&self) -> f64 {
         self.bench.motion(self.seat, Axis(0)).speed.to_num()
     }
@@ -230,7 +231,7 @@ impl Rig {
         self.bench.motion(self.seat, Axis(0)).duty
     }
 
-    /// On its way: at `position`, give or take the step that is due, and at `speed`.
+    /// Asserts that the motor moves: at `position`, at most one step off, and at `speed`.
     #[track_caller]
     pub(crate) fn assert_on_its_way(&self, position: i32, speed: f64) {
         let (is, fast) = (self.position(), self.speed());
@@ -238,14 +239,14 @@ impl Rig {
         assert!(self.moving() && self.busy());
     }
 
-    /// Asserts that the motor is at rest at this position, and BUSY is off.
+    /// Asserts that the motor is at rest at `position`, and BUSY is off.
     #[track_caller]
     pub(crate) fn assert_stands(&self, position: i32) {
         assert_eq!((self.position(), self.speed()), (position, 0.0));
         assert!(!self.moving() && !self.busy());
     }
 
-    /// Runs until BUSY is released, and returns the time that it took.
+    /// Runs until BUSY is released; returns the time that this took.
     #[track_caller]
     pub(crate) fn until_idle(&mut self) -> Duration {
         let start = self.now();

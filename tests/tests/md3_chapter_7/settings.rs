@@ -14,13 +14,13 @@ fn section_7_1_device_address() {
         assert_eq!(rig.accepts(at::DEVICE_ADDRESS, value), legal, "address {value}");
         assert_eq!(rig.read(at::DEVICE_ADDRESS), 1);
     }
-    // The reply leaves with the old address, the new one holds from the next frame.
+    // The reply comes from the old address; the new address applies from the next frame.
     assert!(rig.accepts(at::DEVICE_ADDRESS, 247));
     assert!(rig.ask(&rtu::read(1, 0x00, 1)).is_empty());
     assert_eq!(words(&rig.ask(&rtu::read(247, 0x00, 1))), [247]);
 }
 
-/// MODBUS-3: all drives on the line get it.
+/// MODBUS-3: a broadcast changes the address of all drives on the line.
 #[test]
 fn section_7_1_the_address_can_be_broadcast() {
     let mut rig = Rig::ready();
@@ -28,8 +28,8 @@ fn section_7_1_the_address_can_be_broadcast() {
     assert_eq!(words(&rig.ask(&rtu::read(9, 0x00, 1))), [9]);
 }
 
-/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. The
-/// steps get wider at 0x15.
+/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. From code 0x15 a step
+/// is 500 mA instead of 100 mA.
 const STANDARD: [u32; 31] = [
     0, 100, 200, 300, 400, 500, 600, 700, 800, 900, // 0x00 … 0x09
     1_000, 1_100, 1_200, 1_300, 1_400, 1_500, 1_600, 1_700, 1_800, 1_900, // 0x0a … 0x13
@@ -45,7 +45,8 @@ const LOW: [u32; 37] = [
     1_500, 1_550, 1_600, 1_650, 1_700, 1_750, 1_800, // 0x1e … 0x24
 ];
 
-/// Each code gives the current of its row, and codes beyond (MD3-10) that of the last one.
+/// Asserts that each code gives the current of its row, and that codes past the table (MD3-10) give that of
+/// the last row.
 fn codes_give_currents(kind: &str, table: &[u32]) {
     let mut rig = Rig::ready_kind(kind);
     for code in 0..=0xFF {
@@ -66,7 +67,7 @@ fn section_7_2_currents_of_the_low_current_version() {
     codes_give_currents("md3-low", &LOW);
 }
 
-/// The initial value 0x030a is 1 A, or 0.5 A.
+/// The initial value 0x030a is 1 A, or 0.5 A in the low current version.
 #[test]
 fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready().current(), 1_000);
@@ -83,7 +84,7 @@ fn section_7_2_full_step_gives_71_percent() {
     }
 }
 
-/// MD3-17: all steps are microsteps. A change leaves the position alone.
+/// MD3-17: positions count microsteps. A change of microstepping does not change the position.
 #[test]
 fn section_7_2_microstepping_changes_no_counts() {
     let mut rig = Rig::ready();
@@ -95,14 +96,14 @@ fn section_7_2_microstepping_changes_no_counts() {
     }
 }
 
-/// A DC motor; PWM frequency by code.
+/// A drive with a DC motor; `code` selects the PWM frequency.
 fn dc(code: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::CURRENT_AND_MICROSTEPPING, 0x2000 | code << 8 | 0x0a);
     rig
 }
 
-/// Frequencies in Hz and full scales of 7.2. They are not monotonic, but their product is
+/// PWM frequencies in Hz, and the Speed that gives full duty (7.2). The frequencies times the full scales are
 /// 20 MHz (codes 0 and 1) or 80 MHz.
 const PWM: [(u64, i32); 9] = [
     (500, 40_000),
@@ -139,7 +140,7 @@ fn section_7_2_dc_duties() {
     }
 }
 
-/// The codes beyond act as the last one, ±2,000 counts.
+/// Codes past the table act as the last one, ±2,000 counts.
 #[test]
 fn section_7_2_dc_codes_that_the_manual_does_not_print() {
     for code in 9..32 {
@@ -161,8 +162,8 @@ fn section_7_17_dc_example() {
     assert_eq!(rig.duty(), 32_768);
 }
 
-/// MD3-32: from 0 to 20,000 of 40,000 counts at 10,000 counts/s in 2 s, in steps of a PWM period:
-/// at 2 kHz 0.5 ms, 5 counts, 8 of 65,536.
+/// MD3-32: a ramp from 0 to 20,000 of 40,000 counts at 10,000 counts/s takes 2 s. The duty changes once in
+/// each PWM period: at 2 kHz every 0.5 ms, by 5 counts or 8/65,536.
 #[test]
 fn section_7_2_dc_ramps() {
     let mut rig = dc(2);
@@ -184,7 +185,7 @@ fn section_7_2_dc_ramps() {
     assert_eq!((rig.motion_control(), rig.position()), (0, 0));
 }
 
-/// The frequencies: a duty holds for a period, and while it ramps each period has another one.
+/// PWM frequencies: a duty is constant for one period, and during a ramp each period has a different duty.
 #[test]
 fn section_7_2_dc_frequencies() {
     for (code, (hz, full)) in (0..).zip(PWM) {
@@ -206,7 +207,8 @@ fn section_7_2_dc_frequencies() {
     }
 }
 
-/// Another frequency has another range: 5,000 of 40,000 counts, of 20,000, of 4,000.
+/// A change of the frequency changes the full scale: Speed 5,000 is a duty of 5,000/40,000, of 5,000/20,000,
+/// or of 5,000/4,000, which acts as 1.
 #[test]
 fn section_7_2_dc_another_frequency() {
     let mut rig = dc(2);
@@ -231,7 +233,7 @@ fn section_7_2_dc_stop_is_immediate() {
     }
 }
 
-/// "Jog mode only": Move and Home complete at once.
+/// "Jog mode only": Move and Home end at once.
 #[test]
 fn section_7_2_dc_only_jogs() {
     let mut rig = dc(0);
@@ -243,7 +245,7 @@ fn section_7_2_dc_only_jogs() {
     }
 }
 
-/// MD3-32: AlternateSpeed is a count, too.
+/// MD3-32: AlternateSpeed is in counts, too.
 #[test]
 fn section_7_2_dc_alternate_speed() {
     let mut rig = dc(2);
@@ -259,7 +261,7 @@ fn section_7_2_dc_alternate_speed() {
     assert_eq!(rig.duty(), -8_192);
 }
 
-/// MD3-32: a change of Motor Mode stops at once, either way.
+/// MD3-32: a change of Motor Mode in either direction stops the motor at once.
 #[test]
 fn section_7_2_a_change_of_the_motor_mode_stops() {
     let mut rig = dc(2);
@@ -278,7 +280,7 @@ fn section_7_2_a_change_of_the_motor_mode_stops() {
     assert_eq!((rig.duty(), rig.motion_control()), (0, 0));
 }
 
-/// Cutback after `tenths` of a second to code 5, 0.5 A. Pins 4 and 5 have no function.
+/// A drive with cutback to code 5, 0.5 A, after `tenths` of a second. Pins 4 and 5 have no function.
 fn with_cutback(tenths: u16) -> Rig {
     let mut rig = Rig::ready();
     rig.write(at::PINS, 0xf << 4);
@@ -296,7 +298,7 @@ fn section_7_3_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
     rig.after(100.secs());
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
-    // The heartbeat goes on (2): a quarter of every 1.5 s.
+    // The heartbeat continues (2): on for a quarter of every 1.5 s.
     let beats = (0..15).filter(|_| {
         rig.after(100.millis());
         rig.lit(GREEN)
@@ -321,7 +323,7 @@ fn section_7_3_timeout_0_is_no_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// Full step takes its 71 % of the cutback level, too: 355 of 500 mA.
+/// Full step reduces the cutback level to 71 %, too: 355 of 500 mA.
 #[test]
 fn section_7_3_full_step() {
     let mut rig = with_cutback(10);
@@ -331,7 +333,7 @@ fn section_7_3_full_step() {
     assert_eq!(rig.current(), 355);
 }
 
-/// MD3-31: the light comes on even if the current stays the same.
+/// MD3-31: the red light is lit even if the current stays the same.
 #[test]
 fn section_7_3_red_lights_at_the_same_current() {
     let mut rig = with_cutback(10);
@@ -340,7 +342,7 @@ fn section_7_3_red_lights_at_the_same_current() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, true));
 }
 
-/// A new timeout counts from where the old one did: 1 s is over at once after 3 s.
+/// A new timeout counts from the start of the old one. Here 1 s is written after 3 s and expires at once.
 #[test]
 fn section_7_3_a_new_timeout() {
     let mut rig = with_cutback(100);
@@ -386,7 +388,8 @@ fn section_7_3_an_input_change_restores_the_current() {
     }
 }
 
-/// Pin 3, too, where it takes no current of its own (function 3 is none).
+/// An edge on pin 3 restores the current, too, if the pin does not switch the current itself (function 3:
+/// none).
 #[test]
 fn section_7_3_a_change_of_pin_3_restores_the_current() {
     let mut rig = with_cutback(10);
@@ -413,7 +416,7 @@ fn section_7_3_other_pins_restore_nothing() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// MD3-31: step pulses, too.
+/// MD3-31: step pulses restore the current, too.
 #[test]
 fn section_7_3_step_pulses_restore_the_current() {
     let mut rig = with_cutback(10);
@@ -439,7 +442,7 @@ fn section_7_3_what_counts_as_a_command() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
 }
 
-/// MD3-31: not while moving; the end of a motion starts the timeout anew, and a motion restores
+/// MD3-31: no cutback while the motor moves. The end of a motion restarts the timeout, and a motion restores
 /// the current before its first step.
 #[test]
 fn section_7_3_not_while_moving() {
@@ -449,13 +452,13 @@ fn section_7_3_not_while_moving() {
     assert_eq!((rig.current(), rig.lit(RED)), (1_000, false));
     rig.after(2_499.millis());
     assert_eq!((rig.busy(), rig.current()), (true, 1_000));
-    rig.after(500.millis()); // the move is over for 499 ms
+    rig.after(500.millis()); // the move has been over for 499 ms
     assert_eq!((rig.busy(), rig.current()), (false, 1_000));
     rig.after(2.millis());
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
 }
 
-/// Becoming ready starts the timeout as well.
+/// The timeout also starts when the drive becomes ready.
 #[test]
 fn section_7_3_after_start_up() {
     let mut rig = Rig::restarted(&[(at::CURRENT_CUTBACK, 10 << 8 | 5)]);
@@ -465,7 +468,7 @@ fn section_7_3_after_start_up() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
 }
 
-/// Cutback gives no current to a drive that has none.
+/// Cutback does not switch on the current of a disabled drive.
 #[test]
 fn section_7_3_disabled_stays_without_current() {
     let mut rig = with_cutback(5);
@@ -474,7 +477,7 @@ fn section_7_3_disabled_stays_without_current() {
     assert_eq!(rig.current(), 0);
 }
 
-/// 250 · 10 ms + 2.5 s = 5 s (7.4). The saved value counts.
+/// 250 · 10 ms + 2.5 s = 5 s (7.4). Only the saved value applies.
 #[test]
 fn section_7_4_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 250)]);
@@ -495,7 +498,7 @@ fn section_7_4_a_delay_that_was_not_saved_does_not_count() {
     assert_eq!(rig.read(at::STARTUP_DELAY), 0);
 }
 
-/// More than 65,435 acts as that: 2.5 s + 654.35 s.
+/// More than 65,435 acts as 65,435: 2.5 s + 654.35 s.
 #[test]
 fn section_7_4_the_longest_delay() {
     for delay in [65_435, 65_535] {
@@ -507,7 +510,7 @@ fn section_7_4_the_longest_delay() {
     }
 }
 
-/// `--fast-boot` skips all of it.
+/// `--fast-boot` skips the whole start-up delay.
 #[test]
 fn section_7_4_without_any_delay() {
     let mut rig = Rig::new("md3", Setup { boot_fast: true, ..Setup::default() });
@@ -518,7 +521,7 @@ fn section_7_4_without_any_delay() {
     assert_eq!(rig.until_idle(), 2_500.millis());
 }
 
-/// Frames that come during the start-up delay are counted and not executed (MD3-13).
+/// Frames that arrive during the start-up delay are counted but not executed (MD3-13).
 #[test]
 fn section_7_4_no_frame_is_executed_before_the_end_of_the_delay() {
     let mut rig = Rig::new("md3", Setup::default());

@@ -1,4 +1,4 @@
-//! Sections 2 and 4: lights, BUSY, and the start at power-on.
+//! Sections 2 and 4: lights, BUSY, and the start-up at power-on.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;
@@ -7,13 +7,13 @@ use drivetwin_sim::bench::Setup;
 
 use crate::rig::{GREEN, RED, Rig, at, bit};
 
-/// Red and green.
+/// States of the red and the green light; true is on.
 fn lights(rig: &Rig) -> (bool, bool) {
     (rig.lit(RED), rig.lit(GREEN))
 }
 
-/// MD3-13: both flash twice, 0.25 s on and 0.25 s off, inside the 2.5 s; then they
-/// alternate every half second.
+/// MD3-13: both lights flash twice, 0.25 s on and 0.25 s off. For the rest of the 2.5 s they alternate every
+/// half second.
 #[test]
 fn section_2_lights_at_power_up() {
     let mut rig = Rig::new("md3", Setup::default());
@@ -34,14 +34,14 @@ fn section_2_lights_at_power_up() {
     assert_eq!(lights(&rig), first); // 2.499 s
 }
 
-/// The lights alternate during the whole delay.
+/// The lights alternate during the whole start-up delay.
 #[test]
 fn section_2_lights_during_the_startup_delay() {
     let mut rig = Rig::restarted(&[(at::STARTUP_DELAY, 500)]);
     rig.after(1_250.millis());
     let first = lights(&rig);
     for n in 0..12 {
-        // Until 7.25 of 7.5 s.
+        // The loop ends at 7.25 s of 7.5 s.
         let swapped = n % 2 == 1;
         assert_eq!(lights(&rig), (first.0 != swapped, first.1 != swapped), "after {n} half seconds");
         assert_ne!(first.0, first.1);
@@ -49,7 +49,7 @@ fn section_2_lights_during_the_startup_delay() {
     }
 }
 
-/// Flashes of a light in 15 s, and how many of 1,500 samples find it on.
+/// Number of flashes of a light in 15 s, and number of the 1,500 samples in which it is on.
 fn flashes(rig: &mut Rig, light: &str) -> (u32, u32) {
     let (mut flashes, mut lit, mut before) = (0, 0, rig.lit(light));
     for _ in 0..1_500 {
@@ -61,7 +61,7 @@ fn flashes(rig: &mut Rig, light: &str) -> (u32, u32) {
     (flashes, lit)
 }
 
-/// MD3-13: the heartbeat's period is 1.5 s. It is green, which is D6 in the table of section 2.
+/// MD3-13: the heartbeat is a green flash every 1.5 s. Green is D6 in the table of section 2.
 #[test]
 fn section_2_heartbeat() {
     let mut rig = Rig::ready();
@@ -69,7 +69,7 @@ fn section_2_heartbeat() {
     assert_eq!(flashes(&mut rig, RED), (0, 0));
 }
 
-/// In a fault green is off and red flashes.
+/// In a fault the green light is off and the red one flashes.
 #[test]
 fn section_2_lights_in_a_fault() {
     let mut rig = Rig::ready();
@@ -85,7 +85,7 @@ fn section_2_lights_in_a_fault() {
     assert_eq!(flashes(&mut rig, RED), (0, 0));
 }
 
-/// A fault in cutback flashes red, too; cutback shows again when it is cleared.
+/// A fault during cutback makes the red light flash. In cutback without a fault it is on.
 #[test]
 fn section_2_lights_in_a_fault_in_cutback() {
     let mut rig = Rig::ready();
@@ -140,7 +140,7 @@ fn section_4_start_up() {
     assert_eq!(rig.position(), 1);
 }
 
-/// Ready at 2.5 s, not a tick before.
+/// The drive is ready after 2.5 s, and not a tick earlier.
 #[test]
 fn section_4_ready_after_2_5_s() {
     let mut rig = Rig::new("md3", Setup::default());
@@ -150,7 +150,7 @@ fn section_4_ready_after_2_5_s() {
     assert_eq!(rig.current(), 1_000);
 }
 
-/// A pin that is held low all the time is no edge when the drive becomes ready.
+/// A pin that is low before and after start-up makes no edge when the drive becomes ready.
 #[test]
 fn section_4_levels_are_no_edges() {
     let mut rig = Rig::ready();
@@ -166,7 +166,7 @@ fn section_4_levels_are_no_edges() {
     rig.assert_stands(0);
 }
 
-/// Also without a start-up delay a pin that was active all the time makes no edge.
+/// Without a start-up delay, too, a pin that is active before power-on makes no edge.
 #[test]
 fn section_4_levels_are_no_edges_without_a_delay() {
     for (function, pin) in [(0b0000 << 4, "J2.4"), (0b0001 << 4, "J2.4"), (0xf << 4 | 1 << 8, "J2.3")] {
@@ -183,7 +183,7 @@ fn section_4_levels_are_no_edges_without_a_delay() {
     }
 }
 
-/// Without power nothing is driven, and no answer comes.
+/// Without power the drive has no current, releases its outputs and sends no reply.
 #[test]
 fn section_4_without_power() {
     let mut rig = Rig::ready();
@@ -195,5 +195,5 @@ fn section_4_without_power() {
     assert!(rig.ask(&rtu::read(1, 0, 1)).is_empty());
     rig.bench.power(rig.seat, drivetwin_sim::bench::PowerAction::On);
     rig.after(3.secs());
-    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // MD3-17: from power-on
+    assert_eq!((rig.motion_control(), rig.position()), (0, 0)); // MD3-17: the position counts from power-on
 }

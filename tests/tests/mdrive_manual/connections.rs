@@ -1,4 +1,4 @@
-//! Both ports (FB 1.2.1): several clients, pieces, and bytes that mean nothing.
+//! Both ports (FB 1.2.1): several clients, split messages, and bytes without a meaning.
 
 use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_protocol::time::{Duration, Span};
@@ -54,7 +54,7 @@ fn what_is_no_modbus_closes_its_connection_and_no_other() {
     let mut rig = Rig::plus();
     let good = request(3, 0x0029, 1);
     let bad: [&[u8]; 5] = [
-        // Another protocol; no unit; no function; longer than a PDU can be; longer still.
+        // Another protocol; no unit; no function; longer than a PDU can be; an HTTP request.
         &[0, 1, 0, 1, 0, 6, 1, 3, 0, 0x29, 0, 1],
         &[0, 1, 0, 0, 0, 0, 1, 3, 0, 0x29, 0, 1],
         &[0, 1, 0, 0, 0, 1, 1, 3, 0, 0x29, 0, 1],
@@ -85,14 +85,14 @@ fn clients_come_and_go_and_see_one_drive() {
         assert_eq!(rig.long(0x005F), i32::from(n));
         assert_eq!(rig.value("R1"), i64::from(n));
     }
-    // Half a request is left; the others go on.
+    // One client disconnects in the middle of a request; the others continue.
     rig.bench.send(clients[0], &adu(1, 1, &request(3, 0, 2))[..9]);
     rig.bench.disconnect(clients[0]);
     rig.after(1.secs());
     assert_eq!(rig.long(0x005F), 7);
 }
 
-/// Line buffers are of a connection.
+/// Each connection has its own line buffer.
 #[test]
 fn two_terminals_do_not_mix_their_lines() {
     let mut rig = Rig::plus();
@@ -102,11 +102,11 @@ fn two_terminals_do_not_mix_their_lines() {
     rig.heard_by(other);
     rig.key(b"11\r");
     rig.assert_values(&[("R1", 11), ("R2", 22), ("ER", 0)]);
-    // Printed text goes to the client that sent the line.
+    // Printed text is sent to the client that sent the line.
     rig.bench.send(other, b"PR R2\r");
     assert_eq!(rig.heard_by(other), b"22\r\n");
     assert_eq!(rig.heard(), "");
-    // Output of programs goes to all.
+    // Output of programs is sent to all clients.
     rig.program("PG 1\nPR \"HERE\"\nE\nPG");
     assert_eq!(rig.say("EX 1"), "");
     rig.after(10.millis());
@@ -114,7 +114,7 @@ fn two_terminals_do_not_mix_their_lines() {
     assert_eq!(rig.heard_by(other), b"HERE\r\n");
 }
 
-/// Random bytes give error numbers at most, and afterwards the drive works.
+/// Random bytes cause errors at most, and afterwards the drive works.
 #[test]
 fn bytes_that_mean_nothing_do_no_harm() {
     for kind in KINDS {
@@ -127,7 +127,7 @@ fn bytes_that_mean_nothing_do_no_harm() {
             seed
         };
         for _ in 0..200 {
-            // No Ctrl-C and no Esc, which have their meaning.
+            // Without Ctrl-C, Ctrl-E and Esc, because they have a meaning.
             let bytes: Vec<u8> =
                 (0..next() % 90).map(|_| next() as u8).filter(|b| ![3, 5, 27].contains(b)).collect();
             let client = rig.bench.connect_to(rig.seat, MCODE).expect("room");
@@ -148,11 +148,11 @@ fn bytes_that_mean_nothing_do_no_harm() {
     }
 }
 
-/// 64 characters in a line; then CR LF and error 20 (MC 5-57).
+/// A line has at most 64 characters; a longer one gives CR LF and error 20 (MC 5-57).
 #[test]
 fn a_line_that_is_too_long_is_error_20() {
     let mut rig = Rig::plus();
-    // 64 with their blanks are taken.
+    // A line of 64 characters, blanks included, is accepted.
     let most = format!("R1=5{}", " ".repeat(60));
     rig.say(&most);
     rig.assert_values(&[("R1", 5), ("ER", 0)]);
@@ -175,14 +175,15 @@ fn lines_end_with_cr_lf_or_both() {
     }
 }
 
-/// Both ports are those of one Ethernet controller, which starts with the drive's power, and not with Ctrl-C.
+/// Both ports belong to one Ethernet controller. It starts with the drive's power, and does not restart with
+/// Ctrl-C.
 #[test]
 fn connections_are_accepted_once_the_drive_has_booted() {
     let mut bench = Bench::new();
     let seat =
         bench.add_with("x", Box::new(Mdrive::plus()), Setup::default()).expect("a drive that can be seated");
     for _ in 0..2 {
-        // Power comes within a tick.
+        // The power is on within a tick.
         let booted = bench.now() + 300.millis();
         bench.run_until(booted - Duration::TICK * 2);
         for port in [MODBUS, MCODE] {
@@ -204,7 +205,8 @@ fn connections_are_accepted_once_the_drive_has_booted() {
     }
 }
 
-/// MC 7.1: 2 ms for `PR R1`, and nothing that is typed in that time is lost; the bus is served throughout.
+/// MC 7.1: `PR R1` takes 2 ms. Nothing that is typed in that time is lost, and port 502 is served all the
+/// time.
 #[test]
 fn lines_of_several_clients_wait_for_each_other() {
     let mut rig = Rig::plus();
@@ -221,7 +223,7 @@ fn lines_of_several_clients_wait_for_each_other() {
     let mut came = Vec::new();
     rig.bench.receive(client, &mut came);
     assert_eq!(came, adu(1, 1, &[3, 2, 0, 5]));
-    // Neither has to wait until the other has finished.
+    // Neither client waits until the other has finished.
     let early = clients.map(|client| {
         let mut early = Vec::new();
         rig.bench.receive(client, &mut early);
@@ -245,7 +247,7 @@ fn lines_of_a_disconnected_client_are_executed() {
     rig.bench.run_until_idle();
     rig.assert_now(&[("R1", 1), ("R2", 2), ("R3", 3), ("MR", 1000), ("ER", 0)]);
     assert_eq!(rig.bench.connections(rig.seat, MCODE), 1);
-    // A power loss during this ends the connection.
+    // If the drive loses power meanwhile, the connection ends.
     let client = rig.bench.connect_to(rig.seat, MCODE).expect("there is room");
     rig.bench.send(client, b"R1=7\rS\r");
     rig.bench.disconnect(client);

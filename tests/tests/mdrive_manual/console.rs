@@ -6,13 +6,13 @@ use drivetwin_sim::bench::Client;
 use crate::rig::{CALIBRATION, KINDS, Kind, MCODE, Rig, SIGN_ON, START};
 
 impl Rig {
-    /// Character by character.
+    /// Sends a text one character at a time; returns the text that the drive sends.
     fn typed(&mut self, text: &str) -> String {
         text.bytes().map(|byte| self.key(&[byte])).collect()
     }
 }
 
-/// Table 7.1, EM = 0: echoed as it is typed, then CR, LF and `>`.
+/// Table 7.1, EM = 0: each character is echoed as it is typed; after a line follow CR, LF and `>`.
 #[test]
 fn echo_mode_0_echoes_and_prompts() {
     for kind in KINDS {
@@ -23,7 +23,7 @@ fn echo_mode_0_echoes_and_prompts() {
         }
         assert_eq!(rig.key(b"\r"), "\r\n>");
         assert_eq!(rig.typed("PR R1\r"), "PR R1\r\n5\r\n>");
-        // An error is `?` instead, until ER is read (MC 9).
+        // After an error the prompt is `?` until ER is read (MC 9).
         assert_eq!(rig.say("RC=101"), "RC=101\r\n?");
         assert_eq!(rig.say("R1=6"), "R1=6\r\n?");
         assert_eq!(rig.say("PR ER"), "PR ER\r\n21\r\n>");
@@ -32,7 +32,7 @@ fn echo_mode_0_echoes_and_prompts() {
     }
 }
 
-/// EM = 1: CR and LF once it is done.
+/// EM = 1: CR and LF follow after the line is executed.
 #[test]
 fn echo_mode_1_answers_cr_lf() {
     let mut rig = Rig::loud(crate::rig::Kind::Plus);
@@ -44,7 +44,7 @@ fn echo_mode_1_answers_cr_lf() {
     assert!(printed.contains('5') && printed.ends_with("\r\n"), "{printed:?}");
 }
 
-/// EM = 2: only PR and L.
+/// EM = 2: only PR and L send text.
 #[test]
 fn echo_mode_2_prints_output_only() {
     let mut rig = Rig::loud(crate::rig::Kind::Plus);
@@ -58,7 +58,7 @@ fn echo_mode_2_prints_output_only() {
     assert_eq!(rig.say("L"), "R2=1\r\n");
 }
 
-/// EM = 3: the command afterwards, then CR and LF.
+/// EM = 3: the command is echoed after its execution, followed by CR and LF.
 #[test]
 fn echo_mode_3_echoes_afterwards() {
     let mut rig = Rig::loud(crate::rig::Kind::Plus);
@@ -67,7 +67,7 @@ fn echo_mode_3_echoes_afterwards() {
     assert_eq!(rig.key(b"\r"), "R1=5\r\n");
 }
 
-/// EM is the drive's, not a connection's.
+/// EM belongs to the drive, not to a connection.
 #[test]
 fn every_terminal_has_the_same_echo() {
     let mut rig = Rig::plus();
@@ -95,7 +95,7 @@ fn case_and_blanks_make_no_difference() {
     }
 }
 
-/// MC 5-57: items, text, and `;` where the cursor remains.
+/// MC 5-57: PR prints items and text; with `;` the cursor remains in the line.
 #[test]
 fn pr_prints_text_and_values() {
     let mut rig = Rig::plus();
@@ -111,7 +111,7 @@ fn pr_prints_text_and_values() {
     assert_eq!(rig.say("PR \"it's, lower Case\""), "it's, lower Case\r\n");
 }
 
-/// MC 5-1: `NAME = value` lines.
+/// MC 5-1: PR AL prints lines `NAME = value`.
 #[test]
 fn pr_al_prints_everything() {
     for kind in KINDS {
@@ -128,7 +128,8 @@ fn pr_al_prints_everything() {
     }
 }
 
-/// Known from programs: `V1 = G 512000`, labels with their address, then an empty line.
+/// The format is known from existing programs: `V1 = G 512000`, labels with their address, then an empty
+/// line.
 #[test]
 fn pr_uv_prints_what_the_user_has_named() {
     let mut rig = Rig::plus();
@@ -139,7 +140,7 @@ fn pr_uv_prints_what_the_user_has_named() {
     assert!(text.ends_with("\r\n\r\n"), "{text:?}");
 }
 
-/// MC 3.4.4: Esc stops motion without a ramp, and the program.
+/// MC 3.4.4: Esc stops the program, and the motion without a ramp.
 #[test]
 fn escape_stops_everything_at_once() {
     for kind in KINDS {
@@ -157,7 +158,7 @@ fn escape_stops_everything_at_once() {
     }
 }
 
-/// MC 5-23: ES = 0 moves it to Ctrl-E.
+/// MC 5-23: with ES = 0 Ctrl-E stops instead of Esc.
 #[test]
 fn the_key_that_stops_can_be_another() {
     let mut rig = Rig::plus();
@@ -180,7 +181,8 @@ fn the_key_that_stops_can_be_another() {
     assert_eq!(rig.word(0x004A), 0);
 }
 
-/// MC 3.4.4 and 6-6: reboot, what is stored comes back, SU runs, and the connections stay.
+/// MC 3.4.4 and 6-6: Ctrl-C restarts the drive. Stored values are restored, SU runs, and the connections stay
+/// open.
 #[test]
 fn control_c_restarts() {
     for kind in KINDS {
@@ -202,7 +204,7 @@ fn control_c_restarts() {
     }
 }
 
-/// MC 5-11
+/// MC 5-11: CE = 0 disables Ctrl-C.
 #[test]
 fn control_c_can_be_disabled() {
     let mut rig = Rig::plus();
@@ -217,7 +219,7 @@ fn control_c_can_be_disabled() {
     assert_eq!(rig.word(0x0067), 25);
 }
 
-/// MC 5-26: programs, variables and settings, and the sign-on as an answer.
+/// MC 5-26: FD resets programs, variables and settings, and the drive replies with the sign-on message.
 #[test]
 fn factory_defaults_come_with_the_sign_on() {
     for kind in KINDS {
@@ -237,7 +239,7 @@ fn factory_defaults_come_with_the_sign_on() {
         assert_eq!(rig.say("L").trim(), "");
         rig.refused("PR Q1", 30);
         rig.refused("EX G1", 30);
-        // At once in the memory.
+        // FD changes the non-volatile memory at once.
         rig.power_cycle();
         rig.say("EM=2");
         assert_eq!(rig.word(0x0067), 25);
@@ -260,7 +262,7 @@ fn programs_and_variables_outlive_the_power() {
     for kind in KINDS {
         let mut rig = Rig::new(kind);
         rig.program("PG 1\nLB SU\nR2=R2+7\nE\nPG");
-        // The program is there without a save (MC 5-42), R1 is not.
+        // The program is kept without a save (MC 5-42), R1 is not.
         rig.set(&["VA Q1=5", "S"]);
         rig.after(100.millis());
         rig.set(&["Q1=6", "R1=8"]);
@@ -274,7 +276,7 @@ fn programs_and_variables_outlive_the_power() {
     }
 }
 
-/// MC 5-40: from the beginning, an address or a label.
+/// MC 5-40: L lists from the beginning, from an address or from a label.
 #[test]
 fn a_program_is_listed() {
     let mut rig = Rig::plus();
@@ -287,7 +289,7 @@ fn a_program_is_listed() {
     assert_eq!(rig.say("L 102"), "H\r\nE\r\n");
 }
 
-/// MC 5-42
+/// MC 5-42: LK = 1 locks the programs.
 #[test]
 fn a_locked_program_is_neither_listed_nor_changed() {
     let mut rig = Rig::plus();
@@ -299,21 +301,21 @@ fn a_locked_program_is_neither_listed_nor_changed() {
     rig.set(&["EX G1"]);
     rig.after(10.millis());
     rig.assert_values(&[("R1", 5)]);
-    // Not saved, so Ctrl-C unlocks it.
+    // LK is not saved, so Ctrl-C unlocks the programs.
     rig.key(&[0x03]);
     rig.after(START);
     rig.say("EM=2");
     rig.heard();
     rig.assert_values(&[("LK", 0)]);
     assert!(rig.say("L").starts_with("LB G1\r\n"));
-    // And so does clearing all of it.
+    // Clearing the whole program space unlocks, too.
     rig.set(&["LK=1", "CP"]);
     rig.assert_values(&[("LK", 0)]);
     assert_eq!(rig.say("L").trim(), "");
 }
 
-/// MC 5-42: "It can only be reset by clearing the entire program space", which then holds after power comes, too, and
-/// saves nothing else.
+/// MC 5-42: "It can only be reset by clearing the entire program space". LK then stays 0 after a power cycle,
+/// and clearing saves nothing else.
 #[test]
 fn clearing_everything_unlocks_for_good() {
     let mut rig = Rig::plus();
@@ -331,7 +333,7 @@ fn clearing_everything_unlocks_for_good() {
     rig.assert_values(&[("LK", 0), ("RC", 50), ("ER", 0)]);
 }
 
-/// MC 5-1: "the value/state of all variables and flags", MD and VR among them.
+/// MC 5-1: PR AL prints "the value/state of all variables and flags", including MD and VR.
 #[test]
 fn all_prints_the_last_motion_and_the_version() {
     for (kind, version) in [(Kind::Plus, "VR = 3.0.0.9"), (Kind::Hybrid, "VR = 4.0.0.8, 1.8")] {

@@ -1,5 +1,6 @@
-//! Effects of every register, and of every variable that only MCode has, beyond reading back, typed by hand from FB 5
-//! and the pages of MC. S1 to S13 and trips have tests of their own (inputs, outputs, trips), EM has too (console).
+//! Effects of every register, and of every variable that only MCode has, apart from reading back, typed by
+//! hand from FB 5 and the pages of MC. S1 to S13 and trips have their own tests (inputs, outputs, trips), and
+//! so has EM (console).
 
 use drivetwin_firmware::device::{Encoder, Level};
 use drivetwin_protocol::time::Span;
@@ -8,7 +9,8 @@ use drivetwin_sim::bench::PinStimulus;
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, START};
 use crate::table::{Access, TABLE, find};
 
-/// Effect of a register: preparation, pairs of a written value (`None`: no write) and the value observed then.
+/// Effect of a register: preparation, then pairs of a written value (`None`: no write) and the value observed
+/// after it.
 struct Effect {
     name: &'static str,
     prepare: fn(&mut Rig),
@@ -25,7 +27,7 @@ const fn effect(
     Effect { name, prepare, seen, observe }
 }
 
-/// Registers without an effect beyond reading back.
+/// Registers without an effect apart from reading back.
 const WITHOUT: &[(&str, &str)] = &[("CA", "this motor has no torque to compensate (MC 5-9)")];
 
 fn nothing(_: &mut Rig) {}
@@ -51,7 +53,7 @@ const LL: u16 = 0x0099;
 const LR: u16 = 0x009B;
 const SC: u16 = 0x00A1;
 
-/// Turns of the shaft, as the encoder sees it: 512 lines, or 1,000 (MC 5-22).
+/// Whole turns of the shaft by its encoder: 512 lines on a Plus, 1,000 on a Hybrid (MC 5-22).
 fn turns(rig: &mut Rig) -> i64 {
     let counts = if rig.kind == Kind::Plus { 2_048 } else { 4_000 };
     i64::from(rig.long(C2)) / counts
@@ -65,7 +67,7 @@ fn level(rig: &mut Rig, io: &str) -> i64 {
     i64::from(rig.level(io) == Level::Low)
 }
 
-/// Outputs 1 to 4 that pull low while they are active, a bit each.
+/// Outputs 1 to 4 as bits; a bit is 1 while its output pulls low.
 fn outputs(rig: &mut Rig) -> i64 {
     ["IO4", "IO3", "IO2", "IO1"].into_iter().fold(0, |bits, io| bits << 1 | level(rig, io))
 }
@@ -74,21 +76,21 @@ fn are_outputs(rig: &mut Rig) {
     rig.set(&["S1=16,0,0", "S2=16,0,0", "S3=16,0,0", "S4=16,0,0"]);
 }
 
-/// An input of 1 to 4 goes low; whether it is active 20 ms later.
+/// Pulls input `n` + 1 low; returns 1 if the input is active 20 ms later.
 fn follows(rig: &mut Rig, n: u16) -> i64 {
     rig.low(["IO1", "IO2", "IO3", "IO4"][usize::from(n)]);
     rig.after(20.millis());
     rig.word(I1 + n).into()
 }
 
-/// The speed after some time on the way to one that is far.
+/// Commands a slew at `speed`; returns the speed after `ms` milliseconds.
 fn speed_after(rig: &mut Rig, ms: u64, speed: i32) -> i64 {
     rig.write_long(SL, speed);
     rig.after(ms.millis());
     rig.long(V).into()
 }
 
-/// A closed loop whose shaft is held.
+/// Switches to closed loop and holds the shaft.
 fn held_in_closed_loop(rig: &mut Rig) {
     rig.write(EE, 1);
     rig.fault("stall", true);
@@ -99,14 +101,16 @@ fn slews_in_closed_loop(rig: &mut Rig) {
     rig.after(100.millis());
 }
 
-/// A Hybrid's shaft is held, and its field moves on at 1,000 steps/s; 200 steps/s are 256 steps each.
+/// Holds a Hybrid's shaft while its field moves at `speed` for `ms` milliseconds. A turn has 200 full steps
+/// of 256 steps.
 fn lags(rig: &mut Rig, speed: i32, ms: u64) {
     rig.fault("stall", true);
     rig.write_long(SL, speed);
     rig.after(ms.millis());
 }
 
-/// A Hybrid's shaft has missed a turn, which is not made up for after that many ms if LL is not 0.
+/// Makes a Hybrid's shaft miss a turn; returns 1 if the drive has made up for it after `ms` milliseconds, so
+/// that LL is 0.
 fn missed_turn_is_made_up(rig: &mut Rig, ms: u64) -> i64 {
     rig.fault("stall", true);
     rig.write_long(MR, 51_200);
@@ -116,7 +120,7 @@ fn missed_turn_is_made_up(rig: &mut Rig, ms: u64) -> i64 {
     i64::from(rig.long(LL) == 0)
 }
 
-/// Counts the calls of a trip in R1.
+/// Types a program that counts the calls of a trip in R1.
 fn trip_program(rig: &mut Rig) {
     rig.program("PG 1\nLB K1\nIC R1\nRT\nE\nPG");
     rig.set(&["TT=100,K1"]);
@@ -133,7 +137,7 @@ fn declares(rig: &mut Rig) {
     }
 }
 
-/// Value of a user's variable in MCode.
+/// Value of a variable in MCode, measured as the distance of a move.
 fn as_distance(rig: &mut Rig, name: &str) -> i64 {
     rig.set(&[&format!("MR {name}")]);
     rig.wait_still(1.secs());
@@ -142,7 +146,7 @@ fn as_distance(rig: &mut Rig, name: &str) -> i64 {
 
 #[rustfmt::skip]
 const EFFECTS: &[Effect] = &[
-    // VI is 1,000, and 10 ms later the speed is more by A.
+    // The speed is VI, 1,000, and 10 ms later it has increased by A times 10 ms.
     effect("A", nothing, &[(Some(1_000_000), 11_000), (Some(500_000), 6_000)], |rig| speed_after(rig, 10, 200_000)),
     effect("C1", nothing, &[(Some(123), 123), (Some(-7), -7)], |rig| rig.long(P).into()),
     effect("C2", |rig| rig.write(EE, 1), &[(Some(123), 123), (Some(-7), -7)], |rig| rig.long(P).into()),
@@ -164,7 +168,7 @@ const EFFECTS: &[Effect] = &[
     effect("D2", nothing, &[(Some(10), 1), (Some(50), 0)], |rig| follows(rig, 1)),
     effect("D3", nothing, &[(Some(10), 1), (Some(50), 0)], |rig| follows(rig, 2)),
     effect("D4", nothing, &[(Some(10), 1), (Some(50), 0)], |rig| follows(rig, 3)),
-    // Half of 5 V are 512 counts.
+    // Half of 5 V reads 512.
     effect("D5", nothing, &[(Some(0), 1), (Some(255), 0)], |rig| {
         rig.drive("ANALOG", PinStimulus::Millivolts(2_500));
         rig.after(10.millis());
@@ -172,7 +176,7 @@ const EFFECTS: &[Effect] = &[
     }),
     effect("D", |rig| { speed_after(rig, 500, 100_000); }, &[(Some(1_000_000), 90_000), (Some(500_000), 95_000)],
         |rig| speed_after(rig, 10, 0)),
-    // 100 counts are not made, and three times not corrected: 92 (MC 9.6).
+    // The held shaft misses 100 counts, and three corrections fail: error 92 (MC 9.6).
     effect("DB", |rig| { rig.set(&["EE=1", "SM=1", "SF=65000"]); rig.fault("stall", true); },
         &[(Some(200), 0), (Some(10), 92)], |rig| {
             rig.write_long(MR, 100);
@@ -185,7 +189,7 @@ const EFFECTS: &[Effect] = &[
         rig.wait_still(2.secs());
         turns(rig)
     }),
-    // A distance in counts is more in steps.
+    // With EE = 1 the distance is in counts, which are more steps.
     effect("EE", nothing, &[(Some(0), 1), (Some(1), 0)], |rig| {
         rig.write_long(MR, 100);
         rig.wait_still(2.secs());
@@ -193,7 +197,7 @@ const EFFECTS: &[Effect] = &[
     }),
     effect("ER", |rig| { rig.say("VM=1"); }, &[(None, 1), (Some(0), 0)], |rig| rig.word(EF).into()),
     effect("HC", |rig| rig.after(1.secs()), &[(Some(5), 150), (Some(50), 1_500)], current_ma),
-    // Towards the minus side, and towards the plus side.
+    // Type 1 starts towards the minus side, type 3 towards the plus side.
     effect("HM", |rig| rig.set(&["S1=1,0,0"]), &[(Some(1), -1), (Some(3), 1)], |rig| {
         rig.after(100.millis());
         rig.long(V).signum().into()
@@ -210,7 +214,7 @@ const EFFECTS: &[Effect] = &[
         rig.after(10.millis());
         rig.long(V).signum().into()
     }),
-    // With a ramp, or without: then it ends with the next step, 10 µs away.
+    // LM 1 stops with a ramp. LM 4 stops without a ramp, at the next step, within 10 µs.
     effect("LM", |rig| { rig.set(&["S1=2,0,0"]); speed_after(rig, 500, 100_000); }, &[(Some(1), 1), (Some(4), 0)], |rig| {
         rig.low("IO1");
         rig.after(20.micros());
@@ -224,7 +228,7 @@ const EFFECTS: &[Effect] = &[
         rig.wait_still(1.secs());
         rig.long(P).into()
     }),
-    // Steps of a turn: 200 times as many.
+    // A turn has 200 times MS steps.
     effect("MS", nothing, &[(Some(256), 1), (Some(128), 2), (Some(64), 4)], |rig| {
         rig.after(CALIBRATION);
         rig.write_long(MR, 51_200);
@@ -243,7 +247,7 @@ const EFFECTS: &[Effect] = &[
     effect("OL", are_outputs, &[(Some(0), 0), (Some(5), 5), (Some(15), 15)], outputs),
     effect("OT", are_outputs, &[(Some(0), 0), (Some(10), 10), (Some(15), 15)], outputs),
     effect("P", nothing, &[(Some(77), 77), (Some(-1), -1)], |rig| rig.long(C1).into()),
-    // 12 counts are outside of DB, and less than SF.
+    // 12 counts are more than DB and less than SF.
     effect("PM", |rig| { rig.turn(Encoder(0), 4); rig.write(EE, 1); }, &[(Some(0), 0), (Some(1), 1)], |rig| {
         rig.turn(Encoder(0), 12);
         rig.after(1.secs());
@@ -259,7 +263,7 @@ const EFFECTS: &[Effect] = &[
         rig.power_cycle();
         rig.long(R1).into()
     }),
-    // The field is 100 counts ahead.
+    // The field is 100 counts ahead of the shaft.
     effect("SF", held_in_closed_loop, &[(Some(15), 1), (Some(1_000), 0)], |rig| {
         slews_in_closed_loop(rig);
         rig.word(ST).into()
@@ -272,7 +276,7 @@ const EFFECTS: &[Effect] = &[
         slews_in_closed_loop(rig);
         rig.word(MV).into()
     }),
-    // A stall output.
+    // Type 19 is a stall output.
     effect("ST", |rig| rig.set(&["S1=19,0,0"]), &[(Some(0), 0), (Some(1), 1)], |rig| level(rig, "IO1")),
     effect("TE", trip_program, &[(Some(0), 0), (Some(8), 1)], |rig| {
         rig.after(1.secs());
@@ -290,7 +294,7 @@ const EFFECTS: &[Effect] = &[
         rig.after(1.secs());
         rig.long(C2).signum().into()
     }),
-    // 350 steps behind are more than 1.1 full steps of 256, and less than 1.7.
+    // A lag of 350 steps is more than 1.1 full steps of 256 (CB 0), and less than 1.7 (CB 3).
     effect("CB", nothing, &[(Some(0), 16), (Some(3), 0)], |rig| {
         lags(rig, 1_000, 350);
         i64::from(rig.word(AF) & 16)
@@ -306,7 +310,7 @@ const EFFECTS: &[Effect] = &[
         rig.wait_still(1.secs());
         rig.fault("stall", false);
     }, &[(None, 1), (Some(1), 0)], |rig| rig.word(LR).into()),
-    // Three of them beside moves of 2.37 s.
+    // A calibration takes three times CT, and moves of 2.37 s.
     effect("CT", nothing, &[(Some(200), 128), (Some(1_000), 0)], |rig| {
         rig.write(SC, 1);
         rig.after(4.secs());
@@ -327,7 +331,7 @@ const EFFECTS: &[Effect] = &[
     effect("MF", |rig| rig.write(0x00A0, 1), &[(Some(768_000), 1), (Some(306), 0)], |rig| missed_turn_is_made_up(rig, 500)),
     effect("MU", nothing, &[(Some(0), 0), (Some(1), 1), (Some(2), 1)], |rig| missed_turn_is_made_up(rig, 500)),
     effect("SC", nothing, &[(None, 128), (Some(1), 0)], |rig| i64::from(rig.word(AF) & 128)),
-    // 5,000,000 steps/s, or 38,910.
+    // SS 0 is 5,000,000 steps/s, SS 255 is 38,910.
     effect("SS", |rig| rig.write(0x00A0, 2), &[(Some(0), 1), (Some(255), 0)], |rig| missed_turn_is_made_up(rig, 500)),
     effect("TD", nothing, &[(Some(1), 1), (Some(0), -1)], |rig| {
         spins(rig);
@@ -377,7 +381,7 @@ fn written_registers_have_effects() {
     }
 }
 
-/// Each writable register has a line above, with at least two different observations.
+/// Each writable register is in exactly one of the lists above, with at least two different observations.
 #[test]
 fn no_register_is_left_out() {
     for row in TABLE.iter().filter(|row| row.access != Access::ReadOnly) {
@@ -391,7 +395,8 @@ fn no_register_is_left_out() {
     }
 }
 
-/// The same of a variable that only MCode has: what is typed, and what is observed then.
+/// Effect of a variable that only MCode has: preparation, then pairs of a typed line and the value observed
+/// after it.
 struct Typed {
     lines: fn(&mut Rig),
     seen: &'static [(&'static str, i64)],
@@ -408,7 +413,7 @@ const fn typed(
     Typed { lines, seen, observe, only }
 }
 
-/// Drives a pin low for that many µs.
+/// Drives a pin low for `us` µs.
 fn dips(rig: &mut Rig, io: &str, us: u64) {
     rig.low(io);
     rig.after(us.micros());
@@ -421,7 +426,7 @@ const HYBRID: Option<Kind> = Some(Kind::Hybrid);
 
 #[rustfmt::skip]
 const TYPED: &[Typed] = &[
-    // Four pulses (MC 5-14).
+    // The clock input gets four pulses (MC 5-14).
     typed(|rig| rig.set(&["CM=1"]), &[("CR=1.000", 4), ("CR=2.000", 8), ("CR=0.500", 2)], |rig| {
         for _ in 0..4 {
             dips(rig, "IO7", 1_000);
@@ -429,7 +434,7 @@ const TYPED: &[Typed] = &[
         rig.after(1.secs());
         rig.long(C1).into()
     }, PLUS),
-    // In 50 ns: whether the pulse of a trip is there after 5 µs and not after 15 (MC 5-15).
+    // CW is in 50 ns: the pulse of a trip lasts more or less than 5 µs, but not 15 (MC 5-15).
     typed(|rig| rig.set(&["S13=61,1", "TP=20,0", "TE=2"]), &[("CW=40", 0), ("CW=255", 1)], |rig| {
         rig.write_long(SL, 1_000);
         rig.wait(1.secs(), 1.micros(), |rig| rig.level("CAPTURE") == Level::High);
@@ -439,19 +444,19 @@ const TYPED: &[Typed] = &[
         assert_eq!(rig.level("CAPTURE"), Level::Low);
         is_long.into()
     }, None),
-    // 51,200 steps are 2,048 counts, or 1,024 (MC 5-22).
+    // 51,200 steps are 2,048 counts, or 1,024 with EL=256 (MC 5-22).
     typed(nothing, &[("EL=512", 2_500), ("EL=256", 5_000)], |rig| {
         rig.set(&["EE=1", "SM=1", "SF=65000", "DB=65000", "MR 100"]);
         rig.wait_still(1.secs());
         rig.long(C1).into()
     }, PLUS),
-    // Esc, or Ctrl-E (MC 5-23).
+    // The motion stops with Esc (ES=1) or Ctrl-E (ES=0) (MC 5-23).
     typed(nothing, &[("ES=1", 0), ("ES=0", 5_000)], |rig| {
         speed_after(rig, 500, 5_000);
         rig.key(&[0x1B]);
         rig.long(V).into()
     }, None),
-    // 50 ns, or 12.9 µs (MC 5-25).
+    // The filter passes pulses from 50 ns (FC=0) or 12.9 µs (FC=9) (MC 5-25).
     typed(|rig| { trip_program(rig); rig.set(&["S13=60,0", "TC=K1", "TE=4"]); }, &[("FC=0", 1), ("FC=9", 0)], |rig| {
         rig.high("CAPTURE");
         rig.after(1.millis());
@@ -459,17 +464,17 @@ const TYPED: &[Typed] = &[
         rig.after(100.millis());
         rig.long(R1).into()
     }, None),
-    // The same (MC 5-26).
+    // FM filters in the same way (MC 5-26).
     typed(|rig| rig.set(&["CM=1"]), &[("FM=0", 1), ("FM=9", 0)], |rig| {
         dips(rig, "IO7", 5);
         rig.long(C1).into()
     }, PLUS),
-    // The next typed line is no longer a value of R1 (MC 5-36).
+    // After IF=0 the next typed line is not stored in R1 (MC 5-36).
     typed(|rig| rig.set(&["IV R1"]), &[("PR IF", 42), ("IF=0", 0)], |rig| {
         rig.say("42");
         rig.long(R1).into()
     }, None),
-    // 44: the program is locked (MC 5-42).
+    // Error 44: the program is locked (MC 5-42).
     typed(trip_program, &[("LK=0", 0), ("LK=1", 44)], |rig| {
         rig.say("CP 1");
         rig.word(ER).into()
@@ -482,7 +487,7 @@ const TYPED: &[Typed] = &[
         rig.wait_still(1.secs());
         rig.long(C1).into()
     }, None),
-    // 71: it is warmer than that (MC 5-81).
+    // Error 71: the drive is warmer than WT (MC 5-81).
     typed(nothing, &[("WT=84", 0), ("WT=0", 71)], |rig| rig.word(ER).into(), HYBRID),
 ];
 

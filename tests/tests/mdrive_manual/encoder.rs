@@ -1,4 +1,5 @@
-//! Closed loop (MC 5-18, 5-21, 5-56, 5-68, 5-69, 7.3.4, 7.3.7): everything in counts, stalls by a shaft that is held.
+//! Closed loop (MC 5-18, 5-21, 5-56, 5-68, 5-69, 7.3.4, 7.3.7): values in counts, and stalls while the test
+//! holds the shaft.
 
 use drivetwin_firmware::device::Encoder;
 use drivetwin_protocol::time::Span;
@@ -12,7 +13,7 @@ fn closed_loop() -> Rig {
     rig
 }
 
-/// MC 7.3.7: 7,168 counts are three and a half turns, of 51,200 steps.
+/// MC 7.3.7: 7,168 counts are three and a half turns of 51,200 steps.
 #[test]
 fn moves_are_in_counts() {
     let mut rig = closed_loop();
@@ -28,7 +29,7 @@ fn moves_are_in_counts() {
     assert!((rig.value("P") - 2_048).abs() <= 10);
 }
 
-/// A slew of 7,168 counts/s, and V in counts.
+/// A slew of 7,168 counts/s, with V in counts/s.
 #[test]
 fn slews_are_in_counts() {
     let mut rig = closed_loop();
@@ -43,7 +44,7 @@ fn slews_are_in_counts() {
     assert!((speed - 7_168.0 * 25.0).abs() < 2.0, "{speed} steps/s");
 }
 
-/// SM = 0: it stops; ST is 1 until it is set to 0, ER 86 (MC 5-68, 5-70).
+/// SM = 0: a stall stops the motor. ST is 1 until 0 is written, ER is 86 (MC 5-68, 5-70).
 #[test]
 fn a_stall_stops() {
     let mut rig = closed_loop();
@@ -60,7 +61,7 @@ fn a_stall_stops() {
     rig.assert_values(&[("ST", 0)]);
 }
 
-/// SM = 1: it goes on.
+/// SM = 1: the motion continues after a stall.
 #[test]
 fn a_stall_is_noted_only() {
     let mut rig = closed_loop();
@@ -77,13 +78,14 @@ fn a_stall_is_noted_only() {
     rig.after(1.secs());
     assert!((rig.peek("C2") - position - 2_048).abs() <= 1);
     rig.assert_values(&[("ST", 0), ("ER", 0), ("V", 2_048)]);
-    // And stalls again.
+    // A second stall is noted, too.
     rig.fault("stall", true);
     rig.after(100.millis());
     rig.assert_values(&[("ST", 1), ("ER", 86), ("V", 2_048)]);
 }
 
-/// A move that was stalled for half a second ends where it was to: what is missing is corrected (MC 5-18, 5-69).
+/// A move that stalls for half a second still ends at its target: the drive corrects the missing counts
+/// (MC 5-18, 5-69).
 #[test]
 fn a_move_goes_on_after_a_stall() {
     for target in [8_192, -8_192] {
@@ -103,7 +105,7 @@ fn a_move_goes_on_after_a_stall() {
     }
 }
 
-/// Only with EE = 1 (MC 5-70).
+/// The drive detects stalls only with EE = 1 (MC 5-70).
 #[test]
 fn open_loop_does_not_look() {
     let mut rig = Rig::plus();
@@ -112,13 +114,13 @@ fn open_loop_does_not_look() {
     rig.fault("stall", true);
     rig.after(1.secs());
     rig.assert_values(&[("ST", 0), ("ER", 0), ("V", 51_200)]);
-    // The encoder's shaft does not move.
+    // The shaft with the encoder does not move.
     let before = rig.value("C2");
     rig.after(500.millis());
     assert!((rig.value("C2") - before).abs() <= 8);
 }
 
-/// A turn of the shaft has one index, and HI finds it (MC 5-29).
+/// A turn of the shaft has one index mark, and HI finds it (MC 5-29).
 #[test]
 fn the_index_is_a_home() {
     for home in 1..=4 {
@@ -130,12 +132,13 @@ fn the_index_is_a_home() {
         rig.wait_still(10.secs());
         rig.assert_values(&[("ER", 0), ("V", 0), ("I6", 0)]);
         let here = i64::from(rig.motion().position).rem_euclid(51_200);
-        // A mark is a count wide or a little more: 25 steps each.
+        // The mark is one count wide or a little more; a count is 25 steps.
         assert!(here <= 200 || here >= 51_000, "{here} steps from where the shaft began");
     }
 }
 
-/// A remote encoder at A and B counts from its first edge on, either way, also with an odd number of edges.
+/// A remote encoder at A and B counts from its first edge, in both directions, also after an odd number of
+/// edges.
 #[test]
 fn a_remote_encoder_loses_no_count() {
     let mut rig = Rig::new(Kind::Plus);
@@ -147,7 +150,7 @@ fn a_remote_encoder_loses_no_count() {
     }
 }
 
-/// A drive whose motor, of 1 N·m at 100 %, a bench file describes.
+/// A drive with a motor that a bench file describes: 1 N·m at 100 % current.
 fn loaded(load: &str, set: &str) -> Rig {
     let text = format!(
         "[[drive]]\nname = \"x\"\nkind = \"mdrive\"\nfast_boot = true\nlisten = []\nset = {{ {set} }}\n\
@@ -161,8 +164,9 @@ fn loaded(load: &str, set: &str) -> Rig {
     rig
 }
 
-/// RC = 25 gives 250 of the 1,000 mN·m: 240 for a load or friction, and besides the 5 mN·m that accelerate 400 g·cm².
-/// The speed takes little of it: 1,024 counts/s are 30 rpm of 3,000. The shaft of the bench moves as the drive's own.
+/// RC = 25 gives 250 of the 1,000 mN·m: 240 for a load or friction, in addition to the 5 mN·m that accelerate
+/// 400 g·cm². The speed reduces the torque only a little: 1,024 counts/s are 30 rpm of 3,000. The shaft on
+/// the bench moves as the drive's own.
 #[test]
 fn a_load_that_is_too_heavy_is_a_stall() {
     for (load, set, stalls) in [
@@ -191,7 +195,7 @@ fn a_load_that_is_too_heavy_is_a_stall() {
     }
 }
 
-/// A load is set while the motor moves, and removed again; a power cycle and FD do not reduce it.
+/// A load is set while the motor moves, and later removed. A power cycle and FD leave it unchanged.
 #[test]
 fn a_load_comes_and_goes() {
     let mut rig = closed_loop();
@@ -215,7 +219,7 @@ fn a_load_comes_and_goes() {
     rig.say("SL 2048");
     rig.after(1.secs());
     rig.assert_values(&[("ST", 1), ("ER", 86)]);
-    // HC and friction stop what it has turned.
+    // The holding current and friction stop the shaft, which the load has turned.
     put(&mut rig, "Load", 0);
     rig.after(1.secs());
     rig.set(&["ST=0", "SL 2048"]);
@@ -223,9 +227,9 @@ fn a_load_comes_and_goes() {
     rig.assert_values(&[("ST", 0), ("V", 2_048), ("ER", 0)]);
 }
 
-/// 1 N·m by HC and friction of 10 mN·m hold the shaft, without current friction alone: HC = 0, DE = 0. Each mN·m
-/// above that accelerates 400 g·cm² by 25 rad/s², 40.7 counts in 0.1 s, and no faster than 3,000 rpm. The bench's
-/// motor behaves as the drive's own.
+/// A holding torque of HC, 1 N·m at 100 %, and a friction of 10 mN·m hold the shaft. Without current (HC = 0
+/// or DE = 0) only friction holds it. Each mN·m above that accelerates 400 g·cm² by 25 rad/s², 40.7 counts in
+/// 0.1 s, up to 3,000 rpm. A motor of the bench behaves as the drive's own.
 #[test]
 fn a_load_turns_a_shaft_that_nothing_holds() {
     for (hold, enabled, holds) in [(5, 1, 60), (30, 1, 310), (0, 1, 10), (30, 0, 10)] {
@@ -244,7 +248,7 @@ fn a_load_turns_a_shaft_that_nothing_holds() {
             }
         }
     }
-    // From the file, and for a minute: 50 turns/s.
+    // A load from the bench file, for a minute: 50 turns/s.
     let mut rig = loaded("load_mnm = -200", "HC = 30");
     rig.set(&["DE=0"]);
     rig.after(60.secs());
@@ -255,8 +259,8 @@ fn a_load_turns_a_shaft_that_nothing_holds() {
     assert!((2_995.0..3_000.0).contains(&turn.revolutions), "{turn:?}");
 }
 
-/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): within DB, at VI,
-/// when DE is 1 again; without PM it stays away, and with SM = 0 if it has come SF counts away.
+/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): after DE
+/// is 1 again, at VI, to within DB. The shaft stays away without PM, and with SM = 0 if it is SF counts away.
 #[test]
 fn position_maintenance_brings_the_shaft_back() {
     for (set, comes_back) in [
@@ -287,14 +291,14 @@ fn position_maintenance_brings_the_shaft_back() {
     }
 }
 
-/// `steps_per_rev` of a bench file: MS times that are a turn of C1, 4 × EL one of C2,
-/// and MS is at least EL × 8 / that (MC 5-21, 7.3.1).
+/// With `steps_per_rev` of a bench file, MS times that number is a turn of C1, and 4 × EL a turn of C2. MS
+/// must be at least EL × 8 divided by that number (MC 5-21, 7.3.1).
 #[test]
 fn a_motor_of_other_full_steps_has_other_steps_in_a_turn() {
     for (full_steps, least) in [(400, 11), (100, 41), (48, 86), (2_000, 3)] {
         for resolution in [256, 8, 10, 50] {
             let mut rig = loaded(&format!("steps_per_rev = {full_steps}"), "");
-            // A turn a second.
+            // One turn a second.
             let steps = full_steps * resolution;
             rig.set(&["EE=0", &format!("MS={resolution}"), &format!("VI={}", steps / 10)]);
             rig.set(&[&format!("VM={steps}"), &format!("A={}", 5 * steps), &format!("D={}", 5 * steps)]);

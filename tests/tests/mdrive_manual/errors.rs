@@ -1,4 +1,4 @@
-//! The errors of MC 9 that other tests do not meet.
+//! The errors of MC 9 that no other test covers.
 
 use drivetwin_protocol::time::{Duration, Span};
 
@@ -10,28 +10,28 @@ fn what_is_wrong_with_a_line_has_a_number() {
         let mut rig = Rig::new(kind);
         rig.program("PG 1\nLB P9\nE\nPG");
         for (line, error) in [
-            // Unknown variable, or a typo.
+            // Unknown variables, or typing errors.
             ("QQ=5", 20),
             ("XYZZY", 20),
             ("?", 20),
-            // An operand that is not known.
+            // Unknown operands.
             ("R1=QQ", 30),
             ("PR QQ", 30),
             ("EX QQ", 30),
-            // A label is not set; an instruction is not; a variable does nothing.
+            // A label cannot be set; an instruction cannot be set; a variable alone does nothing.
             ("P9=1000", 32),
             ("RS=1", 33),
             ("VM", 34),
             ("PR FD", 35),
             ("PR H", 35),
-            // Not in program mode; no program runs.
+            // Not in program mode; no program is running.
             ("LB X1", 46),
             ("H", 40),
             ("H 100", 40),
-            // Only in programs (MC 5-6, 5-62).
+            // Only allowed in programs (MC 5-6, 5-62).
             ("BR 1", 46),
             ("RT", 46),
-            // No such I/O.
+            // I/O points that do not exist.
             ("S6=0,0", 10),
             ("S0=0,0,0", 10),
             ("O5=1", 10),
@@ -44,7 +44,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("IV V", 25),
             ("IV AL", 25),
             ("IV H", 33),
-            // Not an address.
+            // Invalid program addresses.
             ("EX 500", 42),
             ("EX 2048", 42),
             ("EX 0", 42),
@@ -52,11 +52,11 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("CP 2048", 42),
             ("PG 2048", 42),
             ("PG 0", 42),
-            // No home switch; no such type.
+            // No home switch is configured; the type does not exist.
             ("HM 1", 80),
             ("HI 5", 81),
             ("HI 0", 81),
-            // Only the serial products, and I/O that Ethernet models do not have.
+            // Commands of the serial products only, and I/O that Ethernet models do not have.
             ("BD=96", 37),
             ("CK=1", 37),
             ("DG=0", 37),
@@ -70,7 +70,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("PR IH", 37),
             ("OH=1", 37),
             ("UG 2956102", 37),
-            // Incorrect types.
+            // Types that do not fit the point.
             ("S1=9,0,0", 8),
             ("S5=8,0", 8),
             ("O1=1", 9),
@@ -82,8 +82,8 @@ fn what_is_wrong_with_a_line_has_a_number() {
     }
 }
 
-/// MC 9.5: "Linear Overtemperature Error (For units without Internal Over Temp)", which an MDrivePlus 23 is (MC 5-38). The
-/// bridge is off until it is cool and DE is written.
+/// MC 9.5: "Linear Overtemperature Error (For units without Internal Over Temp)". An MDrivePlus 23 is such a
+/// unit (MC 5-38). The bridge is off until the drive has cooled and DE is written.
 #[test]
 fn too_much_heat_is_75_without_a_sensor() {
     let mut rig = Rig::plus();
@@ -95,7 +95,7 @@ fn too_much_heat_is_75_without_a_sensor() {
     assert_eq!(rig.motion().current_ma, 0, "the bridge");
     rig.set(&["SL 0"]);
     rig.wait_still(1.secs());
-    // It is still hot.
+    // The drive is still hot.
     rig.set(&["DE=1", "SL 20000"]);
     rig.after(100.millis());
     assert_eq!(rig.motion().current_ma, 0);
@@ -108,7 +108,7 @@ fn too_much_heat_is_75_without_a_sensor() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// The temperature outlasts a restart.
+/// If the drive is still hot after a restart, it reports the error again.
 #[test]
 fn over_temperature_is_reported_again_after_a_restart() {
     let mut rig = Rig::plus();
@@ -122,7 +122,7 @@ fn over_temperature_is_reported_again_after_a_restart() {
     assert_eq!(rig.value("ER"), 75);
 }
 
-/// Reserved names: any use is an error.
+/// Any use of a reserved name is an error.
 #[test]
 fn reserved_names_are_of_no_use() {
     let mut rig = Rig::plus();
@@ -143,7 +143,7 @@ fn illegal_data_is_error_24() {
     }
 }
 
-/// MC 5-38, 5-62, 9.5: not while it moves.
+/// MC 5-38, 5-62, 9.5: these commands are refused while the motor moves.
 #[test]
 fn motion_forbids_saving_restoring_and_clearing() {
     for kind in KINDS {
@@ -163,7 +163,7 @@ fn motion_forbids_saving_restoring_and_clearing() {
     }
 }
 
-/// MC 5-38
+/// MC 5-38: IP restores the stored values.
 #[test]
 fn stored_values_come_back() {
     let mut rig = Rig::plus();
@@ -178,7 +178,7 @@ fn stored_values_come_back() {
 fn programs_end_where_they_go_wrong() {
     let mut rig = Rig::plus();
     for (lines, error) in [
-        // Nowhere to go.
+        // The label or the address does not exist.
         ("LB G1\nBR ZZ\nR2=1\nE", 30),
         ("LB G1\nBR 700\nR2=1\nE", 42),
         // A subroutine that calls itself and never returns.
@@ -193,7 +193,7 @@ fn programs_end_where_they_go_wrong() {
         rig.after(1.secs());
         rig.assert_values(&[("BY", 0), ("ER", error), ("R2", 0)]);
     }
-    // A return from nowhere.
+    // RT without a call.
     rig.set(&["CP"]);
     rig.program("PG 1\nRT\nR2=1\nE\nPG");
     rig.say("EX 1");
@@ -203,7 +203,7 @@ fn programs_end_where_they_go_wrong() {
     rig.assert_values(&[("BY", 0), ("R2", 0)]);
 }
 
-/// A program goes on after other errors.
+/// A program continues after errors that do not concern its flow.
 #[test]
 fn programs_go_on_after_a_refused_value() {
     let mut rig = Rig::plus();
@@ -213,7 +213,7 @@ fn programs_go_on_after_a_refused_value() {
     rig.assert_values(&[("BY", 0), ("R2", 1), ("EF", 1), ("ER", 27)]);
 }
 
-/// MC 5-21: EF clears when a program starts.
+/// MC 5-21: EF is cleared when a program starts.
 #[test]
 fn a_new_program_clears_the_error() {
     let mut rig = Rig::plus();
@@ -224,7 +224,7 @@ fn a_new_program_clears_the_error() {
     rig.assert_values(&[("R1", 0), ("EF", 0)]);
 }
 
-/// Jogging is not for clock mode (MC 9.6).
+/// Clock mode does not allow jogging (MC 9.6).
 #[test]
 fn clock_mode_has_no_jogging() {
     let mut rig = Rig::plus();
@@ -234,7 +234,7 @@ fn clock_mode_has_no_jogging() {
     assert_eq!(rig.ef_er(), (1, 87));
 }
 
-/// Labels (MC 5-40).
+/// Names of labels (MC 5-40).
 #[test]
 fn labels_are_new_names_of_two_characters() {
     let mut rig = Rig::plus();
@@ -254,7 +254,8 @@ fn labels_are_new_names_of_two_characters() {
     }
 }
 
-/// FD and CP, or 0, are what ends OE (MC 5-52): errors of the handler's own do not, and do not call it again.
+/// FD, CP and OE 0 end OE (MC 5-52). An error in the handler itself does not end OE, and does not call the
+/// handler again.
 #[test]
 fn a_handler_that_goes_wrong_is_called_once_for_each_error() {
     let mut rig = Rig::plus();
@@ -270,7 +271,7 @@ fn a_handler_that_goes_wrong_is_called_once_for_each_error() {
     rig.assert_values(&[("R2", 3)]);
 }
 
-/// Room is what the lines that hold leave, however often they have been typed (MC 9.3, 45).
+/// The free room depends only on the stored lines, not on how often they were typed (MC 9.3, 45).
 #[test]
 fn a_program_is_downloaded_again_and_again() {
     let mut rig = Rig::plus();

@@ -1,10 +1,11 @@
-//! Functions 1, 2, 3, 5 and 16 with the bytes that FB 4.2 prints, and all functions that a drive does not have.
+//! Functions 1, 2, 3, 5 and 16 with the bytes printed in FB 4.2, and all functions that a drive does not
+//! have.
 
 use drivetwin_firmware::device::Level;
 
 use crate::rig::{KINDS, Rig, request};
 
-/// FB 4.2.1: I1 = 1, I2 = 1, I3 = 0, I4 = 1 is 0B. New inputs are active low (FB 6.4.3).
+/// FB 4.2.1: I1 = 1, I2 = 1, I3 = 0, I4 = 1 reads as 0B. Inputs of a new drive are active low (FB 6.4.3).
 #[test]
 fn inputs_are_read_as_printed() {
     for kind in KINDS {
@@ -17,17 +18,17 @@ fn inputs_are_read_as_printed() {
             }
         }
         assert_eq!(rig.ask(&[0x02, 0x00, 0x2D, 0x00, 0x04]), [0x02, 0x01, 0x0B]);
-        // The lowest bit is the address of the request.
+        // The lowest bit is the input at the requested address.
         assert_eq!(rig.ask(&[0x02, 0x00, 0x2E, 0x00, 0x03]), [0x02, 0x01, 0b101]);
         assert_eq!(rig.ask(&[0x02, 0x00, 0x2F, 0x00, 0x01]), [0x02, 0x01, 0]);
         assert_eq!(rig.ask(&[0x02, 0x00, 0x30, 0x00, 0x01]), [0x02, 0x01, 1]);
         assert_eq!(rig.try_words(0x002D, 4), Ok(vec![1, 1, 0, 1]), "the holding registers");
-        // Levels: 1 is a voltage (MC 5-36).
+        // IL and IN show levels: 1 is a voltage (MC 5-36).
         assert_eq!((rig.word(0x003A), rig.word(0x003B)), (0b0100, 0b0100), "IL and IN");
     }
 }
 
-/// FB 4.2.2: O1 = 1, O2 = 0, O3 = 1, O4 = 0 is 05. FB 4.2.3: output 3 on.
+/// FB 4.2.2: O1 = 1, O2 = 0, O3 = 1, O4 = 0 reads as 05. FB 4.2.3: function 5 switches output 3 on.
 #[test]
 fn outputs_are_written_and_read_as_printed() {
     for kind in KINDS {
@@ -42,9 +43,9 @@ fn outputs_are_written_and_read_as_printed() {
         let off = [0x05, 0x00, 0x4D, 0x00, 0x00];
         assert_eq!(rig.ask(&off), off);
         assert_eq!(rig.ask(&[0x01, 0x00, 0x4B, 0x00, 0x04]), [0x01, 0x01, 0x01]);
-        // Active high, sinking: on is high impedance (MC 5-64).
+        // These outputs are active high and sinking: an output that is on has high impedance (MC 5-64).
         assert_eq!((rig.level("IO1"), rig.level("IO3")), (Level::Float, Level::Low));
-        // The holding registers, one by one and as a group.
+        // Outputs can also be written as holding registers, one by one and as a group.
         rig.write(0x004E, 1);
         assert_eq!(rig.ask(&[0x01, 0x00, 0x4B, 0x00, 0x04]), [0x01, 0x01, 0b1001]);
         for group in [0x0055, 0x0056] {
@@ -67,7 +68,8 @@ fn a_coil_is_ff00_or_0000() {
     rig.assert_no_error();
 }
 
-/// Error 9 (MC 9.1), and the drive's state, not the value, is at fault.
+/// A write to a point that is no output gives error 9 (MC 9.1). The exception is 04, because the drive's
+/// state is at fault, not the value.
 #[test]
 fn what_is_no_general_output_is_not_written() {
     let mut rig = Rig::plus();
@@ -101,7 +103,7 @@ fn bits_have_bounds() {
             );
         }
     }
-    // Outputs are no inputs, inputs are no outputs.
+    // Function 1 does not read inputs, and function 2 does not read outputs.
     assert_eq!(rig.try_ask(&request(1, 0x002D, 1)), Err(2));
     assert_eq!(rig.try_ask(&request(2, 0x004B, 1)), Err(2));
     for address in [0x004A, 0x004F, 0x002D, 0xFFFF] {
@@ -110,7 +112,7 @@ fn bits_have_bounds() {
     rig.assert_no_error();
 }
 
-/// FB 4.2.4 and 4.2.5, with VM where the register map has it.
+/// FB 4.2.4 and 4.2.5, with VM at its address in the register map.
 #[test]
 fn maximum_velocity_is_read_and_written_as_printed() {
     let mut rig = Rig::plus();
@@ -121,7 +123,7 @@ fn maximum_velocity_is_read_and_written_as_printed() {
     rig.assert_values(&[("VM", 600_000)]);
 }
 
-/// FB 4, table 4.1.
+/// FB 4, table 4.1: all other functions give exception 01.
 #[test]
 fn other_functions_are_not_there() {
     for kind in KINDS {
@@ -153,7 +155,7 @@ fn a_pdu_of_a_wrong_length_is_refused() {
         assert_eq!(rig.try_ask(&[pdu, &[0]].concat()), Err(3), "a byte more than {pdu:02X?}");
         assert!(rig.try_ask(pdu).is_ok(), "{pdu:02X?}");
     }
-    // A byte count that does not fit the quantity.
+    // Byte counts that do not fit the quantity.
     for count in [0, 2, 3, 5, 6, 255] {
         assert_eq!(rig.try_ask(&[16, 0, 0x5F, 0, 2, count, 0, 0, 0, 9]), Err(3), "{count}");
     }
@@ -161,7 +163,7 @@ fn a_pdu_of_a_wrong_length_is_refused() {
     rig.assert_no_error();
 }
 
-/// Reading ER clears both; so does writing 0 (FB 5, MC 5-23).
+/// EF and ER stay set until a master reads ER or writes 0 to it (FB 5, MC 5-23).
 #[test]
 fn an_error_is_there_until_it_is_read_or_set_to_0() {
     for kind in KINDS {
@@ -175,7 +177,7 @@ fn an_error_is_there_until_it_is_read_or_set_to_0() {
         assert_eq!(rig.try_write(0x0067, &[0]), Err(3));
         rig.write(0x0021, 0);
         rig.assert_no_error();
-        // Errors noted by MCode are read here, and the other way round.
+        // Modbus reads errors that MCode caused, and the other way round.
         rig.say("VM=1");
         assert_eq!(rig.ef_er(), (1, 23));
         assert_eq!(rig.try_write(0x0067, &[101]), Err(3));

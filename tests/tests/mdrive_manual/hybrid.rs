@@ -10,7 +10,7 @@ use crate::rig::{CALIBRATION, Kind, Rig, START};
 const LOCKED: i64 = 8;
 const CALIBRATED: i64 = 128;
 
-/// At power-on it calibrates: 3.12 s if CT is 250 (MC 5-9), with 200 thrice 50 ms less.
+/// At power-on a Hybrid calibrates for 3.12 s if CT is 250 (MC 5-9), with CT 200 for three times 50 ms less.
 #[test]
 fn it_calibrates_at_power_on() {
     let mut rig = Rig::set_up(Kind::Hybrid, Setup::default());
@@ -22,17 +22,17 @@ fn it_calibrates_at_power_on() {
     assert_eq!(rig.try_write(0x0043, &[0, 100]), Err(4));
     assert_eq!(rig.ef_er(), (1, 88));
     rig.wait(CALIBRATION, 1.millis(), |rig| rig.word(0x008F) & CALIBRATED as u16 != 0);
-    // On power-up it is complete when the sign-on message is sent (MC 5-9).
+    // At power-on the drive sends the sign-on message when the calibration is complete (MC 5-9).
     rig.after(1.millis());
     assert!(rig.heard().contains(crate::rig::SIGN_ON));
     rig.assert_values(&[("C1", 0), ("ER", 0)]);
-    // Three full steps forward: 3/200 of a turn of 4,000 counts (MC 5-9, 5-22).
+    // A calibration moves three full steps forward: 3/200 of a turn of 4,000 counts (MC 5-9, 5-22).
     let counts = rig.value("C2");
     assert!((counts - 60).abs() <= 2, "{counts}");
     rig.set(&["MR 1000"]);
 }
 
-/// MC 5-8, 5-67: SC, CF, AS from 0, DE from 0, MS.
+/// MC 5-8, 5-67: SC, CF, AS from 0, DE from 0 and MS start a calibration.
 #[test]
 fn commands_that_calibrate() {
     let mut rig = Rig::hybrid();
@@ -61,7 +61,7 @@ fn commands_that_calibrate() {
     }
 }
 
-/// MC 9.6, 89 and 94.
+/// MC 9.6, errors 89 and 94.
 #[test]
 fn it_does_not_calibrate_while_it_moves() {
     let mut rig = Rig::hybrid();
@@ -76,7 +76,7 @@ fn it_does_not_calibrate_while_it_moves() {
     rig.assert_values(&[("V", 20_000)]);
 }
 
-/// MC 5-44, 9.7: the rotor has not moved for LT ms; the bridge is off until CF.
+/// MC 5-44, 9.7: if the rotor has not moved for LT ms, the bridge is off until CF.
 #[test]
 fn a_locked_rotor_disables_the_bridge() {
     let mut rig = Rig::hybrid();
@@ -95,7 +95,7 @@ fn a_locked_rotor_disables_the_bridge() {
     rig.assert_values(&[("LR", 0)]);
 }
 
-/// MC 9.7, 106 and 107.
+/// MC 9.7, errors 106 and 107.
 #[test]
 fn limits_of_lead_and_lag_are_errors() {
     for (fault, error, bit) in [("lead_limit", 106, 1), ("lag_limit", 107, 2)] {
@@ -109,7 +109,7 @@ fn limits_of_lead_and_lag_are_errors() {
     }
 }
 
-/// MC 5-38, 5-81, 9.5: 71 above WT, 72 disables the drive.
+/// MC 5-38, 5-81, 9.5: error 71 above WT; with error 72 the drive is disabled.
 #[test]
 fn it_can_be_too_hot() {
     let mut rig = Rig::hybrid();
@@ -127,7 +127,8 @@ fn it_can_be_too_hot() {
     assert_eq!(rig.value("ER"), 71);
     rig.wait(60.secs(), 100.millis(), |rig| rig.value("ER") == 72);
     assert_eq!(rig.motion().current_ma, 0, "the bridge");
-    // DE is 1 all the time. Writing it brings the bridge back once it is cool, and calibrates (MC 5-9).
+    // DE is 1 all the time. If DE is written after the drive has cooled, the bridge is on again, and the
+    // drive calibrates (MC 5-9).
     rig.set(&["DE=1"]);
     rig.after(CALIBRATION);
     assert_eq!(rig.motion().current_ma, 0, "the bridge while it is hot");
@@ -141,7 +142,8 @@ fn it_can_be_too_hot() {
     assert_eq!(rig.motion().current_ma, 150, "5 % of 3 A");
 }
 
-/// MC 9.4: "Startup Calibration failed (Hybrid only)". At power-on it is not 109, that of a later one.
+/// MC 9.4: "Startup Calibration failed (Hybrid only)". At power-on the error is not 109, which is for a later
+/// calibration.
 #[test]
 fn a_calibration_at_power_on_fails_with_64() {
     let mut rig = Rig::set_up(Kind::Hybrid, Setup::default());
@@ -150,15 +152,15 @@ fn a_calibration_at_power_on_fails_with_64() {
     rig.after(20.secs());
     rig.heard();
     assert_eq!(rig.value("ER"), 64);
-    // Calibration is complete, calibration fault, locked rotor (MC 5-2, 5-9).
+    // AF: calibration complete, calibration fault, locked rotor (MC 5-2, 5-9).
     assert_eq!(rig.value("AF"), 256 + 128 + 8);
-    // One byte on the bus (FB 5.1).
+    // The register of AF has one byte (FB 5.1).
     assert_eq!(rig.word(0x008F), 128 + 8);
     rig.refused_after("SC", 109);
 }
 
 impl Rig {
-    /// A line after which an error comes, within 20 s.
+    /// Sends a line that causes an error within 20 s.
     fn refused_after(&mut self, line: &str, error: i64) {
         self.set(&[line]);
         self.after(20.secs());
@@ -166,7 +168,8 @@ impl Rig {
     }
 }
 
-/// MC 5-81: "the device will print an error 71 to the terminal screen if the set temperature is exceeded", once.
+/// MC 5-81: "the device will print an error 71 to the terminal screen if the set temperature is exceeded". It
+/// prints the error once.
 #[test]
 fn a_warning_of_its_temperature_is_printed() {
     let mut rig = Rig::hybrid();
@@ -179,7 +182,8 @@ fn a_warning_of_its_temperature_is_printed() {
     assert_eq!(rig.value("ER"), 72);
 }
 
-/// MC 9.7: "Maximum position count reached", which is that of C1, "position counter": +2147483647 (MC 5-7).
+/// MC 9.7: "Maximum position count reached". The counter is C1, "position counter", and its maximum
+/// +2147483647 (MC 5-7).
 #[test]
 fn the_end_of_the_position_counter_is_error_105() {
     for (start, way, end) in
@@ -192,7 +196,7 @@ fn the_end_of_the_position_counter_is_error_105() {
         rig.set(&[&format!("MR {}", way.signum())]);
         rig.after(1.secs());
         rig.assert_values(&[("C1", end), ("ER", 105)]);
-        // It is reported once; the count goes on at the other end.
+        // The drive reports the error once; the count continues at the other end.
         rig.set(&[&format!("MR {}", 2 * way.signum())]);
         rig.after(1.secs());
         rig.assert_values(&[("C1", -end - 1 + way.signum()), ("ER", 0)]);
@@ -203,7 +207,8 @@ fn the_end_of_the_position_counter_is_error_105() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// MC 5-8: "CA=0,1 'set torque compensation"; it is a parameter as the first one is, and saved with it.
+/// MC 5-8: "CA=0,1 'set torque compensation". The second value is a parameter like the first one and is saved
+/// with it.
 #[test]
 fn both_values_of_ca_read_back() {
     let mut rig = Rig::hybrid();
@@ -221,7 +226,7 @@ fn both_values_of_ca_read_back() {
     assert_eq!(rig.show("CA"), "0, 1");
 }
 
-/// MC 9.7, 109.
+/// MC 9.7, error 109.
 #[test]
 fn a_calibration_can_fail() {
     let mut rig = Rig::hybrid();
@@ -233,7 +238,7 @@ fn a_calibration_can_fail() {
     assert_ne!(rig.value("AF") & CALIBRATED, 0, "the flag will set (MC 5-9)");
 }
 
-/// MC 5-3, 5-72, 5-74: torque and its direction; V is 0 (FB 5, MC 5-77).
+/// MC 5-3, 5-72, 5-74: in torque mode the torque and its direction turn the shaft. V is 0 (FB 5, MC 5-77).
 #[test]
 fn torque_mode_turns_the_shaft() {
     for (direction, sign) in [(1, 1.0), (0, -1.0)] {
@@ -254,8 +259,8 @@ fn torque_mode_turns_the_shaft() {
     }
 }
 
-/// FB 5.1, MC 5-70: the fastest response is 10 MHz/(SS + 2), 38,910 steps/s with 255; the rotor lags behind what is
-/// faster.
+/// FB 5.1, MC 5-70: the fastest response is 10 MHz/(SS + 2), 38,910 steps/s with SS 255. At a higher speed
+/// the rotor lags behind.
 #[test]
 fn system_speed_limits_the_rotor() {
     for mode in [1, 2] {
@@ -268,7 +273,7 @@ fn system_speed_limits_the_rotor() {
         let (counts, lag) = (rig.peek("C2"), rig.peek("LL"));
         rig.after(1.secs());
         rig.assert_now(&[("V", 100_000)]);
-        // 4,000 counts and 51,200 steps are a turn.
+        // A turn has 4,000 counts and 51,200 steps.
         let turned = (rig.peek("C2") - counts) as f64 * 12.8;
         assert!((turned - 38_910.0).abs() < 20.0, "{turned} steps");
         let lags = (rig.peek("LL") - lag) as f64;
@@ -276,7 +281,8 @@ fn system_speed_limits_the_rotor() {
     }
 }
 
-/// MC 5-3, 9.5, 9.6: in torque mode the rotor is in motion, as the axis shows, until it is at rest.
+/// MC 5-3, 9.5, 9.6: in torque mode the drive is in motion until the rotor is at rest, and the axis shows the
+/// rotor's speed.
 #[test]
 fn a_rotor_that_turns_is_in_motion() {
     let mut rig = Rig::hybrid();
@@ -288,7 +294,7 @@ fn a_rotor_that_turns_is_in_motion() {
     rig.refused("MS=128", 89);
     let full = rig.speed();
     assert!((full - 2_560_000.0).abs() < 1.0, "3,000 rpm: {full} steps/s");
-    // A held shaft stops it: there it is locked after LT, with its bridge on (MC 5-44).
+    // If the shaft is held, the rotor stops. After LT it counts as locked, but its bridge stays on (MC 5-44).
     rig.fault("stall", true);
     let counts = rig.value("C2");
     rig.after(3.secs());
@@ -299,7 +305,7 @@ fn a_rotor_that_turns_is_in_motion() {
     let speed = rig.speed();
     assert!(speed > 0.0 && speed < full / 5.0, "it has to accelerate: {speed} steps/s");
     rig.after(2.secs());
-    // Without the bridge nothing brakes it but its friction.
+    // Without the bridge only friction slows the rotor.
     rig.set(&["DE=0"]);
     rig.after(100.millis());
     assert_eq!(rig.motion().current_ma, 0);
@@ -311,8 +317,8 @@ fn a_rotor_that_turns_is_in_motion() {
     rig.set(&["DE=1"]);
 }
 
-/// A motor of a bench file is the drive's own: at RC = 25 its 1,000 mN·m are 250, and the encoder, LL and LR are of the
-/// shaft that the bench shows.
+/// A motor in a bench file is the motor of the drive. At RC = 25 its 1,000 mN·m are 250, and the encoder, LL
+/// and LR refer to the shaft that the bench shows.
 #[test]
 fn a_motor_of_the_bench_is_the_rotor() {
     for (load, set, is_locked) in [
@@ -339,7 +345,7 @@ fn a_motor_of_the_bench_is_the_rotor() {
             assert_eq!(lag, 0, "{load}, {set}");
         }
         if !is_locked {
-            // 51,200 steps and 4,000 counts are a turn.
+            // A turn has 51,200 steps and 4,000 counts.
             assert!(((204_800 - lag) * 10 / 128 - counts).abs() <= 1, "{counts} counts, {lag} behind");
         }
         let motor = rig.bench.motors().next().expect("a motor");
@@ -351,7 +357,7 @@ fn a_motor_of_the_bench_is_the_rotor() {
     }
 }
 
-/// MC 5-71: trips on its status.
+/// MC 5-71: trips on the status of a Hybrid.
 #[test]
 fn it_trips_on_its_status() {
     let mut rig = Rig::hybrid();
@@ -368,7 +374,7 @@ fn it_trips_on_its_status() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// A Plus needs no calibration, and its start is quick.
+/// A Plus needs no calibration and starts quickly.
 #[test]
 fn a_plus_is_ready_at_once() {
     let mut rig = Rig::set_up(Kind::Plus, Setup::default());
@@ -378,11 +384,11 @@ fn a_plus_is_ready_at_once() {
     rig.after(START);
     rig.assert_values(&[("P", 100), ("ER", 0)]);
     let mut hybrid = Rig::hybrid();
-    // At zero, and calibrated (MC 5-2).
+    // The lag is zero, and the drive is calibrated (MC 5-2).
     assert_eq!(hybrid.value("AF"), 64 + CALIBRATED);
 }
 
-/// MC 5-34; HI 1 uses the mark.
+/// MC 5-34: I6 reads the index mark, which HI 1 uses.
 #[test]
 fn the_index_mark_is_read() {
     let mut rig = Rig::hybrid();
@@ -391,7 +397,7 @@ fn the_index_mark_is_read() {
     assert_eq!(rig.try_words(0x0032, 1), Err(2), "the register is of the MDrivePlus");
 }
 
-/// MC 4-8: SC = 0 calibrates; the configuration test is not there.
+/// MC 4-8: SC = 0 calibrates; the drive does not have the configuration test.
 #[test]
 fn a_calibration_has_a_mode() {
     let mut rig = Rig::hybrid();

@@ -2,10 +2,10 @@
 
 use crate::rig::{KINDS, Kind, Rig};
 
-/// Conformity: regular identification, streams and single objects.
+/// Conformity level: regular identification, streams and single objects.
 const CONFORMITY: u8 = 0x82;
 
-/// Objects of an answer: identifier and text.
+/// Objects of a reply, each with its identifier and text.
 fn objects(reply: &[u8]) -> Vec<(u8, String)> {
     let mut rest = &reply[7..];
     let mut all = Vec::new();
@@ -18,7 +18,8 @@ fn objects(reply: &[u8]) -> Vec<(u8, String)> {
     all
 }
 
-/// Known from the manual, and from PR: part number, serial number.
+/// Texts of objects 0 to 5. Part number and serial number are those that PR prints; the others are from the
+/// manual.
 fn expected(rig: &mut Rig) -> Vec<String> {
     let (part, serial) = (rig.show("PN"), rig.show("SN"));
     assert!(!part.is_empty());
@@ -51,7 +52,7 @@ fn regular_identification_is_seven_objects() {
             let (six, version) = objects.pop().expect("seven objects");
             assert_eq!(objects, (0..).zip(expected.iter().cloned()).collect::<Vec<_>>());
             assert_eq!(six, 6);
-            // PR VR has a second value on a Hybrid: that of the hardware (MC 5-80).
+            // On a Hybrid PR VR prints a second value, the version of the hardware (MC 5-80).
             let printed = rig.show("VR");
             let digits = printed.split([' ', ',']).next().expect("a version");
             let name = if kind == Kind::Hybrid { "ASI" } else { "MDI" };
@@ -100,7 +101,7 @@ fn other_identification_requests_are_refused() {
     for pdu in [&[0x2B][..], &[0x2B, 0x0E], &[0x2B, 0x0E, 1], &[0x2B, 0x0E, 1, 0, 0]] {
         assert!(rig.try_ask(pdu).is_err(), "{pdu:02X?}");
     }
-    // CANopen (13) and what is reserved.
+    // CANopen (13) and reserved types.
     for mei in [0, 0x0D, 0x0F, 0xFF] {
         assert_eq!(rig.try_ask(&[0x2B, mei, 1, 0]), Err(1), "{mei}");
     }

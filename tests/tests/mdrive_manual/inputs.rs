@@ -4,7 +4,7 @@ use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{KINDS, Kind, Rig, START};
 
-/// A switch on a machine: closed, to ground, from one position to another.
+/// A switch on a machine. It connects an input to ground while the motor is at positions `from` to `to`.
 struct Switch {
     io: &'static str,
     from: i32,
@@ -17,7 +17,8 @@ fn switch(io: &'static str, from: i32, to: i32) -> Switch {
 }
 
 impl Rig {
-    /// Advances the time until the motor is at rest, at most by `most`; a switch is closed while the motor is at it.
+    /// Advances the time until the motor is at rest, at most by `most`. A switch is closed while the motor is
+    /// in its range.
     #[track_caller]
     fn machine(&mut self, switches: &mut [Switch], most: Duration) {
         let start = self.now();
@@ -30,7 +31,7 @@ impl Rig {
                     if closed { self.low(switch.io) } else { self.high(switch.io) }
                 }
             }
-            // At VI half a step, at VM ten.
+            // In this time the motor makes half a step at VI, ten at VM.
             self.after(500.micros());
             if self.word(0x004A) == 0 {
                 return;
@@ -54,7 +55,7 @@ impl Rig {
 fn inputs_are_active_low_or_high() {
     for kind in KINDS {
         let mut rig = Rig::new(kind);
-        // Open: one that sinks floats high, one that sources low.
+        // Open inputs: a sinking input floats high, a sourcing one low.
         rig.assert_values(&[("I1", 0), ("IL", 15), ("IN", 15)]);
         rig.set(&["S1=0,0,1"]);
         rig.assert_values(&[("I1", 1), ("IL", 14), ("IN", 14)]);
@@ -73,7 +74,7 @@ fn inputs_are_active_low_or_high() {
     }
 }
 
-/// MC 5-16: stable for D1 ms; IN is not debounced (MC 5-37).
+/// MC 5-16: an input must be stable for D1 ms. IN is not debounced (MC 5-37).
 #[test]
 fn inputs_are_debounced() {
     let mut rig = Rig::wired(Kind::Plus, &["D1=100"]);
@@ -94,7 +95,7 @@ fn inputs_are_debounced() {
     rig.assert_now(&[("I1", 0)]);
 }
 
-/// MC 5-34, 5-65: 0 to 1,023 of full scale.
+/// MC 5-34, 5-65: the analogue input reads 0 to 1,023 for 0 to full scale.
 #[test]
 fn the_analogue_input_is_10_bits_of_full_scale() {
     use drivetwin_sim::bench::PinStimulus::Millivolts;
@@ -115,7 +116,8 @@ fn the_analogue_input_is_10_bits_of_full_scale() {
     }
 }
 
-/// MC 5-43: with a ramp (1 to 3) or without (4 to 6); (20000² - 1000²)/(2 * 1000000) is 200 steps.
+/// MC 5-43: a limit stops with a ramp (LM 1 to 3) or without one (4 to 6). (20000² - 1000²)/(2 * 1000000) is
+/// 200 steps.
 #[test]
 fn a_limit_stops_what_moves_towards_it() {
     for kind in KINDS {
@@ -132,10 +134,10 @@ fn a_limit_stops_what_moves_towards_it() {
                 let expected = if mode <= 3 { 195..=220 } else { 0..=2 };
                 assert!(expected.contains(&ramp), "{ramp} steps with LM={mode}");
                 rig.assert_values(&[("ER", error), ("V", 0)]);
-                // 3 and 6 stop the program, too.
+                // LM 3 and 6 stop the program, too.
                 assert_eq!(rig.value("BY"), i64::from(!matches!(mode, 3 | 6)), "BY with LM={mode}");
                 rig.say("E");
-                // Held: only the other direction moves.
+                // While the limit is active, only moves in the other direction are possible.
                 let stopped = rig.value("P");
                 rig.say(&format!("MR {}", sign * 1_000));
                 rig.after(1.secs());
@@ -158,11 +160,11 @@ fn a_limit_is_of_one_direction() {
     rig.assert_values(&[("V", 20_000), ("ER", 0)]);
 }
 
-/// MC 5-30 and figure 5.1: slew at VM, ramp, creep at VI to the edge of the switch. With D so small that the switch is
-/// overshot, too.
+/// MC 5-30 and figure 5.1: homing slews at VM, ramps down, and creeps at VI to the edge of the switch. With a
+/// small D the motor overshoots the switch, and homing ends at the same edge.
 #[test]
 fn homing_ends_at_an_edge_of_the_switch() {
-    // Where it starts and which edge of 30,000 to 31,000 it leaves, by type.
+    // Type, start position, and the edge of the switch (30,000 to 31,000) at which homing ends.
     let cases = [(1, 50_000, 31_000), (2, 50_000, 30_000), (3, 10_000, 30_000), (4, 10_000, 31_000)];
     for kind in KINDS {
         for (home, start, edge) in cases {
@@ -197,7 +199,7 @@ fn homing_needs_a_switch_and_a_type() {
         }
         assert_eq!(rig.try_write(0x002B, &[5]), Err(3));
         assert_eq!(rig.ef_er(), (1, 81));
-        // Not while it moves; no move while it homes (MC 9.6).
+        // Homing is refused while the motor moves, and a move is refused during homing (MC 9.6).
         rig.set(&["SL 20000"]);
         rig.refused("HM 1", 85);
         rig.set(&["SL 0"]);
@@ -211,7 +213,8 @@ fn homing_needs_a_switch_and_a_type() {
     }
 }
 
-/// MC 5-43: a limit turns homing back, with or without a ramp; both end it with 82. LM 2, 3, 5 and 6 end it at once.
+/// MC 5-43: with LM 1 or 4 the first limit reverses homing, and the second limit ends it with error 82. With
+/// LM 2, 3, 5 and 6 the first limit ends it.
 #[test]
 fn limits_turn_homing_back() {
     for mode in 1..=6 {
@@ -219,7 +222,7 @@ fn limits_turn_homing_back() {
             Kind::Plus,
             &["S1=2,0,0", "S2=3,0,0", "S3=1,0,0", "VM=20000", "D=1000000", &format!("LM={mode}")],
         );
-        // Home is behind; the minus limit is in the way.
+        // Homing starts away from the home switch, towards the minus limit.
         let mut switches =
             [switch("IO1", 90_000, 99_999), switch("IO2", -99_999, -20_000), switch("IO3", 30_000, 31_000)];
         rig.set(&["HM 1"]);
@@ -234,7 +237,7 @@ fn limits_turn_homing_back() {
             assert!((-20_300..=-20_000).contains(&position), "{position} with LM={mode}");
             rig.assert_values(&[("ER", 84)]);
         }
-        // Nothing at home.
+        // There is no home switch between the limits.
         let mut rig =
             Rig::wired(Kind::Plus, &["S1=2,0,0", "S2=3,0,0", "S3=1,0,0", "VM=20000", &format!("LM={mode}")]);
         let mut switches = [switch("IO1", 20_000, 99_999), switch("IO2", -99_999, -20_000)];
@@ -251,7 +254,7 @@ fn limits_turn_homing_back() {
     }
 }
 
-/// MC 5-39, 5-63: at VM, while JE is 1.
+/// MC 5-39, 5-63: a jog input jogs at VM while JE is 1.
 #[test]
 fn jog_inputs_jog() {
     for kind in KINDS {
@@ -272,7 +275,8 @@ fn jog_inputs_jog() {
     }
 }
 
-/// MC 5-63: a contact jogs while it is held, also one that closes before the axis is at rest.
+/// MC 5-63: a jog lasts as long as its contact is closed, even if the contact closes before the axis is at
+/// rest.
 #[test]
 fn a_jog_input_that_is_held_jogs() {
     for kind in KINDS {
@@ -284,12 +288,12 @@ fn a_jog_input_that_is_held_jogs() {
         rig.low("IO1");
         rig.after(300.millis());
         rig.assert_values(&[("V", 50_000), ("MV", 1)]);
-        // From one direction to the other.
+        // A change from one direction to the other.
         rig.high("IO1");
         rig.low("IO2");
         rig.after(300.millis());
         rig.assert_values(&[("V", -50_000), ("ER", 0)]);
-        // JE = 0 ends it, and JE = 1 begins it again: "the JE Flag must be set for this to function".
+        // JE = 0 ends the jog, and JE = 1 starts it again: "the JE Flag must be set for this to function".
         rig.set(&["JE=0"]);
         rig.wait_still(1.secs());
         rig.assert_values(&[("V", 0)]);
@@ -299,7 +303,7 @@ fn a_jog_input_that_is_held_jogs() {
     }
 }
 
-/// MC 5-63: motion with a ramp, and the program. Errors 48, 91 (MC 9.3, 9.6).
+/// MC 5-63: a soft stop ends the motion with a ramp, and ends the program. Errors 48, 91 (MC 9.3, 9.6).
 #[test]
 fn a_soft_stop_stops_motion_and_program() {
     for kind in KINDS {
@@ -318,7 +322,7 @@ fn a_soft_stop_stops_motion_and_program() {
     }
 }
 
-/// MC 5-63, 7.2.5: G0 runs the program at address 1.
+/// MC 5-63, 7.2.5: a G0 input runs the program at address 1.
 #[test]
 fn an_input_runs_a_program() {
     let mut rig = Rig::wired(Kind::Plus, &["S1=4,0,0"]);
@@ -331,7 +335,7 @@ fn an_input_runs_a_program() {
     rig.assert_values(&[("P", 0), ("R1", 1), ("ER", 0)]);
 }
 
-/// MC 5-63: as PS and RS.
+/// MC 5-63: a pause input acts as PS and RS.
 #[test]
 fn an_input_pauses_a_program() {
     let mut rig = Rig::wired(Kind::Plus, &["S1=6,0,0"]);
@@ -351,7 +355,7 @@ fn an_input_pauses_a_program() {
     rig.assert_values(&[("P", 1_000_000), ("R1", 1), ("BY", 0)]);
 }
 
-/// MC 5-63: as Ctrl-C.
+/// MC 5-63: a reset input acts as Ctrl-C.
 #[test]
 fn an_input_resets() {
     for kind in KINDS {
@@ -366,7 +370,8 @@ fn an_input_resets() {
     }
 }
 
-/// MC 5-63, type 11: "If setting the input to sourcing, active true, ground the input first or a reset will occur."
+/// MC 5-63, type 11: "If setting the input to sourcing, active true, ground the input first or a reset will
+/// occur."
 #[test]
 fn an_open_input_that_is_set_up_as_a_reset_resets() {
     for grounds in [false, true] {

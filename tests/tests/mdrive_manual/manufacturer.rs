@@ -4,7 +4,7 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Kind, Rig};
 
-/// Reversed and padded as printed.
+/// Mnemonics, reversed and padded as printed.
 const S1: &[u8; 4] = b"  1S";
 const S2: &[u8; 4] = b"  2S";
 const S5: &[u8; 4] = b"  5S";
@@ -19,7 +19,7 @@ const END: &[u8; 4] = b"   E";
 const PS: &[u8; 4] = b"  SP";
 const RS: &[u8; 4] = b"  SR";
 
-/// FB 4.3.2: 41 20 20 52 54 is answered with seven characters, "0, 0, 0".
+/// FB 4.3.2: the reply to 41 20 20 52 54 has seven characters, "0, 0, 0".
 #[test]
 fn a_trip_is_read_as_printed() {
     for kind in KINDS {
@@ -29,7 +29,7 @@ fn a_trip_is_read_as_printed() {
     }
 }
 
-/// FB 4.3.3: S1=0,1,0; behind 04 come the four bytes of the mnemonic.
+/// FB 4.3.3: S1=0,1,0. In the reply the four bytes of the mnemonic follow 04.
 #[test]
 fn an_input_is_set_up_as_printed() {
     for kind in KINDS {
@@ -42,7 +42,7 @@ fn an_input_is_set_up_as_printed() {
     }
 }
 
-/// "A – I/O type", and types 4, 6 and 19, which MCode has besides (MC 5-63).
+/// "A – I/O type", and types 4, 6 and 19, which MCode has in addition (MC 5-63).
 #[test]
 fn every_type_of_input_and_output_is_taken_at_every_point() {
     let both = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 17, 18, 19, 20, 23];
@@ -52,7 +52,7 @@ fn every_type_of_input_and_output_is_taken_at_every_point() {
             assert_eq!(rig.try_read_specific(mnemonic).as_deref(), Ok("0, 0, 0"));
             for function in both {
                 for (active, source) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                    // What starts, stops or pauses something would.
+                    // Types that start, stop or pause something may also cause an error; `ef_er` clears it.
                     let done = rig.try_write_specific(mnemonic, &format!("={function},{active},{source}"));
                     assert_eq!(done, Ok(()), "{function},{active},{source}");
                     let shown = rig.try_read_specific(mnemonic);
@@ -71,7 +71,7 @@ fn every_type_of_input_and_output_is_taken_at_every_point() {
     }
 }
 
-/// 11 resets, as Ctrl-C does; while its input is not active nothing happens.
+/// Type 11 resets the drive as Ctrl-C does. Nothing happens while its input is inactive.
 #[test]
 fn a_reset_input_can_be_set_up() {
     let mut rig = Rig::plus();
@@ -91,7 +91,7 @@ fn what_is_no_type_is_error_8_and_a_second_of_a_kind_error_6() {
         assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text}");
         assert_eq!(rig.ef_er(), (1, 21), "{text}");
     }
-    // Text that the device does not understand (MC 9.2).
+    // Characters that the device does not understand (MC 9.2).
     for text in ["=0,0,0\r", "=0,0,0\n", "=0,\t0,0", "=0,0,\u{7F}0"] {
         assert_eq!(rig.try_write_specific(S1, text), Err(3), "{text:?}");
         assert_eq!(rig.ef_er(), (1, 24), "{text:?}");
@@ -101,7 +101,7 @@ fn what_is_no_type_is_error_8_and_a_second_of_a_kind_error_6() {
         assert_eq!(rig.try_write_specific(S2, &format!("={function},0,0")), Err(3), "{function}");
         assert_eq!(rig.ef_er(), (1, 6), "{function}");
         assert_eq!(rig.try_read_specific(S2).as_deref(), Ok("0, 0, 0"), "{function}");
-        // At the same point again it is no second one.
+        // The same type at the same point again is accepted.
         assert_eq!(rig.try_write_specific(S1, &format!("={function},1,0")), Ok(()), "{function}");
         rig.ef_er();
     }
@@ -113,7 +113,7 @@ fn the_clock_points_are_those_of_the_plus() {
     for mnemonic in [S7, S8] {
         assert!(rig.try_read_specific(mnemonic).is_ok_and(|text| text.starts_with("33, ")));
     }
-    // Set up in pairs (MC 5-66): 34 is =34,1 as printed.
+    // Clock points are set up in pairs (MC 5-66). The manual prints =34,1 for type 34.
     for function in [33, 34, 35, 49, 50, 51] {
         for active in [0, 1] {
             for mnemonic in [S7, S8] {
@@ -136,7 +136,7 @@ fn the_clock_points_are_those_of_the_plus() {
     }
 }
 
-/// MC 5-14: 0.001 to 2.000.
+/// MC 5-14: CR is 0.001 to 2.000.
 #[test]
 fn the_clock_ratio_is_in_thousandths() {
     let mut rig = Rig::plus();
@@ -185,7 +185,7 @@ fn the_high_speed_point_captures_or_trips() {
     }
 }
 
-/// Up to 11 characters: =6500, and with a sign and ten digits.
+/// A value has up to 11 characters: =6500, or with a sign and ten digits.
 #[test]
 fn a_relative_trip_is_defined() {
     for kind in KINDS {
@@ -200,7 +200,7 @@ fn a_relative_trip_is_defined() {
     }
 }
 
-/// =2,0 as printed; the parameter is not saved (MC 5-50).
+/// The value =2,0 is the printed one. MCode does not save the parameter (MC 5-50).
 #[test]
 fn make_up_is_of_the_hybrid() {
     let mut rig = Rig::hybrid();
@@ -221,7 +221,8 @@ fn make_up_is_of_the_hybrid() {
 
 const SLOW: &str = "PG 100\nLB A3\nVA V1\nMR 1000000\nLB A4\nIC V1\nH 100\nBR A4\nE\nPG";
 
-/// FB 4.3.1: EX, PS, RS and E, also where the manual has its table: under function 65.
+/// FB 4.3.1: EX, PS, RS and E work with function 66, and with function 65, under which the manual has their
+/// table.
 #[test]
 fn a_program_is_run_paused_resumed_and_ended() {
     for kind in KINDS {
@@ -250,7 +251,7 @@ fn a_program_is_run_paused_resumed_and_ended() {
             assert_eq!((rig.value("BY"), rig.word(0x004A)), (1, 1), "BY and MV");
             let counted = rig.long(0x00A8);
             assert!((8..=11).contains(&counted), "{counted} times in 1 s");
-            // With motion (MC 5-57): a ramp down to standstill.
+            // PS also pauses the motion (MC 5-57), with a ramp down to standstill.
             order(&mut rig, PS, None);
             rig.after(2.secs());
             assert_eq!(rig.word(0x004A), 0, "MV");
@@ -266,14 +267,14 @@ fn a_program_is_run_paused_resumed_and_ended() {
             let ended = rig.long(0x00A8);
             rig.after(5.secs());
             assert_eq!(rig.long(0x00A8), ended, "V1 is as the program left it");
-            // Motion goes on (MC 5-20).
+            // E does not stop the motion (MC 5-20).
             assert_eq!(rig.long(0x0057), 1_000_000);
             rig.assert_no_error();
         }
     }
 }
 
-/// By its address, and with the `=` of the other strings.
+/// A program can also be started by its address, and with the `=` that the other strings have.
 #[test]
 fn a_program_is_run_by_address_too() {
     let mut rig = Rig::plus();
@@ -325,7 +326,7 @@ fn strings_that_say_nothing_are_illegal_values() {
     }
     // More than 28 characters (FB 4.3.3).
     assert_eq!(rig.try_write_specific(S1, "=0,1,0                       "), Err(3));
-    // A byte count that is not that of the string.
+    // Byte counts that are not the length of the string.
     for count in [0, 5, 7, 255] {
         let pdu = [&[66][..], S1, &[count], b"=0,1,0"].concat();
         assert_eq!(rig.try_ask(&pdu), Err(3), "{count}");

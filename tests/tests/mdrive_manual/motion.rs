@@ -1,13 +1,15 @@
-//! Motion: the sums of MC 7.3.5, slews, and the flags during motion (MC 5-45 to 5-50, 5-68, 5-77 to 5-80).
+//! Motion: the calculations of MC 7.3.5, slews, and the flags during motion (MC 5-45 to 5-50, 5-68, 5-77 to
+//! 5-80).
 
 use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 
-/// From MA or MR to the first step: "the time required to calculate the move is 2.5 mSec" (MC 5-45).
+/// Time from MA or MR to the first step: "the time required to calculate the move is 2.5 mSec" (MC 5-45).
 const CALCULATION: f64 = 0.002_5;
 
-/// Time of a move from the command on, in s: a trapezoid or a triangle that begins and ends at VI.
+/// Duration of a move in s, from the command. The move is a trapezoid or a triangle that begins and ends at
+/// VI.
 fn lasts(distance: f64, vi: f64, vm: f64, a: f64, d: f64) -> f64 {
     let ramps = (vm * vm - vi * vi) / 2.0 * (1.0 / a + 1.0 / d);
     if ramps <= distance {
@@ -30,7 +32,7 @@ impl Rig {
         let nearly = Duration::micros(((expected - 0.005).max(0.0) * 1e6) as u64);
         self.after(nearly);
         let took = seconds(nearly + self.wait(1.secs(), 100.micros(), |rig| rig.word(0x004A) == 0));
-        // A step more or less at VI is 1 ms.
+        // One step more or less at VI is 1 ms.
         assert!((took - expected).abs() <= 0.002, "{command} takes {took} s, not {expected}");
         assert_eq!((self.long(0x0057), self.long(0x0005)), (end, end), "P and C1 after {command}");
         assert_eq!((self.long(0x0085), self.word(0x0088), self.word(0x0045)), (0, 0, 0), "V, VC, MP");
@@ -73,7 +75,7 @@ fn moves_take_the_calculated_time() {
     rig.assert_no_error();
 }
 
-/// Over port 502 as over the other; both read the last command.
+/// Moves can also be commanded over port 502. MA, MR and SL read back the last command.
 #[test]
 fn moves_are_registers_too() {
     for kind in KINDS {
@@ -94,7 +96,7 @@ fn moves_are_registers_too() {
     }
 }
 
-/// V and VC along a trapezoid: t = 0.0025 + 0.1 s is 1,000 + 0.1 * 1,000,000 steps/s.
+/// V and VC during a trapezoid: at t = 0.0025 + 0.1 s the speed is 1,000 + 0.1 * 1,000,000 steps/s.
 #[test]
 fn velocity_follows_the_ramps() {
     let mut rig = Rig::plus();
@@ -114,7 +116,7 @@ fn velocity_follows_the_ramps() {
     assert_eq!(rig.long(0x0085), -768_000);
 }
 
-/// MC 5-68: VM does not bound a slew; its speed changes on the fly, and its sign.
+/// MC 5-68: VM does not limit a slew. The speed and the direction can change during a slew.
 #[test]
 fn a_slew_changes_on_the_fly() {
     for kind in KINDS {
@@ -130,7 +132,7 @@ fn a_slew_changes_on_the_fly() {
         assert!((v - 100_000).abs() < 4_000, "{v}");
         rig.after(200.millis());
         rig.assert_values(&[("V", 20_000)]);
-        // Through 0 to the other side.
+        // Through 0 to the other direction.
         rig.set(&["SL -50000"]);
         rig.after(300.millis());
         rig.assert_values(&[("V", -50_000)]);
@@ -145,7 +147,7 @@ fn a_slew_changes_on_the_fly() {
     }
 }
 
-/// Speeds below VI start at once.
+/// A speed below VI is reached at once.
 #[test]
 fn a_slow_slew_has_no_ramp() {
     let mut rig = Rig::plus();
@@ -160,7 +162,7 @@ fn a_slow_slew_has_no_ramp() {
     rig.assert_values(&[("V", 0), ("MV", 0)]);
 }
 
-/// MC 8.2: a move keeps the speed that it began with.
+/// MC 8.2: a move keeps the speed with which it began.
 #[test]
 fn speeds_written_during_a_move_are_for_the_next() {
     let mut rig = Rig::plus();
@@ -177,7 +179,7 @@ fn speeds_written_during_a_move_are_for_the_next() {
     rig.assert_lasts("MR 100000", 1_100_000, lasts(1e5, 1e3, 1e5, 2e5, 2e5));
 }
 
-/// MC 5-32, 5-46, 5-49: MV and MP last until MT is over.
+/// MC 5-32, 5-46, 5-49: MV and MP stay 1 until the time MT is over.
 #[test]
 fn a_motor_settles() {
     let mut rig = Rig::plus();
@@ -193,7 +195,8 @@ fn a_motor_settles() {
     rig.assert_values(&[("MV", 0), ("MP", 0)]);
 }
 
-/// A move that is commanded during another begins when that has ended and settled; a second one replaces it.
+/// A move that is commanded during another one begins after that one has ended and settled. A later command
+/// replaces it.
 #[test]
 fn moves_wait_for_each_other() {
     let mut rig = Rig::plus();
@@ -207,7 +210,8 @@ fn moves_wait_for_each_other() {
     rig.assert_values(&[("P", 30_000), ("MV", 0), ("ER", 0)]);
 }
 
-/// "If SL 0 is issued after a MA/MR, motion has to come to a stop before issuing another motion command" (MC 5-68).
+/// "If SL 0 is issued after a MA/MR, motion has to come to a stop before issuing another motion command"
+/// (MC 5-68).
 #[test]
 fn a_stop_comes_first() {
     for kind in KINDS {
@@ -259,7 +263,8 @@ fn a_number_moves_again() {
     rig.assert_values(&[("MV", 0)]);
 }
 
-/// MC 5-45: the name is sent, `!`; motion goes on.
+/// MC 5-45: after a move with the second parameter 1 the drive sends its name, `!`. With the third parameter
+/// 1 the motion continues at the target.
 #[test]
 fn a_move_can_report_or_go_on() {
     let mut rig = Rig::plus();
@@ -292,7 +297,7 @@ fn a_write_of_the_position_changes_the_frame_of_reference() {
     assert_eq!(rig.motion().position, 2_000, "the motor");
 }
 
-/// 200 steps of MS microsteps, 2,048 counts (MC 5-48, 7.3.7): the encoder sees the shaft.
+/// A turn is 200 full steps of MS microsteps, and 2,048 counts (MC 5-48, 7.3.7). The encoder is on the shaft.
 #[test]
 fn a_turn_is_200_steps_of_ms_microsteps() {
     let mut rig = Rig::plus();
@@ -306,7 +311,7 @@ fn a_turn_is_200_steps_of_ms_microsteps() {
     }
 }
 
-/// With the bridge off the indexer runs and the motor does not (MC 5-19).
+/// While the bridge is off, the step counter counts but the motor does not turn (MC 5-19).
 #[test]
 fn a_disabled_drive_counts_and_does_not_turn() {
     let mut rig = Rig::plus();
@@ -317,7 +322,8 @@ fn a_disabled_drive_counts_and_does_not_turn() {
     assert!(counts.abs() <= 8, "{counts}");
 }
 
-/// RC while it moves, HC when MT and HT are over (MC 5-28, 5-32); HT = 0 never reduces.
+/// The current is RC while the motor moves, and HC after MT and HT are over (MC 5-28, 5-32). With HT = 0 it
+/// is never reduced.
 #[test]
 fn current_is_reduced_at_rest() {
     let mut rig = Rig::plus();
@@ -340,7 +346,7 @@ fn current_is_reduced_at_rest() {
     assert_eq!(rig.motion().current_ma, runs);
 }
 
-/// Calibrations and moves exclude each other on a Hybrid, but not on a Plus.
+/// On a Hybrid, but not on a Plus, MS starts a calibration, and a move is refused until its end.
 #[test]
 fn microsteps_change_at_rest() {
     let mut rig = Rig::new(Kind::Hybrid);

@@ -5,7 +5,8 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Kind, Rig};
 
-/// The four circuits of MC 5-64: function, active state, sinking or sourcing, and what the pin does when on and off.
+/// The four circuits of MC 5-64: active state and sinking (0) or sourcing (1), then the level of the pin when
+/// on and off.
 const CIRCUITS: [(&str, Level, Level); 4] = [
     ("1,0", Level::Float, Level::Low),
     ("0,0", Level::Low, Level::Float),
@@ -46,7 +47,7 @@ fn groups_are_binary() {
     rig.refused("OT=256", 21);
 }
 
-/// 17 moving, 20 velocity changing, 23 moving to position, 18 fault.
+/// Types of outputs: 17 moving, 20 velocity changing, 23 moving to position, 18 fault.
 #[test]
 fn outputs_show_what_the_drive_does() {
     for kind in KINDS {
@@ -77,7 +78,7 @@ fn outputs_show_what_the_drive_does() {
     }
 }
 
-/// MC 5-67, 5-15: a pulse at the trip of CW * 50 ns; TP and TR.
+/// MC 5-67, 5-15: a trip makes a pulse of CW * 50 ns at the output; here with TR.
 #[test]
 fn a_trip_output_pulses() {
     for kind in KINDS {
@@ -102,7 +103,7 @@ fn a_trip_output_pulses() {
     }
 }
 
-/// MC 5-13, 5-66: step and direction of what the motor does.
+/// MC 5-13, 5-66: clock outputs show the steps and the direction of the motor.
 #[test]
 fn clock_outputs_follow_the_motor() {
     let mut rig = Rig::new(Kind::Plus);
@@ -111,7 +112,7 @@ fn clock_outputs_follow_the_motor() {
         rig.set(&[line]);
         let (mut edges, mut was) = (0, rig.level("IO7"));
         while rig.word(0x004A) == 1 {
-            // Wider than a pulse is short: CW is 10, 500 ns.
+            // The sampling interval is shorter than a pulse: CW is 10, 500 ns.
             rig.after(drivetwin_protocol::time::Duration::from_ticks(4));
             let is = rig.level("IO7");
             edges += i32::from(is == Level::High && was != Level::High);

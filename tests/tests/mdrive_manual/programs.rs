@@ -1,4 +1,4 @@
-//! Programs: six with their results, through both ports, and those of MC 8 as they are printed.
+//! Programs: six with their results, started over both ports, and those of MC 8 as they are printed.
 
 use drivetwin_protocol::time::Span;
 
@@ -28,7 +28,7 @@ impl Rig {
     }
 }
 
-/// A test for both products and all ways to start.
+/// Runs a test for both products and all ways to start a program.
 fn each(test: impl Fn(Rig, By)) {
     for kind in KINDS {
         for by in WAYS {
@@ -45,7 +45,7 @@ fn sum() {
         );
         rig.start(by, "G1");
         rig.wait_end(1.secs());
-        // 10 + 9 + ... + 1; 165/4 truncates.
+        // 10 + 9 + ... + 1 is 55; 165/4 truncates.
         rig.assert_values(&[("R1", 55), ("R2", 0), ("R3", 124), ("R4", 41), ("BY", 0), ("ER", 0)]);
         assert_eq!([0x005F, 0x0061, 0x0063, 0x0065].map(|address| rig.long(address)), [55, 0, 124, 41]);
     });
@@ -87,7 +87,8 @@ fn trip() {
         rig.start(by, "G1");
         rig.wait_end(10.secs());
         rig.assert_values(&[("R1", 1), ("TE", 0), ("PC", 0), ("ER", 0)]);
-        // (10000² - 1000²)/(2 * 1000000) is 49.5, and the lines take a while at 10,000 steps/s.
+        // The ramp is (10000² - 1000²)/(2 * 1000000) = 49.5 steps. The motor makes more steps, at 10,000 a
+        // second, while lines are executed.
         let stopped = rig.value("R2");
         assert!((20_040..=20_300).contains(&stopped), "{stopped}");
     });
@@ -100,12 +101,12 @@ fn on_error() {
         rig.start(by, "G1");
         rig.wait_end(1.secs());
         rig.assert_values(&[("R1", 23), ("R2", 7), ("EF", 0), ("VM", 768_000)]);
-        // No program need be running (MC 5-52).
+        // OE works without a running program, too (MC 5-52).
         rig.say("R1=0");
         rig.say("RC=101");
         rig.after(100.millis());
         rig.assert_values(&[("R1", 21), ("EF", 0), ("BY", 0)]);
-        // And off.
+        // OE 0 switches the handler off.
         rig.say("OE 0");
         rig.say("R1=0");
         rig.say("RC=101");
@@ -127,7 +128,7 @@ fn counter() {
         rig.assert_values(&[("V2", 77)]);
         rig.wait_end(2.secs());
         assert_eq!(rig.long(0x00A8), 5_010);
-        // E freezes it.
+        // E ends the program, so V1 stays as it is.
         rig.start(by, "A3");
         rig.after(300.millis());
         assert_eq!(rig.ask(&[65, b' ', b' ', b' ', b'E']), [65, 0]);
@@ -139,14 +140,14 @@ fn counter() {
     });
 }
 
-/// A line takes 210 µs: 1,000 of a loop of two take 0.42 s.
+/// A line takes 210 µs: 1,000 turns of a loop of two lines take 0.42 s.
 #[test]
 fn lines_take_their_time() {
     let mut rig = Rig::plus();
     rig.program("PG 1\nLB G1\nIC R1\nBR G1\nE\nPG");
     rig.set(&["EX 1"]);
     rig.after(1.secs());
-    // Label, count and branch.
+    // A turn has three lines: label, count and branch.
     let turns = rig.long(0x005F);
     assert!((1_580..=1_590).contains(&turns), "1 s / 630 µs is 1587, not {turns}");
 }
@@ -164,7 +165,8 @@ fn a_program_waits_for_input() {
     rig.assert_values(&[("BY", 0), ("IF", 0), ("R1", 21), ("R2", 42)]);
 }
 
-/// MC 5-57, 5-61: paused, immediate commands are allowed, then it goes on to the target.
+/// MC 5-57, 5-61: immediate commands are allowed while a program is paused. After RS the motion continues to
+/// its target.
 #[test]
 fn a_program_is_paused_with_its_motion() {
     for kind in KINDS {
@@ -186,7 +188,8 @@ fn a_program_is_paused_with_its_motion() {
     }
 }
 
-/// MC 5-24, 6.1.9: trace lists lines as they are carried out; a single step waits for the space bar.
+/// MC 5-24, 6.1.9: trace mode lists lines as they are executed; in single-step mode a line waits for the
+/// space bar.
 #[test]
 fn a_program_is_traced_and_stepped() {
     let mut rig = Rig::plus();
@@ -202,7 +205,7 @@ fn a_program_is_traced_and_stepped() {
     rig.after(100.millis());
     rig.heard();
     assert_eq!([0x005F, 0x0061, 0x0063].map(|address| rig.long(address)), [0, 0, 0]);
-    // A line at a time, the label first.
+    // Each key executes one line. The label needed no key.
     let mut text = String::new();
     for stepped in [[1, 0, 0], [1, 2, 0]] {
         text += &rig.key(b" ");
@@ -212,14 +215,14 @@ fn a_program_is_traced_and_stepped() {
     }
     assert_eq!(text, "R1=1\r\nR2=2\r\n", "each line is listed");
     assert_eq!(rig.value("BY"), 1);
-    // Enter goes on.
+    // Enter runs the rest without stopping.
     rig.key(b"\r");
     rig.after(100.millis());
     rig.heard();
     rig.assert_values(&[("R1", 1), ("R2", 2), ("R3", 3), ("BY", 0)]);
 }
 
-/// A program as the manual prints it: set-up, then PG.
+/// Types a program as the manual prints it: settings, then the lines from PG on.
 fn printed(rig: &mut Rig, text: &str) {
     for line in text.lines() {
         assert_eq!(rig.say(line.trim()), "", "{line}");
@@ -323,7 +326,7 @@ fn change_velocity_during_a_move() {
     rig.assert_values(&[("R1", 100), ("ER", 0)]);
 }
 
-/// MC 8.3, with inputs that are driven: 3 is "Logic 011" and three turns.
+/// MC 8.3, with inputs that the test drives: 3 prints "Logic 011" and makes three turns.
 #[test]
 fn binary_mask() {
     let mut rig = Rig::plus();
@@ -356,7 +359,7 @@ fn binary_mask() {
     assert_eq!(rig.long(0x0057) % 51_200, 0);
 }
 
-/// MC 8.4, three times instead of a hundred: with nothing to stop it there is no error.
+/// MC 8.4, with three repetitions instead of a hundred. Nothing holds the shaft, so there is no error.
 #[test]
 fn closed_loop() {
     let mut rig = Rig::plus();
@@ -519,7 +522,7 @@ fn input_trip() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// MC 5-40: "PG 100, LB G1, PG 1, LB SU". An address within program mode is where it goes on.
+/// MC 5-40: "PG 100, LB G1, PG 1, LB SU". PG with an address in program mode continues at that address.
 #[test]
 fn labels_of_the_manual_are_typed_in_one_go() {
     let mut rig = Rig::plus();
@@ -527,7 +530,8 @@ fn labels_of_the_manual_are_typed_in_one_go() {
     assert_eq!(rig.say("L"), "LB SU\r\nLB G1\r\n");
 }
 
-/// MC 5-27: "Suspend program execution for 2 seconds", Program/Immediate.
+/// MC 5-27: "Suspend program execution for 2 seconds", Program/Immediate: H can be typed while a program
+/// runs.
 #[test]
 fn a_program_is_held_by_hand() {
     let mut rig = Rig::plus();
@@ -543,7 +547,7 @@ fn a_program_is_held_by_hand() {
     assert!(rig.value("R1") > held);
 }
 
-/// L is of immediate mode (MC 5-40), and MC 9 has no error for it in a program: it prints there, too.
+/// L is an immediate command (MC 5-40), but MC 9 has no error for L in a program. So L prints there, too.
 #[test]
 fn a_program_lists_itself() {
     let mut rig = Rig::plus();
@@ -554,9 +558,10 @@ fn a_program_lists_itself() {
     rig.assert_values(&[("ER", 0)]);
 }
 
-/// Programs of real machines (firmware 3) hold what the manual does not show: chains of operators, logic in conditions,
-/// addresses above 767, an error of their own. Their authors' comments say that both are carried out from left to right.
-/// This one watches a move and reports its end with a word of flags.
+/// Programs of real machines (firmware 3) have features that the manual does not show: chains of operators,
+/// logic in conditions, addresses above 767, error numbers of their own. Comments of their authors say that
+/// chains and logic are evaluated from left to right. This program watches a move and reports its end with a
+/// word of flags.
 #[test]
 fn a_program_as_real_machines_hold_it() {
     let mut rig = Rig::plus();

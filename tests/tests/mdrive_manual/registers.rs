@@ -5,7 +5,8 @@ use drivetwin_protocol::time::Span;
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig, SAVE, halves};
 use crate::table::{Access, RESERVED, Row, TABLE, find};
 
-/// Illegal address, illegal value, the drive's state forbids it (FB 4).
+/// Exception codes of FB 4: illegal address, illegal value. (04 is used if the drive's state forbids the
+/// request.)
 const ADDRESS: u8 = 2;
 const VALUE: u8 = 3;
 
@@ -31,7 +32,7 @@ impl Rig {
     }
 }
 
-/// Rows of a product that are read and written, but those that a test of their own writes.
+/// Readable and writable rows of a product, without EE, which another test writes.
 fn plain(kind: Kind) -> impl Iterator<Item = &'static Row> {
     let written = |row: &&Row| matches!(row.access, Access::Kept | Access::Passing) && row.name != "EE";
     TABLE.iter().filter(move |row| row.is_on(kind)).filter(written)
@@ -79,7 +80,7 @@ fn what_is_not_legal_is_refused_with_03_notes_mcodes_error_and_changes_nothing()
             for value in row.others() {
                 assert_eq!(rig.try_set(row, value), Err(VALUE), "{} = {value} of {kind:?}", row.name);
                 let (flag, error) = rig.ef_er();
-                // 22: VI not below VM, beyond all speeds, too; 23: VM not above VI (MC 9.2).
+                // Error 22: VI is not below VM, or above all speeds; 23: VM is not above VI (MC 9.2).
                 let expected = match row.name {
                     "VI" if value > 767_999 => 22,
                     "VM" if value < 1_001 => 23,
@@ -101,7 +102,7 @@ fn initial_and_maximum_velocity_bound_each_other() {
     assert_eq!(rig.ef_er(), (1, 22));
     assert_eq!(rig.try_set(vm, 1_000), Err(VALUE));
     assert_eq!(rig.ef_er(), (1, 23));
-    // Above the old VM and below the new one: four registers in one request are judged by their outcome.
+    // The new VI is above the old VM and below the new VM. A request of four registers is checked as a whole.
     let [[a, b], [c, d]] = [halves(1_000_000), halves(2_000_000)];
     assert_eq!(rig.try_write(0x0089, &[a, b, c, d]), Ok(()));
     assert_eq!((rig.row(vi), rig.row(vm)), (1_000_000, 2_000_000));
@@ -134,7 +135,8 @@ fn reserved_addresses_and_what_is_behind_the_map_are_refused() {
             assert_eq!(rig.try_words(address, 1), Err(ADDRESS), "{address:#06X}");
             assert_eq!(rig.try_write(address, &[1]), Err(ADDRESS), "{address:#06X}");
         }
-        // One that touches them: D5 and 0x14, 0x17 and D, R4 and RC and 0x68, the last user variable and beyond.
+        // Reads that include a reserved address: A and 0x02, D5 and 0x14, 0x17 and D, R4 and RC and 0x68, the
+        // last user variable and the address after it.
         for (address, count) in [(0x0013, 2), (0x0017, 3), (0x0065, 4), (0x0000, 3), (0x00B6, 3), (0xFFFF, 2)]
         {
             assert_eq!(rig.try_words(address, count), Err(ADDRESS), "{address:#06X}, {count}");
@@ -163,7 +165,7 @@ fn several_values_are_read_and_written_together() {
     // D1 to D4.
     assert_eq!(rig.try_write(0x000F, &[1, 2, 3, 4]), Ok(()));
     assert_eq!(rig.try_words(0x000F, 4), Ok(vec![1, 2, 3, 4]));
-    // One of them is refused, so none is changed.
+    // One value is refused, so none of the values changes.
     assert_eq!(rig.try_write(0x000F, &[5, 6, 256, 8]), Err(VALUE));
     assert_eq!(rig.ef_er(), (1, 21));
     assert_eq!(rig.try_words(0x000F, 4), Ok(vec![1, 2, 3, 4]));
@@ -172,7 +174,7 @@ fn several_values_are_read_and_written_together() {
     rig.assert_values(&[("R1", 0x1234_5678), ("R2", -2)]);
 }
 
-/// FB 4.2.4 and 4.2.5: 1 to 4.
+/// FB 4.2.4 and 4.2.5: a request has 1 to 4 registers.
 #[test]
 fn one_to_four_registers_are_read_or_written_at_a_time() {
     let mut rig = Rig::plus();
@@ -195,7 +197,7 @@ fn half_a_value_is_read_but_not_written() {
     rig.write_long(0x005F, 0x1234_5678);
     assert_eq!(rig.try_words(0x005F, 1), Ok(vec![0x1234]));
     assert_eq!(rig.try_words(0x0060, 1), Ok(vec![0x5678]));
-    // The low word of R1 and the high one of R2.
+    // The low word of R1 and the high word of R2.
     assert_eq!(rig.try_words(0x0060, 2), Ok(vec![0x5678, 0]));
     for (address, words) in [(0x005F, &[7][..]), (0x0060, &[7]), (0x0060, &[7, 7]), (0x005F, &[7, 7, 7])] {
         assert!(rig.try_write(address, words).is_err(), "{address:#06X} {words:?}");
@@ -213,7 +215,7 @@ fn a_save_keeps_what_is_a_setting() {
             let legal = row.samples().into_iter().rev();
             legal.into_iter().find(|&value| Some(value) != row.default).expect("another value")
         };
-        // Unsaved values are gone. Jog and clock mode exclude each other.
+        // Unsaved values are lost. Jog mode and clock mode exclude each other.
         for row in plain(kind) {
             if !matches!(row.name, "ER" | "JE" | "MT") {
                 assert_eq!(rig.try_set(row, other(row)), Ok(()), "{} = {}", row.name, other(row));
@@ -225,7 +227,7 @@ fn a_save_keeps_what_is_a_setting() {
                 assert_eq!(rig.row(row), default, "{} of {kind:?} without a save", row.name);
             }
         }
-        // Saved values are there; the counters begin at 0. HT and MT are at most 65535 together.
+        // Saved values are restored; the counters start at 0. HT and MT are at most 65535 together.
         let kept =
             || plain(kind).filter(|row| row.access == Access::Kept && !matches!(row.name, "JE" | "MT"));
         for row in kept() {
@@ -244,7 +246,7 @@ fn a_save_keeps_what_is_a_setting() {
     }
 }
 
-/// MC 5-32, 5-49: 0 or 2 to 65535 less MT.
+/// MC 5-32, 5-49: HT is 0, or 2 to 65535 less MT.
 #[test]
 fn both_delays_are_65535_ms_at_most() {
     let mut rig = Rig::plus();
@@ -261,7 +263,7 @@ fn both_delays_are_65535_ms_at_most() {
     assert_eq!(rig.ef_er(), (1, 21));
 }
 
-/// FB 5: IC and DC take the address of a variable.
+/// FB 5: IC and DC take the address of the variable that they count.
 #[test]
 fn a_variable_is_counted_up_and_down_by_its_address() {
     let mut rig = Rig::plus();
@@ -271,7 +273,7 @@ fn a_variable_is_counted_up_and_down_by_its_address() {
     rig.write(0x001B, 0x5F);
     rig.write(0x001B, 0x5F);
     assert_eq!(rig.long(0x005F), 40);
-    // I1 is read only; 0x02 is nothing; 0xA8 is V1, which is not declared.
+    // I1 is read-only; 0x02 is reserved; 0xA8 is V1, which is not declared.
     for address in [0x2D, 0x02, 0xA8] {
         assert_eq!(rig.try_write(0x0037, &[address]), Err(VALUE), "{address:#X}");
         assert_eq!(rig.ef_er(), (1, 26), "{address:#X}");
@@ -279,7 +281,7 @@ fn a_variable_is_counted_up_and_down_by_its_address() {
     assert_eq!((rig.word(0x0037), rig.word(0x001B)), (0, 0), "commands read 0");
 }
 
-/// FB 5.2: only what a program has declared.
+/// FB 5.2: a user variable exists only after a program has declared it.
 #[test]
 fn user_variables_are_there_once_they_are_declared() {
     for kind in KINDS {
@@ -294,20 +296,20 @@ fn user_variables_are_there_once_they_are_declared() {
                 assert_eq!(rig.value(row.name), value, "{}", row.name);
             }
         }
-        // Two of them in a request, and one beside one that is not there.
+        // One request reads two of them.
         assert!(rig.try_words(0x00A8, 4).is_ok());
         rig.assert_no_error();
     }
 }
 
-/// FB 5: EE converts between steps and counts, 51,200 to 2,048 in a turn (MC 7.3.4), and back.
+/// FB 5: EE converts between 51,200 steps and 2,048 counts a turn (MC 7.3.4), in both directions.
 #[test]
 fn encoder_mode_converts_speeds_and_ramps() {
     let mut rig = Rig::plus();
     let shown = |rig: &mut Rig| ["A", "D", "VI", "VM"].map(|name| rig.row(find(name)));
     rig.write(0x001E, 1);
     assert_eq!(shown(&mut rig), [40_000, 40_000, 40, 30_720]);
-    // Other ranges (MC 5-1, 5-80).
+    // The legal ranges with EE = 1 (MC 5-1, 5-80).
     for (name, most) in [("A", 61_035_160), ("D", 61_035_160), ("VM", 200_000)] {
         assert_eq!(rig.try_set(find(name), most + 1), Err(VALUE), "{name}");
         assert_eq!(rig.ef_er(), (1, 21), "{name}");
@@ -319,7 +321,7 @@ fn encoder_mode_converts_speeds_and_ramps() {
     assert_eq!(rig.ef_er(), (1, 21), "SL (MC 5-68)");
     rig.write(0x001E, 0);
     assert_eq!(shown(&mut rig), [1_000_000, 1_000_000, 1_000, 768_000]);
-    // 24/25 is less than 1: error 90 (MC 9.6).
+    // VI 24 would become 24/25, which is less than 1: error 90 (MC 9.6).
     rig.write_long(0x0089, 24);
     assert_eq!(rig.try_write(0x001E, &[1]), Err(VALUE));
     assert_eq!(rig.ef_er(), (1, 90));
@@ -327,7 +329,7 @@ fn encoder_mode_converts_speeds_and_ramps() {
     assert_eq!(rig.long(0x0089), 24);
 }
 
-/// MC 7.3.4: it cannot be changed.
+/// MC 7.3.4: MS cannot be changed while EE is 1.
 #[test]
 fn microsteps_are_256_with_the_encoder() {
     let mut rig = Rig::plus();
@@ -343,7 +345,7 @@ fn microsteps_are_256_with_the_encoder() {
     assert_eq!(rig.word(0x0048), 256);
 }
 
-/// MC 5-21: a 1,000 line encoder needs MS 40, and the table has 50 next.
+/// MC 5-21: an encoder with 1,000 lines needs at least MS 40. The next legal values are 32 and 50.
 #[test]
 fn microsteps_go_with_the_lines_of_the_encoder() {
     let mut rig = Rig::plus();
@@ -352,7 +354,7 @@ fn microsteps_go_with_the_lines_of_the_encoder() {
     rig.assert_values(&[("EE", 0), ("MS", 32)]);
 }
 
-/// Values survive a look through the other port.
+/// Both ports show the same values.
 #[test]
 fn registers_and_variables_are_the_same() {
     for kind in KINDS {

@@ -1,4 +1,4 @@
-//! An MDrive on a bench, a client on each of its ports, and drivers for every pin.
+//! An MDrive on a bench, with a client on each of its ports and a stimulus for every pin.
 
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, Port};
 use drivetwin_firmware::mdrive::Mdrive;
@@ -8,16 +8,16 @@ use drivetwin_sim::bench::{Bench, Client, DriveId, Ended, Motion, PinStimulus, P
 pub(crate) const MODBUS: Port = Port(0);
 pub(crate) const MCODE: Port = Port(1);
 
-/// Longer than a start takes that does not calibrate.
+/// Duration longer than a start-up without calibration.
 pub(crate) const START: Duration = Duration::secs(1);
 
-/// Longer than a Hybrid calibrates: 3.12 s with CT = 250 (MC 5-9).
+/// Duration longer than a calibration of a Hybrid: 3.12 s with CT = 250 (MC 5-9).
 pub(crate) const CALIBRATION: Duration = Duration::secs(4);
 
-/// Longer than a save takes.
+/// Duration longer than a save.
 pub(crate) const SAVE: Duration = Duration::millis(100);
 
-/// Sign-on message (MC 6-6), as it is sent over TCP.
+/// Sign-on message (MC 6-6) as the drive sends it over TCP.
 pub(crate) const SIGN_ON: &str = "Copyright 2001-2010 by Schneider Electric Motion USA.";
 
 /// The two products.
@@ -29,22 +29,23 @@ pub(crate) enum Kind {
 
 pub(crate) const KINDS: [Kind; 2] = [Kind::Plus, Kind::Hybrid];
 
-/// A refusal: its exception code.
+/// The exception code of a refusal.
 pub(crate) type Exception = u8;
 
-/// A drive with its motor. A typed line has its effect, and prints, a tick before [`say`](Rig::say) returns (MC 7.1), so a
-/// command counts from then.
+/// A drive with its motor. A typed line takes effect, and prints, one tick before [`say`](Rig::say) returns
+/// (MC 7.1). So the time of a command is measured from then.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
     pub(crate) kind: Kind,
     pub(crate) modbus: Client,
-    /// Without echo: EM = 2 sends only printed output (MC 5-22).
+    /// Client on port 503. [`new`](Rig::new) switches its echo off: EM = 2 sends only printed output
+    /// (MC 5-22).
     pub(crate) mcode: Client,
     transaction: u16,
 }
 
-/// Time, power, pins.
+/// Time, power and pins.
 impl Rig {
     pub(crate) fn plus() -> Self {
         Self::new(Kind::Plus)
@@ -61,7 +62,7 @@ impl Rig {
         rig
     }
 
-    /// A new drive that is ready, as it comes from the factory: with echo.
+    /// A new drive that is ready and has the factory settings, so that it echoes.
     pub(crate) fn loud(kind: Kind) -> Self {
         Self::set_up(kind, Setup { boot_fast: true, ..Setup::default() })
     }
@@ -76,7 +77,7 @@ impl Rig {
         Self::of(kind, bench, seat)
     }
 
-    /// A drive that has just been seated on a bench.
+    /// A drive that has just been added to a bench.
     pub(crate) fn of(kind: Kind, mut bench: Bench, seat: DriveId) -> Self {
         bench.run_until(bench.now() + START);
         let modbus = bench.connect_to(seat, MODBUS).expect("a drive that has power");
@@ -95,7 +96,7 @@ impl Rig {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Looks every `step` until something is so; how long that took. Fails after `most`.
+    /// Checks a condition every `step` until it is true; returns the time that this took. Fails after `most`.
     #[track_caller]
     pub(crate) fn wait(
         &mut self,
@@ -111,8 +112,8 @@ impl Rig {
         self.now().since(start)
     }
 
-    /// Takes power away, and gives it again after a second; returns when the drive is ready. It echoes what it did when
-    /// it was saved.
+    /// Switches power off, and on again after a second; returns when the drive is ready. The echo mode is the
+    /// one that was saved.
     pub(crate) fn power_cycle(&mut self) {
         self.bench.power(self.seat, PowerAction::Off);
         self.after(1.secs());
@@ -121,7 +122,7 @@ impl Rig {
         self.connect();
     }
 
-    /// Both connections anew.
+    /// Closes both connections and opens them again.
     pub(crate) fn connect(&mut self) {
         self.bench.disconnect(self.modbus);
         self.bench.disconnect(self.mcode);
@@ -136,12 +137,12 @@ impl Rig {
         self.after(Duration::millis(u64::from(counts.unsigned_abs()) + 1));
     }
 
-    /// A pin by the manual's name.
+    /// Finds a pin by its name in the manual.
     pub(crate) fn pin(&self, name: &str) -> Pin {
         self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no {name}"))
     }
 
-    /// Does something to a pin; returns when the drive has seen it.
+    /// Applies a stimulus to a pin; returns when the drive has received it.
     pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
@@ -159,12 +160,12 @@ impl Rig {
         self.drive(name, PinStimulus::Open);
     }
 
-    /// A pin as it is seen from outside.
+    /// Level of a pin as seen from outside.
     pub(crate) fn level(&self, name: &str) -> Level {
         self.bench.level(self.seat, self.pin(name))
     }
 
-    /// The cause of a fault comes or goes.
+    /// Sets or removes the cause of a fault.
     pub(crate) fn fault(&mut self, name: &str, on: bool) {
         let place = self.bench.spec(self.seat).faults.iter().position(|fault| *fault == name);
         let place = place.unwrap_or_else(|| panic!("there is no fault {name}"));
@@ -172,20 +173,20 @@ impl Rig {
         self.after(Duration::TICK);
     }
 
-    /// The motor itself, not the drive's registers.
+    /// Motion of the motor itself, not of the drive's registers.
     pub(crate) fn motion(&self) -> Motion {
         self.bench.motion(self.seat, Axis(0))
     }
 
-    /// Steps per second of the motor, signed.
+    /// Speed of the motor in steps per second, signed.
     pub(crate) fn speed(&self) -> f64 {
         self.motion().speed.to_num()
     }
 }
 
-/// Port 502.
+/// Requests on port 502.
 impl Rig {
-    /// Answer of the drive to a PDU, behind a header that is the request's (FB 3.2.1).
+    /// Reply of the drive to a PDU. Its header must be that of the request (FB 3.2.1).
     #[track_caller]
     pub(crate) fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         self.transaction = self.transaction.wrapping_add(1);
@@ -202,7 +203,7 @@ impl Rig {
         reply[7..].to_vec()
     }
 
-    /// A request that is answered, or refused.
+    /// Sends a request; returns the reply, or the exception of a refusal.
     #[track_caller]
     pub(crate) fn try_ask(&mut self, pdu: &[u8]) -> Result<Vec<u8>, Exception> {
         let reply = self.ask(pdu);
@@ -214,7 +215,7 @@ impl Rig {
         Ok(reply)
     }
 
-    /// Function 3 (FB 4.2.4).
+    /// Reads registers with function 3 (FB 4.2.4).
     #[track_caller]
     pub(crate) fn try_words(&mut self, address: u16, count: u16) -> Result<Vec<u16>, Exception> {
         let reply = self.try_ask(&request(3, address, count))?;
@@ -223,13 +224,13 @@ impl Rig {
         Ok(reply[2..].chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect())
     }
 
-    /// A register of one word.
+    /// Reads a register of one word.
     #[track_caller]
     pub(crate) fn word(&mut self, address: u16) -> u16 {
         self.try_words(address, 1).unwrap_or_else(|code| panic!("{address:04X}: exception {code:02X}"))[0]
     }
 
-    /// Two registers, the high word first.
+    /// Reads two registers, the high word first.
     #[track_caller]
     pub(crate) fn long(&mut self, address: u16) -> i32 {
         let words = self.try_words(address, 2);
@@ -237,7 +238,8 @@ impl Rig {
         (u32::from(words[0]) << 16 | u32::from(words[1])).cast_signed()
     }
 
-    /// Function 16 (FB 4.2.5); the answer is the address and the quantity, as in the Modbus specification.
+    /// Writes registers with function 16 (FB 4.2.5). The reply has the address and the quantity, as in the
+    /// Modbus specification.
     #[track_caller]
     pub(crate) fn try_write(&mut self, address: u16, words: &[u16]) -> Result<(), Exception> {
         let head = request(16, address, words.len() as u16);
@@ -258,20 +260,20 @@ impl Rig {
         assert_eq!(self.try_write(address, &halves(value)), Ok(()), "{value} to {address:04X}");
     }
 
-    /// EF and then ER, which clears both (FB 5).
+    /// Reads EF and then ER, which clears both (FB 5).
     #[track_caller]
     pub(crate) fn ef_er(&mut self) -> (u16, u16) {
         let flag = self.word(0x001F);
         (flag, self.word(0x0021))
     }
 
-    /// No error has been noted.
+    /// Asserts that the drive has no error.
     #[track_caller]
     pub(crate) fn assert_no_error(&mut self) {
         assert_eq!(self.ef_er(), (0, 0), "EF and ER");
     }
 
-    /// Function 65 (FB 4.3.2): the characters that it answers.
+    /// Reads with function 65 (FB 4.3.2); returns the characters of the reply.
     #[track_caller]
     pub(crate) fn try_read_specific(&mut self, mnemonic: &[u8; 4]) -> Result<String, Exception> {
         let mut pdu = vec![65];
@@ -281,7 +283,7 @@ impl Rig {
         Ok(String::from_utf8(reply[2..].to_vec()).expect("characters"))
     }
 
-    /// Function 66 (FB 4.3.3): it answers the mnemonic.
+    /// Writes with function 66 (FB 4.3.3). The reply has the mnemonic.
     #[track_caller]
     pub(crate) fn try_write_specific(&mut self, mnemonic: &[u8; 4], text: &str) -> Result<(), Exception> {
         let mut pdu = vec![66];
@@ -295,9 +297,9 @@ impl Rig {
     }
 }
 
-/// Port 503.
+/// Lines on port 503.
 impl Rig {
-    /// Sends characters as they are; what has come once the lines among them are executed.
+    /// Sends characters unchanged; returns the text that the drive sends until it has executed their lines.
     pub(crate) fn key(&mut self, bytes: &[u8]) -> String {
         self.bench.send(self.mcode, bytes);
         self.bench.run_until_idle();
@@ -305,19 +307,19 @@ impl Rig {
         self.heard()
     }
 
-    /// Sends a line; what is printed at once.
+    /// Sends a line; returns the text that the drive prints at once.
     pub(crate) fn say(&mut self, line: &str) -> String {
         self.key(format!("{line}\r").as_bytes())
     }
 
-    /// Text that has come since the last call.
+    /// Text received since the last call.
     pub(crate) fn heard(&mut self) -> String {
         let mut bytes = Vec::new();
         self.bench.receive(self.mcode, &mut bytes);
         String::from_utf8(bytes).expect("MCode is ASCII")
     }
 
-    /// Lines of which none prints nor fails.
+    /// Sends lines; asserts that none of them prints or fails.
     #[track_caller]
     pub(crate) fn set(&mut self, lines: &[&str]) {
         for line in lines {
@@ -326,7 +328,7 @@ impl Rig {
         }
     }
 
-    /// A program as it is typed, between PG and PG.
+    /// Types a program with its PG lines.
     #[track_caller]
     pub(crate) fn program(&mut self, lines: &str) {
         for line in lines.lines() {
@@ -335,14 +337,14 @@ impl Rig {
         assert_eq!(self.peek("ER"), 0, "the error");
     }
 
-    /// A variable as it is now: PR takes its time.
+    /// Present value of a variable, without the time that PR takes.
     #[track_caller]
     pub(crate) fn peek(&self, name: &str) -> i64 {
         let row = self.bench.spec(self.seat).find(name).expect("a variable").row;
         self.bench.peek(self.seat, row)
     }
 
-    /// Text that PR prints of an item, without its CR LF.
+    /// Text that PR prints for an item, without its CR LF.
     #[track_caller]
     pub(crate) fn show(&mut self, item: &str) -> String {
         let text = self.say(&format!("PR {item}"));
@@ -350,14 +352,14 @@ impl Rig {
         line.unwrap_or_else(|| panic!("PR {item} printed {text:?}: no CR LF at its end")).to_owned()
     }
 
-    /// Number that PR prints.
+    /// Number that PR prints for an item.
     #[track_caller]
     pub(crate) fn value(&mut self, item: &str) -> i64 {
         let text = self.show(item);
         text.parse().unwrap_or_else(|_| panic!("PR {item} printed {text:?}"))
     }
 
-    /// A line that fails with an error, which is read and so cleared.
+    /// Sends a line that must fail with `error`; reading the error clears it.
     #[track_caller]
     pub(crate) fn refused(&mut self, line: &str, error: i64) {
         assert_eq!(self.show("ER"), "0", "there was an error before {line}");
@@ -373,7 +375,7 @@ impl Rig {
         }
     }
 
-    /// The same without the time of PR.
+    /// Asserts present values, without the time that PR takes.
     #[track_caller]
     pub(crate) fn assert_now(&self, values: &[(&str, i64)]) {
         for &(name, value) in values {
@@ -393,7 +395,7 @@ impl Rig {
         self.wait(most, 1.millis(), |rig| rig.peek("BY") == 0)
     }
 
-    /// Reason why the connection to port 503 is closed.
+    /// Reason why the connection of `client` is closed, or `None` while it is open.
     pub(crate) fn ended(&self, client: Client) -> Option<Ended> {
         self.bench.ended(client)
     }
@@ -409,13 +411,13 @@ pub(crate) fn adu(transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A function, an address and a word.
+/// A request with a function, an address and a word.
 pub(crate) fn request(function: u8, address: u16, word: u16) -> [u8; 5] {
     let ([a, b], [c, d]) = (address.to_be_bytes(), word.to_be_bytes());
     [function, a, b, c, d]
 }
 
-/// High and low word.
+/// High and low word of a value.
 pub(crate) fn halves(value: i32) -> [u16; 2] {
     let value = value.cast_unsigned();
     [(value >> 16) as u16, value as u16]

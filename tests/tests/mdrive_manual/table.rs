@@ -5,22 +5,22 @@ use crate::rig::{KINDS, Kind};
 /// Access to a register.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Access {
-    /// Read and written; comes back after a save and a power failure (MC 5-62).
+    /// Readable and writable. A save keeps the value over a power failure (MC 5-62).
     Kept,
-    /// Read and written; not saved.
+    /// Readable and writable, but not saved.
     Passing,
-    /// A status.
+    /// A status, read-only.
     ReadOnly,
-    /// Writing it does something.
+    /// A command: a write starts an action.
     Command,
-    /// A user variable: not there until a program has declared it (FB 5.2).
+    /// A user variable, which exists after a program has declared it (FB 5.2).
     User,
 }
 
 /// The values that are legal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Legal {
-    /// From, to.
+    /// First and last legal value.
     Range(i64, i64),
     Of(&'static [i64]),
 }
@@ -29,13 +29,13 @@ pub(crate) struct Row {
     pub(crate) name: &'static str,
     pub(crate) address: u16,
     pub(crate) bytes: u8,
-    /// Registers: one, or two. Those of LT are two for two bytes.
+    /// Number of registers, one or two. LT has two registers for its two bytes.
     pub(crate) count: u16,
     pub(crate) legal: Legal,
-    /// Value of a new drive at rest; `None` where it is for another test.
+    /// Value in a new drive at rest; `None` if another test checks it.
     pub(crate) default: Option<i64>,
     pub(crate) access: Access,
-    /// Which product has it.
+    /// The product that has the register, or `None` for both.
     pub(crate) only: Option<Kind>,
 }
 
@@ -76,13 +76,13 @@ impl Row {
         self.only.is_none_or(|only| only == kind)
     }
 
-    /// The registers of a value: one byte sits in the low one of its word, two in the last of its words, four begin
-    /// with the high word.
+    /// Register contents of a value. One byte is the low byte of its word, two bytes are the last of its
+    /// words, four bytes start with the high word.
     pub(crate) fn words(&self, value: i64) -> Vec<u16> {
         if self.count == 2 { vec![(value >> 16) as u16, value as u16] } else { vec![value as u16] }
     }
 
-    /// Values at the edges of what is legal.
+    /// Values at the limits of the legal range.
     pub(crate) fn samples(&self) -> Vec<i64> {
         match self.legal {
             Range(least, most) if least == most => vec![least],
@@ -91,7 +91,7 @@ impl Row {
         }
     }
 
-    /// Values that its registers hold and that are not legal.
+    /// Illegal values that fit into the registers.
     pub(crate) fn others(&self) -> Vec<i64> {
         let (least, most) = match self.legal {
             Range(least, most) => (least, most),
@@ -122,13 +122,13 @@ pub(crate) static TABLE: &[Row] = &[
     row("DB", 0x001A, 2, Range(0, 65_000), 10, Kept).plus(),
     row("DC", 0x001B, 1, BYTE, 0, Command),
     row("DE", 0x001C, 1, BIT, 1, Kept),
-    // Converts A, D, VI and VM: a test of its own writes it.
+    // EE converts A, D, VI and VM, so another test writes it.
     row("EE", 0x001E, 1, BIT, 0, Kept),
     row("EF", 0x001F, 1, BIT, 0, ReadOnly),
     row("ER", 0x0021, 2, Range(0, 0), 0, Passing),
     row("HC", 0x0029, 1, Range(0, 100), 5, Kept),
     row("HM", 0x002B, 1, Range(1, 4), 1, Command),
-    // 1 is illegal, too.
+    // The value 1 is also illegal.
     row("HT", 0x002C, 2, Range(0, 65_535), 500, Kept),
     row("I1", 0x002D, 1, BIT, 0, ReadOnly),
     row("I2", 0x002E, 1, BIT, 0, ReadOnly),
@@ -137,7 +137,7 @@ pub(crate) static TABLE: &[Row] = &[
     row("I5", 0x0031, 2, Range(0, 1_023), 0, ReadOnly),
     row("I6", 0x0032, 1, BIT, 0, ReadOnly).unknown().plus(),
     row("IC", 0x0037, 1, BYTE, 0, Command),
-    // Nothing is wired: open inputs that sink float high.
+    // The inputs are open and sink, so they float high.
     row("IL", 0x003A, 1, Range(0, 15), 15, ReadOnly),
     row("IN", 0x003B, 1, Range(0, 15), 15, ReadOnly),
     row("JE", 0x003F, 1, BIT, 0, Kept),
@@ -146,10 +146,10 @@ pub(crate) static TABLE: &[Row] = &[
     row("MP", 0x0045, 1, BIT, 0, ReadOnly),
     row("MR", 0x0046, 4, LONG, 0, Command),
     row("MS", 0x0048, 2, Of(MICROSTEPS), 256, Kept),
-    // With HT 500.
+    // The upper limit holds with HT 500.
     row("MT", 0x0049, 2, Range(0, 65_000), 0, Kept),
     row("MV", 0x004A, 1, BIT, 0, ReadOnly),
-    // No outputs until S1 to S4 make them some.
+    // These points are no outputs until S1 to S4 configure them.
     row("O1", 0x004B, 1, BIT, 0, Command).unknown(),
     row("O2", 0x004C, 1, BIT, 0, Command).unknown(),
     row("O3", 0x004D, 1, BIT, 0, Command).unknown(),
@@ -169,7 +169,7 @@ pub(crate) static TABLE: &[Row] = &[
     row("SL", 0x0078, 4, Range(-5_000_000, 5_000_000), 0, Command),
     row("SM", 0x007A, 1, BIT, 0, Kept).plus(),
     row("ST", 0x007B, 1, BIT, 0, Passing).plus(),
-    // Which trips there are is for a test of its own.
+    // Another test checks which trips exist.
     row("TE", 0x007D, 1, Range(0, 43), 0, Command),
     row("V",  0x0085, 4, LONG, 0, ReadOnly),
     row("VC", 0x0088, 1, BIT, 0, ReadOnly),
@@ -206,7 +206,7 @@ pub(crate) static TABLE: &[Row] = &[
     row("V8", 0x00B6, 4, LONG, 0, User),
 ];
 
-/// Addresses that FB calls reserved, first and last.
+/// Addresses that FB calls reserved: first and last of each range.
 pub(crate) const RESERVED: &[(u16, u16)] = &[
     (0x0002, 0x0004),
     (0x000A, 0x000A),
@@ -231,12 +231,12 @@ pub(crate) const RESERVED: &[(u16, u16)] = &[
     (0x00A3, 0x00A4),
 ];
 
-/// A row by its mnemonic.
+/// Finds a row by its mnemonic.
 pub(crate) fn find(name: &str) -> &'static Row {
     TABLE.iter().find(|row| row.name == name).expect("a row")
 }
 
-/// Between them, rows and reserved addresses are the whole map, without a gap or an overlap.
+/// The rows and the reserved addresses together cover the whole map without a gap or an overlap.
 #[test]
 fn the_table_is_the_whole_map() {
     let rows = TABLE.iter().map(|row| (row.address, row.address + row.count - 1));
@@ -248,7 +248,8 @@ fn the_table_is_the_whole_map() {
         next = last + 1;
     }
     assert_eq!(next, 0x00B8);
-    // The rows of FB 5, of which seven are an MDrivePlus's, of FB 5.1, the Hybrid's, and of FB 5.2, the user's.
+    // FB 5 has 61 rows, seven of them only for the MDrivePlus; FB 5.1 has 19 for the Hybrid, FB 5.2 has 8 for
+    // the user.
     let rows = KINDS.map(|kind| TABLE.iter().filter(|row| row.is_on(kind)).count());
     assert_eq!(rows, [61 + 8, 61 - 7 + 19 + 8]);
 }

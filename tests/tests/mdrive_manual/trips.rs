@@ -1,4 +1,4 @@
-//! Trips (MC 5-71 to 5-76): each with its subroutine, what it captures, and its bit of TE.
+//! Trips (MC 5-71 to 5-76): each with its subroutine, the position that it captures, and its bit of TE.
 
 use drivetwin_protocol::time::Span;
 
@@ -7,7 +7,7 @@ use crate::rig::{KINDS, Rig};
 const SUB: &str = "PG 1\nLB G1\nLB G2\nH 10\nBR G2,R4=0\nE\nLB K1\nR1=R1+1\nR2=P\nRT\nPG";
 
 impl Rig {
-    /// A drive with a program that waits, and a trip that runs K1.
+    /// A drive with a program that waits, and a trip that calls K1.
     fn with_trip(kind: crate::rig::Kind, define: &str, enable: i64) -> Self {
         let mut rig = Self::new(kind);
         for io in ["IO1", "IO2", "IO3", "IO4", "CAPTURE"] {
@@ -37,7 +37,7 @@ fn a_trip_must_be_defined() {
     }
 }
 
-/// MC 5-74: PC is not captured.
+/// MC 5-74: a trip on position does not set PC.
 #[test]
 fn on_position() {
     for kind in KINDS {
@@ -48,13 +48,13 @@ fn on_position() {
             rig.assert_values(&[("R1", 1), ("TE", 0), ("PC", 0), ("ER", 0)]);
             let seen = rig.value("R2");
             assert!((seen - target).abs() <= 30, "{seen}: two or three lines of 210 µs");
-            // MC 5-74 prints it as it is set.
+            // MC 5-74: PR TP prints the position as it was set.
             assert_eq!(rig.show("TP").split(',').next().map(str::trim), Some(target.to_string().as_str()));
         }
     }
 }
 
-/// MC 5-73
+/// MC 5-73: a trip on an input sets PC.
 #[test]
 fn on_an_input() {
     for kind in KINDS {
@@ -68,7 +68,7 @@ fn on_an_input() {
         rig.assert_values(&[("R1", 1), ("TE", 0), ("ER", 0)]);
         let captured = rig.peek("PC");
         assert!((captured - here).abs() <= 1, "{captured}, not {here}");
-        // Not twice, until it is enabled again.
+        // The trip works once, until it is enabled again.
         rig.high("IO2");
         rig.after(10.millis());
         rig.low("IO2");
@@ -82,7 +82,7 @@ fn on_an_input() {
     }
 }
 
-/// MC 5-72, 5-67
+/// MC 5-72, 5-67: a trip on the capture input sets PC.
 #[test]
 fn on_capture() {
     for kind in KINDS {
@@ -98,7 +98,7 @@ fn on_capture() {
     }
 }
 
-/// MC 5-76
+/// MC 5-76: a trip on time.
 #[test]
 fn on_time() {
     for kind in KINDS {
@@ -110,7 +110,7 @@ fn on_time() {
     }
 }
 
-/// MC 5-75: n times, each from the last one.
+/// MC 5-75: the trip works n times, each time relative to the last one.
 #[test]
 fn on_relative_position() {
     for kind in KINDS {
@@ -128,7 +128,7 @@ fn on_relative_position() {
     }
 }
 
-/// Without an end (MC 5-75).
+/// With a count of 0 the trip has no end (MC 5-75).
 #[test]
 fn on_relative_position_for_ever() {
     let mut rig = Rig::with_trip(crate::rig::Kind::Plus, "TR=5000,K1,0", 16);
@@ -137,7 +137,7 @@ fn on_relative_position_for_ever() {
     rig.assert_values(&[("R1", 10), ("TE", 16), ("ER", 0)]);
 }
 
-/// The bus defines TR and enables it by register 7D (FB 4.3.1).
+/// A master on port 502 defines TR and enables it by register 7D (FB 4.3.1).
 #[test]
 fn the_bus_trips_too() {
     for kind in KINDS {
@@ -152,7 +152,7 @@ fn the_bus_trips_too() {
     }
 }
 
-/// MC 9.2, 39.
+/// MC 9.2, error 39: TP and TR exclude each other.
 #[test]
 fn position_and_relative_position_exclude_each_other() {
     let mut rig = Rig::plus();
@@ -163,7 +163,7 @@ fn position_and_relative_position_exclude_each_other() {
     rig.refused("TE=18", 39);
 }
 
-/// Several at once; only the one that has tripped is off (MC 5-73).
+/// Several trips are enabled at once. A trip disables only itself (MC 5-73).
 #[test]
 fn trips_are_independent() {
     let mut rig = Rig::with_trip(crate::rig::Kind::Plus, "TI=1,K1", 1);
@@ -185,7 +185,8 @@ fn a_subroutine_of_a_trip_must_be_there() {
     rig.refused("TI=5,K1", 12);
 }
 
-/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
+/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled"
+/// (MC 5-73).
 #[test]
 fn a_trip_is_enabled_again_beside_others() {
     let mut rig = Rig::new(crate::rig::Kind::Plus);
@@ -201,7 +202,7 @@ fn a_trip_is_enabled_again_beside_others() {
     rig.assert_values(&[("TE", 0)]);
 }
 
-/// MC 9.1, 12: an output neither trips nor captures.
+/// MC 9.1, error 12: a point that is an output can neither trip nor capture.
 #[test]
 fn outputs_are_illegal_trips() {
     for kind in KINDS {

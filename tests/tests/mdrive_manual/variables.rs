@@ -1,13 +1,14 @@
-//! Every variable and flag of MCode (MC 5): the value in a new drive, the legal values, and the error for others.
+//! Every variable and flag of MCode (MC 5): the value in a new drive, the legal values, and the errors of
+//! other values.
 
 use crate::rig::{CALIBRATION, KINDS, Kind, Rig};
 
 struct Row {
     name: &'static str,
-    /// Text that PR prints of a new drive; empty where that is for another test.
+    /// Text that PR prints on a new drive; empty if another test checks it.
     fresh: &'static str,
     legal: &'static [i64],
-    /// Values that are refused, with their errors.
+    /// Values that the drive refuses, each with its error.
     refused: &'static [(i64, i64)],
     only: Option<Kind>,
 }
@@ -40,9 +41,9 @@ const RATE: &[i64] = &[91, 92, 1_525_878_997];
 const NOT_A_RATE: &[(i64, i64)] = &[(90, 21), (0, 21), (-1, 21), (1_525_878_998, 21)];
 const TO_9: &[i64] = &[0, 1, 9];
 const NOT_TO_9: &[(i64, i64)] = &[(-1, 21), (10, 21)];
-/// Read only (MC 9.2).
+/// Errors of a read-only variable (MC 9.2).
 const NEVER: &[(i64, i64)] = &[(0, 25), (1, 25)];
-/// HT + MT is 65535 at most (MC 5-32); HT is 500.
+/// HT + MT is at most 65535 (MC 5-32), and HT is 500.
 const TO_65000: &[i64] = &[0, 1, 65_000];
 const NOT_TO_65000: &[(i64, i64)] = &[(-1, 21), (65_001, 21)];
 
@@ -61,7 +62,7 @@ static TABLE: &[Row] = &[
     row("D3", "0", BYTE, NOT_A_BYTE),
     row("D4", "0", BYTE, NOT_A_BYTE),
     row("D5", "0", BYTE, NOT_A_BYTE),
-    // 10 as FB has it.
+    // FB gives the default 10.
     row("DB", "10", TO_65000, NOT_TO_65000).plus(),
     row("DE", "1", BIT, NOT_A_BIT),
     row("EE", "0", BIT, NOT_A_BIT),
@@ -118,13 +119,13 @@ static TABLE: &[Row] = &[
     row("LR", "0", &[], NEVER).hybrid(),
     row("LT", "2000", &[2, 3, 65_535], &[(1, 21), (0, 21), (65_536, 21)]).hybrid(),
     row("MF", "768000", &[306, 307, 5_000_000], &[(305, 21), (5_000_001, 21)]).hybrid(),
-    // 10 MHz/(n + 2) rounded down, n of one byte: 38910 to 5000000 (MC 5-70), n is 0.
+    // 10 MHz/(n + 2), rounded down, with n of one byte: 38910 to 5000000 (MC 5-70). The default of n is 0.
     row("SS", "5000000", &[38_910, 5_000_000], &[(38_909, 21), (5_000_001, 21)]).hybrid(),
     row("TD", "1", BIT, NOT_A_BIT).hybrid(),
     row("TQ", "25", &[1, 2, 100], &[(0, 21), (101, 21)]).hybrid(),
     row("TS", "5000000", &[38_910, 5_000_000], &[(38_909, 21), (5_000_001, 21)]).hybrid(),
     row("VF", "0", &[0, 1, 1_000], &[(-1, 21), (1_001, 21)]).hybrid(),
-    // A value below IT would warn at once.
+    // A value below IT would cause a warning at once.
     row("WT", "80", &[84, 83], &[(-1, 21), (85, 21)]).hybrid(),
 ];
 
@@ -133,7 +134,7 @@ fn rows(kind: Kind) -> impl Iterator<Item = &'static Row> {
 }
 
 impl Rig {
-    /// AS, DE and MS calibrate a Hybrid (MC 5-8).
+    /// Waits after AS, DE, MS and EE, because they calibrate a Hybrid (MC 5-8).
     fn pause_after(&mut self, name: &str) {
         if self.kind == Kind::Hybrid && matches!(name, "AS" | "DE" | "MS" | "EE") {
             self.after(CALIBRATION);
@@ -160,7 +161,8 @@ fn what_is_legal_is_set_and_printed() {
         for row in rows(kind) {
             let fresh = rig.show(row.name);
             for &value in row.legal {
-                // An equals sign, a blank, or nothing behind a name without a digit.
+                // Between name and value MCode takes an equals sign or a blank, or nothing if the name has no
+                // digit.
                 rig.say(&format!("{}={value}", row.name));
                 rig.pause_after(row.name);
                 assert_eq!(rig.show("ER"), "0", "{}={value} of {kind:?}", row.name);
@@ -192,7 +194,8 @@ fn what_is_not_legal_is_an_error_and_changes_nothing() {
     }
 }
 
-/// On an MDrivePlus their names are free; a Hybrid has no variable of a Plus (error 20).
+/// On an MDrivePlus the names of Hybrid variables are free for the user. A Hybrid has no variable of a Plus
+/// (error 20).
 #[test]
 fn names_of_the_hybrid_are_the_users_on_a_plus() {
     let mut rig = Rig::plus();
@@ -202,7 +205,7 @@ fn names_of_the_hybrid_are_the_users_on_a_plus() {
         rig.assert_values(&[(row.name, 5)]);
     }
     let mut rig = Rig::hybrid();
-    // I6 has no register there, but is a variable (MC 5-34).
+    // On a Hybrid I6 has no register, but is a variable (MC 5-34).
     for row in TABLE.iter().filter(|row| row.only == Some(Kind::Plus) && row.name != "I6") {
         rig.say(&format!("{}=0", row.name));
         let error = rig.value("ER");
@@ -210,7 +213,7 @@ fn names_of_the_hybrid_are_the_users_on_a_plus() {
     }
 }
 
-/// Both views of one value.
+/// A register and its variable show one value in two units.
 #[test]
 fn system_speeds_are_10_mhz_over_n_and_2() {
     let mut rig = Rig::hybrid();
@@ -224,7 +227,7 @@ fn system_speeds_are_10_mhz_over_n_and_2() {
     }
 }
 
-/// MC 4.9: 32 bits, wrapping; a division truncates.
+/// MC 4.9: arithmetic has 32 bits and wraps; a division truncates.
 #[test]
 fn two_operands_and_an_operator() {
     let mut rig = Rig::plus();
@@ -253,13 +256,13 @@ fn two_operands_and_an_operator() {
     }
     rig.set(&["A=Q1*1000", "D=A", "VM=R1*100"]);
     rig.assert_values(&[("A", 7_000), ("D", 7_000), ("VM", 10_000)]);
-    // Nothing over 0.
+    // A division by 0 is an error.
     rig.say("R3=R1/0");
     assert_ne!(rig.value("ER"), 0);
     assert_eq!(rig.value("R3"), -6);
 }
 
-/// MC 5-35: IC and DC of variables and registers.
+/// MC 5-35: IC and DC work on variables and registers.
 #[test]
 fn variables_count() {
     let mut rig = Rig::plus();
@@ -270,7 +273,7 @@ fn variables_count() {
     rig.refused("IC Z9", 30);
 }
 
-/// MC 5-78
+/// MC 5-78: names of user variables have one or two characters.
 #[test]
 fn user_variables_are_one_or_two_characters() {
     let mut rig = Rig::plus();
@@ -284,11 +287,11 @@ fn user_variables_are_one_or_two_characters() {
         rig.say(&format!("VA {name}"));
         assert_ne!(rig.value("ER"), 0, "VA {name}");
     }
-    // PW is MForce's, and free here (MC 5-58).
+    // PW is a variable of the MForce; on an MDrive the name is free (MC 5-58).
     rig.set(&["VA PW=1"]);
 }
 
-/// 192 labels and variables (MC 3.2.2).
+/// The table has room for 192 labels and variables (MC 3.2.2).
 #[test]
 fn the_table_of_names_is_full_at_192() {
     let mut rig = Rig::plus();
@@ -306,7 +309,7 @@ fn the_table_of_names_is_full_at_192() {
     rig.set(&["VA Q9"]);
 }
 
-/// MC 5-36, 5-39, 8.5.
+/// MC 5-36, 5-39, 8.5: IV stores the next typed number in a variable.
 #[test]
 fn a_number_is_put_into_a_variable() {
     let mut rig = Rig::plus();
@@ -334,7 +337,7 @@ fn the_flag_of_an_input() {
     rig.assert_values(&[("IF", 0), ("R1", 5)]);
 }
 
-/// MC 5-14: 0.001 to 2.000. A 1 elsewhere is 1.000.
+/// MC 5-14: CR is 0.001 to 2.000. An integer 1 from another variable is 1.000.
 #[test]
 fn a_clock_ratio_is_a_number() {
     let mut rig = Rig::plus();
@@ -361,7 +364,7 @@ fn a_clock_ratio_is_a_number() {
     rig.assert_values(&[("R2", 1), ("R3", 3)]);
 }
 
-/// A trip is accepted as PR AL prints it.
+/// A line that PR AL prints for a trip can be typed to set the trip.
 #[test]
 fn trips_are_set_as_they_are_printed() {
     let mut rig = Rig::hybrid();

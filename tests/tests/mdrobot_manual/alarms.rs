@@ -1,4 +1,4 @@
-//! Alarms (p. 9; MDROBOT-31, MDROBOT-32): cause, effect, reset.
+//! Alarms (p. 9; MDROBOT-31, MDROBOT-32): their causes, effects and resets.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::{Duration, Span};
@@ -16,7 +16,8 @@ const HALL_FAIL: u16 = 1 << 5;
 const INV_VEL: u16 = 1 << 6;
 const STALL: u16 = 1 << 7;
 
-/// Faults that are an alarm at once, or while it turns; the values of CTRL_STATUS and status2.
+/// Causes of alarms, with the bits that they set in CTRL_STATUS and in status2. Some raise the alarm at once,
+/// others only while the motor turns.
 const FAULTS: [(&str, u16, u16); 8] = [
     ("over_voltage", OVER_VOLT, 0),
     ("over_temperature", OVER_TEMP, 0),
@@ -28,7 +29,7 @@ const FAULTS: [(&str, u16, u16); 8] = [
     ("stall", STALL, 0),
 ];
 
-/// Waits for an alarm, and returns the time until it came.
+/// Waits for an alarm and returns the time until it was raised.
 #[track_caller]
 fn alarm(rig: &mut Rig, within: Duration) -> Duration {
     let mut came = None;
@@ -52,8 +53,8 @@ fn assert_none(rig: &mut Rig) {
     assert_eq!(rig.level("ALARM"), Level::High);
 }
 
-/// Each of them: output off, latched, bus answered, nothing drives, reset only when the cause is gone, the next
-/// command drives.
+/// Each alarm switches the output off and latches. The bus is still answered, and nothing drives the motor. A
+/// reset works only after the cause is gone. Then the next command drives the motor.
 #[test]
 fn page_9_each_alarm() {
     for (name, bit, status2) in FAULTS {
@@ -76,12 +77,12 @@ fn page_9_each_alarm() {
             rig.fault(name, true);
             alarm(&mut rig, 6.secs());
             assert_alarm(&mut rig, bit, status2);
-            // Off: it coasts, or is held.
+            // The output is off: the motor coasts or is blocked.
             rig.after(2.millis());
             assert_eq!(rig.motion().current_ma, 0, "{name}: the output is off");
             rig.after(30.secs());
             rig.assert_stands();
-            // The cause is there still: nothing clears it. Of what only shows while it turns, the cause is the motor's.
+            // A reset fails while the cause persists. Other faults exist only while the motor turns.
             if ["over_voltage", "over_temperature", "overload", "ctrl_fail", "regen_over_temperature"]
                 .contains(&name)
             {
@@ -89,19 +90,19 @@ fn page_9_each_alarm() {
                 rig.after(10.millis());
                 assert_alarm(&mut rig, bit, status2);
             }
-            // Writes are echoed, and drive nothing.
+            // Writes are echoed but do not move the motor.
             rig.velocity(700);
             rig.write_long(pid::POSI_CMD, 0);
             rig.assert_stands();
             assert_eq!(rig.signed(pid::VEL_CMD), 700);
-            // It is latched.
+            // The alarm is latched.
             rig.fault(name, false);
             rig.after(1.secs());
             assert_alarm(&mut rig, bit, status2);
             clear(&mut rig);
             rig.after(10.millis());
             assert_none(&mut rig);
-            // The reference is gone, the arming is not.
+            // The alarm has dropped the reference, but START_STOP and UI_COM are unchanged.
             rig.assert_stands();
             rig.velocity(600);
             rig.assert_turns(600.0);
@@ -110,7 +111,7 @@ fn page_9_each_alarm() {
     }
 }
 
-/// Power-off clears them; a cause that is there when power comes is an alarm again.
+/// Power-off clears an alarm. If the cause exists at power-on, the alarm is raised again.
 #[test]
 fn page_9_power() {
     for name in ["over_voltage", "over_temperature", "overload", "ctrl_fail", "regen_over_temperature"] {
@@ -126,7 +127,7 @@ fn page_9_power() {
     }
 }
 
-/// Several at once, each cleared for itself.
+/// Several alarms at once. A reset clears those whose cause is gone.
 #[test]
 fn page_9_several() {
     let mut rig = Rig::default();
@@ -143,7 +144,7 @@ fn page_9_several() {
     assert_none(&mut rig);
 }
 
-/// 61 V, in tenths (MDROBOT-32).
+/// VOLT_IN shows 61 V, in units of 0.1 V (MDROBOT-32).
 #[test]
 fn page_13_volt_in() {
     let mut rig = Rig::default();
@@ -153,12 +154,12 @@ fn page_13_volt_in() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
-/// VOLT_IN shows the supply of the motor; over 60 V is an alarm (MDROBOT-31, MDROBOT-32).
+/// VOLT_IN shows the supply of the motor. More than 60 V raise an alarm (MDROBOT-31, MDROBOT-32).
 #[test]
 fn page_13_the_supply() {
     let mut rig = Rig::armed(&[]);
     let row = rig.bench.spec(rig.seat).find("VOLT_IN").expect("a PID").row;
-    // 3,820 rpm at 24 V, less what 10 mN·m of friction take: 8 rpm.
+    // 3,820 rpm at 24 V, less the 8 rpm that 10 mN·m of friction cost.
     for (volts, rpm) in [(240, 3_812.0), (120, 1_902.0), (360, 5_722.0), (600, 9_542.0)] {
         assert_eq!(rig.bench.poke(rig.seat, row, volts), Ok(()));
         assert_eq!(i64::from(rig.read(pid::VOLT_IN)), volts);
@@ -174,11 +175,11 @@ fn page_13_the_supply() {
     assert_eq!(rig.read(pid::VOLT_IN), 240);
 }
 
-/// A motor that a load turns faster than the supply allows charges the supply, with any command: it does not run
-/// away.
+/// A load that turns the motor faster than the supply allows charges the supply, with any command. So the
+/// speed stays bounded.
 #[test]
 fn page_13_a_load_beyond_the_supply() {
-    // 2 Nm less friction are 33.2 A, in 0.3 Ω 9.95 V more than 24 V.
+    // A load of -2 Nm against the friction makes 33.2 A. At 0.3 Ω these are 9.95 V more than 24 V.
     let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = -2_000_000);
     rig.velocity(1_000);
     for _ in 0..10 {
@@ -188,7 +189,7 @@ fn page_13_a_load_beyond_the_supply() {
     }
 }
 
-/// STALL: output over half and no Hall edge for 1 s.
+/// STALL: no Hall edge for 1 s while the output is over half.
 #[test]
 fn page_9_stall() {
     let mut rig = Rig::armed(&[]);
@@ -197,7 +198,8 @@ fn page_9_stall() {
     let came = alarm(&mut rig, 3.secs());
     assert!((950..=1_100).contains(&(came.ticks() / 16_000)), "{came:?}");
     assert_alarm(&mut rig, STALL, 0);
-    // Less than half: none for long; the current is less than MAX_LOAD: 0.3 Ω and 24 V × 200 / 1,023 are 15.6 A.
+    // An output of less than half raises no alarm. The current is less than MAX_LOAD: 24 V × 200 / 1,023 at
+    // 0.3 Ω make 15.6 A.
     let mut rig = Rig::armed(&[]);
     rig.fault("stall", true);
     rig.write_signed(pid::OPEN_VEL_CMD, 200);
@@ -205,7 +207,7 @@ fn page_9_stall() {
     assert_none(&mut rig);
 }
 
-/// OVER_LOAD: current at MAX_LOAD for 4 s, and not before; a shorter one is none.
+/// OVER_LOAD: the current is at MAX_LOAD for 4 s. A shorter time raises no alarm.
 #[test]
 fn page_9_over_load() {
     let mut rig = Rig::armed(&[(pid::MAX_LOAD, 20)]);
@@ -223,13 +225,13 @@ fn page_9_over_load() {
         rig.after(500.millis());
     }
     assert_none(&mut rig);
-    // A torque near the limit is not at the limit.
+    // A torque just below MAX_LOAD raises no alarm.
     rig.write_signed(pid::TQ_CMD, 900);
     rig.after(10.secs());
     assert_none(&mut rig);
 }
 
-/// CTRL_FAIL: speed error over half of the reference for 3 s.
+/// CTRL_FAIL: the speed error is more than half of the reference for 3 s.
 #[test]
 fn page_9_ctrl_fail() {
     let mut rig = Rig::armed(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
@@ -237,7 +239,8 @@ fn page_9_ctrl_fail() {
     let came = alarm(&mut rig, 5.secs());
     assert!((2_950..=3_150).contains(&(came.ticks() / 16_000)), "{came:?}");
     assert_alarm(&mut rig, CTRL_FAIL, 0);
-    // A reference of zero has no half, however fast it is: without gains a load turns it that is to be held.
+    // A reference of zero raises no alarm, however fast the shaft turns. The drive should hold the shaft, but
+    // without gains the load turns it.
     let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, 1)], |motor| motor.load_unm = 100_000);
     rig.velocity(500);
     rig.after(1.secs());
@@ -250,10 +253,11 @@ fn page_9_ctrl_fail() {
     });
 }
 
-/// INV_VEL: turning against the reference for 0.5 s: a load that is stronger than MAX_LOAD turns the shaft.
+/// INV_VEL: the motor turns against the reference for 0.5 s, because the load is stronger than MAX_LOAD
+/// allows.
 #[test]
 fn page_9_inv_vel() {
-    // 1 A are 0.06 Nm, the load is 0.15.
+    // 1 A makes 0.06 Nm. The load is 0.15 Nm.
     let (mut rig, _) = Rig::turning(&[(pid::MAX_LOAD, 10)], |motor| motor.load_unm = 150_000);
     rig.velocity(500);
     let came = alarm(&mut rig, 2.secs());
@@ -261,7 +265,7 @@ fn page_9_inv_vel() {
     assert_alarm(&mut rig, INV_VEL, 0);
 }
 
-/// Two wires of the motor swapped (MDROBOT-32).
+/// Two wires of the motor are swapped (MDROBOT-32).
 #[test]
 fn page_9_inverse_velocity() {
     for rpm in [500, -500] {
@@ -274,7 +278,7 @@ fn page_9_inverse_velocity() {
     }
 }
 
-/// A reversal is none: it brakes first.
+/// A reversal raises no alarm, because the drive brakes first.
 #[test]
 fn page_9_a_reversal_is_no_alarm() {
     for (slow_start, slow_down) in [(0, 0), (205, 205), (0, 512)] {
@@ -287,7 +291,7 @@ fn page_9_a_reversal_is_no_alarm() {
     }
 }
 
-/// HALL_FAIL: a state that cannot be: a broken wire shows within a turn of the field.
+/// HALL_FAIL: an impossible state of the Hall sensors. A broken wire shows within one electrical turn.
 #[test]
 fn page_9_hall_fail() {
     let mut rig = Rig::armed(&[]);
@@ -296,11 +300,11 @@ fn page_9_hall_fail() {
     let pin = rig.pin("HU");
     assert_eq!(rig.bench.spec(rig.seat).pins[usize::from(pin.0)].name, "HU");
     rig.fault("hall_fail", true);
-    // A turn of the field is half a turn of the shaft: 30 ms.
+    // An electrical turn is half a turn of the shaft: 30 ms.
     let came = alarm(&mut rig, 100.millis());
     assert!(came <= 40.millis(), "{came:?}");
     assert_alarm(&mut rig, HALL_FAIL, 0);
-    // At power-on, too, the next time that it turns.
+    // After a power cycle the alarm is raised when the motor turns again.
     rig.power_cycle();
     rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
     rig.velocity(1_000);
@@ -308,7 +312,8 @@ fn page_9_hall_fail() {
     assert_eq!(rig.read(pid::CTRL_STATUS) & ALARM, ALARM);
 }
 
-/// An alarm ends a function, and the command of the pins: START/STOP has to be off first (MDROBOT-14).
+/// An alarm ends a function, and a motion by the pins. Before the pins can drive again, START/STOP must be
+/// off once (MDROBOT-14).
 #[test]
 fn page_9_pins_after_an_alarm() {
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500), (pid::STOP_STATUS, 2)]);
@@ -338,7 +343,7 @@ fn page_9_pins_after_an_alarm() {
     rig.assert_turns(1_000.0);
 }
 
-/// No alarm comes in a minute of ordinary work.
+/// Ordinary commands for a minute raise no alarm.
 #[test]
 fn page_9_ordinary_work() {
     let mut rig = Rig::armed(&[(pid::SLOW_START, 100), (pid::SLOW_DOWN, 100)]);

@@ -1,11 +1,13 @@
-//! Sources of commands (MDROBOT-12 to MDROBOT-15): UI_COM, START_STOP, COM_TAR_SPEED; the last command decides.
+//! Sources of commands (MDROBOT-12 to MDROBOT-15): UI_COM, START_STOP, COM_TAR_SPEED. The last command
+//! counts.
 
 use drivetwin_protocol::time::Span;
 
 use crate::pid;
 use crate::rig::Rig;
 
-/// VEL_CMD moves the motor with both and with no less; before that it is kept for reading.
+/// VEL_CMD moves the motor only if both UI_COM and START_STOP are set. Otherwise the value can only be read
+/// back.
 #[test]
 fn page_12_velocity_wants_78_and_100() {
     for (ui_com, start_stop, moves) in
@@ -16,7 +18,7 @@ fn page_12_velocity_wants_78_and_100() {
             rig.velocity(rpm);
             assert_eq!(rig.signed(pid::VEL_CMD), rpm);
             if moves {
-                // Its sign is its direction, also with 100 = 2.
+                // The sign of VEL_CMD is the direction, also if START_STOP (PID 100) is 2.
                 rig.assert_turns(f64::from(rpm));
             } else {
                 rig.assert_stands();
@@ -26,7 +28,7 @@ fn page_12_velocity_wants_78_and_100() {
     }
 }
 
-/// So do open loop and torque (MDROBOT-13).
+/// Open loop and torque commands need UI_COM and START_STOP, too (MDROBOT-13).
 #[test]
 fn page_12_open_loop_and_torque_want_them_too() {
     for pid in [pid::OPEN_VEL_CMD, pid::TQ_CMD] {
@@ -41,7 +43,7 @@ fn page_12_open_loop_and_torque_want_them_too() {
     }
 }
 
-/// A velocity written before the arming does not take effect with the arming.
+/// A velocity that was written before UI_COM and START_STOP are both set does not take effect when they are.
 #[test]
 fn page_12_a_velocity_before_the_arming() {
     for first in [pid::UI_COM, pid::START_STOP] {
@@ -56,7 +58,8 @@ fn page_12_a_velocity_before_the_arming() {
     }
 }
 
-/// "0: STOP, 1: CCW direction driving, 2: CW direction driving", at COM_TAR_SPEED (p. 12), from the write of either.
+/// "0: STOP, 1: CCW direction driving, 2: CW direction driving", at COM_TAR_SPEED (p. 12). The motor starts
+/// when the second of the two PIDs is written.
 #[test]
 fn page_12_com_tar_speed() {
     for (start_stop, sign) in [(1, 1.0), (2, -1.0)] {
@@ -81,7 +84,7 @@ fn page_12_com_tar_speed() {
     assert_eq!(rig.position(), 0, "without UI_COM");
 }
 
-/// TAR_VEL is no source for 100 (MDROBOT-13).
+/// START_STOP (PID 100) does not use TAR_VEL (MDROBOT-13).
 #[test]
 fn page_12_tar_vel_is_for_pins() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1), (pid::TAR_VEL, 500), (pid::START_STOP, 1)]);
@@ -89,10 +92,10 @@ fn page_12_tar_vel_is_for_pins() {
     assert_eq!(rig.position(), 0);
 }
 
-/// 0 takes the reference to zero and disarms (MDROBOT-13).
+/// START_STOP 0 ramps the reference to zero. Later velocities do not move the motor (MDROBOT-13).
 #[test]
 fn page_12_start_stop_0() {
-    // SLOW_DOWN 682 is 10 s from 3,000 rpm, so 2 s from 600.
+    // SLOW_DOWN 682 is 10 s from 3,000 rpm, and so 2 s from 600 rpm.
     let mut rig = Rig::armed(&[(pid::SLOW_DOWN, 682), (pid::STOP_STATUS, 2)]);
     rig.velocity(600);
     rig.assert_turns(600.0);
@@ -112,7 +115,7 @@ fn page_12_start_stop_0() {
     rig.assert_turns(600.0);
 }
 
-/// Positions need UI_COM alone (MDROBOT-13).
+/// Position commands need only UI_COM (MDROBOT-13).
 #[test]
 fn page_16_positions_want_78() {
     let moves: [(u16, &[u16]); 4] = [
@@ -138,7 +141,7 @@ fn page_16_positions_want_78() {
     }
 }
 
-/// The last command decides, after any earlier ones (MDROBOT-13).
+/// The last command counts, whatever came before (MDROBOT-13).
 #[test]
 fn page_12_the_last_command() {
     let mut rig = Rig::armed(&[]);
@@ -167,7 +170,8 @@ fn page_12_the_last_command() {
     rig.assert_turns(-900.0);
 }
 
-/// "If PC sending data is X -> Controller gets -X" (p. 7): every reference, no measurement (MDROBOT-15).
+/// "If PC sending data is X -> Controller gets -X" (p. 7): INV_SIGN_CMD inverts every reference but no
+/// measurement (MDROBOT-15).
 #[test]
 fn page_7_inv_sign() {
     let mut rig = Rig::armed(&[(pid::INV_SIGN_CMD, 1)]);
@@ -190,7 +194,7 @@ fn page_7_inv_sign() {
     rig.write(pid::TQ_CMD, 300);
     rig.after(100.millis());
     assert!(rig.rpm() < 0.0, "{}", rig.rpm());
-    // And back, at once.
+    // Setting it back to 0 takes effect at once, too.
     rig.write(pid::INV_SIGN_CMD, 0);
     rig.velocity(400);
     rig.assert_turns(400.0);
@@ -205,7 +209,7 @@ fn page_7_inv_sign_of_a_running_velocity() {
     rig.assert_turns(-400.0);
 }
 
-/// INV_SIGN applies to a position from the next command on (MDROBOT-15).
+/// A change of INV_SIGN_CMD applies from the next position command on (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_positions() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);
@@ -223,12 +227,12 @@ fn page_7_inv_sign_of_positions() {
         let length = if words[2] == 0 { 2 } else { 3 };
         rig.write_words(pid, &words[..length]);
         rig.after(4.secs());
-        // An increment counts from where the motor is, so errors of a count may add up.
+        // An increment starts at the actual position, so errors of one count may add up.
         assert!(rig.position().abs_diff(goal) <= 3, "PID {pid}: {} is not {goal}", rig.position());
     }
 }
 
-/// Switching over stops the motor (MDROBOT-12).
+/// A change of UI_COM stops the motor (MDROBOT-12).
 #[test]
 fn page_7_ui_com_stops() {
     let mut rig = Rig::armed(&[]);
@@ -241,7 +245,8 @@ fn page_7_ui_com_stops() {
     rig.assert_stands();
     rig.velocity(600);
     rig.assert_turns(600.0);
-    // To the pins, which run: it stops all the same, and START/STOP has to be off first (MDROBOT-14).
+    // A change to the bus stops a motor that the pins drive, too. Before the pins can drive again, START/STOP
+    // must be off once (MDROBOT-14).
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500)]);
     rig.open("START_STOP");
     rig.close("RUN_BRAKE");
@@ -252,7 +257,7 @@ fn page_7_ui_com_stops() {
     rig.assert_stands();
 }
 
-/// Writing the present value again does not switch over.
+/// Writing the present value of UI_COM again does not stop the motor.
 #[test]
 fn page_7_ui_com_again() {
     let mut rig = Rig::armed(&[]);
@@ -263,7 +268,8 @@ fn page_7_ui_com_again() {
     rig.assert_turns(600.0);
 }
 
-/// References of the bus while the pins command: echoed, kept, no motion (MDROBOT-12).
+/// While the pins command, references from the bus are echoed and stored, but do not move the motor
+/// (MDROBOT-12).
 #[test]
 fn page_7_ui_com_0_ignores_the_bus() {
     let mut rig = Rig::with(&[(pid::START_STOP, 1)]);

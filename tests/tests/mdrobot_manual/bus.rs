@@ -1,4 +1,5 @@
-//! The line: 19,200 8N1; silences, noise, others' traffic, two controllers (2.1 to 2.6; MDROBOT-1 to MDROBOT-5).
+//! The serial line: 19,200 8N1, silences, noise, traffic of others, two controllers (2.1 to 2.6; MDROBOT-1 to
+//! MDROBOT-5).
 
 use drivetwin_firmware::device::{Boot, Device, Input, Instant, Pin, Port, advance};
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -10,17 +11,17 @@ use drivetwin_sim::bench::{Bench, Client, DriveId, Setup};
 use crate::pid;
 use crate::rig::{BOOT, SILENCE, timed};
 
-/// A character at 19,200 8N1: 10 bits are 8,333⅓ ticks, a whole number by rounding.
+/// Ticks of a character at 19,200 8N1. Its 10 bits are 8,333⅓ ticks, rounded.
 const CHARACTER: u64 = 8_333;
 
 /// 3.5 characters, rounded up.
 const T35: Duration = Duration::from_ticks(29_166);
 
-/// 1 and 2 on one line.
+/// Controllers with ids 1 and 2 on one line.
 fn two() -> (Bench, [DriveId; 2]) {
     let mut bench = Bench::new();
     let seats = [1_i64, 2].map(|id| {
-        // The name that users preset it by (MDROBOT-5).
+        // Name of the setting by which users preset the id (MDROBOT-5).
         let row = mdrobot().spec().find("CONTROLLER_ID").expect("a setting").row;
         let setup = Setup { presets: vec![(row, id)], ..Setup::default() };
         bench.add_with(if id == 1 { "left" } else { "right" }, Box::new(mdrobot()), setup).expect("a drive")
@@ -30,7 +31,8 @@ fn two() -> (Bench, [DriveId; 2]) {
     (bench, seats)
 }
 
-/// Sends a frame and waits for a whole reply of that length; returns it, and when its last character ended.
+/// Sends a frame and waits for a reply of that length. Returns the reply and the time at which its last
+/// character ended.
 fn exchange(bench: &mut Bench, client: Client, frame: &[u8], length: usize) -> (Vec<u8>, Instant) {
     bench.send(client, frame);
     let mut reply = Vec::new();
@@ -42,12 +44,13 @@ fn exchange(bench: &mut Bench, client: Client, frame: &[u8], length: usize) -> (
     (reply, bench.now())
 }
 
-/// Polled in turn, each request 3.5 characters after the reply to the last one: thousands without a miss.
+/// Two controllers are polled in turn, each request 3.5 characters after the last reply. All of thousands are
+/// answered.
 #[test]
 fn page_3_two_controllers_in_turn() {
     let (mut bench, [left, right]) = two();
     let client = bench.connect(bench.bus(left, Port(0)).expect("a line"));
-    // 1 turns while both are polled.
+    // Controller 1 turns its motor while both are polled.
     for frame in
         [rtu::write(1, pid::UI_COM, 1), rtu::write(1, pid::START_STOP, 1), rtu::write(1, pid::VEL_CMD, 777)]
     {
@@ -60,7 +63,7 @@ fn page_3_two_controllers_in_turn() {
     for poll in 0..polls {
         let unit = 1 + (poll % 2) as u8;
         let begins = bench.now();
-        // Values of one word and of six.
+        // Alternates between a read of six words and a write of one.
         let (frame, length) = match poll % 4 {
             0 | 1 => (rtu::read(unit, pid::MONITOR, 6), 17),
             _ => (rtu::write(unit, pid::IN_POSITION, poll), 8),
@@ -75,7 +78,8 @@ fn page_3_two_controllers_in_turn() {
         } else {
             assert_eq!(reply[3..15], [0; 12], "2 stands");
         }
-        // The request, 3.5 characters at least, the reply, and nothing of a pause more than a few characters.
+        // A poll takes the request, at least 3.5 characters of silence, and the reply, with at most a few
+        // characters more.
         let took = ended.since(begins).ticks();
         let characters = (8 + length) as u64 * CHARACTER;
         assert!(took >= characters + T35.ticks() && took <= characters + 8 * CHARACTER, "{took} ticks");
@@ -85,7 +89,7 @@ fn page_3_two_controllers_in_turn() {
     let [ones, twos] = [left, right].map(|seat| bench.statistics(seat, Port(0)));
     assert_eq!((ones.requests, twos.requests), (u64::from(polls / 2) + 3, u64::from(polls / 2)));
     assert_eq!((ones.refused, twos.refused), (0, 0));
-    // Requests and replies of the other drive are no errors.
+    // Requests to the other drive, and its replies, do not count as errors.
     for seen in [ones, twos] {
         assert_eq!((seen.crc, seen.gap, seen.length, seen.spoiled), (0, 0, 0, 0), "{seen:?}");
     }
@@ -93,7 +97,7 @@ fn page_3_two_controllers_in_turn() {
     assert_eq!(bench.peek(left, bench.spec(left).find("IN_POSITION").expect("a PID").row), 3_998);
 }
 
-/// Broadcast id: both obey, neither answers (p. 3).
+/// Both controllers obey the broadcast id, and neither answers (p. 3).
 #[test]
 fn page_3_both_obey() {
     let (mut bench, [left, right]) = two();
@@ -105,7 +109,7 @@ fn page_3_both_obey() {
     assert_eq!(bench.ask(left, &rtu::read(3, pid::VERSION, 1)), SILENCE);
 }
 
-/// An id that is set over the bus, after its power cycle (p. 12).
+/// An id that is written over the bus is valid after a power cycle of that controller (p. 12).
 #[test]
 fn page_12_an_id_on_a_shared_line() {
     let (mut bench, [left, right]) = two();
@@ -118,8 +122,8 @@ fn page_12_an_id_on_a_shared_line() {
     assert_eq!(bench.ask(left, &rtu::read(1, pid::VERSION, 1)), rtu::frame(1, &[3, 2, 0, 81])[..]);
 }
 
-/// Noise, frames of other protocols, broken ones, and other controllers' traffic: no answer, no effect, and the next
-/// good frame is answered.
+/// Noise, frames of other protocols, damaged frames, and traffic of other controllers have no answer and no
+/// effect. The next valid frame is answered.
 #[test]
 fn page_3_noise() {
     let good = rtu::read(1, pid::MAX_RPM, 1);
@@ -156,7 +160,7 @@ fn page_3_noise() {
     }
 }
 
-/// Feeds characters with a silence before each, in ticks, and returns the answers.
+/// Passes characters to the drive, each after a silence in ticks. Returns the drive's answers.
 fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
     let mut drive = mdrobot();
     let mut out = Recorder::new(drive.spec().memory.into());
@@ -175,8 +179,8 @@ fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
     out.bytes.into_iter().flat_map(|(.., bytes)| bytes).collect()
 }
 
-/// Silences inside a frame: up to 1.5 characters are none, above that the frame is spoiled, as both its parts (serial
-/// 2.5.1.1).
+/// A silence of up to 1.5 characters inside a frame is ignored. A longer silence spoils the frame, and
+/// neither part of it is used (serial 2.5.1.1).
 #[test]
 fn page_3_silences() {
     let read = rtu::read(1, pid::VERSION, 1);
@@ -192,13 +196,13 @@ fn page_3_silences() {
             let expected = if answered { &reply[..] } else { &[] };
             assert_eq!(fed(&frame), expected, "{silence} ticks before character {gap}");
         }
-        // Before every character.
+        // The same silence before every character.
         let frame: Vec<(u8, u64)> =
             read.iter().enumerate().map(|(n, &byte)| (byte, if n == 0 { 0 } else { silence })).collect();
         let expected = if answered { &reply[..] } else { &[] };
         assert_eq!(fed(&frame), expected, "{silence} ticks before every character");
     }
-    // Two frames 3.5 characters apart: the first is a foreign one, then half a frame that is none.
+    // Two frames 3.5 characters apart. The first is for another drive, or only a part of a frame.
     for first in [&rtu::write(2, pid::MAX_RPM, 1)[..], &read[..5]] {
         let mut both: Vec<(u8, u64)> = first.iter().map(|&byte| (byte, 0)).collect();
         both.extend(
@@ -208,7 +212,7 @@ fn page_3_silences() {
     }
 }
 
-/// Pins of the connector have the manual's names, in any order.
+/// The pins of the connector and the faults have the manual's names, in any order.
 #[test]
 fn page_11_pins() {
     let drive = mdrobot();

@@ -7,14 +7,14 @@ use crate::pid;
 use crate::rig::Rig;
 use crate::table::{TABLE, Type};
 
-/// All registers that can be read and written.
+/// Values of all PIDs that can be read and written.
 fn image(rig: &mut Rig) -> Vec<Vec<u16>> {
     let rows = TABLE.iter().filter(|row| row.kind == Type::RW);
     rows.map(|row| rig.words(row.pid, row.words.len() as u16)).collect()
 }
 
-/// "Tq-off, motor free state": by CMD 2, by PID 5 with any word. It coasts without current, and the next command
-/// drives (MDROBOT-14).
+/// "Tq-off, motor free state": by CMD 2, or by PID 5 with any word. The motor coasts without current, and the
+/// next command drives it (MDROBOT-14).
 #[test]
 fn page_6_tq_off() {
     for (pid, word) in [(pid::COMMAND, 2), (pid::TQ_OFF, 0), (pid::TQ_OFF, 1), (pid::TQ_OFF, 0xFFFF)] {
@@ -30,14 +30,14 @@ fn page_6_tq_off() {
         assert!(rig.shaft() > 800.0, "it coasts: {}", rig.shaft());
         rig.after(20.secs());
         assert_eq!(rig.shaft(), 0.0);
-        // The earlier command is gone.
+        // The earlier command does not resume.
         rig.assert_stands();
         rig.velocity(-500);
         rig.assert_turns(-500.0);
     }
 }
 
-/// "Electric brake": CMD 4, PID 6.
+/// "Electric brake": by CMD 4, or by PID 6 with any word.
 #[test]
 fn page_6_brake() {
     for (pid, word) in [(pid::COMMAND, 4), (pid::BRAKE, 0), (pid::BRAKE, 0x1234)] {
@@ -55,7 +55,7 @@ fn page_6_brake() {
     }
 }
 
-/// TQ_OFF and BRAKE work whichever side commands (MDROBOT-12).
+/// TQ_OFF and BRAKE work whether the bus or the pins command (MDROBOT-12).
 #[test]
 fn page_6_tq_off_and_brake_of_the_other_side() {
     for code in [2, 4] {
@@ -66,7 +66,7 @@ fn page_6_tq_off_and_brake_of_the_other_side() {
         rig.assert_turns(500.0);
         rig.command(code);
         rig.after(20.secs());
-        // START/STOP is still ON, and nothing drives before it has been off (MDROBOT-14).
+        // START/STOP is still ON. It must be off once before it drives the motor (MDROBOT-14).
         rig.assert_stands();
         rig.open("START_STOP");
         rig.after(100.millis());
@@ -75,7 +75,8 @@ fn page_6_tq_off_and_brake_of_the_other_side() {
     }
 }
 
-/// CMD 10, PID 13: zero here; a held position moves along (MDROBOT-19).
+/// CMD 10 and PID 13 set the present position to 0. A position that is being held stays where it is
+/// (MDROBOT-19).
 #[test]
 fn page_6_posi_reset() {
     for (pid, word) in [(pid::COMMAND, 10), (pid::POSI_RESET, 0), (pid::POSI_RESET, 0xABCD)] {
@@ -105,12 +106,12 @@ fn page_6_posi_reset_while_it_turns() {
     rig.command(10);
     assert_eq!(rig.position(), 0);
     rig.after(3.secs());
-    // 50 turns of 12 counts.
+    // 50 turns with 12 counts each.
     assert!((587..=613).contains(&rig.position()), "{}", rig.position());
     assert!((rig.rpm() - 1_000.0).abs() <= 10.0);
 }
 
-/// FAN 15, 16; CLUTCH 17, 18: outputs (MDROBOT-26).
+/// CMD 15 and 16 switch the output FAN on and off, CMD 17 and 18 the output CLUTCH (MDROBOT-26).
 #[test]
 fn page_6_fan_and_clutch() {
     let mut rig = Rig::default();
@@ -132,7 +133,8 @@ fn page_6_fan_and_clutch() {
     assert_eq!(look(&rig), [false, false]);
 }
 
-/// 20 to 22, 25 to 29, 32, 46, 47: "erase", "cancel": they bring a PID back, for good (MDROBOT-10).
+/// The commands "erase" and "cancel" (20 to 22, 25 to 29, 32, 46, 47) restore defaults of PIDs permanently
+/// (MDROBOT-10).
 #[test]
 fn page_6_erase_and_cancel_commands_restore_defaults() {
     let filled: [(u16, u16); 10] = [
@@ -176,7 +178,8 @@ fn page_6_erase_and_cancel_commands_restore_defaults() {
     }
 }
 
-/// 44 and 45 are UI_COM off and on (MDROBOT-10): with 45 a position goes, with 44 it does not.
+/// CMD 44 sets UI_COM to 0 and CMD 45 to 1 (MDROBOT-10). After 45 a position command moves the motor, after
+/// 44 it does not.
 #[test]
 fn page_7_uicom() {
     let mut rig = Rig::default();
@@ -195,8 +198,9 @@ fn page_7_uicom() {
     assert_eq!(rig.read(pid::UI_COM), 0);
 }
 
-/// The others: broadcasting (5, 6, 11 to 14), CAN (23, 24), curves (31), a second motor (50 to 55), and codes without a
-/// row: echoed, nothing changes, no unsolicited message is sent (MDROBOT-10).
+/// Codes without effect: broadcasting (5, 6, 11 to 14), CAN (23, 24), curves (31), a second motor (50 to 55),
+/// and codes that are not in the table. They are echoed, nothing changes, and the drive sends no unsolicited
+/// message (MDROBOT-10).
 #[test]
 fn page_6_codes_without_effect() {
     let effective = [2, 4, 8, 10, 15, 16, 17, 18, 20, 21, 22, 25, 26, 27, 28, 29, 32, 44, 45, 46, 47];

@@ -1,4 +1,5 @@
-//! The CTRL connector (p. 8 to 11; MDROBOT-21, MDROBOT-22, MDROBOT-24): contacts, PID_DI, START/STOP, RUN/BRAKE, DIR.
+//! The CTRL connector (p. 8 to 11; MDROBOT-21, MDROBOT-22, MDROBOT-24): contacts, PID_DI, START/STOP,
+//! RUN/BRAKE, DIR.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::time::Span;
@@ -7,7 +8,7 @@ use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use crate::pid;
 use crate::rig::{BOOT, Rig};
 
-/// PID_DI: bits by name (p. 11).
+/// Bits of PID_DI by the name of the pin (p. 11).
 const BITS: [(&str, u16); 7] = [
     ("INT_SPEED", 0),
     ("ALARM_RESET", 1),
@@ -18,7 +19,7 @@ const BITS: [(&str, u16); 7] = [
     ("ENC_A", 6),
 ];
 
-/// With TAR_VEL 500 and all three contacts wired: open, open, closed.
+/// A rig with TAR_VEL 500 and three wired contacts: START/STOP and DIR open, RUN/BRAKE closed.
 pub(crate) fn at_500(settings: &[(u16, u16)]) -> Rig {
     let mut rig = Rig::with(settings);
     rig.write(pid::TAR_VEL, 500);
@@ -28,7 +29,8 @@ pub(crate) fn at_500(settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// 1 is closed to ground, of ENC_A and ENC_B 1 is open; not wired is 0; 36 and 37 do not matter (MDROBOT-22).
+/// A bit of PID_DI is 1 if the contact is closed to ground; for ENC_A and ENC_B, if it is open. A contact
+/// without a wire reads as open. PIDs 36 and 37 do not invert PID_DI (MDROBOT-22).
 #[test]
 fn page_11_di() {
     for inversions in [0, 1] {
@@ -45,7 +47,7 @@ fn page_11_di() {
                 assert_eq!(rig.read(pid::DI) >> bit & 1, 1 - opened, "{name} closed");
                 let others = rig.read(pid::DI) & !(1 << bit);
                 assert_eq!(others, if encoder { 0b110_0000 & !(1 << bit) } else { 0b110_0000 });
-                // The contact is released.
+                // The wire is removed.
                 rig.drive(name, PinStimulus::Open);
                 assert_eq!(rig.read(pid::DI), 0b110_0000, "{name} not wired");
             }
@@ -61,7 +63,7 @@ fn page_11_di() {
     }
 }
 
-/// TAR_VEL is used with START/STOP, RUN/BRAKE and DIR (p. 13); low is ON, DIR ON is CW.
+/// TAR_VEL is used with START/STOP, RUN/BRAKE and DIR (p. 13). A low level is ON, and DIR ON is CW.
 #[test]
 fn page_13_tar_vel() {
     let mut rig = at_500(&[]);
@@ -77,17 +79,17 @@ fn page_13_tar_vel() {
     rig.open("START_STOP");
     rig.after(20.secs());
     rig.assert_stands();
-    // In the place of a speed input.
+    // TAR_VEL takes precedence over the speed input.
     rig.volts("SPEED_IN", 5.0);
     rig.close("START_STOP");
     rig.assert_turns(800.0);
-    // Erased (CMD 20), the speed input is there again: 1 V of 5 is 600 of 3,000 rpm.
+    // After CMD 20 has erased TAR_VEL, the speed input counts again: 1 V of 5 V is 600 of 3,000 rpm.
     rig.volts("SPEED_IN", 1.0);
     rig.command(20);
     rig.assert_turns(600.0);
 }
 
-/// RUN/BRAKE OFF is electric brake (MDROBOT-21).
+/// RUN/BRAKE OFF brakes electrically (MDROBOT-21).
 #[test]
 fn page_9_run_brake() {
     let mut rig = at_500(&[]);
@@ -103,7 +105,7 @@ fn page_9_run_brake() {
     rig.assert_turns(500.0);
 }
 
-/// "1: Inverse START/STOP signal (HIGH -> ON)", and RUN/BRAKE.
+/// "1: Inverse START/STOP signal (HIGH -> ON)", and the same for RUN/BRAKE.
 #[test]
 fn page_9_inversions() {
     for (start, run) in [(1, 0), (0, 1), (1, 1)] {
@@ -128,7 +130,8 @@ fn page_9_inversions() {
     }
 }
 
-/// Not wired: START/STOP and DIR are OFF with any value of PID 36; RUN/BRAKE is as an open contact (MDROBOT-21).
+/// Contacts without wires: START/STOP and DIR are OFF with any value of PID 36. RUN/BRAKE acts as an open
+/// contact (MDROBOT-21).
 #[test]
 fn page_9_not_wired() {
     for inversion in [0, 1] {
@@ -137,14 +140,14 @@ fn page_9_not_wired() {
         rig.assert_stands();
         assert_eq!(rig.position(), 0);
     }
-    // RUN/BRAKE: open is brake, and with 37 it is run.
+    // RUN/BRAKE without a wire brakes, or runs if PID 37 is 1.
     for (inversion, rpm) in [(0, 0.0), (1, 500.0)] {
         let mut rig = Rig::with(&[(pid::RUN_INV_SIGN, inversion), (pid::TAR_VEL, 500)]);
         rig.open("START_STOP");
         rig.close("START_STOP");
         rig.assert_turns(rpm);
     }
-    // DIR: CCW.
+    // DIR without a wire is CCW.
     let mut rig = Rig::with(&[(pid::TAR_VEL, 500)]);
     rig.close("RUN_BRAKE");
     rig.open("START_STOP");
@@ -152,7 +155,8 @@ fn page_9_not_wired() {
     rig.assert_turns(500.0);
 }
 
-/// With UI_COM 1 they do nothing (MDROBOT-12); limit switches are another matter.
+/// With UI_COM 1 the contacts have no effect (MDROBOT-12), unless they are limit switches, which USE_LIMIT_SW
+/// 0 excludes.
 #[test]
 fn page_7_contacts_while_the_bus_commands() {
     let mut rig = at_500(&[(pid::USE_LIMIT_SW, 0), (pid::UI_COM, 1), (pid::START_STOP, 1)]);
@@ -170,7 +174,7 @@ fn page_7_contacts_while_the_bus_commands() {
     }
 }
 
-/// A stop by START/STOP follows STOP_STATUS (MDROBOT-17), with SLOW_DOWN.
+/// A stop by START/STOP follows STOP_STATUS (MDROBOT-17) and SLOW_DOWN.
 #[test]
 fn page_8_stop_by_a_contact() {
     for (stop_status, free) in [(0, true), (1, false), (2, false), (3, true)] {
@@ -181,7 +185,7 @@ fn page_8_stop_by_a_contact() {
         rig.after(400.millis());
         assert_eq!(rig.shaft() > 100.0, free, "STOP_STATUS {stop_status}: {} rpm", rig.shaft());
     }
-    // 682 of 1,023 are 10 s for 3,000 rpm: 1.67 s for 500.
+    // 682 of 1,023 is 10 s for 3,000 rpm, and so 1.67 s for 500 rpm.
     let mut rig = at_500(&[(pid::STOP_STATUS, 2), (pid::SLOW_DOWN, 682), (pid::SLOW_START, 682)]);
     rig.close("START_STOP");
     rig.after(833.millis());
@@ -192,10 +196,10 @@ fn page_8_stop_by_a_contact() {
     assert!((rig.rpm() - 250.0).abs() <= 40.0, "{}", rig.rpm());
 }
 
-/// SLOW_START and SLOW_DOWN hold for contacts, too: a reversal by DIR goes through zero (MDROBOT-16).
+/// SLOW_START and SLOW_DOWN apply to the contacts, too. A reversal by DIR goes through zero (MDROBOT-16).
 #[test]
 fn page_13_a_reversal_by_dir() {
-    // 5 s for 3,000 rpm: 0.83 s for 500.
+    // 5 s for 3,000 rpm are 0.83 s for 500 rpm.
     let mut rig = at_500(&[(pid::SLOW_START, 341), (pid::SLOW_DOWN, 341)]);
     rig.close("START_STOP");
     rig.assert_turns(500.0);
@@ -209,7 +213,7 @@ fn page_13_a_reversal_by_dir() {
     rig.assert_turns(-500.0);
 }
 
-/// INV_SIGN inverts the command of the pins, too (MDROBOT-15).
+/// INV_SIGN_CMD inverts commands of the pins, too (MDROBOT-15).
 #[test]
 fn page_7_inv_sign_of_contacts() {
     let mut rig = at_500(&[(pid::INV_SIGN_CMD, 1)]);
@@ -219,7 +223,7 @@ fn page_7_inv_sign_of_contacts() {
     rig.assert_turns(500.0);
 }
 
-/// ALARM is low while there is an alarm, with INV_ALARM while there is none (MDROBOT-26).
+/// ALARM is low during an alarm. With INV_ALARM it is low while there is none (MDROBOT-26).
 #[test]
 fn page_8_inv_alarm() {
     for (inverted, normal, alarm) in [(0, Level::High, Level::Low), (1, Level::Low, Level::High)] {
@@ -241,7 +245,8 @@ fn page_8_inv_alarm() {
     }
 }
 
-/// Nothing moves in the 300 ms after power-on (MDROBOT-11), and a contact closed in that time is effective.
+/// The motor does not move in the 300 ms after power-on (MDROBOT-11). A contact that closes in that time
+/// takes effect after it.
 #[test]
 fn page_11_contacts_at_power_on() {
     let mut rig = at_500(&[]);

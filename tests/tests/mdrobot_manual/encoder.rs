@@ -7,7 +7,7 @@ use drivetwin_sim::bench::Motor;
 use crate::pid;
 use crate::rig::Rig;
 
-/// A motor of the bench with an encoder of `cycles` per turn.
+/// A motor on the bench, with an encoder of `cycles` per turn.
 fn with_encoder(cycles: u32, ppr: u16) -> (Rig, Motor) {
     let (mut rig, motor) = Rig::turning(&[(pid::ENC_PPR, ppr)], |_| ());
     let [a, b] = ["ENC_A", "ENC_B"].map(|name| Some((rig.seat, rig.pin(name))));
@@ -16,7 +16,7 @@ fn with_encoder(cycles: u32, ppr: u16) -> (Rig, Motor) {
     (rig, motor)
 }
 
-/// The right number: the speed is right, and counts are those of the Halls.
+/// With the right ENC_PPR the speed is right. Positions still count edges of the Hall sensors.
 #[test]
 fn page_14_enc_ppr() {
     for cycles in [100_u16, 500, 2_500] {
@@ -43,7 +43,8 @@ fn page_14_enc_ppr() {
     }
 }
 
-/// A number too large by a factor turns the motor faster by it, unseen in RPM_DATA (MDROBOT-29).
+/// If ENC_PPR is too large by a factor, the motor turns faster by that factor. RPM_DATA does not show the
+/// error (MDROBOT-29).
 #[test]
 fn page_14_a_wrong_enc_ppr() {
     for (ppr, shaft) in [(1_000, 1_000.0), (250, 250.0), (1_500, 1_500.0)] {
@@ -59,7 +60,7 @@ fn page_14_a_wrong_enc_ppr() {
     }
 }
 
-/// Positions stay those of the Halls (MDROBOT-27).
+/// With an encoder, positions still count edges of the Hall sensors (MDROBOT-27).
 #[test]
 fn page_14_positions_with_an_encoder() {
     let (mut rig, motor) = with_encoder(500, 500);
@@ -70,7 +71,7 @@ fn page_14_positions_with_an_encoder() {
     assert!((turns - 50.0).abs() <= 2.0 / 12.0, "{turns} turns are not 600 counts");
 }
 
-/// CMD 26 goes back to the Halls.
+/// CMD 26 returns to the speed of the Hall sensors.
 #[test]
 fn page_6_enc_off() {
     let (mut rig, _) = with_encoder(500, 1_000);
@@ -81,7 +82,8 @@ fn page_6_enc_off() {
     rig.assert_turns(500.0);
 }
 
-/// ENC_PPR and no encoder: HALL_FAIL and status2 bit 1 after 0.6 s of turning (MDROBOT-31), not at rest.
+/// ENC_PPR without an encoder: HALL_FAIL and status2 bit 1 after 0.6 s of turning (MDROBOT-31), but not at
+/// rest.
 #[test]
 fn page_14_no_encoder() {
     let mut rig = Rig::armed(&[(pid::ENC_PPR, 1_000)]);
@@ -94,7 +96,7 @@ fn page_14_no_encoder() {
     assert_eq!(rig.status(), (1 | 1 << 5, 1 << 1));
     assert_eq!((rig.level("ALARM"), rig.motion().current_ma), (Level::Low, 0));
     rig.after(20.secs());
-    // The cause is gone with ENC_PPR 0.
+    // ENC_PPR 0 removes the cause.
     rig.write(pid::ENC_PPR, 0);
     rig.write(pid::ALARM_RESET, 0);
     rig.after(10.millis());
@@ -104,7 +106,7 @@ fn page_14_no_encoder() {
     assert_eq!(rig.status(), (0, 0));
 }
 
-/// The encoder's wires break while it turns.
+/// The wires of the encoder break while the motor turns.
 #[test]
 fn page_9_encoder_fail() {
     let (mut rig, _) = with_encoder(500, 500);
@@ -120,7 +122,7 @@ fn page_9_encoder_fail() {
     assert_eq!(rig.status(), (0, 0));
     rig.velocity(500);
     rig.assert_turns(500.0);
-    // An unused encoder may break.
+    // The fault of an encoder that is not used has no effect.
     let mut rig = Rig::armed(&[]);
     rig.fault("encoder_fail", true);
     rig.velocity(500);
@@ -128,7 +130,7 @@ fn page_9_encoder_fail() {
     assert_eq!(rig.status(), (0, 0));
 }
 
-/// ENC_PPR holds after a power cycle; ENC_A and ENC_B are seen in PID_DI (p. 11).
+/// ENC_PPR survives a power cycle. PID_DI shows the levels of ENC_A and ENC_B (p. 11).
 #[test]
 fn page_11_encoder_inputs() {
     let (mut rig, _) = with_encoder(100, 100);

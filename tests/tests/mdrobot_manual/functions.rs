@@ -10,14 +10,14 @@ const POSITION: u16 = 2;
 const SPEED_MOMENTARY: u16 = 3;
 const SPEED_ADD: u16 = 4;
 
-/// 600 rpm for 2.0 s; at the end the brake shows when it came.
+/// A rig with a function of 600 rpm for 2.0 s. The function ends with the brake, so that its end is visible.
 fn function(kind: u16) -> Rig {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, kind), (pid::STOP_STATUS, 2)]);
     rig.write_words(pid::FUNC_SPEED, &[600, 20]);
     rig
 }
 
-/// Asserts that it turns at the function's speed now.
+/// Asserts that the motor now turns at the speed of the function.
 #[track_caller]
 fn assert_runs(rig: &mut Rig, rpm: f64) {
     assert!((rig.rpm() - rpm).abs() <= rpm.abs() * 0.03, "{} rpm, not {rpm}", rig.rpm());
@@ -28,8 +28,8 @@ fn assert_rests(rig: &Rig) {
     assert_eq!(rig.shaft(), 0.0, "it rests");
 }
 
-/// "Motor moves when the signal is ON from OFF": for its run time from the edge, with any further changes of the
-/// signal.
+/// "Motor moves when the signal is ON from OFF": the motor turns for the run time, counted from the rising
+/// edge. Later changes of the signal have no effect.
 #[test]
 fn page_17_speed() {
     for word in [1, 2, 0x0100, 0xFFFF] {
@@ -44,7 +44,7 @@ fn page_17_speed() {
         assert_runs(&mut rig, 600.0);
         rig.after(310.millis());
         assert_rests(&rig);
-        // It is ON still: no edge. Written again, neither.
+        // The signal is still ON, so there is no edge. Writing the same word again makes no edge either.
         rig.after(2.secs());
         rig.write(pid::FUNC_CMD, word);
         rig.assert_stands();
@@ -67,7 +67,7 @@ fn page_17_speed_times() {
         rig.write(pid::FUNC_CMD, 1);
         let mut ended = None;
         rig.watch(Duration::millis(100) * u64::from(tenths + 10), 5.millis(), |rig, t| {
-            // The brake shorts the windings: no part of the supply.
+            // The brake shorts the windings, so the duty is 0.
             if ended.is_none() && t > 50.millis() && rig.motion().duty == 0 {
                 ended = Some(t);
             }
@@ -78,7 +78,7 @@ fn page_17_speed_times() {
     }
 }
 
-/// "Only applied while on": on time is ignored.
+/// "Only applied while on": the run time is ignored.
 #[test]
 fn page_18_speed_momentary() {
     let mut rig = function(SPEED_MOMENTARY);
@@ -96,10 +96,11 @@ fn page_18_speed_momentary() {
     assert_rests(&rig);
 }
 
-/// "If the signal is ON then motor run continuously regardless of delay": until both are over.
+/// "If the signal is ON then motor run continuously regardless of delay": the motor turns until the signal is
+/// OFF and the run time is over.
 #[test]
 fn page_18_speed_add() {
-    // OFF first, then the time.
+    // The signal goes OFF before the run time ends.
     let mut rig = function(SPEED_ADD);
     rig.write(pid::FUNC_CMD, 1);
     rig.after(500.millis());
@@ -108,7 +109,7 @@ fn page_18_speed_add() {
     assert_runs(&mut rig, 600.0);
     rig.after(310.millis());
     assert_rests(&rig);
-    // The time first, then OFF.
+    // The run time ends before the signal goes OFF.
     rig.write(pid::FUNC_CMD, 1);
     rig.after(5.secs());
     assert_runs(&mut rig, 600.0);
@@ -117,7 +118,8 @@ fn page_18_speed_add() {
     assert_rests(&rig);
 }
 
-/// "Motor moves to the target position when the signal is ON from OFF": by an increment, signed (MDROBOT-20).
+/// "Motor moves to the target position when the signal is ON from OFF". FUNC_POSI is a signed increment
+/// (MDROBOT-20).
 #[test]
 fn page_18_position() {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, POSITION)]);
@@ -159,14 +161,14 @@ fn page_16_function_speeds_and_max_rpm() {
     rig.assert_turns(500.0);
 }
 
-/// The factory's: 240 counts, 20 turns of a motor of four poles, at 1,500 rpm.
+/// Factory values: 240 counts, which are 20 turns of a motor with four poles, at 1,500 rpm.
 #[test]
 fn page_17_factory_functions() {
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, POSITION)]);
     rig.write(pid::FUNC_CMD, 1);
     rig.after(5.secs());
     assert!(rig.position().abs_diff(240) <= 1, "{}", rig.position());
-    // 1,000 rpm for a second.
+    // Factory values of the speed function: 1,000 rpm for 1 s.
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, SPEED), (pid::STOP_STATUS, 2)]);
     rig.write(pid::FUNC_CMD, 1);
     rig.after(990.millis());
@@ -175,7 +177,7 @@ fn page_17_factory_functions() {
     assert_rests(&rig);
 }
 
-/// START/STOP does as FUNC_CMD, while the pins command (p. 17); its inversion holds, too.
+/// While the pins command, START/STOP acts like FUNC_CMD (p. 17). START_INV_SIGN inverts it, too.
 #[test]
 fn page_17_start_stop() {
     for inverted in [false, true] {
@@ -192,7 +194,7 @@ fn page_17_start_stop() {
         on(&mut rig, false);
         rig.after(300.millis());
         assert_rests(&rig);
-        // With UI_COM the pin is a limit switch at most.
+        // With UI_COM 1 the pin can only be a limit switch.
         rig.set(&[(pid::USE_LIMIT_SW, 0), (pid::UI_COM, 1)]);
         on(&mut rig, true);
         rig.assert_stands();
@@ -210,7 +212,8 @@ fn page_17_start_stop() {
     assert_rests(&rig);
 }
 
-/// With a type the motor is "used by start/stop only" (p. 15): other commands are answered.
+/// If FUNC_CMD_TYPE is set, the motor is "used by start/stop only" (p. 15). Other commands are answered but
+/// do not move it.
 #[test]
 fn page_15_nothing_else_drives() {
     for kind in [SPEED, POSITION, SPEED_MOMENTARY, SPEED_ADD] {
@@ -221,14 +224,14 @@ fn page_15_nothing_else_drives() {
         rig.assert_stands();
         assert_eq!((rig.position(), rig.read(pid::VEL_CMD)), (0, 600), "type {kind}");
     }
-    // And without one FUNC_CMD does not.
+    // If FUNC_CMD_TYPE is 0, FUNC_CMD does not move the motor.
     let mut rig = Rig::armed(&[]);
     rig.write(pid::FUNC_CMD, 1);
     rig.assert_stands();
     assert_eq!(rig.position(), 0);
 }
 
-/// Another type, or none, ends the running function (MDROBOT-20).
+/// A change of FUNC_CMD_TYPE, also to 0, ends the running function (MDROBOT-20).
 #[test]
 fn page_17_another_type() {
     for (from, to) in [(SPEED, 0), (SPEED_MOMENTARY, 0), (SPEED_ADD, SPEED), (SPEED_MOMENTARY, POSITION)] {
@@ -244,7 +247,7 @@ fn page_17_another_type() {
     }
 }
 
-/// Negative speeds, INV_SIGN, SLOW_START and SLOW_DOWN hold for them (MDROBOT-15, MDROBOT-16).
+/// Negative speeds, INV_SIGN_CMD, SLOW_START and SLOW_DOWN apply to functions (MDROBOT-15, MDROBOT-16).
 #[test]
 fn page_17_direction_and_ramps() {
     let mut rig = function(SPEED_MOMENTARY);
@@ -254,7 +257,7 @@ fn page_17_direction_and_ramps() {
     assert_runs(&mut rig, -600.0);
     rig.write(pid::FUNC_CMD, 0);
     rig.after(300.millis());
-    // 682 of 1,023 are 10 s for 3,000 rpm: 2 s for 600.
+    // 682 of 1,023 is 10 s for 3,000 rpm, and so 2 s for 600 rpm.
     rig.set(&[(pid::INV_SIGN_CMD, 1), (pid::SLOW_START, 682), (pid::SLOW_DOWN, 682)]);
     rig.write(pid::FUNC_CMD, 1);
     rig.after(1.secs());
@@ -268,7 +271,7 @@ fn page_17_direction_and_ramps() {
     assert_rests(&rig);
 }
 
-/// TQ_OFF and BRAKE end a function; the next edge starts one.
+/// TQ_OFF and BRAKE end a function. The next edge starts another.
 #[test]
 fn page_17_tq_off() {
     for code in [2, 4] {

@@ -1,4 +1,4 @@
-//! PIDs that V1.1 does not have, as public clients use them (MDROBOT-10): 66, 176, 178, 179, 210, 216.
+//! PIDs that V1.1 does not have but public clients use (MDROBOT-10): 66, 176, 178, 179, 210, 216.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
@@ -14,7 +14,7 @@ const POSI_SD: u16 = 179;
 const PNT_MAIN_DATA: u16 = 210;
 const PNT_MONITOR: u16 = 216;
 
-/// The frames of the two monitors, with their CRC: the request, and the length of the answer.
+/// Requests for the two monitors, with their CRC, and the number of words in the answer.
 #[test]
 fn frames_of_the_monitors() {
     let mut rig = Rig::default();
@@ -29,12 +29,13 @@ fn frames_of_the_monitors() {
     }
 }
 
-/// 210: speed, current, position low and high of motor 1, of motor 2, and CTRL_STATUS of motor 2 above that of motor 1;
-/// 216 without currents. An MD400 has one motor.
+/// PID 210 has speed, current, low and high word of the position for motor 1, the same for motor 2, and a
+/// word with CTRL_STATUS of motor 2 in the high byte and of motor 1 in the low byte. PID 216 is the same
+/// without currents. An MD400 has one motor.
 #[test]
 fn what_the_monitors_show() {
     for (rpm, pulls_ma) in [(1_000_i16, 5_000), (-1_000, -5_000)] {
-        // 0.3 Nm against the motion; friction takes 0.17 A more.
+        // A load of 0.3 Nm against the motion. Friction takes 0.17 A more.
         let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = pulls_ma * 60);
         rig.velocity(rpm);
         rig.after(3.secs());
@@ -53,7 +54,7 @@ fn what_the_monitors_show() {
     }
 }
 
-/// "Max speed in position control": of commands that bring no speed of their own, within MAX_RPM.
+/// "Max speed in position control": limits commands without a speed of their own, up to MAX_RPM.
 #[test]
 fn tar_posi_vel_limits_positions() {
     let fastest = |rig: &mut Rig| {
@@ -78,7 +79,7 @@ fn tar_posi_vel_limits_positions() {
     }
 }
 
-/// "Stop using the position slow-start parameter", slow-down: CMD 71, 72.
+/// "Stop using the position slow-start parameter", and the same for slow-down: CMD 71, 72.
 #[test]
 fn position_ramps_are_erased() {
     for (code, left) in [(71, [0, 20]), (72, [10, 0])] {
@@ -89,8 +90,8 @@ fn position_ramps_are_erased() {
     }
 }
 
-/// A client writes 1 there when it has found home, and looks for 0 when it starts: the position is gone with the power,
-/// and so is that.
+/// A public client writes 1 to TQ_RATIO after it has found home, and checks for 0 when it starts. The value
+/// is lost at power-off, like the position.
 #[test]
 fn tq_ratio_keeps_a_flag() {
     let mut rig = Rig::default();

@@ -1,5 +1,5 @@
-//! Limit switches (p. 7, p. 9; MDROBOT-23): with UI_COM 1 and USE_LIMIT_SW 1 DIR permits CW and START/STOP permits
-//! CCW while closed.
+//! Limit switches (p. 7, p. 9; MDROBOT-23). With UI_COM 1 and USE_LIMIT_SW 1 a closed DIR permits CW, and a
+//! closed START/STOP permits CCW.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Closed, PinStimulus};
@@ -7,10 +7,10 @@ use drivetwin_sim::bench::{Closed, PinStimulus};
 use crate::pid;
 use crate::rig::Rig;
 
-/// The switch that permits it, the one that does not matter, and its sign.
+/// Each direction: the switch that permits it, the other switch, and the sign of the speed.
 const WAYS: [(&str, &str, i16); 2] = [("START_STOP", "DIR", 1), ("DIR", "START_STOP", -1)];
 
-/// Both closed, and the bus commands.
+/// A rig commanded by the bus, with both switches closed.
 fn between(settings: &[(u16, u16)]) -> Rig {
     let mut rig = Rig::armed(settings);
     rig.close("DIR");
@@ -46,17 +46,17 @@ fn page_7_each_switch_stops_its_own_way() {
             }
             rig.after(20.secs());
             rig.assert_stands();
-            // Echoed, and forbidden.
+            // A command in the forbidden direction is echoed and does not move the motor.
             let position = rig.position();
             rig.velocity(sign * 500);
             rig.assert_stands();
             assert_eq!((rig.position(), rig.signed(pid::VEL_CMD)), (position, sign * 500));
-            // Away from it.
+            // The opposite direction is permitted.
             rig.velocity(sign * -500);
             rig.assert_turns(f64::from(sign) * -500.0);
             rig.write(pid::BRAKE, 0);
             rig.assert_stands();
-            // Closed again: the stopped motion does not begin again, the next command drives.
+            // When the switch closes again, the stopped motion does not resume. The next command drives.
             rig.close(switch);
             rig.assert_stands();
             rig.velocity(sign * 500);
@@ -65,7 +65,7 @@ fn page_7_each_switch_stops_its_own_way() {
     }
 }
 
-/// After the switch has closed nothing moves without a command: the reference is gone.
+/// An open switch drops the reference, so nothing moves when it closes again, until the next command.
 #[test]
 fn page_7_the_reference_is_dropped() {
     for (switch, _, sign) in WAYS {
@@ -81,7 +81,7 @@ fn page_7_the_reference_is_dropped() {
     }
 }
 
-/// Also in positions, open loop and torque.
+/// Limit switches also stop position, open loop and torque commands.
 #[test]
 fn page_7_other_commands() {
     for (switch, _, sign) in WAYS {
@@ -110,7 +110,7 @@ fn page_7_other_commands() {
     }
 }
 
-/// Without USE_LIMIT_SW, without UI_COM, and with nothing wired, no switch stops it.
+/// Switches have no effect without USE_LIMIT_SW, without UI_COM, or without a wire.
 #[test]
 fn page_7_where_they_do_not_act() {
     for (switch, _, sign) in WAYS {
@@ -118,11 +118,11 @@ fn page_7_where_they_do_not_act() {
         rig.velocity(sign * 500);
         rig.open(switch);
         rig.assert_turns(f64::from(sign) * 500.0);
-        // Put to use while it is open: it forbids.
+        // USE_LIMIT_SW is set while the switch is open, so the motion is forbidden.
         rig.set(&[(pid::LIMIT_STOP_COND, 1), (pid::USE_LIMIT_SW, 1)]);
         rig.after(500.millis());
         rig.assert_stands();
-        // Not wired any more, and never.
+        // First the wire is removed, then there is a rig that never had one.
         let mut rig = between(&[]);
         rig.velocity(sign * 500);
         rig.drive(switch, PinStimulus::Open);
@@ -133,7 +133,7 @@ fn page_7_where_they_do_not_act() {
     }
 }
 
-/// A move from the other side, with a switch that is open when the command comes.
+/// The switch is already open when the command is given.
 #[test]
 fn page_7_open_from_the_beginning() {
     for (switch, _, sign) in WAYS {
@@ -151,8 +151,8 @@ fn page_7_open_from_the_beginning() {
     }
 }
 
-/// A load that pulls the shaft past its switch, with 0.3 Nm of the 1.2 that MAX_LOAD is: commands in the way back
-/// drive it back, with any SLOW_DOWN, and those that lead further are echoed and dropped.
+/// A load of 0.3 Nm pulls the shaft past its switch, while MAX_LOAD allows 1.2 Nm. Commands away from the
+/// switch drive the shaft back, with any SLOW_DOWN. Commands further past it are echoed and dropped.
 #[test]
 fn page_7_a_load_that_pulls_past_a_switch() {
     let orders: [fn(&mut Rig, i16); 2] =
@@ -161,7 +161,7 @@ fn page_7_a_load_that_pulls_past_a_switch() {
         for (switch, other, sign) in WAYS {
             for (which, order) in orders.into_iter().enumerate() {
                 let settings = [(pid::LIMIT_STOP_COND, condition), (pid::SLOW_DOWN, 1_023)];
-                // Negative pulls forward, which is CCW.
+                // A negative load pulls forward, which is CCW.
                 let (mut rig, motor) =
                     Rig::turning(&settings, |motor| motor.load_unm = i32::from(sign) * -300_000);
                 let closed = if sign > 0 {
@@ -176,7 +176,7 @@ fn page_7_a_load_that_pulls_past_a_switch() {
                 rig.after(1.secs());
                 let (shaft, past) = (rig.shaft() * f64::from(sign), rig.position());
                 assert!(shaft > 100.0 && past.abs() > 24, "the load pulls on: {shaft} rpm, {past} counts");
-                // Echoed, and not carried out.
+                // These commands are echoed but not executed.
                 rig.velocity(sign * 500);
                 rig.velocity(0);
                 rig.after(10.millis());
@@ -185,7 +185,8 @@ fn page_7_a_load_that_pulls_past_a_switch() {
                 order(&mut rig, sign);
                 rig.after(2.secs());
                 let on = (rig.position() - past) * i32::from(sign);
-                // It is at rest after 0.4 s at most, from some 4,000 rpm: 0.9 Nm on 5e-4 kg m2 are 17,000 rpm/s.
+                // The shaft stops after at most 0.4 s, from about 4,000 rpm: 0.9 Nm on 5e-4 kg m2 are 17,000
+                // rpm/s.
                 assert!(on < 12 * 20, "{which}: {on} counts further");
                 rig.after(30.secs());
                 let at = rig.position() * i32::from(sign);
@@ -200,7 +201,7 @@ fn page_7_a_load_that_pulls_past_a_switch() {
     }
 }
 
-/// The direction of the shaft decides which switch acts, so INV_SIGN makes no difference.
+/// The direction of the shaft decides which switch counts, so INV_SIGN_CMD makes no difference.
 #[test]
 fn page_7_with_inv_sign() {
     for (switch, other, sign) in WAYS {

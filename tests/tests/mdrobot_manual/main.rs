@@ -1,9 +1,9 @@
-//! *Modbus Protocol on the MD Controller* V1.1 as a test: its PIDs, its commands, its functions, and the causes that
-//! drive and stop the motor, over the bus and the pins, as a master sees them. Values are typed from the manual or
-//! come from the arithmetic in the comments.
+//! *Modbus Protocol on the MD Controller* V1.1 as a test. A master on the bus and drivers at the pins check
+//! the PIDs, the commands, the functions, and everything that drives or stops the motor. Values are typed
+//! from the manual or computed in the comments.
 //!
-//! Where the manual is silent or contradicts itself docs/decisions holds what the project has decided (`MDROBOT-5`),
-//! and the reasons for the tolerances of motion. Numbers like p. 6 are the manual's pages.
+//! Where the manual is silent or contradicts itself, docs/decisions has the project's decision (`MDROBOT-5`),
+//! and the reasons for the tolerances of motion. Numbers like p. 6 are pages of the manual.
 #![allow(missing_docs, reason = "a test")]
 
 mod alarms;

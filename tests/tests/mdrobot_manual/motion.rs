@@ -1,13 +1,13 @@
-//! Gains, currents, open loop, torque, poles, the contents of MONITOR (p. 8, p. 12 to 16; MDROBOT-18,
-//! MDROBOT-27 to MDROBOT-30), with the tolerances of a controller of this size: with factory gains, without load, at
-//! 24 V.
+//! Gains, currents, open loop, torque, poles, and the contents of MONITOR (p. 8, p. 12 to 16; MDROBOT-18,
+//! MDROBOT-27 to MDROBOT-30). The tolerances are those of a controller of this size with factory gains,
+//! without load, at 24 V.
 
 use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;
 
-/// Coasting takes at least twice as long as braking, and no current.
+/// Coasting takes at least twice as long as braking, and draws no current.
 #[test]
 fn page_6_coasting_and_braking() {
     let stops = |pid: u16| {
@@ -31,7 +31,8 @@ fn page_6_coasting_and_braking() {
     assert!(none == 0.0 && some > 1.0, "{none} A, {some} A");
 }
 
-/// "Max. current available" (p. 15): never over it by more than a tenth and 0.1 A; less is slower.
+/// "Max. current available" (p. 15): the current exceeds MAX_LOAD by at most a tenth and 0.1 A. A lower
+/// MAX_LOAD accelerates more slowly.
 #[test]
 fn page_15_max_load() {
     let mut before = Duration::ZERO;
@@ -50,28 +51,29 @@ fn page_15_max_load() {
         let reached = reached.expect("900 rpm");
         assert!(reached > before, "{reached:?} with {limit} A, {before:?} with more");
         before = reached;
-        // A reversal needs more than any start.
+        // A reversal needs more current than a start.
         rig.velocity(-1_000);
         rig.watch(1.secs(), 1.millis(), |rig, _| {
             assert!(rig.amperes() <= limit * 1.1 + 0.1, "{} A of {limit}", rig.amperes());
         });
     }
-    // Beyond 20 A it is 20 A (MDROBOT-8).
+    // A MAX_LOAD above 20 A limits at 20 A (MDROBOT-8).
     let mut rig = Rig::armed(&[(pid::MAX_LOAD, 1_000)]);
     assert_eq!(rig.read(pid::MAX_LOAD), 1_000);
     rig.velocity(2_500);
     rig.watch(1.secs(), 1.millis(), |rig, _| assert!(rig.amperes() <= 22.1, "{} A", rig.amperes()));
 }
 
-/// Gains have an order, in any unit (p. 15).
+/// A larger gain has a larger effect; the manual gives no unit (p. 15).
 #[test]
 fn page_15_gains() {
-    // None: no motion.
+    // Without gains the motor does not move.
     let mut rig = Rig::armed(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
     rig.velocity(1_000);
     rig.after(2_500.millis());
     assert_eq!((rig.position(), rig.motion().position), (0, 0));
-    // Proportional alone: an error, less with more gain. 2.5 s, before a speed that is too low is an alarm.
+    // With P_GAIN alone an error remains, and a larger gain makes it smaller. Measured after 2.5 s, before a
+    // speed that is too low raises an alarm.
     let steady = |p: u16, i: u16| {
         let mut rig = Rig::armed(&[(pid::P_GAIN, p), (pid::I_GAIN, i)]);
         rig.velocity(1_000);
@@ -81,18 +83,18 @@ fn page_15_gains() {
     let [least, less, more, most] = [1, 3_000, 6_000, 20_000].map(|p| steady(p, 0));
     assert!(least < 900.0, "{least}");
     assert!(least < less && less < more && more < most && most <= 1_010.0, "{least} {less} {more} {most}");
-    // With an integral none.
+    // With I_GAIN no error remains.
     for p in [3_000, 6_000] {
         let rpm = steady(p, 6_000);
         assert!((rpm - 1_000.0).abs() <= 10.0, "P {p}: {rpm}");
     }
 }
 
-/// A sudden load is compensated with an integral gain; without, the speed drops.
+/// I_GAIN compensates a load. Without I_GAIN the speed drops.
 #[test]
 fn page_15_gains_against_a_load() {
     let loaded = |p: u16, i: u16| {
-        // 0.12 Nm, 2 A.
+        // A load of 0.12 Nm, which takes 2 A.
         let (mut rig, _) =
             Rig::turning(&[(pid::P_GAIN, p), (pid::I_GAIN, i)], |motor| motor.load_unm = 120_000);
         rig.velocity(1_000);
@@ -107,7 +109,8 @@ fn page_15_gains_against_a_load() {
     assert!(alone < rig.rpm() - 10.0, "{alone} with a load, {} without", rig.rpm());
 }
 
-/// "Range: -1023~1023": 1,023 is the supply (MDROBOT-28): mirrored, twice the output 1.6 to 2.6 times the speed.
+/// "Range: -1023~1023": 1,023 is the supply voltage (MDROBOT-28). Both directions are symmetric. Twice the
+/// output makes 1.6 to 2.6 times the speed.
 #[test]
 fn page_12_open_loop() {
     let speed = |output: i16| {
@@ -127,20 +130,20 @@ fn page_12_open_loop() {
         let mirrored = speed(-output);
         assert!((once + mirrored).abs() <= once * 0.01, "{once} and {mirrored}");
     }
-    // 24 V and 0.06 Nm/A: 3,820 rpm, less what friction takes.
+    // 24 V at 0.06 Nm/A make 3,820 rpm, less the effect of friction.
     let full = speed(1_023);
     assert!((3_500.0..3_820.0).contains(&full), "{full}");
     let mut rig = Rig::armed(&[]);
     rig.write_signed(pid::OPEN_VEL_CMD, 0);
     rig.assert_stands();
-    // Gains do not matter.
+    // Gains have no effect on open loop.
     let mut rig = Rig::armed(&[(pid::P_GAIN, 0), (pid::I_GAIN, 0)]);
     rig.write_signed(pid::OPEN_VEL_CMD, 400);
     rig.after(3.secs());
     assert!(rig.rpm() > 800.0);
 }
 
-/// TQ_CMD 1,023 is MAX_LOAD (MDROBOT-28); TQ_DATA in 0.1 A, with the sign of the torque (p. 12).
+/// TQ_CMD 1,023 is MAX_LOAD (MDROBOT-28). TQ_DATA is in 0.1 A, with the sign of the torque (p. 12).
 #[test]
 fn page_12_torque() {
     let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
@@ -155,7 +158,8 @@ fn page_12_torque() {
             rig.amperes()
         );
     }
-    // Twice the torque, twice the acceleration, less what friction takes: 3 A are 0.18 Nm, 0.01 less, on 5e-4 kg m².
+    // Twice the torque makes twice the acceleration, except for friction: 3 A make 0.18 Nm, less 0.01 Nm, on
+    // 5e-4 kg m².
     for (command, expected) in [(512_i16, 0.17 / 5e-4), (1_023, 0.35 / 5e-4), (-512, -0.17 / 5e-4)] {
         let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
         rig.write_signed(pid::TQ_CMD, command);
@@ -170,7 +174,7 @@ fn page_12_torque() {
     }
 }
 
-/// Speeds beyond MAX_RPM are read back as written and limited at use (MDROBOT-18).
+/// Speeds above MAX_RPM are read back as written. The drive limits them when it uses them (MDROBOT-18).
 #[test]
 fn page_16_max_rpm() {
     let mut rig = Rig::armed(&[(pid::MAX_RPM, 1_000)]);
@@ -191,7 +195,8 @@ fn page_16_max_rpm() {
     rig.assert_turns(600.0);
 }
 
-/// "Pole 4 8 10 12 2 6: no. 0 1 2 3 4 5", above that twice the number (p. 8): a turn is 3 counts a pole.
+/// "Pole 4 8 10 12 2 6: no. 0 1 2 3 4 5"; from 6 on the poles are twice the number (p. 8). A turn has three
+/// counts per pole.
 #[test]
 fn page_8_poles() {
     for (hall_type, poles) in
@@ -208,14 +213,16 @@ fn page_8_poles() {
     }
 }
 
-/// The motor does not change: HALL_TYPE is the drive's assumption until the next power-on (MDROBOT-27).
+/// HALL_TYPE does not change the motor. It is what the drive assumes of it, from the next power-on
+/// (MDROBOT-27).
 #[test]
 fn page_8_a_wrong_hall_type() {
     let mut rig = Rig::armed(&[]);
     rig.write(pid::HALL_TYPE, 2);
     rig.velocity(400);
     rig.after(3.secs());
-    // The drive assumes 10 poles of a motor with 4: the shaft is 2.5 times as fast, undetected.
+    // The drive assumes 10 poles, but the motor has 4. The shaft turns 2.5 times as fast, and the drive does
+    // not notice.
     assert!((rig.rpm() - 400.0).abs() <= 4.0, "{}", rig.rpm());
     let from = rig.position();
     rig.after(6.secs());
@@ -224,7 +231,7 @@ fn page_8_a_wrong_hall_type() {
     assert!((counts - 1_200.0).abs() <= 26.0, "{counts}");
 }
 
-/// A motor of the bench with 8 poles, and a drive set to it.
+/// A motor with 8 poles on the bench, and a drive that is set to 8 poles.
 #[test]
 fn page_8_a_motor_of_the_bench() {
     let (mut rig, motor) = Rig::turning(&[(pid::HALL_TYPE, 1)], |motor| motor.hall_pulses = 4);
@@ -236,8 +243,8 @@ fn page_8_a_motor_of_the_bench() {
     assert!((rig.position() - counts - 60 * 24).abs() <= 30);
 }
 
-/// MONITOR: speed, current, output, position low and high, status (reported from real controllers): the values of the
-/// single PIDs.
+/// MONITOR has speed, current, output, low and high word of the position, and status (reported from real
+/// controllers). The values are equal to those of the single PIDs.
 #[test]
 fn page_21_monitor() {
     let mut rig = Rig::armed(&[]);
@@ -247,14 +254,15 @@ fn page_21_monitor() {
         let words = rig.words(pid::MONITOR, 6);
         assert_eq!(words[0], rig.read(pid::RPM_DATA));
         assert_eq!(words[1], rig.read(pid::TQ_DATA));
-        // 3,820 rpm at 1,023: 800 are some 214 and a little for friction, with the same sign.
+        // 1,023 makes 3,820 rpm, so 800 rpm need about 214, and a little for friction. The sign is that of
+        // the speed.
         let output = words[2].cast_signed() * rpm.signum();
         assert!((200..=250).contains(&output), "{output}");
         let position = rig.words(pid::POSI_DATA, 2);
         assert_eq!(words[3..5], position[..]);
         assert_eq!(words[5], 0);
     }
-    // Far enough for the high word: 65,536 counts of 40 poles are 546 turns.
+    // The position needs its high word: at 40 poles 65,536 counts are 546 turns.
     let mut rig = Rig::with_poles(20, 40.0, &[]);
     rig.velocity(-2_500);
     rig.after(20.secs());
@@ -265,11 +273,12 @@ fn page_21_monitor() {
     assert!((position + 100_000).abs() <= 2_500, "{position}");
 }
 
-/// RPM_DATA saturates at ±5,000 (MDROBOT-18): a load drives the motor faster than the drive can show.
+/// RPM_DATA saturates at ±5,000 (MDROBOT-18), here because a load drives the motor faster.
 #[test]
 fn page_12_rpm_data_saturates() {
     for load in [-2_000_000, 2_000_000] {
-        // 2 Nm on 5e-4 kg m² are 38,000 rpm/s, up to the limit by the supply: some 5,403 rpm.
+        // 2 Nm on 5e-4 kg m² accelerate by 38,000 rpm/s, until the supply limits the speed at about 5,403
+        // rpm.
         let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = load);
         rig.after(5.secs());
         let sign = f64::from(-load.signum());

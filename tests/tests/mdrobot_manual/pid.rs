@@ -1,4 +1,4 @@
-//! PIDs by the names of the tables, without `PID_`.
+//! Numbers of PIDs, by their names in the tables without `PID_`.
 
 pub(crate) const VERSION: u16 = 1;
 pub(crate) const DEFAULT_SET: u16 = 3;

@@ -1,4 +1,4 @@
-//! Every PID of the table over the bus: whether it may be read and written, its length, its range, its factory value.
+//! Every PID of the table over the bus: its access, length, range and factory value.
 
 use drivetwin_firmware::device::Port;
 use drivetwin_protocol::modbus::rtu;
@@ -10,7 +10,7 @@ use crate::pid;
 use crate::rig::{ALL, BOOT, Rig, SILENCE, request};
 use crate::table::{HEADER_ONLY, Row, TABLE, Type};
 
-/// FUNC_CMD_TYPE ignores DH (p. 15), so a word of it is illegal by DL alone; see its own test.
+/// FUNC_CMD_TYPE ignores DH (p. 15), so only its DL can be illegal. It has its own test.
 const FUNC_CMD_TYPE: u16 = 183;
 
 pub(crate) fn rows(of: impl Fn(&Row) -> bool) -> impl Iterator<Item = &'static Row> {
@@ -23,7 +23,7 @@ fn page_6_the_table_has_every_pid_once() {
     pids.sort_unstable();
     pids.dedup();
     assert_eq!(pids.len(), TABLE.len() + HEADER_ONLY.len());
-    // 48 numbered rows in the tables (row 36 twice), and those that are known beside them.
+    // 48 numbered rows in the manual's tables (row 36 occurs twice), and the other PIDs that are known.
     assert_eq!(TABLE.len(), 63);
 }
 
@@ -50,8 +50,8 @@ fn page_6_factory_values() {
     }
 }
 
-/// MDROBOT-2: 0 and more than 125 before the PID is looked up; then whether it is there and can be read; then its own
-/// length.
+/// MDROBOT-2: a drive first refuses quantities of 0 and of more than 125. Then it checks that the PID exists
+/// and can be read, and then the PID's own length.
 #[test]
 fn page_3_quantities_of_a_read() {
     let mut rig = Rig::default();
@@ -79,7 +79,8 @@ fn page_3_quantities_of_a_read() {
     }
 }
 
-/// MDROBOT-2: 02, with any quantity that Modbus has, and for all functions. PID_H counts.
+/// MDROBOT-2: an unknown PID is refused with exception 02, for every function and every quantity that Modbus
+/// allows. PID_H is part of the number.
 #[test]
 fn page_3_pids_that_are_not_there() {
     let mut rig = Rig::default();
@@ -97,7 +98,7 @@ fn page_3_pids_that_are_not_there() {
         }
         seen += 1;
     }
-    // 261 less the table's, with the header's among them.
+    // 261 PIDs without the 63 of the table. PIDs that only the header has are among them.
     assert_eq!(seen, 261 - 63 + 255 + 4);
 }
 
@@ -128,7 +129,7 @@ fn page_3_read_only_pids_refuse_writes() {
     }
 }
 
-/// Least and greatest of each range, by both functions where both fit.
+/// The least and the greatest value of each range are accepted, by both functions where both are possible.
 #[test]
 fn page_6_least_and_greatest_values_are_accepted() {
     for row in rows(Row::is_written) {
@@ -162,7 +163,7 @@ fn assert_reads(rig: &mut Rig, row: &Row, words: &[u16]) {
     assert_eq!(rig.try_words(row.pid, row.count()), expected, "PID {} {}", row.pid, row.name);
 }
 
-/// MDROBOT-2 and MDROBOT-3: 03, and nothing has changed.
+/// MDROBOT-2 and MDROBOT-3: an illegal value is refused with exception 03, and nothing changes.
 #[test]
 fn page_6_values_out_of_range_are_refused() {
     for row in rows(|row| row.is_written() && row.pid != FUNC_CMD_TYPE) {
@@ -193,12 +194,12 @@ fn page_6_values_out_of_range_are_refused() {
     }
 }
 
-/// All registers that can be read and written.
+/// Values of all PIDs that can be read and written.
 fn image(rig: &mut Rig) -> Vec<(u16, Vec<u16>)> {
     rows(|row| row.kind == Type::RW).map(|row| (row.pid, rig.words(row.pid, row.count()))).collect()
 }
 
-/// MDROBOT-2: function 6 on more than one word, function 16 with another quantity.
+/// MDROBOT-2: refuses function 6 for a PID of several words, and function 16 with a wrong quantity.
 #[test]
 fn page_5_quantities_of_a_write() {
     for row in rows(Row::is_written) {
@@ -222,7 +223,7 @@ fn page_5_quantities_of_a_write() {
     }
 }
 
-/// MDROBOT-2: 0 and more than 123 are 03, with any PID.
+/// MDROBOT-2: quantities of 0 and of more than 123 are refused with exception 03, for any PID.
 #[test]
 fn page_5_structure_of_function_16() {
     let mut rig = Rig::default();
@@ -233,7 +234,7 @@ fn page_5_structure_of_function_16() {
             assert_eq!(rig.ask(&long), [0x90, 3], "124 words to PID {pid}");
         }
     }
-    // The byte count is not that of the quantity.
+    // The byte count does not match the quantity.
     for (quantity, bytes) in [(1, 4), (2, 2), (1, 0), (2, 6), (1, 3)] {
         let mut pdu = request(16, pid::UI_COM, quantity).to_vec();
         pdu.push(bytes);
@@ -267,7 +268,8 @@ fn page_15_func_cmd_type_keeps_dl() {
     }
 }
 
-/// MAX_LOAD twice, SPEED_LIMIT in one and in two (MDROBOT-8).
+/// 181 and 211 are the same MAX_LOAD. The speed limits have one PID each, and SPEED_LIMIT for both
+/// (MDROBOT-8).
 #[test]
 fn page_14_values_with_two_pids() {
     let mut rig = Rig::default();
@@ -281,7 +283,7 @@ fn page_14_values_with_two_pids() {
     assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [100, 900]);
     rig.write_words(pid::SPEED_LIMIT, &[512, 1_023]);
     assert_eq!((rig.read(pid::LOW_SPEED_LIMIT), rig.read(pid::HIGH_SPEED_LIMIT)), (512, 1_023));
-    // All or nothing (MODBUS-4), also where nothing is set yet.
+    // A write of both limits is stored completely or not at all (MODBUS-4), also if no limit was set before.
     let mut rig = Rig::default();
     for words in [[0, 0], [100, 511], [513, 600], [100, 1_024]] {
         assert_eq!(rig.try_write_words(pid::SPEED_LIMIT, &words), Err(3), "{words:?}");
@@ -291,7 +293,8 @@ fn page_14_values_with_two_pids() {
     assert_eq!(rig.words(pid::SPEED_LIMIT, 2), [0, 0]);
 }
 
-/// "0xfe(254): ID ALL" (p. 3): obeyed, never answered; id 0 is that of another drive (MDROBOT-4).
+/// "0xfe(254): ID ALL" (p. 3): the drive obeys and does not answer. Id 0 is treated as another drive's
+/// (MDROBOT-4).
 #[test]
 fn page_3_id_all() {
     let mut rig = Rig::default();
@@ -310,7 +313,7 @@ fn page_3_id_all() {
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::UI_COM)), (2_000, 0));
 }
 
-/// MDROBOT-11: 300 ms, in which no request is received.
+/// MDROBOT-11: for 300 ms after power-on no request is received.
 #[test]
 fn page_3_power_on() {
     let mut rig = Rig::new(LineMode::Fast, Setup::default());
@@ -320,8 +323,8 @@ fn page_3_power_on() {
     assert_eq!(rig.read(pid::VERSION), 81);
 }
 
-/// The bytes of 2.3 to 2.6, with CRCs worked out from the polynomial, the low byte first: VERSION is read, P_GAIN
-/// written, FUNC_SPEED written and read with D1 (1,500) before D2 (20).
+/// The bytes of 2.3 to 2.6, with CRCs computed from the polynomial, low byte first. VERSION is read, P_GAIN
+/// is written, FUNC_SPEED is written and read with D1 (1,500) before D2 (20).
 #[test]
 fn page_3_frames() {
     let mut rig = Rig::default();

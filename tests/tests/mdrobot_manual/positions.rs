@@ -5,22 +5,22 @@ use drivetwin_protocol::time::{Duration, Span};
 use crate::pid;
 use crate::rig::Rig;
 
-/// Counts a turn of the drive's own motor: 3 × 4 poles.
+/// Counts per turn of the drive's own motor: 3 counts for each of 4 poles.
 const TURN: i32 = 12;
 
 /// Result of a move.
 #[derive(Debug)]
 struct Way {
-    /// Time at which it came within a count of its goal, to stay.
+    /// Time in s after which the motor was within a count of its goal and stayed there.
     arrived: f64,
-    /// rpm.
+    /// Highest speed, in rpm.
     fastest: f64,
-    /// Counts beyond the goal.
+    /// Overshoot beyond the goal, in counts.
     beyond: i32,
     goal: i32,
 }
 
-/// Watches a move that has just been commanded for that many seconds.
+/// Watches a move that was just commanded, for this many seconds.
 fn watch(rig: &mut Rig, goal: i32, seconds: f64) -> Way {
     let sign = (goal - rig.position()).signum();
     let (mut arrived, mut fastest, mut beyond) = (None, 0.0_f64, 0);
@@ -38,7 +38,8 @@ fn watch(rig: &mut Rig, goal: i32, seconds: f64) -> Way {
     Way { arrived, fastest, beyond, goal }
 }
 
-/// Never over the speed + 15 %, at most 5 % beyond, there after one to two times distance by speed, for good.
+/// Asserts that a move is at most 15 % faster than its speed and at most 5 % beyond its goal. The time to
+/// arrive is one to two times distance divided by speed, and the motor stays there.
 #[track_caller]
 fn assert_moves(rig: &mut Rig, goal: i32, rpm: f64) {
     let distance = f64::from((goal - rig.position()).abs());
@@ -46,7 +47,7 @@ fn assert_moves(rig: &mut Rig, goal: i32, rpm: f64) {
     let way = watch(rig, goal, least * 2.0 + 3.0);
     assert!(way.fastest <= rpm * 1.15, "{way:?}: {rpm} rpm at most");
     assert!(f64::from(way.beyond) <= (distance * 0.05).max(1.0), "{way:?}: {distance} counts");
-    // A count at either end is a count.
+    // The position at each end is uncertain by one count.
     assert!(way.arrived >= least * (1.0 - 2.0 / distance) - 0.01, "{way:?}: not before {least} s");
     assert!(way.arrived <= least * 2.0, "{way:?}: before {} s", least * 2.0);
 }
@@ -64,7 +65,7 @@ fn page_16_moves_with_a_speed() {
     assert_eq!(rig.status(), (0, 0));
 }
 
-/// 243 and 244: at MAX_RPM.
+/// Commands 243 and 244 move at MAX_RPM.
 #[test]
 fn page_16_moves_without_a_speed() {
     for max_rpm in [1_000, 500] {
@@ -83,7 +84,8 @@ fn page_16_moves_without_a_speed() {
     }
 }
 
-/// "Real target posi. = Current posi. + Incremental": from where it is, also while it moves (MDROBOT-19).
+/// "Real target posi. = Current posi. + Incremental": an increment counts from the actual position, also
+/// while the motor moves (MDROBOT-19).
 #[test]
 fn page_16_increments() {
     let mut rig = Rig::armed(&[]);
@@ -100,7 +102,7 @@ fn page_16_increments() {
     assert_eq!(rig.long(pid::TAR_POSI), goal);
     rig.after(5.secs());
     assert!(rig.position().abs_diff(goal) <= 1, "{} is not {goal}", rig.position());
-    // In the middle of another one: the rest of that is gone.
+    // An increment during another one replaces the rest of it.
     rig.write_move(pid::INC_POSI_VEL_CMD, 1_200, 600);
     rig.after(2.secs());
     let goal = rig.position() + 120;
@@ -109,7 +111,7 @@ fn page_16_increments() {
     assert!(rig.position().abs_diff(goal) <= 1, "{} is not {goal}", rig.position());
 }
 
-/// Short ones end where they should, and a long one needs the high word.
+/// Short moves end at their goal. A long move needs the high word.
 #[test]
 fn page_16_distances() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);
@@ -120,12 +122,12 @@ fn page_16_distances() {
         rig.after(3.secs());
         assert!(rig.position().abs_diff(goal) <= 1, "{} is not {goal}", rig.position());
     }
-    // 66,000 counts at 2,500 rpm: 500 counts a second.
+    // 66,000 counts at 2,500 rpm, which are 500 counts/s.
     rig.write_move(pid::POSI_VEL_CMD, -66_000, 2_500);
     assert_moves(&mut rig, -66_000, 2_500.0);
 }
 
-/// A speed of 219 has no sign (MDROBOT-19), and none beyond MAX_RPM.
+/// The speed of PID 219 is used without its sign (MDROBOT-19), and is limited to MAX_RPM.
 #[test]
 fn page_16_speeds() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1), (pid::MAX_RPM, 1_000)]);
@@ -133,13 +135,13 @@ fn page_16_speeds() {
     assert_moves(&mut rig, 600, 600.0);
     rig.write_move(pid::POSI_VEL_CMD, 0, 3_000);
     assert_moves(&mut rig, 0, 1_000.0);
-    // At 0 it goes nowhere.
+    // With speed 0 the motor does not move.
     rig.write_move(pid::POSI_VEL_CMD, 600, 0);
     rig.after(3.secs());
     assert!(rig.position().abs() <= 1, "{}", rig.position());
 }
 
-/// "RefSpeed = PV_GAIN*Position Error" (p. 15): less gain arrives later; 0 never.
+/// "RefSpeed = PV_GAIN*Position Error" (p. 15): with a lower gain the motor arrives later, with 0 never.
 #[test]
 fn page_15_pv_gain() {
     let mut before = 0.0;
@@ -149,13 +151,14 @@ fn page_15_pv_gain() {
         let way = watch(&mut rig, 600, 60.0);
         assert!(way.arrived > before + 0.02, "{way:?} with {gain}, {before} with more");
         before = way.arrived;
-        // The speed on the way down: PV_GAIN rpm a count, and not the limit. 20 counts are 100 rpm with 5.
+        // While it slows down, the speed is PV_GAIN rpm per count of error, up to the limit. With gain 5, 20
+        // counts are 100 rpm.
         let mut rig = Rig::with(&[(pid::UI_COM, 1), (pid::PV_GAIN, gain)]);
         rig.write_move(pid::POSI_VEL_CMD, 600, 1_000);
         let most = f64::from(gain);
         rig.watch(10.secs(), 5.millis(), |rig, t| {
             let error = f64::from(600 - rig.position());
-            // A count sooner, and the motor's own time of 42 ms behind.
+            // Allows for one count of resolution, and for the motor's time constant of 42 ms.
             let limit = (most * (error.abs() + 1.0)).min(1_000.0);
             assert!(
                 rig.shaft() <= limit * 1.5 + 150.0,
@@ -170,8 +173,8 @@ fn page_15_pv_gain() {
     assert_eq!(rig.position(), 0);
 }
 
-/// "If motor position control error is in IN_POSITION, then the result is 1, else 0" (p. 11), live; 0 where position
-/// is not controlled (MDROBOT-19).
+/// "If motor position control error is in IN_POSITION, then the result is 1, else 0" (p. 11). The result is
+/// always current, and 0 while the drive does not control the position (MDROBOT-19).
 #[test]
 fn page_11_in_position_ok() {
     let mut rig = Rig::armed(&[(pid::IN_POSITION, 50)]);
@@ -186,7 +189,7 @@ fn page_11_in_position_ok() {
         moving += u16::from(ok == 1 && rig.shaft() > 30.0);
     });
     assert!(seen[0] > 100 && seen[1] > 100 && moving > 10, "{seen:?}, {moving} while it moved");
-    // Another window, at once.
+    // A change of the window takes effect at once.
     rig.write_move(pid::POSI_VEL_CMD, 600 + 1_200, 600);
     rig.after(3.secs());
     assert_eq!(rig.read(pid::IN_POSITION_OK), 0);
@@ -200,7 +203,8 @@ fn page_11_in_position_ok() {
     assert_eq!(rig.read(pid::IN_POSITION_OK), 0, "free");
 }
 
-/// A move of a turn is a turn, of a motor of the bench, too: the first edge that a Hall sensor shows counts.
+/// A move by the counts of a turn makes one turn, also with another motor on the bench. The first edge of a
+/// Hall sensor counts.
 #[test]
 fn page_17_counts_are_turns() {
     for (way, poles) in [(TURN, 4), (-TURN, 4), (1, 4), (-1, 4), (30, 10), (-90, 10)] {
@@ -211,7 +215,7 @@ fn page_17_counts_are_turns() {
         rig.after(5.secs());
         assert!(rig.position().abs_diff(way) <= 1, "{} is not {way}", rig.position());
         let counts = rig.bench.turn(motor).revolutions * 3.0 * f64::from(poles);
-        // Anywhere in the count.
+        // The shaft may be anywhere within one count.
         assert!(
             (counts - f64::from(rig.position())).abs() <= 1.01,
             "{counts:.2} counts, and it says {}",
@@ -220,7 +224,7 @@ fn page_17_counts_are_turns() {
     }
 }
 
-/// A position is held with any STOP_STATUS (MDROBOT-17), also against a load, without a time limit.
+/// The drive holds a position with any STOP_STATUS (MDROBOT-17), also against a load, without a time limit.
 #[test]
 fn page_16_it_is_held() {
     for stop_status in 0..=3 {
@@ -236,7 +240,7 @@ fn page_16_it_is_held() {
     }
 }
 
-/// TQ_OFF releases the shaft; the next position is reached.
+/// TQ_OFF releases the shaft. The next position command is reached.
 #[test]
 fn page_6_tq_off_of_a_position() {
     let (mut rig, _) = Rig::turning(&[], |motor| motor.load_unm = 60_000);
@@ -252,7 +256,7 @@ fn page_6_tq_off_of_a_position() {
     assert!(rig.position().abs() <= 1, "{}", rig.position());
 }
 
-/// A new target on the way, also back.
+/// A new target during a move, in the opposite direction.
 #[test]
 fn page_16_another_target_on_the_way() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);
@@ -264,7 +268,7 @@ fn page_16_another_target_on_the_way() {
     assert_eq!((way.goal, rig.long(pid::TAR_POSI)), (-240, -240));
 }
 
-/// Position is 0 after power-on (MDROBOT-6).
+/// The position is 0 after power-on (MDROBOT-6).
 #[test]
 fn page_16_position_after_power_on() {
     let mut rig = Rig::with(&[(pid::UI_COM, 1)]);

@@ -1,4 +1,4 @@
-//! An MD400 with a motor on a bench, a master at its port, and drivers for every pin.
+//! An MD400 with a motor on a bench, a master at its port, and methods that set its pins.
 
 use drivetwin_firmware::device::{Axis, Fault, Level, Pin, Port};
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -12,24 +12,24 @@ use drivetwin_sim::line::LineMode;
 
 use crate::pid;
 
-/// From power-on to the first request that is received (MDROBOT-11).
+/// Time from power-on until the drive receives requests (MDROBOT-11).
 pub(crate) const BOOT: Duration = Duration::millis(300);
 
-/// The answer where no reply comes.
+/// Bytes that a master receives if the drive does not reply: none.
 pub(crate) const SILENCE: [u8; 0] = [];
 
 /// Broadcast id (p. 3).
 pub(crate) const ALL: u8 = 0xFE;
 
-/// A refusal: its exception code.
+/// Exception code of a refused request.
 pub(crate) type Exception = u8;
 
-/// A controller with its motor. Characters take no time here, unless a test sets that, so that a command counts
-/// from the instant at which it was given.
+/// A controller with its motor. By default characters take no time on the line, so a command takes effect at
+/// the instant of the call.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
-    /// Poles of the motor; a turn is 3 counts a pole (MDROBOT-27).
+    /// Poles of the motor. A turn has three counts per pole (MDROBOT-27).
     pub(crate) poles: f64,
 }
 
@@ -39,16 +39,16 @@ impl Default for Rig {
     }
 }
 
-/// Time, power, pins.
+/// Methods for time, power, pins and the motor.
 impl Rig {
-    /// A new controller that has just been given power.
+    /// A new controller whose power has just been switched on.
     pub(crate) fn new(line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seat = bench.add_with("x", Box::new(mdrobot()), setup).expect("a drive that can be seated");
         Self { bench, seat, poles: 4.0 }
     }
 
-    /// A rig that is ready, with these PIDs of one word written.
+    /// A rig after its start-up, with these one-word PIDs written.
     pub(crate) fn with(settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::new(LineMode::Fast, Setup::default());
         rig.after(BOOT + 1.millis());
@@ -56,14 +56,14 @@ impl Rig {
         rig
     }
 
-    /// A rig that the bus may move by velocity, with these PIDs written (MDROBOT-13).
+    /// A rig that obeys velocity commands of the bus, with these PIDs written (MDROBOT-13).
     pub(crate) fn armed(settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(settings);
         rig.set(&[(pid::UI_COM, 1), (pid::START_STOP, 1)]);
         rig
     }
 
-    /// A rig whose motor is on the bench: the drive's own, changed.
+    /// A rig whose motor is a separate part of the bench: the drive's own motor with changed parameters.
     pub(crate) fn turning(settings: &[(u16, u16)], change: impl FnOnce(&mut Parameters)) -> (Self, Motor) {
         let mut rig = Self::new(LineMode::Fast, Setup { external_motor: true, ..Setup::default() });
         rig.after(BOOT + 1.millis());
@@ -79,7 +79,7 @@ impl Rig {
         (rig, motor)
     }
 
-    /// A rig whose motor has other poles, by HALL_TYPE at power-on (p. 8).
+    /// A rig that is set to a motor with other poles, by HALL_TYPE at power-on (p. 8).
     pub(crate) fn with_poles(hall_type: u16, poles: f64, settings: &[(u16, u16)]) -> Self {
         let mut rig = Self::with(&[(pid::HALL_TYPE, hall_type)]);
         rig.power_cycle();
@@ -98,7 +98,7 @@ impl Rig {
         self.bench.run_until(self.now() + span);
     }
 
-    /// Advances the time and calls back every `step`, first after one.
+    /// Advances the time and calls `look` after each `step`.
     pub(crate) fn watch(
         &mut self,
         span: Duration,
@@ -112,7 +112,7 @@ impl Rig {
         }
     }
 
-    /// Takes power away, and gives it again after a second; returns when the drive is ready.
+    /// Switches power off for a second and on again. Returns when the drive has started.
     pub(crate) fn power_cycle(&mut self) {
         self.bench.power(self.seat, PowerAction::Off);
         self.after(1.secs());
@@ -120,12 +120,12 @@ impl Rig {
         self.after(BOOT + 1.millis());
     }
 
-    /// A pin by the manual's name.
+    /// The pin with this name in the manual.
     pub(crate) fn pin(&self, name: &str) -> Pin {
         self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no {name}"))
     }
 
-    /// Does something to a pin; returns when the drive has seen it.
+    /// Sets a pin from outside. Returns when the drive has received the change.
     pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
         self.after(Duration::TICK);
@@ -136,22 +136,22 @@ impl Rig {
         self.drive(name, PinStimulus::Low);
     }
 
-    /// Opens a wired contact.
+    /// Opens a contact that is wired.
     pub(crate) fn open(&mut self, name: &str) {
         self.drive(name, PinStimulus::High);
     }
 
-    /// A voltage at an analogue input.
+    /// Applies a voltage to an analogue input.
     pub(crate) fn volts(&mut self, name: &str, volts: f64) {
         self.drive(name, PinStimulus::Millivolts((volts * 1_000.0).round() as i32));
     }
 
-    /// A pin as it is seen from outside.
+    /// Level of a pin as an outside observer sees it.
     pub(crate) fn level(&self, name: &str) -> Level {
         self.bench.level(self.seat, self.pin(name))
     }
 
-    /// The cause of a fault comes or goes; returns when the drive has noticed.
+    /// Adds or removes the cause of a fault. Returns when the drive has noticed.
     pub(crate) fn fault(&mut self, name: &str, on: bool) {
         let place = self.bench.spec(self.seat).faults.iter().position(|fault| *fault == name);
         let place = place.unwrap_or_else(|| panic!("there is no fault {name}"));
@@ -169,7 +169,7 @@ impl Rig {
         self.bench.motion(self.seat, Axis(0))
     }
 
-    /// Speed of the shaft itself, in rpm, not the drive's reading.
+    /// True speed of the shaft in rpm, as opposed to the drive's reading.
     pub(crate) fn shaft(&self) -> f64 {
         self.motion().speed.to_num::<f64>() / (3.0 * self.poles) * 60.0
     }
@@ -180,9 +180,9 @@ impl Rig {
     }
 }
 
-/// The bus.
+/// Methods for the bus.
 impl Rig {
-    /// Answer of controller 1 to a request: its PDU, or none.
+    /// The PDU with which controller 1 answers a request. Empty if there is no reply.
     pub(crate) fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.bench.ask(self.seat, &rtu::frame(1, pdu));
         if reply.is_empty() {
@@ -193,7 +193,7 @@ impl Rig {
         body[1..].to_vec()
     }
 
-    /// A request that is answered, or refused.
+    /// Sends a request that must be answered or refused.
     #[track_caller]
     fn try_ask(&mut self, pdu: &[u8]) -> Result<Vec<u8>, Exception> {
         let reply = self.ask(pdu);
@@ -224,32 +224,32 @@ impl Rig {
         self.words(pid, 1)[0]
     }
 
-    /// A word with a sign.
+    /// Reads a signed word.
     #[track_caller]
     pub(crate) fn signed(&mut self, pid: u16) -> i16 {
         self.read(pid).cast_signed()
     }
 
-    /// Two words, the low one first (p. 4).
+    /// Reads two words, the low one first (p. 4).
     #[track_caller]
     pub(crate) fn long(&mut self, pid: u16) -> i32 {
         let pair = self.words(pid, 2);
         (u32::from(pair[1]) << 16 | u32::from(pair[0])).cast_signed()
     }
 
-    /// RPM_DATA.
+    /// Reads RPM_DATA.
     #[track_caller]
     pub(crate) fn rpm(&mut self) -> f64 {
         f64::from(self.signed(pid::RPM_DATA))
     }
 
-    /// POSI_DATA.
+    /// Reads POSI_DATA.
     #[track_caller]
     pub(crate) fn position(&mut self) -> i32 {
         self.long(pid::POSI_DATA)
     }
 
-    /// CTRL_STATUS, and status2, which only MONITOR (196) has.
+    /// Reads CTRL_STATUS, and status2, which only MONITOR (196) has.
     #[track_caller]
     pub(crate) fn status(&mut self) -> (u16, u16) {
         let word = self.words(pid::MONITOR, 6)[5];
@@ -300,20 +300,20 @@ impl Rig {
         assert_eq!(self.try_write_words(pid, words), Ok(()), "{words:?} to PID {pid}");
     }
 
-    /// Two words, the low one first (p. 5).
+    /// Writes two words, the low one first (p. 5).
     #[track_caller]
     pub(crate) fn write_long(&mut self, pid: u16, value: i32) {
         self.write_words(pid, &halves(value));
     }
 
-    /// A position and a speed: 219, 220.
+    /// Writes a position and a speed to PID 219 or 220.
     #[track_caller]
     pub(crate) fn write_move(&mut self, pid: u16, position: i32, rpm: u16) {
         let [low, high] = halves(position);
         self.write_words(pid, &[low, high, rpm]);
     }
 
-    /// VEL_CMD.
+    /// Writes VEL_CMD.
     #[track_caller]
     pub(crate) fn velocity(&mut self, rpm: i16) {
         self.write_signed(pid::VEL_CMD, rpm);
@@ -327,18 +327,18 @@ impl Rig {
 
 /// Assertions that tests share.
 impl Rig {
-    /// Asserts that it turns at this speed, as it reports and in truth, 2 s after the change.
+    /// Asserts that 2 s later the motor turns at this speed, both by RPM_DATA and in truth.
     #[track_caller]
     pub(crate) fn assert_turns(&mut self, rpm: f64) {
         self.after(2.secs());
         let (shown, shaft) = (self.rpm(), self.shaft());
         let within = (rpm.abs() * 0.01).max(2.0);
         assert!((shown - rpm).abs() <= within, "RPM_DATA is {shown}, not {rpm}");
-        // The shaft has ripple that Hall sensors do not show; counts show its mean.
+        // The shaft has ripple that the Hall sensors do not show. Counts show the mean speed.
         assert!((shaft - rpm).abs() <= (rpm.abs() * 0.03).max(6.0), "the shaft is at {shaft:.1}, not {rpm}");
     }
 
-    /// Asserts that it is at rest 2 s after the change, and for a while.
+    /// Asserts that the motor is at rest 2 s later, and stays there for 0.5 s.
     #[track_caller]
     pub(crate) fn assert_stands(&mut self) {
         self.after(2.secs());
@@ -354,20 +354,20 @@ pub(crate) fn halves(value: i32) -> [u16; 2] {
     [value as u16, (value >> 16) as u16]
 }
 
-/// A request of a function, a PID and a word.
+/// A request: a function, a PID and a word.
 pub(crate) fn request(function: u8, pid: u16, word: u16) -> [u8; 5] {
     let ([a, b], [c, d]) = (pid.to_be_bytes(), word.to_be_bytes());
     [function, a, b, c, d]
 }
 
-/// A line where characters take their time, and a controller on it that is ready.
+/// A controller after its start-up, on a line on which characters take time.
 pub(crate) fn timed() -> Rig {
     let mut rig = Rig::new(LineMode::Timed, Setup::default());
     rig.after(BOOT + 1.millis());
     rig
 }
 
-/// The line that the controller uses.
+/// Current settings of the controller's serial line.
 pub(crate) fn line(rig: &Rig) -> drivetwin_firmware::device::Line {
     rig.bench.line(rig.bench.bus(rig.seat, Port(0)).expect("a line"))
 }

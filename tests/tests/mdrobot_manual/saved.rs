@@ -1,4 +1,4 @@
-//! Values that outlast power: saved ones, DEFAULT_SET, id and baud.
+//! Values that survive a power-off: saved PIDs, DEFAULT_SET, id and baud rate.
 
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;
@@ -10,7 +10,8 @@ use crate::pids::rows;
 use crate::rig::{Rig, SILENCE, line, request, timed};
 use crate::table::Row;
 
-/// A value that differs from the factory's for every PID that is saved, except aliases of the same value.
+/// A value for a saved PID that differs from the factory's. PIDs that are aliases of the same value get the
+/// same.
 fn changed(row: &Row) -> Vec<u16> {
     match row.pid {
         16 | 19 | 36 | 37 | 40 | 44 | 45 => vec![1],
@@ -35,7 +36,7 @@ fn change_everything(rig: &mut Rig) {
     }
 }
 
-/// MDROBOT-6: saved at once, all but 78, 100, 130, 180.
+/// MDROBOT-6: all PIDs except 78, 100, 130 and 180 are saved at once.
 #[test]
 fn page_6_saved_values_survive_a_power_cycle() {
     let mut rig = Rig::default();
@@ -48,7 +49,7 @@ fn page_6_saved_values_survive_a_power_cycle() {
     for pid in [78, 100, 130, 180] {
         assert_eq!(rig.read(pid), 0, "PID {pid}");
     }
-    // Each alone, and with the others as they were.
+    // Each PID changed alone.
     for row in rows(|row| row.saved) {
         let mut rig = Rig::default();
         rig.write_words(row.pid, &changed(row));
@@ -57,7 +58,7 @@ fn page_6_saved_values_survive_a_power_cycle() {
     }
 }
 
-/// MDROBOT-6: the writes of a master come faster than saves; the last one counts.
+/// MDROBOT-6: a master writes faster than the drive saves. The last value counts.
 #[test]
 fn page_6_one_write_after_the_other() {
     let mut rig = Rig::default();
@@ -70,7 +71,7 @@ fn page_6_one_write_after_the_other() {
     assert_eq!((rig.read(pid::MAX_RPM), rig.read(pid::P_GAIN)), (1_099, 99));
 }
 
-/// MDROBOT-6: power fails between the values and their check sum.
+/// MDROBOT-6: power fails between the values and their checksum.
 #[test]
 fn page_6_power_lost_in_a_save() {
     let mut rig = Rig::default();
@@ -78,14 +79,14 @@ fn page_6_power_lost_in_a_save() {
     rig.write(pid::MAX_RPM, 2_000);
     rig.after(5.millis());
     rig.power_cycle();
-    // The new value, neither the old one nor that of the factory.
+    // The drive has the new value, not the old one or the factory's.
     assert_eq!(rig.read(pid::MAX_RPM), 2_000);
     rig.write(pid::MAX_RPM, 2_500);
     rig.power_cycle();
     assert_eq!(rig.read(pid::MAX_RPM), 2_500);
 }
 
-/// "DL = 0x55(CHECK)" (p. 6): resets all saved values but id and baud.
+/// "DL = 0x55(CHECK)" (p. 6): resets all saved values except id and baud rate.
 #[test]
 fn page_6_default_set() {
     let mut rig = Rig::default();
@@ -110,7 +111,8 @@ fn page_6_default_set() {
     }
 }
 
-/// "DL = 0xAA, DH = ID of controller to set (1~253)" (p. 12); MDROBOT-5: saved at once, from the next power-on on.
+/// "DL = 0xAA, DH = ID of controller to set (1~253)" (p. 12). MDROBOT-5: the id is saved at once and valid
+/// from the next power-on.
 #[test]
 fn page_12_id() {
     for id in [1, 2, 100, 247, 248, 253] {
@@ -131,7 +133,7 @@ fn page_12_id() {
         rig.power_cycle();
         assert_eq!(rig.read(pid::VERSION), 81);
     }
-    // Another key is echoed, and nothing else, with any DH.
+    // A word with another key is echoed and has no effect, with any DH.
     for word in [0x0200, 0x0255, 0x02AB, 0x00A9, 0xFF00, 0xAA02] {
         let mut rig = Rig::default();
         rig.write(pid::ID, word);

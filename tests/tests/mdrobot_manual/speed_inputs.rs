@@ -1,4 +1,4 @@
-//! User input types (p. 8, p. 10), their limits (p. 14), the internal volume (p. 11), torque (p. 10);
+//! Types of speed inputs (p. 8, p. 10), their limits (p. 14), the internal volume (p. 11), torque (p. 10);
 //! MDROBOT-24, MDROBOT-25.
 
 use drivetwin_protocol::time::Span;
@@ -6,7 +6,7 @@ use drivetwin_protocol::time::Span;
 use crate::pid;
 use crate::rig::Rig;
 
-/// A rig that runs by its pins, CCW, with an input type.
+/// A rig that the pins drive CCW, with an input type.
 fn by_pins(input_type: u16, settings: &[(u16, u16)]) -> Rig {
     let mut rig = Rig::with(&[(pid::INPUT_TYPE, input_type), (pid::STOP_STATUS, 2)]);
     rig.set(settings);
@@ -17,7 +17,7 @@ fn by_pins(input_type: u16, settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// Within a step of 1,023, and the tolerance of `assert_turns`.
+/// Asserts a speed within one of 1,023 converter steps and the tolerance of `assert_turns`.
 #[track_caller]
 fn assert_near(rig: &mut Rig, rpm: f64, full: f64, what: &str) {
     rig.after(2.secs());
@@ -25,7 +25,7 @@ fn assert_near(rig: &mut Rig, rpm: f64, full: f64, what: &str) {
     assert!((rig.rpm() - rpm).abs() <= within, "{what}: {} rpm, not {rpm:.1}", rig.rpm());
 }
 
-/// 0: "Analog voltage 0~5VDC, 0~max.", of MAX_RPM.
+/// Type 0: "Analog voltage 0~5VDC, 0~max.", where max. is MAX_RPM.
 #[test]
 fn page_10_volts() {
     for full in [3_000_u16, 1_000] {
@@ -48,13 +48,14 @@ fn page_10_volts() {
     rig.assert_stands();
 }
 
-/// Not wired it is 0 V.
+/// An input without a wire reads 0 V.
 #[test]
 fn page_10_no_volts() {
     by_pins(0, &[]).assert_stands();
 }
 
-/// "Lower than this value is same as zero input", "Higher than HIGH_LIMIT is same to": linear between them (p. 14).
+/// "Lower than this value is same as zero input", "Higher than HIGH_LIMIT is same to": the speed is linear
+/// between the limits (p. 14).
 #[test]
 fn page_14_speed_limits() {
     for (low, high) in [(100_u16, 900_u16), (512, 1_023), (0, 512), (205, 0)] {
@@ -67,7 +68,7 @@ fn page_14_speed_limits() {
         for raw in [50.0, 150.0, 300.0, 500.0, 700.0, 950.0, 1_020.0] {
             rig.volts("SPEED_IN", raw / 1_023.0 * 5.0);
             let share = ((raw - low) / (most - low)).clamp(0.0, 1.0);
-            // A step of the converter is more where the range is less.
+            // In a narrower range a converter step is a larger part of the speed.
             assert_near(
                 &mut rig,
                 2_000.0 * share,
@@ -78,7 +79,7 @@ fn page_14_speed_limits() {
     }
 }
 
-/// 1: "-max.~+max., 2.5VDC, deadzone 2~3VDC".
+/// Type 1: "-max.~+max., 2.5VDC, deadzone 2~3VDC".
 #[test]
 fn page_10_joystick() {
     let mut rig = by_pins(1, &[]);
@@ -103,7 +104,7 @@ fn page_10_joystick() {
     assert_near(&mut rig, -1_000.0, 1_000.0, "0 V");
 }
 
-/// 0: "PWM, duty cycle, 0~max., more than 5Khz".
+/// Type 0: "PWM, duty cycle, 0~max., more than 5Khz".
 #[test]
 fn page_10_pwm() {
     for (hz, duty) in [(6_000.0, 0.25), (10_000.0, 0.5), (20_000.0, 0.75), (10_000.0, 0.1)] {
@@ -111,13 +112,13 @@ fn page_10_pwm() {
         let pin = rig.pin("SPEED_IN");
         rig.bench.pulse_width(rig.seat, pin, (hz * 4.0) as u32, hz, duty).expect("no other train");
         assert_near(&mut rig, 1_000.0 * duty, 1_000.0, &format!("{duty} at {hz} Hz"));
-        // It is low again, which is 0 V.
+        // After the last pulse the pin is low, which is 0 V.
         rig.after(3.secs());
         rig.assert_stands();
     }
 }
 
-/// 2: "5~500kpps, 0~max."
+/// Type 2: "5~500kpps, 0~max."
 #[test]
 fn page_10_pulses() {
     for (kpps, share) in [(104.0, 0.2), (252.5, 0.5), (5.0, 0.0), (500.0, 1.0)] {
@@ -125,13 +126,13 @@ fn page_10_pulses() {
         let pin = rig.pin("PULSE_IN");
         rig.bench.pulse(rig.seat, pin, (kpps * 2_200.0) as u32, kpps * 1_000.0).expect("no other train");
         assert_near(&mut rig, 1_000.0 * share, 1_000.0, &format!("{kpps} kpps"));
-        // They have ended.
+        // The pulses have ended.
         rig.after(1.secs());
         rig.assert_stands();
     }
 }
 
-/// 3: "1.05~1.95ms, min-center-max, 1.5ms, deadzone: 1.4~1.6ms".
+/// Type 3: "1.05~1.95ms, min-center-max, 1.5ms, deadzone: 1.4~1.6ms".
 #[test]
 fn page_10_rc() {
     for (ms, share) in [
@@ -155,7 +156,8 @@ fn page_10_rc() {
     }
 }
 
-/// 5: seven steps by INT_SPEED, RUN/BRAKE, START/STOP: floors of sevenths (MDROBOT-24), of 400 rpm those that were seen.
+/// Type 5: INT_SPEED, RUN/BRAKE and START/STOP select seven steps. The speeds are multiples of a seventh,
+/// rounded down (MDROBOT-24); those of 400 rpm were seen on a real controller.
 #[test]
 fn page_10_steps() {
     let of_400 = [0.0, 57.0, 114.0, 171.0, 228.0, 285.0, 342.0, 400.0];
@@ -181,7 +183,8 @@ fn page_10_steps() {
     }
 }
 
-/// "INT_SPEED (Speed input by internal VR)" (p. 11): in the place of SPEED_IN while ON; TAR_VEL goes before both.
+/// "INT_SPEED (Speed input by internal VR)" (p. 11): while INT_SPEED is ON, the volume replaces SPEED_IN.
+/// TAR_VEL takes precedence over both.
 #[test]
 fn page_11_internal_volume() {
     let mut rig = by_pins(0, &[(pid::MAX_RPM, 1_000)]);
@@ -201,7 +204,7 @@ fn page_11_internal_volume() {
     rig.assert_turns(200.0);
 }
 
-/// A knob that is turned: MAX_RPM counts from its write on.
+/// A change of MAX_RPM takes effect at once, while the motor turns.
 #[test]
 fn page_16_max_rpm_while_it_turns() {
     let mut rig = by_pins(0, &[]);
@@ -228,7 +231,7 @@ fn page_10_tq_ctrl() {
     rig.volts("SPEED_IN", 2.5);
     rig.after(100.millis());
     assert!(rig.signed(pid::TQ_DATA).abs_diff(-20) <= 1, "{}", rig.signed(pid::TQ_DATA));
-    // With 0 it does not: the shaft is released, and there is a speed.
+    // With TQ_CTRL 0 the input is a speed again, and the shaft is no longer blocked.
     rig.fault("stall", false);
     rig.set(&[(pid::TQ_CTRL, 0)]);
     rig.open("START_STOP");

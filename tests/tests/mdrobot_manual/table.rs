@@ -1,5 +1,5 @@
-//! The table of PIDs (p. 6 to 17), typed by hand, with those of the header that are known from real controllers
-//! (2.4, MDROBOT-8), and the rest of the header.
+//! The table of PIDs (p. 6 to 17), typed by hand. It includes the PIDs of the header file whose meaning is
+//! known from real controllers (2.4, MDROBOT-8). The other PIDs of the header follow it.
 
 /// Type, as the manual calls it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -17,7 +17,7 @@ pub(crate) enum Type {
 pub(crate) enum Word {
     /// No range is printed, so every word is legal (MDROBOT-3).
     Any,
-    /// From, to; with a sign where the first is negative.
+    /// Least and greatest value. The word is signed if the first is negative.
     Range(i32, i32),
     /// INPUT_TYPE has no 4 (p. 10).
     InputType,
@@ -28,11 +28,11 @@ pub(crate) struct Row {
     pub(crate) pid: u16,
     pub(crate) name: &'static str,
     pub(crate) kind: Type,
-    /// Ranges of the words; for read-only PIDs only their number.
+    /// Legal values of each word. For a read-only PID only the number of words matters.
     pub(crate) words: &'static [Word],
     /// Factory values, or the readings of a new controller at rest.
     pub(crate) reset: &'static [u16],
-    /// Comes back after a power failure (MDROBOT-6).
+    /// True if the value survives a power failure (MDROBOT-6).
     pub(crate) saved: bool,
 }
 
@@ -48,7 +48,7 @@ const fn rw(pid: u16, name: &'static str, words: &'static [Word], reset: &'stati
     Row { pid, name, kind: Type::RW, words, reset, saved: true }
 }
 
-/// Read and written, and gone with the power (MDROBOT-6).
+/// A PID that can be read and written, and that is lost at power-off (MDROBOT-6).
 const fn fleeting(pid: u16, name: &'static str, words: &'static [Word]) -> Row {
     Row { pid, name, kind: Type::RW, words, reset: &[0], saved: false }
 }
@@ -71,7 +71,7 @@ pub(crate) static TABLE: &[Row] = &[
     w(3, "DEFAULT_SET", WORD),
     w(5, "TQ_OFF", WORD),
     w(6, "BRAKE", WORD),
-    // "DL = Command": above a byte it is none (MDROBOT-10).
+    // "DL = Command": a value above a byte is no command (MDROBOT-10).
     w(10, "COMMAND", BYTE),
     w(12, "ALARM_RESET", WORD),
     w(13, "POSI_RESET", WORD),
@@ -87,7 +87,7 @@ pub(crate) static TABLE: &[Row] = &[
     rw(40, "LIMIT_STOP_COND", BIT, &[0]),
     rw(44, "TQ_CTRL", BIT, &[0]),
     rw(45, "BLUETOOTH", BIT, &[0]),
-    // Nothing is wired; ENC_A and ENC_B are open, which is 1 (MDROBOT-22).
+    // Nothing is wired. ENC_A and ENC_B are open, which reads as 1 (MDROBOT-22).
     r(48, "DI", BYTE, &[0b110_0000]),
     r(49, "IN_POSITION_OK", BYTE, &[0]),
     // 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (MDROBOT-10).
@@ -121,7 +121,7 @@ pub(crate) static TABLE: &[Row] = &[
     rw(181, "MAX_LOAD", WORD, &[200]),
     rw(183, "FUNC_CMD_TYPE", &[Range(0, 4)], &[0]),
     w(184, "FUNC_CMD", WORD),
-    // Speed, current, output, position, CTRL_STATUS: all at rest.
+    // Speed, current, output, position and CTRL_STATUS of a motor at rest.
     r(196, "MONITOR", &[Any; 6], &[0; 6]),
     r(197, "POSI_DATA", LONG, &[0, 0]),
     r(210, "PNT_MAIN_DATA", &[Any; 9], &[0; 9]),
@@ -138,7 +138,7 @@ pub(crate) static TABLE: &[Row] = &[
     rw(250, "FUNC_POSI", LONG, &[1_500, 240]),
 ];
 
-/// Named in 2.4 and nowhere else, 32 of them.
+/// 32 PIDs that only 2.4 names.
 pub(crate) const HEADER_ONLY: [u16; 32] = [
     4, 7, 14, 15, 18, 30, 31, 131, 137, 146, 147, 149, 150, 152, 159, 162, 163, 164, 193, 194, 198, 202, 203,
     205, 217, 225, 226, 227, 231, 234, 238, 241,
@@ -157,12 +157,12 @@ impl Row {
         self.words.len() as u16
     }
 
-    /// Words that are legal, each with all its limits.
+    /// Legal values, in which each word takes each of its limits.
     pub(crate) fn legal(&self) -> Vec<Vec<u16>> {
         self.samples(Word::legal)
     }
 
-    /// Words of which one is not.
+    /// Values with exactly one illegal word.
     pub(crate) fn illegal(&self) -> Vec<Vec<u16>> {
         let mut all = Vec::new();
         for (place, word) in self.words.iter().enumerate() {
@@ -191,7 +191,8 @@ impl Word {
         }
     }
 
-    /// Illegal values: just beyond, far off, and DH beside a legal DL: the whole word is judged (MDROBOT-3).
+    /// Illegal words: next to the limits, far outside, and a legal DL with a DH other than 0, because the
+    /// drive checks the whole word (MDROBOT-3).
     fn illegal(&self) -> Vec<u16> {
         match *self {
             Any => vec![],

@@ -1,12 +1,12 @@
-//! Velocity, ramps, stopping (p. 8, p. 12, p. 13; MDROBOT-16 to MDROBOT-18), with the tolerances of a controller of this
-//! size: with factory gains, without load, at 24 V.
+//! Velocity, ramps and stopping (p. 8, p. 12, p. 13; MDROBOT-16 to MDROBOT-18). The tolerances are those of a
+//! controller of this size with factory gains, without load, at 24 V.
 
 use drivetwin_protocol::time::{Duration, Span};
 
 use crate::pid;
 use crate::rig::Rig;
 
-/// 2 s after the change every sample is within 1 % or 2 rpm; counts show the same.
+/// From 2 s after the command every sample is within 1 % or 2 rpm. The counts agree.
 #[test]
 fn velocity_steady() {
     for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
@@ -47,7 +47,8 @@ fn velocity_slow_and_zero() {
     }
 }
 
-/// 0 to 1,000 without a ramp: not at once, not late, not far beyond.
+/// A step from 0 to 1,000 rpm without a ramp: RPM_DATA is neither immediate nor late, and does not overshoot
+/// much.
 #[test]
 fn velocity_step() {
     for (hall_type, poles) in [(0, 4.0), (2, 10.0)] {
@@ -60,8 +61,8 @@ fn velocity_step() {
             rig.watch(3.secs(), 2.millis(), |rig, t| {
                 let now = rpm(rig);
                 assert!(now >= -20.0, "{now} rpm after {t:?}");
-                // J = 5,000 g cm², 20 A and 0.06 Nm/A: 2,400 rad/s², 46 rpm in 2 ms; Halls show it later, in larger
-                // steps.
+                // J = 5,000 g cm², 20 A and 0.06 Nm/A make 2,400 rad/s², 46 rpm in 2 ms. Hall sensors show
+                // the change later, in larger steps.
                 assert!(rig.shaft().abs() - before <= 60.0, "from {before} to {} rpm in 2 ms", rig.shaft());
                 before = rig.shaft().abs();
                 most = most.max(now);
@@ -77,7 +78,7 @@ fn velocity_step() {
     }
 }
 
-/// From one speed to others, through zero.
+/// Changes from one speed to another, also through zero.
 #[test]
 fn velocity_changes() {
     let mut rig = Rig::armed(&[]);
@@ -88,8 +89,9 @@ fn velocity_changes() {
     assert_eq!(rig.status(), (0, 0));
 }
 
-/// SLOW_START and SLOW_DOWN: 0 to 1,023 are 0 to 15 s for MAX_RPM (p. 13): within 8 % of the step at any time,
-/// settled half a second after, at rest when no edge has come for a second.
+/// SLOW_START and SLOW_DOWN: 0 to 1,023 are 0 to 15 s for MAX_RPM (p. 13). The speed is always within 8 % of
+/// the step, and settles within half a second. The motor counts as at rest when no edge was received for a
+/// second.
 #[test]
 fn ramps() {
     for (max_rpm, slow_start, slow_down) in
@@ -110,15 +112,15 @@ fn ramps() {
     }
 }
 
-/// Seconds a rpm.
+/// Durations of the ramps, in seconds per rpm.
 struct Ramps {
     up: f64,
     down: f64,
 }
 
 impl Ramps {
-    /// The reference `t` seconds after the command, and the duration of its ramps. The magnitude has ramps, so a
-    /// reversal goes down by SLOW_DOWN and up by SLOW_START (MDROBOT-16).
+    /// The reference `t` seconds after the command, and the total duration of its ramps. Ramps apply to the
+    /// magnitude, so a reversal goes down by SLOW_DOWN and then up by SLOW_START (MDROBOT-16).
     fn reference(&self, from: f64, to: f64, t: f64) -> (f64, f64) {
         let way = (to - from).signum();
         if from * to < 0.0 {
@@ -132,15 +134,15 @@ impl Ramps {
         (if t < seconds { from + way * t / per_rpm } else { to }, seconds)
     }
 
-    /// Below this RPM_DATA may be anything between it and zero: from rest it takes two Hall edges to have a speed, and
-    /// v² = 2 a x.
+    /// Below this speed RPM_DATA may be anything down to zero: a motor that starts has no measured speed
+    /// before its second Hall edge, and v² = 2 a x.
     fn unseen(&self, rig: &Rig) -> f64 {
         let rpm_a_second = 1.0 / self.up.min(self.down);
         let counts = 2.0 / (3.0 * rig.poles);
         (2.0 * rpm_a_second / 60.0 * counts).sqrt() * 60.0
     }
 
-    /// Commands `to` and holds the shaft and RPM_DATA against the reference.
+    /// Commands `to`, and compares the shaft and RPM_DATA with the reference.
     #[track_caller]
     fn assert_followed(&self, rig: &mut Rig, from: f64, to: f64) {
         rig.velocity(to as i16);
@@ -169,7 +171,7 @@ impl Ramps {
     }
 }
 
-/// Ramps are for the velocity reference: not for open loop, torque and positions (MDROBOT-16).
+/// Ramps apply only to velocity commands, not to open loop, torque and positions (MDROBOT-16).
 #[test]
 fn page_13_commands_without_a_ramp() {
     let settings = [(pid::SLOW_START, 1_023), (pid::SLOW_DOWN, 1_023)];
@@ -187,7 +189,7 @@ fn page_13_commands_without_a_ramp() {
     assert!(rig.position().abs_diff(1_200) <= 1);
 }
 
-/// "Control zero speed (like a servo lock)": it stays where it stopped.
+/// "Control zero speed (like a servo lock)": the shaft stays where it stopped.
 #[test]
 fn page_8_servo_lock() {
     for rpm in [1_000, -300] {
@@ -202,11 +204,11 @@ fn page_8_servo_lock() {
     }
 }
 
-/// "Set the stop status" (p. 8, MDROBOT-17), at the end of a ramp and without one.
+/// "Set the stop status" (p. 8, MDROBOT-17), after a ramp and without one.
 #[test]
 fn page_8_stop_status() {
     for status in 0..=3 {
-        // 1,000 rpm in 3.34 s.
+        // 683 ramps down from 1,000 rpm in 3.34 s.
         for slow_down in [0, 683] {
             let mut rig = Rig::armed(&[(pid::STOP_STATUS, status), (pid::SLOW_DOWN, slow_down)]);
             rig.velocity(1_000);
@@ -215,9 +217,9 @@ fn page_8_stop_status() {
             rig.after(10.millis());
             let free = rig.motion().current_ma == 0 && rig.motion().duty == 0;
             match (status, slow_down) {
-                // At once.
+                // The output is off at once.
                 (3, _) | (0, 0) => assert!(free && rig.shaft() > 900.0, "{status}"),
-                // The ramp.
+                // The motor follows the ramp.
                 (_, 683) => {
                     rig.after(1_660.millis());
                     assert!((rig.rpm() - 500.0).abs() <= 80.0, "{status}: {} rpm", rig.rpm());
@@ -235,11 +237,13 @@ fn page_8_stop_status() {
     }
 }
 
-/// At zero: 0 and 3 are free, 1 controls and so holds against a load, 2 brakes and so gives way slowly.
+/// STOP_STATUS at zero speed: 0 and 3 leave the shaft free. 1 controls the speed and so holds against a load.
+/// 2 brakes, so the load turns the shaft slowly.
 #[test]
 fn page_8_at_rest_against_a_load() {
     let turned = |status: u16| {
-        // 0.05 Nm against forward, friction 0.01: it turns backward unless it is held. At 0.06 Nm/A, 0.8 A hold it.
+        // A load of 0.05 Nm against forward, and 0.01 Nm of friction. Unless the shaft is held, it turns
+        // backward. At 0.06 Nm/A, 0.8 A hold it.
         let (mut rig, _) = Rig::turning(&[(pid::STOP_STATUS, status)], |motor| motor.load_unm = 50_000);
         rig.velocity(200);
         rig.after(2.secs());
@@ -251,7 +255,7 @@ fn page_8_at_rest_against_a_load() {
     };
     let [free, servo, brake, free_at_once] = [0, 1, 2, 3].map(turned);
     assert!(servo.abs() <= 2.0, "servo lock turned {servo} counts");
-    // Brake: 0.67 A through 0.3 Ω is 0.2 V, 3.3 rad/s: 13 counts in 2 s.
+    // Brake: 0.67 A through 0.3 Ω is 0.2 V, which is 3.3 rad/s: 13 counts in 2 s.
     assert!(brake < -6.0 && brake > -30.0, "brake turned {brake} counts");
     assert!(free < -100.0 && free_at_once < -100.0, "free turned {free} and {free_at_once} counts");
 }

@@ -1,4 +1,4 @@
-//! Silences, and the direction of RS-485.
+//! Silences on the serial line, and the direction of RS-485.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;
@@ -6,8 +6,8 @@ use drivetwin_tests::md3::at;
 use crate::play::{Drive, Nanos, Script, US};
 use crate::{CHARACTER, START, TURN, expect_written, image, pin, write};
 
-/// A rate of the line: the code of 7.22, a character, t1.5 and t3.5 of the Modbus serial line specification,
-/// 2.5.1.1.
+/// A baud rate: its code in 7.22, the duration of a character, and t1.5 and t3.5 of the Modbus serial line
+/// specification, 2.5.1.1.
 struct Rate {
     code: u16,
     character: Nanos,
@@ -21,14 +21,15 @@ const SLOW: Rate =
 /// 115,200 8E1: "fixed values […] of 750 µs […] and 1.750 ms".
 const FAST: Rate = Rate { code: 0x25, character: 11_000_000_000 / 115_200, t15: 750 * US, t35: 1_750 * US };
 
-/// Range of silences that are tried, on both sides of the edge.
+/// Tested silences: up to so many µs below and above the limit.
 const AROUND: i64 = 12;
-/// Range in which they may be taken for the other: stamps are whole µs, and an interrupt takes part of one.
+/// Within so many µs of the limit a silence may count as either side. Timestamps are whole µs, and an
+/// interrupt takes a part of one.
 const TOLERANCE: i64 = 2;
 
-/// Repeats a request, with silences that are longer by a microsecond each time, from [`AROUND`] below to as much
-/// above `edge`; `request` puts the characters with such a silence at an instant. Returns the differences from the
-/// edge, in µs, at which an answer came.
+/// Sends a request repeatedly. Its silence gets 1 µs longer each time, from [`AROUND`] µs below `edge` to as
+/// much above. `request` sends the characters with such a silence at an instant. Returns the differences from
+/// `edge`, in µs, for which the drive replied.
 fn answered(rate: &Rate, edge: Nanos, request: impl Fn(&mut Script, Nanos, Nanos)) -> Vec<i64> {
     let mut script = Script::fast();
     let set_up = [(at::SERIAL_PORT, rate.code)];
@@ -49,7 +50,7 @@ fn answered(rate: &Rate, edge: Nanos, request: impl Fn(&mut Script, Nanos, Nanos
         .collect()
 }
 
-/// MoveSteps of a new drive, 10,000 (7.16).
+/// Reads MoveSteps of a new drive, 10,000 (7.16).
 fn question() -> Vec<u8> {
     rtu::read(1, at::MOVE_STEPS + 1, 1).to_vec()
 }
@@ -77,7 +78,7 @@ fn a_silence_longer_than_t15_breaks_a_frame() {
 fn a_silence_of_t35_ends_a_frame() {
     for rate in [SLOW, FAST] {
         let answered = answered(&rate, rate.t35, |script, at, silence| {
-            // A character of another device, and then a request.
+            // A character for another device, then a request.
             script.hear(at, &[0x55]);
             script.hear(at + rate.character + silence, &question());
         });
@@ -99,7 +100,7 @@ fn the_transceiver_is_turned_around_in_time() {
     let (begins, reply) = run.sent(asked, asked + TURN);
     assert_eq!(reply, rtu::frame(1, &[3, 2, 0x27, 0x10]).as_slice());
 
-    // PROJECT-3: 4.5 characters after the last one of the request.
+    // PROJECT-3: the reply starts 4.5 characters after the last character of the request.
     let last = asked + 7 * CHARACTER;
     let due = last + 4_500 * CHARACTER / 1_000;
     println!("reply {} ns late", begins - due);
@@ -111,7 +112,8 @@ fn the_transceiver_is_turned_around_in_time() {
     let fall = *falls.last().expect("DE falls");
     println!("DE rises {} ns before the reply, falls {} ns behind it", begins - rise, fall - ends);
     assert!(rise <= begins && begins - rise < 20 * US, "DE rises at {rise}, the reply begins at {begins}");
-    // Before the master may send again, and not into the last stop bit: divisors are rounded by 0.1 %.
+    // DE falls before the master may send again, but not before the end of the last stop bit. Divisors are
+    // rounded by 0.1 %.
     assert!(
         fall + 10 * US >= ends && fall < ends + CHARACTER,
         "the reply ends at {ends}, DE falls at {fall}"

@@ -1,8 +1,8 @@
-//! The Pico's image in the exact virtual time of its emulator: behaviour of the line, the step timer and the flash of
-//! a board, which a bench cannot show.
+//! The Pico's image in the exact virtual time of its emulator: behaviour of a board's serial line, step timer
+//! and flash that a bench cannot show.
 //!
-//! `cargo xtask test` builds the images, names their folder in `DRIVETWIN_IMAGES`, and runs this. The pins are
-//! those of firmware/boards/rp2040/README.md, typed by hand.
+//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder, and runs these tests. The
+//! pins are those of firmware/boards/rp2040/README.md, typed by hand.
 #![allow(missing_docs, reason = "a test")]
 
 mod line;
@@ -20,7 +20,7 @@ use drivetwin_protocol::modbus::rtu;
 
 use self::play::{MS, Nanos, Run, Script};
 
-/// RS-485 direction, STEP, DIR.
+/// Pins for the direction of RS-485, STEP and DIR.
 mod pin {
     pub(crate) const DE: u8 = 2;
     pub(crate) const STEP: u8 = 3;
@@ -39,16 +39,16 @@ fn image_of(kind: &str) -> PathBuf {
     PathBuf::from(folder).join(kind)
 }
 
-/// A character of 9600 8E1, 11 bits.
+/// Duration of a character at 9600 8E1, 11 bits.
 const CHARACTER: Nanos = 11_000_000_000 / 9_600;
 
-/// Time of the first request to a board that started at 0: it copies itself to RAM before.
+/// Time of the first request to a board that starts at 0. Before, the board copies itself to RAM.
 const START: Nanos = 40 * MS;
 
-/// Time of a request of one register and its reply at 9600 baud, with t3.5 behind both.
+/// Time for a request of one register and its reply at 9600 baud, with t3.5 after both.
 const TURN: Nanos = 40 * MS;
 
-/// Writes registers one after the other, from `at` on; returns when all are done.
+/// Writes registers one after the other, starting at `at`; returns the time after the last reply.
 fn write(script: &mut Script, at: Nanos, writes: &[(u16, u16)]) -> Nanos {
     let mut at = at;
     for &(register, value) in writes {
@@ -58,7 +58,7 @@ fn write(script: &mut Script, at: Nanos, writes: &[(u16, u16)]) -> Nanos {
     at
 }
 
-/// Every write was answered with itself (6.2 of the MD3's guide).
+/// Asserts that every write was answered with itself (6.2 of the MD3's guide).
 fn expect_written(run: &Run, at: Nanos, writes: &[(u16, u16)]) {
     for (n, &(register, value)) in (0..).zip(writes) {
         let from = at + n * TURN;
@@ -66,7 +66,7 @@ fn expect_written(run: &Run, at: Nanos, writes: &[(u16, u16)]) {
     }
 }
 
-/// The value of a register that was requested at `at`.
+/// Value of a register that was requested at `at`.
 fn value(run: &Run, at: Nanos) -> u16 {
     let (_, reply) = run.sent(at, at + TURN);
     let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));

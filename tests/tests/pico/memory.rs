@@ -1,4 +1,4 @@
-//! Saved registers in the Pico's flash, and power that fails.
+//! Saved registers in the Pico's flash, and power failures.
 
 use std::fs;
 use std::path::Path;
@@ -9,18 +9,18 @@ use drivetwin_tests::md3::at;
 use crate::play::{MS, Nanos, OutputRecord, Run, Script};
 use crate::{START, TURN, expect_written, image, value, write};
 
-/// A save takes this at most, with its flash.
+/// Longest duration of a save, including the flash.
 const SAVE: Nanos = 500 * MS;
-/// Start-up of a drive whose EEPROM is bad (section 2 of the MD3's guide): 5 s of red light, then 2.5 s.
+/// Start-up time of a drive with a bad EEPROM (section 2 of the MD3's guide): 5 s of red light, then 2.5 s.
 const START_UP: Nanos = 8_000 * MS;
 
-/// Writes the user register and saves (7.20, 7.23); returns when that is over.
+/// Writes the user register and saves (7.20, 7.23); returns the instant at which this is over.
 fn save(script: &mut Script, at: Nanos, user: u16) -> Nanos {
     write(script, at, &[(at::USER, user), (at::EEPROM, 1)]) + SAVE
 }
 
-/// Power goes and comes back; the user register and the state of the EEPROM are read when the drive has
-/// started. Returns when, and when that is over.
+/// Switches power off and on, and reads the user register and the state of the EEPROM after the start-up.
+/// Returns the instants of the first request and of the end.
 fn restart(script: &mut Script, at: Nanos) -> (Nanos, Nanos) {
     script.at(at, "power off");
     script.at(at + MS, "power on");
@@ -45,7 +45,7 @@ fn bytes(run: &Run, from: Nanos, to: Nanos) -> u64 {
 fn what_was_saved_is_there_after_the_power_was_off() {
     let mut script = Script::fast();
     let saved = save(&mut script, START, 0x1234);
-    // Not saved.
+    // This value is not saved.
     let written = write(&mut script, saved, &[(at::USER, 0x5678)]);
     let (asked, end) = restart(&mut script, written);
     let run = script.play(&image(), end);
@@ -58,7 +58,7 @@ fn what_was_saved_is_there_after_the_power_was_off() {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
-    // One run without a cut, for the flash operations of a save.
+    // A run without a power failure counts the bytes that a save changes in the flash.
     let mut whole = Script::fast();
     let begun = save(&mut whole, START, 0x1111);
     let done = save(&mut whole, begun, 0x2222);
@@ -80,24 +80,24 @@ fn power_that_fails_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
     assert!(order.iter().map(|(_, memory)| *memory).eq([Memory::Old, Memory::Bad, Memory::New]));
 }
 
-/// Memory after the power failed in a save.
+/// State of the memory after a power failure in a save.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Memory {
     /// The old content.
     Old,
     /// The new content.
     New,
-    /// A sum that is wrong (7.20).
+    /// A wrong check sum (7.20).
     Bad,
 }
 
 impl Memory {
-    /// State as read at `asked`, if `old` was saved before and `new` was being saved.
+    /// State as read at `asked`, if `old` was saved earlier and power failed while `new` was being saved.
     fn of(run: &Run, asked: Nanos, old: u16, new: u16) -> Self {
         match (value(run, asked), value(run, asked + TURN)) {
             (user, 0x9a00) if user == old => Self::Old,
             (user, 0x9a00) if user == new => Self::New,
-            // 7.20: 0xf1 means that the CRC was bad; the registers have their defaults.
+            // 7.20: 0xf1 means that the CRC was wrong; the registers have their defaults.
             (0x0000, 0xf100) => Self::Bad,
             other => panic!("neither old nor new: {other:04x?}"),
         }
@@ -113,7 +113,7 @@ fn power_that_fails_while_a_sector_is_erased_loses_nothing() {
         (script, end)
     };
     let each = saves(1).1 - START;
-    // A new flash needs no sector erased for a while.
+    // At first a new flash does not need to erase sectors.
     let (script, end) = saves(100);
     let run = script.play(&image(), end);
     let erased = run.did.iter().find(|(_, did)| matches!(did, OutputRecord::Erased(_)));

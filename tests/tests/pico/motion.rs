@@ -1,4 +1,4 @@
-//! Every step pulse of a move, beside the plan.
+//! Every step pulse of a move, compared with the plan.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ const STEPS: u32 = 12_000;
 const SPEED: u32 = 40_000;
 const ACCELERATION: u32 = 400_000;
 
-/// Registers of such a move (7.16, 7.17, 7.19).
+/// Registers of the move (7.16, 7.17, 7.19).
 const MOVE: [(u16, u16); 6] = [
     (at::MOVE_STEPS, (STEPS >> 16) as u16),
     (at::MOVE_STEPS + 1, STEPS as u16),
@@ -26,14 +26,14 @@ const MOVE: [(u16, u16); 6] = [
     (at::ACCEL_DECEL + 1, ACCELERATION as u16),
 ];
 
-/// The steps of a plan, in ticks since its start.
+/// Instants of the steps of a plan, in ticks since its start.
 fn steps(plan: &Plan) -> Vec<u64> {
     StepIterator::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
 }
 
-/// Delay of pulses, in ns, at least and at most. `due` is when the plan starts, if the stamp of the request's last
-/// character is exact; the stamp is up to some µs later, in whole µs. The plan's instants are rounded to the Pico's
-/// microsecond.
+/// Error of the request's timestamp, and the least and greatest delay of the pulses, in ns. The plan starts
+/// at `due` if the timestamp of the request's last character is exact. The timestamp is up to 5 µs later, in
+/// whole µs. The plan's instants are rounded to the Pico's microsecond.
 fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
     assert_eq!(rises.len(), steps.len(), "every step is made, and no other");
     let late = |start: Nanos| {
@@ -52,14 +52,15 @@ fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
     (start - due, least, most)
 }
 
-/// Time at which the drive takes a request whose first character's stop bit ends at `asked`: 4.5 characters after its
-/// eighth, in ticks of 1/16 µs (PROJECT-2, PROJECT-3).
+/// Instant at which the drive accepts a request. The stop bit of the request's first character ends at
+/// `asked`; the drive accepts the request 4.5 characters after its eighth character, in ticks of 1/16 µs
+/// (PROJECT-2, PROJECT-3).
 fn taken(asked: Nanos) -> Nanos {
     let stamp = (asked + 7 * CHARACTER).div_ceil(US) * US;
     stamp + (64_166 + 18_333) * 125 / 2
 }
 
-/// Width of each pulse, and the interval to the next one; the last one has none.
+/// Width of each pulse, and the interval to the next pulse. The last pulse is left out.
 fn widths(run: &Run) -> Vec<(Nanos, Nanos)> {
     let rises = run.edges(pin::STEP, Drive::High);
     let falls = run.edges(pin::STEP, Drive::Low);
@@ -75,7 +76,7 @@ fn every_pulse_of_a_move_is_where_the_plan_has_it() {
     let mut script = Script::fast();
     let asked = write(&mut script, START, &MOVE);
     script.hear(asked, &rtu::write(1, at::MOTION, bit::MOVE));
-    // While it moves, the bus is busy, too.
+    // The bus is also busy during the move.
     let polls: Vec<Nanos> = (1..9).map(|n| asked + n * TURN).collect();
     for &poll in &polls {
         script.hear(poll, &rtu::read(1, at::MOTION, 1));
@@ -102,7 +103,7 @@ fn every_pulse_of_a_move_is_where_the_plan_has_it() {
     assert_eq!(value(&run, end), 0);
 }
 
-/// Address of a symbol of an image.
+/// Address of a symbol in an image.
 fn address(image: &Path, name: &str) -> u64 {
     let bytes = std::fs::read(image).expect("the image is there");
     let file = object::File::parse(bytes.as_slice()).expect("it is an ELF file");
@@ -113,7 +114,7 @@ fn address(image: &Path, name: &str) -> u64 {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
-    // A jog that stops at once while steps are 25 µs apart: the board takes longer to know that.
+    // A jog with steps 25 µs apart that stops at once. The board needs more than 25 µs to process the stop.
     let orders = [
         (at::MOTION, bit::JOG, Some(SPEED as i32)),
         (at::SPEED + 1, 20_000, Some(20_000)),
@@ -125,7 +126,7 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     let mut plan = Plan::at_rest(Instant::ZERO, 0);
     for (register, value, speed) in orders {
         script.hear(asked, &rtu::write(1, register, value));
-        // A microsecond later than the character, as the stamp is.
+        // The timestamp is a microsecond later than the character.
         let at = Instant::from_ticks((taken(asked) + US) * 2 / 125);
         plan = match speed {
             Some(speed) => plan.ramp_to(at, I24F8::from_num(speed), ACCELERATION),
@@ -145,14 +146,14 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     let planned = plan.position_at(Instant::NEVER);
     println!("{made} steps made, {planned} planned, {slipped} slipped");
     assert!(slipped > 0, "nothing slipped: the test forces nothing");
-    // A stamp that is off by a microsecond is a part of a step.
+    // A timestamp error of a microsecond shifts the plan by less than a step.
     assert!((made - planned - slipped).abs() <= 1, "{made} made, {planned} planned, {slipped} slipped");
 }
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
-    // 7.8: forward and backward for ever, two steps at a time, at the greatest acceleration.
+    // 7.8: endless moves forward and backward, two steps at a time, at the greatest acceleration.
     let writes = [
         (at::MOVE_STEPS, 0),
         (at::MOVE_STEPS + 1, 2),
@@ -164,7 +165,7 @@ fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
     ];
     let mut script = Script::fast();
     let begun = write(&mut script, START, &writes);
-    // The board has more to do than it can: it answers, but may take 100 ms.
+    // The board has more work than time. It answers, but may take 100 ms.
     let polls: Vec<Nanos> = (1..20).map(|n| begun + n * 4 * TURN).collect();
     for &poll in &polls {
         script.hear(poll, &rtu::read(1, at::SPEED + 1, 1));

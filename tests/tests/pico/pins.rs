@@ -1,4 +1,5 @@
-//! Edges that come faster than the board can report them to the drive, and just as fast as it can.
+//! Edges that are faster than the board can report them to the drive, and edges at the highest rate that it
+//! can report.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::{at, bit};
@@ -13,12 +14,12 @@ const A: u8 = 10;
 const B: u8 = 11;
 const OVER_TEMPERATURE: u8 = 16;
 
-/// Function 0000 of pins 4 and 5: a step when J2.4 goes low (7.8).
+/// Function 0000 of pins 4 and 5: J2.4 going low makes a step (7.8).
 const STEP_DIRECTION: (u16, u16) = (at::PINS, 0);
 /// Every edge of A and B counts (7.11).
 const X4: u16 = 1 << 2;
 
-/// Drives J2.4 low and high `times` times, each level for `level`. Returns the instant of the end.
+/// Drives J2.4 low and high `times` times, each level for the time `level`. Returns the instant of the end.
 fn pulse(script: &mut Script, mut at: Nanos, times: u32, level: Nanos) -> Nanos {
     for _ in 0..times {
         for drive in ["low", "high"] {
@@ -35,7 +36,7 @@ fn a_level_that_finds_no_room_is_reported_later() {
     const PULSES: u32 = 1_000;
     let mut script = Script::fast();
     let begin = write(&mut script, START, &[STEP_DIRECTION]);
-    // Faster than the loop can take them, and more than fit into the queue.
+    // The pulses are faster than the loop can process them, and more than fit into the queue.
     let over = pulse(&mut script, begin, PULSES, 5 * US);
     script.at(over, format_args!("pin {OVER_TEMPERATURE} low"));
     let asked = over + 100 * MS;
@@ -48,8 +49,9 @@ fn a_level_that_finds_no_room_is_reported_later() {
     assert_eq!(value(&run, asked), bit::FAULT);
 }
 
-/// Drives `edges` of these levels one after the other, over and over, at `rate` per second, to a drive with this
-/// encoder configuration. Returns the value of the register `counted` after that.
+/// Drives pins to `levels`, repeatedly in this order: `edges` levels in all, at `rate` per second. The drive
+/// has the encoder configuration `configured`. Returns the value of the register `counted` after the last
+/// level.
 fn count(configured: u16, levels: &[(u8, &str)], edges: u16, rate: u64, counted: u16) -> u16 {
     let mut script = Script::fast();
     let set_up = [(at::ENCODER, configured)];
@@ -68,9 +70,10 @@ fn count(configured: u16, levels: &[(u8, &str)], edges: u16, rate: u64, counted:
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn edges_at_the_promised_rate_are_all_counted() {
-    // The rates are those of firmware/boards/rp2040/README.md. A queue of 256 hides no lag of 3 % in so many.
+    // The rates are those of firmware/boards/rp2040/README.md. With this many edges a queue of 256 cannot
+    // hide a lag of 3 %.
     const EDGES: u16 = 10_000;
-    // A leading B counts up (7.11).
+    // If A leads B, the count goes up (7.11).
     let cycle = [(A, "high"), (B, "high"), (A, "low"), (B, "low")];
     assert_eq!(count(X4, &cycle, EDGES, 80_000, at::ENCODER_COUNT), EDGES);
     let index = [(INDEX, "high"), (INDEX, "low")];
@@ -84,7 +87,7 @@ fn a_pulse_that_is_over_before_its_interrupt_is_a_step() {
     let mut script = Script::fast();
     let mut at = write(&mut script, START, &[STEP_DIRECTION]);
     for n in 0..u64::from(PULSES) {
-        // From 0.2 to 5.2 µs.
+        // Each level lasts from 0.2 to 5.2 µs.
         pulse(&mut script, at, 1, 200 + n * 25);
         at += 100 * US;
     }

@@ -1,6 +1,7 @@
-//! A batch in the virtual time of an emulated Pico: a script of its inputs, and its outputs.
+//! A run in the virtual time of an emulated Pico: a script of the board's inputs, and its outputs.
 //!
-//! `tests/pico/play.mjs` defines both. Instants are nanoseconds since the board first got power.
+//! `tests/pico/play.mjs` defines the formats of both. Instants are nanoseconds since the board first got
+//! power.
 
 use std::ffi::OsStr;
 use std::fmt::{Display, Write as _};
@@ -8,7 +9,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Instants and times, in nanoseconds.
+/// Instants and durations, in nanoseconds.
 pub(crate) type Nanos = u64;
 
 /// A millisecond.
@@ -16,33 +17,34 @@ pub(crate) const MS: Nanos = 1_000_000;
 /// A microsecond.
 pub(crate) const US: Nanos = 1_000;
 
-/// The jumper that is low at the start for no start-up delay (firmware/boards/rp2040/README.md).
+/// The jumper that is low at the start if there shall be no start-up delay
+/// (firmware/boards/rp2040/README.md).
 const FAST: u8 = 22;
 
-/// Stimulus of a board.
+/// Stimuli of a board.
 #[derive(Clone, Default)]
 pub(crate) struct Script(String);
 
 /// Event of a board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum OutputRecord {
-    /// A character began to leave.
+    /// Starts to send a character.
     Sent(u8),
-    /// The board drives a pin low or high, or releases it.
+    /// Drives a pin low or high, or releases it.
     Pin(u8, Drive),
-    /// Begins to erase the sector at this offset.
+    /// Starts to erase the sector at this offset.
     Erased(u32),
-    /// Begins to program that many bytes at this offset.
+    /// Starts to program so many bytes at this offset.
     Programmed(u32, u32),
-    /// A word of its memory, as read.
+    /// The value of a word of memory that was read.
     Peeked(u32),
-    /// Power went.
+    /// Power was switched off.
     PowerOff,
-    /// The watchdog reset it.
+    /// The watchdog reset the board.
     Watchdog,
 }
 
-/// Stimulus of a pin.
+/// Level of a pin that is driven or released.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Drive {
     Low,
@@ -50,40 +52,40 @@ pub(crate) enum Drive {
     Float,
 }
 
-/// A run.
+/// Results of a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Run {
-    /// Events of the board, in the order of time.
+    /// Events of the board, ordered by time.
     pub(crate) did: Vec<(Nanos, OutputRecord)>,
-    /// Figures: the lines that begin with `stat`.
+    /// The lines of the output that begin with `stat`, without that word.
     pub(crate) figures: Vec<String>,
 }
 
 impl Script {
-    /// A script for a board with the jumper for no start-up delay.
+    /// A script for a board whose jumper disables the start-up delay.
     pub(crate) fn fast() -> Self {
         let mut script = Self::default();
         script.at(0, format_args!("pin {FAST} low"));
         script
     }
 
-    /// Adds a stimulus at `at`, not before earlier ones.
+    /// Adds a stimulus at `at`, which must not be before earlier stimuli.
     pub(crate) fn at(&mut self, at: Nanos, what: impl Display) {
         writeln!(self.0, "{}.{:03} {what}", at / US, at % US).expect("a string takes all");
     }
 
-    /// Characters come back to back; the stop bit of the first one ends at `at`.
+    /// Sends characters to the board without pauses; the stop bit of the first one ends at `at`.
     pub(crate) fn hear(&mut self, at: Nanos, bytes: &[u8]) {
         let bytes: String = bytes.iter().map(|byte| format!(" {byte:02x}")).collect();
         self.at(at, format_args!("rx{bytes}"));
     }
 
-    /// Plays it to an image until `end`, on a flash that was never used.
+    /// Plays the script to an image until `end`, on a flash that was never used.
     pub(crate) fn play(&self, image: &Path, end: Nanos) -> Run {
         self.play_with(image, end, &[])
     }
 
-    /// The same with a flash that is kept in a file; nothing was ever stored in one that is not there.
+    /// Plays the script with a flash that is stored in a file. If the file is missing, the flash is unused.
     pub(crate) fn play_on(&self, flash: &Path, image: &Path, end: Nanos) -> Run {
         self.play_with(image, end, &["--flash".as_ref(), flash.as_os_str()])
     }
@@ -124,7 +126,7 @@ impl Run {
         run
     }
 
-    /// Characters that were sent in that time, and the start of the first.
+    /// Characters that were sent between `from` and `to`, after the start of the first one.
     pub(crate) fn sent(&self, from: Nanos, to: Nanos) -> (Nanos, Vec<u8>) {
         let sent = self.did.iter().filter_map(|(at, did)| match did {
             OutputRecord::Sent(byte) if (from..to).contains(at) => Some((*at, *byte)),
@@ -134,7 +136,7 @@ impl Run {
         (times.first().copied().unwrap_or(0), bytes)
     }
 
-    /// Start of each character that was sent in that time.
+    /// Start of each character that was sent between `from` and `to`.
     pub(crate) fn times_sent(&self, from: Nanos, to: Nanos) -> Vec<Nanos> {
         let sent = self
             .did
@@ -143,14 +145,14 @@ impl Run {
         sent.map(|(at, _)| *at).collect()
     }
 
-    /// The instants at which a pin rose, or fell.
+    /// Instants at which a pin changed to `drive`.
     pub(crate) fn edges(&self, pin: u8, drive: Drive) -> Vec<Nanos> {
         let edges = self.did.iter().filter(|(_, did)| *did == OutputRecord::Pin(pin, drive));
         edges.map(|(at, _)| *at).collect()
     }
 }
 
-/// The event of a line; `None` for a complaint.
+/// Parses the event of a line; `None` if the line is not an event.
 fn parse(what: &str) -> Option<OutputRecord> {
     let words: Vec<&str> = what.split(' ').collect();
     Some(match words.as_slice() {

@@ -1,9 +1,9 @@
-//! A QSB: edges counted by interrupts, a full-duplex line, and a motor whose pins are those of the digital port.
+//! A QSB: edges counted by interrupts, a full-duplex line, and a motor on pins of the digital port.
 
 use crate::image_of;
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 
-/// A, B, I and DTR; DIO1 and DIO2, which are STEP and DIR of the motor drive.
+/// Pins A, B, I and DTR; DIO1 and DIO2, which are STEP and DIR of the motor drive.
 const A: u8 = 5;
 const B: u8 = 6;
 const I: u8 = 7;
@@ -11,14 +11,14 @@ const DTR: u8 = 8;
 const DIO1: u8 = 3;
 const DIO2: u8 = 4;
 
-/// Time of the first command: the board has copied itself to RAM and sent its banner.
+/// Time of the first command. Before, the board copies itself to RAM and sends its banner.
 const START: Nanos = 40 * MS;
-/// A command and its answer take less.
+/// Time longer than a command and its reply.
 const TURN: Nanos = 3 * MS;
-/// A character of 230,400 8N1.
+/// Duration of a character at 230,400 8N1.
 const CHARACTER: Nanos = 10_000_000_000 / 230_400;
 
-/// Sends lines one after the other, from `at` on; returns the instant at which all are answered.
+/// Sends lines one after the other, starting at `at`; returns the instant at which all are answered.
 fn say(script: &mut Script, mut at: Nanos, lines: &[&str]) -> Nanos {
     for line in lines {
         script.hear(at, format!("{line}\r").as_bytes());
@@ -27,8 +27,8 @@ fn say(script: &mut Script, mut at: Nanos, lines: &[&str]) -> Nanos {
     at
 }
 
-/// Drives `edges` of these levels one after the other, over and over, at `rate` per second. Returns the instant of
-/// the end.
+/// Drives pins to `levels`, repeatedly in this order: `edges` levels in all, at `rate` per second. Returns
+/// the instant of the end.
 fn edges(script: &mut Script, mut at: Nanos, levels: &[(u8, &str)], edges: usize, rate: u64) -> Nanos {
     for (pin, level) in levels.iter().cycle().take(edges) {
         script.at(at, format_args!("pin {pin} {level}"));
@@ -37,31 +37,31 @@ fn edges(script: &mut Script, mut at: Nanos, levels: &[(u8, &str)], edges: usize
     at
 }
 
-/// Lines that the drive sends in that time.
+/// Lines that the drive sends between `from` and `to`.
 fn said(run: &Run, from: Nanos, to: Nanos) -> Vec<String> {
     let text = String::from_utf8(run.sent(from, to).1).expect("it says ASCII");
     assert!(text.is_empty() || text.ends_with("\r\n"), "{text:?}");
     text.lines().map(str::to_owned).collect()
 }
 
-/// Plays to the image of a QSB-M until `end`.
+/// Plays a script to the image of a QSB-M until `end`.
 fn play(script: &Script, end: Nanos) -> Run {
     script.play(&image_of("qsb-m"), end)
 }
 
-/// A cycle with A before B, which rest high: it counts up.
+/// A cycle in which A changes before B, starting from both high: counts up.
 const UP: [(u8, &str); 4] = [(A, "low"), (B, "low"), (A, "high"), (B, "high")];
-/// B before A: down.
+/// A cycle in which B changes before A: counts down.
 const DOWN: [(u8, &str); 4] = [(B, "low"), (A, "low"), (B, "high"), (A, "high")];
 
-/// Answer of R0E after `count` edges of a cycle at `rate` a second, in x4, free-running; `before` that these lines were
-/// sent.
+/// Reply to R0E after `count` edges of `cycle` at `rate` per second, in x4, free-running. The lines of
+/// `before` are sent first.
 fn counted(before: &[&str], cycle: &[(u8, &str)], count: usize, rate: u64) -> String {
     let mut script = Script::fast();
     let begin = say(&mut script, START, &["W0303"]);
     let begin = say(&mut script, begin, before);
     let over = edges(&mut script, begin, cycle, count, rate) + 5 * MS;
-    // A read ends a stream; a record may be on its way.
+    // A read ends a stream, but a record may already be on its way.
     let asked = say(&mut script, over, &["R0E"]);
     let end = say(&mut script, asked, &["R0E"]);
     let run = play(&script, end);
@@ -71,11 +71,12 @@ fn counted(before: &[&str], cycle: &[(u8, &str)], count: usize, rate: u64) -> St
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn edges_at_the_promised_rate_are_all_counted() {
-    // The rates are those of firmware/boards/rp2040/README.md. A queue of 256 hides no lag of 3 % in so many.
+    // The rates are those of firmware/boards/rp2040/README.md. With this many edges a queue of 256 cannot
+    // hide a lag of 3 %.
     const EDGES: usize = 10_000;
     assert_eq!(counted(&[], &UP, EDGES, 70_000), "r 0E 00002710 !");
     assert_eq!(counted(&[], &DOWN, EDGES, 70_000), "r 0E FFFFD8F0 !");
-    // While it streams 512 values a second.
+    // The same while the drive streams 512 values a second.
     assert_eq!(counted(&["W0C1", "S0E"], &UP, EDGES, 60_000), "r 0E 00002710 !");
 }
 
@@ -106,7 +107,8 @@ fn it_receives_while_it_sends_and_answers_a_burst_back_to_back() {
     let times: Vec<Nanos> = run.times_sent(START, end);
     let span = times[all - 1] - times[0];
     let least = (all - 1) as Nanos * CHARACTER;
-    // A line of which the UART's divisor is rounded is faster by a part of a thousand, and a pause is not one.
+    // The rounded divisor of the UART makes the line faster by about one part in a thousand. All pauses
+    // together are shorter than a character.
     assert!(span > least - least / 500 && span < least + CHARACTER, "{span} ns, not {least}");
     assert!(run.edges(2, Drive::High).is_empty(), "there is no transceiver to turn around");
 }
@@ -115,7 +117,7 @@ fn it_receives_while_it_sends_and_answers_a_burst_back_to_back() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn a_stream_that_never_pauses_never_falls_behind() {
     let mut script = Script::fast();
-    // As fast as it can, for 3 s.
+    // The stream is as fast as possible, for 3 s.
     say(&mut script, START, &["W0C0", "S0E"]);
     let asked = START + 3_000 * MS;
     script.hear(asked, b"R0E\r");
@@ -124,11 +126,12 @@ fn a_stream_that_never_pauses_never_falls_behind() {
     let answers = said(&run, START, end);
     let records = answers.iter().filter(|line| line.starts_with("s 0E ")).count();
     println!("{records} records in 3 s");
-    // 17 characters take 0.738 ms.
+    // A record of 17 characters takes 0.738 ms.
     assert!(records > 4_000, "{records} records");
     assert_eq!(answers.last().map(String::as_str), Some("r 0E 00000000 !"));
-    // The rest of the command, of a record, and the answer. A UART with the exact characters of 230,400 baud, not
-    // those that the drive computes in ticks, would be 2 ms behind by now.
+    // The rest of the command, of a record, and the reply. Suppose the UART had the exact character times of
+    // 230,400 baud instead of those that the drive computes in ticks. Then the reply would be 2 ms late by
+    // now.
     let patience = (3 + 17 + 17) * CHARACTER + MS / 10;
     assert!(run.sent(asked + patience, end).1.is_empty(), "the answer is late");
 }
@@ -137,8 +140,8 @@ fn a_stream_that_never_pauses_never_falls_behind() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn the_motor_takes_two_lines_of_the_port_and_gives_them_back() {
     let mut script = Script::fast();
-    // 100 steps forward, which leaves DIR high; the lines come back and are released; again they are STEP and
-    // DIR, which is low by that: 50 steps forward and 50 backward.
+    // 100 steps forward, after which DIR is high. The pins are returned to the port and released. Then they
+    // are STEP and DIR again, with DIR low: 50 steps forward and 50 backward.
     let active = say(&mut script, START, &["W0F3E8", "W1164", "W162", "W168"]);
     let inactive = say(&mut script, active + 400 * MS, &["W160"]);
     let again = say(&mut script, inactive, &["W162", "W1132", "W168"]);
@@ -187,7 +190,7 @@ fn a_host_that_is_there_before_it_has_power_resets_nothing() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn after_a_flood_it_answers_as_soon_as_what_was_kept_has_left() {
     let mut script = Script::fast();
-    // 1,000 commands in 174 ms, of which the answers would take 737 ms.
+    // 1,000 commands in 174 ms, whose replies would take 737 ms.
     script.hear(START, "R14\r".repeat(1_000).as_bytes());
     let asked = START + 250 * MS;
     script.hear(asked, b"R0B\r");
@@ -205,7 +208,7 @@ fn values_saved_by_command_3_survive_a_power_cycle_and_commands_are_received_50_
     const COMMANDS: usize = 20;
     let mut script = Script::fast();
     let mut at = START;
-    // Until sectors have to be erased, which takes longest.
+    // Saves repeatedly until sectors must be erased, which takes longest.
     for _ in 0..70 {
         at = say(&mut script, at, &["W163"]) + 20 * MS;
     }
@@ -218,7 +221,7 @@ fn values_saved_by_command_3_survive_a_power_cycle_and_commands_are_received_50_
         expected.extend([format!("w 0B {n:08X} !"), "w 16 00000003 !".to_owned()]);
         expected.extend(vec![format!("r 0B {n:08X} !"); COMMANDS]);
     }
-    // Not saved.
+    // This value is not saved.
     let off = say(&mut script, at, &["W0BFF"]);
     script.at(off, "power off");
     script.at(off + MS, "power on");

@@ -1,4 +1,4 @@
-//! A board that hangs, and runs that are the same.
+//! A board that hangs, and runs that must be identical.
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;

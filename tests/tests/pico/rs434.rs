@@ -1,5 +1,5 @@
-//! An RS 434544: a memory of 4 KiB in the flash, characters of seven bits, and a program that runs while the bus is
-//! read.
+//! An RS 434544: a memory of 4 KiB in the flash, characters of seven bits, and a user program that runs while
+//! the bus is read.
 
 use std::fmt::Write as _;
 
@@ -8,11 +8,11 @@ use drivetwin_protocol::modbus::rtu;
 use crate::image_of;
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 
-/// Time of the first request: the board has copied itself to RAM.
+/// Time of the first request. Before, the board copies itself to RAM.
 const START: Nanos = 60 * MS;
-/// A request and its answer take less at 115,200 baud.
+/// Time longer than a request and its reply at 115,200 baud.
 const TURN: Nanos = 10 * MS;
-/// Lines of a user program (6.6).
+/// Number of lines of a user program (6.6).
 const LINES: u16 = 1_024;
 
 // Registers and keys, from chapter 6 of the manual.
@@ -33,7 +33,7 @@ fn play(script: &Script, end: Nanos) -> Run {
     script.play(&image_of("rs434544"), end)
 }
 
-/// A request that brings a line of the program into the buffer: function 16 over WRITE_CMD and CMD_W.
+/// A request that writes a line of the program to the buffer: function 16 to WRITE_CMD and CMD_W.
 fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     let [high, low] = WRITE_CMD.to_be_bytes();
     let mut pdu = vec![16, high, low, 0, 3, 6];
@@ -41,7 +41,7 @@ fn line(place: u16, command: u16, data: u16) -> Vec<u8> {
     rtu::frame(1, &pdu).to_vec()
 }
 
-/// Sends requests one after the other, from `at` on; returns the instant at which all are answered.
+/// Sends requests one after the other, starting at `at`; returns the instant at which all are answered.
 fn ask(script: &mut Script, mut at: Nanos, requests: &[Vec<u8>]) -> Nanos {
     for request in requests {
         script.hear(at, request);
@@ -50,7 +50,7 @@ fn ask(script: &mut Script, mut at: Nanos, requests: &[Vec<u8>]) -> Nanos {
     at
 }
 
-/// The words that a read at `at` was answered with.
+/// Words in the reply to a read at `at`.
 fn words(run: &Run, at: Nanos) -> Vec<u16> {
     let (_, reply) = run.sent(at, at + TURN);
     let pdu = rtu::verify_crc(&reply).unwrap_or_else(|| panic!("{reply:02x?} at {at} ns"));
@@ -58,7 +58,8 @@ fn words(run: &Run, at: Nanos) -> Vec<u16> {
     words.chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect()
 }
 
-/// Loads the program in flash, and requests one of its lines and ERROR; returns the instants of these requests.
+/// Loads the program from flash, and requests line `place` and ERROR. Returns the instants of these two
+/// requests and of the end.
 fn look(script: &mut Script, at: Nanos, place: u16) -> [Nanos; 3] {
     let load = rtu::write(1, FLAG_SAVE_USER_PROGRAM, LOAD_PROGRAM).to_vec();
     let show = rtu::write(1, READ_CMD, place).to_vec();
@@ -67,14 +68,14 @@ fn look(script: &mut Script, at: Nanos, place: u16) -> [Nanos; 3] {
     [asked, error, ask(script, error, &[rtu::read(1, ERROR, 1).to_vec()])]
 }
 
-/// Power goes and comes back; returns the instant from which the drive answers again.
+/// Switches power off and on; returns the instant from which the drive answers again.
 fn restart(script: &mut Script, at: Nanos) -> Nanos {
     script.at(at, "power off");
     script.at(at + MS, "power on");
     at + 400 * MS
 }
 
-/// CLR_FLASH, RED and GREEN on this board.
+/// Pins of CLR_FLASH, RED and GREEN on this board.
 const CLR_FLASH: u8 = 8;
 const RED: u8 = 14;
 const GREEN: u8 = 15;
@@ -89,7 +90,8 @@ fn a_contact_that_is_closed_when_power_comes_counts_from_there() {
         }
         let run = play(&script, 900 * MS);
         let lit = [RED, GREEN].map(|light| run.edges(light, Drive::High));
-        // Each is on for 250 ms in turn, red first (7); otherwise green shows that it is ready, after 500 ms.
+        // With the contact closed the lights are on for 250 ms in turn, red first (7). Otherwise green shows
+        // after 500 ms that the drive is ready.
         let turns: [&[Nanos]; 2] = if closed { [&[0, 500], &[250, 750]] } else { [&[], &[500]] };
         for (lit, turns) in lit.iter().zip(turns) {
             assert_eq!(lit.len(), turns.len(), "{lit:?}");
@@ -103,7 +105,7 @@ fn a_contact_that_is_closed_when_power_comes_counts_from_there() {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn a_program_is_stored_before_the_answer_and_outlasts_the_power() {
-    // Every piece of the memory changes each time, and in the end sectors have to be erased.
+    // Every piece of the memory changes with each save, so that sectors must be erased in the end.
     const SAVES: u16 = 16;
     const STEP: u16 = 64;
     /// Limit that firmware/boards/rp2040/README.md promises.
@@ -205,7 +207,7 @@ fn power_that_fails_while_a_program_is_stored_leaves_the_old_the_new_or_a_bad_on
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn every_request_is_received_while_a_program_runs() {
     const REQUESTS: u64 = 200;
-    /// t3.5, 8 characters, the answer of 27 and its wait, and a little.
+    /// t3.5, 8 characters, a reply of 27 characters and the wait before it, and some reserve.
     const PACE: Nanos = 7 * MS;
     let mut script = Script::fast();
     // ADD AX, 1; ADD BX, SPEED; MOV 7002h, AX; JMP 0 (6.9).
@@ -225,7 +227,7 @@ fn every_request_is_received_while_a_program_runs() {
         assert_eq!((pdu[..3].to_vec(), pdu.len()), (vec![1, 3, 22], 25));
         counts.push(u16::from_be_bytes([pdu[3], pdu[4]]));
     }
-    // A round of four lines takes 400 µs: 17.5 of them in 7 ms.
+    // A round of four lines takes 400 µs, so 17.5 rounds take 7 ms.
     for pair in counts.windows(2) {
         let rounds = pair[1].wrapping_sub(pair[0]);
         assert!((17..=18).contains(&rounds), "{rounds} rounds in 7 ms");
@@ -236,7 +238,7 @@ fn every_request_is_received_while_a_program_runs() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pins() {
     const REQUESTS: u64 = 60;
-    /// A request of 8 characters, an answer of 75, and silences.
+    /// A request of 8 characters, a reply of 75, and silences.
     const PACE: Nanos = 13 * MS;
     let mut script = Script::fast();
     let coil =
@@ -246,7 +248,7 @@ fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pin
     for at in &asked {
         script.hear(*at, &rtu::read(1, 0x5000, 35));
     }
-    // STATUS, CURRENT_VALID, SPEED_VALID, CURRENT_POSITION of two words.
+    // Reads STATUS, CURRENT_VALID, SPEED_VALID, and CURRENT_POSITION of two words.
     let state = rtu::frame(1, &[4, 0x30, 0, 0, 5]).to_vec();
     let turning = ask(&mut script, begin + REQUESTS * PACE, &[state.clone(), coil(0x2001)]);
     let stood = turning + 1_000 * MS;
@@ -266,7 +268,7 @@ fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pin
     assert!(status == 1 && speed.abs_diff(2_800) < 56, "status {status}, {speed} rpm");
     let (status, speed, position) = state(stood);
     assert_eq!((status, speed), (0, 0));
-    // HA and HB: both edges of both are counted (6.3).
+    // HA and HB: both edges of both signals are counted (6.3).
     let edges = [9, 10].map(|pin| {
         let edges = [Drive::Low, Drive::High].map(|drive| run.edges(pin, drive));
         edges.iter().flatten().filter(|at| **at > begin - TURN).count()
@@ -278,7 +280,7 @@ fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pin
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn ascii_has_seven_bits_and_their_parity() {
-    // ":" address, function, first register, how many, LRC, CR LF (modbus-serial, 2.5.2).
+    // ":", address, function, first register, quantity, LRC, CR LF (modbus-serial, 2.5.2).
     let ascii = |bytes: &[u8]| {
         let mut text = String::from(":");
         let lrc = bytes.iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte));
@@ -288,13 +290,13 @@ fn ascii_has_seven_bits_and_their_parity() {
         text + "\r\n"
     };
     let mut script = Script::fast();
-    // ASCII 7E1, 9,600 baud (6.4), saved.
+    // Sets ASCII 7E1 at 9,600 baud (6.4), and saves it.
     let settings = [(0x5001, 1), (0x5002, 4), (FLAG_SAVE_INI, SAVE_INI)]
         .map(|(register, value)| rtu::write(1, register, value).to_vec());
     let saved = ask(&mut script, START, &settings) + 200 * MS;
     let restarted = ask(&mut script, saved, &[rtu::write(1, FLAG_RESTART, 0x95AF).to_vec()]) + 1_000 * MS;
     const LONG: Nanos = 200 * MS;
-    // HW_MAJOR; the same with a character of wrong parity before it; ERROR.
+    // Reads HW_MAJOR; reads it after a character with wrong parity; reads ERROR.
     let question = ascii(&[1, 4, 0x80, 0x01, 0, 1]);
     script.hear(restarted, question.as_bytes());
     let spoiled = restarted + LONG;
@@ -308,7 +310,7 @@ fn ascii_has_seven_bits_and_their_parity() {
     assert_eq!(said(spoiled, error), "");
     // Bit 14: "RS-485 transmitting parity error" (6.5).
     assert_eq!(said(error, end), ascii(&[1, 3, 2, 0x40, 0x00]));
-    // Ten bits a character at 9,600 baud.
+    // A character has ten bits at 9,600 baud.
     let times = run.times_sent(restarted, spoiled);
     let character = (times[14] - times[0]) / 14;
     assert!(character.abs_diff(10_000_000_000 / 9_600) < 2_000, "{character} ns");

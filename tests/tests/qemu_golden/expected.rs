@@ -1,4 +1,4 @@
-//! Expectations of a trace, at any instant.
+//! Expected outputs of a trace at any instant.
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Pin, Role};
 use drivetwin_firmware::motion::StepIterator;
@@ -12,44 +12,46 @@ use crate::patience::PLANNING;
 /// A reply of the drive.
 #[derive(Clone)]
 pub(crate) struct Reply {
-    /// On which connection; on a serial port, none.
+    /// The connection of the reply; `None` on a serial port.
     pub(crate) to: Option<Connection>,
-    /// From when on.
+    /// Instant from which the reply is due.
     pub(crate) at: Instant,
-    /// Start of the output that it follows without a pause. QEMU's UART paces nothing, so it may leave with that.
+    /// Start of the first output in a sequence without pauses that contains this reply. QEMU's UART does not
+    /// pace bytes, so the reply may be sent from then on.
     pub(crate) earliest: Instant,
-    /// The characters.
+    /// The bytes of the reply.
     pub(crate) bytes: Vec<u8>,
 }
 
-/// Expectations of a trace.
+/// Expected outputs of a trace.
 pub(crate) struct Expected {
     /// Replies of the drive.
     pub(crate) replies: Vec<Reply>,
-    /// The settings of the line, and from when on.
+    /// The line settings, each with the instant from which it holds.
     lines: Vec<(Instant, Line)>,
-    /// The changes of each pin, which is low when it is given a level for the first time.
+    /// Level changes of each pin. Before its first level a pin counts as low.
     pins: Vec<Vec<(Instant, bool)>>,
-    /// True if it is an input before, and so is released.
+    /// True for a pin that can be an input: it is released before its first level.
     let_go: Vec<bool>,
-    /// Times at which each pin was given a level, whether it changed or not.
+    /// Instants at which each pin is given a level, even if the level does not change.
     given: Vec<Vec<Instant>>,
-    /// STEP and DIR, if they serve other purposes, too.
+    /// STEP and DIR, if their pins also serve other purposes.
     shared: Option<(Pin, Pin)>,
     motion: Vec<(Instant, Done)>,
-    /// True if the board makes steps.
+    /// True if the board makes step pulses.
     pub(crate) has_steps: bool,
-    /// Each step, and whether it is forward.
+    /// Instant of each step, and true if the step is forward.
     steps: Vec<(Instant, bool)>,
-    /// Content of its memory at the end.
+    /// Content of the memory at the end.
     pub(crate) memory: Vec<u8>,
 }
 
 impl Expected {
-    /// Expectations of a trace with one drive, and of its motor. STEP and DIR may be `shared` pins.
+    /// Expectations of a trace with one drive, and of its motor. `shared` are STEP and DIR if they share
+    /// pins.
     pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
-        // The motor of an MDrive is inside, and so are its millions of steps.
+        // The motor of an MDrive is inside the drive, and the board does not show its millions of steps.
         let has_steps = drive.spec.axes.iter().any(|axis| axis.step_dir.is_some());
         let mut expected = Self {
             replies: Vec::new(),
@@ -67,7 +69,7 @@ impl Expected {
             match seen {
                 Seen::Pin(Pin(pin), high) => {
                     let changes = &mut expected.pins[usize::from(pin)];
-                    // There and back at one instant is nothing.
+                    // Two changes at one instant cancel each other.
                     if changes.pop_if(|(last, _)| *last == at).is_none() {
                         changes.push((at, high));
                     }
@@ -76,8 +78,8 @@ impl Expected {
                 Seen::Output(OutputRecord::Store { offset, bytes }) => {
                     expected.memory[usize::from(offset)..][..bytes.len()].copy_from_slice(&bytes);
                 }
-                // Messages are handled below, piece by piece. Motion comes as plans; currents and duties have
-                // no pin.
+                // The second loop handles messages one by one. Motion is checked by plans; currents and
+                // duties have no pin.
                 Seen::Output(_) => {}
             }
         }
@@ -87,7 +89,7 @@ impl Expected {
                 Event::Output(OutputRecord::Bytes { bytes, .. }) => {
                     let follows = expected.replies.last().filter(|_| free == entry.at);
                     let earliest = follows.map_or(entry.at, |before| before.earliest);
-                    // The line setting at power-on holds at once.
+                    // The line settings of power-on take effect at once.
                     let line = expected.line(entry.at + Duration::TICK);
                     free = entry.at + line.character() * bytes.len() as u64;
                     let bytes = bytes.clone();
@@ -107,30 +109,30 @@ impl Expected {
         expected
     }
 
-    /// Returns whether a pin is given a level at any time after `after` and before `before`.
+    /// Returns true if a pin is given a level after `after` and before `before`.
     pub(crate) fn is_given(&self, pin: Pin, after: Instant, before: Instant) -> bool {
         self.given[usize::from(pin.0)].iter().any(|at| (after..before).contains(at))
     }
 
-    /// Returns whether a pin is STEP or DIR at `at`: a plan takes them, a level takes them back.
+    /// Returns true if a pin is STEP or DIR at `at`. A plan takes the pins; a level takes its pin back.
     pub(crate) fn is_axis(&self, pin: Pin, at: Instant) -> bool {
         let given = self.given[usize::from(pin.0)].iter().rev().find(|given| **given <= at);
         self.shared.is_some_and(|(step, dir)| pin == step || pin == dir)
             && self.motion.iter().any(|(from, _)| *from <= at && given.is_none_or(|given| given <= from))
     }
 
-    /// The pin of the drive that shares its place with STEP.
+    /// The drive's pin that shares its pin of the board with STEP.
     pub(crate) fn shared_step(&self) -> Option<Pin> {
         self.shared.map(|(step, _)| step)
     }
 
-    /// The settings of the line at `at`.
+    /// The line settings at `at`.
     pub(crate) fn line(&self, at: Instant) -> Line {
         let line = self.lines.iter().rev().find(|(from, _)| *from < at);
         line.expect("a drive sets its line at power-on").1
     }
 
-    /// The level of a pin at `at`: high if it is released.
+    /// The level of a pin at `at`; a released pin is high.
     pub(crate) fn level(&self, pin: Pin, at: Instant) -> bool {
         let place = usize::from(pin.0);
         if self.let_go[place] && !self.given[place].iter().any(|given| *given <= at) {
@@ -140,7 +142,7 @@ impl Expected {
         change.is_some_and(|(_, high)| *high)
     }
 
-    /// Returns whether a pin has that level at any time after `after` and before `before`.
+    /// Returns true if a pin has this level at any time after `after` and before `before`.
     pub(crate) fn has_level(&self, pin: Pin, high: bool, after: Instant, before: Instant) -> bool {
         let place = usize::from(pin.0);
         let changes = self.pins[place].iter().map(|(at, _)| at).chain(&self.given[place]);
@@ -148,7 +150,7 @@ impl Expected {
         instants.any(|at| self.level(pin, *at) == high)
     }
 
-    /// Steps made at `at` since the beginning: each plan until the next one.
+    /// Number of steps from the beginning to `at`. Each plan counts until the next one.
     pub(crate) fn steps(&self, at: Instant) -> i32 {
         let ends = self.motion.iter().skip(1).map(|(next, _)| *next).chain([Instant::NEVER]);
         let parts = self.motion.iter().zip(ends).take_while(|((from, _), _)| *from <= at);
@@ -161,15 +163,15 @@ impl Expected {
             .sum()
     }
 
-    /// Returns whether the motor makes steps that way between `after` and `before`. One that is late, or early by a
-    /// part of a step, may also be the one before that or the one behind.
+    /// Returns true if the motor makes a step in this direction between `after` and `before`. The step before
+    /// and the step after that range count, too: a step may be late, or early by a part of a step.
     pub(crate) fn goes(&self, forward: bool, after: Instant, before: Instant) -> bool {
         let first = self.steps.partition_point(|(at, _)| *at < after).saturating_sub(1);
         let last = self.steps.partition_point(|(at, _)| *at < before);
         self.steps.iter().take(last + 1).skip(first).any(|(_, way)| *way == forward)
     }
 
-    /// Last order to the motor, and whether the motor was at rest then.
+    /// Last order to the motor before `at`, and true if the motor was at rest at that time.
     pub(crate) fn told(&self, at: Instant) -> Option<(Instant, bool)> {
         let index = self.motion.iter().take_while(|(from, _)| *from <= at).count().checked_sub(1)?;
         let (told, _) = self.motion[index];
@@ -180,19 +182,19 @@ impl Expected {
         Some((told, stood))
     }
 
-    /// Returns whether the motor is given a plan at any time from `after` to `at`.
+    /// Returns true if the motor gets a plan at any time from `after` to `at`.
     pub(crate) fn plans(&self, after: Instant, at: Instant) -> bool {
         let plan = |done: &Done| matches!(done, Done::Planned(..));
         self.motion.iter().any(|(from, done)| plan(done) && (after..=at).contains(from))
     }
 
-    /// The instants between `after` and `before` at which the motor gets another order.
+    /// Instants between `after` and `before` at which the motor gets an order.
     pub(crate) fn turns(&self, after: Instant, before: Instant) -> impl Iterator<Item = Instant> {
         self.motion.iter().map(|(at, _)| *at).filter(move |at| (after..before).contains(at))
     }
 
-    /// The steps that may slip because a board takes each plan up to `late` after its instant: those of
-    /// the old plan, and those of the new one, that are due in between.
+    /// Greatest number of steps that may slip because the board makes each plan up to `late` after its
+    /// instant: the steps of the old plan and of the new plan in that time.
     pub(crate) fn slips(&self, at: Instant, late: Duration) -> i32 {
         let plans = self.motion.iter().take_while(|(from, _)| *from <= at);
         let plans: Vec<_> = plans
@@ -208,7 +210,7 @@ impl Expected {
                     let due = |plan: &drivetwin_firmware::device::Plan| {
                         (plan.position_at(*from + late) - plan.position_at(*from)).abs()
                     };
-                    // A motor at rest loses nothing: the new plan is made later as a whole.
+                    // A motor at rest loses no step, because the new plan is made later as a whole.
                     let moved = old.position_at(*from) != old.position_at(Instant::NEVER);
                     Some(if moved { due(old) + due(new) } else { 0 })
                 }
@@ -217,7 +219,7 @@ impl Expected {
             .sum()
     }
 
-    /// Instants at which there is something to compare.
+    /// Instants at which an output can be compared.
     pub(crate) fn instants(&self) -> impl Iterator<Item = Instant> {
         let replies = self.replies.iter().map(|reply| reply.at);
         let pins = self.pins.iter().flatten().map(|(at, _)| *at);
@@ -226,7 +228,7 @@ impl Expected {
     }
 }
 
-/// Each step up to `end`, and whether it is forward: of each plan until the next one.
+/// Each step up to `end`, with true if it is forward. Each plan counts until the next one.
 fn steps(motion: &[(Instant, Done)], end: Instant) -> Vec<(Instant, bool)> {
     let ends = motion.iter().skip(1).map(|(next, _)| *next).chain([end]);
     let mut steps = Vec::new();

@@ -1,4 +1,4 @@
-//! Inputs of a trace for the board.
+//! Inputs of a trace as inputs of the board.
 
 use std::fmt;
 
@@ -20,9 +20,9 @@ pub(crate) enum Act {
     Say(Connection, Vec<u8>),
     /// The client closes its connection.
     Close(Connection),
-    /// An input goes low or high.
+    /// An input pin is driven high (true) or low.
     Drive(&'static str, Gpio, bool),
-    /// Power comes or goes.
+    /// Power is switched on (true) or off.
     Power(bool),
 }
 
@@ -41,7 +41,7 @@ impl fmt::Display for Act {
     }
 }
 
-/// Inputs of a trace, in the order of time, each character at its own instant.
+/// Inputs of a trace, ordered by time, each character at its own instant.
 pub(crate) fn acts(
     trace: &Trace,
     expected: &Expected,

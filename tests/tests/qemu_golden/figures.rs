@@ -1,4 +1,4 @@
-//! Figures that a replay finds about the board.
+//! Figures about the board that a replay measures.
 
 use std::fmt;
 
@@ -7,19 +7,19 @@ use drivetwin_firmware::device::Duration;
 /// Figures of a replay.
 #[derive(Default)]
 pub(crate) struct Figures {
-    /// Virtual time at the end.
+    /// Virtual time at the end of the replay.
     pub(crate) time: Duration,
-    /// The longest that anything took.
+    /// Greatest delay of an output or input.
     pub(crate) latency: Duration,
-    /// The longest that anything took for which a plan was computed first.
+    /// Greatest delay if the loop computed a plan before.
     pub(crate) planning: Duration,
-    /// From the start of the clock until the loop slept for the first time.
+    /// Time from the start of the clock until the loop first sleeps.
     pub(crate) boot: Duration,
-    /// Step pulses.
+    /// Number of step pulses.
     pub(crate) steps: u32,
-    /// Stops of the machine.
+    /// Number of stops of the machine.
     pub(crate) stops: u32,
-    /// Bytes of the stack that were ever used.
+    /// Number of bytes of the stack that were used.
     pub(crate) stack: u32,
 }
 

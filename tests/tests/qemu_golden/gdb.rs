@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 /// QEMU's debug stub at the other end of a socket.
 pub(crate) struct Gdb {
     line: UnixStream,
-    /// Bytes that have come and were not read yet.
+    /// Bytes received but not read yet.
     heard: Vec<u8>,
 }
 
@@ -15,17 +15,17 @@ impl Gdb {
         Self { line, heard: Vec::new() }
     }
 
-    /// Waits until the stub answers: then the machine is there, and stopped.
+    /// Waits until the stub answers, which means that the machine exists and is stopped.
     pub(crate) fn greet(&mut self) {
         assert!(self.ask("?").starts_with('T'), "QEMU says why the machine stands");
     }
 
-    /// Stops the processor before the two-byte instruction at `address`, whenever it comes there.
+    /// Sets a breakpoint at the two-byte instruction at `address`: the processor stops before it.
     pub(crate) fn stop_before(&mut self, address: u32) {
         assert_eq!(self.ask(&format!("Z1,{address:x},2")), "OK");
     }
 
-    /// Continues the processor, at `address` or where it stopped, until it stops again.
+    /// Continues the processor until it stops again, at `address` or where it stopped.
     pub(crate) fn run(&mut self, address: Option<u32>) {
         // Bit 0 marks Thumb code.
         let stop = match address {
@@ -35,7 +35,7 @@ impl Gdb {
         assert!(stop.starts_with("T05"), "the processor stops where it sleeps, not with {stop}");
     }
 
-    /// The program counter.
+    /// Reads the program counter.
     pub(crate) fn pc(&mut self) -> u32 {
         const PC: usize = 15;
         let registers = self.ask("g");
@@ -63,7 +63,7 @@ impl Gdb {
         self.packet()
     }
 
-    /// The next packet: between `$` and `#`, with a checksum of two digits behind it that a socket does
+    /// The next packet: the text between `$` and `#`. A checksum of two digits follows, which a socket does
     /// not need.
     fn packet(&mut self) -> String {
         loop {

@@ -1,4 +1,5 @@
-//! A machine at the other end of the board's Ethernet cable: it connects to the ports of a drive. Its time is the board's.
+//! A host at the other end of the board's Ethernet cable, which connects to the ports of a drive. It uses the
+//! board's time.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -9,34 +10,34 @@ use smoltcp::socket::tcp::{Socket, SocketBuffer};
 use smoltcp::time;
 use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 
-/// A connection, as traces name it.
+/// A connection as traces identify it.
 pub(crate) type Connection = (Port, Link);
 
-/// The drive's address from the factory, and another one in the same network (FB 6.3).
+/// The factory address of the drive, and another address in the same network (FB 6.3).
 const DRIVE: IpAddress = IpAddress::v4(192, 168, 33, 1);
 const HERE: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 2), 16);
 /// An arbitrary, locally administered Ethernet address.
 const ADDRESS: EthernetAddress = EthernetAddress([2, 0, 0, 0, 0, 2]);
-/// Bytes of the longest frame that hosts send, which may be longer than the board accepts.
+/// Bytes of the longest frame that the host sends. It may be longer than the board accepts.
 const FRAME: usize = 1_514;
-/// The first port of its own.
+/// The first local port of the host.
 const OWN: u16 = 49_152;
-/// Bytes of a connection that wait, each way.
+/// Size of the buffers of a connection in bytes, for each direction.
 const ROOM: usize = 65_535;
 
-/// The machine, with its connections.
+/// The host with its connections.
 pub(crate) struct Host {
     spec: &'static Spec,
     cable: Cable,
     interface: Interface,
     sockets: SocketSet<'static>,
     connections: BTreeMap<Connection, SocketHandle>,
-    /// The next port of its own.
+    /// The next local port.
     port: u16,
 }
 
 impl Host {
-    /// A host that is connected to nothing.
+    /// A host without connections.
     pub(crate) fn new(spec: &'static Spec) -> Self {
         let mut cable = Cable::default();
         let config = Config::new(HardwareAddress::Ethernet(ADDRESS));
@@ -46,7 +47,7 @@ impl Host {
         Self { spec, cable, interface, sockets, connections: BTreeMap::new(), port: OWN }
     }
 
-    /// The board has lost power: nothing is left of its connections.
+    /// Forgets all connections, because the board has lost power.
     pub(crate) fn forget(&mut self) {
         *self = Self { port: self.port, ..Self::new(self.spec) };
     }
@@ -73,12 +74,12 @@ impl Host {
         assert_eq!(self.socket(connection).send_slice(bytes), Ok(bytes.len()), "{connection:?} is open");
     }
 
-    /// Closes its side of a connection.
+    /// Closes the host's side of a connection.
     pub(crate) fn close(&mut self, connection: Connection) {
         self.socket(connection).close();
     }
 
-    /// Takes frames off the cable and does what is due. Returns the frames that leave for the board.
+    /// Receives frames from the board and does what is due. Returns the frames to send to the board.
     pub(crate) fn poll(&mut self, now: Instant, came: impl Iterator<Item = Vec<u8>>) -> Vec<Vec<u8>> {
         self.cable.came.extend(came);
         let at = time::Instant::from_micros((now.ticks() / Duration::micros(1).ticks()) as i64);
@@ -86,7 +87,7 @@ impl Host {
         std::mem::take(&mut self.cable.leaves)
     }
 
-    /// Bytes that came on each connection since the last call.
+    /// Bytes received on each connection since the last call.
     pub(crate) fn heard(&mut self) -> Vec<(Connection, Vec<u8>)> {
         let connections: Vec<Connection> = self.connections.keys().copied().collect();
         let heard = connections.into_iter().map(|connection| {
@@ -104,7 +105,7 @@ impl Host {
     }
 }
 
-/// The frames of a [`Jack`](crate::machine::Jack), each behind its length.
+/// Frames in the bytes of a [`Jack`](crate::machine::Jack), each preceded by its length.
 pub(crate) fn frames(mut said: &[u8]) -> impl Iterator<Item = Vec<u8>> {
     std::iter::from_fn(move || {
         let (length, rest) = said.split_first_chunk()?;
@@ -114,7 +115,7 @@ pub(crate) fn frames(mut said: &[u8]) -> impl Iterator<Item = Vec<u8>> {
     })
 }
 
-/// The near end of the cable.
+/// The host's end of the cable.
 #[derive(Default)]
 struct Cable {
     came: VecDeque<Vec<u8>>,

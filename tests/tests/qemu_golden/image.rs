@@ -1,4 +1,4 @@
-//! The linked image: addresses in it.
+//! A linked image and addresses in it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,7 +13,7 @@ const WFI: [u8; 2] = 0xBF30_u16.to_le_bytes();
 pub(crate) struct Image {
     /// File of the image.
     pub(crate) path: PathBuf,
-    /// The one place where its loop sleeps.
+    /// Address of the only WFI, at which the loop sleeps.
     pub(crate) sleeps_at: u32,
     symbols: BTreeMap<String, u32>,
 }
@@ -43,7 +43,7 @@ impl Image {
         Self { path: path.to_owned(), sleeps_at: *place as u32, symbols }
     }
 
-    /// The address of a symbol: by its exported name, or by the last part of its path in Rust.
+    /// Address of a symbol, given by its exported name or by the last part of its path in Rust.
     pub(crate) fn symbol(&self, name: &str) -> u32 {
         let mangled = format!("{}{name}17h", name.len());
         let found = self.symbols.iter().find(|(symbol, _)| *symbol == name || symbol.contains(&mangled));

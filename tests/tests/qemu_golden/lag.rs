@@ -1,31 +1,32 @@
-//! Position of the motor, if a board makes its plans a little late.
+//! Position of the motor if the board makes its plans a little late.
 
 use drivetwin_firmware::device::{Duration, Instant};
 
 use crate::expected::Expected;
 use crate::patience::{PLANNING, earlier};
 
-/// Delay by which the board makes a plan that it began late: one from standstill as a whole, so that each step is late
-/// by the same span. One that replaces another joins in where it is; there an input that was received a little late
-/// also moves the way that follows by a part of a step, and close to standstill that is long: there one step more or
-/// less is right for each that joined in, and it still is when the motor is at rest.
+/// Delay with which the board makes a plan. It makes a plan from standstill later as a whole, so that all
+/// steps are late by the same span. A plan that replaces another one joins in at the present position. There
+/// an input that was received a little late also shifts the remaining path by a part of a step, and close to
+/// standstill a part of a step takes long. So one step more or less is allowed for each plan that joined in,
+/// even after the motor is at rest.
 #[derive(Default)]
 pub(crate) struct Lag {
-    /// Last order to the motor, and whether the motor was at rest then.
+    /// Last order to the motor, and true if the motor was at rest at that time.
     told: Option<(Instant, bool)>,
-    /// The spans, in microseconds, that explain all steps since.
+    /// Delays in microseconds that explain all steps since the last order.
     possible: Vec<u64>,
-    /// Steps made by the last look.
+    /// Number of steps made until the last check.
     made: i32,
-    /// Steps of these that are right and not in the trace.
+    /// Number of these steps that are allowed although the trace does not have them.
     aside: i32,
-    /// Plans that joined in since the motor was at rest.
+    /// Number of plans that joined in since the motor was at rest.
     joined: i32,
 }
 
 impl Lag {
-    /// Returns whether one lag explains `made`, and all earlier counts of the plan: so many steps were made by an
-    /// instant after `since` and before `now`.
+    /// Returns true if one delay explains `made` and all earlier counts of the plan. `made` is the number of
+    /// steps at an instant after `since` and before `now`.
     pub(crate) fn explains(&mut self, expected: &Expected, made: i32, since: Instant, now: Instant) -> bool {
         let before = std::mem::replace(&mut self.made, made);
         let told = expected.told(now);

@@ -1,24 +1,25 @@
-//! The board as a machine of virtual time, which stops whenever its processor sleeps (BOARD-10).
+//! The board as a machine in virtual time, which stops whenever its processor sleeps (BOARD-10).
 //!
-//! With `-icount shift=…,sleep=off` QEMU's time is counted: a power of two of ns an instruction, and while
-//! the processor has nothing to do, time hops to the next timer. A breakpoint on the one WFI of the image stops the
-//! machine there, and while it stops, QEMU's main loop makes that very hop, because all processors are
-//! idle. So the machine always stops at the instant at which a timer is due next, before it has come, and
-//! nothing is lost if the WFI is then skipped: WFI may end at any time.
+//! With `-icount shift=…,sleep=off` QEMU counts time: each instruction takes a power of two of ns, and while
+//! the processor is idle, time jumps to the next timer. The image has one WFI, and a breakpoint at it stops
+//! the machine there. While the machine is stopped, QEMU's main loop makes the same jump, because all
+//! processors are idle. So the machine always stops at the instant at which the next timer is due, before
+//! that timer expires. To skip the WFI loses nothing, because a WFI may end at any time.
 //!
-//! What is pending already when the processor comes to its WFI must not wait for a hop. So there are two
-//! kinds of stops, and TIMER3, which no image uses and whose interrupt is off, distinguishes them:
+//! An event that is already pending when the processor reaches its WFI must not wait for a jump. So there are
+//! two kinds of stops. TIMER3, which no image uses and whose interrupt is off, distinguishes them:
 //!
-//! - While the board [runs](Machine::run) TIMER3 comes every microsecond, so that the hop to the first stop
-//!   is no longer than that. If something is pending there the board goes on at once.
-//! - Then it [sleeps](Machine::sleep): it continues with the breakpoint before it, so that no instruction is
-//!   executed. What was due at the stop comes, and time hops again. If that was TIMER3 alone, it takes
-//!   its new span, and the hop is a long one. If it was another timer, TIMER3 has not come yet, the hop is
-//!   still no longer than a microsecond, and the board must run first.
+//! - While the board [runs](Machine::run), TIMER3 expires every microsecond, so that the jump at the first
+//!   stop is no longer than that. If something is pending there, the board continues at once.
+//! - Then the board [sleeps](Machine::sleep): the machine continues with the breakpoint still before the next
+//!   instruction, so that it executes none. The timer that was due at the stop expires, and time jumps again.
+//!   If that timer was TIMER3 alone, it starts its new span, and the jump is long. If it was another timer,
+//!   TIMER3 has not expired yet. Then the jump is still no longer than a microsecond, and the board must run
+//!   first.
 //!
-//! There is one exception: another timer that is due in the very same nanosecond as TIMER3. It is pending
-//! behind the long hop, the machine notices that it has [`Overslept`], and the trace is played once
-//! more with instructions that take another time.
+//! There is one exception: another timer that is due in the same nanosecond as TIMER3. It is still pending
+//! after the long jump. The machine notices that it has [`Overslept`], and the trace is played again with
+//! another duration of an instruction.
 //!
 //! None of this depends on the speed of the host, and the image is the one that is flashed.
 
@@ -42,11 +43,10 @@ pub(crate) const CYCLES_PER_US: u64 = 50;
 /// Cycles in a period of SysTick.
 const PERIOD: u64 = 100_000 * CYCLES_PER_US;
 
-/// Longest time from one stop to the next before it counts as hung.
+/// Longest time on the host from one stop to the next before the machine counts as hung.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// SysTick's current value, and the register that shows which exception is pending (B3.2.4 of the ARMv7-M
-/// manual).
+/// SysTick's current value, and the register that shows the pending exception (B3.2.4 of the ARMv7-M manual).
 const SYST_CVR: u32 = 0xE000_E018;
 const ICSR: u32 = 0xE000_ED04;
 const VECTPENDING: u32 = 0x1FF << 12;
@@ -61,13 +61,13 @@ const ICR: u32 = TIMER3 + 0x024;
 const TAILR: u32 = TIMER3 + 0x028;
 const PERIODIC: u32 = 2;
 
-/// UART0: flags; bit 4 means that nothing has been received.
+/// UART0: the register of flags, in which bit 4 means that nothing has been received.
 const UART_FLAGS: u32 = 0x4000_C018;
 const RX_EMPTY: u32 = 1 << 4;
-/// Reads of its flags until a character that was sent to it is there.
+/// Number of reads of a register before a change counts as missing.
 const LOOKS: usize = 1_000_000;
 
-/// A pin of the board: the letter of its port, and its number there.
+/// A pin of the board: the letter of its port, and its number in the port.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Gpio(pub(crate) char, pub(crate) u32);
 
@@ -77,16 +77,16 @@ impl fmt::Display for Gpio {
     }
 }
 
-/// Part of the board that has a line.
+/// Interface of the board that carries the messages of the drive.
 #[derive(Clone, Copy)]
 pub(crate) enum Jack {
     Uart0,
-    /// Each frame has its length before it, in four bytes.
+    /// The Ethernet controller. Each frame is preceded by its length in four bytes.
     Ethernet,
 }
 
 impl Jack {
-    /// Options of QEMU that make its standard output this line.
+    /// Options of QEMU that connect this interface to its standard output.
     fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Uart0 => &["-chardev", "socket,id=bus,fd=1", "-serial", "chardev:bus"],
@@ -103,27 +103,27 @@ const PORTS: [u32; 7] =
 pub(crate) const LISTENED: char = 'B';
 
 impl Gpio {
-    /// The number of its port.
+    /// The index of the pin's port.
     fn port(self) -> usize {
         usize::from(self.0 as u8 - b'A')
     }
 }
 
-/// A board under QEMU. It ends with this, and with the thread that started it.
+/// A board under QEMU. QEMU ends when this is dropped, or when the thread that started it ends.
 pub(crate) struct Machine {
     qemu: Child,
     gdb: Gdb,
     test: Qtest,
-    /// Bytes to and from UART0, or frames.
+    /// Bytes to and from UART0, or Ethernet frames.
     line: UnixStream,
     /// QEMU's names of the ports A to G.
     ports: Vec<String>,
     /// Address of the image's count of SysTick periods.
     periods: u32,
     sleeps_at: u32,
-    /// The board stopped before its WFI, no longer at its first instruction.
+    /// True after the first stop at the WFI; false while the board is at its first instruction.
     started: bool,
-    /// Time of the last stop, in cycles of its clock.
+    /// Time of the last stop, in cycles of the board's clock.
     now: u64,
     /// Number of stops.
     stops: u32,
@@ -131,18 +131,18 @@ pub(crate) struct Machine {
 
 /// State of the board at a stop.
 struct Stop {
-    /// An exception waits to be taken.
+    /// True if an exception is pending.
     pending: bool,
-    /// TIMER3 has come.
+    /// True if TIMER3 has expired.
     ticked: bool,
 }
 
-/// The board slept over an interrupt.
+/// The board slept although an interrupt was pending.
 #[derive(Debug)]
 pub(crate) struct Overslept;
 
 impl Machine {
-    /// A board with that image, stopped before its first instruction. An instruction takes 2^`shift` ns.
+    /// A board with this image, stopped before its first instruction. An instruction takes 2^`shift` ns.
     pub(crate) fn new(image: &Image, jack: Jack, shift: u32) -> Self {
         let (gdb, its_gdb) = UnixStream::pair().expect("a pair of sockets");
         let (line, its_line) = UnixStream::pair().expect("a pair of sockets");
@@ -168,7 +168,7 @@ impl Machine {
         let test = UnixStream::connect(&qtest.0).expect("QEMU listens");
         test.set_read_timeout(Some(PATIENCE)).expect("a time-out");
         drop(qtest);
-        // The order in which QEMU makes them is the order of their letters.
+        // QEMU creates the ports in the order of their letters.
         let ports: Vec<String> = gdb
             .monitor("qom-list /machine/unattached")
             .lines()
@@ -197,16 +197,16 @@ impl Machine {
         machine
     }
 
-    /// The memory of the board, and its registers.
+    /// Memory and registers of the board.
     pub(crate) fn memory(&mut self) -> &mut Qtest {
         &mut self.test
     }
 
-    /// Resets the board: it is stopped before its first instruction again, and its inputs are undriven.
+    /// Resets the board. It is then stopped before its first instruction, and its inputs are undriven.
     pub(crate) fn reset(&mut self) {
         let slept_at = self.gdb.pc();
         self.gdb.monitor("system_reset");
-        // QEMU resets in its own time.
+        // QEMU takes an unknown time to reset.
         let reset = (0..LOOKS).any(|_| self.gdb.pc() != slept_at);
         assert!(reset, "QEMU resets the board");
         self.started = false;
@@ -214,11 +214,11 @@ impl Machine {
         self.tick();
     }
 
-    /// Runs the board until it sleeps and nothing is pending. It stops there within a microsecond.
-    /// Returns the time since its last reset, in cycles of its clock.
+    /// Runs the board until it sleeps with nothing pending; it stops there within a microsecond. Returns the
+    /// time since its last reset, in cycles of its clock.
     pub(crate) fn run(&mut self) -> u64 {
         loop {
-            // WFI has two bytes.
+            // The instruction WFI has two bytes.
             self.gdb.run(self.started.then_some(self.sleeps_at + 2));
             self.started = true;
             let Stop { pending, .. } = self.stop();
@@ -228,11 +228,11 @@ impl Machine {
         }
     }
 
-    /// Keeps the board, which has nothing pending, asleep until `until`, or until one of its own timers comes
-    /// before that. Returns the time as [`run`](Self::run) does, which must come next.
+    /// Keeps the board asleep until `until`, or until one of its own timers expires before that. Nothing may
+    /// be pending. Returns the time as [`run`](Self::run) does; the next call must be `run`.
     pub(crate) fn sleep(&mut self, until: u64) -> Result<u64, Overslept> {
         let span = u32::try_from(until.saturating_sub(self.now).max(1)).unwrap_or(u32::MAX);
-        // TIMER3 takes the span when it comes, which is now.
+        // TIMER3 starts the span when it expires, which is now.
         self.test.write([(TAILR, span), (ICR, 1)]);
         self.gdb.run(None);
         let Stop { pending, ticked } = self.stop();
@@ -240,39 +240,39 @@ impl Machine {
         if ticked && pending { Err(Overslept) } else { Ok(self.now) }
     }
 
-    /// TIMER3 comes every microsecond from now on.
+    /// Makes TIMER3 expire every microsecond from now on.
     fn tick(&mut self) {
         self.test.write([(CTL, 0), (TAILR, CYCLES_PER_US as u32), (CTL, 1)]);
     }
 
-    /// Reads why and when the board stopped.
+    /// Reads the time and the reason of a stop.
     fn stop(&mut self) -> Stop {
         self.stops += 1;
-        // The lower half of the count is good for years.
+        // The lower half of the count is enough for years.
         let words = self.test.words(&[self.periods, SYST_CVR, ICSR, RIS]);
         let [periods, left, pending, ticked] = words.try_into().expect("four words");
         let periods = u64::from(periods) + u64::from(pending & PENDSTSET != 0);
-        // SysTick begins a period at 0, and goes on at its greatest value.
+        // SysTick begins a period at 0 and continues at its greatest value.
         let cycles = if left == 0 { 0 } else { PERIOD.saturating_sub(u64::from(left)) };
         self.now = periods * PERIOD + cycles;
         Stop { pending: pending & VECTPENDING != 0, ticked: ticked != 0 }
     }
 
-    /// A character reaches UART0.
+    /// Sends a character to UART0.
     pub(crate) fn hear(&mut self, byte: u8) {
         self.line.write_all(&[byte]).expect("QEMU listens");
         let heard = (0..LOOKS).any(|_| self.test.word(UART_FLAGS) & RX_EMPTY == 0);
         assert!(heard, "UART0 receives what is sent to it");
     }
 
-    /// Frames reach the Ethernet controller, as soon as the board goes on.
+    /// Sends frames to the Ethernet controller, which gets them when the board continues.
     pub(crate) fn take(&mut self, frames: &[Vec<u8>]) {
         for frame in frames {
             let length = u32::try_from(frame.len()).expect("no frame is that long").to_be_bytes();
             self.line.write_all(&[&length[..], frame].concat()).expect("QEMU listens");
         }
-        // QEMU keeps them while the machine is stopped, if it has read them before the machine continues: it polls
-        // all its lines before it answers the second query.
+        // QEMU keeps the frames while the machine is stopped, if it has read them before the machine
+        // continues. It polls all its sockets before it answers the second query.
         for _ in 0..2 {
             self.test.word(UART_FLAGS);
         }
@@ -302,9 +302,9 @@ impl Machine {
         self.test.drive(&path, gpio.1, high);
     }
 
-    /// Levels of outputs.
+    /// Levels of output pins.
     pub(crate) fn levels(&mut self, gpios: &[Gpio]) -> Vec<Level> {
-        /// The data register of all eight pins, and the register of directions.
+        /// The data register of all eight pins, and the direction register.
         const REGISTERS: [u32; 2] = [0x3FC, 0x400];
         let ports: BTreeSet<usize> = gpios.iter().map(|gpio| gpio.port()).collect();
         let addresses: Vec<u32> =
@@ -323,7 +323,7 @@ impl Machine {
         gpios.iter().map(|gpio| level(gpio).expect("two words of its port")).collect()
     }
 
-    /// Changes of the outputs of port B since the last time.
+    /// Changes of the outputs of port B since the last call.
     pub(crate) fn changes(&mut self) -> Vec<(u32, bool)> {
         self.test.changes()
     }
@@ -340,7 +340,7 @@ impl Drop for Machine {
     }
 }
 
-/// Path of a socket, which is not needed once both ends have opened it.
+/// Path of a socket. The file is removed when both ends have opened the socket.
 struct Address(String);
 
 impl Address {

@@ -1,8 +1,8 @@
 //! The golden traces on the unmodified images of the LM3S6965 board, in virtual time.
 //!
-//! `cargo xtask test` builds the images, names their folder in `DRIVETWIN_IMAGES`, and runs this. See
-//! [`machine`] for how time is held, and [`LEFT_OUT`] for what cannot be shown here. `DRIVETWIN_TRACE=7.15`
-//! plays only the traces that have this in their name.
+//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder, and runs these tests.
+//! [`machine`] explains how virtual time is controlled, and [`LEFT_OUT`] lists the traces that cannot run
+//! here. `DRIVETWIN_TRACE=7.15` plays only the traces with this text in their name.
 
 mod expected;
 mod feed;
@@ -35,7 +35,7 @@ use figures::Figures;
 use image::Image;
 use pins::Wires;
 
-/// Traces that this board cannot show, and why.
+/// Traces that this board cannot show, each with the reason.
 static LEFT_OUT: [(&str, &str); 6] = [
     ("command-format", "the UART of QEMU never receives a character that nobody can read"),
     (
@@ -51,14 +51,14 @@ static LEFT_OUT: [(&str, &str); 6] = [
     ("power-lost-in-a-save", "the flash of this board can only be read; the Pico's loses power in a save"),
 ];
 
-/// Time of an instruction, as a power of two of ns: 16 ns, about as on the board. The others are used if the board
-/// [oversleeps](machine::Overslept).
+/// Duration of an instruction, as a power of two of ns. The first, 16 ns, is about that of the board. The
+/// next ones are used if the board [oversleeps](machine::Overslept).
 static SHIFTS: [u32; 4] = [4, 3, 2, 1];
-/// A trace with edges closer together than this is one that the loop cannot follow at 16 ns. The board is
-/// only touched while it sleeps, so there an instruction takes 1 ns.
+/// If a trace has edges closer together than this, the loop cannot follow it at 16 ns an instruction. Inputs
+/// change only while the board sleeps, so for such a trace an instruction takes 1 ns.
 const CLOSE: Duration = Duration::micros(20);
 
-/// A kind of drive, as its traces need it.
+/// A kind of drive for its traces: functions that make the drive, and the motor orders of a trace.
 struct Kind {
     make: fn() -> Box<dyn Device>,
     motion: fn(&Trace) -> Vec<(Instant, Done)>,
@@ -72,15 +72,15 @@ macro_rules! kinds {
 
 static KINDS: &[Kind] = drivetwin_firmware::devices!(kinds);
 
-/// The kind of that name.
+/// Finds a kind by its name.
 fn kind(name: &str) -> &'static Kind {
     let kind = KINDS.iter().find(|kind| (kind.make)().spec().kind == name);
     kind.unwrap_or_else(|| panic!("tests/traces/{name} has traces of no drive"))
 }
 
-/// A trace, and the image that it is played on.
+/// A trace and the image on which it is played.
 struct Job {
-    /// The kind of drive: the name of the folder, and of the image.
+    /// The kind of drive, which is the name of the folder and of the image.
     kind: &'static str,
     name: String,
     path: PathBuf,
@@ -107,7 +107,7 @@ impl Job {
     }
 }
 
-/// Returns whether a trace has edges that are [close](CLOSE) together.
+/// Returns true if a trace has edges that are [close](CLOSE) together.
 fn has_close_edges(trace: &Trace) -> bool {
     let edges = trace.events().filter(|entry| matches!(entry.event, Event::Input(InputRecord::Edge { .. })));
     let edges: Vec<Instant> = edges.map(|entry| entry.at).collect();
@@ -137,8 +137,8 @@ fn jobs() -> Vec<Job> {
     jobs
 }
 
-/// Keeps this thread, and every QEMU that it starts, on one processor: they wait for each other all the
-/// time, and wake each other up much faster there. Where that cannot be had, they are slower.
+/// Keeps this thread, and every QEMU that it starts, on one processor. They wait for each other all the time,
+/// and wake each other much faster on the same processor. If this fails, they are slower.
 fn stay_on(cpu: usize) {
     let thread = fs::read_link("/proc/thread-self");
     if let Some(thread) = thread.as_ref().ok().and_then(|path| path.file_name()) {
@@ -185,7 +185,7 @@ fn golden_traces_on_the_board() {
     assert_eq!(done, jobs.len(), "every trace was played");
 }
 
-/// The names of the two are exchanged on the board, so that one of them moves when the other should.
+/// The names of two pins are exchanged, so that one pin changes when the other should.
 #[test]
 #[ignore = "needs QEMU and the images of the board: `cargo xtask test` brings both"]
 #[should_panic(expected = "J3.8 (PB1) is Low")]

@@ -1,4 +1,4 @@
-//! Invalid Ethernet frames: the board's driver and the code behind it, on the image.
+//! Invalid Ethernet frames, which test the board's driver and the code above it on the image.
 
 use drivetwin_firmware::device::{Duration, Instant, Link, Port};
 
@@ -9,15 +9,15 @@ use crate::stack::Stack;
 use crate::{images, kind};
 
 const MODBUS: (Port, Link) = (Port(0), Link(0));
-/// A read of VM, and the answer 768,000 (FB 4.2.4).
+/// A read of VM, and the reply 768,000 (FB 4.2.4).
 const REQUEST: [u8; 12] = [0, 1, 0, 0, 0, 6, 1, 3, 0, 0x8B, 0, 2];
 const ANSWER: [u8; 13] = [0, 1, 0, 0, 0, 7, 1, 3, 4, 0, 0x0B, 0xB8, 0];
 /// Bytes of the longest frame in QEMU's controller, without its length and its check sequence.
 const LONGEST: usize = 2_041;
-/// Number of frames that it keeps.
+/// Number of frames that the controller stores.
 const MOST: usize = 31;
 
-/// A board, and a machine with a cable to it.
+/// A board, and a host with a cable to it.
 struct Pair {
     board: Machine,
     host: Host,
@@ -25,7 +25,7 @@ struct Pair {
 }
 
 impl Pair {
-    /// Runs the board and the host, until neither has more to do.
+    /// Runs the board and the host until both are idle.
     fn run(&mut self) {
         loop {
             let micros = self.board.run() / CYCLES_PER_US;
@@ -45,7 +45,7 @@ impl Pair {
         }
     }
 
-    /// Sends frames and right after them a register read, which must be answered.
+    /// Sends frames, and right after them a register read that the drive must answer.
     fn is_served_behind(&mut self, mut frames: Vec<Vec<u8>>) {
         self.host.say(MODBUS, &REQUEST);
         frames.extend(self.host.poll(self.now, std::iter::empty()));
@@ -69,7 +69,7 @@ fn frames_of_every_length_and_more_than_have_room() {
     let knocks = pair.host.poll(pair.now, std::iter::empty());
     pair.board.take(&knocks);
     pair.run();
-    // Frames that are too short or too long, broadcasts, and the beginnings of packets.
+    // Frames that are too short or too long, broadcasts, and beginnings of packets.
     let lengths = (1..70).chain([589, 590, 591, 592, 1_514, LONGEST]);
     for length in lengths {
         for start in [&[0xFF; 12][..], &[0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 2, 0, 0, 0, 0, 3, 8, 0, 0x45]] {

@@ -5,37 +5,37 @@ use drivetwin_sim::record::trace::{Event, OutputRecord, Trace};
 
 use crate::expected::Expected;
 
-/// Allowed delay of an output or an input of the board: interrupts and the loop. This bound and the next ones limit
-/// the run time of its code, at 16 ns per instruction. Longest is a reply while the servo of an MDROBOT or RS drive
-/// runs: 329 µs.
+/// Allowed delay of an output or an input of the board, caused by interrupts and the loop. This bound and the
+/// next ones limit the run time of the code at 16 ns per instruction. The longest is a reply while the servo
+/// of an MDROBOT or RS drive runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
-/// Allowed delay of inputs from the network: frames, each answered by others, and all of their check sums. Longest is
-/// the list of a whole program of an MDrive (L), line by line: 764 µs.
+/// Allowed delay of inputs from the network: frames, the frames that answer each of them, and all check sums.
+/// The longest is the list of a whole program of an MDrive (L), line by line: 764 µs.
 const ON_NETWORK: Duration = Duration::micros(850);
-/// Allowed delay if the motor gets a new plan then, which the loop computes before it does anything else.
+/// Allowed delay if the motor gets a new plan, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// Allowed time from its first instruction until it has done all that it does at power-on. Longest,
-/// for its memory, is an MDROBOT, which judges each of its rows: 790 µs.
+/// Allowed time from the first instruction until the start-up is done. The longest, relative to its memory,
+/// is that of an MDROBOT, which checks each of its rows: 790 µs.
 const BOOT: Duration = Duration::micros(800);
-/// Additional time for each byte of its memory, which is read and checked then; the same where the drive checks and
-/// stores [many](MANY) bytes.
+/// Additional time for each byte of the memory, which is read and checked at the start. The same time applies
+/// if the drive checks and stores [many](MANY) bytes.
 const BYTE: Duration = Duration::from_ticks(4);
-/// Bytes that are stored in no time.
+/// Number of bytes that the drive stores without additional time.
 const MANY: usize = 256;
 
-/// Allowed lateness in a trace.
+/// Allowed lateness of the outputs of a trace.
 pub(crate) struct Patience {
-    /// With anything else.
+    /// Allowed lateness in all other cases.
     latency: Duration,
-    /// Instants at which it stores many bytes, and the allowed time for that.
+    /// Instants at which the drive stores many bytes, and the allowed time for that.
     stores: Vec<Instant>,
     storing: Duration,
-    /// Allowed time of its start.
+    /// Allowed time of the start-up.
     pub(crate) boot: Duration,
 }
 
 impl Patience {
-    /// With the only drive of a trace.
+    /// Allowed lateness for a trace with one drive.
     pub(crate) fn of(trace: &Trace, spec: &Spec, is_on_network: bool) -> Self {
         let memory = BYTE * u64::from(spec.memory);
         Self {
@@ -46,7 +46,7 @@ impl Patience {
         }
     }
 
-    /// With what is due at `at`, but for a start.
+    /// Allowed lateness of an output that is due at `at`, except at a start-up.
     pub(crate) fn at(&self, expected: &Expected, at: Instant) -> Duration {
         match at {
             _ if self.stores.iter().any(|store| (earlier(at, self.storing)..=at).contains(store)) => {
@@ -58,8 +58,8 @@ impl Patience {
     }
 }
 
-/// Instants at which many bytes are stored, a user program of an RS 434544 is restored (FLAG_SAVE_USER_PROGRAM), or
-/// an MDrive starts again and sends its sign-on.
+/// Instants at which many bytes are stored, a user program of an RS 434544 is restored
+/// (FLAG_SAVE_USER_PROGRAM), or an MDrive restarts and sends its sign-on.
 fn stores(trace: &Trace) -> Vec<Instant> {
     let many = |event: &Event| match event {
         Event::Output(OutputRecord::Store { bytes, .. }) => bytes.len() > MANY,
@@ -70,7 +70,7 @@ fn stores(trace: &Trace) -> Vec<Instant> {
     trace.events().filter(|entry| many(&entry.event)).map(|entry| entry.at).collect()
 }
 
-/// The instant `by` before `at`, at least 0.
+/// The instant `by` before `at`, or 0 if that would be negative.
 pub(crate) fn earlier(at: Instant, by: Duration) -> Instant {
     Instant::from_ticks(at.ticks().saturating_sub(by.ticks()))
 }

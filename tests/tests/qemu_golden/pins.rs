@@ -1,23 +1,23 @@
-//! The pin-out of the board, typed by hand from its README: a wrong wire in an image fails its traces.
+//! The pin-out of the board, typed by hand from its README. A wrong wire in an image makes its traces fail.
 
 use drivetwin_firmware::device::Pin;
 use drivetwin_sim::record::trace::Trace;
 
 use crate::machine::Gpio;
 
-/// A jumper that is low at reset: no start-up delay.
+/// A jumper that disables the start-up delay if it is low at reset.
 pub(crate) const FAST: Gpio = Gpio('B', 6);
-/// The direction of the RS-485 transceiver: it sends while this is high.
+/// The direction of the RS-485 transceiver, which sends while this pin is high.
 pub(crate) const DE: Gpio = Gpio('B', 5);
-/// The pulses of the axis.
+/// The step pulses of the axis.
 pub(crate) const STEP: Gpio = Gpio('B', 3);
-/// Their direction: high is forward.
+/// The direction of the axis: high is forward.
 pub(crate) const DIR: Gpio = Gpio('B', 4);
 
-/// Board pins of a drive's pins and faults, by their names.
+/// Names of a drive's pins and faults, each with its pin of the board.
 pub(crate) type Wires = Vec<(&'static str, Gpio)>;
 
-/// The wires of a kind.
+/// The wires of a kind of drive.
 pub(crate) fn wires(kind: &str) -> Wires {
     match kind {
         "md3" | "md3-low" => MD3.to_vec(),
@@ -29,7 +29,7 @@ pub(crate) fn wires(kind: &str) -> Wires {
     }
 }
 
-/// STEP and DIR of the drive of a trace, if they are at pins that serve other purposes, too.
+/// STEP and DIR of the drive of a trace, if their pins also serve other purposes.
 pub(crate) fn shared(trace: &Trace, wires: &Wires) -> Option<(Pin, Pin)> {
     let spec = trace.drives.first()?.spec;
     let (step, dir) = spec.axes.first()?.step_dir?;

@@ -1,9 +1,9 @@
-//! Places in a trace, for messages.
+//! Positions in a trace, for messages.
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_sim::record::trace::Trace;
 
-/// A trace by its name and its lines.
+/// The name of a trace and the instants of its lines.
 pub(crate) struct Places {
     name: String,
     lines: Vec<(Instant, usize)>,
@@ -15,7 +15,7 @@ impl Places {
         Self { name: name.to_owned(), lines }
     }
 
-    /// The name of the trace, the instant as traces write it, and the last line up to then.
+    /// The name of the trace, the instant in the format of traces, and the last line up to that instant.
     pub(crate) fn at(&self, at: Instant) -> String {
         let line = self.lines.iter().rev().find(|(from, _)| *from <= at).map_or(1, |(_, line)| *line);
         let ms = at.ticks() as f64 / Duration::millis(1).ticks() as f64;

@@ -3,11 +3,11 @@
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 
-/// A machine's memory and lines.
+/// A machine's memory and pins.
 pub(crate) struct Qtest {
     to: UnixStream,
     from: BufReader<UnixStream>,
-    /// Changes of the outputs that are listened to, oldest first.
+    /// Changes of the intercepted outputs, oldest first.
     changes: Vec<(u32, bool)>,
 }
 
@@ -17,7 +17,7 @@ impl Qtest {
         Self { to: line, from, changes: Vec::new() }
     }
 
-    /// Words of memory, or registers.
+    /// Reads words of memory or registers.
     pub(crate) fn words(&mut self, addresses: &[u32]) -> Vec<u32> {
         let commands: String = addresses.iter().map(|address| format!("readl {address:#x}\n")).collect();
         self.say(&commands);
@@ -28,12 +28,12 @@ impl Qtest {
         addresses.iter().map(|_| word(self.answer())).collect()
     }
 
-    /// A word.
+    /// Reads a word.
     pub(crate) fn word(&mut self, address: u32) -> u32 {
         self.words(&[address])[0]
     }
 
-    /// Writes words, in that order.
+    /// Writes words, in the given order.
     pub(crate) fn write<const N: usize>(&mut self, words: [(u32, u32); N]) {
         let commands: String =
             words.iter().map(|(address, word)| format!("writel {address:#x} {word:#x}\n")).collect();
@@ -43,7 +43,7 @@ impl Qtest {
         }
     }
 
-    /// `length` bytes from `address` on.
+    /// Reads `length` bytes starting at `address`.
     pub(crate) fn bytes(&mut self, address: u32, length: usize) -> Vec<u8> {
         self.say(&format!("read {address:#x} {length:#x}\n"));
         let answer = self.answer();
@@ -52,7 +52,7 @@ impl Qtest {
         pairs.map(|pair| u8::from_str_radix(pair, 16).expect("hex")).collect()
     }
 
-    /// Writes bytes from `address` on.
+    /// Writes bytes starting at `address`.
     pub(crate) fn put(&mut self, address: u32, bytes: &[u8]) {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         self.say(&format!("write {address:#x} {:#x} 0x{hex}\n", bytes.len()));
@@ -65,7 +65,7 @@ impl Qtest {
         self.answer();
     }
 
-    /// Listens to the outputs of the device at `path` from now on; of one device only.
+    /// Reports changes of the outputs of the device at `path` from now on. Only one device can be selected.
     pub(crate) fn listen(&mut self, path: &str) {
         self.say(&format!("irq_intercept_out {path}\n"));
         self.answer();
@@ -80,7 +80,7 @@ impl Qtest {
         self.to.write_all(commands.as_bytes()).expect("QEMU listens");
     }
 
-    /// Text after the `OK` to a command. Earlier changes come before it.
+    /// Text after the `OK` to a command. Changes that QEMU reports before it are stored.
     fn answer(&mut self) -> String {
         loop {
             let mut line = String::new();

@@ -1,8 +1,8 @@
-//! A golden trace on the board.
+//! Replay of a golden trace on the board.
 //!
-//! The harness owns time. It makes the board stand at the instant of everything that is fed to it, does
-//! it right there, and looks at what the board shows whenever that has done what it has to. What the
-//! drive does is seen not before its instant and at most [`Patience`] after it.
+//! The harness controls time. It stops the board at the instant of each input, applies the input there, and
+//! checks the board's outputs whenever the board is idle. An output must appear not before its instant and at
+//! most [`Patience`] after it.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -22,20 +22,20 @@ use crate::pins::{DE, DIR, FAST, STEP, Wires};
 use crate::place::Places;
 use crate::stack::Stack;
 
-/// A replay under way.
+/// A replay in progress.
 struct Replay {
     machine: Machine,
-    /// The host with connections to a drive with TCP ports.
+    /// The host whose connections lead to a drive with TCP ports.
     host: Option<Host>,
     expected: Expected,
     places: Places,
-    /// The pins that the drive shows, by their place and their name, and where they are.
+    /// The pins that the drive can drive: index, name, and the pin of the board.
     wires: Vec<(Pin, &'static str, Gpio)>,
-    /// Which of them were released at the last stop.
+    /// For each of `wires`: true if the pin was released at the last stop.
     floats: Vec<bool>,
-    /// STEP and DIR are at pins of their own.
+    /// True if STEP and DIR have pins of their own.
     has_axis_pins: bool,
-    /// Driven level of each input, for the next reset.
+    /// Driven level of each input, which a reset restores.
     inputs: Vec<(Gpio, bool)>,
     /// Allowed lateness.
     patience: Patience,
@@ -44,11 +44,11 @@ struct Replay {
     powered: bool,
     /// Instant of the last stop.
     now: Instant,
-    /// Bytes sent on each connection or on the bus, not compared yet.
+    /// Bytes sent on each connection or on the bus that have not been compared yet.
     said: BTreeMap<Option<Connection>, Vec<u8>>,
-    /// Replies that are still to come.
+    /// Replies that the board has not sent yet.
     replies: VecDeque<Reply>,
-    /// The level of DIR.
+    /// The level of DIR: true is forward.
     forward: bool,
     made: i32,
     lag: Lag,
@@ -58,7 +58,7 @@ struct Replay {
     slipped: u32,
 }
 
-/// Plays a trace on a new board with this wiring, and compares all of its outputs.
+/// Plays a trace on a new board with these wires, and compares all of its outputs.
 pub(crate) fn play(
     name: &str,
     trace: &Trace,
@@ -120,7 +120,7 @@ pub(crate) fn play(
 }
 
 impl Replay {
-    /// Runs the board from its first instruction until it has done all that it does at power-on.
+    /// Runs the board from its first instruction until the start-up is done.
     fn boot(&mut self) {
         for (gpio, high) in self.inputs.clone() {
             self.machine.drive(gpio, high);
@@ -137,9 +137,9 @@ impl Replay {
         }
     }
 
-    /// Does each act at its instant, up to `end`.
+    /// Performs each act at its instant, up to `end`.
     fn go(&mut self, acts: &[(Instant, Act)], end: Instant) -> Result<(), Overslept> {
-        // An output is checked at the instant by which it must have come.
+        // An output is checked at the latest instant at which it may appear.
         let due = self.expected.instants().filter(|at| *at <= end);
         let mut stands: BTreeSet<Instant> = due.map(|at| at + self.patience(at)).collect();
         stands.extend(acts.iter().map(|(at, _)| *at));
@@ -206,14 +206,14 @@ impl Replay {
         }
     }
 
-    /// Acts as the connected host.
+    /// Lets the connected host act.
     fn on_network(&mut self, act: impl FnOnce(&mut Host)) {
         act(self.host.as_mut().expect("the drive is on a network"));
         self.pass();
     }
 
-    /// Drives pins anew that have become inputs: in QEMU such a pin keeps the level that it had as an output, and
-    /// ignores what it was driven to before. Returns whether there was any.
+    /// Drives pins again that have become inputs. In QEMU such a pin keeps the level that it had as an
+    /// output, and ignores an earlier input level. Returns true if there was such a pin.
     fn drive_again(&mut self) -> bool {
         let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
         let floats = self.machine.levels(&gpios).into_iter().map(|level| level == Level::Float);
@@ -230,7 +230,7 @@ impl Replay {
         !again.is_empty()
     }
 
-    /// Runs the board and the connected host, until neither has more to do.
+    /// Runs the board and the connected host until both are idle.
     fn run(&mut self) {
         loop {
             let before = self.now;
@@ -245,7 +245,7 @@ impl Replay {
         }
     }
 
-    /// Takes the bytes that the board has sent. Returns whether frames come back.
+    /// Passes on the bytes that the board has sent. Returns true if the host answers with frames.
     fn pass(&mut self) -> bool {
         let said = self.machine.said();
         let Some(host) = &mut self.host else {
@@ -267,18 +267,18 @@ impl Replay {
         self.now = self.origin + Duration::from_ticks(cycles * TICKS_PER_US / CYCLES_PER_US);
     }
 
-    /// Place of the stop in the trace, for messages.
+    /// The present position in the trace, for messages.
     fn here(&self) -> String {
         self.places.at(self.now)
     }
 
     /// Allowed lateness of the board at `at`.
     fn patience(&self, at: Instant) -> Duration {
-        // At power-on.
+        // The outputs of power-on have the time of the start-up.
         if at == self.origin { self.patience.boot } else { self.patience.at(&self.expected, at) }
     }
 
-    /// Checks and counts the lateness of an output that was due at `at` and comes now.
+    /// Checks and records the lateness of an output that was due at `at` and appears now.
     fn late(&mut self, at: Instant, what: &str) {
         let late = self.now.since(at);
         let patience = self.patience(at);
@@ -287,8 +287,7 @@ impl Replay {
         *worst = late.max(*worst);
     }
 
-    /// Looks at everything that the board shows and compares it with what it should show. The board has
-    /// run since `from`.
+    /// Compares everything that the board shows with the expectations. The board has run since `from`.
     fn look(&mut self, from: Instant) {
         self.check_levels();
         if self.expected.has_steps {
@@ -296,7 +295,7 @@ impl Replay {
         }
     }
 
-    /// Compares pins.
+    /// Compares the levels of pins.
     fn check_levels(&mut self) {
         let after = earlier(self.now, self.patience(self.now));
         let gpios: Vec<Gpio> = self.wires.iter().map(|(_, _, gpio)| *gpio).collect();
@@ -318,7 +317,7 @@ impl Replay {
                 let Reply { at, earliest, bytes, .. } = self.replies[next].clone();
                 assert!(earliest < self.now, "{}: it is early: {}", self.here(), said.escape_ascii());
                 self.late(at, "a reply");
-                // The UART of QEMU does not pace bytes: all of them leave at once.
+                // The UART of QEMU does not pace bytes: it sends all of them at once.
                 let reply: Vec<u8> = said.drain(..bytes.len().min(said.len())).collect();
                 let [reply, bytes] = [reply, bytes].map(|bytes| bytes.escape_ascii().to_string());
                 assert_eq!(reply, bytes, "{}: the reply", self.places.at(at));
@@ -327,9 +326,9 @@ impl Replay {
         }
     }
 
-    /// Counts the pulses since `from`, and compares their direction and the position.
+    /// Counts the pulses since `from`, and compares their directions and the position.
     fn count(&mut self, from: Instant) {
-        // A pin that is driven and released shows that as a change, too.
+        // A pin that is driven or released also shows changes that are no steps.
         let given = |pin| self.expected.is_given(pin, earlier(from, PLANNING), self.now);
         let is_given = self.expected.shared_step().is_some_and(given);
         for (output, high) in self.machine.changes() {
@@ -351,7 +350,7 @@ impl Replay {
         assert!(right, "{}: {} steps, of which {slipped} slipped", self.here(), self.made);
     }
 
-    /// Compares the settings of UART0 with the line at `at` (12.6 of the datasheet).
+    /// Compares the settings of UART0 with the line settings at `at` (12.6 of the datasheet).
     fn check_line(&mut self, at: Instant) {
         const UART0: u32 = 0x4000_C000;
         let memory = self.machine.memory();
@@ -367,11 +366,11 @@ impl Replay {
             Parity::Even => 0b110,
         };
         let expected = parity | u32::from(stop == 2) << 3 | u32::from(data - 5) << 5;
-        // The board may use the FIFOs or not.
+        // The board may use the FIFOs or not, so their bit is ignored.
         assert_eq!(shape & !(1 << 4), expected, "{}: the shape of a character", self.here());
     }
 
-    /// Checks that hold at the end.
+    /// Compares the state at the end of the trace.
     fn finish(&mut self, end: Instant) {
         assert!(self.replies.is_empty(), "{}: {} replies are missing", self.here(), self.replies.len());
         let memory = self.machine.memory().bytes(self.saved + 8, self.expected.memory.len());

@@ -1,9 +1,9 @@
-//! Depth of the stack.
+//! Depth of the stack, measured by painting its memory.
 
 use crate::image::Image;
 use crate::machine::Machine;
 
-/// The memory below the stack, painted before the start.
+/// The memory of the stack, painted before the start.
 pub(crate) struct Stack {
     begin: u32,
     end: u32,
@@ -11,20 +11,20 @@ pub(crate) struct Stack {
 
 impl Stack {
     const PAINT: u8 = 0xA5;
-    /// Bytes that must stay free: for an interrupt that might come at the deepest place.
+    /// Bytes that must stay free for an interrupt at the deepest point.
     const SPARE: u32 = 256;
 
-    /// Paints it, before the board starts.
+    /// Paints the memory before the board starts.
     pub(crate) fn paint(machine: &mut Machine, image: &Image) -> Self {
         let (begin, end) = (image.symbol("_stack_end"), image.symbol("_stack_start"));
         machine.memory().put(begin, &vec![Self::PAINT; (end - begin) as usize]);
         Self { begin, end }
     }
 
-    /// Bytes of the stack that were ever used.
+    /// Number of bytes of the stack that were used.
     ///
     /// # Panics
-    /// If hardly any are left.
+    /// If fewer than [`SPARE`](Self::SPARE) bytes are unused.
     pub(crate) fn used(&self, machine: &mut Machine) -> u32 {
         let painted = machine.memory().bytes(self.begin, (self.end - self.begin) as usize);
         let untouched = painted.iter().take_while(|byte| **byte == Self::PAINT).count() as u32;

@@ -4,7 +4,8 @@ use drivetwin_protocol::time::{Duration, Span};
 
 use crate::rig::{Rig, TICK};
 
-/// 02: bits 3:0 polarity (1 = high-low), 7:4 enable. Each input captures at its own edge, and at no other.
+/// Register 02: bits 3:0 select the edge (1 = falling), bits 7:4 enable. Each input captures only at its
+/// selected edge.
 #[test]
 fn each_input_captures_at_its_edge() {
     for (kind, inputs) in [("qsb-d", 1), ("qsb-m", 4)] {
@@ -31,7 +32,7 @@ fn each_input_captures_at_its_edge() {
     }
 }
 
-/// An input that is not enabled does not, nor does an output (QSB-24).
+/// An input that is not enabled does not capture, and an output does not either (QSB-24).
 #[test]
 fn what_does_not_capture() {
     for config in ["W0200F", "W02EEE", "W021FF"] {
@@ -46,12 +47,12 @@ fn what_does_not_capture() {
     }
 }
 
-/// Four inputs, each with its own polarity, into the one register.
+/// Four inputs, each with its own edge, share the one register.
 #[test]
 fn all_inputs_at_once() {
     let mut rig = Rig::ready("qsb-m");
     rig.write("W0343");
-    // All enabled; 0 and 2 falling, 1 and 3 rising.
+    // All inputs are enabled: 0 and 2 at the falling edge, 1 and 3 at the rising edge.
     rig.write("W020F5");
     for (count, pin, high, captured) in [
         (1, "DIO0", false, 1),
@@ -69,7 +70,7 @@ fn all_inputs_at_once() {
     }
 }
 
-/// QSB-24: CNTR, in every MODE.
+/// QSB-24: inputs capture CNTR in every MODE.
 #[test]
 fn inputs_capture_in_every_mode() {
     for mode in ["W000", "W001", "W002"] {
@@ -83,7 +84,7 @@ fn inputs_capture_in_every_mode() {
     }
 }
 
-/// Step pulses of the own motor do not, at either edge (QSB-24).
+/// Step pulses of the drive's own motor do not capture, at either edge (QSB-24).
 #[test]
 fn steps_of_the_motor_do_not_capture() {
     for config in ["W02060", "W02066"] {
@@ -98,7 +99,7 @@ fn steps_of_the_motor_do_not_capture() {
     }
 }
 
-/// Example 5.2: on the index, whose function is disabled as the factory sets it (QSB-19).
+/// Example 5.2: the index captures, although its function is disabled by factory default (QSB-19).
 #[test]
 fn the_index_captures() {
     let mut rig = Rig::ready("qsb-s");
@@ -115,7 +116,7 @@ fn the_index_captures() {
     rig.says(&[("R05", "r 05 000000C8 !"), ("R0E", "r 0E 000000CC !")]);
 }
 
-/// QSB-19: before the same index resets or loads.
+/// QSB-19: the capture precedes the reset or load by the same index.
 #[test]
 fn the_index_captures_before_it_resets() {
     for (function, left) in [("W0363", 0), ("W0353", 0x1F3), ("W0373", 100)] {
@@ -141,12 +142,12 @@ fn captures_are_streamed() {
         rig.high("DIO0");
         assert_eq!(rig.texts(10.millis()), [format!("s 05 {count:08X} !")]);
     }
-    // The same value again is no change.
+    // Capturing the same value again is not a change.
     rig.low("DIO0");
     assert_eq!(rig.texts(10.millis()), [""; 0]);
 }
 
-/// A QSB whose DIO0 is an output, high, with trigger pulses enabled, and these settings.
+/// A QSB with DIO0 as a high output, trigger pulses enabled, and these settings.
 fn triggered(script: &[&str]) -> Rig {
     let mut rig = Rig::ready("qsb-m");
     rig.write("W0343");
@@ -158,7 +159,7 @@ fn triggered(script: &[&str]) -> Rig {
     rig
 }
 
-/// Returns whether DIO0 is high, from outside and as register 01 reads it.
+/// Returns true if DIO0 is high, and asserts that register 01 shows the same.
 #[track_caller]
 fn dio0(rig: &mut Rig) -> bool {
     let high = rig.is_high("DIO0");
@@ -167,7 +168,8 @@ fn dio0(rig: &mut Rig) -> bool {
     high
 }
 
-/// A pulse of 8 ticks, away from the present state and back: by INTERVAL RATE, 02 bit 12 and the flag.
+/// Asserts a pulse of 8 ticks: the output leaves the level `rest` and returns. The pulse depends on INTERVAL
+/// RATE, bit 12 of 02 and the event's flag.
 #[track_caller]
 fn assert_pulses(rig: &mut Rig, rest: bool) {
     assert_eq!(dio0(rig), !rest, "it begins");
@@ -187,7 +189,7 @@ fn a_match_makes_a_pulse() {
         assert_eq!(dio0(&mut rig), rest);
         rig.turn(1);
         assert_pulses(&mut rig, rest);
-        // Never downward (QSB-17).
+        // No pulse while counting down (QSB-17).
         rig.turn(5);
         rig.turn(-5);
         assert_eq!(dio0(&mut rig), rest);
@@ -211,7 +213,7 @@ fn the_index_an_overflow_and_an_underflow_make_pulses() {
     assert_pulses(&mut rig, true);
 }
 
-/// Without bit 12 of 02, without the flag, or on an input: none (QSB-25).
+/// No pulse without bit 12 of 02, without the flag, or if DIO0 is an input (QSB-25).
 #[test]
 fn what_makes_no_pulse() {
     for script in [["W02100", "W04020"], ["W021100", "W040D0"], ["W021000", "W04020"]] {
@@ -224,7 +226,7 @@ fn what_makes_no_pulse() {
     }
 }
 
-/// INTERVAL RATE 0 "only toggles the digital output", once per event.
+/// INTERVAL RATE 0 "only toggles the digital output", once for each event.
 #[test]
 fn interval_0_toggles() {
     let mut rig = triggered(&["W04020", "W0C0", "W08A"]);
@@ -239,7 +241,7 @@ fn interval_0_toggles() {
     }
 }
 
-/// A wrap is two events, since CY comes at the count before it and at its own (QSB-25).
+/// A wrap is two events, because CY is set at the count before the wrap and at the wrap (QSB-25).
 #[test]
 fn a_wrap_toggles_twice() {
     let mut rig = triggered(&["W04080", "W0C0", "W08FFFFFFFE", "W0A0"]);
@@ -249,7 +251,7 @@ fn a_wrap_toggles_twice() {
     }
 }
 
-/// A new event restarts the pulse.
+/// A new event during a pulse restarts the pulse.
 #[test]
 fn an_event_in_a_pulse_restarts_it() {
     let mut rig = triggered(&["W04020", "W0C8", "W08A"]);
@@ -264,7 +266,7 @@ fn an_event_in_a_pulse_restarts_it() {
     assert!(dio0(&mut rig));
 }
 
-/// FFFF is 65,535 ticks here: 128 s.
+/// INTERVAL RATE FFFF is a pulse of 65,535 ticks: 128 s.
 #[test]
 fn the_longest_pulse() {
     let mut rig = triggered(&["W04020", "W08A"]);
@@ -275,11 +277,11 @@ fn the_longest_pulse() {
     assert!(dio0(&mut rig));
 }
 
-/// A pulse of a tick, while edges go on at 1 MHz.
+/// A pulse of one tick, while edges continue at 1 MHz.
 #[test]
 fn pulses_while_it_turns() {
     let mut rig = triggered(&["W04020", "W0C1", "W08A", "W0347"]);
-    // 0x47 is single-cycle, x4: each count is passed once.
+    // 0x47 is single-cycle in x4, so each count is passed once.
     rig.turn(9);
     assert!(dio0(&mut rig));
     rig.turn(1_000);

@@ -1,4 +1,4 @@
-//! Counting against the slow model: at 1 MHz in every mode, and at random.
+//! Counting compared with the slow model: at 1 MHz in every mode, and with random events.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{PinStimulus, Setup};
@@ -52,7 +52,7 @@ impl Pair {
         self.slow.load();
     }
 
-    /// Loads CNTR, and leaves DTR at another value.
+    /// Loads `cntr` into CNTR, then sets DTR to `dtr`.
     fn preset(&mut self, cntr: u32, dtr: u32) {
         self.dtr(cntr);
         self.load();
@@ -88,7 +88,7 @@ impl Pair {
         self.set("I", high);
     }
 
-    /// Everything that the bus shows of the counter.
+    /// Asserts that every register of the counter is as in the model.
     #[track_caller]
     fn assert_same(&mut self, when: &str) {
         let (str, sure) = self.slow.str();
@@ -117,11 +117,11 @@ fn a_second_at_1_mhz() {
     pair.rig.says(&[("R0E", "r 0E 000F4240 !"), ("R06", "r 06 0000002A !")]);
     pair.rig.says(&[("W093", "w 09 00000003 !")]);
     pair.rig.turn(-1_000_001);
-    // Borrow and sign; down.
+    // Borrow, sign, and direction down.
     pair.rig.says(&[("R0E", "r 0E FFFFFFFF !"), ("R06", "r 06 00000049 !")]);
 }
 
-/// 1 MHz in every quadrature and count mode, up and down: forward, back and reversals across both limits.
+/// 1 MHz in every quadrature and count mode, in both directions, with reversals across both limits.
 #[test]
 fn every_mode_at_1_mhz() {
     for mode in 0..16 {
@@ -135,7 +135,7 @@ fn every_mode_at_1_mhz() {
                 for edges in [40, -83, 2_001, -3_000, 1, -1, 2, -2, 3, -3, 997] {
                     pair.turn(edges);
                     pair.assert_same(&format!("mode {mode:X} after {edges} from {cntr:X}, {dtr:X}"));
-                    // Single-cycle stops; go on.
+                    // Single-cycle mode stops the counter. A load starts it again.
                     if !pair.slow.counts() {
                         pair.load();
                     }
@@ -145,13 +145,14 @@ fn every_mode_at_1_mhz() {
     }
 }
 
-/// An event of the counter.
+/// A random event.
 #[derive(Clone, Debug)]
 enum Op {
     A,
     B,
     I(bool),
-    /// The index becomes active at the very instant of an edge of A, or of B; either is done first.
+    /// The index becomes active at the same instant as an edge of A or of B. With `first` the index is set
+    /// first.
     Together {
         a: bool,
         first: bool,
@@ -160,7 +161,7 @@ enum Op {
     Mdr0(u8),
     Mdr1(u16),
     Dtr(u32),
-    /// DTR at that distance from CNTR.
+    /// Sets DTR to CNTR plus this number.
     Near(i32),
     Clear(u8),
     Load,
@@ -225,7 +226,7 @@ impl Pair {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// After any events all registers on the bus are as in the model.
+    /// After any events every register on the bus is as in the model.
     #[test]
     fn random_edges_and_writes(ops in prop::collection::vec(op(), 1..60)) {
         let mut pair = Pair::new();

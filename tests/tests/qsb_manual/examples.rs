@@ -5,8 +5,9 @@ use drivetwin_protocol::time::Span;
 
 use crate::rig::{KINDS, Rig};
 
-/// The examples of the command list that every variant has, in its order. Three are printed with the
-/// letter O for a zero (ROB, SOE), or with a register that its own text corrects (W0A1).
+/// The examples of the command list that every variant has, in its order. Three are corrected: two are
+/// printed with the letter O for a zero (ROB, SOE), and one with another register than its own text names
+/// (W0A1).
 const LIST: [(&str, &str); 15] = [
     ("W0001", "w 00 00000001 !"),
     ("W0363", "w 03 00000063 !"),
@@ -25,10 +26,10 @@ const LIST: [(&str, &str); 15] = [
     ("W1660A", "w 16 0000060A !"),
 ];
 
-/// Examples of registers 01 and 02, of -D and -M.
+/// Examples of registers 01 and 02, for the -D and the -M.
 const PORT: [(&str, &str); 2] = [("S01", "s 01 0000000F !"), ("W02F00", "w 02 00000F00 !")];
 
-/// Examples of registers 0F to 13, of -M.
+/// Examples of registers 0F to 13, for the -M.
 const MOTOR: [(&str, &str); 5] = [
     ("W0F3E8", "w 0F 000003E8 !"),
     ("W10186A0", "w 10 000186A0 !"),
@@ -37,7 +38,7 @@ const MOTOR: [(&str, &str); 5] = [
     ("R13", "r 13 00000001 !"),
 ];
 
-/// The commands of the application examples that every variant has, by their numbers.
+/// The application examples that every variant has, with their numbers.
 const APPLICATION: [(&str, &str); 21] = [
     ("W0000", "w 00 00000000 !"),   // 1.1
     ("W04000", "w 04 00000000 !"),  // 1.2
@@ -48,7 +49,7 @@ const APPLICATION: [(&str, &str); 21] = [
     ("R0E", "r 0E 00000000 !"),     // 1.6
     ("W0002", "w 00 00000002 !"),   // 2.1
     ("W0001", "w 00 00000001 !"),   // 3.1
-    ("R0E", "r 0E 00000000 !"),     // 3.2, with no PWM encoder there
+    ("R0E", "r 0E 00000000 !"),     // 3.2, here without a PWM encoder
     ("R00", "r 00 00000001 !"),     // 3.3
     ("W0000", "w 00 00000000 !"),   // back to 1.1
     ("S0E", "s 0E 00000000 !"),     // 4.1
@@ -76,7 +77,7 @@ fn the_examples_of_the_command_list() {
     }
 }
 
-/// Register 14: five digits of the serial number, one of the product, two of the firmware, which is 0E
+/// Register 14: five digits of the serial number, one of the product, and two of the firmware, which is 0E
 /// (QSB-6).
 #[test]
 fn the_example_of_version() {
@@ -92,7 +93,7 @@ fn the_application_examples_that_all_have() {
     }
 }
 
-/// 5.1, 6.1 to 6.5 on the four lines of a -M.
+/// Examples 5.1 and 6.1 to 6.5 on the four pins of a -M.
 #[test]
 fn the_application_examples_of_the_digital_port() {
     Rig::ready("qsb-m").says(&[
@@ -104,7 +105,7 @@ fn the_application_examples_of_the_digital_port() {
         ("R01", "r 01 0000000A !"),
         ("S01", "s 01 0000000A !"), // 6.5
     ]);
-    // One line; the others read 1 (QSB-23).
+    // A -D has one pin. The other bits read 1 (QSB-23).
     Rig::ready("qsb-d").says(&[
         ("W02011", "w 02 00000011 !"),
         ("W02F00", "w 02 00000F00 !"),
@@ -121,7 +122,7 @@ fn the_application_examples_of_the_digital_port() {
     ]);
 }
 
-/// 8.1 to 8.4 and 7.1 to 7.4 on a -M; a jog and a move one after the other.
+/// Examples 8.1 to 8.4 and 7.1 to 7.4 on a -M: first a jog, then a move.
 #[test]
 fn the_application_examples_of_the_motor() {
     let mut rig = Rig::ready("qsb-m");
@@ -144,8 +145,8 @@ fn the_application_examples_of_the_motor() {
     rig.says(&[("W160", "w 16 00000000 !"), ("R13", "r 13 00000001 !")]); // 7.4
 }
 
-/// The commands of the motor on the others: registers are unsupported, COMMAND refuses the numbers
-/// (QSB-2).
+/// Motor commands on variants without a motor: their registers are unsupported, and COMMAND refuses their
+/// numbers (QSB-2).
 #[test]
 fn the_application_examples_of_the_motor_where_there_is_none() {
     for kind in ["qsb-d", "qsb-s"] {
@@ -164,7 +165,7 @@ fn the_application_examples_of_the_motor_where_there_is_none() {
     }
 }
 
-/// 9.1, and the same example at register 15.
+/// Example 9.1, and the same example at register 15.
 #[test]
 fn the_example_of_formatting() {
     for kind in KINDS {
@@ -175,7 +176,7 @@ fn the_example_of_formatting() {
     }
 }
 
-/// 11.1 works on our firmware, which is 0E: a preset while counting down is what was written.
+/// Example 11.1 works on our firmware, 0E: a preset while counting down reads back as it was written.
 #[test]
 fn the_example_of_a_preset_under_count_down() {
     let mut rig = Rig::ready("qsb-s");
@@ -185,7 +186,7 @@ fn the_example_of_a_preset_under_count_down() {
         ("W0812345678", "w 08 12345678 !"),
         ("W0A0", "w 0A 00000000 !"),
         ("R0E", "r 0E 12345678 !"),
-        // The procedure itself.
+        // The procedure of the example.
         ("W04000", "w 04 00000000 !"),
         ("W08000003E8", "w 08 000003E8 !"),
         ("W0A0", "w 0A 00000000 !"),

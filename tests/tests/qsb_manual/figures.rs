@@ -1,30 +1,30 @@
-//! Figures 8 to 11 of the data sheet clock by clock, the filter, the index, and examples 1.2 to 1.4.
+//! Figures 8 to 11 of the data sheet, clock by clock, the filter, the index, and examples 1.2 to 1.4.
 
 use drivetwin_protocol::time::Span;
 
 use crate::rig::Rig;
 
-/// "ff ≥ 4 fQA": with 24 MHz a channel may have 6 MHz, with B7 3 MHz; one edge each tick of the bench is 4
-/// MHz a channel.
+/// "ff ≥ 4 fQA": with 24 MHz a channel may have up to 6 MHz, with B7 up to 3 MHz. One edge at each tick of
+/// the bench is 4 MHz per channel.
 #[test]
 fn the_filter() {
     let mut rig = Rig::ready("qsb-s");
     rig.write("W0343");
     rig.turn_at(100_000, 16_000_000);
     rig.says(&[("R0E", "r 0E 000186A0 !")]);
-    // 2.67 MHz a channel.
+    // 2.67 MHz per channel.
     let mut rig = Rig::ready("qsb-s");
     rig.write("W03C3");
     rig.turn_at(100_000, 10_666_667);
     rig.says(&[("R0E", "r 0E 000186A0 !")]);
-    // 4 MHz is lost, but for the last edges.
+    // 4 MHz is too fast. Only the last edges may count.
     rig.write("W092");
     rig.turn_at(100_000, 16_000_000);
     let left = rig.read("0E").cast_signed();
     assert!(left.abs() <= 4, "{left} of 100,000 edges are counted");
 }
 
-/// Non-quadrature is not filtered: a clock a tick long counts.
+/// Non-quadrature inputs have no filter: a clock pulse of one tick counts.
 #[test]
 fn no_filter_in_non_quadrature() {
     let mut rig = Rig::ready("qsb-s");
@@ -32,11 +32,11 @@ fn no_filter_in_non_quadrature() {
     let a = rig.pin("A");
     rig.bench.pulse(rig.seat, a, 1_000, 8e6).expect("nothing runs there");
     rig.after(1.millis());
-    // B is high: up.
+    // B is high, so the counter counts up.
     rig.says(&[("R0E", "r 0E 000003E8 !"), ("R06", "r 06 0000002A !")]);
 }
 
-/// Figure 9 (32 bits): FFFFFFFC up to 0 with CY; DOWN is not counted until a load.
+/// Figure 9 (32 bits): counts from FFFFFFFC up to 0, with CY. DOWN does not count until a load.
 #[test]
 fn figure_9_single_cycle() {
     let mut rig = Rig::ready("qsb-s");
@@ -54,7 +54,7 @@ fn figure_9_single_cycle() {
         read
     };
     assert_eq!(clock(2, true), (0xFFFF_FFFE, 0x0A));
-    // CY at the count that ends there, and at the one that leaves.
+    // CY is set at the count that reaches the limit and at the count that leaves it.
     assert_eq!(clock(1, true), (0xFFFF_FFFF, 0x8A));
     assert_eq!(clock(1, true), (0, 0x82));
     assert_eq!(clock(5, true), (0, 0x02));
@@ -71,12 +71,12 @@ fn figure_9_single_cycle() {
     assert_eq!(clock(1), (0, 0x49));
     assert_eq!(clock(1), (0xFFFF_FFFF, 0x41));
     assert_eq!(clock(3), (0xFFFF_FFFF, 0x41));
-    // Neither CLR STR nor a write of the same mode starts it again; CLR CNTR does.
+    // CLR STR or a write of the same mode does not enable counting again. CLR CNTR does.
     rig.says(&[("W093", "w 09 00000003 !"), ("W0304", "w 03 00000004 !"), ("R06", "r 06 00000000 !")]);
     rig.says(&[("W092", "w 09 00000002 !"), ("R06", "r 06 00000008 !")]);
 }
 
-/// "Re-enabled with reset or load"; leaving the mode does, too (QSB-18).
+/// "Re-enabled with reset or load". Leaving the mode enables counting, too (QSB-18).
 #[test]
 fn what_ends_the_stop_of_single_cycle() {
     for (commands, enabled) in [
@@ -91,7 +91,7 @@ fn what_ends_the_stop_of_single_cycle() {
         (&["W034B"], true),
         (&["W034F"], true),
         (&["W090"], true),
-        // And back: it counts.
+        // After the mode is left and set again, the counter counts.
         (&["W0343", "W0347"], true),
     ] {
         let mut rig = Rig::ready("qsb-s");
@@ -106,7 +106,7 @@ fn what_ends_the_stop_of_single_cycle() {
         rig.turn(4);
         assert_eq!(rig.read("0E") != before, enabled, "{commands:?}");
     }
-    // By index: load, and reset.
+    // An index that loads or resets enables counting.
     for mode in ["W0317", "W0327"] {
         let mut rig = Rig::ready("qsb-s");
         rig.write(mode);
@@ -117,7 +117,7 @@ fn what_ends_the_stop_of_single_cycle() {
     }
 }
 
-/// Each clock of Figures 10 and 11 with DTR = 3: CNTR and the flag that it sets.
+/// Each clock of Figures 10 and 11 with DTR = 3: the direction, CNTR, and the flag that is set.
 #[test]
 fn figures_10_and_11() {
     const CMP: u32 = 0x20;
@@ -163,7 +163,8 @@ fn figures_10_and_11() {
     }
 }
 
-/// Figure 8: free-running with DTR = 1; CY about the wrap, CMP at 1, BW about the wrap.
+/// Figure 8: free-running with DTR = 1. CY is set next to the upward wrap, CMP at 1, BW next to the downward
+/// wrap.
 #[test]
 fn figure_8_free_running() {
     let mut rig = Rig::ready("qsb-s");
@@ -182,7 +183,7 @@ fn figure_8_free_running() {
     }
 }
 
-/// S: set with BW, cleared with CY; load and reset leave it (QSB-17).
+/// S is set with BW and cleared with CY. Load and reset do not change it (QSB-17).
 #[test]
 fn the_sign() {
     let mut rig = Rig::ready("qsb-s");
@@ -202,19 +203,19 @@ fn the_sign() {
     assert_eq!(rig.read("06"), 0xCA);
 }
 
-/// Example 1.3: synchronous, reset on index. With A and B unlike the index waits for them.
+/// Example 1.3: a synchronous index that resets. The index takes effect only while A and B are equal.
 #[test]
 fn reset_on_a_synchronous_index() {
     let mut rig = Rig::ready("qsb-s");
     rig.write("W0363");
     rig.turn(101);
-    // A low, B high.
+    // A is low and B is high.
     rig.high("I");
     rig.says(&[("R0E", "r 0E 00000065 !"), ("R06", "r 06 0000000A !")]);
-    // Both low: the edge counts, then the index resets.
+    // A and B are both low: the edge counts, then the index resets.
     rig.turn(1);
     rig.says(&[("R0E", "r 0E 00000000 !"), ("R06", "r 06 0000001A !")]);
-    // Once; the next time when they are alike again.
+    // The index resets only once. Its next reset is when A and B are equal again.
     rig.turn(1);
     rig.says(&[("R0E", "r 0E 00000001 !")]);
     rig.turn(1);
@@ -224,7 +225,7 @@ fn reset_on_a_synchronous_index() {
     rig.says(&[("R0E", "r 0E 00000005 !")]);
 }
 
-/// Asynchronous, and in spite of B6 where it is not quadrature (register 03).
+/// An index is asynchronous without B6, and also with B6 if the mode is non-quadrature (register 03).
 #[test]
 fn an_asynchronous_index() {
     for mode in ["W0313", "W0350"] {
@@ -240,7 +241,7 @@ fn an_asynchronous_index() {
     }
 }
 
-/// Bit 3 of 04: active low.
+/// Bit 3 of 04: the index is active low.
 #[test]
 fn an_inverted_index() {
     let mut rig = Rig::ready("qsb-s");
@@ -252,7 +253,7 @@ fn an_inverted_index() {
     rig.says(&[("R0E", "r 0E 00000000 !"), ("R06", "r 06 0000001A !")]);
 }
 
-/// 1.2: the direction is of quadrature only.
+/// Example 1.2: the direction bit applies only to quadrature.
 #[test]
 fn count_down() {
     let mut rig = Rig::ready("qsb-s");
@@ -263,11 +264,11 @@ fn count_down() {
     rig.says(&[("R0E", "r 0E 00000008 !"), ("W0340", "w 03 00000040 !")]);
     rig.low("A");
     rig.high("A");
-    // B is high: up.
+    // B is high, so the counter counts up.
     rig.says(&[("R0E", "r 0E 00000009 !")]);
 }
 
-/// 1.4: between 0 and DTR, the factory's setting.
+/// Example 1.4: counts between 0 and DTR, which has the factory's value.
 #[test]
 fn count_range() {
     let mut rig = Rig::ready("qsb-s");
@@ -278,7 +279,7 @@ fn count_range() {
     rig.says(&[("R0E", "r 0E 000001F2 !")]);
     rig.turn(-600);
     rig.says(&[("R0E", "r 0E 00000000 !")]);
-    // 34F is modulo-n, contrary to the example's title: 500 counts round.
+    // 34F is modulo-n, contrary to the example's title. It counts in cycles of 500.
     rig.write("W034F");
     rig.turn(1_250);
     rig.says(&[("R0E", "r 0E 000000FA !")]);

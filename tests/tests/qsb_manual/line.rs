@@ -5,7 +5,7 @@ use drivetwin_sim::line::LineMode;
 
 use crate::rig::{KINDS, Rig, START_UP, TICK};
 
-/// x of command A, the rate, and the reply to it.
+/// Each command A, its baud rate, and the reply to it.
 const RATES: [(&str, u32, &str); 8] = [
     ("W1600A", 9_600, "w 16 0000000A !"),
     ("W1610A", 19_200, "w 16 0000010A !"),
@@ -20,12 +20,12 @@ const RATES: [(&str, u32, &str); 8] = [
 /// Longer than 17 characters at 9,600 baud.
 const REPLY: Duration = Duration::millis(20);
 
-/// A start bit, eight of data, a stop bit; in 1/16 µs, to the nearest.
+/// Duration of a start bit, eight data bits and a stop bit, rounded to 1/16 µs.
 fn character(baud: u32) -> Duration {
     Duration::from_ticks((160_000_000 + u64::from(baud) / 2) / u64::from(baud))
 }
 
-/// 230,400 baud, 8N1: the first character of a reply begins when the CR has come.
+/// 230,400 baud, 8N1. The reply starts as soon as the CR is received.
 #[test]
 fn the_factory_rate() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);
@@ -38,7 +38,8 @@ fn the_factory_rate() {
     assert_eq!(heard[0].0.since(start), character(230_400) * 5);
 }
 
-/// Each rate: the reply comes at the old one, later characters at the new one, which a power cycle keeps.
+/// Each rate: the reply still has the old rate, later characters have the new one. A power cycle keeps the
+/// new rate.
 #[test]
 fn every_rate() {
     for kind in KINDS {
@@ -47,7 +48,7 @@ fn every_rate() {
             rig.after(10.millis());
             let start = rig.now();
             rig.send_at(230_400, &format!("{command}\r"));
-            // Command, reply and all but the end of a character after it.
+            // The command, the reply, and a part of a character more.
             rig.bench.run_until(start + character(230_400) * (7 + 15));
             let heard = rig.hear(Duration::ZERO);
             assert_eq!(heard.last().map(|line| line.1.as_str()), Some(reply), "at the old rate");
@@ -68,7 +69,7 @@ fn every_rate() {
     }
 }
 
-/// QSB-7: nothing else is saved by it, and earlier saved values stay.
+/// QSB-7: a change of the rate saves only the rate. Values that were saved before stay saved.
 #[test]
 fn only_the_rate_is_saved() {
     let mut rig = Rig::ready("qsb-m");
@@ -78,13 +79,13 @@ fn only_the_rate_is_saved() {
         rig.write(command);
     }
     rig.write("W1640A");
-    // The present values stay, too.
+    // The present values do not change either.
     rig.says(&[("R0B", "r 0B 00000007 !")]);
     rig.after(100.millis());
     rig.restart("qsb-m");
     assert_eq!(rig.bench.line(rig.bus).baud, 115_200);
     rig.says(&[("R0B", "r 0B 00000005 !"), ("R0C", "r 0C 0000FFFF !"), ("R02", "r 02 00000000 !")]);
-    // And a save of the parameters leaves the rate.
+    // A save of the parameters does not change the rate.
     rig.write("W0B8");
     rig.save();
     rig.restart("qsb-m");
@@ -104,7 +105,8 @@ fn a_rate_that_does_not_exist() {
     }
 }
 
-/// At another rate characters cannot be read: their line is not understood, once its end can be read.
+/// The drive cannot read characters at another rate. It answers `x` to the line that contains them, once it
+/// can read the line's end.
 #[test]
 fn characters_at_another_rate() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);
@@ -115,33 +117,33 @@ fn characters_at_another_rate() {
     assert_eq!(rig.texts(REPLY).len(), 1);
     rig.send_at(230_400, "R08\r");
     assert_eq!(rig.texts(REPLY), ["r 08 000001F3 !"]);
-    // In the middle.
+    // One character at another rate, in the middle of a command.
     rig.send_at(230_400, "R0");
     rig.after(1.millis());
     rig.send_at(9_600, "8");
     rig.after(2.millis());
     rig.send_at(230_400, "8\r");
     assert_eq!(rig.texts(REPLY).iter().map(|text| &text[..1]).collect::<String>(), "x");
-    // A backspace clears it.
+    // A backspace removes the unreadable character.
     rig.send_at(9_600, "W");
     rig.after(2.millis());
     rig.send_at(230_400, "\u{8}R08\r");
     assert_eq!(rig.texts(REPLY), ["r 08 000001F3 !"]);
 }
 
-/// QSB-6: a reply that is on the line before a reset by DTR leaves completely.
+/// QSB-6: a reset by DTR does not cut off replies that the drive has begun to send.
 #[test]
 fn a_reset_cuts_no_answer() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);
     rig.send("R08\rR0B\r");
-    // The first answer has begun.
+    // The drive is sending the first answer.
     rig.after(character(230_400) * 11);
     rig.bench.attach(rig.bus, true);
     assert_eq!(rig.texts(START_UP * 2), ["r 08 000001F3 !", "r 0B 00000000 !", "QSB-D  0E!"]);
 }
 
-/// A stream on a real line: each tick a record, for a second; commands typed in that time are received, as the line
-/// is full duplex.
+/// A stream with a record per tick for a second, on a line with character times. The line is full duplex, so
+/// the drive receives commands in that time.
 #[test]
 fn both_ways_at_once() {
     let mut rig = Rig::ready_on("qsb-m", LineMode::Timed);

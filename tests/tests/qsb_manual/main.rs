@@ -1,9 +1,9 @@
 //! The QSB Command List 1.28 and the QSB Application Examples 1.5 as a test: each example command, each
-//! register and each limit, over the port and the pins, as a host program sees them. What counts is held
-//! against a slow model of the LS7366R's data sheet.
+//! register and each limit, over the port and the pins, as a host program sees them. Counting is compared
+//! with a slow model of the LS7366R's data sheet.
 //!
-//! Where the manuals are silent or contradict themselves docs/decisions holds what the project has
-//! decided (`QSB-5`). Registers are named by their numbers, in hex.
+//! Where the manuals are silent or contradict themselves, docs/decisions has the project's decision
+//! (`QSB-5`). Registers are named by their numbers, in hex.
 #![allow(missing_docs, reason = "a test")]
 
 mod captures;

@@ -1,5 +1,5 @@
-//! The motor drive of the QSB-M on DIO1 (step) and DIO2 (direction). Times come from the arithmetic of
-//! constant acceleration; rates and accelerations are used in steps of 16 (QSB-27): 1,000 steps/s is
+//! The motor drive of the QSB-M on DIO1 (step) and DIO2 (direction). Times are computed from constant
+//! acceleration. Rates and accelerations are rounded down to multiples of 16 (QSB-27): 1,000 steps/s is
 //! 992.
 
 use drivetwin_firmware::device::Level;
@@ -26,7 +26,7 @@ fn active(settings: &[&str]) -> Rig {
     rig
 }
 
-/// Pulses on DIO1 so far, forward and back.
+/// Numbers of pulses on DIO1 so far, forward and backward.
 fn pulses(rig: &Rig) -> (usize, usize) {
     let forward = rig.bench.pulses(rig.seat.step()).filter(|pulse| pulse.forward).count();
     (forward, rig.bench.pulses(rig.seat.step()).count() - forward)
@@ -37,7 +37,7 @@ impl Rig {
         self.read("13")
     }
 
-    /// At a position, give or take the step that is due.
+    /// Asserts the position, with a tolerance of 2 steps.
     #[track_caller]
     fn assert_near(&self, position: i32) {
         let is = self.position();
@@ -45,7 +45,7 @@ impl Rig {
     }
 }
 
-/// Example 7.1: the pins are the motor's, low.
+/// Example 7.1: the motor drive takes the pins and sets them low.
 #[test]
 fn activation() {
     let mut rig = Rig::ready("qsb-m");
@@ -54,7 +54,7 @@ fn activation() {
     rig.write("W162");
     assert_eq!((rig.status(), rig.read("01")), (READY, 0b1001));
     assert_eq!((rig.level("DIO1"), rig.level("DIO2")), (Level::Low, Level::Low));
-    // Again: nothing.
+    // A second activation has no effect.
     rig.write("W162");
     assert_eq!(rig.status(), READY);
     rig.write("W161");
@@ -76,7 +76,7 @@ fn a_move() {
         rig.assert_near(987 * sign);
         assert!((rig.speed() - f64::from(992 * sign)).abs() < 1.0, "{}", rig.speed());
         assert_eq!(rig.status(), MOVING);
-        // Pulses are too short to see.
+        // The step pulses are too short to be seen here.
         assert_eq!(rig.read("01"), 0b1001 | direction);
         rig.after(1_020.millis());
         assert_eq!(rig.status(), MOVING);
@@ -85,14 +85,14 @@ fn a_move() {
         assert_eq!((rig.position(), rig.speed()), (2_000 * sign, 0.0));
         let made = if sign > 0 { (2_000, 0) } else { (0, 2_000) };
         assert_eq!(pulses(&rig), made);
-        // Once more, from there.
+        // A second move starts at the position of the first.
         rig.write("W168");
         rig.after(3.secs());
         assert_eq!(rig.position(), 4_000 * sign);
     }
 }
 
-/// The slowest and the fastest: 32/s, and 12,992/s of 13,000.
+/// The lowest and the highest rate: 32/s, and 12,992/s for 13,000.
 #[test]
 fn limits_of_rates() {
     let mut rig = active(&["W0F20", "W1057E40", "W1140"]);
@@ -112,7 +112,7 @@ fn limits_of_rates() {
     assert_eq!(pulses(&rig), (65_000, 0));
 }
 
-/// Acceleration 64/s²: too short a move never comes to its rate. 256 steps take 2 × sqrt(256 / 64) = 4 s.
+/// Acceleration 64/s²: a short move never reaches its rate. 256 steps take 2 × sqrt(256 / 64) = 4 s.
 #[test]
 fn a_triangle() {
     let mut rig = active(&["W0F32C8", "W1040", "W11100"]);
@@ -126,7 +126,7 @@ fn a_triangle() {
     assert_eq!((rig.position(), rig.status()), (256, READY));
 }
 
-/// Command 4 ramps, command 5 stops at once. 992/s with 992/s²: a second of ramp, 496 steps.
+/// Command 4 ramps down, command 5 stops at once. 992/s with 992/s² is a ramp of 1 s and 496 steps.
 #[test]
 fn stop_and_quit() {
     let mut rig = active(&["W0F3E8", "W103E8", "W112710"]);
@@ -150,14 +150,14 @@ fn stop_and_quit() {
     rig.assert_near(496 + 992);
     rig.after(1.secs());
     assert_eq!(rig.position(), stands);
-    // The rest is dropped.
+    // The rest of the move is dropped.
     rig.says(&[("W167", "w 16 00000007 !")]);
     rig.after(1.secs());
     assert_eq!(rig.position(), stands);
 }
 
-/// Pause and resume, any number of times and at any point of the ramps: exactly the commanded steps (register 16,
-/// commands 6 and 7).
+/// A move that is paused and resumed any number of times, also in its ramps, makes exactly the commanded
+/// steps (register 16, commands 6 and 7).
 #[test]
 fn pause_and_resume_lose_no_step() {
     for (steps, total) in [("W11BB8", 3_000), ("W11FFFFF448", -3_000)] {
@@ -169,7 +169,7 @@ fn pause_and_resume_lose_no_step() {
                 rig.says(&[("W166", "w 16 00000006 !")]);
                 rig.after(1_100.millis());
                 if rig.status() != PAUSED {
-                    // It was over before.
+                    // The move was complete before the pause.
                     assert_eq!((rig.status(), rig.position()), (READY, total));
                     break;
                 }
@@ -187,7 +187,7 @@ fn pause_and_resume_lose_no_step() {
     }
 }
 
-/// Status 14 is for a motor at rest; a resume before it is at rest is carried out.
+/// Status 14 means paused and at rest. A resume while the motor still slows down takes effect.
 #[test]
 fn resume_while_it_slows_down() {
     let mut rig = active(&["W0F3E8", "W103E8", "W11BB8"]);
@@ -202,7 +202,7 @@ fn resume_while_it_slows_down() {
     assert_eq!(pulses(&rig), (3_000, 0));
 }
 
-/// A stop, or a quit, ends a paused move.
+/// A stop or a quit ends a paused move.
 #[test]
 fn a_paused_move_can_be_ended() {
     for command in ["W164", "W165"] {
@@ -221,7 +221,7 @@ fn a_paused_move_can_be_ended() {
     }
 }
 
-/// QSB-27: refused without the motor drive, and while something runs or is paused.
+/// QSB-27: moves and jogs are refused while the motor drive is inactive, and during another motion or pause.
 #[test]
 fn refused_commands() {
     let mut rig = Rig::ready("qsb-m");
@@ -247,14 +247,14 @@ fn refused_commands() {
     rig.after(500.millis());
     rig.says(&[("R13", "r 13 00000014 !"), ("W168", "e 16 00000008 !"), ("W167", "w 16 00000007 !")]);
     rig.after(5.secs());
-    // The refused ones did nothing.
+    // The refused commands had no effect.
     assert_eq!((rig.status(), rig.position()), (READY, 3_000));
     rig.write("W169");
     rig.after(500.millis());
     rig.says(&[("W168", "e 16 00000008 !"), ("R13", "r 13 00000018 !")]);
 }
 
-/// Example 7.2, both ways; a new rate holds from the next W169, which ramps to it.
+/// Example 7.2 in both directions. A new rate takes effect with the next W169, which ramps to it.
 #[test]
 fn a_jog() {
     for (jog, rate) in [("W123E8", 992.0), ("W12FFFFFC18", -992.0)] {
@@ -277,7 +277,7 @@ fn a_jog() {
     }
 }
 
-/// A jog is paused and resumed, too.
+/// A jog can be paused and resumed, too.
 #[test]
 fn a_paused_jog() {
     let mut rig = active(&["W10186A0", "W123E8"]);
@@ -292,7 +292,7 @@ fn a_paused_jog() {
     assert!((rig.speed() - 992.0).abs() < 1.0, "{}", rig.speed());
 }
 
-/// QSB-29: a jog below 16 does not move, and a move of no steps is done at once.
+/// QSB-29: a jog below 16 steps/s does not move, and a move of 0 steps is complete at once.
 #[test]
 fn nothing_to_do() {
     let mut rig = active(&["W12F"]);
@@ -305,7 +305,7 @@ fn nothing_to_do() {
     assert_eq!(pulses(&rig), (0, 0));
 }
 
-/// Speeds written on the way hold from the next command on.
+/// Rates written during a move take effect with the next command.
 #[test]
 fn writes_on_the_way() {
     let mut rig = active(&["W0F3E8", "W10186A0", "W117D0"]);
@@ -320,7 +320,7 @@ fn writes_on_the_way() {
     assert_eq!((rig.status(), rig.position()), (READY, 2_000));
 }
 
-/// Writes of the digital port must not disturb a move, and its other lines work on (QSB-26).
+/// Writes to the digital port do not disturb a move, and its other pins still work (QSB-26).
 #[test]
 fn the_port_during_a_move() {
     let mut rig = active(&["W0F3E8", "W10186A0", "W117D0"]);
@@ -337,7 +337,7 @@ fn the_port_during_a_move() {
     assert_eq!(pulses(&rig), (2_000, 0));
 }
 
-/// Command 0: "Motor is immediately stopped", the port is as saved, the streams are over.
+/// Command 0: "Motor is immediately stopped". The port returns to its saved state, and the streams end.
 #[test]
 fn command_0_on_the_way() {
     let mut rig = active(&["W0F3E8", "W10186A0", "W117D0"]);
@@ -349,20 +349,20 @@ fn command_0_on_the_way() {
     rig.assert_near(987);
     rig.after(2.secs());
     assert_eq!(rig.position(), stands);
-    // The pins are the port's again.
+    // The pins belong to the port again.
     rig.write("W02F00");
     rig.write("W019");
     assert!(!rig.is_high("DIO1") && !rig.is_high("DIO2"));
     rig.write("W016");
     assert!(rig.is_high("DIO1") && rig.is_high("DIO2"));
-    // And the motor's again.
+    // The pins belong to the motor drive again.
     rig.write("W162");
     rig.write("W168");
     rig.after(3.secs());
     assert_eq!((rig.status(), rig.position()), (READY, stands + 2_000));
 }
 
-/// A reset, or no power, in the middle of a move: the motor stops and the pins are released.
+/// A reset or a power failure during a move: the motor stops and the pins are released.
 #[test]
 fn reset_on_the_way() {
     for cut in [false, true] {
@@ -379,7 +379,7 @@ fn reset_on_the_way() {
         assert!(rig.is_high("DIO1") && rig.is_high("DIO2"));
         let made = pulses(&rig);
         assert!((986..=988).contains(&made.0) && made.1 == 0, "{made:?}");
-        // DTR does not turn the motor back (QSB-6).
+        // A reset by DTR does not change the position of the motor (QSB-6).
         assert!(cut || rig.position() == made.0 as i32, "at {}", rig.position());
         rig.after(2.secs());
         assert_eq!(pulses(&rig), made);

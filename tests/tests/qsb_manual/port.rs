@@ -8,7 +8,7 @@ use crate::rig::Rig;
 /// DIO3 to DIO0.
 const PINS: [&str; 4] = ["DIO3", "DIO2", "DIO1", "DIO0"];
 
-/// 6.1 and 6.3: all inputs, pulled up; each follows its pin.
+/// 6.1 and 6.3: as inputs all pins are pulled up. Register 01 reads their levels.
 #[test]
 fn inputs() {
     let mut rig = Rig::ready("qsb-m");
@@ -26,7 +26,7 @@ fn inputs() {
     assert_eq!(rig.read("01"), 0xF);
 }
 
-/// 6.2 and 6.4: open drain.
+/// 6.2 and 6.4: outputs are open drain.
 #[test]
 fn outputs() {
     let mut rig = Rig::ready("qsb-m");
@@ -40,7 +40,8 @@ fn outputs() {
     }
 }
 
-/// "A read returns the actual state measured": an output 1 can be pulled low, and 0 wins.
+/// "A read returns the actual state measured": an external low pulls down an output that is 1. An output that
+/// is 0 stays low.
 #[test]
 fn pins_are_read_not_latches() {
     let mut rig = Rig::ready("qsb-m");
@@ -68,26 +69,26 @@ fn a_write_of_the_configuration_releases_all_outputs_to_high() {
         assert_eq!(rig.read("01"), 0xF);
         assert!(PINS.iter().all(|pin| rig.is_high(pin)), "{config}");
     }
-    // Also what a refused write would have done: nothing.
+    // A refused write of the configuration does not release the outputs.
     rig.write("W02F00");
     rig.write("W016");
     rig.says(&[("W022000", "e 02 00002000 !"), ("R01", "r 01 00000006 !")]);
 }
 
-/// An input does not drive its pin.
+/// Inputs and outputs together. An input does not drive its pin.
 #[test]
 fn some_of_each() {
     let mut rig = Rig::ready("qsb-m");
     rig.write("W02500");
     rig.write("W010");
-    // DIO2 and DIO0 are outputs.
+    // DIO2 and DIO0 are outputs, DIO3 and DIO1 are inputs.
     assert_eq!(rig.read("01"), 0xA);
     rig.low("DIO3");
     assert_eq!(rig.read("01"), 0x2);
     assert!(rig.is_high("DIO1"));
 }
 
-/// -D has one line; the others read 1 (QSB-23).
+/// A QSB-D has only DIO0. The other bits read 1 (QSB-23).
 #[test]
 fn one_line() {
     let mut rig = Rig::ready("qsb-d");
@@ -109,7 +110,7 @@ fn streamed() {
     rig.low("DIO2");
     assert_eq!(rig.texts(1.secs()), [""; 0]);
     rig.says(&[("W02F00", "w 02 00000F00 !"), ("W01C", "w 01 0000000C !")]);
-    // DIO2 is still held low outside.
+    // The test still holds DIO2 low.
     assert_eq!(rig.texts(10.millis()), ["s 01 00000008 !"]);
     rig.says(&[("R01", "r 01 00000008 !"), ("W010", "w 01 00000000 !")]);
     assert_eq!(rig.texts(1.secs()), [""; 0]);

@@ -1,4 +1,4 @@
-//! Each register: its default, its limits, its variants and letters, and whether it is saved.
+//! Each register: default, limits, variants, letters, and whether it is saved.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Setup;
@@ -6,19 +6,19 @@ use drivetwin_sim::line::LineMode;
 
 use crate::rig::{KINDS, Rig};
 
-/// A register as the command list has it.
+/// A register as described in the command list.
 struct Register {
     number: u8,
     letters: &'static str,
-    /// Which variants have it.
+    /// Letters of the variants that have the register.
     on: &'static str,
     /// Value in a new QSB.
     default: u32,
-    /// Values that it takes, each with the value read then.
+    /// Legal values, each with the value that is then read back.
     takes: &'static [(u32, u32)],
-    /// Values beyond, each next to a limit where there is one.
+    /// Illegal values, including those next to each limit.
     refuses: &'static [u32],
-    /// `true` if command 3 saves it.
+    /// True if command 3 saves the register.
     saved: bool,
 }
 
@@ -31,15 +31,15 @@ const fn shown(number: u8, letters: &'static str, on: &'static str, default: u32
     Register { number, letters, on, default, takes: &[], refuses: &[], saved: false }
 }
 
-/// The table of factory defaults and the command list. VERSION's default is tested in examples.rs; the last
-/// value that a register takes is the one that is saved.
+/// The table of factory defaults and the command list. VERSION is tested in examples.rs. The last legal value
+/// of a register is the one that the tests save.
 const REGISTERS: [Register; 22] = [
-    // QSB-9: bits 1:0 = 3 is no mode; bits 2 to 4 of a write are ignored.
+    // QSB-9: 3 in bits 1:0 is not a mode, and bits 2 to 4 of a write are ignored.
     Register {
         refuses: &[0x03, 0x07, 0x0B, 0x0F, 0x13, 0x20, 0xFFFF_FFFF],
         ..plain(0x00, "DMS", 0x00, &[(0x12, 2), (0x10, 0), (0x0E, 2), (0x04, 0), (0x00, 0), (0x01, 1)])
     },
-    // Reads pins, which are inputs here, not the latches: QSB-23.
+    // A read returns the levels of the pins, which are inputs here, not the written bits (QSB-23).
     Register {
         letters: "RWS",
         refuses: &[0x10, 0xFFFF_FFFF],
@@ -50,7 +50,7 @@ const REGISTERS: [Register; 22] = [
         ..plain(0x02, "DM", 0, &[(0, 0), (0x1FFF, 0x1FFF), (0x0A5A, 0x0A5A)])
     },
     Register { refuses: &[0x100], ..plain(0x03, "DMS", 0x4F, &[(0, 0), (0xFF, 0xFF), (0xA5, 0xA5)]) },
-    // QSB-9: bits 1:0 read 0.
+    // QSB-9: bits 1:0 always read 0.
     Register {
         refuses: &[0x200],
         ..plain(0x04, "DMS", 0, &[(0, 0), (0x1FF, 0x1FC), (0x003, 0), (0x154, 0x154)])
@@ -75,7 +75,7 @@ const REGISTERS: [Register; 22] = [
         refuses: &[0x8000_0000],
         ..plain(0x11, "M", 0, &[(0x8000_0001, 0x8000_0001), (0x7FFF_FFFF, 0x7FFF_FFFF), (0x7D0, 0x7D0)])
     },
-    // Its range is printed as FFFFCD38 to 000032C8; with fewer than eight digits CD38 is +52,536.
+    // The manual prints its range as FFFFCD38 to 000032C8. With fewer than eight digits, CD38 is +52,536.
     Register {
         refuses: &[0xFFFF_CD37, 0x32C9, 0xCD38],
         ..plain(
@@ -87,7 +87,7 @@ const REGISTERS: [Register; 22] = [
     },
     shown(0x13, "RS", "M", 1),
     shown(0x14, "R", "DMS", 0),
-    // 15 and 16 are tested below and in replies.rs; those after them do not exist.
+    // 15 and 16 are tested below and in replies.rs. Higher registers do not exist.
     shown(0x17, "", "DMS", 0),
     shown(0x80, "", "DMS", 0),
     shown(0xFF, "", "DMS", 0),
@@ -103,7 +103,7 @@ impl Register {
         self.on.contains(letter(kind))
     }
 
-    /// The number as in commands.
+    /// Number of the register as in commands.
     fn name(&self) -> String {
         format!("{:02X}", self.number)
     }
@@ -127,7 +127,8 @@ fn factory_defaults() {
     }
 }
 
-/// QSB-2: a register that is not there, not on this variant or not for this letter is unsupported, with any data.
+/// QSB-2: `x` is the answer for a register that does not exist, is not on this variant or does not have this
+/// letter, with any data.
 #[test]
 fn letters() {
     for kind in KINDS {
@@ -154,7 +155,7 @@ fn letters() {
     }
 }
 
-/// The reply to a write is a copy of its data, also where the register reads otherwise.
+/// The reply to a write repeats its data, even if the register reads back differently.
 #[test]
 fn values_in_range() {
     for kind in KINDS {
@@ -170,7 +171,7 @@ fn values_in_range() {
     }
 }
 
-/// Refused with the data as sent, and nothing is written.
+/// The reply to a refused write repeats its data. Nothing is written.
 #[test]
 fn values_out_of_range() {
     for kind in KINDS {
@@ -189,7 +190,7 @@ fn values_out_of_range() {
     }
 }
 
-/// Data: "leading zeros are ignored", fewer than eight digits are positive, either case.
+/// Data: "leading zeros are ignored", fewer than eight digits are positive, upper and lower case are equal.
 #[test]
 fn data_of_one_to_eight_digits() {
     let mut rig = Rig::ready("qsb-m");
@@ -204,20 +205,20 @@ fn data_of_one_to_eight_digits() {
         ("R08", "r 08 FFFFFFFE !"),
         ("W0c0a", "w 0C 0000000A !"),
         ("R0c", "r 0C 0000000A !"),
-        // -1,000 takes eight digits.
+        // -1,000 needs eight digits.
         ("W12FFFFFC18", "w 12 FFFFFC18 !"),
         ("W12FFFFC18", "e 12 0FFFFC18 !"),
         ("R12", "r 12 FFFFFC18 !"),
     ]);
 }
 
-/// Register 16 by variant (printed beside it): 1, 3 and x0A; on -M 0 to 9, too.
+/// Register 16 takes 1, 3 and x0A on every variant, and 0 to 9 on the -M (as printed beside it).
 #[test]
 fn commands() {
     for kind in KINDS {
         for number in 0..=9 {
             let mut rig = Rig::ready(kind);
-            // Nothing to move: 8 and 9 are refused without the motor drive (QSB-27).
+            // 8 and 9 are refused while the motor drive is inactive (QSB-27).
             let taken = match number {
                 1 | 3 => true,
                 8 | 9 => false,
@@ -237,7 +238,7 @@ fn commands() {
     }
 }
 
-/// Values saved by command 3 come back; without it none does.
+/// Values that command 3 has saved are restored. Without command 3 no value is.
 #[test]
 fn saved_or_not() {
     for kind in KINDS {
@@ -257,7 +258,7 @@ fn saved_or_not() {
                 let name = register.name();
                 let Some((_, reads)) = register.takes.last() else { continue };
                 let expected = if save && register.saved { *reads } else { register.default };
-                // DIO3 and DIO1 are outputs by then, and high.
+                // DIO3 and DIO1 are outputs after the restart, and high.
                 assert_eq!(rig.read(&name), expected, "{kind}: {name}, saved: {save}");
             }
         }
@@ -287,7 +288,7 @@ fn registers_that_are_never_saved() {
     rig.assert_time_stamp(0);
 }
 
-/// CLEAR 0 and 1 clear to 0, which is not MDR0's factory value (QSB-9).
+/// CLEAR 0 and 1 set MDR0 and MDR1 to 0, which is not MDR0's factory value (QSB-9).
 #[test]
 fn clear_mdr0_and_mdr1() {
     let mut rig = Rig::ready("qsb-s");
@@ -301,7 +302,7 @@ fn clear_mdr0_and_mdr1() {
     ]);
 }
 
-/// CLEAR 2 and 3, LOAD 0 and 1; QSB-17: neither sets a flag.
+/// CLEAR 2 and 3, LOAD 0 and 1. None of them sets a flag (QSB-17).
 #[test]
 fn clear_and_load() {
     let mut rig = Rig::ready("qsb-s");
@@ -309,7 +310,7 @@ fn clear_and_load() {
     rig.turn(-5);
     rig.says(&[
         ("R0E", "r 0E FFFFFFFB !"),
-        // Borrow and sign; down.
+        // Borrow, sign, and direction down.
         ("R06", "r 06 00000049 !"),
         ("W092", "w 09 00000002 !"),
         ("R0E", "r 0E 00000000 !"),
@@ -323,11 +324,11 @@ fn clear_and_load() {
         ("R07", "r 07 000001F3 !"),
     ]);
     rig.turn(-1);
-    // A snapshot now, not the one of W0A1 (QSB-9).
+    // R07 takes a new snapshot and does not return the one of W0A1 (QSB-9).
     rig.says(&[("R07", "r 07 000001F2 !"), ("R0E", "r 0E 000001F2 !")]);
 }
 
-/// Register 0D: 512 Hz, only 1 clears it, and the phase stays (QSB-10).
+/// Register 0D counts at 512 Hz. Only the value 1 clears it, and clearing does not shift its ticks (QSB-10).
 #[test]
 fn time_stamp() {
     let mut rig = Rig::ready("qsb-s");
@@ -338,7 +339,7 @@ fn time_stamp() {
     rig.after(1.micros());
     rig.says(&[("W0D0", "w 0D 00000000 !"), ("W0D2", "w 0D 00000002 !"), ("W0DFFFFFFFF", "w 0D FFFFFFFF !")]);
     rig.assert_time_stamp(0);
-    // Cleared 30,000 of 31,250 parts after a tick.
+    // Clears the register 30,000 of 31,250 parts after a tick.
     rig.past_tick(30_000);
     let cleared = rig.number();
     rig.says(&[("W0D1", "w 0D 00000001 !"), ("R0D", "r 0D 00000000 !")]);
@@ -360,12 +361,12 @@ fn time_stamp_wraps() {
     let mut rig = Rig::ready("qsb-s");
     rig.after((98 * 86_400).secs());
     rig.past_tick(50);
-    // 98 days and a bit: 4,335,206,400 ticks and those of the bit.
+    // 98 days are 4,335,206,400 ticks. The test takes a few ticks more.
     let bit = rig.number() - 98 * 86_400 * 512;
     assert_eq!(u64::from(rig.read("0D")), 4_335_206_400 - 0x1_0000_0000 + bit);
 }
 
-/// 14: the serial number in five decimal digits.
+/// Register 14 has the serial number in five decimal digits.
 #[test]
 fn serial_numbers() {
     for (serial, reply) in [(12_345, "r 14 1234510E !"), (99_999, "r 14 9999910E !"), (0, "r 14 0000010E !")]
@@ -379,7 +380,7 @@ fn serial_numbers() {
     }
 }
 
-/// QSB-8: a preset made while it has power lasts until a reset, unless command 3 saves it.
+/// QSB-8: a preset of a powered drive lasts until a reset, unless command 3 saves it.
 #[test]
 fn presets_with_power() {
     for save in [false, true] {
@@ -398,8 +399,8 @@ fn presets_with_power() {
 }
 
 impl Rig {
-    /// Just after the next tick register 0D reads the ticks since power came, less those before it was
-    /// cleared.
+    /// Asserts just after the next tick that register 0D reads the ticks since power-on, less `cleared`, the
+    /// ticks before it was cleared.
     #[track_caller]
     pub(crate) fn assert_time_stamp(&mut self, cleared: u64) {
         self.past_tick(50);

@@ -6,8 +6,8 @@ use drivetwin_sim::line::LineMode;
 
 use crate::rig::{Rig, START_UP, TICK};
 
-/// Register 15: bit 0 LF, 1 CR, 2 time stamp, 3 spaces; CR is sent before LF. The reply to its own write
-/// is in the new format (QSB-5).
+/// Register 15: bit 0 is LF, 1 CR, 2 time stamp, 3 spaces. CR is sent before LF. The reply to a write of
+/// register 15 already has the new format (QSB-5).
 #[test]
 fn all_formats() {
     const FORMATS: [(&str, &str, &str); 16] = [
@@ -41,7 +41,7 @@ fn all_formats() {
     }
 }
 
-/// QSB-5.
+/// Error replies have the format of register 15, too (QSB-5).
 #[test]
 fn formats_apply_to_errors_too() {
     let mut rig = Rig::ready("qsb-d");
@@ -76,7 +76,7 @@ fn line_ends() {
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// QSB-2: a line that is not understood gets one `x`, with the register as typed if it is two hex digits.
+/// QSB-2: a line that is not understood gets one `x`, with the register as typed if that is two hex digits.
 #[test]
 fn lines_that_are_not_understood() {
     let mut rig = Rig::ready("qsb-m");
@@ -103,13 +103,13 @@ fn lines_that_are_not_understood() {
         ("W08000000001", "x 08 00000000 !"),
         ("Rff", "x FF 00000000 !"),
         ("Wab1", "x AB 00000000 !"),
-        // Nothing was written, nothing streams.
+        // Nothing was written, and no stream was started.
         ("R08", "r 08 000001F3 !"),
     ]);
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// Over 16 characters: one `x`, with any following characters.
+/// A line of more than 16 characters gets one `x`, however long it is.
 #[test]
 fn lines_that_are_too_long() {
     let mut rig = Rig::ready("qsb-m");
@@ -135,15 +135,15 @@ fn backspace() {
         ("W085\u{8}\u{8}R08", "r 08 000001F3 !"),
         ("\u{8}R08", "r 08 000001F3 !"),
         (&long, "r 0B 00000000 !"),
-        // DEL is another character.
+        // DEL is not a backspace.
         ("W0\u{7f}R08", "x 00 00000000 !"),
     ]);
-    // An empty line is left.
+    // After a backspace the line is empty.
     rig.send("W085\u{8}\r");
     assert_eq!(rig.texts(20.millis()), [""; 0]);
 }
 
-/// Each line of noise is one `x`; those of CR, LF and backspaces only are none.
+/// Each line of noise gets one `x`. Lines of only CR, LF and backspaces get none.
 #[test]
 fn noise() {
     let mut rig = Rig::ready("qsb-m");
@@ -152,7 +152,7 @@ fn noise() {
     for _ in 0..20_000 {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let byte = (state >> 24) as u8;
-        // Without these no line can be understood.
+        // A line without these letters is never understood.
         if matches!(byte, b'R' | b'W' | b'S') {
             continue;
         }
@@ -173,7 +173,7 @@ fn noise() {
     rig.says(&[("R08", "r 08 000001F3 !")]);
 }
 
-/// A command may come in pieces, with any time between them.
+/// A command may arrive in pieces, with any time between them.
 #[test]
 fn half_commands_wait() {
     let mut rig = Rig::ready("qsb-m");
@@ -184,7 +184,7 @@ fn half_commands_wait() {
     rig.says(&[("", "w 08 00000055 !")]);
 }
 
-/// QSB-6: the type, two spaces, firmware 0E, CR and LF, 50 ms after power.
+/// QSB-6: the banner is the type, two spaces, firmware 0E, CR and LF, 50 ms after power-on.
 #[test]
 fn banner() {
     for (kind, banner) in
@@ -209,7 +209,7 @@ fn banner_in_any_format() {
     assert_eq!(rig.raw(START_UP + TICK), "QSB-D  0E!\r\n");
 }
 
-/// Characters that come before the banner are lost.
+/// Characters before the banner are lost.
 #[test]
 fn characters_during_the_start_are_lost() {
     let mut rig = Rig::new("qsb-d", LineMode::Fast, Setup::default());
@@ -220,7 +220,7 @@ fn characters_during_the_start_are_lost() {
     rig.says(&[("8", "x 00 00000000 !"), ("R08", "r 08 000001F3 !")]);
 }
 
-/// A rise of DTR resets: as at power-up, the partial line emptied (QSB-6). Its fall does nothing.
+/// A rising DTR resets the drive like power-on and drops a partial line (QSB-6). A falling DTR has no effect.
 #[test]
 fn reset_by_dtr() {
     let mut rig = Rig::ready("qsb-m");
@@ -251,7 +251,7 @@ fn reset_by_dtr() {
     rig.assert_time_stamp(0);
 }
 
-/// Several at once: each its reply, in order, none lost.
+/// Several commands at once: each gets its reply, in order.
 #[test]
 fn many_commands_in_one_write() {
     let mut rig = Rig::ready("qsb-m");

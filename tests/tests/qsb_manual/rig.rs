@@ -1,4 +1,4 @@
-//! A QSB on a bench, a terminal at its port, and drivers for every pin.
+//! A QSB on a bench, a terminal at its port, and methods that set its pins.
 
 use drivetwin_firmware::device::{Axis, Device, Encoder, Level, Pin, Port};
 use drivetwin_firmware::qsb::Qsb;
@@ -6,19 +6,19 @@ use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Bus, Client, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use drivetwin_sim::line::{LineMode, Sender};
 
-/// A period of the 512 Hz clock behind TIME STAMP and INTERVAL RATE (QSB-10): 1.953125 ms.
+/// Period of the 512 Hz clock that TIME STAMP and INTERVAL RATE use (QSB-10): 1.953125 ms.
 pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
 
-/// From power-up to the banner.
+/// Time from power-on to the banner.
 pub(crate) const START_UP: Duration = Duration::millis(50);
 
-/// Longer than any reply takes, on a line that a stream fills at 9,600 baud.
+/// Longer than any reply takes, also while a stream fills the line at 9,600 baud.
 const PATIENCE: Duration = Duration::millis(200);
 
-/// All variants, as users type them.
+/// All variants, with the names that users type.
 pub(crate) const KINDS: [&str; 3] = ["qsb-d", "qsb-m", "qsb-s"];
 
-/// A drive of a kind, without power.
+/// A drive of a variant, without power.
 fn make(kind: &str) -> Box<dyn Device> {
     Box::new(match kind {
         "qsb-d" => Qsb::d(),
@@ -28,12 +28,12 @@ fn make(kind: &str) -> Box<dyn Device> {
     })
 }
 
-/// A line that the drive has sent, up to an exclamation mark and without CR and LF, and the instant at which it began
-/// to arrive.
+/// A text line from the drive, up to the exclamation mark and without CR and LF, and the instant at which its
+/// first character was received.
 pub(crate) type Line = (Instant, String);
 
-/// A QSB and its stimuli. Characters take no time here, unless a test sets that, so that
-/// a command counts from the instant at which it was given.
+/// A QSB with a terminal. By default characters take no time on the line, so a command takes effect at the
+/// instant of the call.
 pub(crate) struct Rig {
     pub(crate) bench: Bench,
     pub(crate) seat: DriveId,
@@ -41,13 +41,13 @@ pub(crate) struct Rig {
     client: Client,
     /// Instant of the last power-on.
     pub(crate) power: Instant,
-    /// Lines that were not read yet, and the beginning of the next one.
+    /// Text lines that were received and not yet returned, and the incomplete one after them.
     heard: Vec<Line>,
     partial: Option<Line>,
 }
 
 impl Rig {
-    /// A QSB that has just been given power.
+    /// A QSB whose power has just been switched on.
     pub(crate) fn new(kind: &str, line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
         let seat = bench.add_with("x", make(kind), setup).expect("a drive that can be seated");
@@ -62,14 +62,14 @@ impl Rig {
         Self::ready_on(kind, LineMode::Fast)
     }
 
-    /// The same, on a line of that kind.
+    /// The same, in a given mode of the line.
     pub(crate) fn ready_on(kind: &str, line: LineMode) -> Self {
         let mut rig = Self::new(kind, line, Setup::default());
         rig.until_banner(kind);
         rig
     }
 
-    /// Runs until the banner has come.
+    /// Runs until the drive has sent its banner.
     #[track_caller]
     pub(crate) fn until_banner(&mut self, kind: &str) {
         let heard = self.hear(START_UP + 5.millis());
@@ -92,7 +92,7 @@ impl Rig {
         self.bench.run_until(self.power + span);
     }
 
-    /// Advances the time to a part of a tick, in 1/16 µs, after the next one.
+    /// Advances the time to `part` (in 1/16 µs) after the next 512 Hz tick.
     pub(crate) fn past_tick(&mut self, part: u64) {
         let next = self.number() + 1;
         self.at(TICK * next + Duration::from_ticks(part));
@@ -104,7 +104,7 @@ impl Rig {
         self.bench.poke(self.seat, named.row, value).expect("a value that it takes");
     }
 
-    /// Ticks since power came.
+    /// 512 Hz ticks since power-on.
     pub(crate) fn number(&self) -> u64 {
         number(self.now(), self.power)
     }
@@ -124,7 +124,7 @@ impl Rig {
         self.bench.send_from(self.client, text.as_bytes(), sender);
     }
 
-    /// Characters that have come by now and have not been looked at, and those of the next `span`.
+    /// Characters that were received and not yet returned, including those of the next `span`.
     pub(crate) fn raw(&mut self, span: Duration) -> String {
         self.after(span);
         let mut bytes = Vec::new();
@@ -132,13 +132,13 @@ impl Rig {
         String::from_utf8(bytes).expect("the drive sends ASCII")
     }
 
-    /// The lines that have come and that come in the next `span`.
+    /// Text lines that were received and not yet returned, including those of the next `span`.
     pub(crate) fn hear(&mut self, span: Duration) -> Vec<Line> {
         self.hear_until(self.now() + span);
         std::mem::take(&mut self.heard)
     }
 
-    /// The same, without their times.
+    /// The same text lines without their times.
     pub(crate) fn texts(&mut self, span: Duration) -> Vec<String> {
         self.hear(span).into_iter().map(|(_, text)| text).collect()
     }
@@ -157,7 +157,7 @@ impl Rig {
         self.bench.run_until(end);
     }
 
-    /// Takes what has come by now.
+    /// Reads the characters that have arrived and splits them into text lines.
     fn take(&mut self) {
         let mut bytes = Vec::new();
         self.bench.receive(self.client, &mut bytes);
@@ -174,8 +174,8 @@ impl Rig {
         }
     }
 
-    /// Answer of the drive to a command, which is ended with a CR. Records of streams that come before it wait to be
-    /// [heard](Self::hear).
+    /// Sends a command with a CR and returns the drive's answer. Records of streams before the answer stay
+    /// for [`hear`](Self::hear).
     #[track_caller]
     pub(crate) fn ask(&mut self, command: &str) -> String {
         let before = self.heard.len();
@@ -199,7 +199,7 @@ impl Rig {
         }
     }
 
-    /// Commands, each with the drive's answer.
+    /// Sends commands and asserts the answer to each.
     #[track_caller]
     pub(crate) fn says(&mut self, script: &[(&str, &str)]) {
         for (command, reply) in script {
@@ -207,14 +207,14 @@ impl Rig {
         }
     }
 
-    /// A write that must be accepted.
+    /// Sends a write that the drive must accept.
     #[track_caller]
     pub(crate) fn write(&mut self, command: &str) {
         let reply = self.ask(command);
         assert!(reply.starts_with('w'), "{command} is answered {reply}");
     }
 
-    /// A register as the bus reads it, while replies have spaces and no time stamp.
+    /// Reads a register. Replies must have spaces and no time stamp.
     #[track_caller]
     pub(crate) fn read(&mut self, register: &str) -> u32 {
         let reply = self.ask(&format!("R{register}"));
@@ -223,24 +223,24 @@ impl Rig {
         u32::from_str_radix(data, 16).unwrap_or_else(|_| panic!("R{register} is answered {reply}"))
     }
 
-    /// Saves the parameters, and waits until they are saved: 10 ms.
+    /// Saves the parameters and waits until the save is complete (10 ms).
     #[track_caller]
     pub(crate) fn save(&mut self) {
         self.write("W163");
         self.after(11.millis());
     }
 
-    /// Takes power and gives it again; returns before the banner comes.
+    /// Switches power off and on. Returns before the banner.
     pub(crate) fn power_cycle(&mut self) {
         self.bench.power(self.seat, PowerAction::Cycle);
-        // Power goes now or a tick later, and comes a tick after that.
+        // Power goes off now or a tick later, and on a tick after that.
         self.after(Duration::TICK * 3);
         self.raw(Duration::ZERO);
         self.heard.clear();
         self.partial = None;
     }
 
-    /// The same; returns after the banner, with `power` set from its instant.
+    /// Switches power off and on. Returns after the banner and sets `power` from its time.
     #[track_caller]
     pub(crate) fn restart(&mut self, kind: &str) {
         self.power_cycle();
@@ -248,7 +248,7 @@ impl Rig {
         self.take_banner(heard, kind);
     }
 
-    /// Takes the instant of the reset from the banner; the lines after it wait to be read.
+    /// Computes the instant of the reset from the banner. Keeps the lines after the banner.
     #[track_caller]
     pub(crate) fn take_banner(&mut self, mut heard: Vec<Line>, kind: &str) {
         assert!(!heard.is_empty(), "no banner");
@@ -262,12 +262,12 @@ impl Rig {
         self.bench.spec(self.seat).pin(name).unwrap_or_else(|| panic!("there is no pin {name}"))
     }
 
-    /// Does something to a pin; it arrives a tick later.
+    /// Sets a pin from outside. The drive receives the change a tick later.
     pub(crate) fn set(&mut self, name: &str, drive: PinStimulus) {
         self.bench.set_pin(self.seat, self.pin(name), drive);
     }
 
-    /// Does something to a pin, and returns a microsecond later.
+    /// Sets a pin from outside, and returns a microsecond later.
     pub(crate) fn drive(&mut self, name: &str, drive: PinStimulus) {
         self.set(name, drive);
         self.after(1.micros());
@@ -294,40 +294,40 @@ impl Rig {
         self.bench.level(self.seat, self.pin(name))
     }
 
-    /// Returns whether a pin is high, with an outside pull-up.
+    /// Returns true if a pin is high, with an external pull-up.
     pub(crate) fn is_high(&self, name: &str) -> bool {
         self.level(name) != Level::Low
     }
 
-    /// Turns the encoder, at 1,000,000 edges a second, to the end.
+    /// Turns the encoder at 1,000,000 edges/s and waits until it has stopped.
     pub(crate) fn turn(&mut self, edges: i32) {
         self.turn_at(edges, 1_000_000);
     }
 
-    /// Turns the encoder, at that many edges per second, to the end and 2 µs more.
+    /// Turns the encoder at `hz` edges/s, waits until it has stopped, and 2 µs more.
     pub(crate) fn turn_at(&mut self, edges: i32, hz: u32) {
         self.bench.encoder(self.seat, Encoder(0), edges, f64::from(hz)).expect("nothing turns");
         let lasts = u64::from(edges.unsigned_abs()) * 16_000_000 / u64::from(hz);
         self.after(Duration::from_ticks(lasts) + 2.micros());
     }
 
-    /// Steps of the motor since power came.
+    /// Position of the motor, in steps since power-on.
     pub(crate) fn position(&self) -> i32 {
         self.bench.motion(self.seat, Axis(0)).position
     }
 
-    /// Steps per second, signed.
+    /// Speed of the motor in steps/s, signed.
     pub(crate) fn speed(&self) -> f64 {
         self.bench.motion(self.seat, Axis(0)).speed.to_num()
     }
 }
 
-/// Ticks between two instants.
+/// 512 Hz ticks between two instants.
 pub(crate) fn number(at: Instant, power: Instant) -> u64 {
     at.since(power) / TICK
 }
 
-/// The register of a command or reply, with or without spaces.
+/// Number of the register in a command or reply, with or without spaces.
 fn digits(text: &str) -> String {
     text.chars().skip(1).filter(|c| *c != ' ').take(2).collect::<String>().to_uppercase()
 }

@@ -6,7 +6,7 @@ use drivetwin_sim::bench::PowerAction;
 use crate::rig::{Rig, START_UP, TICK};
 
 impl Rig {
-    /// Saves where the format of replies is not the factory's.
+    /// Saves the parameters, whatever the format of the replies.
     pub(crate) fn save_in_any_format(&mut self) {
         let reply = self.ask("W163");
         assert!(reply.starts_with('w'), "W163 is answered {reply}");
@@ -14,7 +14,7 @@ impl Rig {
     }
 }
 
-/// Saved outputs come back after the configuration, which releases all pins to high.
+/// Saved outputs are restored after the configuration, which sets all pins high.
 #[test]
 fn outputs_are_restored() {
     let mut rig = Rig::ready("qsb-m");
@@ -28,7 +28,7 @@ fn outputs_are_restored() {
     assert_eq!(levels, [false, true, false, true]);
 }
 
-/// QSB-13: command 0 brings the saved port back, not the factory's.
+/// QSB-13: command 0 restores the saved port, not the factory's.
 #[test]
 fn command_0_restores_the_saved_port() {
     let mut rig = Rig::ready("qsb-m");
@@ -41,14 +41,14 @@ fn command_0_restores_the_saved_port() {
     rig.write("W160");
     rig.says(&[
         ("R02", "r 02 00000700 !"),
-        // Outputs 2 to 0 as saved; 3 is an input.
+        // Outputs 2 to 0 have their saved values. Pin 3 is an input.
         ("R01", "r 01 0000000A !"),
-        // Nothing else comes back.
+        // No other register is restored.
         ("R0B", "r 0B 00000009 !"),
     ]);
 }
 
-/// A save that is cut short leaves bad memory, and that is the factory's values.
+/// If power fails during a save, the memory is bad, and the drive starts with the factory's values.
 #[test]
 fn power_fails_in_a_save() {
     let mut rig = Rig::ready("qsb-m");
@@ -64,14 +64,14 @@ fn power_fails_in_a_save() {
     let heard = rig.hear(START_UP + TICK);
     rig.take_banner(heard, "qsb-m");
     rig.says(&[("R0B", "r 0B 00000000 !"), ("R0C", "r 0C 0000FFFF !"), ("R15", "r 15 0000000B !")]);
-    // And it can be saved again.
+    // Saving works again.
     rig.write("W0B8");
     rig.save();
     rig.restart("qsb-m");
     rig.says(&[("R0B", "r 0B 00000008 !")]);
 }
 
-/// The drive answers while it saves; a second save begins anew with the values of then.
+/// The drive answers during a save. A second save starts again, with the values of that moment.
 #[test]
 fn commands_during_a_save() {
     let mut rig = Rig::ready("qsb-m");
@@ -84,7 +84,7 @@ fn commands_during_a_save() {
     rig.says(&[("R0B", "r 0B 00000006 !")]);
 }
 
-/// Streams and the motor drive's state are saved with the rest; a later save without them ends it.
+/// Streams and the state of the motor drive are saved, too. A later save without streams ends them.
 #[test]
 fn streams_wake_up() {
     let mut rig = Rig::ready("qsb-m");
@@ -99,7 +99,7 @@ fn streams_wake_up() {
     rig.take_banner(heard, "qsb-m");
     let heard = rig.hear(0.millis());
     let stamps: Vec<u64> = heard.iter().filter(|(_, text)| text.starts_with("s 0E ")).map(stamp).collect();
-    // 50 ms is tick 25; 150 ms tick 76.
+    // 50 ms is within tick 25, 150 ms within tick 76.
     assert!((25..=27).contains(&stamps[0]), "{heard:?}");
     assert!(stamps.len() >= 49 && stamps.windows(2).all(|pair| pair[1] == pair[0] + 1), "{stamps:?}");
     assert!(rig.ask("R13").starts_with("r 13 00000011 "));
@@ -114,7 +114,7 @@ fn streams_wake_up() {
     assert!(rig.ask("R13").starts_with("r 13 00000001 "));
 }
 
-/// The time stamp of a record in format F.
+/// Time stamp of a record in format F.
 pub(crate) fn stamp(line: &crate::rig::Line) -> u64 {
     u64::from_str_radix(&line.1[14..22], 16).expect("a record with a time stamp")
 }

@@ -1,10 +1,10 @@
-//! A slow LS7366R as the QSB wires it: the data sheet and QSB-17 to QSB-21 in words, one edge at a time.
-//! Shares no code with the drive.
+//! A slow LS7366R as wired in the QSB. It follows the data sheet and QSB-17 to QSB-21 literally, one edge at
+//! a time, and shares no code with the drive.
 
-/// The order of (A, B) while A leads B, which counts up (data sheet, Figure 7).
+/// Successive levels of (A, B) while A leads B, which counts up (data sheet, Figure 7).
 const CYCLE: [(bool, bool); 4] = [(false, false), (true, false), (true, true), (false, true)];
 
-/// The counter and the pins before it.
+/// The counter and the levels of its pins.
 #[derive(Clone, Debug)]
 pub(crate) struct Slow {
     pub(crate) a: bool,
@@ -13,7 +13,7 @@ pub(crate) struct Slow {
     pub(crate) cntr: u32,
     pub(crate) dtr: u32,
     pub(crate) mdr0: u8,
-    /// Nine bits, the lowest two dead.
+    /// Nine bits. The lowest two have no effect.
     pub(crate) mdr1: u16,
     pub(crate) capture: u32,
     carry: bool,
@@ -21,16 +21,16 @@ pub(crate) struct Slow {
     compare: bool,
     index: bool,
     sign: bool,
-    /// Single-cycle has ended.
+    /// True if single-cycle mode has stopped the counter.
     stopped: bool,
-    /// The index takes effect.
+    /// True if the index is active and enabled.
     gate: bool,
-    /// Direction of the last edge, unless a write has made it uncertain.
+    /// Direction of the last edge, or `None` after a write that makes it uncertain.
     up: Option<bool>,
 }
 
 impl Slow {
-    /// A new QSB with nothing at its inputs: A and B pulled up, I low.
+    /// A new QSB with unconnected inputs: A and B are pulled up, I is low.
     pub(crate) fn new() -> Self {
         Self {
             a: true,
@@ -64,17 +64,17 @@ impl Slow {
         self.mdr1 & 0b100 == 0 && !self.stopped
     }
 
-    /// A goes to the other level.
+    /// Inverts the level of A.
     pub(crate) fn toggle_a(&mut self) {
         self.edge(!self.a, self.b);
     }
 
-    /// B goes to the other level.
+    /// Inverts the level of B.
     pub(crate) fn toggle_b(&mut self) {
         self.edge(self.a, !self.b);
     }
 
-    /// The next edge of an encoder that turns forward, A leading, or back.
+    /// Makes the next edge of an encoder that turns forward, with A leading, or backward.
     pub(crate) fn turn(&mut self, forward: bool) {
         let place = self.place(self.a, self.b);
         let (a, b) = CYCLE[(place + if forward { 1 } else { 3 }) % 4];
@@ -101,7 +101,7 @@ impl Slow {
         if counted && self.counts() {
             self.clock(up);
         }
-        // Counted or not, the edge sets the direction (QSB-21).
+        // Every edge sets the direction, even one that does not count (QSB-21).
         self.up = Some(up);
         self.look_at_index();
     }
@@ -109,7 +109,7 @@ impl Slow {
     fn clock(&mut self, up: bool) {
         let from = self.cntr;
         let to = match (self.mode(), up) {
-            // Range-limit refuses.
+            // Range-limit stops at its limits.
             (2, true) if from == self.dtr => from,
             (2, false) if from == 0 => 0,
             (3, true) if from == self.dtr => 0,
@@ -135,20 +135,20 @@ impl Slow {
         self.cntr = to;
     }
 
-    /// I takes a level.
+    /// Sets the level of I.
     pub(crate) fn set_i(&mut self, i: bool) {
         self.i = i;
         self.look_at_index();
     }
 
-    /// Returns whether the index is active, and A and B enable it.
+    /// Returns true if the index is active, and A and B enable it.
     fn is_gated(&self) -> bool {
         let inverted = self.mdr1 >> 3 & 1 == 1;
         let synchronous = self.mdr0 >> 6 & 1 == 1 && self.quadrature() != 0;
         self.i != inverted && (!synchronous || self.a == self.b)
     }
 
-    /// The index acts once, when its gated level becomes active (QSB-19).
+    /// The index takes effect once, when it becomes active and enabled (QSB-19).
     fn look_at_index(&mut self) {
         let gate = self.is_gated();
         if gate && !self.gate {
@@ -159,7 +159,7 @@ impl Slow {
             match self.mdr0 >> 4 & 0b11 {
                 1 => self.load(),
                 2 => self.reset(),
-                // Masked, or OTR, which cannot be seen.
+                // Masked, or transferred to OTR, which the bus does not show.
                 _ => {}
             }
         }
@@ -175,7 +175,7 @@ impl Slow {
         if self.mode() != 1 {
             self.stopped = false;
         }
-        // A write opens the gate without effect (QSB-19).
+        // A write of MDR0 never triggers the index (QSB-19).
         self.gate = self.is_gated();
     }
 
@@ -184,28 +184,28 @@ impl Slow {
             self.up = None;
         }
         self.mdr1 = value & 0x1FC;
-        // Another polarity is an edge at INDEX/.
+        // A change of polarity is an edge of INDEX/.
         self.look_at_index();
     }
 
-    /// LOAD REG 0.
+    /// Command LOAD REG 0: copies DTR to CNTR.
     pub(crate) fn load(&mut self) {
         self.cntr = self.dtr;
         self.stopped = false;
     }
 
-    /// CLEAR REG 2.
+    /// Command CLEAR REG 2: clears CNTR.
     pub(crate) fn reset(&mut self) {
         self.cntr = 0;
         self.stopped = false;
     }
 
-    /// CLEAR REG 3.
+    /// Command CLEAR REG 3: clears the flags of STR.
     pub(crate) fn clear_str(&mut self) {
         (self.carry, self.borrow, self.compare, self.index, self.sign) = (false, false, false, false, false);
     }
 
-    /// STR, and which of its bits are beyond doubt.
+    /// STR, and a mask of those of its bits that are certain.
     pub(crate) fn str(&self) -> (u32, u32) {
         let up = if self.quadrature() == 0 { Some(self.b) } else { self.up };
         let bits = [

@@ -1,4 +1,4 @@
-//! Streams: the times of records, their contents, and their end.
+//! Streams: the times of their records, the contents, and how they end.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::PinStimulus;
@@ -7,7 +7,7 @@ use drivetwin_sim::line::LineMode;
 use crate::rig::{KINDS, Line, Rig, TICK, number};
 use crate::saved::stamp;
 
-/// A character of 8N1 at the factory's 230,400 baud: 10 / 230,400 s = 694.4 / 16 µs.
+/// Duration of a character, 8N1 at the factory's 230,400 baud: 10 / 230,400 s = 694.4 / 16 µs.
 const CHARACTER: Duration = Duration::from_ticks(694);
 
 /// Records of one register.
@@ -27,7 +27,7 @@ fn assert_consecutive(stamps: &[u64]) {
     }
 }
 
-/// 512 records a second for 10 s: each tick one, whose stamp is that tick (QSB-11).
+/// 512 records/s for 10 s: one per tick, with that tick as its time stamp (QSB-11).
 #[test]
 fn ten_seconds_without_a_gap() {
     for kind in KINDS {
@@ -48,7 +48,8 @@ fn ten_seconds_without_a_gap() {
     }
 }
 
-/// The same while commands come, good and bad ones: replies go between records, none is lost.
+/// The same with valid and invalid commands in between. Replies go out between records, and no record is
+/// lost.
 #[test]
 fn ten_seconds_with_commands_in_the_middle() {
     let mut rig = Rig::ready("qsb-m");
@@ -59,7 +60,7 @@ fn ten_seconds_with_commands_in_the_middle() {
     rig.ask("S0E");
     let mut heard = Vec::new();
     for n in 0..500_u64 {
-        // Anywhere within a tick.
+        // At different moments within a tick.
         heard.extend(rig.hear(20.millis() - Duration::from_ticks(n * 211 % 31_250)));
         let (command, reply) = match n % 5 {
             0 => ("R08", "r 08 000001F3 "),
@@ -78,7 +79,7 @@ fn ten_seconds_with_commands_in_the_middle() {
     assert_consecutive(&stamps);
 }
 
-/// Half a command, then its rest many records later.
+/// A partial command whose rest arrives many records later.
 #[test]
 fn a_half_command_in_a_stream() {
     let mut rig = Rig::ready("qsb-m");
@@ -90,7 +91,7 @@ fn a_half_command_in_a_stream() {
     assert_eq!(rig.hear(1.secs()).len(), 512);
 }
 
-/// INTERVAL RATE n: each nth tick.
+/// INTERVAL RATE n: a record at every nth tick.
 #[test]
 fn intervals() {
     for interval in [2_u64, 5, 100, 0x200] {
@@ -106,7 +107,7 @@ fn intervals() {
     }
 }
 
-/// W0D1 zeroes the number and leaves the phase (QSB-10): records go on at each tick.
+/// W0D1 clears the time stamp but does not shift its ticks (QSB-10). Records continue at each tick.
 #[test]
 fn the_time_stamp_is_cleared_in_a_stream() {
     let mut rig = Rig::ready("qsb-s");
@@ -129,7 +130,7 @@ fn the_time_stamp_is_cleared_in_a_stream() {
     assert!(heard.iter().all(|line| line.0.since(rig.power).ticks() % TICK.ticks() == 0));
 }
 
-/// S again is answered at once, and the interval counts from there.
+/// A second S command is answered at once, and the interval counts from then.
 #[test]
 fn a_stream_is_started_again() {
     let mut rig = Rig::ready("qsb-s");
@@ -145,8 +146,8 @@ fn a_stream_is_started_again() {
     assert_eq!(stamps, [start + 20, start + 28]);
 }
 
-/// FFFF: none, the factory's; written during a stream it pauses it, and another interval counts from the
-/// last record (QSB-11).
+/// INTERVAL RATE FFFF (the factory's) sends no records. Written during a stream, it pauses the stream. The
+/// next interval counts from the last record (QSB-11).
 #[test]
 fn interval_ffff_pauses() {
     let mut rig = Rig::ready("qsb-s");
@@ -168,7 +169,8 @@ fn interval_ffff_pauses() {
     assert_eq!(stamps, [start + 8 + 0x40, start + 8 + 0x80]);
 }
 
-/// THRESHOLD: against the last value sent, either way; below it the next look is an interval later.
+/// THRESHOLD compares with the last value sent, in both directions. After a smaller change the drive compares
+/// again an interval later.
 #[test]
 fn thresholds() {
     let mut rig = Rig::ready("qsb-s");
@@ -184,7 +186,7 @@ fn thresholds() {
     assert_eq!(after(1), ["s 0E 00000004 !"]);
     assert_eq!(after(-3), [""; 0]);
     assert_eq!(after(3), [""; 0]);
-    // Not 8 from the beginning, but 4 from the last value sent.
+    // The reference is the last value sent, 4, not the first.
     assert_eq!(after(3), [""; 0]);
     assert_eq!(after(1), ["s 0E 00000008 !"]);
     assert_eq!(after(-12), ["s 0E FFFFFFFC !"]);
@@ -192,7 +194,7 @@ fn thresholds() {
     assert_eq!(after(0), [""; 0]);
 }
 
-/// Across the wrap: the difference is of 32 bits.
+/// Across a wrap the difference is computed with 32 bits.
 #[test]
 fn threshold_ffff() {
     let mut rig = Rig::ready("qsb-s");
@@ -206,7 +208,7 @@ fn threshold_ffff() {
     assert_eq!(rig.texts(20.millis()), ["s 0E 0000FEFF !"]);
 }
 
-/// 0 outputs all values at the interval.
+/// Threshold 0 sends every value at the interval.
 #[test]
 fn threshold_0_sends_what_has_not_changed() {
     let mut rig = Rig::ready("qsb-s");
@@ -217,8 +219,8 @@ fn threshold_0_sends_what_has_not_changed() {
     assert!(heard.iter().all(|(_, text)| text == "s 0E 00000000 !"));
 }
 
-/// INTERVAL RATE 0: as fast as 100 µs, which no line of 256,000 baud at most carries: 12 characters take
-/// 469 µs. So one follows the other without a gap.
+/// INTERVAL RATE 0 is a record every 100 µs, which no baud rate can carry: even at 256,000 baud 12 characters
+/// take 469 µs. So records follow each other without a gap.
 #[test]
 fn the_fastest_rate() {
     for (format, characters) in [("W150", 12), ("W15B", 17), ("W15F", 26)] {
@@ -231,13 +233,13 @@ fn the_fastest_rate() {
         for pair in heard.windows(2) {
             assert_eq!(pair[1].0.since(pair[0].0), CHARACTER * characters);
         }
-        // A second of back-to-back records, but for the reply to S0E.
+        // A second of records without gaps, less the reply to S0E.
         let expected = 16_000_000 / (694 * characters);
         assert!((expected - 2..=expected).contains(&(heard.len() as u64)), "{} of {expected}", heard.len());
     }
 }
 
-/// With a threshold the values are looked at each 100 µs: a change goes out that soon.
+/// With a threshold the drive compares every 100 µs, so it sends a change within that time.
 #[test]
 fn interval_0_with_a_threshold() {
     let mut rig = Rig::ready("qsb-s");
@@ -257,7 +259,7 @@ fn interval_0_with_a_threshold() {
     }
 }
 
-/// Analogue values take 200 µs each.
+/// In analogue mode a measurement takes 200 µs.
 #[test]
 fn interval_0_with_a_threshold_analogue() {
     let mut rig = Rig::ready("qsb-s");
@@ -279,8 +281,8 @@ fn interval_0_with_a_threshold_analogue() {
     assert!(latest > 150.micros() && latest <= 201.micros(), "{latest:?} at the latest");
 }
 
-/// "Multiple registers can be streamed simultaneously"; 01, 05, 06 and 13 on change at once (QSB-12), with any
-/// interval.
+/// "Multiple registers can be streamed simultaneously". Streams of 01, 05, 06 and 13 send changes at once
+/// (QSB-12), with any interval.
 #[test]
 fn several_at_once() {
     let mut rig = Rig::ready("qsb-m");
@@ -300,9 +302,9 @@ fn several_at_once() {
     rig.high("DIO3");
     assert_eq!(rig.texts(5.millis()), ["s 01 0000000F !"]);
     rig.turn(4);
-    // CNTR has gone 0 to 4: no flag.
+    // CNTR has counted from 0 to 4, which sets no flag.
     assert_eq!(rig.texts(5.millis()), [""; 0]);
-    // The index captures 4 and is latched; the lowest register goes first.
+    // The index captures 4 and sets its flag. The lower register is sent first.
     rig.high("I");
     assert_eq!(rig.texts(5.millis()), ["s 05 00000004 !", "s 06 0000001A !"]);
     rig.low("I");
@@ -310,14 +312,14 @@ fn several_at_once() {
     rig.says(&[("W093", "w 09 00000003 !")]);
     assert_eq!(rig.texts(5.millis()), ["s 06 0000000A !"]);
     rig.says(&[("W162", "w 16 00000002 !")]);
-    // DIO1 and DIO2 are the motor's and low now.
+    // DIO1 and DIO2 now belong to the motor drive and are low.
     assert_eq!(rig.texts(5.millis()), ["s 01 00000009 !", "s 13 00000011 !"]);
     rig.says(&[("W0C2", "w 0C 00000002 !")]);
     let heard = rig.hear(1.secs());
     assert!((255..=257).contains(&heard.len()) && of(&heard, "0E").len() == heard.len(), "{heard:?}");
 }
 
-/// "A read of the register ends its stream", and only that one.
+/// "A read of the register ends its stream". Other streams continue.
 #[test]
 fn a_read_ends_a_stream() {
     let mut rig = Rig::ready("qsb-m");
@@ -344,13 +346,13 @@ fn a_read_ends_a_stream() {
     rig.high("I");
     rig.says(&[("W162", "w 16 00000002 !")]);
     assert_eq!(rig.texts(1.secs()), [""; 0]);
-    // Another read ends none: 07 has CNTR as 0E has.
+    // Reading 07 does not end the stream of 0E, though both show CNTR.
     rig.ask("S0E");
     rig.ask("R07");
     assert!(rig.hear(1.secs()).len() > 500);
 }
 
-/// Commands 0 and 1 end 0E, 01 and 13; 05 and 06 go on (QSB-12).
+/// Commands 0 and 1 end the streams of 0E, 01 and 13. Those of 05 and 06 continue (QSB-12).
 #[test]
 fn commands_0_and_1_end_three_streams() {
     for command in ["W161", "W160"] {
@@ -371,7 +373,7 @@ fn commands_0_and_1_end_three_streams() {
     }
 }
 
-/// On -D and -S command 1 is there, too.
+/// Command 1 exists on -D and -S, too.
 #[test]
 fn command_1_on_all() {
     for kind in KINDS {
@@ -385,8 +387,8 @@ fn command_1_on_all() {
     }
 }
 
-/// At 9,600 baud a record in format F takes 26 × 16,667 / 16 µs, or nearly 14 ticks: each is measured when
-/// the one before has left, and stamped with the tick that is past by then (QSB-11).
+/// At 9,600 baud a record in format F takes 26 × 16,667 / 16 µs, nearly 14 ticks. The drive measures each
+/// record when the previous one has been sent, and stamps it with the last tick before then (QSB-11).
 #[test]
 fn a_line_slower_than_the_stream() {
     let mut rig = Rig::ready_on("qsb-s", LineMode::Timed);
@@ -403,16 +405,17 @@ fn a_line_slower_than_the_stream() {
     let heard = rig.hear(10.secs());
     assert!(heard.len() > 350);
     let power = rig.power;
-    // The first one began before the terminal read again.
+    // The first record started before the terminal read again.
     for pair in heard[1..].windows(2) {
         assert_eq!(pair[1].0.since(pair[0].0), character * 26);
         assert_eq!(stamp(&pair[1]), number(pair[1].0 - character, power));
-        // Nothing is old.
+        // The record has the current value, not an old one.
         assert_eq!(data(&pair[1]), 100_000);
     }
 }
 
-/// On such a line a reply, which is as long, takes the place of a record: behind the one that is leaving.
+/// On such a line a reply replaces one record, because it is as long. It follows the record that is being
+/// sent.
 #[test]
 fn a_reply_on_a_line_slower_than_the_stream() {
     let mut rig = Rig::ready_on("qsb-s", LineMode::Timed);
@@ -430,15 +433,15 @@ fn a_reply_on_a_line_slower_than_the_stream() {
     assert!(heard[1].starts_with("r 08 000001F3 "));
 }
 
-/// While the line is busy a value that comes and goes is not sent; a value that still differs is, when the line is
-/// free.
+/// A change that is undone while the line is busy is not sent. A value that still differs when the line is
+/// free is sent.
 #[test]
 fn changes_while_the_line_is_busy() {
     let mut rig = Rig::ready_on("qsb-m", LineMode::Timed);
     rig.ask("W1600A");
     rig.after(50.millis());
     rig.send("S01\r");
-    // 4 characters, 4.2 ms, then the reply of 17: 17.7 ms.
+    // 4 characters take 4.2 ms, the reply of 17 characters takes 17.7 ms.
     rig.after(6.millis());
     rig.low("DIO0");
     rig.after(2.millis());

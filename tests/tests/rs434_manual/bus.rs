@@ -6,7 +6,8 @@ use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::Bench;
 use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, make, request};
 
-/// The bytes: SPEED 1,000 is read; the CRC by hand from the polynomial of the specification.
+/// The bytes of a read of SPEED, 1,000. The CRCs are computed by hand from the polynomial in the
+/// specification.
 #[test]
 fn section_6_a_frame() {
     let mut rig = Rig::default();
@@ -46,8 +47,8 @@ fn section_6_other_functions() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// MODBUS-4: structure before address. Application 6: 2,000 bits, 125 words to read;
-/// 1,968 bits, 123 words to write; FF00h and 0000h of a coil.
+/// MODBUS-4: a drive checks the structure before the address. Limits (application 6): read 2,000 bits or 125
+/// words, write 1,968 bits or 123 words, and FF00h or 0000h for a coil.
 #[test]
 fn section_6_structure() {
     let mut rig = Rig::default();
@@ -66,7 +67,7 @@ fn section_6_structure() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::STATUS)), (1_000, 0));
 }
 
-/// All or nothing: MODBUS-4.
+/// A write takes effect completely or not at all (MODBUS-4).
 #[test]
 fn section_6_all_or_nothing() {
     let mut rig = Rig::default();
@@ -75,7 +76,7 @@ fn section_6_all_or_nothing() {
     assert_eq!(rig.try_words(3, at::SPEED, 3), Ok(vec![1_000, 100, 100]));
     assert_eq!(rig.read(at::ERROR), 0x2000);
     rig.write(at::ERROR, 0);
-    // FX, and PC, which cannot be written.
+    // The block has FX and PC, and PC cannot be written.
     assert_eq!(rig.try_write_all(0x7005, &[1, 0, 3]), Err(2));
     assert_eq!(rig.try_words(3, 0x7005, 3), Ok(vec![0, 0, 0]));
     assert_eq!(rig.try_write_coils(at::CLR_POSITION, &[true, true]), Err(2));
@@ -84,8 +85,8 @@ fn section_6_all_or_nothing() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// MODBUS-4: address before value. A block that runs past 5026h has a value out of range
-/// before its end.
+/// MODBUS-4: a drive checks the address before the value. The block runs past 5026h and has a value out of
+/// range, too.
 #[test]
 fn section_6_address_before_value() {
     let mut rig = Rig::default();
@@ -97,7 +98,7 @@ fn section_6_address_before_value() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// "After which the register is reset to 0": coils always read 0; writing 0 does nothing.
+/// "After which the register is reset to 0": coils always read 0. Writing 0 has no effect.
 #[test]
 fn section_6_2_coils_read_0() {
     let mut rig = Rig::default();
@@ -114,7 +115,8 @@ fn section_6_2_coils_read_0() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// RS434-6: HARD_STOP, else STOP, else START; CLR_POSITION besides.
+/// RS434-6: of several coils HARD_STOP takes precedence, then STOP, then START. CLR_POSITION takes effect
+/// with any of them.
 #[test]
 fn section_6_2_several_coils_at_once() {
     for (coils, status) in [
@@ -130,8 +132,8 @@ fn section_6_2_several_coils_at_once() {
     }
 }
 
-/// 6.4: "0 - broadcast address, no reply message". A broadcast is carried out; a broadcast read, a foreign
-/// address and a bad CRC do nothing (MODBUS-3).
+/// 6.4: "0 - broadcast address, no reply message". The drive executes a broadcast write. It ignores a
+/// broadcast read, a foreign address and a bad CRC (MODBUS-3).
 #[test]
 fn section_6_4_broadcasts_and_others() {
     let mut rig = Rig::default();
@@ -141,7 +143,7 @@ fn section_6_4_broadcasts_and_others() {
     silent(&mut rig, &rtu::read(0, at::SPEED, 1));
     silent(&mut rig, &rtu::write(2, at::SPEED, 600));
     silent(&mut rig, &rtu::write(0, at::SPEED, 1));
-    // It gets no reply, but the flag shows it.
+    // The bad broadcast write gets no reply, but it sets bit 13.
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0x2000));
     rig.write(at::ERROR, 0);
     let mut bad = rtu::write(1, at::SPEED, 700).to_vec();
@@ -150,7 +152,7 @@ fn section_6_4_broadcasts_and_others() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0), "RS434-5: a bad CRC sets nothing");
 }
 
-/// Both models on one line, 1 and 2.
+/// Both models on one line, with the addresses 1 and 2.
 #[test]
 fn section_6_4_several_drives() {
     let mut bench = Bench::new();
@@ -163,7 +165,7 @@ fn section_6_4_several_drives() {
         assert_eq!(bench.ask(two, &frame), frame[..]);
         bench.run_until(bench.now() + 20.millis());
     }
-    // The new address holds after a restart (6.4).
+    // The new address is valid after a restart (6.4).
     let restart = rtu::write(1, at::RESTART, 0x95AF);
     assert_eq!(bench.ask(two, &restart), restart[..]);
     bench.run_until(bench.now() + BOOT + 10.millis());

@@ -1,9 +1,9 @@
-//! 6.5: ERROR: the cause of each bit, whether it stops the motor, and how it is cleared.
+//! 6.5: ERROR: what sets each bit, whether the bit stops the motor, and what clears it.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
 
-/// A drive that turns.
+/// A drive whose motor turns.
 fn turning() -> Rig {
     let mut rig = Rig::default();
     rig.write(at::START, 1);
@@ -12,8 +12,8 @@ fn turning() -> Rig {
     rig
 }
 
-/// RS434-23: 0 to 6 and 10 stop the motor and stay until a restart: a write does not clear them, START does
-/// nothing, even when the cause is gone.
+/// RS434-23: bits 0 to 6 and 10 stop the motor and stay until a restart. A write does not clear them, and
+/// START has no effect, even after the cause is gone.
 #[test]
 fn section_6_5_faults_that_stop() {
     for (fault, bit) in [
@@ -37,7 +37,7 @@ fn section_6_5_faults_that_stop() {
         assert_eq!((rig.read(at::STATUS), rig.read(at::ERROR)), (0, 1 << bit), "{fault}");
         rig.restart();
         assert_eq!(rig.read(at::ERROR), 0, "{fault}");
-        // RS434-6: the START under the fault is not remembered.
+        // RS434-6: the START during the fault does not take effect later.
         assert_eq!(rig.read(at::STATUS), 0);
         rig.write(at::START, 1);
         rig.after(1.secs());
@@ -45,8 +45,8 @@ fn section_6_5_faults_that_stop() {
     }
 }
 
-/// "Power supply protection, VDC: 8 - 30" (3): a supply beyond it is bit 0, which stops the motor and stays until a
-/// restart, also where the supply is in range by then.
+/// "Power supply protection, VDC: 8 - 30" (3). A supply outside this range sets bit 0, which stops the motor.
+/// The bit stays until a restart, even if the supply returns to the range.
 #[test]
 fn section_3_a_supply_out_of_its_range() {
     for (tenths, error) in
@@ -72,7 +72,7 @@ fn section_3_a_supply_out_of_its_range() {
     }
 }
 
-/// A restart does not change the supply; after power-on it is 24 V if it is not set.
+/// A restart does not change the supply. After power-on the supply is 24 V unless it is preset.
 #[test]
 fn section_3_a_supply_that_stays_out_of_range() {
     let mut rig = turning();
@@ -86,7 +86,7 @@ fn section_3_a_supply_that_stays_out_of_range() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// A restart under a fault that is still there.
+/// A restart while the cause of a fault persists.
 #[test]
 fn section_6_5_a_fault_that_stays() {
     let mut rig = turning();
@@ -99,7 +99,7 @@ fn section_6_5_a_fault_that_stays() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// A fault at rest is an error, too.
+/// A fault while the motor is at rest sets its bit, too.
 #[test]
 fn section_6_5_a_fault_at_rest() {
     let mut rig = Rig::default();
@@ -107,7 +107,7 @@ fn section_6_5_a_fault_at_rest() {
     assert_eq!(rig.read(at::ERROR), 2);
 }
 
-/// Bit 11, RS434-24: limits and does not stop; a write clears it.
+/// Bit 11, RS434-24: the current is limited, but the motor does not stop. A write clears the bit.
 #[test]
 fn section_6_5_current_limit() {
     let mut rig = turning();
@@ -120,7 +120,8 @@ fn section_6_5_current_limit() {
     assert_eq!((rig.read(at::ERROR), rig.read(at::STATUS)), (0, 1));
 }
 
-/// RS434-24: while the fault is there the limit is half of REF_CURRENT. A shaft that is held takes all of it.
+/// RS434-24: while the fault persists, the limit is half of REF_CURRENT. A blocked shaft draws the whole
+/// limit.
 #[test]
 fn section_6_5_current_limit_halves_the_limit() {
     let mut rig = Rig::default();
@@ -136,7 +137,8 @@ fn section_6_5_current_limit_halves_the_limit() {
     }
 }
 
-/// Temperatures in 0.1 °C; their limits are 85 °C of the processor, 100 °C of switches and brake (RS434-24).
+/// Temperatures are in 0.1 °C. The limits are 85 °C for the processor, and 100 °C for switches and brake
+/// (RS434-24).
 #[test]
 fn section_6_3_temperatures() {
     for (name, address, limit, bit) in [
@@ -161,7 +163,7 @@ fn section_6_3_temperatures() {
     }
 }
 
-/// CURRENT_VALID can be injected, too.
+/// A test can inject CURRENT_VALID, too.
 #[test]
 fn section_6_3_an_injected_current() {
     let mut rig = turning();
@@ -176,7 +178,7 @@ fn section_6_3_an_injected_current() {
     assert_eq!(rig.read(at::STATUS), 1);
 }
 
-/// RS434-23: a write clears where it has a 0, never sets a bit, is never refused.
+/// RS434-23: a write of ERROR clears the bits where it has a 0. It never sets a bit and is never refused.
 #[test]
 fn section_6_5_writes_of_error() {
     let mut rig = Rig::default();
@@ -198,7 +200,7 @@ fn section_6_5_writes_of_error() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// Warnings go by a restart, too.
+/// A restart clears warnings, too.
 #[test]
 fn section_6_5_warnings_and_a_restart() {
     let mut rig = Rig::default();

@@ -1,13 +1,13 @@
-//! 6.1 and MODE_EXT_IN of 6.5: IN1, IN2 and HARD_STOP.
+//! 6.1, and MODE_EXT_IN of 6.5: the contacts IN1, IN2 and HARD_STOP.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_tests::rs434::{BOOT, Rig, at};
 
-/// Longer than any ramp here, and than the debouncing.
+/// Longer than any ramp here, and longer than debouncing.
 const WHILE: Duration = Duration::secs(1);
 
-/// A drive that its inputs control.
+/// A drive that is controlled by its inputs.
 fn by_inputs(mode_ext_in: u16) -> Rig {
     let mut rig = Rig::default();
     rig.write(at::MODE_EXT_IN, mode_ext_in);
@@ -15,7 +15,7 @@ fn by_inputs(mode_ext_in: u16) -> Rig {
     rig
 }
 
-/// A pulse: closed for that long, then open for a while.
+/// A pulse: closes the contact for 50 ms, then opens it and waits.
 fn pulse(rig: &mut Rig, contact: &str) {
     rig.close(contact);
     rig.after(50.millis());
@@ -30,7 +30,8 @@ fn assert_turns(rig: &mut Rig, status: u16, direction: u16) {
     assert_eq!(sign, [0, 1, -1][usize::from(status)], "the shaft");
 }
 
-/// "1 - input shorted to output GND, 0 - input open", before debouncing (RS434-21).
+/// "1 - input shorted to output GND, 0 - input open". The registers show the contacts before debouncing
+/// (RS434-21).
 #[test]
 fn section_6_1_contacts() {
     let mut rig = Rig::default();
@@ -46,7 +47,7 @@ fn section_6_1_contacts() {
     assert_eq!(rig.try_bits(2, at::IN1, 3), Ok(vec![false, true, true]));
 }
 
-/// 1: IN1 start/stop, IN2 reverse, both at the end of a pulse.
+/// MODE_EXT_IN 1: IN1 is start/stop and IN2 is reverse, both at the end of a pulse.
 #[test]
 fn section_6_5_mode_ext_in_1() {
     let mut rig = by_inputs(1);
@@ -66,7 +67,8 @@ fn section_6_5_mode_ext_in_1() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 2: IN1 start/stop at the end of a pulse, IN2 direction by level: open forward, closed backward (RS434-22).
+/// MODE_EXT_IN 2: IN1 is start/stop at the end of a pulse. IN2 is the direction by level: open is forward,
+/// closed backward (RS434-22).
 #[test]
 fn section_6_5_mode_ext_in_2() {
     let mut rig = by_inputs(2);
@@ -85,7 +87,7 @@ fn section_6_5_mode_ext_in_2() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 3: IN1 by level, IN2 reverse at the end of a pulse.
+/// MODE_EXT_IN 3: IN1 runs the motor by level, IN2 reverses it at the end of a pulse.
 #[test]
 fn section_6_5_mode_ext_in_3() {
     let mut rig = by_inputs(3);
@@ -99,7 +101,7 @@ fn section_6_5_mode_ext_in_3() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 4: both by level.
+/// MODE_EXT_IN 4: IN1 runs the motor and IN2 sets the direction, both by level.
 #[test]
 fn section_6_5_mode_ext_in_4() {
     let mut rig = by_inputs(4);
@@ -114,7 +116,7 @@ fn section_6_5_mode_ext_in_4() {
     assert_turns(&mut rig, 0, 2);
 }
 
-/// 5: IN1 forward, IN2 backward, by level; both: stop (RS434-22).
+/// MODE_EXT_IN 5: IN1 is forward and IN2 backward, by level. If both are closed, the motor stops (RS434-22).
 #[test]
 fn section_6_5_mode_ext_in_5() {
     let mut rig = by_inputs(5);
@@ -135,7 +137,7 @@ fn section_6_5_mode_ext_in_5() {
     assert_eq!(status(&mut rig), 2);
 }
 
-/// RS434-22: in way 5 IN2 moves the negative offset.
+/// RS434-22: with MODE_EXT_IN 5, IN2 moves by the negative offset.
 #[test]
 fn section_6_5_mode_ext_in_5_and_offsets() {
     for (contact, position) in [("IN1", 200), ("IN2", -200)] {
@@ -148,8 +150,8 @@ fn section_6_5_mode_ext_in_5_and_offsets() {
     }
 }
 
-/// RS434-22: in way 5 DIRECTION is neither read nor written: a master that writes it, as it is or otherwise,
-/// does not turn the motor against its input.
+/// RS434-22: MODE_EXT_IN 5 neither reads nor writes DIRECTION. If a master writes any DIRECTION, the motor
+/// still turns as its input demands.
 #[test]
 fn section_6_5_mode_ext_in_5_and_direction() {
     for (contact, status) in [("IN1", 1), ("IN2", 2)] {
@@ -164,7 +166,8 @@ fn section_6_5_mode_ext_in_5_and_direction() {
     }
 }
 
-/// A change-over contact opens IN1 and closes IN2 at once: the motor goes the other way.
+/// A change-over contact opens IN1 and closes IN2 at the same time (or the reverse): the motor changes its
+/// direction.
 #[test]
 fn section_6_5_mode_ext_in_5_changes_over() {
     for (rotation, from, to, status) in
@@ -182,7 +185,8 @@ fn section_6_5_mode_ext_in_5_changes_over() {
         rig.after(WHILE);
         assert_turns(&mut rig, status, 1);
         if rotation == 2 {
-            // 2,000 counts back from where it was: PRESSED and WAITED are 10 ms, in which it made 3 more.
+            // The motor moves 2,000 counts back from that position. During the 10 ms of PRESSED and WAITED it
+            // made 3 more.
             rig.after(10.secs());
             let way = rig.read_long(at::CURRENT_POSITION) - before;
             let sign = if status == 1 { 1 } else { -1 };
@@ -192,7 +196,7 @@ fn section_6_5_mode_ext_in_5_changes_over() {
     }
 }
 
-/// RS434-22: both go to the same position.
+/// RS434-22: with MODE_EXT_IN 5 both inputs go to the same position.
 #[test]
 fn section_6_5_mode_ext_in_5_and_positions() {
     for contact in ["IN1", "IN2"] {
@@ -206,7 +210,7 @@ fn section_6_5_mode_ext_in_5_and_positions() {
     }
 }
 
-/// PRESSED: a closure must last; "minimum time of a positive part of a pulse" (6.1).
+/// PRESSED is the time that a closure must last: "minimum time of a positive part of a pulse" (6.1).
 #[test]
 fn section_6_1_pressed() {
     for (mode, lasts, status) in [(1, 49, 0), (1, 51, 1), (3, 49, 0), (3, 51, 1)] {
@@ -218,7 +222,7 @@ fn section_6_1_pressed() {
             rig.open("IN1");
             rig.after(WHILE);
         } else {
-            // By level: it runs at once, and a shorter closure is none.
+            // A level input starts the motor at once. A closure that is too short is ignored.
             rig.after(10.millis() * u64::from(status));
             let speed = rig.motion().speed;
             assert_eq!(speed > 0, status == 1, "{lasts} ms: {speed}");
@@ -228,7 +232,7 @@ fn section_6_1_pressed() {
     }
 }
 
-/// WAITED: the opening behind it must last, and only then the pulse is over (RS434-21).
+/// WAITED is the time that the opening after a pulse must last. The pulse ends only then (RS434-21).
 #[test]
 fn section_6_1_waited() {
     let mut rig = by_inputs(1);
@@ -256,7 +260,7 @@ fn section_6_1_contact_bounce() {
     }
     rig.after(WHILE);
     assert_turns(&mut rig, 1, 1);
-    // Twenty bounces of a contact that closes, and opens, for 5 ms are nothing.
+    // Twenty bounces, closed for 5 ms and open for 5 ms, are ignored.
     for _ in 0..20 {
         rig.close("IN1");
         rig.after(5.millis());
@@ -267,8 +271,8 @@ fn section_6_1_contact_bounce() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 6.5: MODE_DEVICE: in 1 the inputs do nothing; in 2 START does nothing, and its reply is normal; STOP
-/// works in both (RS434-6).
+/// 6.5: with MODE_DEVICE 1 the inputs have no effect. With 2, START has no effect but gets a normal reply.
+/// STOP works in both (RS434-6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();
@@ -281,7 +285,7 @@ fn section_6_5_mode_device() {
     rig.after(WHILE);
     assert_turns(&mut rig, 0, 1);
     assert_eq!(rig.read(at::ERROR), 0);
-    // Not remembered.
+    // The ignored START does not take effect later.
     rig.write(at::MODE_DEVICE, 1);
     rig.after(WHILE);
     assert_turns(&mut rig, 0, 1);
@@ -295,7 +299,7 @@ fn section_6_5_mode_device() {
     }
 }
 
-/// RS434-22: levels act at power-up and when the mode is written, edges do not.
+/// RS434-22: levels take effect at power-on and when MODE_DEVICE is written. Edges do not.
 #[test]
 fn section_6_5_levels_at_power_up() {
     for (mode, status) in [(1, 0), (2, 0), (3, 1), (4, 2), (5, 0)] {
@@ -323,8 +327,8 @@ fn section_6_5_levels_at_power_up() {
     assert_turns(&mut rig, 2, 2);
 }
 
-/// "Operation is permitted with closed contact" (6): open: at once, bit 5, latched until a restart (RS434-20), with
-/// any MODE_DEVICE.
+/// "Operation is permitted with closed contact" (6). An open contact stops the motor at once and sets bit 5,
+/// which stays until a restart (RS434-20), with any MODE_DEVICE.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {
@@ -352,7 +356,7 @@ fn section_6_hard_stop() {
     }
 }
 
-/// Also at power-up: it is a level (RS434-20).
+/// An open contact at power-on sets bit 5, too, because the input is a level (RS434-20).
 #[test]
 fn section_6_hard_stop_at_power_up() {
     let mut rig = Rig::default();
@@ -364,7 +368,8 @@ fn section_6_hard_stop_at_power_up() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Closed while it is unused (RS434-8); open as soon as it is released, after any earlier levels.
+/// An unused contact counts as closed (RS434-8). After its first stimulus a released contact is open,
+/// whatever the levels before.
 #[test]
 fn section_6_released_hard_stop() {
     for before in [None, Some(PinStimulus::Low), Some(PinStimulus::High)] {
@@ -383,7 +388,7 @@ fn section_6_released_hard_stop() {
         rig.after(500.millis());
         assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (0, 1 << 5), "{before:?}");
         assert_eq!((rig.read(at::STATUS), rig.motion().speed == 0), (0, true), "{before:?}");
-        // An open contact is still one after a power cycle.
+        // The contact is still open after a power cycle.
         rig.power_cycle();
         assert_eq!((rig.read(at::IN_HARD_STOP), rig.read(at::ERROR)), (0, 1 << 5), "{before:?}");
         rig.close("HARD_STOP");

@@ -1,4 +1,4 @@
-//! 6 and 6.4: the line: five types, eleven rates, ASCII, the delay of replies, parity.
+//! 6 and 6.4: the serial line: five types, eleven rates, ASCII, the delay of replies, parity.
 
 use drivetwin_firmware::device::{Line, Port};
 use drivetwin_protocol::line::Parity;
@@ -8,7 +8,7 @@ use drivetwin_sim::bench::Setup;
 use drivetwin_sim::line::{LineMode, Sender};
 use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
 
-/// TYPE_MODBUS (6.4).
+/// Values of TYPE_MODBUS with data bits, parity and stop bits (6.4).
 const TYPES: [(u16, u8, Parity, u8); 5] = [
     (1, 7, Parity::Even, 1),
     (2, 7, Parity::Odd, 1),
@@ -17,17 +17,17 @@ const TYPES: [(u16, u8, Parity, u8); 5] = [
     (5, 8, Parity::None, 2),
 ];
 
-/// BITRATE_MODBUS 0 to 10 (6.4).
+/// Baud rates for BITRATE_MODBUS 0 to 10 (6.4).
 const RATES: [u32; 11] = [600, 1_200, 2_400, 4_800, 9_600, 14_400, 19_200, 38_400, 57_600, 115_200, 128_000];
 
-/// A drive that is ready, on a line where characters take their time.
+/// A drive after its start-up, on a line on which characters take time.
 fn timed() -> Rig {
     let mut rig = Rig::new("rs434544", LineMode::Timed, Setup::default());
     rig.after(BOOT);
     rig
 }
 
-/// With these settings saved, and restarted.
+/// The same drive, restarted after these settings were saved.
 fn restarted(settings: &[(u16, u16)]) -> Rig {
     let mut rig = timed();
     for &(address, value) in settings {
@@ -42,7 +42,7 @@ fn line(rig: &Rig) -> Line {
     rig.bench.line(rig.bench.bus(rig.seat, Port(0)).expect("a line"))
 }
 
-/// A message in ASCII, upper case: `:`, two digits a byte, LRC, CR LF (serial 2.5.2).
+/// An ASCII message in upper case: `:`, two digits per byte, LRC, CR LF (serial 2.5.2).
 fn ascii(body: &[u8]) -> Vec<u8> {
     let sum: u32 = body.iter().map(|&byte| u32::from(byte)).sum();
     let lrc = (256 - sum % 256) as u8;
@@ -50,7 +50,7 @@ fn ascii(body: &[u8]) -> Vec<u8> {
     format!(":{digits}\r\n").into_bytes()
 }
 
-/// The replies as text, for readable failures.
+/// Sends a message and returns the replies as text, for readable failures.
 fn ask_ascii(rig: &mut Rig, message: &[u8]) -> String {
     String::from_utf8_lossy(&rig.bench.ask(rig.seat, message)).into_owned()
 }
@@ -60,7 +60,8 @@ fn section_6_factory_line() {
     assert_eq!(line(&timed()), Line::new(115_200, 8, Parity::Even, 1));
 }
 
-/// All 55: "after the reboot" (6.4), not before; then SPEED is read in that framing.
+/// All 55 combinations take effect "after the reboot" (6.4), not before. Then SPEED is read with the new
+/// framing.
 #[test]
 fn section_6_4_types_and_rates() {
     for (kind, data, parity, stop) in TYPES {
@@ -85,7 +86,7 @@ fn section_6_4_types_and_rates() {
     }
 }
 
-/// "New values must be saved": a restart alone goes back to the saved values.
+/// "New values must be saved": without a save a restart restores the saved values.
 #[test]
 fn section_6_4_without_a_save() {
     let mut rig = timed();
@@ -111,7 +112,7 @@ fn section_6_4_addresses() {
     }
 }
 
-/// RS434-3: 0 obeys broadcasts and never answers.
+/// RS434-3: a drive with address 0 obeys broadcasts and never answers.
 #[test]
 fn section_6_4_address_0() {
     let mut rig = restarted(&[(at::SLAVE_ADDRESS, 0)]);
@@ -122,7 +123,7 @@ fn section_6_4_address_0() {
     assert_eq!(rig.bench.peek(rig.seat, row), 500);
 }
 
-/// Time until a reply has come, from the start of the request on a line that has been silent.
+/// Time from the start of a request, on a silent line, to the reply.
 fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     rig.after(1.secs());
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
@@ -141,24 +142,26 @@ fn reply_takes(rig: &mut Rig, frame: &[u8]) -> Duration {
     took
 }
 
-/// "An additional delay between the received packet and the reply message", in ms (RS434-3), from the
-/// restart on as the other three.
+/// "An additional delay between the received packet and the reply message", in ms (RS434-3). Like the other
+/// three settings it takes effect after a restart.
 #[test]
 fn section_6_4_timeout() {
     let read = rtu::read(1, at::SPEED, 1);
     let plain = reply_takes(&mut timed(), &read);
-    // The request and 3.5 characters, at least: 8 of 11 bits at 115,200 are 764 µs, and 1.75 ms.
+    // At least the request and 3.5 characters of silence: 8 characters of 11 bits at 115,200 baud are 764 µs,
+    // and 1.75 ms.
     assert!(plain >= 2_500.micros() && plain < 4.millis(), "{plain:?}");
     for ms in [1, 250, 2_000, 65_535] {
         let mut rig = restarted(&[(at::TIMEOUT, ms)]);
         assert_eq!(reply_takes(&mut rig, &read), plain + u64::from(ms).millis());
-        // A refusal is a reply.
+        // A refusal is delayed like any reply.
         let refused = reply_takes(&mut rig, &rtu::read(1, 0, 1));
         assert_eq!(refused, plain + u64::from(ms).millis());
     }
 }
 
-/// "After the reboot": written, or saved, it does not hold yet; without a save it never does.
+/// "After the reboot": a written or saved delay takes effect only after a restart. Without a save it never
+/// does.
 #[test]
 fn section_6_4_timeout_before_the_restart() {
     let read = rtu::read(1, at::SPEED, 1);
@@ -173,27 +176,27 @@ fn section_6_4_timeout_before_the_restart() {
     assert_eq!((reply_takes(&mut rig, &read), rig.read(at::TIMEOUT)), (plain, 2_000));
 }
 
-/// A message as in the specification, and its LRC by hand: 01+03+50+0B+00+01 = 60h, so A0h.
+/// A message as in the specification. Its LRC, by hand: 01+03+50+0B+00+01 = 60h, so A0h.
 #[test]
 fn section_6_4_ascii_messages() {
     let mut rig = restarted(&[(at::TYPE, 1)]);
     let reply = ":01030203E80F\r\n";
     assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), reply);
     assert_eq!(ascii(&[1, 3, 0x50, 0x0B, 0, 1]), b":0103500B0001A0\r\n");
-    // Either case is accepted.
+    // Upper and lower case are accepted.
     assert_eq!(ask_ascii(&mut rig, b":0103500b0001a0\r\n"), reply);
-    // A write, a refusal, a coil.
+    // A write, a refusal, and a coil.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0x01, 0xF4])), ":0106500B01F4A9\r\n");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0, 1])), ":01860376\r\n");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 5, 0x20, 0x03, 0xFF, 0])), ":01052003FF00D8\r\n");
-    // A broadcast, a foreign address.
+    // A broadcast and a foreign address.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[0, 6, 0x50, 0x0B, 0x01, 0xF5])), "");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[2, 6, 0x50, 0x0B, 0x01, 0xF6])), "");
     assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), ":01030201F504\r\n");
 }
 
-/// A wrong LRC, an odd digit, a letter that is none, no CR: silence, and the next message is answered. Noise
-/// resynchronises at the next `:`.
+/// A wrong LRC, an odd number of digits, an invalid digit, or no CR: the drive does not answer, but answers
+/// the next message. After noise the next `:` starts a message.
 #[test]
 fn section_6_4_ascii_noise() {
     let mut rig = restarted(&[(at::TYPE, 2)]);
@@ -216,7 +219,7 @@ fn section_6_4_ascii_noise() {
     for noise in ["xyz", ":0103", ":0106500B", ":::", "\r\n:01", "\u{7f}\u{1}"] {
         assert_eq!(ask_ascii(&mut rig, format!("{noise}{good}").as_bytes()), reply, "after {noise:?}");
     }
-    // RS434-5: none of this sets an error.
+    // RS434-5: none of these sets an ERROR bit.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 3, 0x50, 0x23, 0, 1])), ":0103020000FA\r\n");
 }
 
@@ -239,7 +242,8 @@ fn section_6_4_ascii_pauses() {
     }
 }
 
-/// Characters of another rate or parity: silence. RS434-5: wrong parity sets bit 14; a write clears it.
+/// The drive does not answer characters with another rate or parity. RS434-5: wrong parity sets bit 14, and a
+/// write clears it.
 #[test]
 fn section_6_5_parity() {
     let mut rig = timed();

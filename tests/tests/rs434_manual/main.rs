@@ -1,9 +1,9 @@
-//! The manual of the RS 434544 and 434546 as a test: its tables, and each section of chapter 6 with its examples,
-//! over the bus and the pins, as a master sees them. Values and times are typed from the manual or come from the
-//! arithmetic in the comments. The instructions of 6.9 have a test of their own.
+//! The manual of the RS 434544 and 434546 as a test: its tables, and each section of chapter 6 with its
+//! examples, over the bus and the pins, as a master sees them. Values and times are typed from the manual or
+//! computed in the comments. The instructions of 6.9 are tested in `rs434_program`.
 //!
-//! Where the manual is silent or contradicts itself docs/decisions holds what the project has decided
-//! (`RS434-5`). Numbers like 6.5 are the manual's sections.
+//! Where the manual is silent or contradicts itself, docs/decisions has the project's decision
+//! (`RS434-5`). Numbers like 6.5 are sections of the manual.
 #![allow(missing_docs, reason = "a test")]
 
 mod bus;

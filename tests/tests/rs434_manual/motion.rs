@@ -1,17 +1,18 @@
-//! 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors, current.
+//! 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors and current.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_tests::rs434::{Rig, at};
 
-/// Hall edges of a turn: 4 pulses of 2 edges ("both leading and trailing", 6.3) from each of 2 sensors.
+/// Hall edges per turn: 2 sensors with 4 pulses of 2 edges each ("both leading and trailing", 6.3).
 const COUNTS: f64 = 16.0;
 
-/// Turns a second², by the two points that 6.5 prints: 10 is 100, 1,000 is 5,000, linear between (RS434-14).
+/// Acceleration in turns/s². 6.5 prints two points: 10 is 100, 1,000 is 5,000. Values between them are linear
+/// (RS434-14).
 fn rps2(value: u16) -> f64 {
     100.0 + (f64::from(value) - 10.0) * (5_000.0 - 100.0) / (1_000.0 - 10.0)
 }
 
-/// The shaft in rpm, signed.
+/// True speed of the shaft in rpm, signed.
 fn rpm(rig: &Rig) -> f64 {
     rig.motion().speed.to_num::<f64>() / COUNTS * 60.0
 }
@@ -21,7 +22,7 @@ fn assert_near(is: f64, should: f64, percent: f64, what: &str) {
     assert!((is - should).abs() <= should.abs() * percent / 100.0, "{what}: {is:.1} is not {should:.1}");
 }
 
-/// A drive that turns at SPEED.
+/// A drive whose motor turns at SPEED.
 fn turning(settings: &[(u16, u16)]) -> Rig {
     let mut rig = Rig::default();
     for &(address, value) in settings {
@@ -32,7 +33,7 @@ fn turning(settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// 6.3: STATUS, SPEED_VALID in rpm, CURRENT_POSITION in Hall edges, either direction.
+/// 6.3: STATUS, SPEED_VALID in rpm, and CURRENT_POSITION in Hall edges, in both directions.
 #[test]
 fn section_6_3_rotation() {
     for (direction, sign) in [(1, 1.0), (2, -1.0)] {
@@ -56,7 +57,7 @@ fn section_6_3_rotation() {
     }
 }
 
-/// From the least speed to the greatest one of the motor.
+/// Speeds from the least that SPEED allows to the greatest that the motor can reach.
 #[test]
 fn section_6_5_speed() {
     for speed in [30, 100, 500, 1_500, 2_500] {
@@ -69,21 +70,21 @@ fn section_6_5_speed() {
     }
 }
 
-/// RS434-19: a higher SPEED is accepted and the motor turns as fast as it can: with 0.98 of the supply (3)
-/// not faster than 0.98 of RATED_SPEED.
+/// RS434-19: a higher SPEED is accepted, and the motor turns as fast as it can. With 0.98 of the supply (3)
+/// that is at most 0.98 of RATED_SPEED.
 #[test]
 fn section_6_5_more_than_the_motor_can() {
     let rig = turning(&[(at::SPEED, 15_000)]);
     let fast = rpm(&rig);
     assert!(fast > 0.8 * 3_000.0 && fast <= 0.98 * 3_000.0, "{fast}");
-    // The same motor, described as another one by the register.
+    // The model of the motor follows RATED_SPEED.
     let rig = turning(&[(at::RATED_SPEED, 6_000), (at::SPEED, 15_000)]);
     let fast = rpm(&rig);
     assert!(fast > 0.8 * 6_000.0 && fast <= 0.98 * 6_000.0, "{fast}");
 }
 
-/// "A value of 10 corresponds to 100 rps², and a value of 1000 corresponds to 5000 rps²": speed at quarters of
-/// the ramp up, and of the ramp down.
+/// "A value of 10 corresponds to 100 rps², and a value of 1000 corresponds to 5000 rps²": checks the speed at
+/// each quarter of the ramp up and of the ramp down.
 #[test]
 fn section_6_5_acc_and_dec() {
     for (acc, dec, rpm_set, rated) in
@@ -122,7 +123,7 @@ fn section_6_5_acc_and_dec() {
     }
 }
 
-/// RS434-15: SPEED and DIRECTION at once, reversing by way of 0.
+/// RS434-15: SPEED and DIRECTION take effect at once. A reversal goes through 0.
 #[test]
 fn section_6_5_changes_on_the_way() {
     let mut rig = turning(&[(at::ACC, 10), (at::DEC, 10)]);
@@ -134,7 +135,7 @@ fn section_6_5_changes_on_the_way() {
     assert_near(rpm(&rig), 300.0, 4.0, "slower");
     rig.write(at::SPEED, 1_000);
     rig.after(2.secs());
-    // 16.7 rps at 100 rps²: 167 ms to 0, and again to 1,000 rpm backward.
+    // 16.7 rps at 100 rps² are 167 ms to 0, and as long again to 1,000 rpm backward.
     rig.write(at::DIRECTION, 2);
     rig.after(83.millis());
     assert_near(rpm(&rig), 500.0, 15.0, "on its way to 0");
@@ -143,13 +144,14 @@ fn section_6_5_changes_on_the_way() {
     rig.after(1.secs());
     assert_near(rpm(&rig), -1_000.0, 2.0, "backward");
     assert_eq!(rig.read(at::STATUS), 2);
-    // RS434-15: a START changes nothing.
+    // RS434-15: a START while the motor turns has no effect.
     rig.write(at::START, 1);
     rig.after(10.millis());
     assert_near(rpm(&rig), -1_000.0, 2.0, "still backward");
 }
 
-/// "Abrupt emergency stop": without the ramp that STOP has. No ERROR bit, and START works again (RS434-20).
+/// "Abrupt emergency stop": HARD_STOP has no ramp, unlike STOP. It sets no ERROR bit, and START works again
+/// (RS434-20).
 #[test]
 fn section_6_2_stop_and_hard_stop() {
     let slow = [(at::DEC, 10), (at::SPEED, 2_500)];
@@ -169,7 +171,7 @@ fn section_6_2_stop_and_hard_stop() {
     assert_eq!(hard.read(at::STATUS), 1);
 }
 
-/// CLR_POSITION, at rest and on the way.
+/// CLR_POSITION, at rest and while the motor turns.
 #[test]
 fn section_6_2_clr_position() {
     let mut rig = turning(&[]);
@@ -184,8 +186,8 @@ fn section_6_2_clr_position() {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), 0);
 }
 
-/// "Number of pulses per revolution from one Hall sensor", and "both leading and trailing edges are taken into
-/// account" (6.3): counts of a turn with each number of pulses and one or two sensors.
+/// "Number of pulses per revolution from one Hall sensor", and "both leading and trailing edges are taken
+/// into account" (6.3): counts per turn with different numbers of pulses, and with one or two sensors.
 #[test]
 fn section_6_5_pulses_and_sensors() {
     for (pulses, halls, counts) in
@@ -200,7 +202,7 @@ fn section_6_5_pulses_and_sensors() {
     }
 }
 
-/// RS434-18: with one Hall sensor the direction counted is the one commanded.
+/// RS434-18: with one Hall sensor the drive counts in the commanded direction.
 #[test]
 fn section_6_5_one_sensor_backward() {
     let mut rig = turning(&[(at::USE_HALL, 1), (at::DIRECTION, 2)]);
@@ -211,8 +213,8 @@ fn section_6_5_one_sensor_backward() {
     assert_near(turned, -500.0 * 8.0, 3.0, "backward");
 }
 
-/// RS434-18: without sensors duty = SPEED / RATED_SPEED, at most 0.98; the position does not change, and SPEED_VALID
-/// shows the speed computed.
+/// RS434-18: without sensors duty = SPEED / RATED_SPEED, at most 0.98. The position does not change, and
+/// SPEED_VALID shows the computed speed.
 #[test]
 fn section_6_5_without_sensors() {
     for (speed, rated, duty) in [(1_000, 3_000, 1.0 / 3.0), (1_500, 6_000, 0.25), (15_000, 3_000, 0.98)] {
@@ -228,8 +230,8 @@ fn section_6_5_without_sensors() {
     }
 }
 
-/// REF_CURRENT limits: a shaft that is held draws no more; bit 11 is a warning and does not stop (RS434-23
-/// and RS434-24).
+/// REF_CURRENT limits the current of a blocked shaft. Bit 11 is a warning and does not stop the motor
+/// (RS434-23 and RS434-24).
 #[test]
 fn section_6_5_ref_current() {
     for limit in [1_000, 3_000] {
@@ -251,8 +253,8 @@ fn section_6_5_ref_current() {
     }
 }
 
-/// "The current consumed by the motor from the power supply": the motor's own current during the part of the time
-/// in which the supply drives it. Terminals that are shorted have none of it.
+/// "The current consumed by the motor from the power supply": the current of the motor, times the part of the
+/// time in which the supply drives it. Shorted terminals draw no current from the supply.
 #[test]
 fn section_6_3_current_of_the_supply() {
     for direction in [1, 2] {
@@ -262,8 +264,8 @@ fn section_6_3_current_of_the_supply() {
         rig.fault("stall", true);
         rig.write(at::START, 1);
         rig.after(1.secs());
-        // A shaft that is held has no voltage of its own: a third of the supply is a third of the time, and gives the
-        // motor a third of the full current.
+        // A blocked shaft makes no voltage of its own. With a third of the supply voltage the motor has a
+        // third of its full current, and draws it from the supply for a third of the time.
         let motion = rig.motion();
         let supply = f64::from(motion.current_ma) * f64::from(motion.duty.abs()) / 65_536.0;
         assert!(motion.current_ma > 10_000 && supply < 0.4 * f64::from(motion.current_ma), "{motion:?}");
@@ -277,7 +279,7 @@ fn section_6_3_current_of_the_supply() {
     }
 }
 
-/// A motor that runs free is far below the limit.
+/// The current of a motor without load is far below the limit.
 #[test]
 fn section_6_5_no_warning_in_normal_use() {
     let mut rig = turning(&[(at::SPEED, 2_500)]);
@@ -287,13 +289,13 @@ fn section_6_5_no_warning_in_normal_use() {
     rig.after(1.secs());
     assert_eq!(rig.read(at::ERROR), 0);
     for address in [at::TEMPERATURE_MCU, at::TEMPERATURE_MOSFET, at::TEMPERATURE_BRAKE] {
-        // 0.1 °C; ambient is 25 °C.
+        // In units of 0.1 °C. The ambient temperature is 25 °C.
         assert!((250..600).contains(&rig.read(address)), "{address:04X}h");
     }
 }
 
-/// "The instantaneous value of the rotation speed" (6.3): a shaft that coasted, its terminals open after a restart,
-/// and has made no edge for a second, counts as at rest.
+/// "The instantaneous value of the rotation speed" (6.3). After a restart the terminals are open and the
+/// shaft coasts. It counts as at rest when there was no edge for a second.
 #[test]
 fn section_6_3_speed_of_a_shaft_that_has_coasted() {
     let mut rig = turning(&[(at::SPEED, 2_800)]);

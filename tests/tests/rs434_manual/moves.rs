@@ -1,9 +1,9 @@
-//! 6.5: MODE_ROTATION 2 and 3: offsets and positions, exact to the Hall edge.
+//! 6.5: MODE_ROTATION 2 and 3: moves by offset and to positions, exact to a Hall edge.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
 
-/// Longer than any move here.
+/// Longer than any move here takes, in s.
 const MOVE: u64 = 30;
 
 fn mover(mode: u16) -> Rig {
@@ -23,13 +23,13 @@ fn start(rig: &mut Rig) {
 fn assert_at(rig: &mut Rig, position: i32) {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), position);
     assert_eq!(rig.motion().position, position, "the shaft");
-    // Ramps of 5,000 rps² may need more current than REF_CURRENT allows.
+    // Ramps of 5,000 rps² may need more current than REF_CURRENT allows, so bit 11 may be set.
     let steep = [at::ACC, at::DEC].iter().any(|&ramp| rig.read(ramp) == 1_000);
     let accepted = if steep { 1 << 11 } else { 0 };
     assert_eq!(rig.read(at::ERROR) & !accepted, 0);
 }
 
-/// The end is exact, for any distance and ramps; OFFSET is 0 then.
+/// A move ends exactly, for any distance and ramps. OFFSET is then 0.
 #[test]
 fn section_6_5_offsets() {
     for (acc, dec, speed) in [(100, 100, 1_000), (10, 1_000, 2_500), (1_000, 10, 2_500), (20, 20, 60)] {
@@ -48,7 +48,7 @@ fn section_6_5_offsets() {
     }
 }
 
-/// RS434-16: its sign alone decides; DIRECTION is for continuous rotation.
+/// RS434-16: only the sign of OFFSET decides the direction. DIRECTION is for continuous rotation.
 #[test]
 fn section_6_5_offset_and_direction() {
     let mut rig = mover(2);
@@ -68,8 +68,8 @@ fn section_6_5_offset_and_direction() {
     assert_at(&mut rig, 0);
 }
 
-/// "A counter of the remaining movement": at every instant the steps left and the steps done add up to the whole; it
-/// only decreases.
+/// "A counter of the remaining movement": the remaining steps and the completed steps always add up to the
+/// whole move. OFFSET only decreases.
 #[test]
 fn section_6_5_offset_counts_down() {
     let mut rig = mover(2);
@@ -91,8 +91,8 @@ fn section_6_5_offset_counts_down() {
     assert_at(&mut rig, 400);
 }
 
-/// RS434-16: STOP keeps the rest, also of the way that it braked over, and the next START goes on
-/// with it.
+/// RS434-16: after STOP, OFFSET has the steps that remain after braking. The next START continues with
+/// them.
 #[test]
 fn section_6_5_stop_in_an_offset() {
     let mut rig = mover(2);
@@ -106,13 +106,13 @@ fn section_6_5_stop_in_an_offset() {
     assert!(done > 100 && left > 100, "{done} and {left}");
     start(&mut rig);
     assert_at(&mut rig, 1_000);
-    // OFFSET 0: no motion.
+    // With OFFSET 0 a START moves nothing.
     start(&mut rig);
     assert_at(&mut rig, 1_000);
 }
 
-/// A move that begins while the motor still turns the other way: the rest grows first, and is never 0 on the
-/// way.
+/// A move starts while the motor still turns the other way. OFFSET grows first, and is not 0 before the end
+/// of the move.
 #[test]
 fn section_6_5_an_offset_against_the_motion() {
     let mut rig = mover(1);
@@ -153,7 +153,7 @@ fn section_6_5_offset_const() {
     assert_at(&mut rig, -100);
 }
 
-/// RS434-15: a START while a move runs has no effect; a move keeps the settings that it started with.
+/// RS434-15: a START during a move has no effect. A move keeps the settings with which it started.
 #[test]
 fn section_6_5_writes_and_a_start_during_a_move_do_not_change_it() {
     let mut rig = mover(2);
@@ -165,14 +165,14 @@ fn section_6_5_writes_and_a_start_during_a_move_do_not_change_it() {
         rig.write(address, value);
     }
     rig.write(at::MODE_ROTATION, 3);
-    // 500 counts are 31.25 turns: 1.9 s at 1,000 rpm, over a minute at 30.
+    // 500 counts are 31.25 turns. They take 1.9 s at 1,000 rpm, and more than a minute at 30 rpm.
     rig.after(3.secs());
     assert_eq!(rig.read(at::STATUS), 0);
     assert_at(&mut rig, 500);
 }
 
-/// 3: "The position number is specified by the POSITION_N register"; its coordinate is copied to
-/// TARGET_POSITION, and the four do not change.
+/// Mode 3: "The position number is specified by the POSITION_N register". The drive copies that position to
+/// TARGET_POSITION. The four stored positions do not change.
 #[test]
 fn section_6_5_positions() {
     let positions = [120, -75, 1, 300];
@@ -193,7 +193,7 @@ fn section_6_5_positions() {
     }
 }
 
-/// The coordinate is copied "before moving": a write during the move does not change it.
+/// The position is copied "before moving", so a write during the move does not change the move.
 #[test]
 fn section_6_5_a_position_changed_on_the_way() {
     let mut rig = mover(3);
@@ -207,7 +207,7 @@ fn section_6_5_a_position_changed_on_the_way() {
     assert_eq!(rig.read_long(at::TARGET_POSITION), 300);
 }
 
-/// After CLR_POSITION positions count from there.
+/// After CLR_POSITION positions count from the place where the shaft was then.
 #[test]
 fn section_6_5_positions_after_clr_position() {
     let mut rig = mover(3);
@@ -219,7 +219,7 @@ fn section_6_5_positions_after_clr_position() {
     assert_eq!(rig.motion().position, 200);
 }
 
-/// RS434-17: it moves the stopping point along the motion; OFFSET is 0 all the same.
+/// RS434-17: OFFSET_COMPENSATION extends a move in its direction. OFFSET still ends at 0.
 #[test]
 fn section_6_5_offset_compensation() {
     for (offset, compensation, end) in
@@ -234,7 +234,7 @@ fn section_6_5_offset_compensation() {
     }
 }
 
-/// OFFSET_COMPENSATION moves the end of a move; if the end would be behind the beginning, there is no motion.
+/// If a negative OFFSET_COMPENSATION is longer than the move, the motor does not move.
 #[test]
 fn section_6_5_more_compensation_than_way() {
     for offset in [10, -10] {
@@ -249,7 +249,7 @@ fn section_6_5_more_compensation_than_way() {
     }
 }
 
-/// RS434-15: a move keeps the speed that it began with, also where its sensors have other pulses on the way.
+/// RS434-15: a move keeps its speed if PULSES_PER_REVOLUTION is changed during the move.
 #[test]
 fn section_6_5_other_pulses_in_a_move() {
     for pulses in [1, 12] {
@@ -267,7 +267,8 @@ fn section_6_5_other_pulses_in_a_move() {
     }
 }
 
-/// Bit 15: "using positioning mode with less than two Hall sensors": no motion (RS434-18).
+/// ERROR bit 15: "using positioning mode with less than two Hall sensors". The motor does not move
+/// (RS434-18).
 #[test]
 fn section_6_5_moves_want_two_sensors() {
     for mode in [2, 3] {
@@ -284,7 +285,7 @@ fn section_6_5_moves_want_two_sensors() {
     }
 }
 
-/// RS434-15: a move that loses a sensor on its way ends there, with the same bit.
+/// RS434-15: if USE_HALL is reduced during a move, the move ends, and ERROR bit 15 is set.
 #[test]
 fn section_6_5_a_move_that_loses_its_sensors() {
     for mode in [2, 3] {
@@ -295,21 +296,21 @@ fn section_6_5_a_move_that_loses_its_sensors() {
             rig.write(at::START, 1);
             rig.after(1.secs());
             assert_eq!(rig.read(at::STATUS), 1);
-            // 1,000 rpm are 267 counts a second, and a ramp of some 30 ms 4 more.
+            // 1,000 rpm are 267 counts/s. A ramp of about 30 ms adds 4 counts.
             let before = rig.motion().position;
             rig.write(at::USE_HALL, halls);
             assert_eq!(rig.read(at::ERROR), 1 << 15, "{halls} sensors");
             rig.after(2.secs());
             let case = format!("MODE_ROTATION {mode}, {halls} sensors");
             assert_eq!((rig.read(at::STATUS), rig.motion().speed.to_num::<f64>()), (0, 0.0), "{case}");
-            // It brakes with DEC, or without a speed signal: not over half of its way.
+            // The motor brakes with DEC, or without a speed signal. It stops within half of the move.
             let on = rig.motion().position - before;
             assert!((0..500).contains(&on), "{case}: {on} counts more");
         }
     }
 }
 
-/// The motor of the other model, of other pulses, with a higher current: the end is as exact.
+/// The other model, with another number of pulses and a higher current: a move ends exactly, too.
 #[test]
 fn section_6_5_moves_of_the_other_model() {
     let mut rig = Rig::ready("rs434546");

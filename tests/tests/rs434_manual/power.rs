@@ -1,4 +1,4 @@
-//! 6.5, 7: power-on, restart, saving, factory reset.
+//! 6.5 and 7: power-on, restart, saving, factory reset.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;
@@ -11,7 +11,7 @@ fn answers(rig: &mut Rig) -> bool {
     !rig.bench.ask(rig.seat, &rtu::read(1, at::SPEED, 1)).is_empty()
 }
 
-/// RS434-9: 500 ms without ears.
+/// RS434-9: for 500 ms after power-on the drive receives nothing.
 #[test]
 fn section_6_power_on() {
     let mut rig = Rig::new("rs434544", LineMode::Fast, Setup::default());
@@ -22,8 +22,8 @@ fn section_6_power_on() {
     assert_eq!([at::STATUS, at::ERROR, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [0, 0, 1]);
 }
 
-/// "Causes the controller reboot": answered, then the same 500 ms (RS434-9); the position is 0, the motor is at rest,
-/// unsaved values are gone.
+/// "Causes the controller reboot": the write is answered, then the drive receives nothing for 500 ms
+/// (RS434-9). Then the position is 0, the motor is at rest, and unsaved values are lost.
 #[test]
 fn section_6_5_restart() {
     let mut rig = Rig::default();
@@ -38,12 +38,12 @@ fn section_6_5_restart() {
     assert_eq!([at::STATUS, at::ERROR].map(|address| rig.read(address)), [0, 0]);
     rig.after(2.secs());
     assert_eq!(rig.motion().speed, 0);
-    // It may have coasted, but not far: it had 16 counts a turn at 1,000 rpm.
+    // The motor may have coasted, but not far, at 16 counts per turn and 1,000 rpm.
     assert!(rig.read_long(at::CURRENT_POSITION).abs() < 100);
     assert_eq!(rig.try_write(at::RESTART, 0x95AE), Err(3));
 }
 
-/// A restart of a drive at rest is at 0.
+/// After a restart of a drive at rest the position is 0.
 #[test]
 fn section_6_5_restart_clears_the_position() {
     let mut rig = Rig::default();
@@ -56,8 +56,8 @@ fn section_6_5_restart_clears_the_position() {
     assert_eq!(rig.read_long(at::CURRENT_POSITION), 0);
 }
 
-/// RS434-11: power fails in a save: factory values run, bit 9, and the memory
-/// stays as it is; a save and a restart repair it.
+/// RS434-11: if power fails during a save, the drive uses factory values, sets bit 9, and does not change its
+/// memory. A save and a restart repair it.
 #[test]
 fn section_6_5_power_lost_in_a_save() {
     let mut rig = Rig::default();
@@ -81,7 +81,7 @@ fn section_6_5_power_lost_in_a_save() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (700, 0));
 }
 
-/// A drive with SPEED 500 and a program saved, that was given power with CLR_FLASH closed.
+/// A drive with a saved program, SPEED 500 and address 9, whose power was switched on with CLR_FLASH closed.
 fn with_clr_flash_closed() -> Rig {
     let mut rig = Rig::default();
     rig.write(at::SPEED, 500);
@@ -130,7 +130,7 @@ fn section_7_factory_reset() {
     assert_eq!(rig.read(at::AX), 7);
 }
 
-/// The motor obeys them, too: settings that turned it otherwise were saved before.
+/// After a factory reset the motor obeys the factory values, although other settings were saved before.
 #[test]
 fn section_7_the_motor_after_a_factory_reset() {
     let mut rig = Rig::default();
@@ -146,7 +146,7 @@ fn section_7_the_motor_after_a_factory_reset() {
     rig.bench.power(rig.seat, PowerAction::On);
     rig.after(5.secs() + BOOT + 1.millis());
     rig.write(at::START, 1);
-    // From 1,000 rpm a ramp of ACC 100, 545 rps², is 31 ms away; one of ACC 10, 100 rps², 167 ms.
+    // A ramp to 1,000 rpm takes 31 ms with ACC 100 (545 rps²), and 167 ms with ACC 10 (100 rps²).
     rig.after(60.millis());
     let rpm = rig.motion().speed.to_num::<f64>() / 16.0 * 60.0;
     assert!((980.0..1_020.0).contains(&rpm), "{rpm} rpm");
@@ -156,7 +156,7 @@ fn section_7_the_motor_after_a_factory_reset() {
     assert_eq!((rig.read(at::STATUS), rig.read(at::SPEED_VALID).abs_diff(1_000) < 30), (1, true));
 }
 
-/// RS434-10: opened earlier, it boots unchanged.
+/// RS434-10: if CLR_FLASH opens before 5 s are over, the drive starts with unchanged settings.
 #[test]
 fn section_7_opened_too_early() {
     let mut rig = with_clr_flash_closed();
@@ -168,7 +168,7 @@ fn section_7_opened_too_early() {
     assert_eq!(reply, rtu::frame(9, &[3, 2, 0x01, 0xF4])[..]);
 }
 
-/// Only at power-on.
+/// CLR_FLASH has an effect only at power-on.
 #[test]
 fn section_7_not_while_it_runs() {
     let mut rig = Rig::default();
@@ -178,7 +178,8 @@ fn section_7_not_while_it_runs() {
     assert_eq!(rig.read(at::SPEED), 500);
 }
 
-/// 4: "LED indicator of device operation": green while it is ready; red beside an error that stops the motor.
+/// 4: "LED indicator of device operation": green while the drive is ready, and red, too, during an error that
+/// stops the motor.
 #[test]
 fn section_4_lights() {
     let mut rig = Rig::default();

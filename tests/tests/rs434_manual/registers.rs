@@ -4,8 +4,8 @@ use drivetwin_protocol::registers::Space;
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{KINDS, Rig, at};
 
-/// A register as the manual prints it: address, name, bits, the least and the greatest value, the default
-/// (of the line as 6 prints it, of the others our own values), whether a save keeps it. `RO` can only be read.
+/// A register: address, name, bits, range, default, and whether a save keeps it. Section 6 prints the
+/// defaults of the serial line. The other defaults are ours. `RO` is read-only.
 type Row = (u16, &'static str, u32, Range, i64, bool);
 
 #[derive(Clone, Copy, PartialEq)]
@@ -13,7 +13,7 @@ enum Range {
     ReadOnly,
     Any,
     From(i64, i64),
-    /// A key, and 0.
+    /// Any of these keys, or 0.
     Keys(&'static [u16]),
 }
 use Range::{Any, From, Keys, ReadOnly as RO};
@@ -83,17 +83,17 @@ const REGISTERS: [Row; 69] = [
     (0x7009, "IX_REG",                  16, Any,                 0,      false),
     (0x700A, "JX_REG",                  16, Any,                 0,      false),
     (0x8001, "HW_MAJOR",                16, RO,                  1_001,  false),
-    // Not in the table of defaults: random, and "x".
+    // Not in the table of defaults: the manual calls them random, or prints "x".
     (0x3008, "TASK_COUNTER",            16, RO,                  -1,     false),
     (0x8002, "HW_MINOR",                16, RO,                  -1,     false),
     (0x8003, "FW_MAJOR",                16, RO,                  -1,     false),
     (0x8004, "FW_MINOR",                16, RO,                  -1,     false),
-    // Fills the table up to 69, so that a missing row is a compile error.
+    // Fill the table to 69 rows, so that a missing row is a compile error.
     (0xFFFF, "", 0, RO, -1, false),
     (0xFFFF, "", 0, RO, -1, false),
 ];
 
-/// Registers of a kind: 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
+/// Registers of a model. 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
 fn registers(kind: &str) -> impl Iterator<Item = Row> {
     let big = kind == "rs434546";
     REGISTERS.into_iter().filter(|row| row.2 > 0).map(move |row| match row.1 {
@@ -103,7 +103,7 @@ fn registers(kind: &str) -> impl Iterator<Item = Row> {
     })
 }
 
-/// Reads a register of either size.
+/// Reads a register of 16 or 32 bits.
 #[track_caller]
 fn read(rig: &mut Rig, (address, _, bits, ..): Row) -> i64 {
     if bits == 32 { i64::from(rig.read_long(address)) } else { i64::from(rig.read(address)) }
@@ -135,7 +135,7 @@ fn section_6_defaults() {
     }
 }
 
-/// Each address space has its function to read, 01 to 04; the other three do not find the register.
+/// Each address space is read by one of the functions 01 to 04. The other three do not find the register.
 #[test]
 fn section_6_which_function_reads() {
     let mut rig = Rig::default();
@@ -162,7 +162,7 @@ fn section_6_which_function_reads() {
     }
 }
 
-/// Not a register more than the manual has, in any space.
+/// A drive has no registers that the manual does not have, in any space.
 #[test]
 fn section_6_no_others() {
     let mut rig = Rig::default();
@@ -184,8 +184,8 @@ fn section_6_no_others() {
     assert_eq!(rig.read(at::ERROR), 0, "bit 13 is for values");
 }
 
-/// "This group of registers is read-only" (6.1, 6.3, 6.8), and PC (RS434-2): functions 05, 06, 15 and 16
-/// do not find them.
+/// "This group of registers is read-only" (6.1, 6.3, 6.8), and so is PC (RS434-2): functions 05, 06, 15 and
+/// 16 do not find them.
 #[test]
 fn section_6_what_cannot_be_written() {
     let mut rig = Rig::default();
@@ -200,14 +200,14 @@ fn section_6_what_cannot_be_written() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// The edges of each range, and one beyond: exception 03, ERROR bit 13, nothing written (RS434-1), with
-/// functions 06 and 16 alike.
+/// Both limits of each range are accepted. The values next to them get exception 03, set ERROR bit 13 and
+/// change nothing (RS434-1), with functions 06 and 16.
 #[test]
 fn section_6_ranges() {
     for kind in KINDS {
         for row in registers(kind).filter(|row| row.0 >= 0x5000 && row.2 == 16) {
             let (address, name, _, range, ..) = row;
-            // ERROR takes any value and does not read it back.
+            // ERROR accepts any value, but does not read back as written.
             if address == at::ERROR {
                 continue;
             }
@@ -240,7 +240,7 @@ fn section_6_ranges() {
     }
 }
 
-/// 32 bits: the low word first, in one request or in two.
+/// 32-bit registers have the low word first. They can be written by one request or by two.
 #[test]
 fn section_6_pairs() {
     for row in registers("rs434544").filter(|row| row.2 == 32 && row.3 == Any) {
@@ -255,13 +255,14 @@ fn section_6_pairs() {
     }
 }
 
-/// A save keeps 5000h to 5020h, and nothing else (RS434-9).
+/// A save keeps 5000h to 5020h and nothing else (RS434-9).
 #[test]
 fn section_6_5_what_a_save_keeps() {
     for kind in KINDS {
         let mut rig = Rig::ready(kind);
         let rows = registers(kind).filter(|row| row.0 >= 0x5000 && row.3 != RO && !matches!(row.3, Keys(_)));
-        // Not the address and the line, which hold after the restart; not 3, which starts a program.
+        // Leaves out the address and the line settings, which change after the restart. MODE_USER_PROGRAM
+        // gets 2, as 3 would start a program.
         let rows: Vec<Row> = rows.filter(|row| !(0x5000..=0x5002).contains(&row.0)).collect();
         let other = |row: &Row| match (row.1, row.3) {
             ("MODE_USER_PROGRAM", _) => 2,
@@ -284,7 +285,7 @@ fn section_6_5_what_a_save_keeps() {
         }
         rig.save();
         rig.restart();
-        // A reply takes its time now: 5003h.
+        // Replies are delayed now by register 5003h.
         for row in &rows {
             rig.after(100.secs());
             let kept = if row.5 { other(row) } else { row.4 };
@@ -293,7 +294,7 @@ fn section_6_5_what_a_save_keeps() {
     }
 }
 
-/// Unsaved values are lost, by a restart and without power.
+/// Unsaved values are lost by a restart and at power-off.
 #[test]
 fn section_6_5_what_was_not_saved_is_forgotten() {
     for power in [false, true] {
@@ -311,7 +312,7 @@ fn section_6_5_what_was_not_saved_is_forgotten() {
     }
 }
 
-/// A key register reads 0 and takes 0 (RS434-2).
+/// A key register reads 0 and accepts 0 (RS434-2).
 #[test]
 fn section_6_5_keys() {
     let mut rig = Rig::default();
@@ -324,7 +325,7 @@ fn section_6_5_keys() {
     assert_eq!((rig.read(at::SPEED), rig.read(at::ERROR)), (500, 0));
 }
 
-/// "Returns a random number in the range 0x0000 to 0xFFFF": another one at each read.
+/// "Returns a random number in the range 0x0000 to 0xFFFF": each read returns a new number.
 #[test]
 fn section_6_3_task_counter() {
     let mut rig = Rig::default();
@@ -332,6 +333,6 @@ fn section_6_3_task_counter() {
     assert!(numbers.iter().any(|number| *number > 0xC000) && numbers.iter().any(|number| *number < 0x4000));
     numbers.sort_unstable();
     numbers.dedup();
-    // Among 200 of 65,536 numbers hardly two are the same.
+    // Among 200 random numbers of 65,536 hardly any two are equal.
     assert!(numbers.len() > 190, "{} different ones", numbers.len());
 }

@@ -1,5 +1,5 @@
-//! Loading, starting and stopping; jumps, subroutines and loops; the state that a program leaves behind (6.5, 6.6,
-//! 6.9).
+//! Loading, starting and stopping programs; jumps, subroutines and loops; the state after a program (6.5,
+//! 6.6, 6.9).
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::PowerAction;
@@ -7,7 +7,7 @@ use drivetwin_tests::rs434::{BOOT, LINE, Rig, SAVE, at, key};
 
 use crate::oracle::status;
 
-/// Instructions, with zeros in unused fields.
+/// Instructions with zeros in their unused fields.
 mod cmd {
     pub(super) const END: u32 = 0x00;
     pub(super) const ENDF: u32 = 0x0D;
@@ -22,7 +22,7 @@ mod cmd {
     pub(super) const fn add(system: u16, value: u16) -> u32 {
         fields(0x19, system, 0, value)
     }
-    /// To a Modbus register; the value is the next line.
+    /// Writes a Modbus register. The value is in the next line.
     pub(super) const fn put(kind: u16, address: u16) -> u32 {
         fields(0x0E, 0, kind, address)
     }
@@ -53,7 +53,7 @@ use cmd::{END, ENDF, RETURN, add, call, delay, get, jump, jump_unless_equal, mov
 const BX: u16 = at::AX + 1;
 const CX: u16 = at::AX + 2;
 
-/// A drive that has carried out a program for a second.
+/// A drive that has run a program for a second.
 fn ran(lines: &[u32]) -> Rig {
     let mut rig = Rig::default();
     rig.load(lines);
@@ -71,8 +71,8 @@ fn assert_ended(rig: &mut Rig, status: u16, pc: u16) {
 
 // 6.6: the buffer.
 
-/// A line at a time through CMD_W and WRITE_CMD, back through READ_CMD and CMD_R: the command in the low
-/// word, its data in the high one.
+/// A line is loaded through CMD_W and WRITE_CMD, and read back through READ_CMD and CMD_R. The low word is
+/// the command, the high word is its data.
 #[test]
 fn section_6_6_the_buffer() {
     let mut rig = Rig::default();
@@ -85,7 +85,7 @@ fn section_6_6_the_buffer() {
         assert_eq!(rig.read_long(at::CMD_R).cast_unsigned(), word, "line {line}");
         assert_eq!(rig.try_words(3, at::READ_CMD, 3), Ok(vec![line, word as u16, (word >> 16) as u16]));
     }
-    // RS434-2: they read the last address.
+    // RS434-2: WRITE_CMD and READ_CMD read the last line number.
     assert_eq!(rig.read(at::WRITE_CMD), 1_023);
     for port in [at::WRITE_CMD, at::READ_CMD] {
         assert_eq!(rig.try_write(port, 1_024), Err(3));
@@ -94,7 +94,7 @@ fn section_6_6_the_buffer() {
     }
 }
 
-/// RS434-1: one request loads a line, with any previous value of CMD_W.
+/// RS434-1: one request can load a line, whatever CMD_W was before.
 #[test]
 fn section_6_6_a_line_in_one_request() {
     let mut rig = Rig::default();
@@ -102,15 +102,16 @@ fn section_6_6_a_line_in_one_request() {
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[7, 0x5678, 0x1234]), Ok(()));
     rig.write(at::READ_CMD, 7);
     assert_eq!(rig.read_long(at::CMD_R), 0x1234_5678);
-    // The two ports in one request: line 9 is written, then read.
+    // One request for both: line 9 is written, then read.
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[9, 0xBEEF, 0xDEAD, 9]), Ok(()));
     assert_eq!(rig.read_long(at::CMD_R).cast_unsigned(), 0xDEAD_BEEF);
-    // An address out of range loads nothing, and all is as before (MODBUS-4).
+    // A line number out of range loads nothing, and nothing else changes (MODBUS-4).
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[1_024, 1, 2]), Err(3));
     assert_eq!(rig.read_long(at::CMD_W).cast_unsigned(), 0xDEAD_BEEF);
 }
 
-/// 8426h: buffer to flash; 9346h: flash to buffer. The buffer is not the program (RS434-28).
+/// 8426h copies the buffer to the flash, 9346h the flash to the buffer. The drive runs the program in the
+/// flash, not in the buffer (RS434-28).
 #[test]
 fn section_6_6_flash_and_buffer() {
     let mut rig = Rig::default();
@@ -128,13 +129,13 @@ fn section_6_6_flash_and_buffer() {
     rig.after(1.millis());
     assert_eq!(rig.read(at::AX), 7);
     assert_eq!(rig.read(at::SAVE_PROGRAM), 0);
-    // Another key (RS434-2).
+    // Another key is refused (RS434-2).
     assert_eq!(rig.try_write(at::SAVE_PROGRAM, 0x8427), Err(3));
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// "Rewriting the buffer while it runs must not corrupt the running program"; RS434-28: 8426h is refused
-/// then, 9346h is not.
+/// "Rewriting the buffer while it runs must not corrupt the running program". RS434-28: while a program runs,
+/// 8426h is refused and 9346h is not.
 #[test]
 fn section_6_6_the_buffer_while_a_program_runs() {
     let mut rig = Rig::default();
@@ -148,7 +149,7 @@ fn section_6_6_the_buffer_while_a_program_runs() {
     rig.after(10.millis());
     assert_eq!(rig.bench.memory(rig.seat), before);
     assert_eq!([at::STATUS_USER_PROGRAM, at::ERROR].map(|address| rig.read(address)), [status::RUNS, 0]);
-    // 50 rounds in 10 ms.
+    // 50 rounds are made in 10 ms.
     assert!((50..60).contains(&rig.read(at::AX)));
     rig.write(at::SAVE_PROGRAM, key::LOAD_PROGRAM);
     rig.after(SAVE);
@@ -157,7 +158,8 @@ fn section_6_6_the_buffer_while_a_program_runs() {
     assert_eq!(rig.read(at::STATUS_USER_PROGRAM), status::RUNS);
 }
 
-/// RS434-11: power fails in a save; then ERROR bit 7, and a start gives status 7. A save mends it.
+/// RS434-11: if power fails during a save, ERROR bit 7 is set, and a start gives status 7. A save repairs the
+/// memory.
 #[test]
 fn section_6_6_power_lost_in_a_save() {
     let mut rig = Rig::default();
@@ -184,9 +186,9 @@ fn section_6_6_power_lost_in_a_save() {
     assert_eq!((rig.read(at::AX), rig.read(at::STATUS_USER_PROGRAM)), (9, status::END));
 }
 
-// 6.3, 6.5: start, stop.
+// 6.3, 6.5: start and stop.
 
-/// 2 is "a short period only": 100 µs; then line 0 is carried out.
+/// Status 2 is "a short period only": 100 µs. Then line 0 runs.
 #[test]
 fn section_6_3_status_of_a_program() {
     let mut rig = Rig::default();
@@ -200,12 +202,12 @@ fn section_6_3_status_of_a_program() {
     }
     assert_eq!(seen, [[2, 0, 0], [4, 1, 0], [4, 2, 1], [5, 2, 2], [5, 2, 2]]);
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2, "RS434-26");
-    // RS434-26 and RS434-27: it starts again, at line 0, and AX keeps its value.
+    // RS434-26 and RS434-27: the program starts again at line 0, and AX keeps its value.
     rig.write(at::MODE_USER_PROGRAM, 2);
     assert_eq!([at::STATUS_USER_PROGRAM, at::AX, at::PC].map(|address| rig.read(address)), [2, 2, 0]);
 }
 
-/// An instruction takes 100 µs (RS434-25): 10,000 of them a second.
+/// An instruction takes 100 µs (RS434-25), so 10,000 run per second.
 #[test]
 fn section_6_9_an_instruction_takes_100_us() {
     let mut rig = Rig::default();
@@ -216,8 +218,8 @@ fn section_6_9_an_instruction_takes_100_us() {
     assert_eq!(rig.read(at::AX), 5_001);
 }
 
-/// RS434-26: 1 stops, with status 1, and registers stay; 2 does nothing to a program that runs; 3 is only
-/// kept.
+/// RS434-26: MODE_USER_PROGRAM 1 stops the program with status 1, and registers keep their values. Writing 2
+/// has no effect on a running program. Writing 3 is only stored.
 #[test]
 fn section_6_5_mode_user_program() {
     let mut rig = Rig::default();
@@ -242,7 +244,7 @@ fn section_6_5_mode_user_program() {
     assert_eq!((rig.read(at::AX), rig.read(at::SPEED)), (before + 5, 500));
 }
 
-/// 3, saved: at power-on, by way of status 3. RS434-26: it keeps reading 3.
+/// A saved 3 starts the program at power-on, with status 3 before 4. RS434-26: the register still reads 3.
 #[test]
 fn section_6_5_start_at_power_on() {
     let mut rig = Rig::default();
@@ -268,11 +270,11 @@ fn section_6_5_start_at_power_on() {
     assert!(seen.ends_with(&[3, 4]), "{seen:?}");
     rig.after(1.secs());
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 3);
-    // RS434-9: a boot makes AX 0.
+    // RS434-9: AX is 0 after power-on.
     assert!((5_000..10_000).contains(&rig.read(at::AX)));
 }
 
-/// RS434-26: a saved 2 starts nothing.
+/// RS434-26: a saved 2 does not start the program.
 #[test]
 fn section_6_5_a_saved_start() {
     let mut rig = Rig::default();
@@ -285,7 +287,7 @@ fn section_6_5_a_saved_start() {
     assert_eq!([at::STATUS_USER_PROGRAM, at::AX].map(|address| rig.read(address)), [1, 0]);
 }
 
-/// A new drive holds ENDs (RS434-28).
+/// The program of a new drive has only ENDs (RS434-28).
 #[test]
 fn section_6_6_a_new_drive() {
     let mut rig = Rig::default();
@@ -294,11 +296,11 @@ fn section_6_6_a_new_drive() {
     assert_ended(&mut rig, status::END, 0);
 }
 
-/// RS434-27: a start clears bit 8 and nothing else, empties the stacks, and keeps AX..JX.
+/// RS434-27: a start clears only bit 8, empties the stacks, and keeps AX to JX.
 #[test]
 fn section_6_5_a_start_after_an_error() {
     let mut rig = Rig::default();
-    // A CALL and a FOR are open when it fails.
+    // A CALL and a FOR are open when the program fails.
     rig.load(&[call(1), repeat(9, 9), add(0, 1), 0x7F]);
     for starts in 1..=20 {
         rig.run();
@@ -312,10 +314,10 @@ fn section_6_5_a_start_after_an_error() {
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// 6.7 shows them on the bus: a master passes parameters to a running program, and reads its results.
+/// 6.7 has AX to JX on the bus: a master can pass parameters to a running program, and read its results.
 #[test]
 fn section_6_7_a_master_and_a_program() {
-    // Waits until AX = BX, then CX = 1.
+    // The program waits until AX = BX, then sets CX to 1.
     let mut rig = Rig::default();
     rig.load(&[jump_unless_equal(0), mov(2, 1), END]);
     rig.write(at::AX, 5);
@@ -329,7 +331,7 @@ fn section_6_7_a_master_and_a_program() {
     assert_ended(&mut rig, status::END, 2);
 }
 
-/// Registers that a program cannot see differently from the bus: its own line, its own status.
+/// A program that reads STATUS_USER_PROGRAM and PC gets its own status and line.
 #[test]
 fn section_6_9_a_program_sees_itself() {
     let mut rig = ran(&[get(0, 2, 0x3009), get(1, 3, 0x7006), get(2, 3, 0x7006), END]);
@@ -338,7 +340,7 @@ fn section_6_9_a_program_sees_itself() {
 
 // DELAY.
 
-/// A pause in ms, exactly; PC stays at it (RS434-25).
+/// DELAY lasts exactly its time in ms. PC stays at its line (RS434-25).
 #[test]
 fn section_6_9_delay() {
     for (ms, lasts) in [(1, 1.millis()), (0, LINE), (250, 250.millis()), (65_535, 65_535.millis())] {
@@ -359,7 +361,7 @@ fn section_6_9_delay() {
     }
 }
 
-/// A program that waits can be stopped at once.
+/// Stopping a program that waits takes effect at once.
 #[test]
 fn section_6_9_a_stop_ends_a_delay() {
     let mut rig = Rig::default();
@@ -373,20 +375,20 @@ fn section_6_9_a_stop_ends_a_delay() {
 
 // Jumps.
 
-/// RS434-29: from its own line; back, too. A target before line 0 is an error.
+/// RS434-29: a relative jump counts from its own line, also backward. A target before line 0 is an error.
 #[test]
 fn section_6_9_relative_jumps() {
     let mut rig = ran(&[jump(3), mov(0, 1), END, skip(-2), END]);
     assert_eq!(rig.read(at::AX), 1);
     assert_ended(&mut rig, status::END, 2);
     assert_ended(&mut ran(&[delay(0), skip(-2)]), status::ERROR, 1);
-    // 0 is itself: it never ends, and never stops the drive from answering.
+    // A jump by 0 goes to itself: it never ends, and the drive still answers.
     let mut rig = ran(&[skip(0)]);
     assert_ended(&mut rig, status::RUNS, 0);
     assert_ended(&mut ran(&[jump(1_000)]), status::END, 1_000);
 }
 
-/// RS434-31: a jump onto a constant carries it out.
+/// RS434-31: a jump to the line of a constant executes that line.
 #[test]
 fn section_6_9_a_jump_onto_a_constant() {
     let mut rig = ran(&[jump(2), put(3, at::SPEED), mov(0, 9), END]);
@@ -394,7 +396,7 @@ fn section_6_9_a_jump_onto_a_constant() {
     assert_ended(&mut rig, status::END, 3);
 }
 
-/// RS434-29: PC past line 1,023, also in search of a constant.
+/// RS434-29: a program that continues past line 1,023 fails, also if only its constant would be there.
 #[test]
 fn section_6_9_past_the_last_line() {
     for last in
@@ -421,7 +423,7 @@ fn section_6_9_call_and_return() {
     assert_ended(&mut rig, status::END, 2);
 }
 
-/// Sixteen deep (RS434-30), not one more: AX counts them.
+/// Calls nest 16 deep (RS434-30), and the 17th fails. AX counts them.
 #[test]
 fn section_6_9_calls_nest_16_deep() {
     let mut rig = ran(&[add(0, 1), call(0)]);
@@ -430,7 +432,8 @@ fn section_6_9_calls_nest_16_deep() {
     let mut sixteen: Vec<u32> = (1..=16).map(call).collect();
     sixteen.push(RETURN);
     let mut rig = Rig::default();
-    // Each one returns behind its call, which is the next call: all 16 levels are left from line 16 on.
+    // Each line calls the next one, so all 16 levels are open when line 16 runs. A RETURN would go to the
+    // line after its CALL.
     sixteen.insert(16, mov(1, 1));
     rig.load(&sixteen);
     rig.run();
@@ -438,7 +441,8 @@ fn section_6_9_calls_nest_16_deep() {
     assert_eq!([BX, at::PC, at::STATUS_USER_PROGRAM].map(|address| rig.read(address)), [1, 16, 4]);
 }
 
-/// "0x17 = 23 commands executed in a loop, 0x05 = 5 - the number of repetitions": 5 times in all.
+/// "0x17 = 23 commands executed in a loop, 0x05 = 5 - the number of repetitions": the loop runs 5 times in
+/// all.
 #[test]
 fn section_6_9_the_manuals_loop() {
     let mut lines = vec![0x1705_000C];
@@ -449,7 +453,7 @@ fn section_6_9_the_manuals_loop() {
     assert_ended(&mut rig, status::END, 24);
 }
 
-/// Asserts how often lines of a program are carried out: each adds to a register of its own.
+/// Asserts how often lines of a program run. Each of these lines adds 1 to its own register.
 #[track_caller]
 fn assert_counts(lines: &[u32], counts: [u16; 3], pc: u16) {
     let mut rig = ran(lines);
@@ -457,40 +461,41 @@ fn assert_counts(lines: &[u32], counts: [u16; 3], pc: u16) {
     assert_ended(&mut rig, status::END, pc);
 }
 
-/// RS434-30.
+/// Loops as in RS434-30.
 #[test]
 fn section_6_9_loops() {
     let [a, b, c] = [0, 1, 2].map(|register| add(register, 1));
-    // None, one, 255 times; nothing at all.
+    // The body runs 0, 1 or 255 times. An empty body is allowed.
     assert_counts(&[repeat(1, 0), a, b, END], [0, 1, 0], 3);
     assert_counts(&[repeat(1, 1), a, b, END], [1, 1, 0], 3);
     assert_counts(&[repeat(1, 255), a, b, END], [255, 1, 0], 3);
     assert_counts(&[repeat(0, 255), a, b, END], [1, 1, 0], 3);
-    // Nested; ending together.
+    // Nested loops, also with the same end.
     assert_counts(&[repeat(3, 3), repeat(1, 4), a, b, c, END], [12, 3, 1], 5);
     assert_counts(&[repeat(2, 3), repeat(1, 4), a, b, END], [12, 1, 0], 4);
     assert_counts(&[repeat(3, 2), repeat(2, 2), repeat(1, 2), a, b, END], [8, 1, 0], 5);
-    // A round ends by a jump to the line behind the body.
+    // A jump to the line after the body ends a round.
     assert_counts(&[repeat(3, 3), a, skip(2), b, c, END], [3, 0, 1], 5);
-    // A jump out of the body ends the loop; one inside does not.
+    // A jump out of the body ends the loop. A jump inside it does not.
     assert_counts(&[repeat(2, 3), a, jump(4), b, c, END], [1, 0, 1], 5);
     assert_counts(&[repeat(4, 3), skip(2), b, a, skip(1), c, END], [3, 0, 1], 6);
-    // Out of the inner one only.
+    // A jump out of the inner loop ends only that loop.
     assert_counts(&[repeat(4, 2), repeat(2, 5), a, skip(2), b, c, END], [2, 0, 1], 6);
     assert_counts(&[repeat(5, 2), repeat(2, 5), a, skip(2), b, b, c, END], [2, 2, 1], 7);
-    // A loop that is not carried out, at the end of another.
+    // A loop of 0 rounds, at the end of another loop's body.
     assert_counts(&[repeat(2, 3), a, repeat(0, 0), b, END], [3, 1, 0], 4);
     // Constants count as lines (RS434-30).
     assert_counts(&[repeat(2, 3), cmd::fields(0x3E, 0, 0, 0), 1, b, END], [3, 1, 0], 4);
 }
 
-/// The CALL level counts, too (RS434-30): a subroutine may lie anywhere, also in the body or right behind it.
+/// A loop belongs to its CALL level (RS434-30). So a subroutine may lie anywhere, also in the body or
+/// directly after it.
 #[test]
 fn section_6_9_loops_and_subroutines() {
     let [a, b, c] = [0, 1, 2].map(|register| add(register, 1));
     assert_counts(&[repeat(1, 3), call(4), b, END, a, RETURN], [3, 1, 0], 3);
     assert_counts(&[repeat(2, 3), call(5), c, b, END, a, RETURN], [3, 1, 3], 4);
-    // The subroutine is the line behind the body: it is not the end of a round.
+    // The subroutine is the line after the body. Calling it does not end a round.
     let mut rig = ran(&[repeat(1, 3), call(2), a, RETURN]);
     assert_eq!(rig.read(at::AX), 4);
     assert_ended(&mut rig, status::ERROR, 3);
@@ -501,11 +506,11 @@ fn section_6_9_loops_and_subroutines() {
 fn section_6_9_return_ends_loops() {
     let [a, b, _] = [0, 1, 2].map(|register| add(register, 1));
     assert_counts(&[repeat(1, 2), call(4), b, END, repeat(9, 9), a, RETURN], [2, 1, 0], 3);
-    // Eight times two loops would be too many, had they stayed.
+    // If RETURN left the two loops open, the fourth call would exceed the eight levels.
     assert_counts(&[repeat(1, 20), call(4), b, END, repeat(9, 9), repeat(7, 7), a, RETURN], [20, 1, 0], 3);
 }
 
-/// Eight deep (RS434-30), not one more.
+/// Loops nest 8 deep (RS434-30), and the ninth fails.
 #[test]
 fn section_6_9_loops_nest_8_deep() {
     let mut lines: Vec<u32> = (1..=8).rev().map(|left| repeat(left, 2)).collect();
@@ -522,8 +527,8 @@ fn section_6_9_loops_nest_8_deep() {
 
 // Effects of a program on the motor and the settings.
 
-/// Coils by a program are coils by the bus: START, and END leaves the motor turning (6.9); coil 2001h stops
-/// it.
+/// A program's write of a coil acts like one from the bus. END leaves the motor turning (6.9), and coil 2001h
+/// stops it.
 #[test]
 fn section_6_9_end_leaves_the_motor_turning() {
     let mut rig = ran(&[put(1, at::START), 1, END]);
@@ -534,8 +539,8 @@ fn section_6_9_end_leaves_the_motor_turning() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Every way of writing a 1 to START: a constant, NOT of the 0 it reads, a shift to nowhere, a subtraction
-/// (RS434-32: any value but 0 is 1), a pair of which the other is STOP's 0.
+/// Ways to write a 1 to START: NOT of the 0 that it reads, adding or subtracting a constant, a pair with 0
+/// for STOP, a register, OR with a register (RS434-32: any value other than 0 is 1).
 #[test]
 fn section_6_9_ways_to_start() {
     let starts: [&[u32]; 6] = [
@@ -550,7 +555,7 @@ fn section_6_9_ways_to_start() {
         let mut rig = ran(&[start, &[END]].concat());
         assert_eq!(rig.read(at::STATUS), 1, "{start:08X?}");
     }
-    // 0 does nothing; of START and STOP in one write STOP holds (RS434-6).
+    // Writing 0 has no effect. If START and STOP are written together, STOP counts (RS434-6).
     let idles: [&[u32]; 4] = [
         &[put(1, at::START), 0],
         &[cmd::fields(0x2F, 0, 1, at::START), 1],
@@ -564,7 +569,7 @@ fn section_6_9_ways_to_start() {
     }
 }
 
-/// A stop by the bus leaves the motion, too (RS434-27).
+/// Stopping a program over the bus leaves the motor turning (RS434-27).
 #[test]
 fn section_6_5_a_stop_by_the_bus_leaves_the_motor_turning() {
     let mut rig = ran(&[put(1, at::START), 1, skip(0)]);
@@ -574,7 +579,7 @@ fn section_6_5_a_stop_by_the_bus_leaves_the_motor_turning() {
 }
 
 /// "All registers and the state of the motor return to their original values, and the motor stops."
-/// RS434-27: which registers.
+/// RS434-27 says which registers.
 #[test]
 fn section_6_9_full_stop() {
     let mut rig = Rig::default();
@@ -603,7 +608,7 @@ fn section_6_9_full_stop() {
         [at::AX, at::SPEED, position_4, at::STATUS].map(|address| rig.read(address)),
         [77, 600, 55, 1]
     );
-    // The master's writes in that time are lost, too, but for the port of the buffer.
+    // What a master writes meanwhile is lost, too, except in the registers of the buffer.
     rig.write(BX, 9);
     rig.write(at::DEC, 50);
     rig.write(at::CMD_W, 0x1234);
@@ -615,7 +620,8 @@ fn section_6_9_full_stop() {
     assert_eq!(rig.read(at::MODE_USER_PROGRAM), 2);
 }
 
-/// The motor stops with the DEC from before the program, also in a move that began with another one (RS434-27).
+/// The motor stops with the DEC from before the program, even if its move started with another DEC
+/// (RS434-27).
 #[test]
 fn section_6_9_full_stop_in_a_move() {
     let mut rig = Rig::default();
@@ -626,7 +632,7 @@ fn section_6_9_full_stop_in_a_move() {
     rig.run();
     rig.after(500.millis());
     assert_eq!([at::STATUS, at::DEC].map(|address| rig.read(address)), [1, 10]);
-    // 40 turns/s: DEC 100, 545 rps², takes 73 ms; DEC 10, 100 rps², takes 400.
+    // From 40 turns/s a stop takes 73 ms with DEC 100 (545 rps²), and 400 ms with DEC 10 (100 rps²).
     rig.after(200.millis());
     let registers = [at::STATUS_USER_PROGRAM, at::DEC, at::STATUS].map(|address| rig.read(address));
     assert_eq!(registers, [status::ENDF, 100, 0]);
@@ -643,7 +649,7 @@ fn section_6_9_an_error_stops_the_motor() {
     rig.after(1.secs());
     assert_ended(&mut rig, status::ERROR, 3);
     assert_eq!(rig.read(at::STATUS), 0);
-    // Bit 8 is a warning: the bus may start the motor (RS434-23).
+    // Bit 8 is a warning, so the bus can start the motor (RS434-23).
     rig.write(at::START, 1);
     rig.after(1.secs());
     assert_eq!(rig.read(at::STATUS), 1);
@@ -651,12 +657,12 @@ fn section_6_9_an_error_stops_the_motor() {
     assert_eq!(rig.read(at::ERROR), 0);
 }
 
-/// A program cannot save itself over: one that writes 8426h fails (RS434-28), and the flash is as it was.
+/// A program cannot overwrite itself: writing 8426h is an error (RS434-28), and the flash does not change.
 #[test]
 fn section_6_9_a_program_that_saves_programs() {
     let mut rig = Rig::default();
     rig.load(&[mov(0, 1), put(3, at::SAVE_PROGRAM), key::SAVE_PROGRAM.into(), mov(0, 2), END]);
-    // The program in the buffer: it ends at once.
+    // The buffer has a program that ends at once.
     assert_eq!(rig.try_write_all(at::WRITE_CMD, &[0, 0, 0]), Ok(()));
     rig.run();
     rig.after(1.millis());

@@ -1,7 +1,8 @@
-//! The user program of the RS 434544 and 434546 (6.6, 6.9): every instruction and operand form from a table
-//! typed from the manual, and random programs beside an interpreter of the manual's words.
+//! The user program of the RS 434544 and 434546 (6.6, 6.9). Every instruction and operand form is checked
+//! with a table typed from the manual. Random programs are compared with an interpreter written from the
+//! manual.
 //!
-//! Ids like `RS434-5` are decisions (docs/decisions); numbers like 6.9 are the manual's sections.
+//! Ids like `RS434-5` are decisions (docs/decisions). Numbers like 6.9 are sections of the manual.
 #![allow(missing_docs, reason = "a test")]
 
 mod flow;

@@ -1,15 +1,15 @@
-//! A user program by the manual (6.9), one line after the other, not optimised.
+//! An interpreter of user programs, written from the manual (6.9): one line after the other, not optimised.
 //!
-//! The drive around it is one that cannot move: its contact HARD_STOP was open at power-on, so that START does
-//! nothing (RS434-6) and STATUS, SPEED_VALID and the like do not change. All contacts are open. Programs with a
-//! turning motor are tested by the examples (`tests/rs434_examples.rs`) and in `flow.rs`.
+//! It models a drive that cannot move: HARD_STOP was open at power-on, so START has no effect (RS434-6), and
+//! STATUS, SPEED_VALID and similar registers do not change. All contacts are open. Programs with a turning
+//! motor are tested in `tests/rs434_examples.rs` and in `flow.rs`.
 
 use drivetwin_tests::rs434::at;
 
-/// Lines of a program.
+/// Number of lines of a program.
 pub(crate) const LINES: usize = 1_024;
 
-/// STATUS_USER_PROGRAM (6.3).
+/// Values of STATUS_USER_PROGRAM (6.3).
 pub(crate) mod status {
     pub(crate) const STOPPED: u16 = 1;
     pub(crate) const RUNS: u16 = 4;
@@ -25,7 +25,7 @@ const RANGE: u16 = 1 << 13;
 /// Bits that a write of 0 clears: 8 and 11 to 15 (RS434-23).
 const WARNINGS: u16 = 0xF900;
 
-/// Settings from 5000h to 5014h, one by one: range of a write, and value in a new RS 434544.
+/// Settings from 5000h to 5014h: least and greatest value of a write, and value in a new RS 434544.
 #[rustfmt::skip]
 const SETTINGS: [(u16, u16, u16); 21] = [
     // Least, greatest, default.
@@ -38,37 +38,37 @@ const SETTINGS: [(u16, u16, u16); 21] = [
     (0, 65_535, 0), (0, 65_535, 10), (0, 65_535, 10),             // 5012h
 ];
 
-/// An error that ends the program: status 7.
+/// An error that ends the program with status 7.
 #[derive(Debug)]
 struct Fails;
 
 type Result<T> = std::result::Result<T, Fails>;
 
-/// A FOR that runs.
+/// A FOR loop that is running.
 #[derive(Clone, Debug)]
 struct Loop {
     first: i32,
-    /// The line behind the body.
+    /// The line after the body.
     end: i32,
     rounds: u16,
-    /// CALLs around it.
+    /// Number of open CALLs around the loop.
     level: usize,
 }
 
-/// Place of an operand.
+/// The register that an operand names.
 #[derive(Clone, Copy)]
 enum Place {
     System(u16),
     Modbus { kind: u16, address: u16 },
 }
 
-/// State of the program after a line.
+/// Effect of a line on the program: it continues at a line, or ends with a status.
 enum Then {
     Goes(i32),
     Framing(u16),
 }
 
-/// A drive that carries out a program.
+/// A drive that runs a program.
 #[derive(Clone)]
 pub(crate) struct Oracle {
     pub(crate) program: Vec<u32>,
@@ -86,12 +86,12 @@ pub(crate) struct Oracle {
     versions: [u16; 3],
     calls: Vec<i32>,
     loops: Vec<Loop>,
-    /// AX..JX and the settings when it was started.
+    /// AX to JX and the settings at the start of the program.
     before: ([u16; 10], [u16; 0x23]),
 }
 
 impl Oracle {
-    /// A drive at rest that has started this program.
+    /// A drive at rest that has just started this program.
     pub(crate) fn new(program: Vec<u32>, system: [u16; 10], versions: [u16; 3]) -> Self {
         let mut settings = [0; 0x23];
         for (register, (_, _, default)) in settings.iter_mut().zip(SETTINGS) {
@@ -114,8 +114,8 @@ impl Oracle {
         }
     }
 
-    /// Carries out the line at `pc`. Returns how long it takes, in units of 100 µs, and the line that is
-    /// next; `None` if there is none.
+    /// Executes the line at `pc`. Returns its duration in units of 100 µs and the number of the next line, or
+    /// `None` if the program has ended.
     pub(crate) fn step(&mut self) -> Option<(u64, i32)> {
         assert_eq!(self.status, status::RUNS);
         let lasts = match self.field(0, 7) {
@@ -132,7 +132,7 @@ impl Oracle {
         }
     }
 
-    /// The line that is next begins.
+    /// Starts the next line. Fails if there is no such line.
     pub(crate) fn begin(&mut self, line: i32) {
         if self.line(line).is_ok() {
             self.pc = line;
@@ -149,7 +149,7 @@ impl Oracle {
         if how == status::ENDF {
             let (system, settings) = self.before;
             self.system = system;
-            // MODE_USER_PROGRAM and the line settings stay (RS434-27).
+            // MODE_USER_PROGRAM and the line settings keep their new values (RS434-27).
             self.settings[0x04] = settings[0x04];
             self.settings[0x06..].copy_from_slice(&settings[0x06..]);
             self.pc = 0;
@@ -161,7 +161,7 @@ impl Oracle {
         self.program.get(number).copied().ok_or(Fails)
     }
 
-    /// Bits of the line at `pc`.
+    /// A field of the line at `pc`.
     fn field(&self, low: u32, bits: u32) -> u16 {
         let line = self.line(self.pc).expect("a line of the program");
         (line >> low & ((1 << bits) - 1)) as u16
@@ -308,7 +308,8 @@ impl Oracle {
         Ok(next)
     }
 
-    /// The next line, with the running loops considered (RS434-30).
+    /// Ends rounds and loops where `next` leaves their bodies (RS434-30). Returns the line that is really
+    /// next.
     fn end_of_rounds(&mut self, mut next: i32) -> i32 {
         while let Some(innermost) = self.loops.last_mut() {
             if innermost.level != self.calls.len() {
@@ -333,7 +334,7 @@ impl Oracle {
         self.write(to, value, long)
     }
 
-    /// Addition, subtraction, division, multiplication, AND, OR, XOR: the order of the codes.
+    /// Adds, subtracts, divides, multiplies, ANDs, ORs or XORs, in the order of the codes.
     fn calculate(&mut self, operation: u16, place: Place, second: u32, long: bool) -> Result<()> {
         let first = self.read(place, long)?;
         let result = match operation {
@@ -357,7 +358,7 @@ impl Oracle {
 
     fn invert(&mut self, place: Place, long: bool) -> Result<()> {
         let value = self.read(place, long)?;
-        // A bit register has no other bits.
+        // A bit register has only bit 0.
         let mask = match place {
             Place::Modbus { kind: 0 | 1, .. } => 0x0001_0001,
             _ => 0xFFFF_FFFF,
@@ -419,13 +420,13 @@ impl Oracle {
                 } else if kind == 3 {
                     self.write_holding(&written);
                 }
-                // Coils move what cannot move, and make 0 of a position that is 0.
+                // Coils have no effect here: the motor cannot move, and the position is already 0.
             }
         }
         Ok(())
     }
 
-    /// Stores all, then acts (RS434-1).
+    /// Stores all words before any of them takes effect (RS434-1).
     fn write_holding(&mut self, written: &[(u16, u16)]) {
         for &(address, word) in written {
             match address {
@@ -439,7 +440,7 @@ impl Oracle {
         }
         for &(address, word) in written {
             match address {
-                // IN2 is open: forward (RS434-22).
+                // IN2 is open, so the direction is forward (RS434-22).
                 at::MODE_DEVICE | at::MODE_EXT_IN
                     if self.settings[4] == 2 && [2, 4].contains(&self.settings[7]) =>
                 {
@@ -473,7 +474,7 @@ fn is_in_range(address: u16, word: u16) -> bool {
             let (least, greatest, _) = SETTINGS[usize::from(address) - 0x5000];
             (least..=greatest).contains(&word)
         }
-        // Keys, and what they read (0): the generator has none that would act.
+        // Keys, and the 0 that they read. The generator leaves out keys that would have an effect here.
         0x5024 => [0, 0x37FA].contains(&word),
         0x5025 => [0, 0x8426, 0x9346].contains(&word),
         0x5026 => [0, 0x95AF].contains(&word),

@@ -1,4 +1,4 @@
-//! Random programs, on the drive and on the [`Oracle`], line by line.
+//! Random programs run on the drive and on the [`Oracle`], and are compared after each line.
 
 use std::fmt::Write as _;
 
@@ -12,10 +12,10 @@ use crate::oracle::{LINES, Oracle, status};
 
 const PROGRAMS: u64 = 10_000;
 
-/// Lines that are followed of a program: most end long before.
+/// Most lines of a program that are compared. Most programs end long before.
 const FOLLOWED: usize = 160;
 
-/// SplitMix64: the same programs on every machine.
+/// SplitMix64, so that the programs are the same on every machine.
 struct Rng(u64);
 
 impl Rng {
@@ -49,12 +49,12 @@ impl Rng {
     }
 }
 
-/// A line from its fields.
+/// Encodes a line from its fields.
 fn line(code: u16, jump: u16, system: u16, kind: u16, data: u16) -> u32 {
     u32::from(data) << 16 | u32::from(kind << 12 | system << 8 | jump << 7 | code)
 }
 
-/// Replaces registers that no oracle can predict (TASK_COUNTER), and the keys whose effects the oracle does not have.
+/// Replaces TASK_COUNTER, which no oracle can predict, and keys whose effects the oracle does not implement.
 fn tame(line: u32) -> u32 {
     match line >> 16 {
         0x3007 | 0x3008 | 0x8426 | 0x9346 | 0x95AF => line & 0xFFFF | 0x3009 << 16,
@@ -62,7 +62,7 @@ fn tame(line: u32) -> u32 {
     }
 }
 
-/// Codes of one line that calculate, compare nothing and go on.
+/// Codes of one-line instructions that neither compare nor jump.
 const PLAIN: [u16; 62] = [
     0x01, 0x02, 0x03, 0x0F, 0x11, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1C, 0x1D, 0x1E,
     0x1F, 0x20, 0x21, 0x22, 0x23, 0x24, 0x25, 0x26, 0x27, 0x30, 0x31, 0x32, 0x33, 0x34, 0x35, 0x36, 0x37,
@@ -70,7 +70,7 @@ const PLAIN: [u16; 62] = [
     0x58, 0x59, 0x5A, 0x5B, 0x5C, 0x5D, 0x5E, 0x5F, 0x60, 0x61, 0x62,
 ];
 
-/// Codes whose constant is on the next line.
+/// Codes of instructions whose constant is in the next line.
 const DOUBLE: [u16; 25] = [
     0x0E, 0x10, 0x12, 0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D, 0x2E, 0x2F, 0x3E, 0x3F, 0x40, 0x41, 0x42, 0x43,
     0x44, 0x4D, 0x4E, 0x4F, 0x50, 0x51, 0x52, 0x53,
@@ -78,7 +78,7 @@ const DOUBLE: [u16; 25] = [
 
 const JUMPS: [u16; 9] = [0x05, 0x06, 0x07, 0x08, 0x09, 0x63, 0x64, 0x65, 0x66];
 
-/// A Modbus register; all but a few exist, and can be written if they are to be.
+/// A Modbus register as kind and address. Nearly all exist, and can be written if `written` is true.
 fn register(dice: &mut Rng, written: bool) -> (u16, u16) {
     if dice.one_in(120) {
         let missing = [0x4FFF, 0x5027, 0x5FFF, 0x6006, 0x6FFF, 0x7006, 0x700B, 0xFFFF, 0x0000];
@@ -106,7 +106,7 @@ fn system(dice: &mut Rng) -> u16 {
     if dice.one_in(200) { dice.below(16) as u16 } else { dice.below(9) as u16 }
 }
 
-/// A line that goes on, or two; unused fields hold anything.
+/// Adds an instruction of one or two lines that does not jump. Unused fields have random values.
 fn plain(dice: &mut Rng, program: &mut Vec<u32>) {
     let jump = dice.below(2) as u16;
     if dice.one_in(3) {
@@ -128,7 +128,7 @@ fn plain(dice: &mut Rng, program: &mut Vec<u32>) {
     program.push(line(code, jump, system(dice), kind, data));
 }
 
-/// A line that may go elsewhere.
+/// Adds an instruction that may continue at another line.
 fn flow(dice: &mut Rng, program: &mut Vec<u32>, length: u64, subroutines: &[u16]) {
     let noise = dice.word();
     let (system, kind) = (noise & 15, noise >> 4 & 15);
@@ -152,13 +152,13 @@ fn flow(dice: &mut Rng, program: &mut Vec<u32>, length: u64, subroutines: &[u16]
     }
 }
 
-/// A main part, and subroutines behind it.
+/// A program with a main part, followed by subroutines.
 fn structured(dice: &mut Rng) -> Vec<u32> {
     let main = 12 + dice.below(30);
     let parts = 1 + dice.below(3);
     let length = main + 10 * parts;
     let mut program = Vec::new();
-    // Values to calculate with.
+    // Sets system registers to initial values.
     for register in 0..dice.below(10) as u16 {
         program.push(line(0x01, 0, register, 0, dice.word()));
     }
@@ -186,7 +186,7 @@ fn structured(dice: &mut Rng) -> Vec<u32> {
     program
 }
 
-/// Lines that have nothing to do with each other.
+/// A program of random instructions without a structure.
 fn soup(dice: &mut Rng) -> Vec<u32> {
     let mut program = Vec::new();
     while program.len() < 60 {
@@ -203,7 +203,7 @@ fn noise(dice: &mut Rng) -> Vec<u32> {
     (0..LINES).map(|_| dice.roll() as u32).collect()
 }
 
-/// A program that runs into line 1,024 in the end.
+/// A program that finally runs to line 1,024, which does not exist.
 fn at_the_end(dice: &mut Rng) -> Vec<u32> {
     let mut program = vec![line(0x05, 0, 0, 0, 1_000)];
     program.resize(1_000, 0);
@@ -239,20 +239,20 @@ fn program(dice: &mut Rng) -> Vec<u32> {
     program.into_iter().map(tame).collect()
 }
 
-/// Contents of the flash: no settings, the lines with the low byte first, their CRC.
+/// Contents of the flash: no settings, the lines with the low byte first, and their CRC.
 fn flash(program: &[u32]) -> Vec<u8> {
-    // 5000h to 5020h, and a CRC.
+    // Size of the settings: 5000h to 5020h, and a CRC.
     let settings = [0xFF; 2 * 0x21 + 2];
     let lines: Vec<u8> = program.iter().flat_map(|line| line.to_le_bytes()).collect();
     let sum = crc(&lines).to_be_bytes();
     [&settings[..], &lines, &sum].concat()
 }
 
-/// Registers by the manual's names, with the oracle's values.
+/// Indices of the registers that are compared with the oracle.
 struct View {
-    /// AX..JX, PC, STATUS_USER_PROGRAM, ERROR.
+    /// AX to JX, PC, STATUS_USER_PROGRAM and ERROR.
     quick: Vec<usize>,
-    /// 5000h to 5022h and 6000h to 6005h: how many words.
+    /// 5000h to 5022h and 6000h to 6005h, with their numbers of words.
     others: Vec<(usize, u16)>,
     start: usize,
     versions: Vec<usize>,
@@ -345,7 +345,8 @@ fn others(oracle: &Oracle) -> Vec<u16> {
     oracle.settings.into_iter().chain(oracle.port).collect()
 }
 
-/// Runs a program on both; returns the difference, if any.
+/// Runs a program on the drive and on the oracle. Returns the final status and the number of lines, or the
+/// first difference.
 fn compare(seed: u64) -> Result<(u16, usize), String> {
     let mut dice = Rng(seed);
     let program = program(&mut dice);
@@ -424,7 +425,7 @@ fn section_6_9_random_programs_do_what_the_manual_says() {
     let wrong: Vec<&String> = results.iter().filter_map(|result| result.as_ref().err()).collect();
     let first: Vec<&str> = wrong.iter().take(5).map(|text| text.as_str()).collect();
     assert!(wrong.is_empty(), "{} of {PROGRAMS} differ; the first:\n{}", wrong.len(), first.join("\n"));
-    // They are worth something only if they go on for a while, and end in every way there is.
+    // The test is worth something only if programs run for a while and end in every possible way.
     let ended = |status| results.iter().flatten().filter(|(how, _)| *how == status).count() as u64;
     let ways = [status::STOPPED, status::RUNS, status::END, status::ENDF, status::ERROR].map(ended);
     assert!(ways.iter().all(|&count| count > PROGRAMS / 200), "{ways:?}");

@@ -1,19 +1,19 @@
-//! Every instruction and operand form of 6.9, typed from its tables, carried out by the drive.
+//! Every instruction and operand form of 6.9, typed from its tables and run on the drive.
 
 use drivetwin_sim::bench::PinStimulus;
 use drivetwin_tests::rs434::{LINE, Rig, at, system_register};
 
 use crate::oracle::status;
 
-/// A row: uCmd bTypeJmp uAdrSysReg uTypeModbusReg uData [uCMD_DATA] | registers before | registers changed after it.
-/// All in hex; a dot is a field that the instruction does not use, with any bits. `7` is an error of the program, by
-/// which nothing else changes. ENDs follow the instruction.
+/// A row: uCmd bTypeJmp uAdrSysReg uTypeModbusReg uData [uCMD_DATA] | registers before | registers that
+/// change. All numbers are hex. A dot is a field that the instruction does not use: its bits may have any
+/// value. `7` is an error of the program, which changes nothing else. END lines follow the instruction.
 #[rustfmt::skip]
 const TABLE: &[&str] = &[
-    // END, DELAY.
+    // END and DELAY.
     "00 . . . .               |                            | PC=0000",
     "04 . . . 0000            |                            | PC=0001",
-    // JMP: absolute, relative to its own line (RS434-29); 1,024 is too far.
+    // JMP, absolute or relative to its own line (RS434-29). Line 1,024 does not exist.
     "05 0 . . 0005            |                            | PC=0005",
     "05 0 . . 03FF            |                            | PC=03FF",
     "05 0 . . 0400            |                            | 7",
@@ -23,7 +23,7 @@ const TABLE: &[&str] = &[
     "05 1 . . 03FF            |                            | PC=03FF",
     "05 1 . . 0400            |                            | 7",
     "05 1 . . FFFF            |                            | 7",
-    // JMP_AX_PARI_BX, NOPARI, MORE, LESS: unsigned (RS434-32).
+    // JMP_AX_PARI_BX, NOPARI, MORE, LESS. Comparisons are unsigned (RS434-32).
     "06 0 . . 0005            | AX=8000 BX=8000            | PC=0005",
     "06 1 . . 0006            | AX=0000 BX=0000            | PC=0006",
     "06 0 . . 0005            | AX=8000 BX=8001            | PC=0001",
@@ -56,7 +56,7 @@ const TABLE: &[&str] = &[
     "66 1 . . 0006            | GX=1 HX=0001 IX=2 JX=0001  | PC=0006",
     "66 0 . . 0005            | GX=0 HX=8000 IX=FFFF JX=7FFF | PC=0001",
     "66 0 . . 0005            | GX=1 HX=0001 IX=1 JX=0001  | PC=0001",
-    // CALL, RETURN without one, FOR over nothing.
+    // CALL, RETURN without a CALL, FOR with an empty body.
     "0A . . . 0005            |                            | PC=0005",
     "0A . . . 03FF            |                            | PC=03FF",
     "0A . . . 0400            |                            | 7",
@@ -76,7 +76,7 @@ const TABLE: &[&str] = &[
     "02 . 0 3 500B            | AX=001D                    | ERROR=2000",
     "02 . 0 3 500B            | AX=3A99                    | ERROR=2000",
     "02 . 0 3 7006            | AX=0000                    | 7",
-    // MOV_SYSREG_MODBUS: each of the four spaces.
+    // MOV_SYSREG_MODBUS, from each of the four spaces.
     "03 . 0 0 1000            | IN1=1 AX=5555              | AX=0001",
     "03 . 0 0 1000            | AX=5555                    | AX=0000",
     "03 . 1 0 1002            |                            | BX=0001",
@@ -86,7 +86,7 @@ const TABLE: &[&str] = &[
     "03 . 5 3 500B            |                            | FX=03E8",
     "03 . 6 3 7006            | GX=5555                    | GX=0000",
     "03 . 7 3 5024            | HX=5555                    | HX=0000",
-    // MOV_MODBUS_CONST: of the second line the low half counts.
+    // MOV_MODBUS_CONST. Only the low half of the second line counts.
     "0E . . 3 500B 00000064   |                            | 500B=0064",
     "0E . . 3 5012 12348000   |                            | 5012=8000",
     "0E . . 3 7000 00000007   |                            | AX=0007",
@@ -94,7 +94,7 @@ const TABLE: &[&str] = &[
     "0E . . 3 5004 00000003   |                            | ERROR=2000",
     "0E . . 3 5023 0000FFFF   |                            | ERROR=0000",
     "0E . . 1 2003 00000000   |                            | 2003=0000",
-    // MOV_SYSREG_SYSREG: from uAdrSysReg to uData (RS434-31).
+    // MOV_SYSREG_SYSREG, from uAdrSysReg to uData (RS434-31).
     "0F . 0 . 0001            | AX=1111 BX=2222            | BX=1111",
     "0F . 9 . 0000            | AX=1111 JX=2222            | AX=2222",
     "0F . 3 . 0003            | DX=1111                    | DX=1111",
@@ -130,7 +130,7 @@ const TABLE: &[&str] = &[
     "1D . 4 . 0FF0            | EX=1234                    | EX=0230",
     "1E . 7 . 0FF0            | HX=1234                    | HX=1FF4",
     "1F . 8 . 0FF0            | IX=1234                    | IX=1DC4",
-    // SH_SYSREG_CONST: one line; 0 left, 1 right; 16 or more leave nothing.
+    // SH_SYSREG_CONST, one line. 0 is left, 1 is right. A shift by 16 or more gives 0.
     "20 0 0 . 0001            | AX=8001                    | AX=0002",
     "20 0 0 . 000F            | AX=FFFF                    | AX=8000",
     "20 0 0 . 0000            | AX=8001                    | AX=8001",
@@ -156,7 +156,7 @@ const TABLE: &[&str] = &[
     "26 . 5 3 500B            | FX=0013                    | FX=03FB",
     "27 . 6 3 500B            | GX=03FF                    | GX=0017",
     "27 . 6 3 7007            | GX=1234                    | GX=0000",
-    // ..._MODBUS_CONST: two lines.
+    // ..._MODBUS_CONST, two lines.
     "28 . . 3 500B 00000001   |                            | 500B=03E9",
     "28 . . 3 5012 0001FFFF   | 5012=0003                  | 5012=0002",
     "28 . . 3 500B 00003A98   |                            | ERROR=2000",
@@ -173,14 +173,14 @@ const TABLE: &[&str] = &[
     "2D . . 3 500B 00000013   |                            | 500B=03FB",
     "2E . . 3 500B 000000FF   |                            | 500B=0317",
     "2E . . 3 7002 0000FFFF   | CX=5555                    | CX=AAAA",
-    // SH_MODBUS_CONST: two lines, the second one is the distance.
+    // SH_MODBUS_CONST, two lines. The second is the distance.
     "2F 0 . 3 5012 00000004   | 5012=1234                  | 5012=2340",
     "2F 0 . 3 5012 00000010   | 5012=FFFF                  | 5012=0000",
     "2F 1 . 3 5012 00000004   | 5012=1234                  | 5012=0123",
     "2F 1 . 3 5012 0001000F   | 5012=8000                  | 5012=0001",
     "2F 1 . 3 5012 00000011   | 5012=FFFF                  | 5012=0000",
     "2F 0 . 3 500B 00000004   |                            | ERROR=2000",
-    // ..._MODBUS_SYSREG: the result goes to the Modbus register.
+    // ..._MODBUS_SYSREG. The result goes to the Modbus register.
     "30 . 0 3 500B            | AX=0001                    | 500B=03E9",
     "30 . 9 3 5012            | JX=FFFF 5012=0003          | 5012=0002",
     "31 . 1 3 500B            | BX=0064                    | 500B=0384",
@@ -193,7 +193,7 @@ const TABLE: &[&str] = &[
     "35 . 5 3 500B            | FX=0013                    | 500B=03FB",
     "36 . 6 3 500B            | GX=00FF                    | 500B=0317",
     "36 . 6 3 7007            | GX=1234                    | GX=0000",
-    // ..._SYSREG_SYSREG: the result goes to uAdrSysReg (RS434-31).
+    // ..._SYSREG_SYSREG. The result goes to uAdrSysReg (RS434-31).
     "37 . 0 . 0001            | AX=FFFF BX=0002            | AX=0001",
     "37 . 9 . 0009            | JX=8001                    | JX=0002",
     "38 . 0 . 0001            | AX=0001 BX=0002            | AX=FFFF",
@@ -239,13 +239,13 @@ const TABLE: &[&str] = &[
     "13 . 0 3 5015            | AX=5678 BX=1234            | 5015=5678 5016=1234",
     "13 . 5 3 5017            | FX=5678 GX=1234            | 5017=5678 5018=1234",
     "13 . 9 3 5015            |                            | 7",
-    // DMOV_SYSREG_SYSREG: from uAdrSysReg to uData.
+    // DMOV_SYSREG_SYSREG, from uAdrSysReg to uData.
     "14 . 0 . 0008            | AX=5678 BX=1234            | IX=5678 JX=1234",
     "14 . 0 . 0001            | AX=1111 BX=2222 CX=3333    | BX=1111 CX=2222",
     "14 . 1 . 0000            | AX=1111 BX=2222 CX=3333    | AX=2222 BX=3333",
     "14 . 0 . 0009            |                            | 7",
     "14 . 9 . 0000            |                            | 7",
-    // D..._SYSREG_CONST: two lines (6.9).
+    // D..._SYSREG_CONST, two lines (6.9).
     "3E . 0 . . 00000001      | AX=FFFF BX=0000            | AX=0000 BX=0001",
     "3E . 0 . . 00000001      | AX=FFFF BX=FFFF            | AX=0000 BX=0000",
     "3F . 5 . . 00000001      | FX=0000 GX=0001            | FX=FFFF GX=0000",
@@ -259,7 +259,7 @@ const TABLE: &[&str] = &[
     "43 . 0 . . 0FF000FF      | AX=1234 BX=5678            | AX=12FF BX=5FF8",
     "44 . 0 . . 0FF000FF      | AX=1234 BX=5678            | AX=12CB BX=5988",
     "44 . 9 . . 0FF000FF      |                            | 7",
-    // DSH_SYSREG_CONST: one line.
+    // DSH_SYSREG_CONST, one line.
     "45 0 0 . 0004            | AX=5678 BX=1234            | AX=6780 BX=2345",
     "45 0 0 . 0010            | AX=5678 BX=1234            | AX=0000 BX=5678",
     "45 0 0 . 001F            | AX=0001 BX=0000            | AX=0000 BX=8000",
@@ -291,7 +291,7 @@ const TABLE: &[&str] = &[
     "51 . . 3 5015 0FF0FF00   | 5015=1234 5016=5678        | 5015=1200 5016=0670",
     "52 . . 3 5015 0FF0FF00   | 5015=1234 5016=5678        | 5015=FF34 5016=5FF8",
     "53 . . 3 5015 0FF0FF00   | 5015=1234 5016=5678        | 5015=ED34 5016=5988",
-    // DSH_MODBUS_CONST: two lines.
+    // DSH_MODBUS_CONST, two lines.
     "54 0 . 3 5015 00000004   | 5015=5678 5016=1234        | 5015=6780 5016=2345",
     "54 0 . 3 5015 00000020   | 5015=5678 5016=1234        | 5015=0000 5016=0000",
     "54 1 . 3 5015 00000008   | 5015=5678 5016=1234        | 5015=3456 5016=0012",
@@ -306,7 +306,7 @@ const TABLE: &[&str] = &[
     "5A . 0 3 5015            | AX=FF00 BX=0FF0 5015=1234 5016=5678 | 5015=FF34 5016=5FF8",
     "5B . 0 3 5015            | AX=FF00 BX=0FF0 5015=1234 5016=5678 | 5015=ED34 5016=5988",
     "5B . 9 3 5015            |                            | 7",
-    // D..._SYSREG_SYSREG: the result goes to uAdrSysReg.
+    // D..._SYSREG_SYSREG. The result goes to uAdrSysReg.
     "5C . 0 . 0008            | AX=FFFF BX=0000 IX=0001 JX=0000 | AX=0000 BX=0001",
     "5D . 0 . 0008            | AX=0000 BX=0000 IX=0001 JX=0000 | AX=FFFF BX=FFFF",
     "5E . 0 . 0008            | AX=0000 BX=0001 IX=0003 JX=0000 | AX=5555 BX=0000",
@@ -319,7 +319,7 @@ const TABLE: &[&str] = &[
     "62 . 0 . 0009            |                            | 7",
 ];
 
-/// All but 0Dh, which has tests of its own: it restores more than a row.
+/// Every code except 0Dh, which has its own tests because it restores more than a row can show.
 #[test]
 fn section_6_9_the_table_has_every_instruction() {
     let codes: Vec<u32> = TABLE.iter().map(|row| hex(&row[..2])).collect();
@@ -342,7 +342,7 @@ fn hex(text: &str) -> u32 {
     u32::from_str_radix(text, 16).unwrap_or_else(|_| panic!("{text} is no hexadecimal number"))
 }
 
-/// The lines of an instruction: 7, 1, 4, 4 and 16 bits from the lowest on (6.9).
+/// The lines of an instruction. Its fields have 7, 1, 4, 4 and 16 bits from the lowest bit on (6.9).
 fn lines(fields: &str, unused: u32) -> Vec<u32> {
     let fields: Vec<&str> = fields.split_whitespace().collect();
     let mut line = 0;
@@ -355,7 +355,7 @@ fn lines(fields: &str, unused: u32) -> Vec<u32> {
     std::iter::once(line).chain(fields.get(5).map(|data| hex(data))).collect()
 }
 
-/// `AX=0001`: place and value.
+/// Address and value of an assignment like `AX=0001`.
 fn assignment(text: &str) -> (u16, u16) {
     let (name, value) = text.split_once('=').unwrap_or_else(|| panic!("{text} assigns nothing"));
     let system = ["AX", "BX", "CX", "DX", "EX", "FX", "GX", "HX", "IX", "JX"];
@@ -396,7 +396,7 @@ fn check(row: &str, unused: u32) {
     rig.run();
     rig.after(LINE * 2);
     for (place, &(address, value)) in expected.iter().enumerate() {
-        // The last entry counts.
+        // If an address occurs twice, the last entry counts.
         if expected[place + 1..].iter().all(|(later, _)| *later != address) {
             let read = rig.read(address);
             assert_eq!(read, value, "{address:04X}h reads {read:04X}h and not {value:04X}h after {row}");
@@ -404,9 +404,9 @@ fn check(row: &str, unused: u32) {
     }
 }
 
-/// Opcodes by the fields that they use, as the table of 6.9 has them.
+/// Opcodes, grouped by the fields that they use, as in the table of 6.9.
 mod with {
-    /// uAdrSysReg, of one register.
+    /// uAdrSysReg names one register.
     pub(super) const SYSTEM: [&[u16]; 6] = [
         &[0x15],
         &[0x01, 0x19, 0x1A, 0x1B, 0x1C, 0x1D, 0x1E, 0x1F],
@@ -415,7 +415,7 @@ mod with {
         &[0x0F, 0x37, 0x38, 0x39, 0x3A, 0x3B, 0x3C, 0x3D],
         &[0x20],
     ];
-    /// uAdrSysReg, of a pair.
+    /// uAdrSysReg names a pair of registers.
     pub(super) const PAIR: [&[u16]; 6] = [
         &[0x17],
         &[0x10, 0x3E, 0x3F, 0x40, 0x41, 0x42, 0x43, 0x44],
@@ -424,12 +424,12 @@ mod with {
         &[0x14, 0x5C, 0x5D, 0x5E, 0x5F, 0x60, 0x61, 0x62],
         &[0x45],
     ];
-    /// A Modbus register that is only read.
+    /// The Modbus register is only read.
     pub(super) const READ: [&[u16]; 2] = [
         &[0x03, 0x21, 0x22, 0x23, 0x24, 0x25, 0x26, 0x27],
         &[0x11, 0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B, 0x4C],
     ];
-    /// A Modbus register that is written.
+    /// The Modbus register is written.
     pub(super) const WRITTEN: [&[u16]; 7] = [
         &[0x16, 0x18],
         &[0x0E, 0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D, 0x2E],
@@ -441,7 +441,7 @@ mod with {
     ];
 }
 
-/// Runs one instruction on a drive whose AX..JX and OFFSET hold ones, and returns STATUS_USER_PROGRAM, ERROR
+/// Runs one instruction on a drive whose AX to JX and OFFSET words are 1. Returns STATUS_USER_PROGRAM, ERROR
 /// and PC.
 fn outcome(code: u16, system: u16, kind: u16, data: u16) -> [u16; 3] {
     let mut rig = Rig::default();
@@ -455,15 +455,15 @@ fn outcome(code: u16, system: u16, kind: u16, data: u16) -> [u16; 3] {
     [at::STATUS_USER_PROGRAM, at::ERROR, at::PC].map(|address| rig.read(address))
 }
 
-/// An error in line 0.
+/// Outcome of an error in line 0.
 const FAILED: [u16; 3] = [status::ERROR, 0x0100, 0];
 
-/// "Addresses of system registers 0..9"; a pair needs both (RS434-32).
+/// "Addresses of system registers 0..9". A pair needs two of them (RS434-32).
 #[test]
 fn section_6_9_system_registers_that_do_not_exist() {
     for (numbers, codes) in [(&[10, 15][..], &with::SYSTEM[..]), (&[9, 10, 15], &with::PAIR)] {
         for &code in codes.iter().copied().flatten() {
-            // Another system register, or else a Modbus register that is there.
+            // For some codes uData is another system register, for the rest an existing Modbus register.
             let data = if matches!(code, 0x0F | 0x14 | 0x37..=0x3D | 0x5C..=0x62) { 2 } else { at::OFFSET };
             assert_eq!(outcome(code, 0, 3, data)[0], status::END, "{code:02X}h");
             for &number in numbers {
@@ -473,7 +473,7 @@ fn section_6_9_system_registers_that_do_not_exist() {
     }
 }
 
-/// RS434-32 and RS434-33: a register that does not exist, in any space.
+/// RS434-32 and RS434-33: a Modbus register that does not exist, in any space.
 #[test]
 fn section_6_9_modbus_registers_that_do_not_exist() {
     let missing = [(0, 0x0FFF), (0, 0x1003), (1, 0x2004), (2, 0x300A), (2, 0x8000), (3, 0x4FFF), (3, 0x5027)];
@@ -498,7 +498,7 @@ fn section_6_9_modbus_registers_that_cannot_be_written() {
     }
 }
 
-/// RS434-33: the codes that the table does not have.
+/// RS434-33: codes that the table does not have.
 #[test]
 fn section_6_9_unknown_instructions() {
     for code in 0x67..=0x7F {

@@ -1,4 +1,4 @@
-//! An axis between the interrupt of its step timer and the loop.
+//! An axis that the interrupt of the step timer and the loop share.
 
 use core::cell::RefCell;
 
@@ -6,12 +6,12 @@ use critical_section::Mutex;
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_firmware::motion::{StepDir, StepGenerator, StepTimer};
 
-/// Lead of the timer for a pulse that is overdue: time for other interrupts.
+/// Time between now and the interrupt for an overdue pulse, so that other interrupts can run.
 const BREATH: Duration = Duration::micros(2);
 
 /// The step timer of a board.
 pub trait Timer {
-    /// The pins of its axis.
+    /// The STEP and DIR pins of the axis.
     type Pins: StepDir;
 
     /// Drives STEP and DIR low.
@@ -20,12 +20,12 @@ pub trait Timer {
     /// The present time of the board's clock.
     fn now() -> Instant;
 
-    /// Asks for the interrupt at the timer's tick nearest to `at`; at [`Instant::NEVER`] it does not come.
-    /// `false` if that tick has gone by: then it does not come.
+    /// Schedules the interrupt at the timer's tick nearest to `at`; with [`Instant::NEVER`] cancels it.
+    /// Returns `false` if that tick is already over; then no interrupt is scheduled.
     fn set(at: Instant) -> bool;
 }
 
-/// An axis: a stepper that the interrupt and the loop share.
+/// An axis: a step generator that the interrupt and the loop share.
 pub struct Axis<T: Timer>(Mutex<RefCell<StepGenerator<T::Pins>>>);
 
 impl<T: Timer> Axis<T> {
@@ -34,8 +34,9 @@ impl<T: Timer> Axis<T> {
         Self(Mutex::new(RefCell::new(StepGenerator::new(pins))))
     }
 
-    /// Carries out the timer's interrupt, at the time that was [set](Timer::set): one pulse. Another one that is
-    /// overdue by then waits until the interrupt comes again, so that others are served between.
+    /// Handles the timer's interrupt at the time that was [set](Timer::set): makes one pulse. If the next
+    /// pulse is overdue by then, it waits for a further interrupt, so that other interrupts can run in
+    /// between.
     #[inline]
     pub fn fire(&self) {
         self.lend(|stepper| set::<T>(stepper.fire()));
@@ -64,7 +65,7 @@ impl<T: Timer> StepTimer for &Axis<T> {
     }
 }
 
-/// Sets the timer to `due`, or to as soon as it comes.
+/// Sets the timer to `due`, or as early as the timer can if `due` is over.
 fn set<T: Timer>(due: Instant) {
     let mut at = due;
     while !T::set(at) {

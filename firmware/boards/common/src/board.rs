@@ -13,11 +13,11 @@ use crate::bus::{Sender, Uart};
 use crate::slips;
 use crate::wire::{AxisPins, End, is_full_duplex};
 
-/// A board with one bus, one axis, and pins for the wires of a drive.
+/// A board with one bus, one axis, and pins that are wired to those of a drive.
 pub trait Board {
-    /// A wire: a pin of the board, and the name of what it is of a drive.
+    /// A wire: a pin of the board, and the name of the drive's pin or fault that it belongs to.
     type Wire;
-    /// The end of a wire at the board, as the drive drives it.
+    /// The board's end of a wire, as an output that the drive drives.
     type Pin: Release;
     /// The UART of the bus.
     type Uart: Uart;
@@ -27,35 +27,35 @@ pub trait Board {
     /// The axis.
     fn axis() -> &'static Axis<Self::Timer>;
 
-    /// Starts the clocks, the timers and the watchdog, and looks whether FAST is tied.
+    /// Starts the clocks, the timers and the watchdog, and checks whether the FAST pin is tied to ground.
     fn start() -> Boot;
 
-    /// Wires the pins and faults of `spec` by the names in `wires`. All pins are released, and levels other than the
-    /// idle level are reported, as of power-on.
+    /// Wires the pins and faults of `spec` by the names in `wires`. All output pins are released at first.
+    /// Inputs that do not have their idle level are reported to the drive with the time of power-on.
     fn wire<const N: usize>(spec: &Spec, wires: &[Self::Wire; N]) -> [(Option<End>, Self::Pin); N];
 
-    /// Enables interrupts. They stamp events and queue them.
+    /// Enables interrupts. They timestamp events and queue them.
     fn unmask();
 
     /// Logs that a drive of this kind has power.
     fn log(kind: &str, boot: Boot);
 
-    /// The instant until which all has been caught, and nothing more will be.
+    /// The instant up to which all events are queued. Events after this call have later times.
     fn past() -> Instant;
 
-    /// Takes the oldest event that was caught, if it is not after `until`.
+    /// Takes the oldest queued event if it is not after `until`.
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)>;
 
-    /// `true` if nothing that was caught waits.
+    /// Returns `true` if no event is queued.
     fn is_quiet() -> bool;
 
-    /// Reports levels that were not reported for lack of room.
+    /// Reports levels that were not reported because the queue was full.
     fn tell_missed();
 
     /// Feeds the watchdog.
     fn feed();
 
-    /// Sleeps until an event was caught, the bus has room again, or `deadline` has [passed](Self::past).
+    /// Sleeps until an event is queued, the bus has room again, or `deadline` has [passed](Self::past).
     fn sleep_until(deadline: Instant);
 }
 
@@ -76,7 +76,7 @@ impl<B: Board> Inputs for BoardInputs<B> {
     }
 }
 
-/// A drive on a board.
+/// The shell of a drive on a board.
 type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shell<
     &'a mut D,
     BoardInputs<B>,
@@ -84,14 +84,16 @@ type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shel
     CHARACTERS,
 >;
 
-/// Makes a drive where it stays. What that takes of the stack beside the drive itself is free again when it returns.
+/// Makes a drive in a function of its own, so that the stack that `make` needs beside the drive itself is
+/// free again when it returns.
 #[inline(never)]
 pub fn made<D>(make: fn() -> D) -> D {
     make()
 }
 
-/// Runs the drive, which was [made](made()) before there is all that this needs of the stack: with its saved registers and
-/// its network, which need the clock, and wired like that. `CHARACTERS` is how many characters may wait to be sent.
+/// Runs the drive, with the given wires, its saved registers and its network. The drive was [made](made())
+/// before, because then this function's data is not on the stack yet. `memory` and `links` are called when
+/// the clock runs, because they need it. `CHARACTERS` is the number of characters that may wait to be sent.
 #[inline(never)]
 pub fn run<B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES: usize>(
     drive: &mut D,
@@ -108,7 +110,7 @@ where
     let links = links(drive.spec());
     let mut shell: OnBoard<'_, B, D, M, L, CHARACTERS, WIRES> = assemble(drive, wires, memory, links);
     shell.power_on(Instant::ZERO, boot);
-    // Not before: the stack is nowhere as deep as while the drive is put on the board.
+    // Not enabled earlier, because the stack is deepest while the drive is put on the board.
     B::unmask();
     B::log(shell.device().spec().kind, boot);
     loop {
@@ -120,7 +122,7 @@ where
     }
 }
 
-/// Puts the drive on the board. What that needs of the stack is free again when it returns.
+/// Puts the drive on the board. The stack that this needs is free again when it returns.
 #[inline(never)]
 fn assemble<'a, B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES: usize>(
     drive: &'a mut D,
@@ -145,21 +147,22 @@ where
     Shell::new(drive, BoardInputs(PhantomData), hands)
 }
 
-/// `true` if there is work for the loop: an event was caught, or the bus has room again.
+/// Returns `true` if there is work for the loop: an event is queued, or the bus has room again.
 #[must_use]
 pub fn is_awake<B: Board>() -> bool {
     !B::is_quiet() || B::Uart::bus().has_room()
 }
 
-/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt comes, which must be at the latest when that
-/// instant has passed.
+/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt; it must set one for the instant
+/// it is given, so that it returns at the latest when that instant has passed.
 #[inline]
 pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
-    /// The longest sleep without feeding the watchdog.
+    /// Longest sleep without feeding the watchdog.
     const NAP: Duration = Duration::millis(250);
     while B::past() < deadline && !is_awake::<B>() {
         B::feed();
-        // An interrupt that is kept out ends the sleep, so none is missed between the look and the sleep (BOARD-6).
+        // An interrupt during the critical section ends the sleep, so none is missed between the check and
+        // the sleep (BOARD-6).
         critical_section::with(|_| {
             if !is_awake::<B>() {
                 doze(deadline.min(B::past() + NAP));
@@ -168,9 +171,10 @@ pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
     }
 }
 
-/// An image with a drive: its module and what makes it, which of the shell's rooms its characters wait in, and the name
-/// of its wires. The crate of the board has `run`, `memory!`, which makes a place for so many saved registers, and
-/// `wires`. A drive `on` a `network` has no room for characters.
+/// Makes an image with a drive. The arguments are the board's crate, the drive's module and constructor, the
+/// constant of the shell with the number of characters that may wait, and the constant with the drive's
+/// wires. The crate of the board has `run`, `memory!` (which reserves memory for saved registers) and
+/// `wires`. A drive `on` a `network` has no buffer for characters.
 #[macro_export]
 macro_rules! image {
     ($board:ident, $kind:ident::$($make:ident)::+, $characters:ident, $wires:ident) => {

@@ -13,31 +13,31 @@ use crate::wire::{AxisPins, End};
 
 /// The sending half of a board's UART.
 pub trait Bus: Write + WriteReady {
-    /// Changes the settings of the line, once all that was written has left.
+    /// Changes the settings of the line when all characters that were written have been sent.
     fn set_line(&mut self, line: Line);
 }
 
 /// A pin that can be released.
 pub trait Release: OutputPin {
-    /// Releases the pin, so that it is an input, or drives it again.
+    /// If `released`, makes the pin an input; otherwise makes it an output again.
     fn release(&mut self, released: bool);
 }
 
 /// The outputs of a board with one bus, one axis and `PINS` wires.
 pub struct BoardOutputs<B, P, M, T: Timer + 'static, const PINS: usize, L = NoNetwork> {
-    /// The bus.
+    /// Sending half of the bus.
     pub bus: B,
-    /// Target of each pin; `None` if the drive has no such name.
+    /// Pins, each with the drive's pin or fault that it is wired to; `None` if the drive has no such name.
     pub pins: [(Option<End>, P); PINS],
-    /// The non-volatile memory, and what it holds.
+    /// The non-volatile memory, which also gives its content as bytes.
     pub memory: M,
     /// The axis.
     pub axis: &'static Axis<T>,
-    /// STEP and DIR.
+    /// Location of STEP and DIR.
     pub axis_pins: AxisPins,
-    /// Loader of its plans.
+    /// Loader of the plans of the axis.
     pub loader: PlanLoader,
-    /// The network, if the drive has a port there.
+    /// The network, if the drive has TCP ports.
     pub links: Option<L>,
 }
 
@@ -72,7 +72,7 @@ where
 
     fn release(&mut self, pin: Pin, released: bool) {
         if self.axis_pins == AxisPins::Shared(pin) {
-            // It takes a level: as the axis takes it again, it is low.
+            // A level takes the pin from the axis. STEP and DIR are low when the axis takes them again.
             let _ = self.axis.with(|stepper, _| stepper.release());
         }
         if let Some(pin) = self.pin(pin) {

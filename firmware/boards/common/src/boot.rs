@@ -1,8 +1,9 @@
-//! A start of the processor that ends in a program in RAM.
+//! The start of the processor, up to a program in RAM.
 
-/// Places where the processor begins, in flash, the stack pointer and the address to jump to, and a few instructions
-/// that copy the image to RAM and start it there. From then on flash holds nothing but saved registers, so it can be
-/// erased and programmed, when nothing in it can be fetched, while interrupts go on (BOARD-3).
+/// Puts at the beginning of flash, where the processor starts: the stack pointer, the address to jump to, and
+/// a few instructions that copy the image to RAM and start it there. After that, flash contains only saved
+/// registers. It can be erased and programmed while interrupts continue, although nothing in flash can be
+/// fetched meanwhile (BOARD-3).
 ///
 /// The linker script sets where the image runs and where it is loaded.
 #[macro_export]

@@ -1,4 +1,5 @@
-//! The sending half of a bus: behind a transceiver that has to be turned around, or with a wire for each direction.
+//! The sending half of a bus: with a transceiver whose direction must be switched, or with a wire for each
+//! direction.
 
 use core::cell::Cell;
 use core::convert::Infallible;
@@ -13,33 +14,34 @@ use embedded_io::{ErrorType, Write, WriteReady};
 use crate::board_outputs::Bus;
 use crate::queue::Queue;
 
-/// Characters that may wait to be sent: one of the longest frames.
+/// Maximum number of characters that wait to be sent: the longest frame.
 const MOST: usize = 256;
 
 /// The UART of a bus.
 pub trait Uart: Sized + 'static {
-    /// The bus that it drives.
+    /// The bus that this UART drives.
     fn bus() -> &'static SerialBus<Self>;
 
-    /// Assigns its pins and enables its interrupt; the drive sets the line.
+    /// Assigns the pins of the UART and enables its interrupt. The drive sets the line later.
     fn start();
 
-    /// Sets the line now; a character under way is lost.
+    /// Sets the line now. A character that is being sent or received is lost.
     fn configure(line: Line);
 
-    /// `true` if it takes a character to send.
+    /// Returns `true` if the UART accepts a character to send.
     fn has_room() -> bool;
 
-    /// Takes a character to send.
+    /// Gives the UART a character to send.
     fn write(byte: u8);
 
-    /// Has the interrupt come that calls [`SerialBus::send`], now and whenever there is room.
+    /// Triggers the interrupt that calls [`SerialBus::send`], now and whenever the UART has room.
     fn pend();
 
     /// Switches the transceiver to send (DE), or to receive.
     fn turn(sends: bool);
 
-    /// Has [`SerialBus::sent`] called when the last stop bit has left: no more characters wait.
+    /// Arranges a call of [`SerialBus::sent`] when the last stop bit has left. Called when no more characters
+    /// wait.
     fn end();
 }
 
@@ -47,24 +49,25 @@ pub trait Uart: Sized + 'static {
 #[derive(Debug)]
 pub struct SerialBus<U> {
     to_send: Queue<u8, MOST>,
-    /// Set from the first start bit to the last stop bit.
+    /// True from the first start bit to the last stop bit.
     sends: AtomicBool,
-    /// Set while its end is looked for, where no interrupt signals it, and the last character is on its way.
+    /// True while the bus polls for the end of the last character, on a UART without an interrupt for that.
     ends: AtomicBool,
-    /// Set for a wire for each direction: the bus receives while it sends, and needs no change of direction.
+    /// True for a bus with a wire for each direction: it receives while it sends, and its direction is never
+    /// switched.
     full_duplex: AtomicBool,
-    /// Set when it takes more to send than it did.
+    /// Set when the queue has room for more characters again.
     has_room: AtomicBool,
-    /// The duration of a character.
+    /// Duration of a character.
     character: Mutex<Cell<Duration>>,
-    /// The settings of the line when all has left, if they change.
+    /// The settings of the line after all characters have been sent, if `changes` is set.
     next: Mutex<Cell<Line>>,
     changes: AtomicBool,
     uart: PhantomData<fn() -> U>,
 }
 
 impl<U: Uart> SerialBus<U> {
-    /// A bus on which nothing is sent.
+    /// A bus that sends nothing.
     #[expect(clippy::new_without_default, reason = "a static needs a constant")]
     pub const fn new() -> Self {
         Self {
@@ -74,30 +77,30 @@ impl<U: Uart> SerialBus<U> {
             full_duplex: AtomicBool::new(false),
             has_room: AtomicBool::new(false),
             character: Mutex::new(Cell::new(Duration::ZERO)),
-            // All zeros, as all else here: a static takes no place in flash.
+            // All zeros, like the other fields, so that a static takes no space in flash.
             next: Mutex::new(Cell::new(Line::new(0, 0, Parity::None, 0))),
             changes: AtomicBool::new(false),
             uart: PhantomData,
         }
     }
 
-    /// Has a wire for each direction, or one for both.
+    /// Sets whether the bus has a wire for each direction, or one for both.
     pub fn start(&self, full_duplex: bool) {
         self.full_duplex.store(full_duplex, Ordering::Relaxed);
     }
 
-    /// `true` if the drive receives: behind a transceiver not while it sends (BOARD-8).
+    /// Returns `true` if the drive receives. With a transceiver it receives nothing while it sends (BOARD-8).
     #[inline]
     pub fn hears(&self) -> bool {
         !self.sends() || self.full_duplex.load(Ordering::Relaxed)
     }
 
-    /// The duration of a character.
+    /// Duration of a character.
     pub fn character(&self) -> Duration {
         critical_section::with(|cs| self.character.borrow(cs).get())
     }
 
-    /// Gives the UART what it has room for, in its interrupt.
+    /// Gives the UART as many characters as it has room for. Called in its interrupt.
     #[inline]
     pub fn send(&self) {
         while U::has_room() {
@@ -111,15 +114,16 @@ impl<U: Uart> SerialBus<U> {
             self.sends.store(true, Ordering::Relaxed);
             self.ends.store(false, Ordering::Relaxed);
             U::write(byte);
-            // In time for what does not fit to be sent without a pause.
+            // Set at half of the queue, so that the loop can add the remaining characters and they are sent
+            // without a pause.
             if self.to_send.len() == MOST / 2 {
                 self.has_room.store(true, Ordering::Relaxed);
             }
         }
     }
 
-    /// Begins to look for the end of the last stop bit, in [`Uart::end`] of a UART without an interrupt for it. `false`
-    /// if there is no need to, or it has begun.
+    /// Called in [`Uart::end`] of a UART without an interrupt for the end of the last stop bit: begins to
+    /// poll for that end. Returns `false` if that is not necessary or has begun already.
     #[inline]
     pub fn begin_end(&self) -> bool {
         let begins = self.sends() && !self.ends();
@@ -129,13 +133,14 @@ impl<U: Uart> SerialBus<U> {
         begins
     }
 
-    /// `true` while the end of the last stop bit is looked for; not any more once another character is sent.
+    /// Returns `true` while the bus polls for the end of the last stop bit. Sending a further character ends
+    /// that.
     #[inline]
     pub fn ends(&self) -> bool {
         self.ends.load(Ordering::Relaxed)
     }
 
-    /// The last stop bit has left.
+    /// Called when the last stop bit has left.
     pub fn sent(&self) {
         U::turn(false);
         if self.changes.load(Ordering::Relaxed) {
@@ -147,12 +152,12 @@ impl<U: Uart> SerialBus<U> {
         self.has_room.store(true, Ordering::Relaxed);
     }
 
-    /// `true` if it takes more to send than when the loop [looked](Self::look) last.
+    /// Returns `true` if the queue has gained room since the last [`look`](Self::look).
     pub(crate) fn has_room(&self) -> bool {
         self.has_room.load(Ordering::Relaxed)
     }
 
-    /// The loop is about to look.
+    /// Called when the loop is about to check for work.
     pub(crate) fn look(&self) {
         self.has_room.store(false, Ordering::Relaxed);
     }
@@ -167,7 +172,7 @@ impl<U: Uart> SerialBus<U> {
     }
 }
 
-/// The sending half of a bus, as the loop has it. It takes no place on the stack.
+/// The sending half of a bus, for the loop. It takes no stack.
 #[derive(Debug)]
 pub struct Sender<U>(PhantomData<fn() -> U>);
 
@@ -199,7 +204,7 @@ impl<U> ErrorType for Sender<U> {
 }
 
 impl<U: Uart> WriteReady for Sender<U> {
-    /// `false` while a change of the line waits: all that is written behind it waits, too.
+    /// Returns `false` while a change of the line is pending: everything that is written after it must wait.
     fn write_ready(&mut self) -> Result<bool, Infallible> {
         let bus = U::bus();
         Ok(!bus.changes.load(Ordering::Relaxed) && !bus.to_send.is_full())
@@ -209,7 +214,7 @@ impl<U: Uart> WriteReady for Sender<U> {
 impl<U: Uart> Write for Sender<U> {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let written = bytes.iter().take_while(|byte| U::bus().to_send.push(**byte)).count();
-        // The interrupt takes the first one, and comes again whenever there is room.
+        // The interrupt sends the first character, and is called again whenever there is room.
         U::pend();
         Ok(written)
     }

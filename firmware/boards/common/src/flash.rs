@@ -1,37 +1,37 @@
-//! Flash that a processor reads as memory, and erases and programs by itself.
+//! Flash that a processor reads as memory, and erases and programs itself.
 
 use core::marker::PhantomData;
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// The part of a board's flash that holds saved registers. Its functions return when they are done; interrupts go on
-/// during that, and the events that they catch must fit into the queue.
+/// The part of a board's flash for saved registers. Each function returns when its operation is done.
+/// Interrupts continue meanwhile, and their events must fit into the queue.
 pub trait Sectors: Copy {
-    /// The part itself.
+    /// Range of this part.
     const OURS: Range<u32>;
-    /// Bytes of all of the flash.
+    /// Size of the whole flash in bytes.
     const CAPACITY: usize;
-    /// Bytes that are erased at once.
+    /// Number of bytes that are erased at once.
     const SECTOR: usize;
-    /// Bytes whose multiples can be programmed.
+    /// Smallest number of bytes that can be programmed. Offsets and lengths are multiples of this.
     const WORD: usize;
-    /// Bytes that are programmed at once at most, from a multiple of them on.
+    /// Largest number of bytes that are programmed at once; they do not cross a multiple of this.
     const PAGE: usize;
 
-    /// A byte of ours.
+    /// Reads a byte of this part.
     fn read(offset: u32) -> u8;
 
     /// Erases the sector that begins at `offset`.
     ///
     /// # Errors
-    /// If the flash reports one.
+    /// The flash reports an error.
     fn erase(offset: u32) -> Result<(), NorFlashErrorKind>;
 
     /// Programs words of one page.
     ///
     /// # Errors
-    /// If the flash reports one.
+    /// The flash reports an error.
     fn program(offset: u32, words: &[u8]) -> Result<(), NorFlashErrorKind>;
 }
 
@@ -47,7 +47,8 @@ impl<S: Sectors> Flash<S> {
         Self(PhantomData)
     }
 
-    /// Checks that `count` bytes from `offset` on are ours, and both are multiples of `unit`.
+    /// Checks that `count` bytes from `offset` on are in this part, and that both numbers are multiples of
+    /// `unit`.
     fn check(offset: u32, count: usize, unit: usize) -> Result<(), NorFlashErrorKind> {
         let end = u32::try_from(count).ok().and_then(|count| offset.checked_add(count));
         if !end.is_some_and(|end| S::OURS.start <= offset && end <= S::OURS.end) {

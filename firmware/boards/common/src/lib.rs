@@ -1,8 +1,9 @@
 //! Code that boards share.
 //!
-//! A board brings a UART, pins, a memory, a step timer and a clock. Its interrupts put what they catch
-//! into a [`Queue`], have the [`SerialBus`] send, and fire the [`Axis`]; its loop, [`run`], turns a
-//! [`Shell`](drivetwin_firmware::shell::Shell) over [`BoardOutputs`]. What it must have for that is a [`Board`].
+//! A board provides a UART, pins, a memory, a step timer and a clock. Its interrupts put events into a
+//! [`Queue`], call the [`SerialBus`] to send, and fire the [`Axis`]. Its loop, [`run`], runs a
+//! [`Shell`](drivetwin_firmware::shell::Shell) over [`BoardOutputs`]. The trait [`Board`] lists what a board
+//! must provide for that.
 #![no_std]
 
 mod axis;

@@ -1,14 +1,14 @@
-//! Room for answers that are longer than a connection has room for: pieces that all connections share.
+//! Buffer for answers that are too long for the buffer of a connection: pieces that all connections share.
 
 use heapless::Vec;
 
-/// Bytes that a piece holds; with what else it needs it takes 128.
+/// Number of bytes in a piece. With its other data a piece takes 128 bytes.
 const PIECE: usize = 120;
-/// Number of pieces: for the listing of the longest program of an MDrive, which has up to 13 KiB.
+/// Number of pieces. They hold the listing of the longest program of an MDrive, which has up to 13 KiB.
 pub const PIECES: usize = 112;
 const _: () = assert!(PIECES * PIECE >= 13 * 1_024);
 
-/// A part of what waits.
+/// A part of the bytes that wait.
 #[derive(Clone, Debug)]
 pub struct Piece {
     bytes: Vec<u8, PIECE>,
@@ -16,15 +16,15 @@ pub struct Piece {
 }
 
 impl Piece {
-    /// An empty one.
+    /// A piece without bytes.
     pub const EMPTY: Self = Self { bytes: Vec::new(), next: None };
 }
 
-/// Bytes that wait on one connection, from its first piece to its last.
+/// Bytes that wait on one connection: a list of pieces.
 #[derive(Debug, Default)]
 pub(crate) struct Chain {
     ends: Option<[u8; 2]>,
-    /// Bytes of the first piece that have left.
+    /// Number of bytes of the first piece that are already sent.
     gone: usize,
 }
 
@@ -34,7 +34,7 @@ impl Chain {
     }
 }
 
-/// The pieces.
+/// The pieces, and a list of those that are free.
 pub(crate) struct Long<'a> {
     pieces: &'a mut [Piece; PIECES],
     free: Vec<u8, PIECES>,
@@ -49,7 +49,8 @@ impl<'a> Long<'a> {
         Self { pieces, free }
     }
 
-    /// Puts bytes behind what waits there; `false`, and it stays as it is, if there is no room for all.
+    /// Appends bytes to those that wait. Returns `false`, and changes nothing, if there is no room for all of
+    /// them.
     pub(crate) fn put(&mut self, chain: &mut Chain, bytes: &[u8]) -> bool {
         let room = self.last(chain).map_or(0, |last| PIECE.saturating_sub(last.bytes.len()));
         let (front, rest) = bytes.split_at_checked(room).unwrap_or((bytes, &[]));
@@ -74,8 +75,8 @@ impl<'a> Long<'a> {
         true
     }
 
-    /// Passes waiting bytes to `send`, which returns how many it took, until it does not take all. Returns whether it
-    /// took any.
+    /// Passes waiting bytes to `send`, which returns how many it took, until it takes fewer than it was
+    /// given. Returns whether it took any.
     pub(crate) fn leave(&mut self, chain: &mut Chain, mut send: impl FnMut(&[u8]) -> usize) -> bool {
         let mut went = false;
         while let Some([first, last]) = chain.ends

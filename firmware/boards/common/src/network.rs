@@ -1,4 +1,4 @@
-//! TCP connections at the ports of a board's drive, over smoltcp.
+//! TCP connections to the ports of a board's drive, over smoltcp.
 
 use drivetwin_firmware::device::{Device, Duration, Framing, Instant, Link, Port, Spec};
 use drivetwin_firmware::shell::{LinkEvent, Links};
@@ -13,36 +13,39 @@ use smoltcp::wire::{EthernetAddress, HardwareAddress, IpAddress, IpCidr};
 use crate::long::{Chain, Long};
 pub use crate::long::{PIECES, Piece};
 
-/// Bytes of the longest frame that a network carries, without its check sequence: that of the longest packet that
-/// every host must take (RFC 791). A host that respects the board's packet size sends no longer ones.
+/// Number of bytes of the longest frame, without its check sequence. It contains the longest packet that
+/// every host must accept (RFC 791). A host that respects the board's packet size sends no longer ones.
 pub const FRAME_BYTES: usize = 14 + 576;
 
-/// Connections that each port takes; the next one is refused.
+/// Number of connections that each port accepts. A further one is refused.
 pub const LINKS: usize = 4;
-/// TCP ports that a drive may have here, one of them of Modbus; further ports accept no connections.
+/// Number of TCP ports that a drive may have on a board. One of them is for Modbus; further ports accept no
+/// connections.
 pub const PORTS: usize = 2;
-/// Places for the connections of all ports.
+/// Number of connections of all ports.
 pub const PLACES: usize = PORTS * LINKS;
-/// Bytes for all connections.
+/// Number of buffer bytes for all connections.
 pub const BYTES: usize = PLACES * (UNHEARD + UNSENT);
 
-/// Bytes of a connection that have come and were not taken.
+/// Buffer of a connection for bytes that were received and not taken yet.
 const UNHEARD: usize = 256;
-/// Bytes of answers that have not left. What has no room there is a long answer, and all of them share one room.
+/// Buffer of a connection for answers that are not sent yet. What does not fit is a long answer; all long
+/// answers share one buffer.
 const UNSENT: usize = 640;
-/// Bytes of unsent answers beyond which a connection is not read.
+/// Number of unsent bytes above which a connection is not read.
 const ENOUGH: usize = UNSENT / 2;
 const _: () = assert!(UNSENT - ENOUGH >= ADU_BYTES, "a Modbus reply always has room");
 
-/// Frames taken before the drive has its turn.
+/// Maximum number of frames that are taken before the drive runs again.
 const BURST: usize = 8;
-/// Time between two checks whether a silent client is still there.
+/// Interval of the keep-alive probes, which check whether a silent client is still there.
 const LOOK: time::Duration = time::Duration::from_secs(10);
 /// Silence after which a client counts as gone.
 const GONE: time::Duration = time::Duration::from_secs(30);
-/// Longest time of a connection that is not established: time for its answer to be lost and sent again.
+/// Longest time until a connection is established. It is long enough for the board's answer to be lost and
+/// sent again.
 const KNOCK: time::Duration = time::Duration::from_secs(3);
-/// Longest time for a client to take its last bytes before it is closed.
+/// Longest time in which a client takes the last bytes before the connection is reset.
 const FAREWELL: Duration = Duration::secs(10);
 
 /// The factory address of an MDrive, 192.168.33.1, and its subnet mask, 255.255.0.0 (FB 6.3).
@@ -50,14 +53,14 @@ const ADDRESS: IpCidr = IpCidr::new(IpAddress::v4(192, 168, 33, 1), 16);
 
 /// A network controller.
 pub trait Frames: phy::Device {
-    /// Returns whether a frame has come.
+    /// Returns whether a received frame waits.
     fn has_frame(&self) -> bool;
 
-    /// Time of the last frame.
+    /// Time at which the last frame was received.
     fn came(&self) -> Instant;
 }
 
-/// Memory of connections: with a network it is a board's largest part.
+/// Memory of the connections. On a board with a network it is the largest part of RAM.
 pub struct Places<'a> {
     /// The connections.
     pub sockets: &'a mut [SocketStorage<'a>; PLACES],
@@ -76,17 +79,17 @@ pub struct Network<'a, F> {
     sockets: SocketSet<'a>,
     connections: heapless::Vec<Connection<'a>, PLACES>,
     long: Long<'a>,
-    /// The one that is polled next.
+    /// Index of the connection that is polled next.
     turn: usize,
     /// Time of the next poll.
     due: Instant,
-    /// Time of the frame that was handled last.
+    /// Timestamp of the events of the last poll.
     at: Instant,
 }
 
 impl<'a, F: Frames> Network<'a, F> {
-    /// The ports of a drive at that Ethernet address. `seed` makes the numbers of a connection hard to guess. What this
-    /// needs of the stack is free again when it returns.
+    /// The ports of a drive, at this Ethernet address. `seed` makes the sequence numbers of a connection hard
+    /// to guess. The stack that this needs is free again when it returns.
     #[inline(never)]
     pub fn new(spec: &Spec, mut frames: F, address: [u8; 6], seed: u64, places: Places<'a>) -> Self {
         let mut config = Config::new(HardwareAddress::Ethernet(EthernetAddress(address)));
@@ -106,7 +109,7 @@ impl<'a, F: Frames> Network<'a, F> {
             let Some((said, rest)) = rest.split_at_mut_checked(UNSENT) else { break };
             bytes = rest;
             let mut socket = Socket::new(SocketBuffer::new(heard), SocketBuffer::new(said));
-            // An answer leaves at once.
+            // Without Nagle's algorithm an answer is sent at once.
             socket.set_nagle_enabled(false);
             socket.set_keep_alive(Some(LOOK));
             let socket = sockets.add(socket);
@@ -117,7 +120,7 @@ impl<'a, F: Frames> Network<'a, F> {
         Self { frames, interface, sockets, connections, long, turn: 0, due: Instant::ZERO, at: Instant::ZERO }
     }
 
-    /// Polls the connections in turn for messages.
+    /// Polls the connections in turn until one has an event for the drive.
     fn ask(
         &mut self,
         now: Instant,
@@ -127,13 +130,13 @@ impl<'a, F: Frames> Network<'a, F> {
         for connection in self.connections.iter_mut().skip(self.turn) {
             self.turn += 1;
             let socket = self.sockets.get_mut::<Socket<'_>>(connection.socket);
-            // If the connection is over, the rest is dropped.
+            // If the connection has ended, the remaining bytes are dropped.
             let send = |rest: &[u8]| socket.send_slice(rest).unwrap_or(rest.len());
             if self.long.leave(&mut connection.long, send) {
                 self.due = now;
             }
             if let Some(came) = connection.next(socket, now, device, message) {
-                // The window is wider now, or the end of the connection must be sent.
+                // An early poll announces the larger window, or the end of the connection.
                 self.due = now;
                 return Some((self.at, connection.port, connection.link, came));
             }
@@ -142,7 +145,7 @@ impl<'a, F: Frames> Network<'a, F> {
         None
     }
 
-    /// Takes frames and sends some.
+    /// Receives frames and sends some.
     fn poll(&mut self, now: Instant) {
         self.at = if self.frames.has_frame() { self.frames.came().min(now) } else { now };
         let at = time::Instant::from_micros((now.ticks() >> 4) as i64);
@@ -210,34 +213,34 @@ impl<F: Frames> Links for Network<'_, F> {
     }
 }
 
-/// A connection, or the place for one.
+/// A connection, or a free slot for one.
 struct Connection<'a> {
     port: Port,
     link: Link,
     socket: SocketHandle,
     framing: Framer<'a>,
-    /// Rest of a long answer.
+    /// The part of a long answer that is not in the socket's buffer yet.
     long: Chain,
     stage: Stage,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// Free: no client of the drive.
+    /// No client of the drive is connected.
     Free,
-    /// A client of the drive.
+    /// The drive has a client.
     Open,
-    /// Closed for the drive; bytes already written still leave, until this instant at the latest.
+    /// Closed for the drive. Bytes already written are still sent, until this instant at the latest.
     Leaves(Option<Instant>),
 }
 
 impl Connection<'_> {
-    /// Returns whether it is the drive's open connection with that number.
+    /// Returns whether this is the drive's open connection `link` at `port`.
     fn is_open(&self, port: Port, link: Link) -> bool {
         self.port == port && self.link == link && self.stage == Stage::Open
     }
 
-    /// The next event.
+    /// The next event of the connection for the drive.
     fn next(
         &mut self,
         socket: &mut Socket<'_>,
@@ -247,7 +250,7 @@ impl Connection<'_> {
     ) -> Option<LinkEvent> {
         let waits = !self.long.is_empty();
         match self.stage {
-            // It waits in the window of TCP.
+            // The message waits in the TCP window.
             Stage::Open if !device.takes(self.port) => None,
             Stage::Open if !socket.is_active() => {
                 self.stage = Stage::Free;
@@ -268,11 +271,11 @@ impl Connection<'_> {
                 if socket.state() != State::CloseWait {
                     return None;
                 }
-                // The client has sent all of its data.
+                // The client has sent all its data.
                 self.stage = Stage::Leaves(None);
                 Some(LinkEvent::Closed)
             }
-            // A client that connects before the drive accepts waits as in the backlog of a host.
+            // A client that connects before the drive accepts connections waits, as in the backlog of a host.
             Stage::Free if socket.may_send() && device.accepts(self.port) => {
                 self.stage = Stage::Open;
                 socket.set_timeout(Some(GONE));
@@ -301,7 +304,7 @@ impl Connection<'_> {
         }
     }
 
-    /// Makes room for another client, unless a reset is still to be sent.
+    /// Listens for another client, unless a reset is still to be sent.
     fn listen(&self, socket: &mut Socket<'_>) {
         if socket.state() == State::TimeWait || socket.remote_endpoint().is_none() {
             socket.set_timeout(Some(KNOCK));
@@ -310,16 +313,16 @@ impl Connection<'_> {
     }
 }
 
-/// Framer of messages.
+/// Splits received bytes into messages.
 enum Framer<'a> {
-    /// By the length in their header: Modbus/TCP.
+    /// By the length in the header of a message: Modbus/TCP.
     Mbap(&'a mut Splitter),
-    /// By the end of a line: MCode.
+    /// By the end of a text line: MCode.
     Return,
 }
 
 impl<'a> Framer<'a> {
-    /// Framer of a port whose messages end so; `None` of one without connections.
+    /// Framer for this framing; `None` if the port is not a TCP port.
     fn of(framing: Framing, splitters: &mut impl Iterator<Item = &'a mut Splitter>) -> Option<Self> {
         match framing {
             Framing::Mbap => splitters.next().map(Self::Mbap),
@@ -328,7 +331,7 @@ impl<'a> Framer<'a> {
         }
     }
 
-    /// The TCP port (FB 6.3).
+    /// Number of the TCP port (FB 6.3).
     fn port(&self) -> u16 {
         match self {
             Self::Mbap(_) => 502,
@@ -336,14 +339,14 @@ impl<'a> Framer<'a> {
         }
     }
 
-    /// Begins a new connection.
+    /// Prepares for a new connection.
     fn begin(&mut self) {
         if let Self::Mbap(splitter) = self {
             **splitter = Splitter::new();
         }
     }
 
-    /// Takes what came; whether that is a message.
+    /// Takes received bytes. Returns whether they complete a message.
     fn take(&mut self, socket: &mut Socket<'_>, message: &mut Adu) -> Result<bool, Broken> {
         let taken = socket.recv(|came| match self {
             Self::Mbap(splitter) => {

@@ -1,4 +1,4 @@
-//! Pins as a drive drives them.
+//! Output pins of a drive.
 
 use core::convert::Infallible;
 
@@ -6,17 +6,17 @@ use embedded_hal::digital::{ErrorType, OutputPin};
 
 use crate::board_outputs::Release;
 
-/// The end of a wire: a pin of a board, or several.
+/// The board's end of a wire: one pin, or several.
 pub trait Gpio {
-    /// Drives a level, unless released. It is driven from then on, and not as soon as it is no longer released, so that
-    /// it never drives the level of before.
+    /// Drives a level, unless the pin is released. When the release ends, the pin is driven only from the
+    /// next `set` on, so that it never drives the level from before.
     fn set(&self, high: bool, released: bool);
 
-    /// Releases the pin and reads it as an input, or ends that.
+    /// If `released`, makes the pin an input and reads it; otherwise stops reading it.
     fn release(&self, released: bool);
 }
 
-/// A pin as the drive drives it.
+/// An output pin of a drive.
 #[derive(Debug)]
 pub struct Output<G> {
     gpio: G,

@@ -5,8 +5,8 @@ use core::cell::RefCell;
 use critical_section::Mutex;
 use heapless::Deque;
 
-/// A queue that interrupts and the loop share. `heapless::spsc` would do without critical sections,
-/// but divides by a length that is known only at run time, and that can panic (PROJECT-12).
+/// A queue that interrupts and the loop share. `heapless::spsc` would need no critical sections, but it
+/// divides by a length that is known only at run time, and that can panic (PROJECT-12).
 #[derive(Debug)]
 pub struct Queue<T, const N: usize>(Mutex<RefCell<Deque<T, N>>>);
 
@@ -17,7 +17,7 @@ impl<T, const N: usize> Queue<T, N> {
         Self(Mutex::new(RefCell::new(Deque::new())))
     }
 
-    /// Adds an item at the end; `false` if there is no room.
+    /// Adds an item at the end. Returns `false` if there is no room.
     #[must_use]
     pub fn push(&self, thing: T) -> bool {
         self.with(|queue| queue.push_back(thing).ok()).is_some()
@@ -38,17 +38,18 @@ impl<T, const N: usize> Queue<T, N> {
         self.with(|queue| Some(queue.len())).unwrap_or(N)
     }
 
-    /// Returns whether it is empty.
+    /// Returns whether the queue is empty.
     pub fn is_empty(&self) -> bool {
         self.with(|queue| queue.front().map(|_| ())).is_none()
     }
 
-    /// Returns whether it is full.
+    /// Returns whether the queue is full.
     pub fn is_full(&self) -> bool {
         self.with(|queue| queue.is_full().then_some(())).is_some()
     }
 
-    /// Inside a critical section there is no other borrow, so `None` comes from `act` alone.
+    /// Calls `act` with the queue. In a critical section there is no other borrow, so only `act` returns
+    /// `None`.
     fn with<R>(&self, act: impl FnOnce(&mut Deque<T, N>) -> Option<R>) -> Option<R> {
         critical_section::with(|cs| act(&mut *self.0.borrow(cs).try_borrow_mut().ok()?))
     }

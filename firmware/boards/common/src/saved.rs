@@ -1,9 +1,10 @@
 //! Saved registers in flash.
 //!
-//! A drive stores bytes here and there. Its memory is kept in pieces, an item each: those that a store changes are
-//! written behind what is there, one after the other. So a power cut leaves the pieces from some place on as they
-//! were before that store, and all sectors wear alike. Only where a store fails is everything erased for another
-//! try. Each kind of drive has items of its own (BOARD-5).
+//! A drive stores bytes at various offsets. Its memory is divided into pieces, and each piece is an item in
+//! flash. A store writes each changed piece as a new item after the existing ones, in the order of the
+//! pieces. Therefore, after a power cut, all pieces from some piece on are as they were before that store,
+//! and all sectors wear equally. If a store fails, everything is erased and written again. Each kind of
+//! drive has items of its own (BOARD-5).
 
 use core::ops::Range;
 use core::pin::pin;
@@ -17,19 +18,20 @@ use sequential_storage::cache::page_pointers::ArrayPagePointers;
 use sequential_storage::cache::page_states::ArrayPageStates;
 use sequential_storage::map::{MapConfig, MapStorage};
 
-/// The kind of drive, as far as it fits, and behind it the number of the piece.
+/// Key of an item: the name of the kind, cut to 15 bytes, and in the last byte the number of the piece.
 type Key = [u8; 16];
 
-/// Cache of the flash: without it, making room in a sector takes a search for each of its items.
+/// Cache of the state of the flash. Without it, making room in a sector needs a search for each item of the
+/// sector.
 type Known<const SECTORS: usize> =
     Cache<ArrayPageStates<SECTORS>, ArrayPagePointers<SECTORS>, ArrayKeyPointers<Key, KNOWN_ITEMS>, Key>;
 type Map<F, const SECTORS: usize> = MapStorage<Key, F, Known<SECTORS>>;
-/// Items that are found without a search. More than these take longer to find, and are found.
+/// Number of items that are found without a search. Further items are found, too, but that takes longer.
 const KNOWN_ITEMS: usize = 2;
 
-/// Bytes of a piece; the last one may have fewer.
+/// Number of bytes in a piece. The last piece may have fewer.
 const PIECE: usize = 256;
-/// Bytes that an item takes at most.
+/// Maximum number of bytes of an item.
 const ITEM: usize = size_of::<Key>() + PIECE;
 
 /// The items of a kind of drive.
@@ -41,7 +43,7 @@ struct Items<F: NorFlash, const SECTORS: usize> {
 }
 
 impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
-    /// Saved registers of that kind, which lie in that part of the flash.
+    /// Items of the kind `kind`, in the part `place` of the flash.
     fn of(kind: &str, flash: F, place: Range<u32>) -> Self {
         let mut key = [0; _];
         for (place, letter) in key.iter_mut().take(size_of::<Key>() - 1).zip(kind.bytes()) {
@@ -56,13 +58,13 @@ impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
         key
     }
 
-    /// The piece of that number, if it was ever stored.
+    /// The piece with this number, if it was ever stored.
     fn find<'a>(&mut self, number: u8, item: &'a mut [u8; ITEM]) -> Result<Option<&'a [u8]>, Unreadable> {
         let key = self.key(number);
         wait(self.map.fetch_item(item, &key)).map_err(|_| Unreadable)
     }
 
-    /// Writes a piece, and looks whether it is found again as after a reset.
+    /// Writes a piece, and checks that it is found again, as after a reset.
     fn store(&mut self, number: u8, piece: &[u8]) -> Result<(), Unreadable> {
         let key = self.key(number);
         let mut item = [0; ITEM];
@@ -71,7 +73,7 @@ impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
         if self.find(number, &mut item)? == Some(piece) { Ok(()) } else { Err(Unreadable) }
     }
 
-    /// Forgets all cached state of the flash. The stack that this needs is free again when it returns.
+    /// Drops all cached state of the flash. The stack that this needs is free again when it returns.
     #[inline(never)]
     fn forget(&mut self) {
         self.map = open(self.flash, self.place.clone());
@@ -87,20 +89,21 @@ fn open<F: NorFlash, const SECTORS: usize>(flash: F, place: Range<u32>) -> Map<F
     Map::new(flash, MapConfig::new(place), known)
 }
 
-/// The non-volatile memory of a drive, in up to `SECTORS` sectors of a flash whose functions return when they are
-/// done.
+/// The non-volatile memory of a drive, in up to `SECTORS` sectors of a flash. The functions of the flash
+/// return when their operation is done.
 pub struct Saved<'a, F: NorFlash, const SECTORS: usize> {
     items: Items<F, SECTORS>,
-    /// The memory as the drive reads it (PROJECT-11).
+    /// Content of the memory, which the drive reads (PROJECT-11).
     bytes: &'a mut [u8],
 }
 
 impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
-    /// Reads what a drive of that kind saved at that `place` of the flash, into `bytes`; all `0xFF` if it never did, or
-    /// if the flash holds other data than saved registers. The stack that this needs is free again when it returns.
+    /// Reads into `bytes` what a drive of this kind saved at `place` in the flash. All bytes are `0xFF` if it
+    /// never saved anything, or if the flash has other data than saved registers. The stack that this needs
+    /// is free again when it returns.
     ///
     /// # Panics
-    /// If the place is less than two sectors, or no whole ones.
+    /// The place has fewer than two sectors, or does not consist of whole ones.
     #[inline(never)]
     pub fn new(flash: F, place: Range<u32>, kind: &str, bytes: &'a mut [u8]) -> Self {
         let mut saved = Self { items: Items::of(kind, flash, place), bytes };
@@ -115,7 +118,7 @@ impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
         let mut item = [0; ITEM];
         for (number, piece) in (0..).zip(self.bytes.chunks_mut(PIECE)) {
             piece.fill(0xFF);
-            // An image with a smaller memory stored the beginning of this piece.
+            // An image with a smaller memory may have stored only the beginning of this piece.
             let stored = self.items.find(number, &mut item)?.unwrap_or_default();
             if let Some(begin) = piece.get_mut(..stored.len()) {
                 begin.copy_from_slice(stored);
@@ -124,7 +127,7 @@ impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
         Ok(())
     }
 
-    /// Writes all pieces where nothing is.
+    /// Erases the flash, and writes all pieces.
     fn restore(&mut self) -> Result<(), Unreadable> {
         self.items.erase()?;
         let mut pieces = (0..).zip(self.bytes.chunks(PIECE));
@@ -132,7 +135,7 @@ impl<'a, F: NorFlash + Copy, const SECTORS: usize> Saved<'a, F, SECTORS> {
     }
 }
 
-/// The flash holds something else than saved registers, or is broken.
+/// The flash has other data than saved registers, or is broken.
 #[derive(Clone, Copy, Debug)]
 pub struct Unreadable;
 
@@ -173,12 +176,12 @@ impl<F: NorFlash + Copy, const SECTORS: usize> Storage for Saved<'_, F, SECTORS>
                 result = self.items.store(number, piece);
             }
         }
-        // Worn out, or not ours: erased as a whole it may take the memory after all.
+        // The flash may be worn out or have other data. After a full erase it may accept the memory.
         result.or_else(|Unreadable| self.restore())
     }
 }
 
-/// The result of a future that needs no waker: an operation of the flash is done when its function returns.
+/// Runs a future that never waits: an operation of the flash is done when its function returns.
 fn wait<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());

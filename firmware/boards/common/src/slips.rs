@@ -1,28 +1,29 @@
-//! Steps that slipped, from the code that finds them to the drive.
+//! Slipped steps (steps beyond the planned ones), reported from the loop to the drive.
 //!
-//! They are counted and not queued: no queue that is full can lose them.
+//! They are counted and not queued, so that a full queue cannot lose them.
 
 use core::sync::atomic::{AtomicI32, Ordering};
 
 use drivetwin_firmware::device::Axis;
 use drivetwin_firmware::shell::BoardEvent;
 
-/// Steps that slipped since the start: a plan was taken late, and that many steps too many were made. Wraps.
+/// Number of slipped steps since the start: a plan was taken late, so more steps than planned were made.
+/// Wraps.
 pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
 
-/// The part of them that was reported to the drive.
+/// The part of [`SLIPPED`] that was reported to the drive.
 static TOLD: AtomicI32 = AtomicI32::new(0);
 
 /// The only axis of a board.
 const AXIS: Axis = Axis(0);
 
-/// Adds slipped steps. For the loop, as [`untold`] is.
+/// Adds slipped steps. Only the loop may call this and [`untold`].
 pub(crate) fn add(steps: i32) {
     SLIPPED.store(SLIPPED.load(Ordering::Relaxed).wrapping_add(steps), Ordering::Relaxed);
 }
 
-/// Steps that slipped since the last time. A board reports them to its drive after all other events that it has
-/// caught.
+/// Event with the steps that slipped since the last call, if any. A board reports it to its drive after all
+/// other queued events.
 pub fn untold() -> Option<BoardEvent> {
     let all = SLIPPED.load(Ordering::Relaxed);
     let untold = all.wrapping_sub(TOLD.load(Ordering::Relaxed));

@@ -1,16 +1,17 @@
-//! STEP and DIR, whose levels last as long as a step driver needs (BOARD-2).
+//! STEP and DIR, with levels that last as long as a step driver needs (BOARD-2).
 
 use core::marker::PhantomData;
 
 use drivetwin_firmware::motion::StepDir;
 
-/// STEP and DIR of a board with a counter that comes round at 2^32.
+/// STEP and DIR of a board, with a counter that wraps at 2^32.
 pub trait StepPort {
-    /// Counts that a level of STEP or DIR lasts before STEP changes: [`HIGH`](drivetwin_firmware::motion::HIGH), and one
-    /// that has begun already.
+    /// Number of counts for which a level of STEP or DIR must last before STEP changes:
+    /// [`HIGH`](drivetwin_firmware::motion::HIGH), and one more, because the first count may have begun
+    /// already.
     const STAYS: u32;
 
-    /// The counter.
+    /// The present count.
     fn count() -> u32;
 
     /// Drives STEP.
@@ -23,21 +24,21 @@ pub trait StepPort {
 /// STEP and DIR.
 #[derive(Debug)]
 pub struct StepPins<P> {
-    /// The count when STEP rose last.
+    /// Count at which STEP last rose.
     rose: u32,
-    /// The count when it fell or DIR changed, if that was later.
+    /// Count at which STEP last fell, or at which DIR last changed if that was later.
     ready: u32,
     port: PhantomData<P>,
 }
 
 impl<P: StepPort> StepPins<P> {
-    /// STEP and DIR, low.
+    /// STEP and DIR, both low.
     #[expect(clippy::new_without_default, reason = "a static needs a constant")]
     pub const fn new() -> Self {
         Self { rose: 0, ready: 0, port: PhantomData }
     }
 
-    /// Waits for what is left of [`StepPort::STAYS`].
+    /// Waits until [`StepPort::STAYS`] counts have passed since `since`.
     #[inline]
     fn wait(since: u32) {
         while P::count().wrapping_sub(since) < P::STAYS {}

@@ -3,15 +3,15 @@
 use drivetwin_firmware::device::{AxisSpec, Fault, Framing, Level, Pin, Port, PortSpec, Role, Spec};
 use drivetwin_firmware::shell::BoardEvent;
 
-/// End of a wire at the drive.
+/// The drive's end of a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum End {
     /// A pin.
     Pin(Pin),
-    /// The cause of a fault, there while the wire is low (BOARD-7).
+    /// The cause of a fault, which is present while the wire is low (BOARD-7).
     Fault(Fault),
-    /// DTR of the host at a port, which is there while the wire is low, as it is behind an RS-232 receiver or a
-    /// USB adapter (BOARD-11).
+    /// DTR of the host at a port. The host is present while the wire is low, as behind an RS-232 receiver or
+    /// a USB adapter (BOARD-11).
     Dtr(Port),
 }
 
@@ -19,7 +19,7 @@ pub enum End {
 const PORT: Port = Port(0);
 
 impl End {
-    /// End of that name: a pin, or else a fault; `DTR` of a drive that detects its host.
+    /// The end with this name: a pin, or else a fault. `DTR` is an end only if the drive detects its host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         if let Some(pin) = spec.pin(name) {
@@ -31,7 +31,7 @@ impl End {
         (name == "DTR" && is_full_duplex(spec)).then_some(Self::Dtr(PORT))
     }
 
-    /// Returns whether the drive reads it.
+    /// Returns whether the drive reads this end.
     #[must_use]
     pub fn is_input(self, spec: &Spec) -> bool {
         match self {
@@ -43,7 +43,8 @@ impl End {
         }
     }
 
-    /// Returns the idle level without a wire: low only where the manual requires it.
+    /// Returns true if the idle level, without a wire, is high. It is low only where the manual requires
+    /// that.
     #[must_use]
     pub fn rests_high(self, spec: &Spec) -> bool {
         match self {
@@ -54,7 +55,7 @@ impl End {
         }
     }
 
-    /// Returns whether the drive pulls it low or releases it, but never drives it high.
+    /// Returns true if the drive pulls this end low or releases it, but never drives it high.
     #[must_use]
     pub fn is_open_drain(self, spec: &Spec) -> bool {
         match self {
@@ -66,7 +67,7 @@ impl End {
         }
     }
 
-    /// Event for a change of its level.
+    /// Event for a change to this level.
     #[must_use]
     pub const fn edge(self, high: bool) -> BoardEvent {
         match self {
@@ -77,26 +78,28 @@ impl End {
     }
 }
 
-/// Returns whether the bus of a drive has a wire for each direction; else it has one for both, with a transceiver that
-/// must be turned around.
+/// Returns true if the bus of a drive has a wire for each direction. Otherwise it has one wire for both, with
+/// a transceiver whose direction must be switched.
 #[must_use]
 pub fn is_full_duplex(spec: &Spec) -> bool {
     matches!(spec.ports, [PortSpec { framing: Framing::Character, .. }, ..])
 }
 
-/// Pins of STEP and DIR of a drive's axis.
+/// Location of STEP and DIR of a drive's axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AxisPins {
-    /// There is no axis, or its motor is inside the drive and its steps leave nowhere.
+    /// No pins: there is no axis, or its motor is inside the drive and the step pulses do not leave it.
     None,
-    /// At pins of their own.
+    /// Pins for STEP and DIR only.
     Own,
-    /// At pins that serve other purposes, too: a plan takes them, a level takes them back. This one carries DIR.
+    /// Pins that have other purposes, too: a plan takes them, and a level at one of them takes that pin back.
+    /// The argument is the pin of DIR.
     Shared(Pin),
 }
 
 impl AxisPins {
-    /// Pins for the axis of `spec`, with what is `wired` to the board beside STEP and DIR.
+    /// Location of STEP and DIR for the axis of `spec`, if `wired` lists all other ends that are wired to the
+    /// board.
     #[must_use]
     pub fn of(spec: &Spec, mut wired: impl Iterator<Item = Option<End>>) -> Self {
         match spec.axes {

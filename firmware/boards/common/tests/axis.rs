@@ -1,4 +1,5 @@
-//! An axis whose pulses take longer than the least time between two steps, and reports of slipped steps to the drive.
+//! An axis whose pulses take longer than the shortest time between two steps, and reports of slipped steps to
+//! the drive.
 #![allow(missing_docs, reason = "a test")]
 
 use std::cell::{Cell, RefCell};
@@ -13,17 +14,17 @@ use embedded_io::{Write, WriteReady};
 use embedded_storage::{ReadStorage, Storage};
 use fixed::types::I24F8;
 
-/// Least time that STEP is high, and then low.
+/// Time for which STEP is high, and then low, at the shortest.
 const LEVEL: Duration = Duration::micros(3);
 
 thread_local! {
     static NOW: Cell<Instant> = const { Cell::new(Instant::ZERO) };
-    /// Instant of the timer's interrupt.
+    /// Time of the next timer interrupt.
     static DUE: Cell<Instant> = const { Cell::new(Instant::NEVER) };
     static ROSE: RefCell<Vec<Instant>> = const { RefCell::new(Vec::new()) };
 }
 
-/// A timer that takes no time itself.
+/// A timer that itself takes no time.
 struct Clock;
 
 impl Timer for Clock {
@@ -60,7 +61,7 @@ fn made() -> usize {
     ROSE.with_borrow(Vec::len)
 }
 
-/// Runs the interrupt whenever it is due up to `until`.
+/// Advances the time to `until`, and calls the interrupt whenever it is due.
 fn run(axis: &Axis<Clock>, until: Instant) {
     while DUE.get() <= until {
         NOW.set(DUE.replace(Instant::NEVER));
@@ -74,7 +75,7 @@ fn pulses_that_are_overdue_let_others_in_between() {
     const STEPS: i32 = 100;
     static AXIS: Axis<Clock> = Axis::new(Pins);
     NOW.set(Instant::from_ticks(1_000_000));
-    // The stepper makes at most one every 4 µs; a pulse takes 6.
+    // The step generator makes at most one step every 4 µs, but a pulse takes 6 µs.
     let _ = (&AXIS).with(|stepper, now| stepper.step(now, STEPS));
     assert!(made() <= 1, "{} pulses in one critical section", made());
     while DUE.get() != Instant::NEVER {
@@ -102,7 +103,7 @@ fn slipped_steps_are_reported_to_the_drive_once() {
     assert_eq!(untold(), None);
     let at = |ms: u64| Instant::from_ticks(ms * 16_000);
     let mut plan = Plan::at_rest(at(0), 0);
-    // Twice it is ordered to stop, 10 ms late, at 10,000 steps/s.
+    // Two moves at 10,000 steps/s are ordered to stop, each 10 ms late.
     for start in [0, 500] {
         let jog = plan.ramp_to(at(start), I24F8::from_num(10_000), 1_000_000);
         hands.plan(device::Axis(0), &jog);
@@ -116,7 +117,7 @@ fn slipped_steps_are_reported_to_the_drive_once() {
     assert_eq!(untold(), None);
 }
 
-/// A bus, a pin and a memory of nothing.
+/// A bus, a pin and a memory that do nothing.
 struct Nothing;
 
 impl embedded_io::ErrorType for Nothing {

@@ -1,4 +1,4 @@
-//! A bus that is turned around, and flash that is programmed page by page.
+//! A bus with a change of direction, and flash that is programmed page by page.
 #![allow(missing_docs, reason = "a test")]
 
 use std::cell::RefCell;
@@ -25,7 +25,7 @@ enum OutputRecord {
 
 thread_local! {
     static DID: RefCell<Vec<OutputRecord>> = const { RefCell::new(Vec::new()) };
-    /// Characters that the UART takes before it has no more room.
+    /// Number of characters for which the UART has room.
     static ROOM: RefCell<usize> = const { RefCell::new(0) };
 }
 
@@ -38,7 +38,7 @@ fn done() -> Vec<OutputRecord> {
     DID.take()
 }
 
-/// A UART that takes as many characters as a test allows.
+/// A UART that accepts as many characters as a test allows.
 struct Simulated;
 
 impl Uart for Simulated {
@@ -79,7 +79,7 @@ impl Uart for Simulated {
     }
 }
 
-/// Runs the UART's interrupt, with room for that many characters.
+/// Calls the UART's interrupt, with room for `room` characters. Returns the actions.
 fn interrupt(bus: &SerialBus<Simulated>, room: usize) -> Vec<OutputRecord> {
     ROOM.set(room);
     bus.send();
@@ -160,11 +160,11 @@ fn more_than_a_frame_does_not_fit() {
 }
 
 thread_local! {
-    /// The words that were programmed, and where; sectors that were erased have none.
+    /// The words that were programmed, with their offsets. An erased sector has none.
     static PROGRAMMED: RefCell<Vec<(u32, Vec<u8>)>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Two sectors of 64 bytes at 64, of words of 4 bytes and pages of 16.
+/// Two sectors of 64 bytes, from offset 64 on, with words of 4 bytes and pages of 16 bytes.
 #[derive(Clone, Copy, Debug)]
 enum Small {}
 
@@ -190,7 +190,7 @@ impl Sectors for Small {
     }
 }
 
-/// The result of a future that never waits.
+/// Result of a future that never waits.
 fn ready<T>(future: impl Future<Output = T>) -> T {
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());
     match std::pin::pin!(future).poll(&mut context) {

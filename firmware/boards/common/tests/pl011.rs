@@ -1,4 +1,4 @@
-//! The settings of a PL011 for a line.
+//! Register values of a PL011 for the settings of a line.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_board::Pl011;
@@ -7,7 +7,7 @@ use drivetwin_protocol::line::Parity;
 
 #[test]
 fn a_character_takes_no_longer_than_the_drive_believes() {
-    // The manual's example (3.3.6): 230,400 baud from 4 MHz are 1 and 5/64.
+    // The manual's example (3.3.6): for 230,400 baud from 4 MHz the divisor is 1 and 5/64.
     let example = Pl011::new(4, Line::new(230_400, 8, Parity::None, 1));
     assert_eq!((example.divisor, example.divisor_64ths), (1, 5));
     for (mhz, baud) in [50_u32, 125].into_iter().flat_map(|mhz| {
@@ -28,7 +28,7 @@ fn a_character_takes_no_longer_than_the_drive_believes() {
 
 #[test]
 fn the_format_is_that_of_the_line() {
-    // Stick parity, WLEN, FEN, STP2, EPS, PEN, BRK, from bit 7 down (3.3.7).
+    // The bits of the register, from bit 7 down: stick parity, WLEN, FEN, STP2, EPS, PEN, BRK (3.3.7).
     for (data, parity, stop, format) in [
         (8, Parity::None, 1, 0b0110_0000),
         (8, Parity::Even, 1, 0b0110_0110),

@@ -1,4 +1,5 @@
-//! Saved registers in flash, with the sectors and words of the boards that have one, and power that fails.
+//! Saved registers in flash, with the sectors and words of the boards that have flash, and with power
+//! failures.
 #![allow(missing_docs, reason = "a test")]
 
 use std::cell::RefCell;
@@ -7,10 +8,10 @@ use drivetwin_board::Saved;
 use embedded_storage::Storage;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// A flash chip of `COUNT` sectors of so many bytes, programmed by words of so many.
+/// A flash chip with `COUNT` sectors of `SECTOR` bytes, programmed in words of `WORD` bytes.
 struct Chip<const COUNT: usize, const SECTOR: usize, const WORD: usize> {
     bytes: Vec<u8>,
-    /// Words programmed and halves of sectors erased before power fails.
+    /// Number of steps before power fails: each programmed word and each erased half of a sector is a step.
     left: usize,
     erased: usize,
 }
@@ -87,10 +88,10 @@ impl<const COUNT: usize, const SECTOR: usize, const WORD: usize> NorFlash for Fl
     }
 }
 
-/// Bytes of a piece.
+/// Number of bytes in a piece.
 const PIECE: usize = 256;
 
-/// Contents of a memory of `N` bytes after power-on.
+/// The content of a memory of `N` bytes after power-on.
 fn found<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: usize>(
     chip: &RefCell<Chip<COUNT, SECTOR, WORD>>,
     kind: &str,
@@ -101,8 +102,8 @@ fn found<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: us
     bytes
 }
 
-/// Stores `new` over what is there, in one go, and has power fail after so many steps of the chip. Whether it was done
-/// before.
+/// Stores `new` as the whole memory in one call. Power fails after `steps` steps of the chip. Returns whether
+/// the store was complete by then.
 fn store<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: usize>(
     chip: &RefCell<Chip<COUNT, SECTOR, WORD>>,
     kind: &str,
@@ -115,18 +116,19 @@ fn store<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: us
     saved.write(0, &new).is_ok()
 }
 
-/// Stores again and again, with power failing at different steps of a store. Each piece found is the old or
-/// the new one, and the new ones come first.
+/// Stores again and again, with power failing at different steps of a store. Each piece that is found then is
+/// the old or the new one, and all new ones are before the old ones.
 fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD: usize>(rounds: usize) {
     let chip = Chip::<COUNT, SECTOR, WORD>::new(0xFF);
-    // Another kind of drive has saved something before.
+    // Another kind of drive has saved its registers before.
     assert!(store(&chip, "other", [0xA5; 112], usize::MAX));
     let mut old = [0xFF; N];
     assert_eq!(found(&chip, "kind"), old, "a new drive");
     let (mut done, mut cut) = (0, 0);
     for round in 0..rounds {
         let new = [(round % 255) as u8; N];
-        // More steps than a store without an erase takes, so that some are done.
+        // Power fails at up to 1.5 times the steps of a store without an erase, so that some stores are
+        // completed.
         let most = 3 * (N / WORD + N / PIECE * 16 + 32) / 2;
         if store(&chip, "kind", new, round * 7_919 % most) {
             done += 1;
@@ -151,7 +153,7 @@ fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD:
 
 #[test]
 fn a_small_memory_survives_power_that_fails() {
-    // The sectors of a Pico, and of a Black Pill.
+    // The sectors of a Pico, and those of a Black Pill.
     survives::<112, 4, 4_096, 1>(400);
     survives::<112, 3, 16_384, 4>(1_000);
 }

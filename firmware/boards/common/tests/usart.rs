@@ -1,17 +1,18 @@
-//! The settings of an STM32's USART for a line.
+//! Register values of an STM32's USART for the settings of a line.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_board::Usart;
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;
 
-/// A Black Pill's clock, and the one for slow lines, in MHz.
+/// Clock of a Black Pill's USART in MHz, and the clock for slow lines.
 const CLOCKS: [u32; 2] = [96, 24];
 
 #[test]
 fn a_bit_is_as_long_as_the_manual_says() {
-    // 9,600 baud of 96 MHz divide by 625, which is 10,000 cycles in sixteenths; 115,200 by 52.0625, which is 833
-    // (19.3.4). A character that lasts no whole ticks may take a cycle of each bit.
+    // For 9,600 baud, 96 MHz is divided by 625, which is 10,000 cycles in sixteenths; for 115,200 baud by
+    // 52.0625, which is 833 (19.3.4). If a character does not take whole ticks, each bit may be one cycle
+    // shorter.
     for (baud, bit) in [(9_600, 10_000), (10_000, 9_600), (19_200, 5_000), (115_200, 833)] {
         let usart = Usart::new(96, Line::new(baud, 8, Parity::None, 1));
         let usart = usart.unwrap_or_else(|| panic!("{baud} baud cannot be set"));
@@ -30,7 +31,7 @@ fn a_character_takes_no_longer_than_the_drive_believes() {
         let Some((mhz, usart)) = settings.into_iter().find_map(|(mhz, usart)| Some((mhz, usart?))) else {
             panic!("{baud} baud cannot be set");
         };
-        // A bit has 16 bits.
+        // The register for the cycles of a bit has 16 bits.
         assert_eq!(mhz, if baud < 96_000_000 / 0xFFFF { 24 } else { 96 }, "{baud}");
         let character = 10.0 * f64::from(usart.bit) / f64::from(mhz);
         let believed = line.character().ticks() as f64 / 16.0;
@@ -48,7 +49,7 @@ fn a_bit_that_it_cannot_count_is_refused() {
 
 #[test]
 fn the_format_is_that_of_the_line() {
-    // M (bit 12), PCE (10) and PS (9) of CR1; STOP (13 and 12) of CR2 (19.6.4, 19.6.5).
+    // Bits M (12), PCE (10) and PS (9) of CR1; STOP (bits 13 and 12) of CR2 (19.6.4, 19.6.5).
     for (data, parity, stop, control, stops, mask) in [
         (8, Parity::None, 1, 0, 0, 0xFF),
         (8, Parity::None, 2, 0, 0x2000, 0xFF),

@@ -1,4 +1,4 @@
-//! Queues, and what the names of wires stand for.
+//! Queues, and the pins and faults that the names of wires belong to.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_board::{AxisPins, End, Queue, is_full_duplex};
@@ -29,9 +29,9 @@ fn the_names_of_an_md3_are_its_pins_and_faults() {
     let md3 = Md3::new();
     let spec = md3.spec();
     let end = |name| End::of(spec, name).unwrap_or_else(|| panic!("an MD3 has no {name}"));
-    // As the table in firmware/boards/rp2040/README.md has them.
+    // As in the table in firmware/boards/rp2040/README.md.
     let expected = [
-        // Name, is an input, rests high, is an open drain.
+        // Name; true if an input; true if the idle level is high; true if an open drain.
         ("J2.4", true, true, false),
         ("J2.9", true, false, false),
         ("J3.7", false, true, true),
@@ -57,7 +57,8 @@ fn a_fault_is_there_while_its_wire_is_low() {
 fn the_names_of_an_rs434544_are_its_pins_and_faults() {
     let rs434 = rs434544();
     let spec = rs434.spec();
-    // As the table in firmware/boards/rp2040/README.md has them: name, is an input, rests high.
+    // As in the table in firmware/boards/rp2040/README.md: name; true if an input; true if the idle level is
+    // high.
     let expected = [
         ("IN1", true, true),
         ("IN2", true, true),
@@ -88,7 +89,8 @@ fn the_names_of_an_rs434544_are_its_pins_and_faults() {
 fn the_names_of_an_mdrobot_are_its_pins_and_faults() {
     let mdrobot = mdrobot();
     let spec = mdrobot.spec();
-    // As the table in firmware/boards/rp2040/README.md has them: name, is an input, rests high.
+    // As in the table in firmware/boards/rp2040/README.md: name; true if an input; true if the idle level is
+    // high.
     let expected = [
         ("INT_SPEED", true, true),
         ("ALARM_RESET", true, true),
@@ -126,10 +128,10 @@ fn the_names_of_a_qsb_are_its_pins_and_dtr() {
     }
     assert!(end("I").is_input(spec) && !end("I").rests_high(spec));
     assert_eq!(End::of(Qsb::s().spec(), "DIO0"), None);
-    // A QSB detects its host, an MD3 on its bus does not.
+    // A QSB detects its host. An MD3, which is on a bus, does not.
     assert_eq!(End::of(Md3::new().spec(), "DTR"), None);
     assert!(is_full_duplex(spec) && !is_full_duplex(Md3::new().spec()));
-    // DTR# is low while the host is there.
+    // DTR# is low while the host is present.
     assert_eq!(end("DTR").edge(false), BoardEvent::HostPresence(Port(0), true));
     assert_eq!(end("DTR").edge(true), BoardEvent::HostPresence(Port(0), false));
 }
@@ -143,6 +145,6 @@ fn an_axis_has_pins_of_its_own_unless_they_are_wired_as_others() {
     assert_eq!(AxisPins::of(Qsb::s().spec(), wired("DIO2")), AxisPins::None);
     let wired = ["J2.4", "D5"].map(|name| End::of(md3.spec(), name));
     assert_eq!(AxisPins::of(md3.spec(), wired.into_iter()), AxisPins::Own);
-    // The motor of an MDrive is inside.
+    // The motor of an MDrive is inside the drive.
     assert_eq!(AxisPins::of(Mdrive::plus().spec(), [].into_iter()), AxisPins::None);
 }

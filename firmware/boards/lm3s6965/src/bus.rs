@@ -1,4 +1,4 @@
-//! The bus: UART0 (12.6), behind an RS-485 transceiver, which sends while DE is high, or with a wire for each
+//! The bus: UART0 (12.6), with an RS-485 transceiver that sends while DE is high, or with a wire for each
 //! direction.
 
 use cortex_m::peripheral::NVIC;
@@ -13,9 +13,9 @@ use crate::timer::SENT;
 use crate::{QUEUE, clock};
 
 const UART: Pl011Uart<Lm3s6965> = Pl011Uart::at(Register::at(0x4000_C000, 0), MHZ);
-/// Input from the transceiver. Behind it is the UART's output.
+/// Input from the transceiver. The next pin of the port is the UART's output.
 const RX: Gpio = gpio::A.pin(0);
-/// The direction of the transceiver: it sends while this is high.
+/// Direction of the transceiver: it sends while this pin is high.
 const DE: Gpio = gpio::B.pin(5);
 
 /// The bus.
@@ -32,7 +32,7 @@ fn TIMER_2A() {
     UART.look::<Uart0>(look_after);
 }
 
-/// Has the timer's interrupt come after `span`.
+/// Sets the timer to interrupt after `span`.
 #[inline(never)]
 fn look_after(span: Duration) {
     SENT.start(span);
@@ -48,7 +48,7 @@ impl Uart for Uart0 {
 
     fn start() {
         DE.push_pull();
-        // A transceiver may release it while it sends.
+        // Pulled up, because a transceiver may release the input while it sends.
         RX.pulled(true);
         gpio::A.give(0b11);
         UART.listen();

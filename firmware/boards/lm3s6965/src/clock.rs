@@ -1,7 +1,7 @@
 //! The system clock, the time since it started, and sleep.
 //!
-//! SysTick counts cycles, and its interrupt periods of them; a timer wakes the loop at a deadline. Time is
-//! not read from such a timer: QEMU's do not show their count.
+//! SysTick counts cycles, and its interrupt counts periods of SysTick. A general-purpose timer wakes the loop
+//! at a deadline. Such a timer cannot tell the time, because those of QEMU do not show their count.
 
 use core::cell::Cell;
 
@@ -17,10 +17,10 @@ use crate::registers::Register;
 use crate::timer::{SENT, STEP, WAKE};
 use crate::{Evaluation, ethernet, watchdog};
 
-/// Cycles in a microsecond, and in a second.
+/// Cycles in a microsecond, and cycles in a second.
 pub(crate) const MHZ: u32 = 50;
 pub(crate) const HZ: u32 = 1_000_000 * MHZ;
-/// Cycles in a period of SysTick, 0.1 s; it can count 2^24.
+/// Cycles in a period of SysTick, 0.1 s. SysTick can count to 2^24.
 const PERIOD: u32 = HZ / 10;
 
 /// System control (5.5).
@@ -37,12 +37,12 @@ const RCGC2: Register = Register::at(SYSTEM, 0x108);
 const USER_REG0: Register = Register::at(SYSTEM, 0x1E0);
 const USER_REG1: Register = Register::at(SYSTEM, 0x1E4);
 
-/// Whole periods of SysTick since the start. A debugger finds them by this name.
+/// Whole periods of SysTick since the start. A debugger finds this variable by its exported name.
 #[unsafe(export_name = "PERIODS")]
 static PERIODS: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
-/// Runs the processor at 50 MHz from the board's crystal of 8 MHz, gives the peripherals their
-/// clock, and starts to count.
+/// Runs the processor at 50 MHz from the board's 8 MHz crystal, enables the clocks of the peripherals, and
+/// starts to count time.
 pub(crate) fn start(systick: &mut SYST) {
     const BYPASS: u32 = 1 << 11;
     const POWER_DOWN: u32 = 1 << 13;
@@ -50,7 +50,8 @@ pub(crate) fn start(systick: &mut SYST) {
     const BY_FOUR: u32 = 3 << 23;
     const CRYSTAL_8_MHZ: u32 = 0xE << 6;
     const LOCKED: u32 = 1 << 6;
-    // The sequence of 5.3: away from the PLL, configure it, wait until it locks, back to it.
+    // The sequence of 5.3: switch from the PLL to its bypass, configure the PLL, wait until it locks, switch
+    // back.
     RCC.set(BYPASS);
     RCC.write(BY_FOUR | USE_DIVIDER | BYPASS | CRYSTAL_8_MHZ | POWER_DOWN);
     RCC.clear(POWER_DOWN);
@@ -71,8 +72,8 @@ pub(crate) fn start(systick: &mut SYST) {
     }
 }
 
-/// Gives the Ethernet controller its clock; returns the address that the board was made with (5.5). A board made
-/// without an address reads all ones. It gets a locally administered one.
+/// Enables the clock of the Ethernet controller. Returns the Ethernet address that the board was made with
+/// (5.5). A board made without an address reads all ones, and gets a locally administered address.
 pub(crate) fn give_ethernet_its_clock() -> [u8; 6] {
     const CONTROLLER: u32 = 1 << 28;
     const TRANSCEIVER: u32 = 1 << 30;
@@ -85,8 +86,8 @@ pub(crate) fn give_ethernet_its_clock() -> [u8; 6] {
     }
 }
 
-/// Now; in an interrupt, too. That of SysTick is above the others or their equal, so that a period that is
-/// over is still pending or has been counted.
+/// The present time; may be called in interrupts, too. The priority of SysTick is above or equal to that of
+/// the others, so a period that has ended is either still pending or already counted.
 pub(crate) fn now() -> Instant {
     /// 50 cycles are 16 ticks.
     const TICKS: u64 = ticks(PERIOD);
@@ -94,10 +95,10 @@ pub(crate) fn now() -> Instant {
     let (periods, left) = critical_section::with(|cs| {
         let counted = PERIODS.borrow(cs).get();
         let left = SYST::get_current();
-        // If a period has ended, the value of SysTick may be from before.
+        // If a period has ended, `left` may have been read before its end.
         if SCB::is_pendst_pending() { (counted + 1, SYST::get_current()) } else { (counted, left) }
     });
-    // A period begins at 0, from where SysTick goes on to its greatest value.
+    // A period begins at 0. SysTick continues from its greatest value.
     let cycles = if left == 0 { 0 } else { PERIOD.saturating_sub(left) };
     Instant::from_ticks(periods * TICKS + ticks(cycles))
 }
@@ -113,22 +114,24 @@ pub(crate) fn cycles_since(from: u32) -> u32 {
     if left <= from { from - left } else { from + PERIOD - left }
 }
 
-/// Sleeps until something is caught, the bus has room again, a frame has come, or `deadline` has come, and no longer than
-/// the watchdog may wait; steps alone do not end the sleep. A debugger finds this function by its name.
+/// Sleeps until an event is queued, the bus has room again, a frame was received, or `deadline` has come, but
+/// no longer than the watchdog allows. Steps alone do not end the sleep. A debugger finds this function by
+/// its exported name.
 #[inline(never)]
 #[unsafe(export_name = "sleep_until")]
 pub(crate) fn sleep_until(deadline: Instant) {
     let deadline = deadline.min(now() + watchdog::NAP);
     WAKE.start(deadline.since(now()));
     loop {
-        // An interrupt between the check and the sleep ends the sleep, and is served after it.
+        // An interrupt between the check and the sleep ends the sleep, and is handled when interrupts are
+        // enabled again.
         cortex_m::interrupt::disable();
         let woken = drivetwin_board::is_awake::<Evaluation>() || ethernet::take_frames();
         let over = woken || now() >= deadline;
         if !over {
             asm::wfi();
         }
-        // SAFETY: no caller relies on a critical section: only the loop calls this.
+        // SAFETY: only the loop calls this function, and never in a critical section.
         unsafe { cortex_m::interrupt::enable() };
         if over {
             return;

@@ -1,4 +1,4 @@
-//! The Ethernet controller (16.6), and the network behind it.
+//! The Ethernet controller (16.6), and the drive's network over it.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +17,7 @@ use crate::registers::Register;
 use crate::{clock, gpio};
 
 const ETHERNET: usize = 0x4004_8000;
-/// Events; a write acknowledges them.
+/// Events. A write acknowledges them.
 const RIS: Register = Register::at(ETHERNET, 0x000);
 const IM: Register = Register::at(ETHERNET, 0x004);
 const RCTL: Register = Register::at(ETHERNET, 0x008);
@@ -26,36 +26,36 @@ const DATA: Register = Register::at(ETHERNET, 0x010);
 const IA0: Register = Register::at(ETHERNET, 0x014);
 const IA1: Register = Register::at(ETHERNET, 0x018);
 const MDV: Register = Register::at(ETHERNET, 0x024);
-/// Number of frames that have come.
+/// Number of received frames that wait.
 const NP: Register = Register::at(ETHERNET, 0x034);
 const TR: Register = Register::at(ETHERNET, 0x038);
 
-/// Bytes that the controller has for frames that have come (16.1).
+/// Size of the controller's FIFO for received frames (16.1).
 const FIFO: usize = 2_048;
-/// Bytes in a FIFO beside a received frame: its length before it and its check sequence behind it.
+/// Bytes in the FIFO in addition to a received frame: its length before it, and its check sequence after it.
 const AROUND: usize = 2 + 4;
-/// Bytes of a frame that its length does not count as it is sent: two addresses and a type.
+/// Bytes of a frame that are not included in its length when it is sent: two addresses and a type.
 const HEADER: usize = 14;
-/// A frame has come.
+/// A frame was received.
 const RECEIVED: u32 = 1 << 0;
 /// RCTL: receive frames, reject those with a wrong check sequence, flush the receive FIFO.
 const ENABLE: u32 = 1 << 0;
 const REFUSE_SPOILED: u32 = 1 << 3;
 const FLUSH: u32 = 1 << 4;
-/// A frame leaves, or shall leave.
+/// A frame is being sent, or is to be sent.
 const NEW_TX: u32 = 1 << 0;
 
-/// A frame has come since the last time.
+/// True if a frame was received since the last [`take_frames`].
 static FRAMES: AtomicBool = AtomicBool::new(false);
-/// Time of the last frame.
+/// Time at which the last frame was received.
 static CAME: Mutex<Cell<Instant>> = Mutex::new(Cell::new(Instant::ZERO));
 
-/// The TCP ports of a drive, on the network. `None` if they are there already. What this needs of the stack is free again
-/// when it returns.
+/// The TCP ports of a drive, on the network; `None` if this was called before. The stack that this needs is
+/// free again when it returns.
 #[inline(never)]
 pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Ethernet>> {
     let address = clock::give_ethernet_its_clock();
-    // The lights of the jack.
+    // The pins of the jack's lights.
     gpio::F.give(0b1100);
     begin(address);
     let ethernet = Ethernet {
@@ -68,18 +68,18 @@ pub(crate) fn start(spec: &Spec) -> Option<&'static mut Network<'static, Etherne
         bytes: singleton!(: [u8; BYTES] = [0; BYTES])?,
         long: singleton!(: [Piece; PIECES] = [const { Piece::EMPTY }; PIECES])?,
     };
-    // The unique address and the time that the start took: there is no better source of randomness.
+    // The unique address and the time that the start took, because there is no better source of randomness.
     let [a, b, c, d, e, f] = address;
     let seed = u64::from_le_bytes([a, b, c, d, e, f, 0, 0]) ^ clock::now().ticks().rotate_right(16);
     singleton!(: Network<'static, Ethernet> = Network::new(spec, ethernet, address, seed, places))
 }
 
-/// Enables frames to and from that address (16.4.1).
+/// Enables the controller, with this Ethernet address (16.4.1).
 fn begin([a, b, c, d, e, f]: [u8; 6]) {
     const PAD: u32 = 1 << 1;
     const CHECK_SEQUENCE: u32 = 1 << 2;
     const FULL_DUPLEX: u32 = 1 << 4;
-    /// Divisor of the clock for 2.5 MHz.
+    /// Divisor of the management clock, for 2.5 MHz.
     const DIVISOR: u32 = clock::HZ / 2 / 2_500_000 - 1;
     MDV.write(DIVISOR);
     IA0.write(u32::from_le_bytes([a, b, c, d]));
@@ -89,13 +89,13 @@ fn begin([a, b, c, d, e, f]: [u8; 6]) {
     IM.write(RECEIVED);
 }
 
-/// Enables reception, without earlier frames: the controller flushes while it is off.
+/// Enables reception and drops earlier frames: the controller flushes them while reception is off.
 fn flush() {
     RCTL.write(REFUSE_SPOILED | FLUSH);
     RCTL.write(REFUSE_SPOILED | ENABLE);
 }
 
-/// Returns whether a frame has come since the last call.
+/// Returns whether a frame was received since the last call.
 pub(crate) fn take_frames() -> bool {
     FRAMES.swap(false, Ordering::Relaxed)
 }
@@ -108,28 +108,28 @@ fn ETHERNET() {
     FRAMES.store(true, Ordering::Relaxed);
 }
 
-/// The controller, with the frame that has come last and the one that leaves.
+/// The controller, with buffers for the last received frame and the frame to send.
 pub(crate) struct Ethernet {
     received: &'static mut [u8; FRAME_BYTES],
     leaving: &'static mut [u8; FRAME_BYTES],
 }
 
-/// Takes the next frame, if it fits; a longer one is taken off the FIFO and dropped.
+/// Takes the next frame from the FIFO. A frame that is too long for `into` is dropped.
 fn take(into: &mut [u8; FRAME_BYTES]) -> Option<&[u8]> {
     if !has_frame() {
         return None;
     }
-    // The length and the first two bytes.
+    // The first word has the length and the first two bytes of the frame.
     let [low, high, a, b] = DATA.read().to_le_bytes();
     let inside = usize::from(u16::from_le_bytes([low, high]));
     if !(AROUND..=FIFO).contains(&inside) {
-        // It is no length: where the next frame begins is unknown.
+        // This cannot be a length, so the start of the next frame is unknown.
         flush();
         return None;
     }
     let mut places = into.iter_mut();
     let mut put = |bytes: &[u8]| {
-        // Bytes first: where they end, no place is passed over.
+        // `bytes` comes first in the zip: when it ends, no place is consumed.
         for (byte, place) in bytes.iter().zip(places.by_ref()) {
             *place = *byte;
         }
@@ -145,7 +145,7 @@ fn has_frame() -> bool {
     NP.read() & 0x3F != 0
 }
 
-/// Returns whether the last frame has left.
+/// Returns whether the last frame has been sent.
 fn has_sent() -> bool {
     TR.read() & NEW_TX == 0
 }
@@ -182,7 +182,7 @@ impl Device for Ethernet {
     }
 }
 
-/// A frame that has come.
+/// A received frame.
 pub(crate) struct Received<'a>(&'a [u8]);
 
 impl RxToken for Received<'_> {
@@ -191,7 +191,7 @@ impl RxToken for Received<'_> {
     }
 }
 
-/// Room for a frame that leaves.
+/// Buffer for a frame to send.
 pub(crate) struct Leaving<'a>(&'a mut [u8; FRAME_BYTES]);
 
 impl TxToken for Leaving<'_> {

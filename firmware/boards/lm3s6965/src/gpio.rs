@@ -1,4 +1,4 @@
-//! Pins (8.5 of the datasheet).
+//! GPIO pins (8.5 of the datasheet).
 
 use crate::inputs;
 use crate::registers::Register;
@@ -41,7 +41,7 @@ impl Port {
         Gpio { port: self, bit: 1 << (n & 7) }
     }
 
-    /// Pins with interrupts that have changed, a bit each.
+    /// Pins whose interrupt is pending, one bit each.
     pub(crate) fn changed(self) -> u32 {
         self.register(MIS).read()
     }
@@ -65,34 +65,35 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    /// Makes it an output that is driven both ways, low at first.
+    /// Makes the pin a push-pull output, low at first.
     pub(crate) fn push_pull(self) {
         self.write(false);
         self.drive(true);
         self.register(DEN).set(self.bit);
     }
 
-    /// Makes it an open-drain output, released at first.
+    /// Makes the pin an open-drain output, released at first.
     pub(crate) fn open_drain(self) {
         self.register(ODR).set(self.bit);
         self.push_pull();
         self.write(true);
     }
 
-    /// Makes it an input that is pulled up or down.
+    /// Makes the pin an input that is pulled up or down.
     pub(crate) fn pulled(self, high: bool) {
         self.register(if high { PUR } else { PDR }).set(self.bit);
         self.register(DEN).set(self.bit);
     }
 
-    /// Makes it an input that rests high or low where nothing is wired to it. QEMU has no pull-ups, but an input
-    /// keeps the level that it had as an output. As a released open drain, it does no harm.
+    /// Makes the pin an input with the idle level `high` when nothing is wired to it. QEMU has no pull-ups,
+    /// but an input keeps the level that it had as an output. Therefore the pin is first an output: as a
+    /// released open drain it does no harm.
     pub(crate) fn resting(self, high: bool) {
         self.pulled(high);
         self.release(high);
     }
 
-    /// Makes it an input that rests so.
+    /// Makes the pin an input with the idle level `high`.
     pub(crate) fn release(self, high: bool) {
         if high {
             self.take();
@@ -102,25 +103,26 @@ impl Gpio {
         self.register(ODR).clear(self.bit);
     }
 
-    /// Makes it an output that drives nothing high before it is [given](Self::push) a level.
+    /// Makes the pin an open-drain output, so that it drives nothing high before [`push`](Self::push) sets a
+    /// level.
     pub(crate) fn take(self) {
         self.register(ODR).set(self.bit);
         self.drive(true);
     }
 
-    /// Drives an output that was [taken](Self::take) to this level.
+    /// Drives an output that [`take`](Self::take) has made to this level.
     fn push(self, high: bool) {
         self.write(high);
         self.register(ODR).clear(self.bit);
     }
 
-    /// Makes it an output, or an input again.
+    /// Makes the pin an output, or an input again.
     pub(crate) fn drive(self, driven: bool) {
         let direction = self.register(DIR);
         if driven { direction.set(self.bit) } else { direction.clear(self.bit) }
     }
 
-    /// Level of the pin; of an output, the one it is driven to.
+    /// Level of the pin. For an output it is the level that the output drives.
     #[inline]
     pub(crate) fn is_high(self) -> bool {
         self.data().read() != 0
@@ -131,12 +133,12 @@ impl Gpio {
         self.data().write(if high { self.bit } else { 0 });
     }
 
-    /// Returns whether it is in a mask of its port's pins.
+    /// Returns whether the pin is in `port` and in the mask `pins`.
     pub(crate) fn is_in(self, port: Port, pins: u32) -> bool {
         self.port == port && pins & self.bit != 0
     }
 
-    /// Interrupts at both edges from now on, or not any more.
+    /// Enables interrupts at both edges, or disables them.
     pub(crate) fn listen(self, listens: bool) {
         let mask = self.register(IM);
         if listens {
@@ -148,7 +150,7 @@ impl Gpio {
         }
     }
 
-    /// Level of the pin, after its pending edge is cleared.
+    /// Clears a pending edge and returns the level of the pin after it.
     pub(crate) fn settle(self) -> bool {
         loop {
             self.register(ICR).write(self.bit);
@@ -159,7 +161,7 @@ impl Gpio {
         }
     }
 
-    /// The port's data register as its address masks it: this pin alone.
+    /// The port's data register, with an address that masks all pins except this one.
     const fn data(self) -> Register {
         self.register((self.bit << 2) as usize)
     }
@@ -169,10 +171,10 @@ impl Gpio {
     }
 }
 
-/// A pin at the end of a wire.
+/// A pin that is wired to a pin or fault of the drive.
 pub(crate) struct Wired {
     pub(crate) gpio: Gpio,
-    /// Idle level while it is released, if it is an input then.
+    /// Idle level while the pin is released, if the drive reads it then; `None` for an output only.
     pub(crate) rests_high: Option<bool>,
 }
 

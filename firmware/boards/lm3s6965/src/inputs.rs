@@ -12,10 +12,10 @@ use crate::gpio::{self, Gpio, Port, Wired};
 use crate::wires::Wire;
 use crate::{QUEUE, clock};
 
-/// Input pins that a board may have.
+/// Maximum number of input pins of a board.
 const MOST: usize = 16;
 
-/// Inputs and their pins.
+/// The inputs.
 static INPUTS: Mutex<RefCell<Vec<Input, MOST>>> = Mutex::new(RefCell::new(Vec::new()));
 
 struct Input {
@@ -23,12 +23,12 @@ struct Input {
     end: End,
     /// Level last reported to the drive.
     high: bool,
-    /// True if it has changed since, and there was no room to report it.
+    /// True if the level has changed since, but could not be reported because the queue was full.
     missed: bool,
 }
 
 impl Input {
-    /// Reports a change to the drive; for a pulse that is over already, both edges.
+    /// Reports a change to the drive. For a pulse that is over already, it reports both edges.
     fn changed(&mut self, at: Instant) {
         let high = self.gpio.settle();
         if high == self.high {
@@ -37,7 +37,7 @@ impl Input {
         self.tell(at, high);
     }
 
-    /// Reports a new level to the drive. Without room, it stays unreported.
+    /// Reports a new level to the drive. If the queue is full, the level stays unreported.
     fn tell(&mut self, at: Instant, high: bool) {
         self.missed = high != self.high && !QUEUE.push((at, self.end.edge(high)));
         if !self.missed {
@@ -68,21 +68,22 @@ pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<
     wired
 }
 
-/// An input, and how it rests.
+/// Adds an input with its idle level.
 fn add(gpio: Gpio, end: End, rests_high: bool) {
     with(|inputs| {
         let _ = inputs.push(Input { gpio, end, high: rests_high, missed: false });
     });
 }
 
-/// Reports inputs that are not at their idle level, as of power-on, and enables the edges of all of them.
+/// Reports inputs that do not have their idle level, with the time of power-on, and enables the edges of all
+/// inputs.
 fn begin() {
     with(|inputs| {
         for input in inputs {
             input.gpio.listen(true);
             let high = input.gpio.settle();
             if matches!(input.end, End::Dtr(_)) {
-                // A host that is there already has not come now.
+                // A host that is present at the start is not reported as having just connected.
                 input.high = high;
             }
             input.tell(Instant::ZERO, high);
@@ -90,7 +91,7 @@ fn begin() {
     });
 }
 
-/// Makes an output an input again, that rests so.
+/// Makes an output an input again, with this idle level.
 pub(crate) fn let_go(gpio: Gpio, rests_high: bool) {
     with(|inputs| {
         gpio.release(rests_high);
@@ -113,7 +114,7 @@ pub(crate) fn take(gpio: Gpio) {
     });
 }
 
-/// Reports levels that were not reported for lack of room, as they are now.
+/// Reports the present levels of the inputs that could not be reported because the queue was full.
 pub(crate) fn tell_missed() {
     with(|inputs| {
         for input in inputs.iter_mut().filter(|input| input.missed) {
@@ -133,7 +134,7 @@ fn edges(port: Port) {
     });
 }
 
-/// Inside a critical section there is no other borrow.
+/// Calls `act` with the inputs. In a critical section there is no other borrow.
 fn with(act: impl FnOnce(&mut Vec<Input, MOST>)) {
     critical_section::with(|cs| {
         if let Ok(mut inputs) = INPUTS.borrow(cs).try_borrow_mut() {

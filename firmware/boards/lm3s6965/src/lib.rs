@@ -1,14 +1,15 @@
 //! Drives on the Stellaris LM3S6965 evaluation board (`lm3s6965evb` in QEMU).
 //!
-//! Each binary is one kind of drive: it names what makes it and the wires of the board, and has [`run`] run it, or
-//! [`run_on_network`] where the drive has TCP ports. What it has in common with other boards is in `drivetwin_board`,
-//! what all drives have in common here: UART0 is the bus, UART1 prints one line when the drive has power, a timer
-//! makes STEP and DIR. `README.md` has the pins.
+//! Each binary is one kind of drive. It names the drive's constructor and the wires of the board, and calls
+//! [`run`], or [`run_on_network`] if the drive has TCP ports. Code that is common to all boards is in
+//! `drivetwin_board`; code that is common to all drives is here: UART0 is the bus, UART1 prints one text line
+//! when the drive has power, a timer makes STEP and DIR. `README.md` lists the pins.
 //!
-//! Interrupts have two priorities: that of the step timer and of SysTick, and below it all the others.
+//! Interrupts have two priorities. The step timer and SysTick have the higher one, all others the lower one.
 //!
 //! Datasheet: *Stellaris LM3S6965 Microcontroller*, DS-LM3S6965; its sections are cited beside the code.
-//! Built optimised only: there the linker proves that nothing can panic, but in images with a network.
+//! Images must be built with optimisation: then the linker proves that nothing can panic, except in images
+//! with a network.
 #![no_std]
 
 mod bus;
@@ -40,16 +41,16 @@ pub use self::saved::Saved;
 use self::steps::Steps;
 use self::wires::Wire;
 
-/// The number of events that may be caught before the drive takes the first one. A request has 8 characters.
+/// Maximum number of events that wait until the drive takes the first one. A request has 8 characters.
 const ROOM: usize = 80;
 
-/// The events that interrupts have for the loop.
+/// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// A jumper to ground: no start-up delay.
+/// Input for a jumper to ground, which skips the start-up delay.
 const FAST: Gpio = gpio::B.pin(6);
 
-/// Interrupts below the step timer's.
+/// Interrupts with a lower priority than the step timer.
 const LESS_URGENT: [Interrupt; 11] = [
     Interrupt::UART0,
     Interrupt::TIMER_0A,
@@ -64,7 +65,8 @@ const LESS_URGENT: [Interrupt; 11] = [
     Interrupt::ETHERNET,
 ];
 
-/// The place of an image's saved registers, that many bytes. A debugger finds it by this name.
+/// Reserves an image's memory for `$bytes` bytes of saved registers. A debugger finds it by its exported
+/// name.
 #[macro_export]
 macro_rules! memory {
     ($bytes:expr) => {{
@@ -75,8 +77,8 @@ macro_rules! memory {
     }};
 }
 
-/// Makes a drive and runs it with these saved registers; its pins and faults, by their names, are wired to these pins of
-/// the board. `CHARACTERS` is how many characters may wait to be sent.
+/// Makes a drive and runs it with these saved registers. `wires` connects names of the drive's pins and
+/// faults to pins of the board. `CHARACTERS` is the number of characters that may wait to be sent.
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     make: fn() -> D,
     saved: &'static Saved<MEMORY>,
@@ -91,7 +93,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
     )
 }
 
-/// Runs a drive as [`run`] does, one whose ports are TCP ports: 502 is Modbus, 503 is MCode, at 192.168.33.1.
+/// Runs a drive like [`run`], but with TCP ports: 502 for Modbus and 503 for MCode, at 192.168.33.1.
 pub fn run_on_network<D: Device, const MEMORY: usize, const WIRES: usize>(
     make: fn() -> D,
     saved: &'static Saved<MEMORY>,
@@ -121,7 +123,7 @@ impl Board for Evaluation {
         }
         watchdog::start();
         FAST.pulled(true);
-        // Time for the pull-ups: 20 µs.
+        // Waits 20 µs for the pull-ups.
         asm::delay(1_000);
         Boot { fast: !FAST.is_high(), ..Boot::default() }
     }
@@ -166,12 +168,12 @@ impl Board for Evaluation {
     }
 }
 
-/// Puts interrupts below the step timer's.
+/// Gives interrupts a lower priority than the step timer's.
 fn prioritise(nvic: &mut NVIC) {
-    /// The hardware has the upper three bits.
+    /// Second highest priority. The hardware uses the upper three bits.
     const BELOW: u8 = 1 << 5;
     for interrupt in LESS_URGENT {
-        // SAFETY: critical sections are made by PRIMASK, with any priorities.
+        // SAFETY: critical sections use PRIMASK, which does not depend on priorities.
         unsafe { nvic.set_priority(interrupt, BELOW) };
     }
 }
@@ -184,7 +186,8 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
 
 #[cfg(not(feature = "defmt"))]
 unsafe extern "C" {
-    /// Never defined but in images with a network, where it is [`HardFault`]: another one that can panic does not link.
+    /// Never defined, so that an image that can panic does not link. Only images with a network define it, as
+    /// [`HardFault`].
     safe fn a_panic_can_happen() -> !;
 }
 
@@ -194,7 +197,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
     a_panic_can_happen()
 }
 
-/// `defmt` itself may panic.
+/// Panic handler for images with `defmt`, which itself may panic.
 #[cfg(feature = "defmt")]
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {

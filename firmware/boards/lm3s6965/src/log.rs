@@ -1,4 +1,4 @@
-//! Log of the board: a line on UART1 and, with the feature `defmt`, more over the debug probe.
+//! Log of the board: one text line on UART1 and, with the feature `defmt`, more through the debug probe.
 
 use drivetwin_board::Pl011Uart;
 use drivetwin_firmware::device::Line;
@@ -8,11 +8,11 @@ use crate::clock::MHZ;
 use crate::gpio;
 use crate::registers::{Lm3s6965, Register};
 
-/// The log UART, for bring-up of the board (12.6).
+/// The UART for the log, for bring-up of the board (12.6).
 const LOG: Pl011Uart<Lm3s6965> = Pl011Uart::at(Register::at(0x4000_D000, 0), MHZ);
 const LINE: Line = Line::new(115_200, 8, Parity::None, 1);
 
-/// A drive has power.
+/// Logs that a drive has power.
 pub(crate) fn power(kind: &str) {
     gpio::D.give(1 << 3);
     LOG.set_line(LINE);

@@ -1,4 +1,4 @@
-//! Saved registers in RAM: QEMU's flash can only be read.
+//! Saved registers in RAM, because QEMU's flash is read-only.
 
 use core::cell::UnsafeCell;
 use core::convert::Infallible;
@@ -8,18 +8,18 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
 use embedded_storage::{ReadStorage, Storage};
 
-/// Mark of a memory that was written. RAM that comes up by chance does not have it.
+/// Marks a memory that was written. RAM with random content after power-on does not have this mark.
 const WRITTEN: [u32; 2] = [0x7374_616E, 0x6469_6E21];
 
-/// `N` bytes that survive a reset, but not that the board has no power. They belong into a section that
-/// nothing clears, `.uninit`.
+/// `N` bytes that survive a reset, but not a loss of power. They must be in a section that the start does not
+/// clear, `.uninit`.
 #[repr(C)]
 pub struct Saved<const N: usize> {
     written: [AtomicU32; 2],
     bytes: UnsafeCell<[u8; N]>,
 }
 
-// SAFETY: `begin` lends the bytes once, and no other code touches them.
+// SAFETY: `begin` lends the bytes once, and no other code accesses them.
 unsafe impl<const N: usize> Sync for Saved<N> {}
 
 impl<const N: usize> Default for Saved<N> {
@@ -29,20 +29,22 @@ impl<const N: usize> Default for Saved<N> {
 }
 
 impl<const N: usize> Saved<N> {
-    /// A place for them.
+    /// Memory that is not marked as written yet.
     #[must_use]
     pub const fn new() -> Self {
         Self { written: [const { AtomicU32::new(0) }; 2], bytes: UnsafeCell::new([0; N]) }
     }
 
-    /// Lends them, once after each start; a memory that was never written becomes a new one, all `0xFF`.
+    /// Lends the bytes, once after each start. If the memory was never written, all bytes become `0xFF`.
     pub(crate) fn begin(&'static self) -> Memory<N> {
-        /// A board has one memory. This is cleared at a start, as the memory is not.
+        /// True after the memory was lent. A board has one memory. Unlike the memory, this flag is cleared at
+        /// a start.
         static LENT: AtomicBool = AtomicBool::new(false);
         if LENT.swap(true, Ordering::Relaxed) {
             SCB::sys_reset();
         }
-        // SAFETY: this is reached once, so that there is no other reference to them; any byte is a value.
+        // SAFETY: this line runs only once, so there is no other reference to the bytes; every byte value is
+        // valid.
         let bytes = unsafe { &mut *self.bytes.get() };
         let written = || self.written.iter().zip(WRITTEN);
         if !written().all(|(word, expected)| word.load(Ordering::Relaxed) == expected) {
@@ -82,8 +84,8 @@ impl<const N: usize> ReadStorage for Memory<N> {
 impl<const N: usize> Storage for Memory<N> {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
         for (stored, byte) in self.bytes.iter_mut().skip(offset as usize).zip(bytes) {
-            // One after the other, and now: a reset may come at any time.
-            // SAFETY: it is a valid reference.
+            // The bytes are written in order and at once, because a reset may occur at any time.
+            // SAFETY: `stored` is a valid reference.
             unsafe { write_volatile(stored, *byte) };
         }
         Ok(())

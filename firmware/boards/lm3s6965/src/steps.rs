@@ -18,7 +18,7 @@ pub(crate) const DIR: Gpio = gpio::B.pin(4);
 /// The axis.
 pub(crate) static AXIS: Axis<Steps> = Axis::new(Pins { rose: 0 });
 
-/// True if the next pulse is further ahead than the timer can count.
+/// True if the next pulse is later than the timer can count.
 static FAR: AtomicBool = AtomicBool::new(false);
 
 #[interrupt]
@@ -48,7 +48,8 @@ impl Timer for Steps {
 
     fn set(at: Instant) -> bool {
         TIMER.stop();
-        // One that has come in the critical section of the loop is not wanted any more.
+        // An interrupt that became pending during the loop's critical section is for the earlier time, so it
+        // is dropped.
         NVIC::unpend(Interrupt::TIMER_1A);
         if at == Instant::NEVER {
             return true;
@@ -66,7 +67,7 @@ impl Timer for Steps {
 
 /// The pins of the axis.
 pub(crate) struct Pins {
-    /// Value of SysTick when STEP rose.
+    /// Value of SysTick when STEP last rose.
     rose: u32,
 }
 

@@ -1,4 +1,4 @@
-//! Timers that come once (10.6).
+//! Timers that interrupt once (10.6).
 
 use drivetwin_firmware::device::Duration;
 
@@ -9,7 +9,7 @@ use crate::registers::Register;
 pub(crate) const WAKE: OneShot = OneShot(0x4003_0000);
 /// Makes the steps.
 pub(crate) const STEP: OneShot = OneShot(0x4003_1000);
-/// Comes when the bus has sent its last character.
+/// Polls for the end of the last character on the bus.
 pub(crate) const SENT: OneShot = OneShot(0x4003_2000);
 
 /// A general-purpose timer in its 32-bit mode, the only one that QEMU has.
@@ -17,10 +17,10 @@ pub(crate) const SENT: OneShot = OneShot(0x4003_2000);
 pub(crate) struct OneShot(usize);
 
 impl OneShot {
-    /// The longest span, 85 s.
+    /// The longest time that a timer can count, 85 s.
     pub(crate) const LONGEST: Duration = Duration::from_ticks((u32::MAX / 25 * 8) as u64);
 
-    /// Before anything else.
+    /// Configures the timer. Must be called first.
     pub(crate) fn prepare(self) {
         const ONE_SHOT: u32 = 1;
         self.control().write(0);
@@ -29,7 +29,7 @@ impl OneShot {
         self.register(0x018).write(1);
     }
 
-    /// Comes after `span`, at most [`LONGEST`](Self::LONGEST).
+    /// Starts the timer to interrupt after `span`, at most [`LONGEST`](Self::LONGEST).
     pub(crate) fn start(self, span: Duration) {
         const _: () = assert!(HZ == 50_000_000, "25 cycles are 8 ticks");
         let ticks = span.min(Self::LONGEST).ticks() as u32;
@@ -39,13 +39,13 @@ impl OneShot {
         self.control().write(1);
     }
 
-    /// Does not come any more.
+    /// Stops the timer and drops its pending interrupt.
     pub(crate) fn stop(self) {
         self.control().write(0);
         self.acknowledge();
     }
 
-    /// Acknowledges its interrupt.
+    /// Acknowledges the timer's interrupt.
     pub(crate) fn acknowledge(self) {
         self.register(0x024).write(1);
     }

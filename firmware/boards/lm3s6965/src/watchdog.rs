@@ -1,4 +1,4 @@
-//! The watchdog (11.4): a board that hangs starts again.
+//! The watchdog (11.4), which resets a board that hangs.
 
 use drivetwin_firmware::device::Duration;
 
@@ -14,19 +14,20 @@ const TEST: Register = Register::at(WATCHDOG, 0x418);
 /// Longest sleep of the loop.
 pub(crate) const NAP: Duration = Duration::millis(250);
 
-/// Starts it; nothing but a reset ends it.
+/// Starts the watchdog. Only a reset stops it.
 pub(crate) fn start() {
     const INTERRUPT: u32 = 1 << 0;
     const RESET: u32 = 1 << 1;
     const STALL: u32 = 1 << 8;
-    // It forgives once, and resets the board after twice that time: a second.
+    // The first timeout, after half a second, only interrupts; the second one, after a second, resets the
+    // board.
     LOAD.write(HZ / 2);
-    // It stands still while a debugger holds the processor.
+    // The watchdog stops while a debugger halts the processor.
     TEST.write(STALL);
     CONTROL.write(INTERRUPT | RESET);
 }
 
-/// The loop turns.
+/// Feeds the watchdog. Called in each pass of the loop.
 pub(crate) fn feed() {
     CLEAR.write(1);
 }

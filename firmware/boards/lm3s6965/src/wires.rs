@@ -3,10 +3,10 @@
 use crate::gpio::{A, B, C, D, E, F, G, Gpio};
 use crate::steps;
 
-/// A name of the drive, and the pin of the board that it is wired to.
+/// A wire: the name of a drive's pin or fault, and the pin of the board.
 pub type Wire = (&'static str, Gpio);
 
-/// An MD3, by the names of its manual.
+/// Wires of an MD3, by the names of its manual.
 pub const MD3: [Wire; 13] = [
     ("J2.2", D.pin(4)),
     ("J2.3", D.pin(5)),
@@ -23,7 +23,8 @@ pub const MD3: [Wire; 13] = [
     ("over_current", G.pin(0)),
 ];
 
-/// A QSB of any variant: what one does not have stays unused. DIO1 and DIO2 are the pins of STEP and DIR.
+/// Wires of a QSB of any variant. Those of pins that a variant does not have are unused. DIO1 and DIO2 are at
+/// the pins of STEP and DIR.
 pub const QSB: [Wire; 8] = [
     ("A", D.pin(4)),
     ("B", D.pin(5)),
@@ -35,7 +36,7 @@ pub const QSB: [Wire; 8] = [
     ("DIO3", C.pin(5)),
 ];
 
-/// An RS 434544 or 434546, with the causes of all its faults.
+/// Wires of an RS 434544 or 434546, with the causes of all its faults.
 pub const RS434: [Wire; 17] = [
     ("IN1", D.pin(4)),
     ("IN2", D.pin(5)),
@@ -56,7 +57,7 @@ pub const RS434: [Wire; 17] = [
     ("stall", C.pin(6)),
 ];
 
-/// An MD400 of MDROBOT, with the causes of all its faults.
+/// Wires of an MD400 of MDROBOT, with the causes of all its faults.
 pub const MDROBOT: [Wire; 24] = [
     ("INT_SPEED", D.pin(0)),
     ("ALARM_RESET", D.pin(1)),
@@ -84,7 +85,8 @@ pub const MDROBOT: [Wire; 24] = [
     ("regen_over_temperature", C.pin(7)),
 ];
 
-/// An MDrive of either kind, with the causes of all their faults: what one does not have stays unused.
+/// Wires of an MDrive of either kind, with the causes of all its faults. Those of pins that a kind does not
+/// have are unused.
 pub const MDRIVE: [Wire; 16] = [
     ("IO1", D.pin(4)),
     ("IO2", D.pin(5)),

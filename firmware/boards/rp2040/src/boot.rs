@@ -1,8 +1,8 @@
-//! From the reset to a program in RAM (2.8.1).
+//! The way from the reset to a program in RAM (2.8.1).
 //!
-//! The boot ROM runs the second stage, which makes the flash readable fast, takes the stack pointer and the address to
-//! jump to from the first two words after it, and jumps there. No miss of the flash's cache delays a step
-//! of a program in RAM.
+//! The boot ROM runs the second stage. The second stage makes fast reads of the flash possible, takes the
+//! stack pointer and the start address from the first two words after itself, and jumps to that address.
+//! Because the program runs from RAM, no miss of the flash's cache delays a step.
 
 /// The second stage, for the flash chip of the Pico and most others.
 #[unsafe(link_section = ".boot2")]

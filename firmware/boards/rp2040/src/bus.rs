@@ -1,4 +1,4 @@
-//! UART0 as the drive's bus (4.2): behind a transceiver whose direction is GP2, or with a wire for each
+//! UART0 as the drive's bus (4.2): with a transceiver whose direction is GP2, or with a wire for each
 //! direction.
 
 use cortex_m::peripheral::NVIC;
@@ -16,7 +16,7 @@ const UART: Pl011Uart<Rp2040> = Pl011Uart::at(Register::at(0x4003_4000, 0), HZ /
 
 /// The bus.
 static BUS: SerialBus<Uart0> = SerialBus::new();
-/// Alarm at the end of sending.
+/// Alarm that polls for the end of the last character.
 static END: Alarm = Alarm::new(2);
 
 #[interrupt]
@@ -31,7 +31,7 @@ fn TIMER_IRQ_2() {
     }
 }
 
-/// Has the alarm's interrupt come when `span` has passed.
+/// Sets the alarm to interrupt when `span` has passed.
 fn look_after(span: Duration) {
     if !END.set(timer::nearest(timer::now() + span) + 1) {
         NVIC::pend(Interrupt::TIMER_IRQ_2);

@@ -3,9 +3,9 @@
 use crate::registers::Register;
 use crate::watchdog;
 
-/// The Pico's crystal.
+/// Frequency of the Pico's crystal in MHz.
 pub(crate) const CRYSTAL_MHZ: u32 = 12;
-/// Cycles in a second, of the processor and of the UARTs.
+/// Cycles of the processor and of the UARTs in a second.
 pub(crate) const HZ: u32 = 125_000_000;
 
 /// Clocks (2.15.7).
@@ -37,7 +37,7 @@ const RESET_PLL: u32 = 1 << 12;
 /// IO_BANK0, PADS_BANK0, TIMER, UART0.
 const RESET_REST: u32 = 1 << 5 | 1 << 8 | 1 << 21 | 1 << 22;
 
-/// Runs the processor at 125 MHz from the crystal, starts to count microseconds, and resets the peripherals.
+/// Runs the processor at 125 MHz from the crystal, starts the microsecond tick, and resets the peripherals.
 pub(crate) fn start() {
     const STABLE: u32 = 1 << 31;
     const LOCKED: u32 = 1 << 31;
@@ -45,12 +45,12 @@ pub(crate) fn start() {
     const FROM_PLL: u32 = 1;
     const ENABLED: u32 = 1 << 11;
 
-    // 1 to 15 MHz, enabled. Stable after 5 ms, in units of 256 cycles.
+    // Range 1 to 15 MHz, enabled. The crystal is stable after 5 ms; the unit of the register is 256 cycles.
     XOSC_STARTUP.write(CRYSTAL_MHZ * 5_000 / 256);
     XOSC_CTRL.write(0xFAB << 12 | 0xAA0);
     while XOSC_STATUS.read() & STABLE == 0 {}
 
-    // Away from the PLL, as after a debugger's reset, and on to the crystal.
+    // Switches from the PLL, which may run after a debugger's reset, to the crystal.
     SYS_CTRL.clear(FROM_PLL);
     while SYS_SELECTED.read() != 1 {}
     REF_CTRL.write(FROM_CRYSTAL);

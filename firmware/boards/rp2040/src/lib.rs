@@ -1,14 +1,15 @@
 //! Drives on the Raspberry Pi Pico.
 //!
-//! Each binary is one kind of drive: it names what makes it and the wires of the board, and has [`run`] run it. What it
-//! has in common with other boards is in `drivetwin_board`, what all drives have in common here.
+//! Each binary is one kind of drive. It names the drive's constructor and the wires of the board, and calls
+//! [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to all drives is
+//! here.
 //!
-//! README.md shows how it is wired. Sections beside the code are those of the *RP2040 Datasheet*; those of
+//! README.md shows the wiring. Sections cited beside the code are those of the *RP2040 Datasheet*; those of
 //! the flash chip are in *W25Q16JV*.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`wires`] | which pins are what |
+//! | [`wires`] | assignment of the pins |
 //! | `boot` | from the reset to a program in RAM |
 //! | `Pico` | the board, as the loop needs it |
 //! | `clock` | the system clock |
@@ -16,9 +17,9 @@
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `flash` | where saved registers are |
+//! | `flash` | the flash for saved registers |
 //! | `watchdog` | the watchdog |
-//! | `log` | what shows over a debug probe |
+//! | `log` | the log through a debug probe |
 //! | `registers` | registers of the hardware |
 #![no_std]
 
@@ -52,14 +53,14 @@ use self::pins::Pins;
 use self::steps::Steps;
 use self::timer::{TICKS, WAKE};
 
-/// The number of events that may wait, of 24 bytes each: a request of the longest kind, or all that a line of 57,600 baud
-/// brings in the 45 ms in which a sector is erased.
+/// Maximum number of events that wait, of 24 bytes each. It suffices for a request of the longest kind, and
+/// for everything that a line at 57,600 baud receives in the 45 ms in which a sector is erased.
 const ROOM: usize = 256;
 
-/// The events that interrupts have for the loop.
+/// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// A place for that many bytes of saved registers, until they are found in flash.
+/// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
 macro_rules! memory {
     ($bytes:expr) => {
@@ -67,9 +68,9 @@ macro_rules! memory {
     };
 }
 
-/// Makes a drive and runs it; its pins and faults are wired as given. `memory` has as many bytes as its spec saves,
-/// `CHARACTERS` is how many characters may wait to be sent.
-// A frame of its own would cost stack for as long as the drive runs.
+/// Makes a drive and runs it, with its pins and faults wired as in `wires`. `memory` has as many bytes as the
+/// drive's spec saves; `CHARACTERS` is the number of characters that may wait to be sent.
+// Inlined, because a stack frame of its own would take stack for as long as the drive runs.
 #[inline(always)]
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     make: fn() -> D,
@@ -108,8 +109,9 @@ impl Board for Pico {
         pins::start(spec, wires)
     }
 
-    /// Enables interrupts. A step is delayed by critical sections alone. All that stamps or sends has one priority,
-    /// so that stamps ascend. The alarm of the loop only has to end its sleep.
+    /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
+    /// the same priority, so that timestamps ascend. The alarm of the loop has the lowest one, because it
+    /// only ends the sleep.
     fn unmask() {
         let priorities = [
             (Interrupt::TIMER_IRQ_0, 0x00),
@@ -122,7 +124,7 @@ impl Board for Pico {
         for (interrupt, priority) in priorities {
             // SAFETY: no critical section relies on priorities.
             unsafe { core.NVIC.set_priority(interrupt, priority) };
-            // SAFETY: none relies on the interrupt's mask.
+            // SAFETY: no critical section relies on the interrupt's mask.
             unsafe { NVIC::unmask(interrupt) };
         }
     }

@@ -1,4 +1,4 @@
-//! Log of the board: with the feature `defmt` a line over the debug probe, else none.
+//! Log of the board: with the feature `defmt` one text line through the debug probe, otherwise none.
 
 pub(crate) use self::probe::power;
 
@@ -11,7 +11,7 @@ mod probe {
 
     defmt::timestamp!("{=u64:us}", timer::micros());
 
-    /// A drive has power.
+    /// Logs that a drive has power.
     pub(crate) fn power(kind: &str, boot: Boot) {
         let cause = match watchdog::reason() {
             0 => "power, the RUN pin or a debugger",

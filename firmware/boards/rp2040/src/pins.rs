@@ -10,10 +10,11 @@ use rp2040_pac::interrupt;
 use crate::registers::Register;
 use crate::{QUEUE, timer};
 
-/// Pins of the chip.
+/// Number of pins of the chip.
 const GPIOS: u32 = 30;
 
-/// A name of the drive, and the pins of the board that it is wired to, a bit each: several show an output alike.
+/// A wire: the name of a drive's pin or fault, and the pins of the board, one bit each. Several pins show the
+/// same output.
 pub type Wire = (&'static str, u32);
 
 /// The bit of pin `GPn`.
@@ -31,7 +32,7 @@ const DRIVEN_CLEAR: Register = Register::at(SIO, 0x28);
 
 /// Functions of the pins, and their interrupts (2.19.6.1).
 const IO: usize = 0x4001_4000;
-/// Registers of the interrupts: of eight pins each, four bits a pin.
+/// Registers of the interrupts. Each register has eight pins, with four bits per pin.
 const RAISED: usize = IO + 0xF0;
 const ENABLED: usize = IO + 0x100;
 const STATUS: usize = IO + 0x120;
@@ -45,12 +46,12 @@ const PADS: usize = 0x4001_C000;
 const FUNCTION_UART: u32 = 2;
 const FUNCTION_SIO: u32 = 5;
 
-/// End of each pin's wire at the drive, if the drive reads it.
+/// For each pin, the drive's end of its wire, if the drive reads it.
 static ENDS: [Mutex<Cell<Option<End>>>; GPIOS as usize] =
     [const { Mutex::new(Cell::new(None)) }; GPIOS as usize];
-/// Levels last reported to the drive, a bit each.
+/// Levels last reported to the drive, one bit per pin.
 static TOLD: Mutex<Cell<u32>> = Mutex::new(Cell::new(0));
-/// Set if there was no room to report a level.
+/// True if a level was not reported because the queue was full.
 static MISSED: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 
 /// Drives pins high or low.
@@ -66,7 +67,7 @@ pub(crate) fn drive_low(pins: u32) {
     each(pins, |gpio| use_as(gpio, FUNCTION_SIO, false));
 }
 
-/// Assigns pins to their UART, pulled up.
+/// Assigns pins to their UART, with pull-ups.
 pub(crate) fn give_to_uart(pins: u32) {
     each(pins, |gpio| use_as(gpio, FUNCTION_UART, true));
 }
@@ -100,7 +101,7 @@ pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<
     settle();
     for (end, pins) in &wired {
         if matches!(end, Some(End::Dtr(_))) {
-            // A host that is there already has not come now.
+            // A host that is present at the start is not reported as having just connected.
             critical_section::with(|cs| {
                 let told = TOLD.borrow(cs);
                 told.set(told.get() & !pins.0 | IN.read() & pins.0);
@@ -132,12 +133,12 @@ fn settle() {
     while timer::micros_low().wrapping_sub(since) < MICROS {}
 }
 
-/// The pins at the end of a wire, a bit each.
+/// The board's pins on a wire, one bit each.
 #[derive(Clone, Copy)]
 pub(crate) struct Pins(u32);
 
 impl Pins {
-    /// Enables edges from `at` on, or disables them. A change before that is reported.
+    /// Enables edges from `at` on, or disables them. When enabled, a change of level before `at` is reported.
     fn listen(&self, at: Instant, on: bool) {
         each(self.0, |gpio| {
             let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
@@ -189,8 +190,8 @@ fn IO_IRQ_BANK0() {
     }
 }
 
-/// Reports to the drive how a pin came from the level last reported to the present one: by the edges of `flags`,
-/// which were raised before this level was read.
+/// Reports to the drive the edges of a pin between the level last reported and the present level. `flags` has
+/// the edges that were raised before the present level is read.
 fn tell(at: Instant, gpio: u32, flags: u32) {
     critical_section::with(|cs| {
         let Some(end) = ENDS.get(gpio as usize).and_then(|end| end.borrow(cs).get()) else { return };
@@ -216,7 +217,7 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
     });
 }
 
-/// Reports levels that were not reported for lack of room. The edges between are lost.
+/// Reports levels that were not reported because the queue was full. The edges in between are lost.
 pub(crate) fn tell_missed() {
     if critical_section::with(|cs| MISSED.borrow(cs).replace(false)) {
         for gpio in 0..GPIOS {
@@ -229,7 +230,7 @@ pub(crate) fn tell_missed() {
     }
 }
 
-/// Returns whether edges of a pin interrupt.
+/// Returns whether the edges of a pin are enabled.
 fn is_heard(gpio: u32) -> bool {
     Register::at(ENABLED, gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
 }

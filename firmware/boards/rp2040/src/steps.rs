@@ -1,4 +1,4 @@
-//! The step timer: TIMER's first alarm, with STEP and DIR.
+//! The step timer, which is the first alarm of TIMER, with STEP and DIR.
 
 use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;

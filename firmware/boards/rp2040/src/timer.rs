@@ -1,6 +1,6 @@
 //! The time since the start, alarms and sleep.
 //!
-//! TIMER counts microseconds (4.6), and so all that this board does or stamps is rounded to them.
+//! TIMER counts microseconds (4.6), so all actions and timestamps of this board are rounded to microseconds.
 
 use core::cell::Cell;
 
@@ -39,24 +39,24 @@ pub(crate) fn micros() -> u64 {
     }
 }
 
-/// The low half of [`micros`]: for spans.
+/// The low half of [`micros`], for measuring short times.
 #[inline]
 pub(crate) fn micros_low() -> u32 {
     RAW_LOW.read()
 }
 
-/// Now, as interrupts stamp it.
+/// The present time, for timestamps in interrupts.
 #[inline]
 pub(crate) fn now() -> Instant {
     Instant::from_ticks(micros() * TICKS)
 }
 
-/// The end of the last whole microsecond, for the loop.
+/// The last tick before the present microsecond, for the loop.
 pub(crate) fn past() -> Instant {
     Instant::from_ticks((micros() * TICKS).saturating_sub(1))
 }
 
-/// The microsecond nearest to `at`; [`u64::MAX`] at [`Instant::NEVER`].
+/// The microsecond nearest to `at`; [`u64::MAX`] for [`Instant::NEVER`].
 #[inline]
 pub(crate) fn nearest(at: Instant) -> u64 {
     if at == Instant::NEVER { u64::MAX } else { at.ticks().saturating_add(TICKS / 2) / TICKS }
@@ -65,18 +65,18 @@ pub(crate) fn nearest(at: Instant) -> u64 {
 /// An alarm of TIMER.
 pub(crate) struct Alarm {
     number: usize,
-    /// Time it is set to, in µs.
+    /// Time to which the alarm is set, in µs.
     due: Mutex<Cell<u64>>,
 }
 
 impl Alarm {
-    /// TIMER's alarm of that number, not set.
+    /// TIMER's alarm with this number, not set.
     pub(crate) const fn new(number: usize) -> Self {
         Self { number, due: Mutex::new(Cell::new(u64::MAX)) }
     }
 
-    /// Asks for the interrupt at `micros`, never at [`u64::MAX`]. `false` if that has gone by: then it does
-    /// not come.
+    /// Schedules the interrupt at `micros`; [`u64::MAX`] means never. Returns `false` if that time is already
+    /// over; then no interrupt is scheduled.
     #[inline]
     pub(crate) fn set(&self, micros: u64) -> bool {
         critical_section::with(|cs| self.due.borrow(cs).set(micros));
@@ -85,8 +85,8 @@ impl Alarm {
             ARMED.write(1 << self.number);
             return true;
         }
-        // TIMER compares the lower half, when it changes: it comes if this is still ahead, and now and then before if
-        // it is far.
+        // TIMER compares only the lower half of the time, whenever its count changes. So the alarm fires if
+        // `micros` is in the future, and additionally fires early if `micros` is far in the future.
         Register::at(ALARM, 4 * self.number).write(micros as u32);
         let comes = self::micros() < micros;
         if !comes {
@@ -96,13 +96,14 @@ impl Alarm {
         comes
     }
 
-    /// Acknowledges its interrupt.
+    /// Acknowledges the alarm's interrupt.
     #[inline]
     pub(crate) fn acknowledge(&self) {
         INTR.write(1 << self.number);
     }
 
-    /// Acknowledges its interrupt, and returns whether the time has come. Else the interrupt will come again.
+    /// Acknowledges the alarm's interrupt, and returns whether its time has come. If not, the interrupt will
+    /// come again.
     #[inline]
     pub(crate) fn has_come(&self) -> bool {
         self.acknowledge();
@@ -111,11 +112,11 @@ impl Alarm {
     }
 }
 
-/// Wakes the loop.
+/// Alarm that wakes the loop.
 pub(crate) static WAKE: Alarm = Alarm::new(1);
 
 #[interrupt]
 fn TIMER_IRQ_1() {
-    // To come was all: the loop looks what time it is.
+    // The interrupt has ended the sleep; the loop reads the time.
     WAKE.acknowledge();
 }

@@ -9,24 +9,24 @@ const LOAD: Register = Register::at(WATCHDOG, 0x04);
 #[cfg(feature = "defmt")]
 const REASON: Register = Register::at(WATCHDOG, 0x08);
 const TICK: Register = Register::at(WATCHDOG, 0x2C);
-/// Parts that a reset by the watchdog resets (2.13.5).
+/// Parts of the chip that a reset by the watchdog resets (2.13.5).
 const PSM_WDSEL: Register = Register::at(0x4001_0000, 0x8);
 
 const TRIGGER: u32 = 1 << 31;
 const ENABLE: u32 = 1 << 30;
-/// Stops it while a debugger holds a core.
+/// Stops the watchdog while a debugger halts a core.
 const PAUSE: u32 = 0b111 << 24;
 
-/// Time-out: a second. The slowest erase of a sector takes 0.4 s (flash chip, 9.6).
+/// Timeout in µs: a second. The slowest erase of a sector takes 0.4 s (flash chip, 9.6).
 const MICROS: u32 = 1_000_000;
 
-/// Starts to count microseconds from the crystal.
+/// Starts the microsecond tick, from the crystal.
 pub(crate) fn tick() {
     const RUN: u32 = 1 << 9;
     TICK.write(CRYSTAL_MHZ | RUN);
 }
 
-/// Starts to watch.
+/// Starts the watchdog.
 pub(crate) fn start() {
     CTRL.clear(ENABLE);
     select();
@@ -34,9 +34,9 @@ pub(crate) fn start() {
     CTRL.write(PAUSE | ENABLE);
 }
 
-/// All is well.
+/// Feeds the watchdog.
 pub(crate) fn feed() {
-    // It counts down by two in a microsecond (RP2040-E1).
+    // The watchdog counts down by two in a microsecond (RP2040-E1).
     LOAD.write(2 * MICROS);
 }
 
@@ -49,13 +49,14 @@ pub(crate) fn reset() -> ! {
     }
 }
 
-/// Reason of its last reset of the board (4.7.6): 0 if there was none, 1 if it was not fed, 2 after [`reset`].
+/// Reason of the watchdog's last reset of the board (4.7.6): 0 for none, 1 if it was not fed, 2 after
+/// [`reset`].
 #[cfg(feature = "defmt")]
 pub(crate) fn reason() -> u32 {
     REASON.read() & 0b11
 }
 
-/// A reset spares the oscillators alone.
+/// Selects the parts that a reset resets: all except the oscillators.
 fn select() {
     PSM_WDSEL.write(0x1_FFFC);
 }

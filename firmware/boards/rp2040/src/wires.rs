@@ -1,21 +1,21 @@
-//! Assignment of the board's pins, defined only here and in README.md.
+//! Assignment of the board's pins. It is defined only here and in README.md.
 
 use crate::pins::{Wire, gp};
 
-/// To the transceiver of the bus.
+/// Output to the transceiver of the bus.
 pub(crate) const TX: u32 = gp(0);
-/// From the transceiver.
+/// Input from the transceiver.
 pub(crate) const RX: u32 = gp(1);
 /// The transceiver sends while this is high.
 pub(crate) const DE: u32 = gp(2);
-/// A step where it rises.
+/// STEP: each rising edge is a step.
 pub(crate) const STEP: u32 = gp(3);
-/// High forward.
+/// DIR: high is forward.
 pub(crate) const DIR: u32 = gp(4);
-/// To ground while the board starts: no start-up delay.
+/// Connected to ground while the board starts, this pin skips the start-up delay.
 pub(crate) const FAST: u32 = gp(22);
 
-/// An MD3, by the names of its manual.
+/// Wires of an MD3, by the names of its manual.
 pub const MD3: [Wire; 13] = apart(
     BUS | STEP | DIR,
     [
@@ -29,14 +29,15 @@ pub const MD3: [Wire; 13] = apart(
         ("J3.7", gp(12)),
         ("J3.8", gp(13)),
         ("D5", gp(14)),
-        // The green light, and the Pico's own.
+        // The green light, shown by the Pico's own light, too.
         ("D6", gp(15) | gp(25)),
         ("over_temperature", gp(16)),
         ("over_current", gp(17)),
     ],
 );
 
-/// A QSB of any variant: what one does not have stays unused. DIO1 and DIO2 are the pins of STEP and DIR.
+/// Wires of a QSB of any variant. Those of pins that a variant does not have are unused. DIO1 and DIO2 are at
+/// the pins of STEP and DIR.
 pub const QSB: [Wire; 8] = apart(
     BUS,
     [
@@ -51,7 +52,7 @@ pub const QSB: [Wire; 8] = apart(
     ],
 );
 
-/// An RS 434544 or 434546, with the causes of all its faults.
+/// Wires of an RS 434544 or 434546, with the causes of all its faults.
 pub const RS434: [Wire; 17] = apart(
     BUS | STEP | DIR,
     [
@@ -62,7 +63,7 @@ pub const RS434: [Wire; 17] = apart(
         ("HA", gp(9)),
         ("HB", gp(10)),
         ("RED", gp(14)),
-        // And the Pico's own light.
+        // Shown by the Pico's own light, too.
         ("GREEN", gp(15) | gp(25)),
         ("supply_voltage", gp(11)),
         ("short_circuit", gp(12)),
@@ -76,7 +77,7 @@ pub const RS434: [Wire; 17] = apart(
     ],
 );
 
-/// An MD400 of MDROBOT, with the causes of as many faults as there are pins.
+/// Wires of an MD400 of MDROBOT, with the causes of as many faults as there are free pins.
 pub const MDROBOT: [Wire; 20] = apart(
     BUS | STEP | DIR,
     [
@@ -91,7 +92,7 @@ pub const MDROBOT: [Wire; 20] = apart(
         ("PULSE_IN", gp(13)),
         ("ALARM", gp(14)),
         ("CLUTCH", gp(15)),
-        // And the Pico's own light.
+        // Shown by the Pico's own light, too.
         ("FAN", gp(16) | gp(25)),
         ("HU", gp(17)),
         ("HV", gp(18)),
@@ -104,10 +105,11 @@ pub const MDROBOT: [Wire; 20] = apart(
     ],
 );
 
-/// Pins that every drive has.
+/// Pins that are in use with every drive.
 const BUS: u32 = TX | RX | DE | FAST;
 
-/// These wires, each at pins of its own, beside those that are `taken`. Two at one pin do not compile.
+/// Returns `wires` after checking that each uses pins of its own and none that is `taken`. Otherwise the
+/// constant does not compile.
 const fn apart<const N: usize>(mut taken: u32, wires: [Wire; N]) -> [Wire; N] {
     let mut n = 0;
     while n < N {

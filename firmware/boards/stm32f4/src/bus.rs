@@ -1,7 +1,8 @@
-//! USART1 as the drive's bus (19): behind a transceiver whose direction is PB8, or with a wire for each direction.
+//! USART1 as the drive's bus (19): with a transceiver whose direction is PB8, or with a wire for each
+//! direction.
 //!
-//! It has no FIFO: every character interrupts, and is stamped, by itself. The end of the last stop bit interrupts,
-//! too.
+//! USART1 has no FIFO, so every received character has an interrupt and a timestamp of its own. The end of
+//! the last stop bit causes an interrupt, too.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -23,18 +24,19 @@ const BIT: Register = Register::at(USART, 0x08);
 const CONTROL: Register = Register::at(USART, 0x0C);
 const STOP: Register = Register::at(USART, 0x10);
 
-/// Number of the function of PB6 and PB7 (datasheet, table 9).
+/// Number of the alternate function of PB6 and PB7 (datasheet, table 9).
 const FUNCTION: u32 = 7;
 
 /// The bus.
 static BUS: SerialBus<Usart1> = SerialBus::new();
-/// The data bits of a character.
+/// Mask of the data bits of a character.
 static MASK: AtomicU32 = AtomicU32::new(0xFF);
 
 #[interrupt]
 fn USART1() {
     let at = timer::now();
-    // Read before the data: that clears the flags of the character, and of the last one sent.
+    // The status must be read before the data. Then reading the data clears the flags of the received
+    // character, and writing data later clears the flag of the last character sent.
     let status = STATUS.read();
     if status & (Usart::CAN_READ | Usart::OVERRUN) != 0 {
         let character = DATA.read();
@@ -43,8 +45,8 @@ fn USART1() {
                 0 => BoardEvent::Byte(Port(0), (character & MASK.load(Ordering::Relaxed)) as u8),
                 _ => BoardEvent::RxError(Port(0)),
             };
-            // Where the loop is so late that there is no room, the character is lost. A Modbus frame then fails its
-            // CRC; a QSB's command has none.
+            // If the loop is so late that the queue is full, the character is lost. A Modbus frame then fails
+            // its CRC; a command of a QSB has none.
             let _ = QUEUE.push((at, heard));
         }
     }
@@ -71,7 +73,8 @@ impl Uart for Usart1 {
     }
 
     fn configure(line: Line) {
-        /// The divisor of the clock where a bit of a slow line has more cycles than the UART counts.
+        /// Divisor of the USART's clock for a slow line, on which a bit has more cycles than the USART can
+        /// count.
         const SLOW: u32 = 4;
         let fast = Usart::new(MHZ, line);
         let Some(Usart { bit, control, stop, mask }) = fast.or_else(|| Usart::new(MHZ / SLOW, line)) else {

@@ -1,11 +1,11 @@
-//! The clocks, from the crystal.
+//! The clocks, derived from the crystal.
 
 use crate::registers::Register;
 
-/// Cycles of the processor in a microsecond. The timer's clock is the same, and six of its cycles are a tick of
-/// drivetwin's time: 100 MHz, which the chip can do, is no multiple of 16.
+/// Cycles of the processor in a microsecond. The timer has the same clock, and six cycles are a tick of
+/// drivetwin's time. The chip could do 100 MHz, but that is not a multiple of 16.
 pub(crate) const MHZ: u32 = 96;
-/// The Black Pill's crystal.
+/// Frequency of the Black Pill's crystal in MHz.
 const CRYSTAL_MHZ: u32 = 25;
 
 /// Reset and clock control (6.3).
@@ -29,7 +29,7 @@ const FLASH: Register = Register::at(0x4002_3C00, 0x00);
 const APB2_PRESCALER: u32 = 0b111 << 13;
 const APB2_BY_4: u32 = 0b101 << 13;
 
-/// Runs the processor at 96 MHz from the crystal, and gives the peripherals their clock.
+/// Runs the processor at 96 MHz from the crystal, and enables the clocks of the peripherals.
 pub(crate) fn start() {
     const INTERNAL_ON: u32 = 1 << 0;
     const INTERNAL_READY: u32 = 1 << 1;
@@ -41,7 +41,8 @@ pub(crate) fn start() {
     const FROM_PLL: u32 = 0b10;
     const APB1_BY_2: u32 = 0b100 << 10;
 
-    // Away from the PLL, as the boot loader of the chip may leave it, and on to the internal oscillator.
+    // Switches from the PLL, which the boot loader of the chip may have left running, to the internal
+    // oscillator.
     CONTROL.set(INTERNAL_ON);
     while CONTROL.read() & INTERNAL_READY == 0 {}
     CONFIGURATION.write(0);
@@ -54,27 +55,29 @@ pub(crate) fn start() {
     AHB1_GATES.set(0b111);
     APB1_GATES.set(1 << 0 | 1 << 28);
     APB2_GATES.set(1 << 4 | 1 << 14);
-    // The gates need two cycles of their bus before the registers behind them answer (6.2.11).
+    // A clock gate needs two cycles of its bus before the registers behind it answer (6.2.11).
     let _ = APB1_GATES.read();
-    // More than 84 MHz take the highest voltage, more than 90 three wait states.
+    // More than 84 MHz need the highest voltage, more than 90 MHz three wait states.
     POWER.set(0b11 << 14);
-    // Neither prefetch nor caches: nothing runs from flash, and what is read there may have been erased since.
+    // No prefetch and no caches, because nothing runs from flash, and cached data may have been erased since.
     FLASH.write(3);
-    // 25 MHz / 25 = 1 MHz; × 192 = 192 MHz; / 2 = 96 MHz. And / 4 for a USB that is not used, as 48 MHz.
+    // 25 MHz / 25 = 1 MHz; × 192 = 192 MHz; / 2 = 96 MHz. The USB clock, which is not used, is 192 MHz / 4 =
+    // 48 MHz.
     PLL.write(4 << 24 | 1 << 22 | (2 * MHZ) << 6 | CRYSTAL_MHZ);
     CONTROL.set(PLL_ON);
     while CONTROL.read() & PLL_READY == 0 {}
-    // APB1 goes up to 50 MHz; a timer on it counts twice its clock (6.2).
+    // APB1 allows up to 50 MHz. A timer on it counts at twice its clock (6.2).
     CONFIGURATION.write(APB1_BY_2 | FROM_PLL);
     while CONFIGURATION.read() & SELECTED != FROM_PLL << 2 {}
 }
 
-/// Divides the clock of USART1 by four, or not any more. All else that is on its bus only gets slower to reach.
+/// Divides the clock of USART1 by four, or not. This only makes accesses to other peripherals on the same bus
+/// slower.
 pub(crate) fn divide_uart(by_4: bool) {
     CONFIGURATION.replace(APB2_PRESCALER, if by_4 { APB2_BY_4 } else { 0 });
 }
 
-/// Reason of the last reset, as bits of RCC_CSR (6.3.20), which this clears.
+/// Reason of the last reset, as bits of RCC_CSR (6.3.20). Clears these bits.
 #[cfg(feature = "defmt")]
 pub(crate) fn take_reset() -> u32 {
     const STATUS: Register = Register::at(RCC, 0x74);

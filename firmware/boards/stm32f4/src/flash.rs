@@ -1,7 +1,7 @@
 //! Sectors 1 to 3 of the flash, for saved registers (3.5).
 //!
-//! While it is erased or programmed nothing in it can be fetched, and the loop waits. Interrupts do not: everything
-//! that they need is in RAM. The events that they catch in that time must fit into the queue.
+//! While the flash is erased or programmed, nothing in it can be fetched, and the loop waits. Interrupts
+//! continue, because everything that they need is in RAM. Their events must fit into the queue meanwhile.
 
 use core::arch::global_asm;
 use core::ops::Range;
@@ -13,22 +13,22 @@ use embedded_storage_async::nor_flash::NorFlashErrorKind;
 use crate::registers::Register;
 use crate::watchdog;
 
-/// Bytes of each of the first four sectors.
+/// Size of each of the first four sectors in bytes.
 const SECTOR: usize = 16 << 10;
-/// Bytes that are programmed at once.
+/// Number of bytes that are programmed at once.
 const WORD: usize = 4;
-/// Bytes of the flash.
+/// Size of the flash in bytes.
 const CAPACITY: usize = 512 << 10;
-/// Address at which it is read.
+/// Address at which the processor reads the flash.
 const WINDOW: usize = 0x0800_0000;
 
-/// Sectors for saved registers. The processor begins in the one before; those behind are larger, and take four times
-/// as long to erase, or more.
+/// Number of sectors for saved registers. The processor starts in the sector before them. The sectors after
+/// them are larger, and take at least four times as long to erase.
 pub(crate) const SECTORS: usize = 3;
 /// Part for saved registers.
 pub(crate) const SAVED: Range<u32> = SECTOR as u32..((1 + SECTORS) * SECTOR) as u32;
 
-// For `black_pill.x`, which has nothing else lie there.
+// Symbols for `black_pill.x`, which puts nothing else between them.
 global_asm!(
     ".global __saved, __saved_end
      .set __saved, {}
@@ -45,12 +45,12 @@ const CONTROL: Register = Register::at(INTERFACE, 0x10);
 
 const PROGRAM: u32 = 1 << 0;
 const ERASE: u32 = 1 << 1;
-/// 32 bits at once, for which the chip needs 2.7 V.
+/// Programs 32 bits at once. For that the chip needs 2.7 V.
 const BY_WORDS: u32 = 0b10 << 8;
 const START: u32 = 1 << 16;
 const LOCK: u32 = 1 << 31;
 
-/// The chip's flash.
+/// The flash of the chip.
 #[derive(Clone, Copy)]
 pub(crate) enum Bank {}
 
@@ -58,24 +58,25 @@ pub(crate) enum Bank {}
 pub(crate) type Flash = drivetwin_board::Flash<Bank>;
 
 impl Bank {
-    /// Runs an operation of the interface, which begins with `control`, and waits until it is done.
+    /// Runs an operation of the interface with this value of the control register, and waits until it is
+    /// done. `act` starts the operation.
     fn command(control: u32, act: impl FnOnce()) -> Result<(), NorFlashErrorKind> {
         const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
         const BUSY: u32 = 1 << 16;
         // OPERR, WRPERR, PGAERR, PGPERR, PGSERR and RDERR.
         const ERRORS: u32 = 0b1_1111_0010;
         watchdog::feed();
-        // A key to an open lock would jam it.
+        // Writing the keys while the interface is unlocked would lock it until the next reset.
         if CONTROL.read() & LOCK != 0 {
             for key in KEYS {
                 KEY.write(key);
             }
         }
-        // Errors of before are cleared by ones.
+        // Writing ones clears the errors of earlier operations.
         STATUS.write(ERRORS);
         CONTROL.write(control);
         act();
-        // No read before the write has begun what is waited for.
+        // The barrier completes the write that starts the operation, before BUSY is read.
         cortex_m::asm::dsb();
         while STATUS.read() & BUSY != 0 {}
         CONTROL.write(LOCK);
@@ -92,7 +93,7 @@ impl Sectors for Bank {
 
     fn read(offset: u32) -> u8 {
         let at: *const u8 = ptr::without_provenance(WINDOW + offset as usize);
-        // SAFETY: it is in the flash; nothing writes to it at the same time.
+        // SAFETY: the address is in the flash; nothing writes to the flash at the same time.
         unsafe { at.read_volatile() }
     }
 
@@ -105,8 +106,8 @@ impl Sectors for Bank {
     fn program(offset: u32, word: &[u8]) -> Result<(), NorFlashErrorKind> {
         let word = word.try_into().map_err(|_| NorFlashErrorKind::NotAligned)?;
         let at: *mut u32 = ptr::without_provenance_mut(WINDOW + offset as usize);
-        // SAFETY: it is in the sectors for saved registers, as every caller has checked, is aligned, and is no
-        // memory.
+        // SAFETY: the address is in the sectors for saved registers, as every caller has checked. It is
+        // aligned, and is not memory that Rust uses.
         Self::command(PROGRAM | BY_WORDS, || unsafe { at.write_volatile(u32::from_le_bytes(word)) })
     }
 }

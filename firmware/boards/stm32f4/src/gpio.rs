@@ -1,4 +1,4 @@
-//! Pins (8.4).
+//! GPIO pins (8.4).
 
 use crate::inputs;
 use crate::registers::Register;
@@ -14,26 +14,26 @@ pub const B: Port = Port(1);
 /// Port C.
 pub const C: Port = Port(2);
 
-/// Mode of a pin, two bits each.
+/// Register for the mode of the pins, with two bits per pin.
 const MODE: usize = 0x00;
 const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
 const ALTERNATE: u32 = 0b10;
-/// Pulls, two bits each.
+/// Register for the pull resistors, with two bits per pin.
 const PULL: usize = 0x0C;
 const UP: u32 = 0b01;
 const DOWN: u32 = 0b10;
-/// Levels.
+/// Register with the levels of the pins.
 const IN: usize = 0x10;
-/// Bits set pins high; 16 bits up, low.
+/// Register that sets pins: its lower 16 bits set them high, its upper 16 bits low.
 const SET: usize = 0x18;
-/// Alternate functions, four bits each, in two registers.
+/// Two registers for the alternate functions, with four bits per pin.
 const FUNCTION: usize = 0x20;
 
 impl Port {
     /// Pin `n` of the port.
     ///
-    /// # Panics
+    /// `n` is not 0 to 15. In a constant this is a compile error.
     /// `n` is not 0 to 15; in a constant that does not compile.
     #[must_use]
     pub const fn pin(self, n: usize) -> Gpio {
@@ -41,7 +41,7 @@ impl Port {
         Gpio { port: self, n, is_lit_low: false }
     }
 
-    /// Number of the port: of port A, 0.
+    /// Number of the port; 0 for port A.
     pub(crate) const fn number(self) -> u32 {
         self.0 as u32
     }
@@ -60,7 +60,8 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    /// A pin with a light that is lit while it is low: a high output drives it low.
+    /// The same pin, with a light that is lit while the pin is low: a high output of the drive drives the pin
+    /// low.
     #[must_use]
     pub const fn lit_low(self) -> Self {
         Self { is_lit_low: true, ..self }
@@ -70,34 +71,34 @@ impl Gpio {
         self.port
     }
 
-    /// Number in its port, which is that of its line at EXTI, too.
+    /// Number of the pin in its port, which is also the number of its EXTI line.
     pub(crate) const fn n(self) -> usize {
         self.n
     }
 
-    /// A bit of its own among all pins of the board.
+    /// A bit that no other pin of the board has.
     pub(crate) const fn place(self) -> u64 {
         1 << (16 * self.port.0 + self.n)
     }
 
-    /// Makes it an input that is pulled up or down.
+    /// Makes the pin an input that is pulled up or down.
     pub(crate) fn pulled(self, high: bool) {
         self.two_bits(PULL, if high != self.is_lit_low { UP } else { DOWN });
         self.two_bits(MODE, INPUT);
     }
 
-    /// Makes it an output, low at first.
+    /// Makes the pin an output, low at first.
     pub(crate) fn drive_low(self) {
         self.write(false);
         self.drive(true);
     }
 
-    /// Makes it an output, or an input again.
+    /// Makes the pin an output, or an input again.
     pub(crate) fn drive(self, driven: bool) {
         self.two_bits(MODE, if driven { OUTPUT } else { INPUT });
     }
 
-    /// Assigns it to a peripheral, by the number of its alternate function, pulled up.
+    /// Assigns the pin to a peripheral by the number of the alternate function, with a pull-up.
     pub(crate) fn give(self, function: u32) {
         let shift = 4 * (self.n % 8);
         self.port.register(FUNCTION + 4 * (self.n / 8)).replace(0xF << shift, function << shift);
@@ -111,7 +112,8 @@ impl Gpio {
         self.port.register(IN).read() & 1 << self.n != 0
     }
 
-    /// The level that it has as soon as it is an output.
+    /// Sets the level of the output. If the pin is an input, the level takes effect when it becomes an
+    /// output.
     #[inline]
     pub(crate) fn write(self, high: bool) {
         let shift = if high != self.is_lit_low { self.n } else { self.n + 16 };

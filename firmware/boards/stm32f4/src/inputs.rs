@@ -1,6 +1,7 @@
 //! Edges that the drive receives (10.2).
 //!
-//! EXTI has a line for the pins of one number of all ports, so inputs need numbers of their own (`wires`).
+//! An EXTI line belongs to all pins with the same number, one per port. Therefore no two inputs may have the
+//! same number (`wires`).
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -15,21 +16,21 @@ use crate::vectors::interrupt;
 use crate::wires::Wire;
 use crate::{QUEUE, timer};
 
-/// EXTI (10.3), a bit for each line.
+/// Registers of EXTI (10.3), with one bit per line.
 const EXTI: usize = 0x4001_3C00;
 const HEARD: Register = Register::at(EXTI, 0x00);
 const RISING: Register = Register::at(EXTI, 0x08);
 const FALLING: Register = Register::at(EXTI, 0x0C);
 const PENDING: Register = Register::at(EXTI, 0x14);
-/// Which port is behind a line, four bits each in four registers (7.2.3).
+/// Registers that select the port of each line: four registers, with four bits per line (7.2.3).
 const PORTS: usize = 0x4001_3808;
 
-/// Lines that belong to pins.
+/// Number of lines that belong to pins.
 const LINES: usize = 16;
 
-/// Input of each line.
+/// The input of each line.
 static INPUTS: [Mutex<Cell<Option<Input>>>; LINES] = [const { Mutex::new(Cell::new(None)) }; LINES];
-/// Set if there was no room to report a level.
+/// True if a level was not reported because the queue was full.
 static MISSED: AtomicBool = AtomicBool::new(false);
 
 #[derive(Clone, Copy)]
@@ -41,7 +42,7 @@ struct Input {
 }
 
 impl Input {
-    /// Level of the pin, after its pending edge is cleared.
+    /// Clears a pending edge and returns the level of the pin after it.
     fn settle(&self) -> bool {
         let line = 1 << self.gpio.n();
         loop {
@@ -53,7 +54,7 @@ impl Input {
         }
     }
 
-    /// Reports a new level to the drive. Without room, it stays unreported.
+    /// Reports a new level to the drive. If the queue is full, the level stays unreported.
     fn tell(&mut self, at: Instant, high: bool) {
         if high == self.high {
         } else if QUEUE.push((at, self.end.edge(high))) {
@@ -82,7 +83,7 @@ pub(crate) fn start<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<
         with(line, |input| {
             let high = input.settle();
             if matches!(input.end, End::Dtr(_)) {
-                // A host that is there already has not come now.
+                // A host that is present at the start is not reported as having just connected.
                 input.high = high;
             }
             HEARD.set(1 << line);
@@ -110,7 +111,7 @@ pub(crate) fn settle() {
     while timer::ticks_low().wrapping_sub(since) < 16 * MICROS {}
 }
 
-/// Enables edges of a pin from now on, or disables them. A change before that is reported.
+/// Enables the edges of a pin, or disables them. When enabled, an earlier change of level is reported.
 pub(crate) fn listen(gpio: Gpio, on: bool) {
     let line = gpio.n();
     with(line, |input| {
@@ -125,7 +126,7 @@ pub(crate) fn listen(gpio: Gpio, on: bool) {
     });
 }
 
-/// Reports levels that were not reported for lack of room. The edges between are lost.
+/// Reports levels that were not reported because the queue was full. The edges in between are lost.
 pub(crate) fn tell_missed() {
     if MISSED.swap(false, Ordering::Relaxed) {
         let heard = HEARD.read();
@@ -138,7 +139,7 @@ pub(crate) fn tell_missed() {
     }
 }
 
-/// Reports every line with an edge to the drive; for a pulse that is over already, both edges.
+/// Reports every line with an edge to the drive. For a pulse that is over already, it reports both edges.
 fn edges() {
     let at = timer::now();
     let pending = PENDING.read() & HEARD.read();
@@ -153,7 +154,7 @@ fn edges() {
     }
 }
 
-/// Does something with the input behind a line, if there is one.
+/// Calls `act` with the input of a line, if there is one.
 fn with(line: usize, act: impl FnOnce(&mut Input)) {
     let Some(place) = INPUTS.get(line) else { return };
     critical_section::with(|cs| {

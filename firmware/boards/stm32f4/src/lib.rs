@@ -1,25 +1,26 @@
 //! Drives on an STM32F411, as on the Black Pill.
 //!
-//! Each binary is one kind of drive: it names what makes it and the wires of the board, and has [`run`] run it. What it
-//! has in common with other boards is in `drivetwin_board`, what all drives have in common here.
+//! Each binary is one kind of drive. It names the drive's constructor and the wires of the board, and calls
+//! [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to all drives is
+//! here.
 //!
-//! README.md shows how it is wired. Sections beside the code are those of the reference manual, RM0383; the
+//! README.md shows the wiring. Sections cited beside the code are those of the reference manual, RM0383; the
 //! datasheet is DS10314.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`wires`] | which pins are what |
+//! | [`wires`] | assignment of the pins |
 //! | `boot` | from the reset to a program in RAM |
-//! | `vectors` | the interrupts that are taken |
+//! | `vectors` | the interrupts with handlers |
 //! | `BlackPill` | the board, as the loop needs it |
 //! | `clock` | the clocks |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | USART1, and the direction of RS-485 |
 //! | [`gpio`], `inputs` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `flash` | where saved registers are |
+//! | `flash` | the flash for saved registers |
 //! | `watchdog` | the watchdog |
-//! | `log` | what shows over a debug probe |
+//! | `log` | the log through a debug probe |
 //! | `registers` | registers of the hardware |
 #![no_std]
 
@@ -54,14 +55,14 @@ use self::timer::WAKE;
 use self::vectors::Interrupt;
 use self::wires::{FAST, Wire};
 
-/// The number of events that may wait, of 16 bytes each: a request of the longest kind, or all that a line of 9,600 baud brings in
-/// the half second that erasing a sector may take.
+/// Maximum number of events that wait, of 16 bytes each. It suffices for a request of the longest kind, and
+/// for everything that a line at 9,600 baud receives in the half second that erasing a sector may take.
 const ROOM: usize = 512;
 
-/// The events that interrupts have for the loop.
+/// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// A place for that many bytes of saved registers, until they are found in flash.
+/// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
 macro_rules! memory {
     ($bytes:expr) => {
@@ -69,9 +70,9 @@ macro_rules! memory {
     };
 }
 
-/// Makes a drive and runs it; its pins and faults are wired as given. `memory` has as many bytes as its spec saves,
-/// `CHARACTERS` is how many characters may wait to be sent.
-// A frame of its own would cost stack for as long as the drive runs.
+/// Makes a drive and runs it, with its pins and faults wired as in `wires`. `memory` has as many bytes as the
+/// drive's spec saves; `CHARACTERS` is the number of characters that may wait to be sent.
+// Inlined, because a stack frame of its own would take stack for as long as the drive runs.
 #[inline(always)]
 pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES: usize>(
     make: fn() -> D,
@@ -112,8 +113,8 @@ impl Board for BlackPill {
         inputs::start(spec, wires)
     }
 
-    /// Enables interrupts. A step is delayed by critical sections alone. All that stamps or sends has one priority,
-    /// so that stamps ascend.
+    /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
+    /// the same priority, so that timestamps ascend.
     fn unmask() {
         let priorities = [
             (Interrupt::TIM2, 0x00),
@@ -130,7 +131,7 @@ impl Board for BlackPill {
         for (interrupt, priority) in priorities {
             // SAFETY: no critical section relies on priorities.
             unsafe { core.NVIC.set_priority(interrupt, priority) };
-            // SAFETY: none relies on the interrupt's mask.
+            // SAFETY: no critical section relies on the interrupt's mask.
             unsafe { NVIC::unmask(interrupt) };
         }
     }

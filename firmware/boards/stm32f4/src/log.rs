@@ -1,4 +1,4 @@
-//! Log of the board: with the feature `defmt` a line over the debug probe, else none.
+//! Log of the board: with the feature `defmt` one text line through the debug probe, otherwise none.
 
 pub(crate) use self::probe::power;
 
@@ -10,15 +10,15 @@ mod probe {
     use crate::registers::Register;
     use crate::{clock, timer};
 
-    /// Parts that run while the processor sleeps (23.16.3).
+    /// Register for the parts that run while the processor sleeps (23.16.3).
     const DEBUG: Register = Register::at(0xE004_2000, 0x04);
 
     defmt::timestamp!("{=u64:us}", timer::now().ticks() / 16);
 
-    /// A drive has power.
+    /// Logs that a drive has power.
     pub(crate) fn power(kind: &str, boot: Boot) {
         const IN_SLEEP: u32 = 1 << 0;
-        // Or the probe reads nothing most of the time.
+        // Otherwise the probe could not read the log most of the time.
         DEBUG.set(IN_SLEEP);
         let cause = match clock::take_reset() {
             causes if causes & 1 << 29 != 0 => "the loop hung",

@@ -9,5 +9,6 @@ pub(crate) enum Stm32f411 {}
 /// A register of this chip.
 pub(crate) type Register = drivetwin_board::Register<Stm32f411>;
 
-// SAFETY: this crate alone makes registers of it, of peripherals as the reference manual has them.
+// SAFETY: only this crate makes registers of this chip, and only of peripherals, at the addresses of the
+// manual.
 unsafe impl Chip for Stm32f411 {}

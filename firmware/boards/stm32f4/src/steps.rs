@@ -1,4 +1,4 @@
-//! The step timer: a channel of TIM2, with STEP and DIR.
+//! The step timer, which is a channel of TIM2, with STEP and DIR.
 
 use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;
@@ -12,7 +12,7 @@ pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins::new());
 
 static ALARM: Alarm = Alarm::new(1);
 
-/// Carries out the timer's interrupt.
+/// Handles the timer's interrupt.
 #[inline]
 pub(crate) fn look() {
     if ALARM.has_come() {

@@ -1,7 +1,7 @@
 //! The time since the start, alarms and sleep.
 //!
-//! TIM2 counts the ticks of drivetwin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits, and comes
-//! round every 268 s.
+//! TIM2 counts the ticks of drivetwin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits
+//! and overflows every 268 s.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -26,20 +26,20 @@ const LAST: Register = Register::at(TIMER, 0x2C);
 /// Compare registers of the channels.
 const COMPARE: usize = TIMER + 0x34;
 
-/// Overflow, in the status and among the interrupts. Channels 1 and 2 follow.
+/// Bit of the overflow in STATUS and INTERRUPTS. The bits of channels 1 and 2 follow.
 const ROUND: u32 = 1 << 0;
 
-/// Parts that stop while a debugger holds the processor (23.16.4).
+/// Register for the parts that stop while a debugger halts the processor (23.16.4).
 const FROZEN: Register = Register::at(0xE004_2000, 0x08);
 
 /// Number of overflows.
 static ROUNDS: AtomicU32 = AtomicU32::new(0);
 
-/// Starts to count.
+/// Starts to count time.
 pub(crate) fn start() {
     const _: () = assert!(MHZ.is_multiple_of(16), "a tick is a whole number of cycles");
     const ENABLE: u32 = 1 << 0;
-    // An update that is asked for does not count as coming round.
+    // With this flag, an update that software requests does not count as an overflow.
     const ONLY_ROUNDS: u32 = 1 << 2;
     const UPDATE: u32 = 1 << 0;
     const TIMER_2: u32 = 1 << 0;
@@ -59,55 +59,56 @@ pub(crate) fn start() {
 fn ticks() -> u64 {
     let (rounds, count) = critical_section::with(|_| {
         let (rounds, count) = (ROUNDS.load(Ordering::Relaxed), COUNT.read());
-        // If it has come round, what it showed may be of before.
+        // If the counter has overflowed, `count` may be from before the overflow.
         if STATUS.read() & ROUND != 0 { (rounds.wrapping_add(1), COUNT.read()) } else { (rounds, count) }
     });
     u64::from(rounds) << 32 | u64::from(count)
 }
 
-/// The low half of the ticks since the start: for spans.
+/// The low half of the ticks since the start, for measuring short times.
 #[inline]
 pub(crate) fn ticks_low() -> u32 {
     COUNT.read()
 }
 
-/// Now, as interrupts stamp it.
+/// The present time, for timestamps in interrupts.
 #[inline]
 pub(crate) fn now() -> Instant {
     Instant::from_ticks(ticks())
 }
 
-/// The last tick that is over, for the loop: all that bears this stamp has been caught, and nothing more will be.
+/// The last tick that is over, for the loop: all events with this timestamp are queued, and there will be no
+/// more.
 pub(crate) fn past() -> Instant {
     Instant::from_ticks(ticks().saturating_sub(1))
 }
 
 /// A channel of TIM2.
 pub(crate) struct Alarm {
-    /// 1 to 4.
+    /// Number of the channel, 1 to 4.
     channel: usize,
     due: Mutex<Cell<Instant>>,
 }
 
 impl Alarm {
-    /// The channel of that number, not set.
+    /// The channel with this number, not set.
     pub(crate) const fn new(channel: usize) -> Self {
         Self { channel, due: Mutex::new(Cell::new(Instant::NEVER)) }
     }
 
-    /// Bit in the status and among the interrupts.
+    /// Bit of the channel in STATUS and INTERRUPTS.
     const fn bit(&self) -> u32 {
         ROUND << self.channel
     }
 
-    /// Asks for the interrupt at `due`, never at [`Instant::NEVER`]. `false` if that has gone by: then it does not
-    /// come.
+    /// Schedules the interrupt at `due`; [`Instant::NEVER`] means never. Returns `false` if that time is
+    /// already over; then no interrupt is scheduled.
     #[inline]
     pub(crate) fn set(&self, due: Instant) -> bool {
         critical_section::with(|cs| {
             self.due.borrow(cs).set(due);
-            // TIM2 compares the lower half, when it changes: it comes if this is still ahead, and now and then before
-            // if it is far.
+            // TIM2 compares only the lower half of the time, whenever its count changes. So the alarm fires
+            // if `due` is in the future, and additionally fires early if `due` is far in the future.
             Register::at(COMPARE, 4 * (self.channel - 1)).write((due.ticks() & u64::from(u32::MAX)) as u32);
             self.acknowledge();
             let comes = due > now();
@@ -120,13 +121,14 @@ impl Alarm {
         })
     }
 
-    /// Acknowledges its interrupt.
+    /// Acknowledges the alarm's interrupt.
     #[inline]
     fn acknowledge(&self) {
         STATUS.write(!self.bit());
     }
 
-    /// Acknowledges its interrupt, and returns whether the time has come. Else the interrupt will come again.
+    /// Acknowledges the alarm's interrupt, and returns whether its time has come. If not, the interrupt will
+    /// come again.
     #[inline]
     pub(crate) fn has_come(&self) -> bool {
         if STATUS.read() & INTERRUPTS.read() & self.bit() == 0 {
@@ -138,7 +140,7 @@ impl Alarm {
     }
 }
 
-/// Wakes the loop.
+/// Alarm that wakes the loop.
 pub(crate) static WAKE: Alarm = Alarm::new(2);
 
 #[interrupt]
@@ -148,6 +150,7 @@ fn TIM2() {
         ROUNDS.store(ROUNDS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
     steps::look();
-    // To come was all: the loop looks what time it is.
+    // The interrupt has ended the sleep; the loop reads the time. `has_come` sets an alarm again that fired
+    // early.
     let _ = WAKE.has_come();
 }

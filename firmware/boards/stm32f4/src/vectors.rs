@@ -1,9 +1,10 @@
-//! The chip's interrupts that are taken, and their vectors (10.1.3).
+//! The interrupts of the chip that have handlers, and their vectors (10.1.3).
 
 use cortex_m::interrupt::InterruptNumber;
 pub(crate) use cortex_m_rt::interrupt;
 
-/// An interrupt, by its position in the vector table. The attribute `interrupt` uses the same names.
+/// An interrupt, with its position in the vector table as its value. The attribute `interrupt` uses the same
+/// names.
 #[derive(Clone, Copy)]
 pub(crate) enum Interrupt {
     EXTI0 = 6,
@@ -19,14 +20,14 @@ pub(crate) enum Interrupt {
 
 pub(crate) use Interrupt as interrupt;
 
-// SAFETY: the numbers are those of the chip, and do not change.
+// SAFETY: the numbers are those of the chip, and are constant.
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self as u16
     }
 }
 
-/// A function that takes an interrupt.
+/// A function that handles an interrupt.
 type Handler = unsafe extern "C" fn();
 
 unsafe extern "C" {
@@ -39,14 +40,14 @@ unsafe extern "C" {
     fn TIM2();
     fn USART1();
     fn EXTI15_10();
-    /// For those that are never enabled.
+    /// Handler of the interrupts that are never enabled.
     fn DefaultHandler();
 }
 
-/// Positions in the table.
+/// Number of vectors in the table.
 const VECTORS: usize = 86;
 
-/// The vectors behind those of the processor itself.
+/// The vectors that follow those of the processor itself.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [Handler; VECTORS] = {

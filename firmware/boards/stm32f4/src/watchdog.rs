@@ -7,13 +7,13 @@ const KEY: Register = Register::at(WATCHDOG, 0x00);
 const PRESCALER: Register = Register::at(WATCHDOG, 0x04);
 const RELOAD: Register = Register::at(WATCHDOG, 0x08);
 
-/// Starts to watch.
+/// Starts the watchdog.
 pub(crate) fn start() {
     const START: u32 = 0xCCCC;
     const UNLOCK: u32 = 0x5555;
     const BY_32: u32 = 3;
-    // Its oscillator has 17 to 47 kHz (datasheet, 6.3.9): this is a second at least, and mostly one and a half. The
-    // slowest erase of a sector takes half a second.
+    // The watchdog's oscillator has 17 to 47 kHz (datasheet, 6.3.9), so the timeout is at least one second
+    // and typically one and a half. The slowest erase of a sector takes half a second.
     const COUNT: u32 = 1_500;
     KEY.write(START);
     KEY.write(UNLOCK);
@@ -22,7 +22,7 @@ pub(crate) fn start() {
     feed();
 }
 
-/// All is well.
+/// Feeds the watchdog.
 pub(crate) fn feed() {
     const FEED: u32 = 0xAAAA;
     KEY.write(FEED);

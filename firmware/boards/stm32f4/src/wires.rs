@@ -1,26 +1,27 @@
-//! Assignment of the board's pins, defined only here and in README.md.
+//! Assignment of the board's pins. It is defined only here and in README.md.
 
 use crate::gpio::{A, B, C, Gpio};
 
-/// A name of the drive, and the pin of the board that it is wired to.
+/// A wire: the name of a drive's pin or fault, and the pin of the board.
 pub type Wire = (&'static str, Gpio);
 
-/// To the transceiver of the bus.
+/// Output to the transceiver of the bus.
 pub(crate) const TX: Gpio = B.pin(6);
-/// From the transceiver.
+/// Input from the transceiver.
 pub(crate) const RX: Gpio = B.pin(7);
 /// The transceiver sends while this is high.
 pub(crate) const DE: Gpio = B.pin(8);
-/// A step where it rises.
+/// STEP: each rising edge is a step.
 pub(crate) const STEP: Gpio = B.pin(14);
-/// High forward.
+/// DIR: high is forward.
 pub(crate) const DIR: Gpio = B.pin(15);
-/// To ground while the board starts: no start-up delay. The board's button does that, too.
+/// Connected to ground while the board starts, this pin skips the start-up delay. The board's button connects
+/// it, too.
 pub(crate) const FAST: Gpio = A.pin(0);
 /// The board's own light.
 const LIGHT: Gpio = C.pin(13).lit_low();
 
-/// An MD3, by the names of its manual.
+/// Wires of an MD3, by the names of its manual.
 pub const MD3: [Wire; 13] = apart(
     &[TX, RX, DE, FAST, STEP, DIR],
     [
@@ -40,7 +41,8 @@ pub const MD3: [Wire; 13] = apart(
     ],
 );
 
-/// A QSB of any variant: what one does not have stays unused. DIO1 and DIO2 are the pins of STEP and DIR.
+/// Wires of a QSB of any variant. Those of pins that a variant does not have are unused. DIO1 and DIO2 are at
+/// the pins of STEP and DIR.
 pub const QSB: [Wire; 8] = apart(
     &[TX, RX, DE, FAST],
     [
@@ -55,7 +57,7 @@ pub const QSB: [Wire; 8] = apart(
     ],
 );
 
-/// An RS 434544 or 434546, with the causes of all its faults.
+/// Wires of an RS 434544 or 434546, with the causes of all its faults.
 pub const RS434: [Wire; 17] = apart(
     &[TX, RX, DE, FAST, STEP, DIR],
     [
@@ -79,7 +81,7 @@ pub const RS434: [Wire; 17] = apart(
     ],
 );
 
-/// An MD400 of MDROBOT, with the causes of as many faults as there are pins.
+/// Wires of an MD400 of MDROBOT, with the causes of as many faults as there are free pins.
 pub const MDROBOT: [Wire; 19] = apart(
     &[TX, RX, DE, FAST, STEP, DIR],
     [
@@ -105,21 +107,22 @@ pub const MDROBOT: [Wire; 19] = apart(
     ],
 );
 
-/// A wire, and whether the drive reads it.
+/// A wire, and true if the drive reads it.
 type Row = (Wire, bool);
 
-/// A wire that the drive reads, also if it drives it at times.
+/// A wire that the drive reads. The drive may also drive it at times.
 const fn input(name: &'static str, gpio: Gpio) -> Row {
     ((name, gpio), true)
 }
 
-/// A wire that the drive only drives.
+/// A wire that the drive only drives, and never reads.
 const fn output(name: &'static str, gpio: Gpio) -> Row {
     ((name, gpio), false)
 }
 
-/// The wires of these rows, each at a pin of its own, beside those that are `taken`; inputs with lines of their own
-/// at EXTI, which are numbered as the pins of a port are. Two at one pin, or two inputs at one line, do not compile.
+/// Returns the wires of `rows` after checking them: each uses a pin of its own and none that is `taken`, and
+/// each input uses an EXTI line of its own, whose number is that of the pin in its port. Otherwise the
+/// constant does not compile.
 const fn apart<const N: usize>(taken: &[Gpio], rows: [Row; N]) -> [Wire; N] {
     let mut wires = [("", TX); N];
     let (mut pins, mut lines) = (0, 0_u32);

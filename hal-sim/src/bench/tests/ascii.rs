@@ -1,4 +1,4 @@
-//! Lines of Modbus ASCII: a line feed ends a message, and silence means nothing.
+//! Lines of Modbus ASCII: a line feed ends a message, and silence has no meaning.
 
 use drivetwin_firmware::device::{
     Boot, Context, DropReason, Framing, Input, LogEvent, Output, PortSpec, PresetError, Spec,
@@ -8,9 +8,9 @@ use drivetwin_protocol::modbus::ascii;
 use super::*;
 
 const LINE: Line = Line::new(9_600, 7, Parity::Even, 1);
-/// A character of it: 10 bits.
+/// A character of this line: 10 bits.
 const CHARACTER: Duration = Duration::from_ticks(16_667);
-/// Characters of [`ask`], and of an answer to it.
+/// Number of characters of [`ask`], and of an answer to it.
 const LENGTH: u64 = 9;
 
 static SPEC: Spec = Spec {
@@ -21,7 +21,8 @@ static SPEC: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// Sends every message for its address back, the function `TWICE` twice at once.
+/// A device that sends every message for its address back; for the function `TWICE` it sends two copies at
+/// once.
 struct EchoDevice {
     address: u8,
     receiver: ascii::AsciiReceiver,
@@ -95,12 +96,12 @@ impl Device for EchoDevice {
     }
 }
 
-/// A message of two bytes: `:aaffss` CR LF.
+/// A message of two bytes: `:aaffss`, CR, LF.
 fn ask(address: u8, function: u8) -> Vec<u8> {
     ascii::encode(&[address, function]).to_vec()
 }
 
-/// Two echoes on one line, at addresses 1 and 2, and a client there.
+/// Two echo devices on one line, at addresses 1 and 2, and a client there.
 fn echoes(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let mut echo =
@@ -111,7 +112,7 @@ fn echoes(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     (bench, slots, client)
 }
 
-/// Requests and drops that a port has seen.
+/// Number of requests and of dropped frames at the port of a drive.
 fn seen(bench: &Bench, drive: DriveId) -> (u64, u64) {
     let statistics = bench.statistics(drive, RS485);
     (statistics.requests, statistics.dropped())
@@ -149,7 +150,7 @@ fn the_rest_may_come_a_second_after_half_a_message() {
     bench.send(client, &ask(1, 65)[..4]);
     bench.run_until(Instant::from(20.millis()) - Duration::TICK);
     assert_eq!(stamps(&bench, "> rx"), [""; 0]);
-    // The frame timeout ends, and the partial frame goes to the drives; its rest goes whenever it arrives.
+    // The frame timeout ends, so the partial frame goes to the drives. The rest follows when it arrives.
     let half = Instant::from(20.millis()) + CHARACTER * 4;
     bench.run_until(half + 1.secs());
     assert_eq!(stamps(&bench, "> rx"), ["21.041688", "21.041688"]);
@@ -188,10 +189,10 @@ fn messages_written_at_once_follow_each_other_without_a_silence() {
     bench.send(client, &[ask(1, 65), ask(0, 66), ask(2, 67)].concat());
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, client), [ask(1, 65), ask(2, 67)].concat());
-    // Behind its answer the line is free; behind a frame without an answer one tick later.
+    // The line is free right after an answer, and one tick after a frame without an answer.
     let spoken = CHARACTER * (5 * LENGTH) + Duration::TICK;
     assert_eq!(bench.now(), Instant::ZERO + spoken);
-    // Each receives the requests for the other one, and its answers.
+    // Each drive also receives the requests for the other drive, and the answers of the other drive.
     assert_eq!([seen(&bench, slots[0]), seen(&bench, slots[1])], [(2, 2), (2, 2)]);
 }
 

@@ -1,12 +1,12 @@
-//! Lines on which each character has its time, and both directions run at once.
+//! Lines on which characters are timed, and both directions work at the same time.
 
 use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 
-/// A character of the toy's 115,200 8N1.
+/// A character of the toy's serial line, 115,200 8N1.
 const CHARACTER: Duration = Duration::from_ticks(1_389);
-/// Characters of its answer to `r`.
+/// Number of characters in the toy's answer to `r`.
 const ANSWER: usize = 3;
 
 fn toy(line: LineMode) -> (Bench, DriveId, Bus) {
@@ -44,7 +44,7 @@ fn characters_have_the_same_stamps_however_they_come() {
     assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::High);
     bench.run_until(ends(2));
     assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::Low, "heard while it sends");
-    // A client goes on in the middle of an answer.
+    // A client continues to send in the middle of an answer.
     bench.send(client, b"1");
     bench.run_until(ends(3));
     assert_eq!(bench.level(DriveId(0), test_device::OUT), Level::High);
@@ -61,9 +61,9 @@ fn manual_time_goes_to_the_end_of_all_answers() {
     let answers = received_by(&mut bench, client);
     assert_eq!(volumes(&answers), [9; 50]);
     assert_eq!(received_by(&mut bench, other), answers, "others hear it, too");
-    // The first character, then answers without gaps.
+    // The first character, then the answers without gaps.
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (1 + 50 * ANSWER as u64));
-    // One character, typed by hand, and another one whenever the one before is over.
+    // Single characters, each sent after the answer to the one before.
     for _ in 0..3 {
         assert_eq!(volumes(&bench.ask(drive, b"r")), [9]);
     }
@@ -110,7 +110,8 @@ fn who_floods_is_held_back_and_nothing_is_lost() {
         let given = COMMANDS - bench.backlog(client);
         most = most.max(given * ANSWER - answers.len());
     }
-    // What is put within a second, the answer to the last character, and to the one under way.
+    // At most: the output queued within one second, the answer to the last character, and one to the
+    // character that is being sent.
     assert!((SECOND..=SECOND + 2 * ANSWER + 1).contains(&most), "{most} characters ahead");
     assert_eq!(volumes(&answers), [0; COMMANDS]);
     assert_eq!(received, answers);
@@ -126,7 +127,7 @@ fn a_flood_ends_in_manual_time_and_when_its_client_leaves() {
     bench.run_until_idle();
     assert_eq!(volumes(&received_by(&mut bench, other)), [0; 8_000]);
     assert_eq!(volumes(&bench.ask(drive, b"r")), [0]);
-    // Without power its pending output is dropped, and no client is deferred.
+    // When power goes off, the pending output of the drive is dropped, and no client is deferred any longer.
     bench.send(other, &[b'r'; 8_000]);
     bench.run_until(bench.now() + 500.millis());
     let left = bench.backlog(other);
@@ -151,7 +152,7 @@ fn clients_take_turns_in_the_order_of_arrival() {
     let text = bench.trace().to_text();
     let said: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> rx ")?.1)).collect();
     assert_eq!(said.concat().replace("\"\"", ""), "\"110011\"");
-    // Between two of them the line is quiet for as long as it takes to know that the first one is over.
+    // Between two clients the line is silent until the end of the first one's characters is detected.
     let ends =
         |n: u64| CHARACTER * n + (Timing::of(bench.line(bus)).t3_5 + CHARACTER) * (n - 1).div_euclid(2);
     assert_eq!(stamps(&bench, "> rx").len(), said.len());
@@ -173,11 +174,11 @@ fn an_exchange_ends_with_its_answer() {
     bench.run_until_idle();
     let answer = b"r 0E 00000000 !\r\n";
     assert_eq!(received_by(&mut bench, client), answer);
-    // 4 and 17 characters of 10 bits at 230,400 baud: 0.911 ms.
+    // 4 and 17 characters of 10 bits at 230,400 baud take 0.911 ms.
     let character = bench.line(bus).character();
     assert_eq!(bench.now(), begin + character * 21);
-    // The line is still kept for the client: it goes on at once, another one waits for the silence of t3.5, which
-    // manual time goes to its end.
+    // The line is still kept for the client: it continues at once. Another client waits for the silence of
+    // t3.5, and manual time includes this wait.
     bench.send(client, b"R0E\r");
     bench.run_until_idle();
     assert_eq!(bench.now(), begin + character * 42);
@@ -225,7 +226,7 @@ fn fast_takes_no_time_where_a_drive_puts_its_answers_ahead() {
         assert_eq!(bench.backlog(client), 0);
         let answers = received_by(&mut bench, client);
         assert!(answers == "r 0E 00000000 !\r\n".repeat(COMMANDS).as_bytes(), "{} characters", answers.len());
-        // The line changes behind the answers, which have left.
+        // The new settings apply after the answers, which have left already.
         bench.send(client, b"W1610A\r");
         bench.run_until(now);
         assert_eq!(bench.bus(qsb, Port(0)).map(|bus| bench.line(bus).baud), Some(19_200));
@@ -238,12 +239,12 @@ fn fast_lets_a_polled_drive_stream() {
     let setup = Setup { boot_fast: true, ..Setup::default() };
     let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
-    // A record every 5/512 s, whatever the count is.
+    // A record every 5/512 s, even if the count has not changed.
     bench.send(client, b"W0B0\rW0C5\rS0E\r");
     bench.run_until_idle();
     received_by(&mut bench, client);
     let begin = bench.now();
-    // More polls in a second than 230,400 baud carries.
+    // This is more than 230,400 baud can transmit in a second.
     for n in 1..=20_000 {
         bench.run_until(begin + 50.micros() * n);
         bench.send(client, b"R0B\r");
@@ -265,7 +266,7 @@ fn fast_leaves_a_stream_its_pace() {
     let setup = Setup { boot_fast: true, ..Setup::default() };
     let qsb = bench.add_with("qsb", Box::new(Qsb::d()), setup).unwrap();
     let client = bench.connect(bench.bus(qsb, Port(0)).unwrap());
-    // Every tick of 512 Hz, whatever the count is.
+    // A record in every tick of 512 Hz, even if the count has not changed.
     bench.send(client, b"W0B0\rW0C1\rS0E\r");
     bench.run_until_idle();
     received_by(&mut bench, client);

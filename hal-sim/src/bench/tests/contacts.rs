@@ -1,4 +1,4 @@
-//! Contacts of which a drive knows whether they are wired: those of an MD controller.
+//! Contacts for which a drive detects whether they are wired: those of an MD controller.
 
 use drivetwin_firmware::mdrobot::mdrobot;
 use drivetwin_firmware::motor::stepper::StepperParameters;
@@ -11,7 +11,7 @@ fn controller(bench: &mut Bench) -> (DriveId, impl Fn(&str) -> Pin + use<>) {
     (drive, move |name: &str| spec.pin(name).unwrap())
 }
 
-/// Events of contacts in the trace, from `from` on.
+/// Events of contacts in the trace, from `from` on: ticks since then, and words.
 fn contacts(bench: &Bench, from: Instant) -> Vec<String> {
     let entries = bench.trace().events().filter(|entry| {
         entry.at >= from
@@ -57,7 +57,7 @@ fn an_unwired_contact_is_reported_only_after_a_stimulus() {
             "64001 pin START_STOP low"
         ]
     );
-    // At power-on an input without a stimulus is not reported, one with a stimulus is.
+    // At power-on an input with a stimulus is reported, and one without a stimulus is not.
     bench.set_pin(drive, pin("START_STOP"), PinStimulus::Open);
     bench.set_pin(drive, pin("DIR"), PinStimulus::High);
     bench.run_until(2.secs());
@@ -94,7 +94,7 @@ fn a_wire_pulls_up_what_it_does_not_drive() {
     assert_eq!(bench.level(drive, pin("DIR")), Level::High);
     bench.run_until(1.millis());
     assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR high"]);
-    // Hands, then the wire.
+    // First a stimulus from outside, then the wire alone.
     bench.set_pin(drive, pin("DIR"), PinStimulus::Low);
     bench.run_until(2.millis());
     bench.set_pin(drive, pin("DIR"), PinStimulus::Open);
@@ -124,7 +124,7 @@ fn a_switch_is_a_contact_that_is_wired() {
     let toy = bench.add::<TestDevice>("toy");
     let motor =
         bench.attach_motor("m", toy, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL)).unwrap();
-    // The shaft is at 0.
+    // The start position of the shaft is 0.
     for (name, from) in [("DIR", -1.0), ("START_STOP", 1.0)] {
         let closed = Closed { above_rev: Some(from), below_rev: None };
         bench.switch(motor, closed, (drive, pin(name)));

@@ -3,13 +3,13 @@
 use super::*;
 use crate::record::capture::{Frame, Medium, Source};
 
-/// Reads the address of drive 1, in 8 characters; its answer has 7.
+/// A request for the address of drive 1, with 8 characters; its answer has 7.
 const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
 const ANSWER: [u8; 7] = [1, 3, 2, 0, 1, 0x79, 0x84];
 const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
 const QUIET: LineFaults = LineFaults::NONE;
 
-/// MD3s at addresses 1 and 2 on one line disturbed so, at 1 ms, and a client there.
+/// A bench at 1 ms with MD3s at addresses 1 and 2 on one line that has these faults, and a client there.
 fn line_faults(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [DriveId; 2], Bus, Client) {
     let settings =
         Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() };
@@ -22,21 +22,21 @@ fn line_faults(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [DriveI
     (bench, slots, bus, client)
 }
 
-/// Sends a frame, settles, and returns what came.
+/// Sends a frame, runs until the bench is idle, and returns the bytes that the client received.
 fn exchange(bench: &mut Bench, client: Client, frame: &[u8]) -> Vec<u8> {
     bench.send(client, frame);
     bench.run_until_idle();
     received_by(bench, client)
 }
 
-/// Who sent each frame on the lines, and when, in ticks since `start()`.
+/// The frames on the lines: start in ticks since `start()`, sender, and bytes.
 fn frames(bench: &Bench) -> Vec<(u64, Source, &[u8])> {
     let frame = |frame: &'_ Frame| (frame.at.since(start()).ticks(), frame.from);
     let seen: Vec<&Frame> = bench.capture().since(0).collect();
     seen.into_iter().map(|seen| (frame(seen).0, frame(seen).1, seen.bytes.as_slice())).collect()
 }
 
-/// When the answer to what was sent at `start()` begins to leave.
+/// Time from `start()` to the start of the answer to a request that was sent at `start()`.
 fn leaves() -> Duration {
     EIGHT + T3_5 + CHARACTER
 }
@@ -92,7 +92,7 @@ fn a_muted_reply_takes_its_time() {
         }
         assert_eq!((bench.statistics(x, RS485).requests, stamps(&bench, "< tx").len()), (1, 1));
         assert_eq!(frames(&bench), [(0, Source::Client, &ASKED[..])]);
-        // Nor does the other drive: it has received the request only.
+        // The other drive does not receive the reply, either: it has received only the request.
         bench.run_until(1.secs());
         assert_eq!(bench.statistics(y, RS485).foreign, 1);
         bench.set_line_faults(bus, QUIET);
@@ -102,7 +102,7 @@ fn a_muted_reply_takes_its_time() {
 
 #[test]
 fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
-    // 7.22: 9,600 baud, no parity, one stop bit.
+    // Serial settings (7.22): 9,600 baud, one stop bit, and even or no parity.
     for (configuration, count) in [(0x21, (1, 0)), (0x01, (0, 1))] {
         for seed in 0..50 {
             let mut bench = Bench::with(Settings { seed, capture: Retention::All, ..Settings::default() });
@@ -118,7 +118,7 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
             let seen = &frames(&bench)[0];
             let turned: u32 = seen.2.iter().zip(ASKED).map(|(seen, sent)| (seen ^ sent).count_ones()).sum();
             assert_eq!((seen.2.len(), turned), (8, 1));
-            // A reply reaches a client with its wrong bit: there is no parity on a pty or in TCP.
+            // A reply reaches a client with the wrong bit, because a pty or TCP has no parity.
             bench.set_line_faults(bus, QUIET);
             let client = bench.connect(bus);
             bench.send(client, &ASKED);
@@ -159,13 +159,14 @@ fn what_comes_twice_comes_again_behind_silence() {
     let received = exchange(&mut bench, client, &write);
     assert_eq!(received, write.repeat(4), "the answer to a write is the write");
     assert_eq!(bench.statistics(x, RS485).requests, 2);
-    // Request, answer, answer, then the same again: each after t3.5, except for the turnaround time of the drive.
+    // Request, answer, answer, then the same again. Each comes after t3.5, except for the turnaround time of
+    // the drive.
     let round = leaves() + EIGHT + T3_5 + EIGHT + T3_5;
     let once = [Duration::ZERO, leaves(), leaves() + EIGHT + T3_5];
     let expected: Vec<u64> = once.iter().chain(&once.map(|at| at + round)).map(|at| at.ticks()).collect();
     assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected);
     assert_eq!(bench.now(), start() + round + round - T3_5);
-    // The same applies to clients that wait for the line.
+    // Clients that wait for the line wait for the repetitions, too.
     let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
     let other = bench.connect(bus);
     bench.send(client, &write);
@@ -190,7 +191,7 @@ fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let (mut bench, _, _, client) = line_faults(line, 1, LineFaults { wrong_address: 1.0, ..QUIET });
         let answer = exchange(&mut bench, client, &ASKED);
-        // 2 is taken.
+        // Address 2 is in use.
         assert_eq!(rtu::verify_crc(&answer), Some(&[3, 3, 2, 0, 1][..]));
     }
     let mut bench = Bench::new();
@@ -210,15 +211,15 @@ fn a_refused_request_is_not_carried_out() {
         assert_eq!(rtu::verify_crc(&answer), Some(&[1, 0x86, 6][..]));
         assert_eq!(bench.peek(x, Reg::Speed as usize), 5_000);
         if line == LineMode::Timed {
-            // As long as any request and a refusal.
+            // The exchange takes as long as a normal request and an exception.
             assert_eq!(bench.now(), start() + leaves() + CHARACTER * 5);
         }
-        // Who looks at the line sees the write, and that it was refused.
+        // The capture shows the write and the exception.
         assert_eq!(frames(&bench).iter().map(|frame| frame.2).collect::<Vec<_>>(), [&write[..], &answer]);
-        // Nobody answers a broadcast, so it is carried out.
+        // A broadcast has no answer, so it is executed.
         assert_eq!(exchange(&mut bench, client, &rtu::write(0, 0x15, 7)), [0; 0]);
         assert_eq!(bench.peek(x, Reg::Speed as usize), 7);
-        // The drive's own refusals stay its own.
+        // Exceptions of the drive itself stay unchanged.
         bench.set_line_faults(bus, QUIET);
         let answer = exchange(&mut bench, client, &rtu::frame(1, &[110, 0]));
         assert_eq!(rtu::verify_crc(&answer), Some(&[1, 0x80 | 110, 1][..]));
@@ -258,7 +259,7 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
     let delay = Duration::millis(100);
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
     bench.send(client, &ASKED);
-    // Three characters have left, and come 100 ms later.
+    // Three characters have left by then, and arrive 100 ms later.
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
     bench.run_until(1.secs());
@@ -267,7 +268,7 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
 
 #[test]
 fn a_power_failure_cuts_only_the_output_of_its_drive() {
-    // Two with one address answer at once, and one of them loses power.
+    // Two drives with one address answer at the same time, and one of them loses power.
     let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, QUIET);
     bench.poke(y, Reg::DeviceAddress as usize, 1).unwrap();
     bench.send(client, &ASKED);
@@ -282,7 +283,7 @@ fn a_power_failure_cuts_only_the_output_of_its_drive() {
     let twice = ANSWER[..3].iter().flat_map(|&byte| [byte, byte]);
     assert_eq!(received_by(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
 
-    // Noise behind an answer reaches all clients.
+    // The noise after an answer still reaches all clients.
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
@@ -312,7 +313,7 @@ fn noise_comes_behind_frames_and_spoils_none() {
     assert_eq!(received, [b, c, d].concat());
     assert_eq!((answer, first), (leaves().ticks(), (leaves() + SEVEN + T3_5).ticks()));
     assert!((1..=8).contains(&c.len()) && (1..=8).contains(&d.len()));
-    // That behind the answer, then that behind the request.
+    // The noise after the answer comes first, then the noise after the request.
     assert_eq!(second, first + (CHARACTER * c.len() as u64 + T3_5).ticks());
     for _ in 0..100 {
         bench.send(client, &ASKED);
@@ -333,9 +334,9 @@ fn another_baud_rate_is_garbage_both_ways() {
     assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
     assert_eq!(bench.statistics(x, RS485).spoiled, 1);
     let frame = bench.capture().since(0).next().unwrap();
-    // 11 bits at 4,800 baud are 2,291.67 µs.
+    // A character of 11 bits takes 2,291.67 µs at 4,800 baud.
     assert_eq!((frame.line.unwrap().baud, frame.lasts), (4_800, Duration::from_ticks(8 * 36_667)));
-    // In the time of seven characters there is room for three of half the rate.
+    // In the time of seven characters, a receiver at half the rate reads three characters.
     bench.set_line_faults(bus, QUIET);
     bench.send(client, &ASKED);
     bench.set_line_faults(bus, faults);
@@ -358,7 +359,7 @@ fn characters_are_disturbed_by_what_was_written_at_once() {
         assert_eq!(exchange(&mut bench, client, b"rrr"), [0; 0]);
         assert_eq!(bench.backlog(client), 0);
         bench.set_line_faults(bus, LineFaults { duplicate: 1.0, ..QUIET });
-        // Two of the request, and each answer of three characters twice.
+        // Two requests arrive, and each answer of three characters is sent twice.
         assert_eq!(exchange(&mut bench, client, b"r").len(), 12);
         bench.set_line_faults(bus, LineFaults { truncate: 1.0, ..QUIET });
         bench.send(client, b"10");
@@ -387,7 +388,8 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
     bench.send(client, b"s");
     bench
         .set_line_faults(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
-    // A copy and noise behind it, each after 1.75 ms, and the next one comes after 3 ms: there is no room.
+    // A copy and the noise after it would each take 1.75 ms, but the next output comes after 3 ms, so there
+    // is no room.
     bench.run_until(20.secs());
     let dots = received_by(&mut bench, client).iter().filter(|&&byte| byte == b'.').count();
     assert!((6_450..13_300).contains(&dots), "{dots}");
@@ -400,7 +402,8 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
 
 #[test]
 fn shares_are_what_they_say() {
-    // Over 10,000 frames, within 4 σ = 4·√(n·p·(1 − p)); an answer needs two frames that are not lost.
+    // 10,000 frames, with a tolerance of 4 σ = 4·√(n·p·(1 − p)). An exchange has an answer if neither of its
+    // two frames is lost.
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, LineFaults { drop: 0.3, ..QUIET });
     let answers = (0..10_000).filter(|_| !exchange(&mut bench, client, &ASKED).is_empty()).count();
     assert!(bench.statistics(x, RS485).requests.abs_diff(7_000) < 184);
@@ -437,14 +440,14 @@ fn shares_are_what_they_say() {
     }
 }
 
-/// Returns whether a client receives an answer to a request.
+/// Returns true if a drive answers a request.
 fn is_answered(bench: &mut Bench, client: Client) -> bool {
     let before = bench.capture().seen();
     exchange(bench, client, &ASKED);
     bench.capture().since(before).any(|frame| matches!(frame.from, Source::Drive(_)))
 }
 
-/// Which of 300 requests are answered, and all that is to be seen of them.
+/// Sends 300 requests. Returns true for each one that is answered, and the capture and trace of all of them.
 fn answered(seed: u64, faults: LineFaults) -> (Vec<bool>, String) {
     let (mut bench, _, _, client) = line_faults(LineMode::Fast, seed, faults);
     let answered = (0..300).map(|_| is_answered(&mut bench, client)).collect();
@@ -459,7 +462,7 @@ fn the_same_seed_is_the_same_chance() {
     assert_ne!(answered(6, some).0, received);
 }
 
-/// Which of 300 requests reach the line.
+/// True for each of 300 requests that reaches the line.
 fn sent(faults: LineFaults) -> Vec<bool> {
     let (mut bench, _, _, client) = line_faults(LineMode::Fast, 5, faults);
     let reaches = |bench: &mut Bench| {
@@ -481,7 +484,8 @@ proptest! {
     }
 }
 
-/// The chances of replies go by their number, so what takes some of them away, or makes more, moves those.
+/// The random choices for a reply depend on its number, so a fault that removes or adds replies changes the
+/// choices for the following ones.
 #[test]
 fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
     let (received, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
@@ -494,7 +498,7 @@ fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
 
 #[test]
 fn chances_go_by_the_number_of_a_frame() {
-    // Broadcasts, so that there are no replies.
+    // Broadcasts are used because they have no replies.
     let lost = |from: usize| {
         let (mut bench, [x, _], bus, client) = line_faults(LineMode::Fast, 5, QUIET);
         let mut lost = Vec::new();
@@ -530,7 +534,7 @@ fn a_retry_loop_gets_every_answer_at_last() {
             }
         }
     }
-    // 200 / (0.7·0.9)² is 504.
+    // The expected number of tries is 200 / (0.7·0.9)² = 504.
     assert!((400..620).contains(&tries), "{tries}");
 }
 
@@ -556,7 +560,7 @@ fn a_disturbed_trace_replays_without_its_faults() {
     }
 }
 
-/// A colliding line of MD3s, at 1 ms, and two clients there.
+/// A bench at 1 ms with MD3s on a line where characters may collide, and two clients there.
 fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Client; 2]) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let mut names = ["x", "y", "z"].into_iter();
@@ -572,19 +576,20 @@ fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Clie
 fn two_clients_that_speak_at_once_spoil_each_other() {
     let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // In the middle of a's third character.
+    // This is in the middle of a's third character.
     let into = CHARACTER * 2 + Duration::from_ticks(9_000);
     bench.run_until(start() + into);
     bench.send(b, &ASKED);
     bench.run_until_idle();
     assert_eq!((received_by(&mut bench, a), received_by(&mut bench, b)), (vec![], vec![]));
-    // Characters 1 and 2 of a, then both, then b alone: one frame, which is spoiled.
+    // Characters 1 and 2 of a, then characters of both, then of b alone: drives see one frame, which is
+    // spoiled.
     let all = EIGHT + into;
     assert_eq!(bench.now(), start() + all + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(x, RS485), Statistics { spoiled: 1, ..Statistics::default() });
-    // Six of a, the first six of b; b's last two are sound.
+    // Six characters of a and the first six of b are spoiled; b's last two are valid.
     assert_eq!(stamps(&bench, "x > spoiled").len(), 12, "{}", bench.trace().to_text());
-    // The line is as good as before.
+    // Afterwards the line works as before.
     bench.send(a, &ASKED);
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, b), ANSWER);
@@ -595,7 +600,7 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
 fn a_client_that_sends_during_an_answer_corrupts_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // At the end of the second character of the answer.
+    // This is the end of the second character of the answer.
     bench.run_until(start() + leaves() + CHARACTER * 2);
     bench.send(b, &rtu::read(2, 0, 1));
     bench.run_until_idle();
@@ -605,7 +610,7 @@ fn a_client_that_sends_during_an_answer_corrupts_it() {
         assert_ne!(*received, sent, "character {index}");
     }
     assert_eq!(received_by(&mut bench, b), received);
-    // The answered request was valid; the answer and the request sent during it are corrupt.
+    // The request was valid; the answer and the request that was sent during it are corrupt.
     assert_eq!(collided(&bench), [false, true, true]);
     // A sender does not receive; the other drive receives corrupt characters.
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (1, 0));
@@ -613,12 +618,13 @@ fn a_client_that_sends_during_an_answer_corrupts_it() {
     assert_eq!(bench.statistics(y, RS485).spoiled, 1);
 }
 
-/// Which frames on the lines have collided.
+/// True for each frame on the lines that has collided.
 fn collided(bench: &Bench) -> Vec<bool> {
     bench.capture().since(0).map(|frame| frame.collided).collect()
 }
 
-/// Drives with one address answer at once; no character of any of them is sound.
+/// Checks that drives with the same address answer at the same time, and that none of their characters is
+/// valid.
 fn answer_at_once<const N: usize>() {
     let (mut bench, slots, [a, b]) = colliding([1; N]);
     bench.send(a, &ASKED);
@@ -643,13 +649,13 @@ fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
     bench.send(a, &ASKED.repeat(3));
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, a), ANSWER.repeat(3));
-    // A partial frame of another client is on the line only after its frame timeout, and no turn runs.
+    // A partial frame of another client is not on the line before its frame timeout, and does not delay a.
     bench.send(b, &ASKED[..3]);
     bench.send(a, &ASKED);
     bench.run_until(bench.now() + 60.millis());
     assert_eq!(received_by(&mut bench, a), ANSWER);
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 4, crc: 1, ..Statistics::default() });
-    // Without collisions they wait for each other.
+    // Without collisions the clients wait for each other.
     let bus = bench.find_bus("line1").unwrap();
     bench.set_collisions(bus, false);
     bench.run_until(1.secs());
@@ -662,7 +668,7 @@ fn on_a_colliding_line_a_client_waits_for_its_own_answers() {
 #[test]
 fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
-    // 16 registers: 37 characters of answer, during whose start b sends.
+    // The answer for 16 registers has 37 characters; b sends during its first characters.
     bench.send(a, &rtu::read(1, 0, 16));
     bench.run_until(start() + leaves() + CHARACTER);
     bench.send(b, &rtu::read(2, 0, 1));
@@ -671,7 +677,7 @@ fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
     let received = received_by(&mut bench, b);
     let sound = rtu::frame(1, &[&[3, 32][..], &[0; 32]].concat()).len();
     assert_eq!(received.len(), sound);
-    // Characters 2 to 9 are spoiled, and no others.
+    // Only characters 2 to 9 are spoiled.
     bench.send(a, &rtu::read(1, 0, 16));
     bench.run_until_idle();
     let clean = received_by(&mut bench, b);

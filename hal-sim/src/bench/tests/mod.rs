@@ -1,4 +1,4 @@
-//! Scripts with times, and the properties that make a bench the same everywhere.
+//! Tests with exact times, and properties that every bench must have.
 
 mod ascii;
 mod characters;
@@ -42,14 +42,14 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     }
 }
 
-/// An MD3 at an address, that listens when the bench is at [`start`].
+/// An MD3 with that address, which receives requests from [`start`] on.
 fn md3(bench: &mut Bench, name: &str, address: i64) -> DriveId {
     let presets = vec![(Reg::DeviceAddress as usize, address)];
     let setup = Setup { boot_fast: true, presets, ..Setup::default() };
     bench.add_with(name, Box::new(Md3::new()), setup).unwrap()
 }
 
-/// A bench with one MD3, at address 1, and a client on its line, at 1 ms.
+/// A bench at 1 ms with one MD3, at address 1, and a client on its line.
 fn alone(line: LineMode) -> (Bench, DriveId, Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let drive = md3(&mut bench, "x", 1);
@@ -58,7 +58,7 @@ fn alone(line: LineMode) -> (Bench, DriveId, Client) {
     (bench, drive, client)
 }
 
-/// Two MD3s on one line, at addresses 1 and 2, at 1 ms.
+/// A bench at 1 ms with two MD3s on one line, at addresses 1 and 2.
 fn pair(line: LineMode) -> (Bench, [DriveId; 2], Bus) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let slots = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 2)];
@@ -73,12 +73,12 @@ fn received_by(bench: &mut Bench, client: Client) -> Vec<u8> {
     bytes
 }
 
-/// When the MD3s listen: they have no ears at the very instant of power-on.
+/// Time from which the MD3s receive requests: at the very instant of power-on they do not.
 fn start() -> Instant {
     Instant::from(1.millis())
 }
 
-/// The stamps of the lines of a trace with those words.
+/// The timestamps of those lines of a trace that contain `words`.
 fn stamps(bench: &Bench, words: &str) -> Vec<String> {
     let text = bench.trace().to_text();
     text.lines()
@@ -106,8 +106,8 @@ fn the_first_character_of_a_reply_ends_t3_5_and_two_characters_after_the_request
 
 #[test]
 fn the_trace_has_the_times_of_request_and_reply() {
-    // Architecture, "Tests": `1.000000 > rx 01 03 …`, `14.177083 < tx …`; a whole number of ticks in
-    // a character makes it 14.176875.
+    // Architecture, "Tests", has `1.000000 > rx 01 03 …`, `14.177083 < tx …`. Here a character has a whole
+    // number of ticks, so the reply starts at 14.176875.
     let text = "drivetwin trace 1
 drive md3 md3 fast
 compare tx
@@ -145,7 +145,7 @@ fn manual_time_runs_to_the_end_of_a_long_unread_reply_in_slices() {
     let (mut bench, _, client) = alone(LineMode::Timed);
     bench.send(client, &rtu::read(1, 0, 32));
     let settling = bench.begin_idle_run();
-    // 69 characters: nine slices, and two to the reply.
+    // The reply has 69 characters: nine slices of 10 ms, and two before it starts.
     let slices = (1..12).find(|_| {
         let slice = bench.next().max(bench.now()) + 10.millis();
         bench.continue_idle_run(settling, slice)
@@ -181,7 +181,7 @@ fn half_a_message_whose_rest_does_not_come_is_judged() {
     assert_eq!(bench.now(), start());
     let settling = bench.begin_idle_run_flushing();
     assert!(bench.continue_idle_run(settling, Instant::NEVER));
-    // Patience, and three characters on the line with the silence behind them.
+    // The frame timeout, then three characters on the line and the silence after them.
     assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(drive, RS485).dropped(), 1);
     assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
@@ -222,7 +222,7 @@ fn patience_ends_20_ms_after_the_last_byte() {
     bench.send(client, &frame[3..5]);
     bench.run_until(start() + 35.millis() - Duration::TICK);
     assert_eq!(stamps(&bench, "> rx"), [""; 0]);
-    // Then it goes to the drive as it is, which drops it.
+    // Then the frame goes to the drive unchanged, and the drive drops it.
     bench.run_until(start() + 35.millis() + CHARACTER * 5 + T3_5 + CHARACTER);
     assert_eq!(stamps(&bench, "> rx"), ["37.145813"]);
     assert_eq!(bench.statistics(drive, RS485).crc, 1);
@@ -247,7 +247,7 @@ fn what_came_apart_is_apart_though_the_line_was_busy() {
         bench.run_until(now + 25.millis());
         bench.send(other, &rtu::read(1, 0x14, 2));
         bench.run_until(now + 500.millis());
-        // The answer to the first client, and behind it that to the good frame of the other.
+        // The answer to the first client, then the answer to the valid frame of the other client.
         let received = received_by(&mut bench, other);
         assert_eq!(received.len(), 69 + 9);
         assert_eq!(rtu::verify_crc(&received[69..]), Some(&[1, 3, 4, 0x00, 0x00, 0x13, 0x88][..]));
@@ -276,7 +276,8 @@ fn bytes_just_before_the_frame_timeout_complete_a_frame() {
 
 #[test]
 fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
-    // Function 16 to registers 0x5021 and 0x5022 of an RS 434544 at address 48, and what answers it.
+    // Function 16 to registers 0x5021 and 0x5022 of an RS 434544 at address 48. The beginning has a valid
+    // CRC, too.
     let request = [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
     for cut in 1..=request.len() {
         for paces_itself in [false, true] {
@@ -308,7 +309,7 @@ fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
 #[test]
 fn a_request_of_any_length_is_answered_when_silence_has_ended_it() {
     let request = rtu::frame(1, &[65, 1, 2, 3]);
-    // Of the other one the first seven bytes hold a CRC.
+    // The beginning of the other request has a valid CRC, too.
     let begin = rtu::frame(1, &[65, 0, 0, 0, 0]);
     let long = rtu::frame(1, &[&begin[1..], &[9, 9]].concat());
     for request in [&request[..], &long] {
@@ -319,7 +320,7 @@ fn a_request_of_any_length_is_answered_when_silence_has_ended_it() {
         bench.run_until(start() + 100.millis());
         assert_eq!(received_by(&mut bench, client)[..3], [1, 0xC1, 1]);
         assert_eq!(bench.statistics(drive, RS485).dropped(), 0);
-        // In manual time no client sends more before it is answered.
+        // In manual time the bench does not wait for more, because no client sends before the answer.
         assert_eq!(bench.ask(drive, request)[..3], [1, 0xC1, 1]);
     }
 }
@@ -390,7 +391,8 @@ fn a_line_belongs_to_a_client_until_its_reply_is_out() {
     let received = received_by(&mut bench, first);
     let lengths = [7, 9, 11];
     assert_eq!(received.len(), lengths.iter().sum::<usize>());
-    // In the order of their first bytes: no client receives a request, every client receives all replies.
+    // Requests are sent in the order of their first bytes. No client receives requests; each receives all
+    // replies.
     assert_eq!([received[2], received[9], received[18]], [2, 4, 6]);
     assert_eq!(received_by(&mut bench, second), received);
     assert_eq!(received_by(&mut bench, third), received);
@@ -434,14 +436,14 @@ fn drives_on_a_line_hear_each_other_and_are_not_confused() {
         bench.run_until_idle();
         assert_eq!(received_by(&mut bench, client)[0], address);
     }
-    // A request and a reply for the other one are both foreign.
+    // A drive counts the request and the reply of the other drive as foreign.
     assert_eq!(bench.statistics(x, RS485), Statistics { requests: 2, foreign: 2, ..Statistics::default() });
     assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 3, ..Statistics::default() });
     bench.run_until(bench.now() + 20.millis());
     assert_eq!(bench.statistics(y, RS485), Statistics { requests: 1, foreign: 4, ..Statistics::default() });
 }
 
-/// Two ready drives with address 1 on one line, and a client there.
+/// A bench with two ready drives with address 1 on one line, and a client there.
 fn two_of_one_address(line: LineMode) -> (Bench, [DriveId; 2], Client) {
     let mut bench = Bench::with(Settings { line, ..Settings::default() });
     let slots = [md3(&mut bench, "x", 1), md3(&mut bench, "y", 1)];
@@ -455,13 +457,13 @@ fn two_of_one_address(line: LineMode) -> (Bench, [DriveId; 2], Client) {
 fn drives_that_answer_at_once_do_not_hear_each_other() {
     for line in [LineMode::Timed, LineMode::Fast] {
         let (mut bench, slots, client) = two_of_one_address(line);
-        // The answer to a write looks like the write.
+        // The answer to a write has the same bytes as the write.
         bench.send(client, &rtu::write(1, 0x15, 7));
         bench.run_until(bench.now() + 1.secs());
         for drive in slots {
             assert_eq!(bench.statistics(drive, RS485), Statistics { requests: 1, ..Statistics::default() });
         }
-        // A client receives both, and nothing else.
+        // The client receives both answers, and nothing else.
         assert_eq!(received_by(&mut bench, client).len(), 16);
     }
 }
@@ -497,7 +499,7 @@ fn drives_that_answer_each_other_for_ever_take_their_time() {
         let (mut bench, slots, client) = two_of_one_address(line);
         bench.power(slots[1], PowerAction::Off);
         bench.send(client, &rtu::write(1, 0x15, 7));
-        // It comes back when the request is over, and takes the answer for a request.
+        // Drive y is powered again when the request is over, and takes the answer of x for a request.
         let over = if line == LineMode::Fast { Duration::ZERO } else { 10.millis() };
         bench.run_until(bench.now() + over);
         bench.power(slots[1], PowerAction::On);
@@ -517,7 +519,7 @@ fn an_input_comes_before_a_deadline_of_its_instant() {
     bench.run_until(first - Duration::TICK);
     bench.set_pin(toy, test_device::IN, PinStimulus::Low);
     bench.run_until(first);
-    // A stimulus after the deadline comes after it.
+    // A stimulus that is set after the deadline has run is handled after it.
     bench.fault(toy, test_device::STALL, true);
     bench.run_until(first + Duration::TICK);
     let text = bench.trace().to_text();
@@ -597,7 +599,7 @@ fn a_new_rate_holds_when_the_reply_has_left() {
     assert_eq!(received_by(&mut bench, client), request.as_slice());
     let new = bench.line(bus);
     assert_ne!(new.baud, 9_600);
-    // The next request and its reply come at the new rate.
+    // The next request and its reply are sent at the new rate.
     let asked = bench.now();
     assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
     let Timing { character, t3_5, .. } = Timing::of(new);
@@ -614,7 +616,7 @@ fn without_power_a_drive_neither_receives_nor_sends() {
     bench.run_until_idle();
     assert!(!bench.powered(drive));
     bench.run_until(100.millis());
-    // What had ended by then.
+    // The client receives the characters that had ended by power-off.
     assert_eq!(received_by(&mut bench, client), [1, 3]);
     assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)), [0; 0]);
     assert_eq!(bench.poke(drive, 0, 1), Err(PresetError::ReadOnly));
@@ -633,7 +635,7 @@ fn a_cycle_is_off_for_a_tick() {
     assert!(bench.powered(toy));
     assert_eq!(stamps(&bench, "> power off"), ["5.000000"]);
     assert_eq!(stamps(&bench, "> power on"), ["5.000063"]);
-    // The light starts again.
+    // The wave of the light starts again.
     assert_eq!(bench.level(toy, test_device::LED), Level::High);
 }
 
@@ -681,7 +683,7 @@ fn a_pin_arrives_a_tick_later() {
     assert_eq!(bench.motion(toy, test_device::MOTOR).position, 0);
     bench.run_until(Instant::from_ticks(1));
     assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2);
-    // No edge where the level stays.
+    // If the level stays the same, there is no edge.
     bench.set_pin(toy, test_device::IN, PinStimulus::Millivolts(1_400));
     bench.run_until(1.millis());
     assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2);
@@ -696,7 +698,7 @@ fn pulses_are_made_edge_by_edge() {
     let toy = bench.add::<TestDevice>("toy");
     bench.pulse(toy, test_device::IN, 3, 1_000.0).unwrap();
     assert_eq!(bench.pulse(toy, test_device::IN, 1, 1.0), Err(Busy));
-    // Low at 0, 1 and 2 ms and a tick, high again half a millisecond later.
+    // The input is low from 0, 1 and 2 ms plus one tick on, and high again half a millisecond later.
     bench.run_until(Instant::from(2.millis()));
     assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2 * 3);
     bench.run_until(Instant::from(2.millis()) + Duration::TICK);
@@ -715,7 +717,8 @@ fn pulses_are_made_edge_by_edge() {
 
 #[test]
 fn pulses_take_their_share_of_a_period() {
-    // A period of 16,000 ticks; low from the first tick on, for a quarter of it, or as near as ticks go.
+    // A period has 16,000 ticks. The pin is low from tick 1 on, for that share of the period, within the
+    // limits of ticks.
     for (duty, low) in [(0.25, 4_000), (0.75, 12_000), (0.0, 1), (1.0, 15_999), (1e-9, 1)] {
         let mut bench = Bench::new();
         let toy = bench.add::<TestDevice>("toy");
@@ -762,7 +765,7 @@ fn characters_have_their_time() {
     assert_eq!(received_by(&mut bench, client)[1..], [b'v']);
     bench.run_until(Instant::ZERO + character * 5);
     assert_eq!(received_by(&mut bench, client), [b'\n']);
-    // Both directions run at once: a stream does not stop a command.
+    // Both directions work at the same time: a stream does not stop a command.
     bench.send(client, b"s");
     bench.run_until(bench.now() + 10.millis());
     bench.send(client, b"s");
@@ -806,8 +809,8 @@ fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
     assert_eq!(bench.drives().len(), 1);
 }
 
-/// A toy with the power cut armed that begins to save at once: what its memory is when the power
-/// is off, the stores that were persisted, and the time of the failure.
+/// A toy whose power fails during the save that it begins at once. Returns its memory after the failure, the
+/// memory that was persisted, and the time of the last store.
 fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     let mut bench = Bench::with(Settings { seed, ..Settings::default() });
     let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
@@ -840,13 +843,13 @@ fn power_fails_anywhere_in_a_save() {
         let length = memory.iter().take_while(|&&byte| byte != 0xFF).count();
         assert_eq!(memory[..length], whole[..length]);
         assert!(memory[length..].iter().all(|&byte| byte == 0xFF));
-        // Either in the first store, or 20 ms later in the second.
+        // The failure is in the first store, or 20 ms later in the second one.
         let late = when.starts_with("20.");
         assert!(if late { length >= 8 } else { length <= 8 }, "{length} bytes at {when}");
         lengths[length] += 1;
         assert_eq!(cut(seed).0, memory);
     }
-    // A cut that changes nothing would be in no save's middle.
+    // A cut that changes nothing would not be in the middle of a save.
     assert_eq!(lengths[0], 0);
     assert!(lengths[1..].iter().all(|&times| times > 0), "{lengths:?}");
 }
@@ -880,7 +883,7 @@ const BUSY: Pin = Pin(7);
 const STEP: Pin = Pin(9);
 const DIR: Pin = Pin(10);
 
-/// The edges that were fed to a device after `from`: ticks since then, pin, level.
+/// The edges that a device received after `from`: ticks since then, pin, level.
 fn edges(bench: &Bench, drive: DriveId, from: Instant) -> Vec<(u64, Pin, bool)> {
     let edge = |entry: &trace::Entry| match entry.event {
         trace::Event::Input(InputRecord::Edge { pin, high })
@@ -893,8 +896,8 @@ fn edges(bench: &Bench, drive: DriveId, from: Instant) -> Vec<(u64, Pin, bool)> 
     bench.trace().events().filter_map(edge).collect()
 }
 
-/// Two MD3s, STEP and DIR of the first wired to J2 pins 4 and 5 of the second, at 2 ms; the first is
-/// told to move, jog or stop by its MotionControl.
+/// A bench at 2 ms with two MD3s. STEP and DIR of the first are wired to pins 4 and 5 of J2 of the second.
+/// Tests make the first move, jog or stop with [`command`].
 fn geared() -> (Bench, [DriveId; 2]) {
     let (mut bench, [x, y], _) = pair(LineMode::Fast);
     bench.wire((x, STEP), (y, J2_4));
@@ -914,25 +917,25 @@ const STOP: u16 = 8;
 #[test]
 fn a_wire_carries_each_step_pulse_a_tick_later() {
     let (mut bench, [x, y]) = geared();
-    // Open inputs are high, outputs at rest low.
+    // Open inputs are high, and outputs at rest are low.
     assert_eq!(edges(&bench, y, Instant::ZERO), [(16_001, J2_4, false), (16_001, J2_5, false)]);
     bench.poke(x, Reg::MoveSteps as usize, 3).unwrap();
     let from = bench.now();
     command(&mut bench, x, MOVE);
     bench.run_until(from + 1.secs());
-    // The first step is made after sqrt(2/10,000) s, the last after 2·sqrt(3/10,000) s, and the one
-    // between as long before the end as the first is after the beginning.
+    // The first step is made after sqrt(2/10,000) s and the last one after 2·sqrt(3/10,000) s. The second
+    // step is as long before the end as the first one is after the start.
     let steps = [226_274, 554_256 - 226_274, 554_256];
     let pulse = |at| [(at + 1, J2_4, true), (at + 33, J2_4, false)];
     let mut expected = vec![(steps[0] - 80 + 1, J2_5, true)];
     expected.extend(steps.map(pulse).concat());
     assert_eq!(edges(&bench, y, from), expected);
-    // And back: direction first.
+    // One step back: DIR changes first.
     bench.poke(x, Reg::MoveSteps as usize, -1).unwrap();
     let from = bench.now();
     command(&mut bench, x, MOVE);
     bench.run_until(from + 1.secs());
-    // 2·sqrt(1/10,000) s
+    // The only step is made after 2·sqrt(1/10,000) s.
     let only = 320_000;
     let expected = [[(only - 80 + 1, J2_5, false)].as_slice(), &pulse(only)].concat();
     assert_eq!(edges(&bench, y, from), expected);
@@ -952,7 +955,7 @@ fn pulses_are_made_only_where_a_wire_listens() {
     bench.run_until(1.secs());
     command(&mut bench, drive, JOG);
     assert_eq!(bench.next(), Instant::NEVER);
-    // The levels are up to date at any time.
+    // The levels are computed for any time at which they are read.
     bench.run_until(2.secs());
     assert_eq!(bench.level(drive, DIR), Level::High);
     command(&mut bench, drive, STOP);
@@ -962,7 +965,7 @@ fn pulses_are_made_only_where_a_wire_listens() {
     assert_eq!(bench.next(), Instant::NEVER);
     let from = bench.now();
     command(&mut bench, x, JOG);
-    // A step after sqrt(2/10,000) s, the direction 5 µs before, and a tick for the wire.
+    // The first step comes after sqrt(2/10,000) s. DIR changes 5 µs earlier, and the wire adds a tick.
     assert_eq!(bench.next(), from + Duration::from_ticks(226_274 - 80 + 1));
     bench.run_until(from + Duration::from_ticks(226_273));
     assert_eq!([STEP, DIR].map(|pin| bench.level(x, pin)), [Level::Low, Level::High]);
@@ -984,7 +987,8 @@ fn a_late_wire_carries_the_rest_of_a_move() {
     bench.wire((x, DIR), (y, J2_5));
     bench.run_until(from + 3.secs());
     let received = edges(&bench, y, from);
-    // Half of 10,000 steps; J2.5 was high before, and stays so. J2.4 falls when the wire comes.
+    // Half of 10,000 steps are left. J2.5 is high before and stays high. J2.4 falls when the wire is
+    // connected.
     assert_eq!(received.iter().filter(|(_, pin, high)| *pin == J2_4 && *high).count(), 5_000);
     assert!(received.iter().all(|(_, pin, _)| *pin == J2_4));
 }
@@ -1032,7 +1036,7 @@ fn a_power_cut_ends_the_pulses() {
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
 
-/// An MD3 and a toy, BUSY of the one wired to the input of the other.
+/// An MD3 and a toy. BUSY of the MD3 is wired to the input of the toy.
 fn busy() -> (Bench, DriveId, DriveId) {
     let (mut bench, x, _) = alone(LineMode::Fast);
     let toy = bench.add::<TestDevice>("toy");
@@ -1088,7 +1092,8 @@ fn after_a_train_the_wire_decides_again() {
     bench.pulse(toy, test_device::IN, 1, 1_000.0).unwrap();
     command(&mut bench, x, JOG);
     bench.run_until(3.millis());
-    // Low for half a millisecond, back up, and down again where BUSY has pulled the wire meanwhile.
+    // Low for half a millisecond, then high, then low at once because BUSY has pulled the wire low in the
+    // meantime.
     let command: Vec<_> = edges(&bench, toy, from).into_iter().map(|(at, _, high)| (at, high)).collect();
     assert_eq!(command, [(1, false), (8_001, true), (8_001, false)]);
 }
@@ -1100,7 +1105,7 @@ fn direction_shows_the_last_step_of_any_source() {
     command(&mut bench, x, MOVE);
     bench.run_until(1.secs());
     assert_eq!(bench.level(x, DIR), Level::High);
-    // A step back on its step input (7.8), and one forward again.
+    // A step backward from the step input of the MD3 (7.8), and one forward.
     for (direction, level, position) in
         [(PinStimulus::Low, Level::Low, 2), (PinStimulus::High, Level::High, 3)]
     {
@@ -1119,7 +1124,7 @@ fn of_two_wires_to_one_input_low_wins() {
     let other = bench.add::<TestDevice>("other");
     bench.wire((other, test_device::OUT), (toy, test_device::IN));
     bench.run_until(3.millis());
-    // High against floating, then against low, then low against low and floating.
+    // The levels of the wires are high and floating, then high and low, then both low, then low and floating.
     assert_eq!(edges(&bench, toy, Instant::ZERO), []);
     command(&mut bench, x, JOG);
     bench.run_until(4.millis());
@@ -1136,7 +1141,7 @@ fn a_wave_has_edges_only_where_a_wire_listens() {
     let (from, to) = (bench.add::<TestDevice>("a"), bench.add::<TestDevice>("b"));
     bench.run_until(9.millis());
     assert_eq!(bench.next(), Instant::NEVER);
-    // High for 1 ms of 4, from 0 on.
+    // The light is high for 1 ms of every 4 ms, from 0 on.
     for drive in [to, from] {
         bench.wire((from, test_device::LED), (drive, test_device::IN));
     }
@@ -1207,21 +1212,21 @@ fn one_thing_at_a_time_runs_on_a_pin() {
     assert_eq!(bench.encoder(drive, Encoder(0), 1, 1.0), Err(Busy));
     assert_eq!(bench.pulse(drive, ENCODER_A, 1, 1.0), Err(Busy));
     assert_eq!(bench.pulse(drive, ENCODER_B, 1, 1.0), Err(Busy));
-    // The index pulse is another pin's.
+    // The index is on another pin, so a pulse train may run there.
     bench.pulse(drive, Pin(4), 1, 1.0).unwrap();
     let from = bench.now();
     bench.run_until(from + 10.millis());
     bench.set_pin(drive, ENCODER_B, PinStimulus::Open);
     bench.run_until(from + 2.secs());
     let turned = edges(&bench, drive, from).iter().filter(|(_, pin, _)| *pin != Pin(4)).count();
-    // Ten in 10 ms, the last of them up; B falls when it is let go, and no more come.
+    // Ten edges come in 10 ms, the last one a rise. B falls when it is released, and no more edges come.
     assert_eq!(turned, 11);
     bench.pulse(drive, ENCODER_B, 1, 1_000.0).unwrap();
     assert_eq!(bench.encoder(drive, Encoder(0), 1, 1.0), Err(Busy));
     bench.run_until(bench.now() + 1.secs());
     bench.encoder(drive, Encoder(0), 0, 1.0).unwrap();
     assert_eq!(bench.next(), Instant::NEVER);
-    // As fast as ticks come.
+    // At the fastest rate there is an edge in every tick.
     let from = bench.now();
     bench.encoder(drive, Encoder(0), 4_000, 1e9).unwrap();
     bench.run_until(from + Duration::from_ticks(4_000));
@@ -1229,7 +1234,7 @@ fn one_thing_at_a_time_runs_on_a_pin() {
     assert_eq!(bench.next(), Instant::NEVER);
 }
 
-/// What may be done to a bench of `drives()`.
+/// Actions on a bench of [`drives`].
 #[derive(Clone, Debug)]
 enum Act {
     Send(usize, Vec<u8>),
@@ -1248,9 +1253,9 @@ enum Act {
 
 const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
 
-/// A bench of three MD3s, two of them on one line, and two toys, added in that order.
+/// A bench of three MD3s and two toys, added in `order`. The MD3s x and y share a line.
 ///
-/// `twins`: the two answer to one address.
+/// If `twins` is true, x and y have the same address.
 fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5], Vec<Bus>) {
     let mut bench = Bench::with(Settings { seed: 7, line, ..Settings::default() });
     let mut slots = [DriveId(0); 5];
@@ -1265,11 +1270,11 @@ fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5],
             bench.add_with(NAMES[index], Box::new(Md3::new()), setup).unwrap()
         };
     }
-    // Which port is named first does not matter, either.
+    // The order in which ports are named makes no difference, either.
     let shared: Vec<(DriveId, Port)> =
         order.iter().filter(|&&index| index == 1 || index == 3).map(|&index| (slots[index], RS485)).collect();
     let line = bench.share("line1", &shared);
-    // From a slow axis of its own to another MD3, and what else there is, in a ring.
+    // The wires form a ring: from the slow axis of x to y, and then through the other drives back to x.
     let [b, x, a, y, z] = slots;
     for (from, to) in [
         ((x, STEP), (y, J2_4)),
@@ -1288,8 +1293,8 @@ fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5],
     (bench, slots, buses)
 }
 
-/// Does `acts` to such a bench, each after a number of ticks, and returns its trace.
-/// `chunks`: after how many ticks it is polled in between, again and again.
+/// Does `acts` on a bench of [`drives`], each after a number of ticks, and returns the trace. In between the
+/// bench runs in steps of `chunks` ticks, which repeat.
 fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): (LineMode, bool)) -> String {
     let (mut bench, slots, buses) = drives(order, line, twins);
     let mut clients: Vec<Client> = buses.iter().map(|&bus| bench.connect(bus)).collect();
@@ -1328,7 +1333,7 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
             received.push(received_by(&mut bench, *client));
         }
     }
-    // However late replies are: nothing lasts for ever.
+    // Everything ends at some time, however late replies are.
     bench.run_until_idle();
     let end = bench.now();
     assert!(end <= at + 600.secs(), "settled at {end:?} only");
@@ -1377,7 +1382,7 @@ fn act() -> impl Strategy<Value = Act> {
     ]
 }
 
-/// Often at one instant, so that order matters.
+/// Acts that often happen at the same instant, so that their order matters.
 fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
     let wait = prop_oneof![3 => Just(0_u64), 2 => 0..3_u64, 2 => 0..100_000_u64, 1 => 0..5_000_000_u64];
     proptest::collection::vec((wait, act()), 1..40)
@@ -1413,7 +1418,7 @@ proptest! {
         let again = replay::rewrite(&text, &make).unwrap();
         let trace = Trace::parse(&again, &make).unwrap();
         prop_assert_eq!(replay::run(&trace, &make), Ok(None));
-        // Reading and writing are inverse.
+        // Reading a text and writing it again gives the same text.
         let (text, _) = text.split_once("# ").unwrap();
         let trace = Trace::parse(text, &make).unwrap();
         prop_assert_eq!(trace.to_text(), text);

@@ -1,4 +1,5 @@
-//! Motors: whose they are, and that the order in which anything is put on a bench does not matter.
+//! Motors: which drives may have them, and that the order in which parts are added to a bench makes no
+//! difference.
 
 use drivetwin_firmware::motor;
 use drivetwin_firmware::motor::stepper::StepperParameters;
@@ -8,7 +9,7 @@ use super::*;
 
 const NAMES: [&str; 3] = ["x", "a", "y"];
 
-/// A motor that stalls now and then.
+/// A motor that stalls from time to time.
 const WEAK: StepperParameters = StepperParameters {
     holding_unm: 200_000,
     rated_ma: 1_000,
@@ -23,13 +24,13 @@ enum Act {
     Move(usize, i64),
     Command(usize, u16),
     Speed(usize, i64),
-    /// Size of a step and current.
+    /// Step size and current.
     Setting(usize, i64),
     Power(usize, PowerAction),
 }
 
-/// Three MD3s, each of which has a motor; each motor has an encoder at the next drive, and all have switches at the
-/// same pins.
+/// Three MD3s with a motor each. Each motor has an encoder that is wired to the next drive, and switches that
+/// are wired to the same pin of every drive.
 fn turning(slots: &[usize], motors: &[usize]) -> (Bench, [DriveId; 3], [Motor; 3]) {
     let mut bench = Bench::with(Settings { seed: 7, ..Settings::default() });
     let mut drives = [DriveId(0); 3];
@@ -69,7 +70,7 @@ fn perform(acts: &[(u64, Act)], slots: &[usize], motors: &[usize], chunk: Option
             bench.run_until(bench.now() + Duration::from_ticks(chunk));
         }
         bench.run_until(at);
-        // Without power a drive refuses it.
+        // A drive without power refuses the preset.
         let mut poke = |n: usize, reg: Reg, value| {
             let _ = bench.poke(drives[n], reg as usize, value);
         };
@@ -172,8 +173,9 @@ fn a_switch_has_two_ends() {
     bench.run_until(start());
     bench.poke(drive, Reg::MoveSteps as usize, 1_600).unwrap();
     bench.poke(drive, Reg::Speed as usize, 40_000).unwrap();
-    // 80 and 160 of 1,600 steps, at 10,000 steps/s²: after √(2·80/10,000) s = 2,023,857.7 ticks, and √2 times that,
-    // 2,862,167.0; one tick later the motor receives it, and another tick later the drive of the switch.
+    // The switch points are 80 and 160 of 1,600 steps. At 10,000 steps/s² the motor reaches them after
+    // √(2·80/10,000) s = 2,023,857.7 ticks, and after √2 times that, 2,862,167.0. The motor receives the plan
+    // one tick later, and the drive receives the edges another tick later.
     bench.poke(drive, Reg::MotionControl as usize, MOVE.into()).unwrap();
     let began = bench.now();
     bench.run_until(2.secs());

@@ -1,4 +1,4 @@
-//! What drives, lines and motors are called.
+//! Names of drives, lines and motors.
 
 use drivetwin_firmware::motor::stepper::StepperParameters;
 
@@ -82,7 +82,7 @@ fn drives_lines_and_motors_share_one_list_of_names() {
         assert_eq!(drive.unwrap_err().to_string(), error);
         assert_eq!(bench.attach_motor(name, y, Axis(0), stepper()), Err(error));
     }
-    // Each part of the name of a drive's own line is one word.
+    // The name of a drive's own line is not in the list, because no other name may have a dot.
     assert!(!bench.is_taken("x.rs485") && !bench.is_taken("rs485"));
     let drive = bench.add_with("x.rs485", Box::new(Md3::new()), Setup::default());
     assert_eq!(drive, Err(AddError::Name("x.rs485".to_owned())));

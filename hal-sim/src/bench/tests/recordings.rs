@@ -1,4 +1,4 @@
-//! Recordings that replay.
+//! Tests that recordings of a bench replay.
 
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
@@ -25,13 +25,13 @@ fn bench(line: LineMode) -> (Bench, DriveId, Bus) {
     (bench, qsb, bus)
 }
 
-/// The recording that follows `bench` is read, and replays; the text.
+/// Writes the recording of `bench`, reads it back and checks that it replays. Returns its text.
 fn replays(bench: &Bench) -> String {
     let recording = Recording::new(bench.trace(), Vec::new()).unwrap();
     let text = String::from_utf8(recording.finish(bench.trace()).unwrap()).unwrap();
     let trace = Trace::parse(&text, &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None), "{text}");
-    // Both ways to write it give the same text.
+    // Writing the trace all at once gives a text that replays, too.
     let whole = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(whole.to_text(), bench.trace().to_text());
     assert_eq!(replay::run(&whole, &make), Ok(None), "{text}");
@@ -47,7 +47,7 @@ fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
     let (steps, control) = (row("MoveSteps"), row("QuadratureEncoderCount"));
     bench.poke(md3, steps, 100).unwrap();
     bench.poke(md3, control, 1).unwrap();
-    // Each answer takes 17 characters of its line, so the last one lies behind the end of the move.
+    // Each answer takes the time of 17 characters, so the last one comes after the end of the move.
     bench.send(client, &b"R0E\r".repeat(1_000));
     bench.run_until(bench.now() + 200.millis());
     let text = replays(&bench);

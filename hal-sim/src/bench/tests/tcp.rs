@@ -1,4 +1,4 @@
-//! TCP ports: messages however they are cut, connections that come and go.
+//! TCP ports: messages that arrive in arbitrary pieces, connections that are opened and closed.
 
 use drivetwin_firmware::device::Link;
 use drivetwin_protocol::modbus::tcp::Broken;
@@ -7,12 +7,12 @@ use super::*;
 use crate::record::capture::{Frame, Medium, Source};
 use crate::testing::echo_device::{MCODE, MODBUS};
 
-/// Reads the maximum velocity of an MDrive (FB 4.2.4); the transaction is the argument.
+/// A request for the maximum velocity of an MDrive (FB 4.2.4), with that transaction number.
 fn adu(transaction: u8) -> [u8; 12] {
     [0, transaction, 0, 0, 0, 6, 1, 3, 0x00, 0x8B, 0x00, 0x02]
 }
 
-/// An echo at 1 ms.
+/// A bench at 1 ms with an echo device.
 fn echo() -> (Bench, DriveId) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let drive = bench.add::<EchoDevice>("echo");
@@ -29,14 +29,14 @@ fn connected(bench: &mut Bench, drive: DriveId, port: Port) -> Client {
     client
 }
 
-/// Sends, settles, and returns what came.
+/// Sends bytes, runs until the bench is idle, and returns the bytes that the client received.
 fn exchange(bench: &mut Bench, client: Client, bytes: &[u8]) -> Vec<u8> {
     bench.send(client, bytes);
     bench.run_until_idle();
     received_by(bench, client)
 }
 
-/// What the drives were fed, without stamps.
+/// The inputs of all drives, without timestamps.
 fn input(bench: &Bench) -> Vec<String> {
     let trace = bench.trace();
     let input = trace.events().filter(|entry| matches!(entry.event, trace::Event::Input(_)));
@@ -73,7 +73,7 @@ fn a_message_is_delivered_at_its_last_byte() {
         assert_eq!(received_by(&mut bench, client), [0; 0]);
         bench.send(client, &[byte]);
     }
-    // Nothing is on its way yet, and then it is at once.
+    // Nothing is scheduled before the last byte; the complete message is then delivered at once.
     assert_eq!((bench.is_served(client), bench.next()), (false, bench.now()));
     bench.run_until(bench.now());
     assert_eq!((bench.is_served(client), received_by(&mut bench, client)), (true, adu(1).to_vec()));
@@ -96,7 +96,7 @@ fn text_is_delivered_at_once_and_split_after_each_carriage_return() {
 
 #[test]
 fn a_client_with_4_kib_of_unread_answers_waits_until_it_reads() {
-    // At a line feed, too, a line ends.
+    // A line feed ends a line, too.
     for lines in [b"f\rf\rf\rf\r", b"f\nf\nf\nf\n"] {
         let (mut bench, drive) = echo();
         let [client, other] = [(); 2].map(|()| connected(&mut bench, drive, MCODE));
@@ -110,7 +110,7 @@ fn a_client_with_4_kib_of_unread_answers_waits_until_it_reads() {
         assert!(bench.is_served(client) && received_by(&mut bench, client).is_empty());
         replays(&bench);
     }
-    // 4,096 bytes are 341 replies and a third.
+    // 4,096 bytes are 341 replies and a third of one.
     let (mut bench, drive) = echo();
     let client = connected(&mut bench, drive, MODBUS);
     let asked = adu(1).repeat(700);
@@ -142,7 +142,7 @@ fn who_leaves_without_reading_takes_along_what_waits_for_that() {
     bench.disconnect(client);
     bench.run_until_idle();
     assert_eq!(input(&bench), ["opened:mcode 0", "message:mcode 0 \"f\\r\"", "closed:mcode 0"]);
-    // Messages that only wait for their turn are delivered.
+    // Messages that wait only for their turn are delivered.
     let client = connected(&mut bench, drive, MCODE);
     bench.send(client, b"a\rb\r");
     bench.disconnect(client);
@@ -163,7 +163,7 @@ fn a_wrong_header_ends_its_connection_when_all_before_it_is_answered() {
         assert_eq!(bench.ended(client), Some(Ended::Broken(why)));
         assert_eq!(received_by(&mut bench, client), adu(1));
         assert_eq!(input(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0"]);
-        // To the others nothing happens, and the number is free.
+        // Other clients are not affected, and the number of the connection is free again.
         assert_eq!(exchange(&mut bench, other, &adu(4)), adu(4));
         assert_eq!((bench.ended(other), bench.connections(drive, MODBUS)), (None, 1));
         assert_eq!(bench.statistics(drive, MODBUS).broken, 1);
@@ -183,7 +183,7 @@ fn a_port_takes_64_and_turns_the_next_one_away() {
     for (transaction, &client) in (0..).zip(&clients) {
         assert_eq!(exchange(&mut bench, client, &adu(transaction)), adu(transaction));
     }
-    // The other port has its own.
+    // The other port has its own maximum.
     connected(&mut bench, drive, MCODE);
     bench.disconnect(clients[7]);
     assert_eq!(bench.connections(drive, MODBUS), 63);
@@ -198,13 +198,13 @@ fn a_reused_connection_number_carries_nothing_of_its_previous_client() {
     let [first, _] = [(); 2].map(|()| connected(&mut bench, drive, MODBUS));
     bench.send(first, &adu(1));
     bench.disconnect(first);
-    // The drive has received neither the request nor the end.
+    // The drive has received neither the request nor the end of the connection.
     let third = bench.connect_to(drive, MODBUS).unwrap();
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, third), [0; 0]);
     assert_eq!(input(&bench)[2..], ["message 0 00 01 00 00 00 06 01 03 00 8B 00 02", "closed 0", "opened 0"]);
     assert_eq!(exchange(&mut bench, third, &adu(2)), adu(2));
-    // A client that left before its opening was reported is reported all the same.
+    // A connection is reported even if its client left before the opening was reported.
     let fourth = bench.connect_to(drive, MODBUS).unwrap();
     bench.send(fourth, &adu(3));
     bench.disconnect(fourth);
@@ -227,7 +227,7 @@ fn a_drive_receives_nothing_after_it_closes_a_connection() {
     bench.run_until_idle();
     assert_eq!(input(&bench), ["opened:mcode 0", "message:mcode 0 \"ax\\r\""]);
     assert_eq!(bench.trace().to_text().matches("close:mcode 0").count(), 1);
-    // The next client has the number, and none of the earlier messages.
+    // The next client has the same number, and receives none of the earlier messages.
     let next = connected(&mut bench, drive, MCODE);
     assert_eq!((input(&bench).last().unwrap().as_str(), bench.ended(next)), ("opened:mcode 0", None));
     replays(&bench);
@@ -267,7 +267,7 @@ fn power_off_closes_all_connections_and_refuses_new_ones() {
     assert_eq!(exchange(&mut bench, clients[1], b"a"), b"a");
     bench.run_until(2.millis());
     bench.power(drive, PowerAction::Off);
-    // Power goes first of what happens at an instant.
+    // At one instant the change of power comes first.
     bench.send(clients[0], &adu(1));
     bench.run_until_idle();
     let command = input(&bench).len();
@@ -370,8 +370,8 @@ fn act() -> impl Strategy<Value = Act> {
     ]
 }
 
-/// The trace of `acts` on two drives, seated in one order or the other, and what clients heard. Time goes on in so
-/// many slices.
+/// The trace of `acts` on two drives that are added in one order or the other, and the bytes that each client
+/// received. Each wait is run in that many slices.
 fn happened(acts: &[Act], swapped: bool, slices: u64) -> (String, Vec<Vec<u8>>) {
     let mut bench = Bench::new();
     let mut names = ["a", "b"];

@@ -1,4 +1,4 @@
-//! Drives, and the lines that they share.
+//! Tables of drives, and of the lines that drives share.
 
 use std::path::{Path, PathBuf};
 
@@ -22,9 +22,9 @@ pub(super) const BUS: [&str; 4] = ["name", "listen", "drives", "collisions"];
 /// A line of the bench.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Line {
-    /// A line that drives share: index in the layout.
+    /// A shared line: index in the layout.
     Shared(usize),
-    /// The line of a port.
+    /// The own line of a port: index of the drive, and port.
     Own(usize, Port),
 }
 
@@ -150,7 +150,7 @@ impl Reader {
         text.is.parse().map_err(|error| text.wrong(format!("'{}' cannot be listened on: {error}", text.is)))
     }
 
-    /// Adds a listening address, which must not be in use.
+    /// Adds a listening address and checks that it is not in use.
     fn add_address(&mut self, text: &Located<&str>, uri: &Uri) -> Result<(), LocatedError> {
         if self.addresses.iter().any(|other| layout::clash(other, uri)) {
             return Err(text.wrong(format!("{uri} is given twice")));
@@ -164,7 +164,7 @@ impl Reader {
         self.specs[drive]
     }
 
-    /// The drive of that name.
+    /// Index of the drive with that name.
     pub(super) fn drive_named(&self, name: &str) -> Result<usize, String> {
         let names = self.layout.drives.iter().map(|drive| drive.name.as_str());
         names.clone().position(|other| other == name).ok_or_else(|| suggest::unknown("drive", name, names))
@@ -175,7 +175,7 @@ impl Reader {
         self.layout.buses.iter().find(|bus| bus.drives.contains(&(drive, port)))
     }
 
-    /// A port that can be on a bus: `x`, or `x.rs485`.
+    /// A port that can be on a bus, named like `x` or `x.rs485`.
     fn port(&self, text: &str) -> Result<(usize, Port), String> {
         let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
         let drive = self.drive_named(drive)?;
@@ -194,7 +194,7 @@ impl Reader {
         }
     }
 
-    /// A line: `line1`, `rs485` or `x.rs485`.
+    /// The line with a name like `line1`, `rs485` or `x.rs485`.
     pub(super) fn line_named(&self, text: &str) -> Result<Line, String> {
         if let Some(bus) = self.layout.buses.iter().position(|bus| bus.name == text) {
             return Ok(Line::Shared(bus));
@@ -233,7 +233,7 @@ impl Reader {
         }
     }
 
-    /// The serial ports that have lines of their own.
+    /// The lines of all serial ports that are on no bus.
     fn own_lines(&self) -> Vec<Line> {
         let drives = 0..self.layout.drives.len();
         let ports = drives.flat_map(|drive| {
@@ -259,7 +259,7 @@ impl Reader {
         self.port_of(line).map_or("", |port| port.name)
     }
 
-    /// The name of a line that no other one has (BENCH-3).
+    /// The unique name of a line (BENCH-3).
     pub(super) fn name_of(&self, line: Line) -> String {
         match line {
             Line::Shared(bus) => self.layout.buses[bus].name.clone(),
@@ -267,7 +267,7 @@ impl Reader {
         }
     }
 
-    /// A pin: `x.J2.4`.
+    /// The pin with a name like `x.J2.4`.
     pub(super) fn pin(&self, text: &str) -> Result<At, String> {
         let (drive, name) = text
             .split_once('.')
@@ -283,7 +283,7 @@ impl Reader {
     }
 }
 
-/// Returns whether a TCP port of a drive has that name.
+/// Returns true if a TCP port of a drive has that name.
 fn is_tcp_port(spec: &Spec, name: &str) -> bool {
     spec.ports.iter().any(|port| port.is_tcp() && port.name == name)
 }
@@ -292,7 +292,7 @@ fn unknown_port(spec: &Spec, name: &str) -> String {
     suggest::unknown(&format!("port of {}", spec.kind), name, spec.ports.iter().map(|port| port.name))
 }
 
-/// A path, which is not empty.
+/// The path of a key. It must not be empty.
 fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, LocatedError> {
     let Some(text) = table.text(key)? else { return Ok(None) };
     if text.is.is_empty() {
@@ -301,8 +301,8 @@ fn path(table: &Table<'_>, key: &str) -> Result<Option<Located<PathBuf>>, Locate
     Ok(Some(Located { is: Path::new(text.is).to_owned(), at: text.at }))
 }
 
-/// Presets of `address` and `set`, by row, with halves of a register behind the whole, so that the order in the file
-/// does not matter; each with the position of its value.
+/// Presets from `address` and `set`, each with the position of its value. They are sorted by row, and the
+/// whole register comes before its halves, so that the order in the file makes no difference.
 fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Located<Preset>>, LocatedError> {
     let mut presets = Vec::new();
     let address = spec.address.and_then(|row| spec.registers.rows.get(row));
@@ -322,7 +322,7 @@ fn presets(table: &Table<'_>, spec: &Spec) -> Result<Vec<Located<Preset>>, Locat
                 continue;
             }
             if spec.find(key.is).is_none() {
-                // The sentence is that of an unknown name.
+                // This call returns the error for an unknown name.
                 Preset::new(spec, key.is, &Number::Decimal(0)).map_err(LocatedError::at(key.at))?;
             }
             let Some(value) = set.integers(key.is)? else { continue };

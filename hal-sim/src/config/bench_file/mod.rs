@@ -1,6 +1,6 @@
-//! Bench files: a [`Layout`] as TOML, as `docs/reference/bench-files.md` describes it.
+//! Bench files: a [`Layout`] as TOML. `docs/reference/bench-files.md` describes the format.
 //!
-//! The order of tables and keys does not matter: a table may name one that follows it.
+//! The order of tables and keys makes no difference: a table may refer to a later table.
 
 mod drive_tables;
 mod plant_tables;
@@ -78,22 +78,22 @@ fn fault_keys() -> Vec<&'static str> {
     [&["bus"], &shares[..], &["exception_code", "delay_ms", "mute", "baud"]].concat()
 }
 
-/// Ticks in a ms.
+/// Number of ticks in 1 ms.
 const MILLI: f64 = Duration::millis(1).ticks() as f64;
 
 /// Tables that have been read so far, and the names in use.
 #[derive(Default)]
 struct Reader {
     layout: Layout,
-    /// Name of every drive, bus and motor, and its kind.
+    /// Names of all drives, buses and motors, and the kind of each.
     names: BTreeMap<String, &'static str>,
-    /// Description of each drive.
+    /// Description of each drive, by index.
     specs: Vec<&'static Spec>,
     /// True for each drive with an empty `listen` list, whose ports get no listening address.
     no_listen: Vec<bool>,
-    /// Every listening address.
+    /// All listening addresses so far.
     addresses: Vec<Uri>,
-    /// Every memory file.
+    /// All memory files so far.
     memories: Vec<PathBuf>,
 }
 
@@ -132,7 +132,7 @@ impl Reader {
         Ok(self.layout)
     }
 
-    /// Reads the name of a drive, bus or motor, which must not be in use.
+    /// Reads the name of a drive, bus or motor, and checks that it is not in use.
     fn name(&mut self, table: &Table<'_>, what: &'static str) -> Result<String, LocatedError> {
         let name = table.needed_text("name")?;
         let word = |name: &str| name.chars().all(|char| char.is_alphanumeric() || "-_".contains(char));
@@ -175,7 +175,7 @@ impl Reader {
     }
 }
 
-/// Parses the string of a key, if it is there.
+/// Parses the string of a key, if the key is present.
 fn read_as<T>(
     text: Option<Located<&str>>,
     read: impl FnOnce(&str) -> Result<T, String>,
@@ -195,7 +195,7 @@ fn line_mode(text: &str) -> Result<LineMode, String> {
 mod tests {
     use super::*;
 
-    /// The reference has a heading for every table, and a row for every key of it.
+    /// The reference has a heading for every table, and a row for every key of the table.
     #[test]
     fn the_reference_has_every_key() {
         let reference = include_str!("../../../../docs/reference/bench-files.md");

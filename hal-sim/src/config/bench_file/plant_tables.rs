@@ -1,4 +1,4 @@
-//! Tables of the plant: motors, sensors on their shafts, and wires.
+//! Tables of motors, of sensors on their shafts, and of wires.
 
 use drivetwin_firmware::device::{Axis, Pin, Role, Spec};
 use drivetwin_firmware::motor::{self, stepper};
@@ -48,7 +48,8 @@ impl Sort {
         own.map_or(Self::Stepper, |own| if own.is_brushless() { Self::Brushless } else { Self::Brush })
     }
 
-    /// The kinds of motor that have a key, the first one for messages; all of them if no kind has it.
+    /// The kinds of motor that have a key; the first one is named in messages. Empty for keys that are common
+    /// to all kinds.
     fn with(key: &str) -> &'static [Self] {
         match key {
             "steps_per_rev" | "holding_mnm" | "rated_ma" | "pull_out_rpm" => &[Self::Stepper],
@@ -113,8 +114,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Kind of a motor, and the reason. For a drive that turns either kind, the keys of the motor decide, or else the
-    /// `set` of the drive.
+    /// Kind of a motor, and the reason for it as text. If the drive turns either kind, the keys of the motor
+    /// decide, otherwise the `set` of the drive.
     fn sort(&self, table: &Table<'_>, drive: usize) -> (Sort, String) {
         let (sort, spec) = (Sort::of(self.spec(drive)), self.spec(drive));
         let Some((row, bit)) = spec.dc_motor else {
@@ -196,7 +197,7 @@ impl Reader {
         index.ok_or_else(|| text.wrong(suggest::unknown("motor", text.is, names)))
     }
 
-    /// A pin that a drive reads.
+    /// The pin with that name, which must be one that the drive reads.
     fn input(&self, text: &Located<&str>) -> Result<At, LocatedError> {
         let at = self.pin(text.is).map_err(LocatedError::at(text.at))?;
         match self.role(at) {
@@ -206,7 +207,7 @@ impl Reader {
         }
     }
 
-    /// A pin that a drive can drive.
+    /// The pin with that name, which must be one that the drive can drive.
     fn output(&self, text: &Located<&str>) -> Result<At, LocatedError> {
         let at = self.pin(text.is).map_err(LocatedError::at(text.at))?;
         match self.role(at) {
@@ -265,13 +266,13 @@ fn brush(table: &Table<'_>) -> Result<BrushKeys, LocatedError> {
     })
 }
 
-/// A number of units as thousandths of them, within a range of thousandths.
+/// The value of a key in thousandths of its unit; `least` and `most` are in thousandths, too.
 fn thousandths(table: &Table<'_>, key: &str, least: i32, most: i32) -> Result<Option<i32>, LocatedError> {
     let number = table.number(key, f64::from(least) / 1_000.0, f64::from(most) / 1_000.0)?;
     Ok(number.map(|number| (number.is * 1_000.0).round() as i32))
 }
 
-/// The same of what has no sign.
+/// Like [`thousandths`], for a value that is never negative.
 fn unsigned(table: &Table<'_>, key: &str, least: u32, most: u32) -> Result<Option<u32>, LocatedError> {
     let number = thousandths(table, key, least.cast_signed(), most.cast_signed())?;
     Ok(number.map(i32::unsigned_abs))

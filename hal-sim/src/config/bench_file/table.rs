@@ -1,4 +1,4 @@
-//! Tables of a bench file: keys, and values of the wanted type, each with its position.
+//! Tables of a bench file: their keys, and values of the required type, each with its position.
 
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
@@ -6,7 +6,7 @@ use toml::de::{DeInteger, DeTable, DeValue};
 use crate::config::preset::Number;
 use crate::suggest;
 
-/// An error at an offset of the text.
+/// An error at a byte offset of the text.
 #[derive(Debug)]
 pub(super) struct LocatedError {
     pub(super) at: usize,
@@ -14,13 +14,13 @@ pub(super) struct LocatedError {
 }
 
 impl LocatedError {
-    /// Adds a position to the error of a function.
+    /// Adds a position to an error message.
     pub(super) fn at(at: usize) -> impl Fn(String) -> Self {
         move |what| Self { at, what }
     }
 }
 
-/// A value, and where it is in the text.
+/// A value, and its byte offset in the text.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Located<T> {
     pub(super) is: T,
@@ -37,15 +37,15 @@ impl<T> Located<T> {
 /// A table.
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
-    /// Name of the table in sentences.
+    /// Name of the table in error messages.
     what: &'static str,
-    /// Offset of its beginning.
+    /// Byte offset of the start of the table.
     pub(super) at: usize,
     keys: &'a DeTable<'a>,
 }
 
 impl<'a> Table<'a> {
-    /// A table that has no other keys than those.
+    /// A table. A key that is not in `known` is an error.
     pub(super) fn new(
         what: &'static str,
         at: usize,
@@ -59,7 +59,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// The tables under a key that may be there several times, like `[[drive]]`.
+    /// The tables under a key that may occur several times, like `[[drive]]`.
     pub(super) fn each(
         &self,
         key: &str,
@@ -87,17 +87,17 @@ impl<'a> Table<'a> {
         keys
     }
 
-    /// The first of some keys that is there.
+    /// The first key in the text that is one of `keys`.
     pub(super) fn any_of(&self, keys: &[&str]) -> Option<Located<&'a str>> {
         self.keys().into_iter().find(|key| keys.contains(&key.is))
     }
 
-    /// A value that has to be there.
+    /// Returns `value`; without a value, an error that the table needs the key.
     pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, LocatedError> {
         value.ok_or_else(|| LocatedError { at: self.at, what: format!("{} needs '{key}'", self.what) })
     }
 
-    /// The value of a key, if it is what `read` wants.
+    /// The value of a key as `read` converts it. If `read` returns `None`, the error names the required type.
     fn get<T>(
         &self,
         key: &str,
@@ -113,17 +113,17 @@ impl<'a> Table<'a> {
         is.map(|is| Some(Located { is, at }))
     }
 
-    /// A string.
+    /// The value of a key that takes a string.
     pub(super) fn text(&self, key: &str) -> Result<Option<Located<&'a str>>, LocatedError> {
         self.get(key, || "a string".to_owned(), DeValue::as_str)
     }
 
-    /// A string that has to be there.
+    /// The value of a required key that takes a string.
     pub(super) fn needed_text(&self, key: &str) -> Result<Located<&'a str>, LocatedError> {
         self.needs(key, self.text(key)?)
     }
 
-    /// A list of strings.
+    /// The value of a key that takes a list of strings.
     pub(super) fn texts(&self, key: &str) -> Result<Option<Located<Vec<Located<&'a str>>>>, LocatedError> {
         let wants = || "a list of strings".to_owned();
         let Some(list) = self.get(key, wants, DeValue::as_array)? else { return Ok(None) };
@@ -139,12 +139,12 @@ impl<'a> Table<'a> {
         Ok(Some(Located { is: texts.collect::<Result<_, _>>()?, at: list.at }))
     }
 
-    /// `true` or `false`.
+    /// The value of a key that takes `true` or `false`.
     pub(super) fn flag(&self, key: &str) -> Result<Option<Located<bool>>, LocatedError> {
         self.get(key, || "true or false".to_owned(), DeValue::as_bool)
     }
 
-    /// A whole number in a range, which includes its ends.
+    /// The value of a key that takes a whole number from `least` to `greatest`.
     pub(super) fn whole<T>(
         &self,
         key: &str,
@@ -161,7 +161,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// A number in a range, which includes its ends.
+    /// The value of a key that takes a number from `least` to `greatest`.
     pub(super) fn number(
         &self,
         key: &str,
@@ -179,12 +179,12 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// Any whole number.
+    /// The value of a key that takes any whole number.
     pub(super) fn integer(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
         self.get(key, || "a whole number".to_owned(), integer)
     }
 
-    /// Any whole number, or a list of some.
+    /// The value of a key that takes any whole number or a list of them.
     pub(super) fn integers(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
         self.get(
             key,
@@ -200,20 +200,20 @@ impl<'a> Table<'a> {
         )
     }
 
-    /// A table that has no other keys than those.
+    /// The table of a key. Inside, a key that is not in `known` is an error.
     pub(super) fn table(&self, key: &'static str, known: &[&str]) -> Result<Option<Table<'a>>, LocatedError> {
         let Some(keys) = self.any_table(key)? else { return Ok(None) };
         Self::new(key, keys.at, keys.keys, known).map(Some)
     }
 
-    /// A table with whatever keys.
+    /// The table of a key, with any keys inside.
     pub(super) fn any_table(&self, key: &'static str) -> Result<Option<Table<'a>>, LocatedError> {
         let keys = self.get(key, || "a table, like { … }".to_owned(), DeValue::as_table)?;
         Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is }))
     }
 }
 
-/// A whole number, as bits if it is written like `0xFF`.
+/// A whole number; its bits if it is not decimal, like `0xFF`.
 fn integer(value: &DeValue<'_>) -> Option<Number> {
     let integer = value.as_integer()?;
     let value = i64::try_from(whole(integer)?).ok()?;
@@ -224,7 +224,7 @@ fn whole(integer: &DeInteger<'_>) -> Option<i128> {
     i128::from_str_radix(integer.as_str(), integer.radix()).ok()
 }
 
-/// A value as the end of a sentence about it.
+/// A value as text for the end of an error message.
 fn shown(value: &DeValue<'_>) -> String {
     match value {
         DeValue::Integer(value) => value.to_string(),

@@ -1,4 +1,4 @@
-//! The bench of a layout.
+//! Building the bench of a layout.
 
 use drivetwin_firmware::device::{PresetError, Spec};
 use drivetwin_firmware::motor::{self, stepper};
@@ -21,18 +21,20 @@ pub struct Built {
 }
 
 impl Layout {
-    /// Makes the bench of a layout, for instance with its own [settings](Self::settings). The order of entries in the
-    /// layout makes no difference to its behaviour.
+    /// Makes the bench of a layout, for instance with the layout's own [settings](Self::settings). The order
+    /// of entries in the layout does not change the behaviour of the bench.
     ///
-    /// `setups` has the memory content and persist function of each of [`drives`](Self::drives), in that order;
-    /// presets, fast start and motors are added from the layout. A drive without an entry starts with erased memory.
+    /// `setups` contains the memory content and persist function of each of [`drives`](Self::drives), in that
+    /// order. Presets, fast start and motors are added from the layout. A drive without an entry starts with
+    /// erased memory.
     ///
     /// # Errors
     /// One sentence: a drive refuses a preset, a name is not valid, or there is no such kind, motor or line.
     ///
     /// # Panics
-    /// If the layout has an index of a drive, motor or pin that does not exist, or two lines of one name. Layouts of
-    /// [`bench_file::parse`](crate::config::bench_file::parse) and of the command line never have.
+    /// If the layout has an index of a drive, motor or pin that does not exist, or two lines with the same
+    /// name. Layouts from [`bench_file::parse`](crate::config::bench_file::parse) and from the command line
+    /// are always correct.
     pub fn build(&self, settings: Settings, setups: Vec<Setup>) -> Result<Built, String> {
         let mut bench = Bench::with(settings);
         let mut setups: Vec<Setup> = setups;
@@ -49,7 +51,8 @@ impl Layout {
         let buses = self.share(&mut bench, &ids);
         let motors = self.attach_motors(&mut bench, &ids, &later)?;
         self.connect_sensors(&mut bench, &ids, &motors);
-        // After all connections, because a preset ends the start-up of a drive with a fast start.
+        // Presets come after all connections, because a preset ends the start-up of a drive with a fast
+        // start.
         for index in by_name {
             let presets = std::mem::take(&mut later[index]);
             if !presets.is_empty() {
@@ -109,7 +112,7 @@ impl Layout {
         format!("{}: {}{kept}", drive.name, preset::refusal(spec, row, name, why))
     }
 
-    /// Supply voltage by the motor of a drive, in 0.1 V.
+    /// Supply voltage of a drive in 0.1 V, if its motor sets one.
     fn supply(&self, drive: usize) -> Option<i64> {
         let of = |motor: &super::MotorLayout| match motor.is {
             MotorKind::Brush(keys) if motor.drive == drive => keys.supply_mv,
@@ -152,7 +155,8 @@ impl Layout {
         Ok(motors.into_iter().flatten().collect())
     }
 
-    /// Parameters of the detached motor of a drive, as its registers will describe it after these presets.
+    /// Parameters of the detached motor of a drive, as the drive's registers will describe it after these
+    /// presets.
     fn described(
         &self,
         bench: &Bench,
@@ -168,10 +172,11 @@ impl Layout {
         Ok(other.detached_motor(id.map_err(|error| self.cannot_add(index, &error))?))
     }
 
-    /// Encoders, switches and wires.
+    /// Adds encoders, switches and wires.
     fn connect_sensors(&self, bench: &mut Bench, ids: &[DriveId], motors: &[Motor]) {
         let at = |(drive, pin): At| (ids[drive], pin);
-        // By name, because the order of changes of one pin at one instant may matter.
+        // They are added in the order of names, because the order of changes of one pin at one instant may
+        // matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
         let keys = |ats: [Option<At>; 3]| ats.map(|at| at.map(key));
         let named = |motor: usize| self.motors[motor].name.clone();
@@ -208,10 +213,10 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
     places
 }
 
-/// Presets of a drive with an internal motor that describe a stepper motor of the layout.
+/// Presets that give the internal motor of a drive the parameters of a stepper motor of the layout.
 fn own_stepper(is: &stepper::StepperParameters, spec: &Spec) -> impl Iterator<Item = (usize, i64)> {
     let mnm = |unm: i64| (unm + unm.signum() * 500) / 1_000;
-    // The drive's motor is rated for another current.
+    // The internal motor has another rated current, so the holding torque is converted.
     let rated = i64::from(stepper::StepperParameters::NOMINAL.rated_ma);
     [
         ("HoldingTorque", mnm(i64::from(is.holding_unm) * rated / i64::from(is.rated_ma))),
@@ -225,8 +230,8 @@ fn own_stepper(is: &stepper::StepperParameters, spec: &Spec) -> impl Iterator<It
     .filter_map(|(name, value)| Some((spec.find(name)?.row, value)))
 }
 
-/// Parameters of a brush or brushless motor: keys that are not given are as the drive's registers describe the motor,
-/// or nominal if they do not.
+/// Parameters of a brush or brushless motor. A missing key has the value that the drive's registers describe,
+/// or the nominal value if they do not describe a motor.
 fn brush(
     bench: &Bench,
     id: DriveId,
@@ -250,7 +255,8 @@ fn brush(
 }
 
 impl DriveLayout {
-    /// Checks that a new drive of the kind accepts its presets; the error has the row that it refuses, and the reason.
+    /// Checks that a new drive of this kind accepts the presets. The error is the row that the drive refuses,
+    /// and the reason.
     pub(crate) fn try_presets(&self) -> Result<(), (usize, PresetError)> {
         let Some(device) = catalog::make(self.kind).ok().filter(|_| !self.presets.is_empty()) else {
             return Ok(());
@@ -264,7 +270,8 @@ impl DriveLayout {
     }
 }
 
-/// Presets as whole values. A half replaces a part of an earlier preset or of the value in the memory.
+/// Presets as whole values. A preset of a half changes that half of an earlier preset or of the value in the
+/// memory.
 fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
     let mut values: Vec<(usize, i64)> = Vec::new();
     for preset in presets {
@@ -283,7 +290,7 @@ fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize,
     values
 }
 
-/// Value of a row when a drive starts with `memory`.
+/// Value of a row in a drive that starts with `memory`.
 fn stored(spec: &Spec, memory: Option<&[u8]>, row: usize) -> i64 {
     let mut bench = Bench::new();
     let setup = Setup { boot_fast: true, memory: memory.map(<[u8]>::to_vec), ..Setup::default() };

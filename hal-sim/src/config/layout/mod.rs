@@ -1,7 +1,7 @@
 //! The configuration of a bench as plain data: from a bench file, or from the options of a single drive.
 //!
-//! The code that makes a [`Layout`] checks it: names are unique, indices, pins and registers exist, values are legal.
-//! [`Layout::build`] relies on that (BENCH-1).
+//! The code that makes a [`Layout`] checks it: names are unique; indices, pins and registers exist; values
+//! are legal. [`Layout::build`] relies on these checks (BENCH-1).
 
 mod build;
 
@@ -41,15 +41,15 @@ use crate::suggest;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Layout {
-    /// Seed of every random choice; default 1.
+    /// Seed of all random choices; default 1.
     pub seed: Option<u64>,
-    /// Time mode of a run; a bench in a test ignores it, except for [`Settings::frame_timeout`].
+    /// Time mode of a run. A bench in a test uses it only for [`Settings::frame_timeout`].
     pub time: Option<TimeMode>,
-    /// Whether characters take time; default [`LineMode::Timed`].
+    /// Timing of characters on serial lines; default [`LineMode::Timed`].
     pub line: Option<LineMode>,
     /// Drives of the bench; other entries refer to them by index.
     pub drives: Vec<DriveLayout>,
-    /// Lines that several ports share. Any other serial port has a line of its own.
+    /// Lines that several ports share. Any other serial port has its own line.
     pub buses: Vec<BusLayout>,
     /// Motors that are attached to drives.
     pub motors: Vec<MotorLayout>,
@@ -59,12 +59,12 @@ pub struct Layout {
     pub switches: Vec<SwitchLayout>,
     /// Wires from output pins to input pins.
     pub wires: Vec<WireLayout>,
-    /// Faults of lines from the start.
+    /// Faults that lines have from the start.
     pub faults: Vec<FaultLayout>,
 }
 
 impl Layout {
-    /// Settings of its bench: a field that is `None` is as in [`Settings::default`].
+    /// Settings of the bench. A field that is `None` has its value from [`Settings::default`].
     #[must_use]
     pub fn settings(&self) -> Settings {
         let default = Settings::default();
@@ -134,7 +134,7 @@ pub struct BusLayout {
 pub struct MotorLayout {
     /// Name of the motor.
     pub name: String,
-    /// Drive that turns it: index in [`Layout::drives`].
+    /// Drive that turns the motor: index in [`Layout::drives`].
     pub drive: usize,
     /// Axis of the drive.
     pub axis: Axis,
@@ -147,7 +147,7 @@ pub struct MotorLayout {
 pub enum MotorKind {
     /// A stepper motor, which follows the steps of its drive.
     Stepper(motor::stepper::StepperParameters),
-    /// A brush or brushless motor. A key that is not given is as the drive's registers describe the motor after the
+    /// A brush or brushless motor. A missing key has the value that the drive's registers describe after the
     /// first power-on, with its memory and presets. Later changes of registers do not change the motor.
     Brush(BrushKeys),
 }
@@ -185,9 +185,9 @@ pub struct EncoderLayout {
 pub struct SwitchLayout {
     /// Motor: index in [`Layout::motors`].
     pub motor: usize,
-    /// Range in which it is closed.
+    /// Range of the shaft in which the switch is closed.
     pub closed: Closed,
-    /// The pin that it pulls to ground.
+    /// The pin that the switch pulls to ground.
     pub to: At,
 }
 
@@ -209,10 +209,10 @@ pub struct FaultLayout {
     pub faults: LineFaults,
 }
 
-/// Finds the port of a drive for a listening address, and checks that the port can have that kind of address.
+/// Finds the port of a drive for a listening address, and checks that the port can have this kind of address.
 ///
 /// # Errors
-/// One sentence: there is no such port, or it cannot have that kind of address.
+/// One sentence: there is no such port, or the port cannot have this kind of address.
 pub fn address(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
     let Listen { port: name, uri } = listen;
     let mut ports = (0..).map(Port).zip(spec.ports);
@@ -232,19 +232,19 @@ pub fn address(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
     }
 }
 
-/// Error message for a TCP port where a serial line is wanted.
+/// Error message for a TCP port where a serial line is required.
 #[must_use]
 pub fn no_line(name: &str) -> String {
     format!("{name} is a TCP port, not a serial line")
 }
 
-/// Returns whether two paths relative to one folder have the same text, apart from `./`.
+/// Returns true if two paths, both relative to the same folder, are equal apart from `./`.
 pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
-    // Joined to any folder, `./a` is `a`.
+    // A leading `./` has no effect in a path after a folder.
     Path::new("/").join(a) == Path::new("/").join(b)
 }
 
-/// Returns whether two listening addresses exclude each other.
+/// Returns true if two listening addresses cannot be used at the same time.
 #[must_use]
 pub fn clash(a: &Uri, b: &Uri) -> bool {
     match (a, b) {

@@ -1,7 +1,7 @@
-//! The blocks of a pcapng file (draft-ietf-opsawg-pcapng), and in its packets Wireshark's tags.
+//! The blocks of a pcapng file (draft-ietf-opsawg-pcapng), and Wireshark's tags in its packets.
 //!
-//! Written here because the crates that write it do not fit: of `pcap-file` the kept version (2.0) says
-//! microseconds and writes nanoseconds, and the one that mends it is not out.
+//! This module exists because no crate fits: `pcap-file` 2.0 declares microseconds but writes nanoseconds,
+//! and the version that corrects this is not released.
 
 use std::io::{self, Write};
 
@@ -14,42 +14,42 @@ const SECTION_HEADER: u32 = 0x0A0D_0D0A;
 const INTERFACE_DESCRIPTION: u32 = 1;
 const ENHANCED_PACKET: u32 = 6;
 
-/// In the section header, so that a reader sees in which order bytes are written.
+/// Number in the section header from which a reader detects the byte order.
 const BYTE_ORDER: u32 = 0x1A2B_3C4D;
 
-/// Options (3.5, 4.1 to 4.3).
+/// Codes of options (3.5, 4.1 to 4.3).
 const USER_APPLICATION: u16 = 4;
 const INTERFACE_NAME: u16 = 2;
 const TIME_RESOLUTION: u16 = 9;
 const PACKET_FLAGS: u16 = 2;
 const DROP_COUNT: u16 = 4;
 
-/// Stamps count units of 10⁻⁹ s.
+/// Unit of timestamps: 10⁻⁹ s.
 const NANOSECONDS: u8 = 9;
 
-/// Flags of a packet (4.3): its direction, and a wrong checksum, also for collisions.
+/// Flags of a packet (4.3): its direction, and a wrong checksum, which also marks collisions.
 const INBOUND: u32 = 1;
 const OUTBOUND: u32 = 2;
 const CHECK_SUM_ERROR: u32 = 1 << 24;
 
-/// Link type of packets that name their dissector.
+/// Link type of packets that name their own dissector.
 const EXPORTED_PDU: u16 = 252;
 
-/// Their tags (Wireshark's `exported_pdu_tlvs.h`).
+/// Tags of such packets (Wireshark's `exported_pdu_tlvs.h`).
 const DISSECTOR: u16 = 12;
 const PORT_TYPE: u16 = 24;
 const SOURCE_PORT: u16 = 25;
 const DESTINATION_PORT: u16 = 26;
 const PROTOCOL_COLUMN: u16 = 33;
 
-/// The type of ports that Modbus has.
+/// Port type TCP, which Modbus uses.
 const TCP: u32 = 2;
 
-/// Port number of drives, that of Modbus/TCP: Wireshark distinguishes queries from responses by it.
+/// Port number of drives, that of Modbus/TCP: Wireshark uses it to distinguish queries from responses.
 const DRIVE_PORT: u32 = 502;
 
-/// Port number of clients on the first line; one more for each further line, so that Wireshark finds the query of a
-/// response on the same line.
+/// Port number of clients on the first line. Each further line has the next number, so that Wireshark matches
+/// a response with the query on the same line.
 const FIRST_CLIENT_PORT: u32 = 1024;
 
 /// Protocol of a packet.
@@ -91,14 +91,14 @@ pub struct Packet<'a> {
     pub protocol: Protocol,
     /// The bytes.
     pub bytes: &'a [u8],
-    /// True if others corrupted it on the line, so that no receiver could read it.
+    /// True if other characters corrupted the packet on the line, so that no receiver could read it.
     pub collided: bool,
-    /// Packets before it that were lost.
+    /// Number of packets that were lost before this one.
     pub lost: u64,
 }
 
 impl Packet<'_> {
-    /// Returns whether the bytes are a frame of their protocol.
+    /// Returns true if the bytes are a valid frame of their protocol.
     fn is_whole(&self) -> bool {
         match self.protocol {
             _ if self.collided => false,
@@ -108,8 +108,9 @@ impl Packet<'_> {
         }
     }
 
-    /// Names of Wireshark's dissector and, if that names none, of the protocol. The dissector takes any bytes for
-    /// Modbus, so invalid frames are shown as data; it does not support Modbus ASCII.
+    /// Name of Wireshark's dissector, and of the protocol if the dissector does not show it. The Modbus
+    /// dissector takes any bytes for Modbus, so invalid frames are shown as data. Wireshark does not support
+    /// Modbus ASCII.
     fn names(&self) -> (&'static str, Option<&'static str>) {
         match self.protocol {
             Protocol::Rtu if self.is_whole() => ("mbrtu", None),
@@ -131,7 +132,7 @@ impl Packet<'_> {
         if self.is_whole() { way } else { way | CHECK_SUM_ERROR }
     }
 
-    /// Source and destination.
+    /// Source and destination port; `None` for noise.
     fn ports(&self) -> Option<(u32, u32)> {
         let client = FIRST_CLIENT_PORT + self.line;
         match self.way {
@@ -142,13 +143,13 @@ impl Packet<'_> {
     }
 }
 
-/// The blocks of a file, written one by one.
+/// Writer of the blocks of a file, one by one.
 #[derive(Debug)]
 pub struct Blocks<W> {
     out: W,
-    /// Lines so far.
+    /// Number of lines so far.
     lines: u32,
-    /// The block that is being made.
+    /// The present block, until it is complete.
     block: Vec<u8>,
 }
 
@@ -161,7 +162,7 @@ impl<W: Write> Blocks<W> {
         let mut blocks = Self { out, lines: 0, block: Vec::new() };
         blocks.write(SECTION_HEADER, |block| {
             block.extend(BYTE_ORDER.to_le_bytes());
-            // Version 1.0, of any length.
+            // Version 1.0; the length of the section is not specified.
             block.extend(1_u16.to_le_bytes());
             block.extend(0_u16.to_le_bytes());
             block.extend((-1_i64).to_le_bytes());
@@ -171,14 +172,14 @@ impl<W: Write> Blocks<W> {
         Ok(blocks)
     }
 
-    /// Adds a line of that name. Returns its number for packets.
+    /// Adds a line with that name. Returns the number of the line for packets.
     ///
     /// # Errors
     /// Errors of the writer.
     pub fn line(&mut self, name: &str) -> io::Result<u32> {
         self.write(INTERFACE_DESCRIPTION, |block| {
             block.extend(EXPORTED_PDU.to_le_bytes());
-            // Reserved, and no limit of length.
+            // Reserved bytes, and no limit of length.
             block.extend([0; 6]);
             option(block, INTERFACE_NAME, name.as_bytes());
             option(block, TIME_RESOLUTION, &[NANOSECONDS]);
@@ -200,7 +201,7 @@ impl<W: Write> Blocks<W> {
             block.extend(packet.line.to_le_bytes());
             block.extend(((nanos >> 32) as u32).to_le_bytes());
             block.extend((nanos as u32).to_le_bytes());
-            // As much is here as there was.
+            // Captured length and original length, which are the same.
             block.extend(length);
             block.extend(length);
             block.extend(&data);
@@ -221,7 +222,7 @@ impl<W: Write> Blocks<W> {
         self.out.flush()
     }
 
-    /// Writes a block, which has its length before and behind it (3.1).
+    /// Writes a block, with its length at the beginning and at the end (3.1).
     fn write(&mut self, kind: u32, body: impl FnOnce(&mut Vec<u8>)) -> io::Result<()> {
         let block = &mut self.block;
         block.clear();
@@ -235,7 +236,7 @@ impl<W: Write> Blocks<W> {
     }
 }
 
-/// Input of Wireshark's dissector of exported PDUs: tags, in network order, and the bytes.
+/// Data for Wireshark's dissector of exported PDUs: tags in network byte order, then the bytes of the packet.
 fn exported(packet: &Packet) -> Vec<u8> {
     let mut data = Vec::new();
     let mut tag = |kind: u16, value: &[u8]| {
@@ -270,7 +271,7 @@ fn end_options(block: &mut Vec<u8>) {
     option(block, 0, &[]);
 }
 
-/// All parts are aligned to 32 bits.
+/// Pads with zeros to a multiple of 32 bits, to which all parts are aligned.
 fn pad(bytes: &mut Vec<u8>) {
     bytes.resize(bytes.len().next_multiple_of(4), 0);
 }

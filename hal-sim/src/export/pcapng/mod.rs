@@ -1,18 +1,19 @@
-//! Frames of the lines and TCP ports: pcapng, as Wireshark and its tools read it.
+//! Frames of the lines and TCP ports as a pcapng file for Wireshark and its tools.
 //!
-//! Each line is an interface of its name, as is each connection of a TCP port (`modbus 0`). Each frame is a packet
-//! with the bench time of the start of its first character (from the epoch, in whole nanoseconds). A packet names its
-//! dissector (`WIRESHARK_UPPER_PDU`), so Wireshark needs no settings (BENCH-17):
+//! Each line is an interface with the line's name, and each connection of a TCP port is one (`modbus 0`).
+//! Each frame is a packet with the bench time of the start of its first character (from the epoch, in whole
+//! nanoseconds). A packet names its dissector (`WIRESHARK_UPPER_PDU`), so Wireshark needs no settings
+//! (BENCH-17):
 //!
 //! | on the line | shown as |
 //! |---|---|
-//! | Modbus RTU, Modbus/TCP | that, a query or a response |
+//! | Modbus RTU, Modbus/TCP | Modbus, as a query or a response |
 //! | Modbus ASCII, commands of a QSB, MCode | lines of text |
 //! | frames with a wrong checksum or a collision, noise | data, with the flag of a wrong checksum |
 //!
-//! The flags have the direction of a packet: *inbound* to drives, *outbound* from a drive. Only the direction
-//! distinguishes a request of function 5 or 6 of Modbus RTU from its reply, which has the same bytes, unless Wireshark
-//! has RTU on port 502 (`-o mbrtu.tcp.port:502`).
+//! The flags contain the direction of a packet: *inbound* to drives, *outbound* from a drive. A request of
+//! function 5 or 6 of Modbus RTU and its reply have the same bytes. Only the direction distinguishes them,
+//! unless Wireshark has RTU on port 502 (`-o mbrtu.tcp.port:502`).
 
 mod blocks;
 
@@ -26,7 +27,7 @@ pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Outlet};
 use crate::record::capture::{Capture, Frame, Medium, Source};
 
-/// Longest line of text in bytes; a longer one is split.
+/// Maximum length of a text line in bytes; a longer one is split.
 const LONGEST_TEXT: usize = 1 << 10;
 
 /// Writes all frames that a bench retains.
@@ -39,17 +40,17 @@ pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
     file.finish()
 }
 
-/// Copy of the retained frames of a bench at an instant, for another thread to write.
+/// Copy of the frames that a bench retained at an instant, so that another thread can write them.
 pub struct Snapshot {
     capture: Capture,
-    /// Number of frames at that instant.
+    /// Number of frames recorded by that instant.
     seen: u64,
     now: Instant,
     outlets: Vec<(Outlet, About)>,
 }
 
 impl Snapshot {
-    /// A copy of the present state, without the frames.
+    /// A copy of the present state, without frames.
     #[must_use]
     pub fn begin(bench: &Bench) -> Self {
         let outlets = bench.outlets().into_iter().map(|outlet| (outlet, About::of(bench, outlet)));
@@ -62,8 +63,8 @@ impl Snapshot {
         }
     }
 
-    /// Copies at most `most` more frames. Returns whether there are more. Frames that the bench has dropped meanwhile
-    /// are lost.
+    /// Copies at most `most` more frames. Returns true if there are more. Frames that the bench has dropped
+    /// in the meantime are lost.
     pub fn go_on(&mut self, bench: &Bench, most: usize) -> bool {
         self.capture.copy_on(bench.capture(), self.seen, most)
     }
@@ -86,7 +87,7 @@ impl Snapshot {
 #[derive(Clone, Default)]
 struct About {
     name: String,
-    /// End of a message there.
+    /// Kind of end that a message has there.
     ends: Option<Framing>,
 }
 
@@ -109,28 +110,28 @@ fn outlet(on: Medium) -> Outlet {
     }
 }
 
-/// Writer of a pcapng file while a bench runs. Between two calls it buffers at most one line of text for each line and
-/// connection.
+/// Writer of a pcapng file while a bench runs. Between two calls it buffers at most one text line for each
+/// line and connection.
 ///
-/// Content and order do not depend on how often it is called: packets are written in the order in which they end.
+/// The number of calls does not change content and order: packets are written in the order in which they end.
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
-    /// Number of each line or connection in the file, and the end of a message on it.
+    /// For each line or connection, its number in the file and the kind of end that a message has on it.
     lines: BTreeMap<Medium, (u32, Option<Framing>)>,
     /// Text that is not written yet.
     texts: BTreeMap<(Medium, Way), Text>,
-    /// Number of the first frame that is not taken, and frames behind it that are.
+    /// Number of the first frame that is not taken yet; `ahead` contains later frames that are taken.
     first: u64,
     ahead: BTreeSet<u64>,
     /// Number of frames that the bench dropped before they were taken.
     lost: u64,
 }
 
-/// Characters that belong together.
+/// Characters that form one text line.
 struct Text {
-    /// Start of the first one.
+    /// Start of the first character.
     at: Instant,
-    /// End of the last one.
+    /// End of the last character.
     end: Instant,
     /// Time until which a line feed may follow a carriage return.
     open: Instant,
@@ -138,7 +139,7 @@ struct Text {
 }
 
 impl<W: Write> Pcapng<W> {
-    /// Begins the file, with the lines that the bench has by now.
+    /// Begins the file with the lines that the bench has now.
     ///
     /// # Errors
     /// Errors of the writer.
@@ -194,7 +195,7 @@ impl<W: Write> Pcapng<W> {
         self.write_texts(now)
     }
 
-    /// Ends the file. Partial text is written; a frame that has not ended is not.
+    /// Ends the file. Incomplete text is written; a frame that has not ended is not.
     ///
     /// # Errors
     /// Errors of the writer.
@@ -203,7 +204,7 @@ impl<W: Write> Pcapng<W> {
         self.blocks.flush()
     }
 
-    /// Forgets the first frames.
+    /// Skips frames with numbers below `forgotten`, which the capture has dropped.
     fn skip(&mut self, forgotten: u64) {
         if forgotten > self.first {
             let taken = self.ahead.range(..forgotten).count() as u64;
@@ -221,7 +222,7 @@ impl<W: Write> Pcapng<W> {
         };
         let over = frame.bytes.is_empty() && matches!(frame.on, Medium::Tcp(..));
         if over {
-            // What ends with its connection is written as far as it came.
+            // At the end of a connection its incomplete texts are written.
             return [Way::In, Way::Out].into_iter().try_for_each(|way| self.write_text((frame.on, way)));
         }
         let (line, ends) = self.line(frame.on, about)?;
@@ -235,7 +236,7 @@ impl<W: Write> Pcapng<W> {
         }
     }
 
-    /// Appends characters to the text before them. A text ends with its line, or is split.
+    /// Appends characters to the pending text. A text is written when its line ends, or when it is too long.
     fn take_text(&mut self, key: (Medium, Way), frame: &Frame) -> io::Result<()> {
         let of_line = frame.line.map_or(Duration::ZERO, Line::character);
         let character = if frame.lasts > Duration::ZERO { of_line } else { Duration::ZERO };
@@ -254,7 +255,7 @@ impl<W: Write> Pcapng<W> {
         Ok(())
     }
 
-    /// Writes the texts that were complete before `at`.
+    /// Writes the texts whose lines were complete before `at`.
     fn write_texts(&mut self, at: Instant) -> io::Result<()> {
         let over = |text: &Text| at == Instant::NEVER || (text.is_line() && text.open < at);
         let texts = self.texts.iter().filter(|(_, text)| over(text));
@@ -283,7 +284,8 @@ impl<W: Write> Pcapng<W> {
         self.blocks.packet(&Packet { lost, ..packet })
     }
 
-    /// Number of a line or a connection in the file, and the end of a message on it.
+    /// Number of a line or connection in the file, and the kind of end that a message has on it. A new one is
+    /// added to the file.
     fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Framing>)> {
         if let Some(&known) = self.lines.get(&on) {
             return Ok(known);
@@ -299,13 +301,13 @@ impl<W: Write> Pcapng<W> {
 }
 
 impl Text {
-    /// Returns whether it is a whole line.
+    /// Returns true if the text is a complete line.
     fn is_line(&self) -> bool {
         self.bytes.last().is_some_and(|&byte| ends_line(byte))
     }
 
-    /// Returns whether a character that begins at `at` belongs to it; behind the end of a line only another end that
-    /// comes within a `character`.
+    /// Returns true if a character that begins at `at` belongs to the text. After the end of a line, only a
+    /// further line end within the time of one `character` does.
     fn goes_on(&self, at: Instant, byte: u8, character: Duration) -> bool {
         let follows = ends_line(byte) && at <= self.end + character;
         self.bytes.len() < LONGEST_TEXT && (follows || !self.is_line())
@@ -316,7 +318,7 @@ fn ends_line(byte: u8) -> bool {
     matches!(byte, b'\r' | b'\n')
 }
 
-/// Protocol on a line.
+/// Protocol of a frame.
 fn protocol(ends: Option<Framing>, frame: &Frame) -> Protocol {
     match ends {
         _ if frame.from == Source::Noise => Protocol::Noise,
@@ -337,7 +339,7 @@ mod tests {
     use crate::record::trace::Retention;
     use crate::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
-    /// A bench that keeps so much of its lines, and has been asked as often.
+    /// A bench that retains that many frames, with an MD3 that was asked `times` times.
     fn asked(keep: Retention, times: usize) -> (Bench, DriveId) {
         let mut bench = Bench::with(Settings { capture: keep, ..Settings::default() });
         let md3 = bench.add::<Md3>("md3");
@@ -375,7 +377,8 @@ mod tests {
         for name in ["mcode 0", "mcode 1", "modbus 0"] {
             assert_eq!(times(name.as_bytes()), 1, "{name}");
         }
-        // Asked, and sent back behind the greeting; at the end as far as it came.
+        // Lines are in the file twice, as sent and as echoed after the greeting; incomplete ones at the end
+        // of their connection.
         assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
         assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
         assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));
@@ -392,7 +395,7 @@ mod tests {
             bench.ask(md3, &rtu::read(1, 0, 1));
             pieces += 1;
         }
-        // Ten requests and ten replies.
+        // These are ten requests and ten replies.
         assert_eq!(pieces, 7);
         assert_eq!(copied(&copy), whole);
     }

@@ -1,4 +1,4 @@
-//! Copies that are made in pieces, so that the bench does not stop for a long trace.
+//! Copies of a trace that are made in several calls, so that a long trace does not stop the bench.
 
 use super::{Entry, Retention, Trace};
 
@@ -9,16 +9,16 @@ impl Trace {
         self.events.range(skip.min(self.events.len())..)
     }
 
-    /// A copy without the events; [`copy_back`](Self::copy_back) adds them.
+    /// A copy without events; [`copy_back`](Self::copy_back) adds them.
     #[must_use]
     pub fn outline(&self) -> Self {
         let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
         Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, Retention::All) }
     }
 
-    /// Copies at most `most` more events of the trace of which this is an [outline](Self::outline), the newest first,
-    /// up to `room` bytes of memory. Returns whether there are more. Events that the ring drops meanwhile are lost
-    /// here, too.
+    /// Copies at most `most` more events from `original`, of which this must be an [outline](Self::outline):
+    /// the newest first, up to `room` bytes of memory. Returns true if there are more. Events that the ring
+    /// of `original` drops in the meantime are lost here, too.
     pub fn copy_back(&mut self, original: &Self, room: usize, most: usize) -> bool {
         let missing = usize::try_from(self.lost.saturating_sub(original.lost)).unwrap_or(usize::MAX);
         self.events.reserve(missing.min(room.saturating_sub(self.bytes) / size_of::<Entry>()));
@@ -42,7 +42,7 @@ mod tests {
     use crate::bench::{Bench, PinStimulus, Settings};
     use crate::testing::test_device::{LEVEL, TestDevice};
 
-    /// A bench whose trace is that short, and something that happens on it again and again.
+    /// A bench whose trace has that retention, and a function that makes that many inputs on the bench.
     fn bench(retention: Retention) -> (Bench, impl Fn(&mut Bench, i32)) {
         let mut bench = Bench::with(Settings { trace: retention, ..Settings::default() });
         let toy = bench.add::<TestDevice>("toy");
@@ -55,7 +55,7 @@ mod tests {
         (bench, happen)
     }
 
-    /// No bound that any of these traces comes near to.
+    /// A limit of memory that none of these traces reaches.
     const ROOM: usize = 1 << 20;
 
     #[test]

@@ -15,42 +15,43 @@
 //! 2600.000000 end
 //! ```
 //!
-//! A stamp is in milliseconds of the bench's time; it means the nearest tick of 62.5 ns. With several drives the name
-//! of one follows it. `>` is an input of the drive, `<` an output, which a replay compares. `end` is the end of the
-//! recording; outputs with later stamps were scheduled by then. Without `end` the recording ends at its last stamp,
-//! and further outputs at that stamp are not compared. A drive is powered on when it is added. A word without a port
-//! refers to the first port of the drive; `rx:mcode` names a port.
+//! A timestamp is the bench time in milliseconds; it means the nearest tick of 62.5 ns. With several drives,
+//! the name of a drive follows the timestamp. `>` is an input of the drive; `<` is an output, which a replay
+//! compares. `end` is the end of the recording; outputs with later timestamps were already scheduled then.
+//! Without `end` the recording ends at its last timestamp, and further outputs at that timestamp are not
+//! compared. A drive is powered on when it is added. A word without a port refers to the first port of the
+//! drive; `rx:mcode` names a port.
 //!
-//! Words may be added within a version of the format: a reader that does not know a word reports it with its line. A
-//! change of the meaning of existing words needs a new version.
+//! New words may be added without a new version of the format: a reader that does not know a word reports it
+//! with its text line. A change in the meaning of existing words needs a new version.
 //!
-//! | fed | |
+//! | input | |
 //! |---|---|
-//! | `rx 01 03` `rx "W15\r"` | characters, back to back; the stamp is the end of the first |
+//! | `rx 01 03` `rx "W15\r"` | characters, back to back; the timestamp is the end of the first one |
 //! | `spoiled` `idle` | a character with a parity or framing error; the end of a frame |
-//! | `attached on` | a program opens the port, or closes it (`off`) |
-//! | `opened 0` `message 0 01 03` `closed 0` | TCP connection 0 is opened, a message on it, it is closed |
+//! | `attached on` | a program opens the port at the other end, or closes it (`off`) |
+//! | `opened 0` `message 0 01 03` `closed 0` | TCP connection 0 is opened, carries a message, is closed |
 //! | `pin J2.2 low` `millivolts ANALOG 2500` | an input changes |
-//! | `pin DIR open` | an input is not driven any more, and has no wire; only for a pin that is open at rest |
+//! | `pin DIR open` | an input is no longer driven and has no wire; only for a pin whose idle state is open |
 //! | `count 0 -4 high low` | encoder, quarter cycles, A, B |
-//! | `slipped motor 1` | steps that were made in excess |
+//! | `slipped motor 1` | number of steps that a board made in excess of the plan |
 //! | `draws motor 130` | current of its motor in mA |
 //! | `motor motor 24000 3000 500 400 10000 0 4 2 0` | parameters of its motor: supply in mV, speed without load in rpm, winding in mΩ, inertia in g·cm², friction and load in µN·m, pulses of a Hall sensor, Hall sensors, cycles of an encoder |
-//! | `rotation motor 0 75000 0` | rotation of its motor from now on: angle in 2⁻³² turns, speed in 2⁻⁵⁶ turns a tick, acceleration in 2⁻⁶⁴ turns a tick² |
+//! | `rotation motor 0 75000 0` | rotation of its motor from now on: angle in 2⁻³² turns, speed in 2⁻⁵⁶ turns per tick, acceleration in 2⁻⁶⁴ turns per tick² |
 //! | `fault stall on` | the cause of a fault is set or cleared (`off`) |
 //! | `poke Speed 8000` | a register is preset, not through the bus |
 //! | `power off` `power on` | `power cut`: power fails in the next save; `power cut 1 0`: after one store and 0 bytes of the next |
 //!
-//! | done | |
+//! | output | |
 //! |---|---|
-//! | `tx 01 03` `message 0 01` `close 0` | output; the stamp is the start of transmission |
+//! | `tx 01 03` `message 0 01` `close 0` | output; the timestamp is the start of transmission |
 //! | `line 19200 8E1` | serial settings from the next character on |
 //! | `pin J3.7 low` | or `high`, `float` |
-//! | `wave D6 500.000000 of 1500.000000` | high for that long at the beginning of each period |
+//! | `wave D6 500.000000 of 1500.000000` | a wave that is high for 500 ms at the beginning of each period of 1,500 ms |
 //! | `plan motor 0 500.000000@5000 500.000000@0 2500` | start position, time in ms (or `ever`) and speed in steps/s at its end, …, end position |
 //! | `step motor 1` `current motor 1500` `duty motor -32768` | steps, mA, 1/65536 |
 //! | `store 0x0010 01 02` | a store to the memory |
-//! | `power off` | the power cut, in the store before |
+//! | `power off` | power fails in the store before |
 
 mod copy;
 mod recording;
@@ -71,7 +72,7 @@ pub(crate) use ring::{allocated, make_room};
 pub use text::{ParseError, whole_lines};
 pub(crate) use text::{is_name, without_comment};
 
-/// Makes a device of a kind; `None` if there is no such kind.
+/// Function that makes a device of a kind; `None` if there is no such kind.
 pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
 
 /// Number of events that a trace or capture retains in memory.
@@ -79,11 +80,12 @@ pub type Make<'a> = dyn Fn(&str) -> Option<Box<dyn Device>> + 'a;
 pub enum Retention {
     /// No events.
     Off,
-    /// The most recent events, up to so many bytes of memory.
+    /// The most recent events, up to this number of bytes of memory.
     Ring(usize),
-    /// Like `Ring`, but without dropping events that are not [written](crate::bench::Bench::mark_written) yet.
+    /// Like `Ring`, but events that are not [written](crate::bench::Bench::mark_written) yet are never
+    /// dropped.
     Written(usize),
-    /// Everything.
+    /// All events.
     All,
 }
 
@@ -92,7 +94,7 @@ impl Retention {
     pub const RING: usize = 64 << 20;
 }
 
-/// The default: [`Retention::RING`].
+/// Default: a ring of [`Retention::RING`] bytes.
 impl Default for Retention {
     fn default() -> Self {
         Self::Ring(Self::RING)
@@ -125,23 +127,25 @@ impl Default for Retention {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Trace {
-    /// Seed of every random choice.
+    /// Seed of all random choices.
     pub seed: u64,
     /// Drives of the recorded bench, in the order in which they were added.
     pub drives: Vec<TraceDrive>,
     /// Groups of outputs that a replay compares.
     pub compare: Vec<Group>,
-    /// Number of events that a full ring has dropped; a trace without its beginning cannot be replayed.
+    /// Number of events that a full ring has dropped. If the beginning is missing, a trace cannot be
+    /// replayed.
     pub lost: u64,
-    /// End of the recording; in a text without `end` its last stamp.
+    /// End of the recording; in a text without `end`, the last timestamp.
     pub end: Instant,
-    /// True if it is complete up to `end`. A text without `end` may break off within its last stamp.
+    /// True if the trace is complete up to `end`. A text without `end` may break off within its last
+    /// timestamp.
     pub ended: bool,
     /// Number of events that are marked as written.
     written: u64,
     events: VecDeque<Entry>,
     retention: Retention,
-    /// Memory of `events`, in bytes.
+    /// Memory that `events` uses, in bytes.
     bytes: usize,
 }
 
@@ -150,7 +154,7 @@ pub struct Trace {
 pub struct TraceDrive {
     /// Name of the drive.
     pub name: String,
-    /// Description of its kind, with names of pins, ports and registers.
+    /// Description of the drive's kind, with names of pins, ports and registers.
     pub spec: &'static Spec,
     /// True if the start-up delay is skipped.
     pub boot_fast: bool,
@@ -158,22 +162,22 @@ pub struct TraceDrive {
     pub fast_line: bool,
     /// True if a motor of the bench replaces its internal motor.
     pub external_motor: bool,
-    /// Time at which it was added and powered on.
+    /// Time at which the drive was added and powered on.
     pub from: Instant,
-    /// Content of its memory then, [`Spec::memory`] bytes.
+    /// Content of the memory at that time, [`Spec::memory`] bytes.
     pub memory: Vec<u8>,
 }
 
 /// An event of a trace, with its time and drive.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Entry {
-    /// Bench time of the event. An output may lie ahead of the time at which it was recorded.
+    /// Bench time of the event. The time of an output may be later than the time at which it was recorded.
     pub at: Instant,
     /// Index of the drive in [`Trace::drives`].
     pub drive: usize,
     /// The event.
     pub event: Event,
-    /// The line it was read from, from 1; 0 if it was recorded.
+    /// Number of the text line from which the event was read, from 1; 0 if it was recorded.
     pub line: usize,
 }
 
@@ -210,8 +214,7 @@ pub enum InputRecord {
     Motor { axis: Axis, parameters: Box<Parameters> },
     /// [`Input::Rotation`]
     Rotation { axis: Axis, rotation: Rotation },
-    /// [`Input::Bytes`]; on a port where each character has its time, of several those after the
-    /// first follow back to back.
+    /// [`Input::Bytes`]; on a port with timed characters, those after the first follow back to back.
     Bytes { port: Port, bytes: Vec<u8> },
     /// [`Input::RxError`]
     RxError { port: Port },
@@ -225,12 +228,12 @@ pub enum InputRecord {
     Message { port: Port, link: Link, bytes: Vec<u8> },
     /// [`Input::Closed`]
     Closed { port: Port, link: Link },
-    /// [`Device::poke`]: after all else at its instant.
+    /// [`Device::poke`]; it comes after all other events of its instant.
     Poke { row: usize, value: i64 },
 }
 
 impl InputRecord {
-    /// The input as the drive gets it; `None` for power and presets.
+    /// The input as the drive receives it; `None` for power and presets.
     #[must_use]
     pub fn input(&self) -> Option<Input<'_>> {
         Some(match *self {
@@ -262,7 +265,7 @@ pub enum Power {
     On,
     /// Power off.
     Off,
-    /// Power fails in the next save; with `None` the point depends on the seed.
+    /// Power fails in the next save. `None`: the seed determines the point.
     Cut(Option<Cut>),
 }
 
@@ -291,9 +294,9 @@ pub enum OutputRecord {
     Level { pin: Pin, level: Level },
     /// [`Output::Wave`]
     Wave { pin: Pin, period: Duration, high: Duration },
-    /// [`Output::Plan`], as it was recorded.
+    /// [`Output::Plan`] as recorded.
     Plan { axis: Axis, plan: Box<Plan> },
-    /// [`Output::Plan`], as a text describes it.
+    /// [`Output::Plan`] as read from text.
     Course { axis: Axis, course: Box<Course> },
     /// [`Output::Step`]
     Step { axis: Axis, steps: i32 },
@@ -303,12 +306,12 @@ pub enum OutputRecord {
     Duty { axis: Axis, duty: i32 },
     /// [`Output::Store`]
     Store { offset: u16, bytes: Vec<u8> },
-    /// Power fails in that store: a [cut](Power::Cut) has come.
+    /// Power fails in the store before, because of a [cut](Power::Cut).
     PowerOff,
 }
 
 impl OutputRecord {
-    /// The record of `output`; `None` for a note, and for reports of a motor to its drive.
+    /// The record of `output`; `None` for a log event and for reports of a motor to its drive.
     #[must_use]
     pub fn of(output: Output<'_>) -> Option<Self> {
         Some(match output {
@@ -329,7 +332,8 @@ impl OutputRecord {
         })
     }
 
-    /// The record as text represents it at that stamp: a plan as its course. Traces are compared in this form.
+    /// The record in the form that text can represent at that timestamp: a plan becomes its course. Traces
+    /// are compared in this form.
     #[must_use]
     pub fn as_text(&self, at: Instant) -> Cow<'_, Self> {
         match self {
@@ -362,7 +366,7 @@ impl OutputRecord {
 pub enum Group {
     /// Characters and messages that are sent.
     Tx,
-    /// Changes of the line's settings.
+    /// Changes of a line's serial settings.
     Line,
     /// Levels and waves.
     Pins,
@@ -389,23 +393,23 @@ impl Group {
     }
 }
 
-/// A motion plan, as a trace describes it: start position, stretches, end position.
+/// A motion plan as a trace describes it: start position, segments, end position.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Course {
     /// Start position in steps.
     pub from: i32,
-    /// Stretches of constant acceleration, in the order of time.
+    /// Segments of constant acceleration, in the order of time.
     pub legs: Vec<Leg>,
     /// Final position; `None` for a motion without end.
     pub to: Option<i32>,
 }
 
-/// A stretch of constant acceleration of a [`Course`].
+/// A segment of constant acceleration of a [`Course`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Leg {
-    /// Time of the stretch; [`Duration::FOREVER`] without end.
+    /// Duration of the segment; [`Duration::FOREVER`] if it has no end.
     pub time: Duration,
-    /// The speed at its end, in thousandths of a step per second, signed.
+    /// The speed at the end of the segment, in thousandths of a step per second, signed.
     pub speed: i64,
 }
 
@@ -424,7 +428,7 @@ impl Course {
             let time = Duration::from_ticks(segment.ticks);
             at += time;
             let bits = i128::from(plan.speed_at(at).to_bits()) * 1_000;
-            // To the nearest thousandth.
+            // Rounded to the nearest thousandth.
             let speed = i64::try_from((bits + (1 << 15)) >> 16).unwrap_or(i64::MAX);
             legs.push(Leg { time, speed });
         }
@@ -434,7 +438,7 @@ impl Course {
 }
 
 impl Entry {
-    /// Bytes of memory that it takes.
+    /// Memory of the entry, in bytes.
     fn size(&self) -> usize {
         let owned = match &self.event {
             Event::Input(InputRecord::Bytes { bytes, .. } | InputRecord::Message { bytes, .. }) => {
@@ -456,7 +460,7 @@ impl Entry {
 }
 
 impl Trace {
-    /// A recording that has not begun.
+    /// A trace of a recording without events.
     pub(crate) fn new(seed: u64, retention: Retention) -> Self {
         Self {
             seed,
@@ -472,7 +476,7 @@ impl Trace {
         }
     }
 
-    /// Events: as read, or as recorded.
+    /// All events, in the order in which they were read or recorded.
     pub fn events(&self) -> impl ExactSizeIterator<Item = &Entry> {
         self.events.iter()
     }
@@ -484,7 +488,7 @@ impl Trace {
         }
     }
 
-    /// Records what a drive did.
+    /// Records an output of a drive.
     pub(crate) fn record_output(&mut self, at: Instant, drive: u32, output: Output<'_>) {
         if self.retention == Retention::Off {
             return;
@@ -501,12 +505,12 @@ impl Trace {
         }
     }
 
-    /// Returns whether no event is missing.
+    /// Returns true if no event is missing.
     pub(crate) fn is_whole(&self) -> bool {
         self.retention != Retention::Off && self.lost == 0
     }
 
-    // Inlined, an entry is written once and not copied.
+    // Inlined so that an entry is written once and not copied.
     #[inline(always)]
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
@@ -540,7 +544,7 @@ impl Trace {
         self.written = self.mark();
     }
 
-    /// Forgets what was recorded since a [mark](Self::mark).
+    /// Drops all events that were recorded after a [mark](Self::mark).
     pub(crate) fn rewind(&mut self, mark: u64) {
         while self.mark() > mark
             && let Some(newest) = self.events.pop_back()

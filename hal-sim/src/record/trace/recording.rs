@@ -1,4 +1,4 @@
-//! A trace file that is written while the bench runs.
+//! Writing a trace file while the bench runs.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -7,22 +7,22 @@ use drivetwin_firmware::device::Instant;
 
 use super::{Event, Trace};
 
-/// Bytes of text that are written at once.
+/// Number of bytes of text that are written at once.
 const CHUNK: usize = 64 << 10;
 
-/// Maximum number of lines that wait for their stamp. Where characters take no time, outputs of a drive may lie far
-/// more than a second ahead.
+/// Maximum number of lines that are buffered because their timestamps are in the future. If characters take
+/// no time, timestamps of outputs may be far more than a second ahead.
 const MOST_AHEAD: usize = 100_000;
 
-/// Writer of the text of a [`Trace`] while that grows, in the order of the stamps. It buffers only outputs whose
-/// stamps lie ahead.
+/// Writer of the text of a [`Trace`] while the trace grows, in the order of timestamps. It buffers only
+/// outputs whose timestamps are in the future.
 pub struct Recording<W> {
     out: W,
-    /// Whole lines that are not written yet.
+    /// Complete lines that are not written yet.
     text: Vec<u8>,
-    /// Events taken from the trace.
+    /// Number of events taken from the trace.
     taken: u64,
-    /// Lines whose stamps lie ahead, by stamp and order of recording.
+    /// Lines whose timestamps are in the future, by timestamp and order of recording.
     ahead: BTreeMap<(Instant, u64), String>,
 }
 
@@ -39,8 +39,8 @@ impl<W: Write> Recording<W> {
     /// Writes the events since the last call.
     ///
     /// # Errors
-    /// Errors of the writer, or the trace has dropped events that were not written, which
-    /// [`Retention::Written`](super::Retention) prevents.
+    /// Errors of the writer, or an error if the trace has dropped events that were not written.
+    /// [`Retention::Written`](super::Retention) prevents that.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
         if trace.lost > self.taken {
             return Err(io::Error::other("events were dropped before they were written"));
@@ -77,7 +77,7 @@ impl<W: Write> Recording<W> {
         Ok(self.out)
     }
 
-    /// Puts the lines with a stamp up to `until`.
+    /// Appends the buffered lines with timestamps up to `until` to the text.
     fn put_until(&mut self, until: Instant) -> io::Result<()> {
         while self.ahead.first_key_value().is_some_and(|(&(at, _), _)| at <= until) {
             self.put_first()?;

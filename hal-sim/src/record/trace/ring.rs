@@ -1,16 +1,16 @@
-//! Memory that a ring takes.
+//! Memory use of a ring.
 
 use std::collections::VecDeque;
 
-/// Memory that a vector of `bytes` bytes takes: with one word of the allocator, rounded up to two words, at least
-/// four.
+/// Memory that a vector of `bytes` bytes uses. With one word for the allocator it is rounded up to a multiple
+/// of two words, and to at least four words.
 pub(crate) fn allocated(bytes: usize) -> usize {
     const WORD: usize = size_of::<usize>();
     if bytes == 0 { 0 } else { (bytes + WORD).next_multiple_of(2 * WORD).max(4 * WORD) }
 }
 
-/// Makes room for one more entry in the queue of a ring, with little to spare. By itself a queue doubles its size, and
-/// a ring uses all of it in turn, so that half of the memory would be wasted.
+/// Makes room for one more entry in the queue of a ring, with little spare capacity. A queue alone would
+/// double its capacity; a ring uses all of it in turn, so half of the memory would be wasted.
 pub(crate) fn make_room<T>(queue: &mut VecDeque<T>) {
     if queue.len() == queue.capacity() {
         queue.reserve_exact(queue.len() / 16 + 16);
@@ -24,7 +24,7 @@ mod tests {
     #[test]
     fn small_vectors_cost_what_the_allocator_takes() {
         let costs = [0, 1, 12, 24, 25, 40, 41, 100].map(allocated);
-        // Of 64 bits; others have half of it.
+        // On a machine of 64 bits; on others it is half of this.
         if size_of::<usize>() == 8 {
             assert_eq!(costs, [0, 32, 32, 32, 48, 48, 64, 112]);
         }

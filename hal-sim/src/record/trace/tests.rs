@@ -24,7 +24,7 @@ fn parse(lines: &str) -> Result<Trace, String> {
     Trace::parse(&format!("{TOY}{lines}"), &make).map_err(|error| error.to_string())
 }
 
-/// Every word that a trace may hold.
+/// Every word that a trace may contain.
 const WORDS: &str = "\
 drivetwin trace 1
 seed 5
@@ -172,7 +172,7 @@ fn a_trace_from_before_the_project_was_renamed_loads() {
     assert_eq!(error, "line 1: version \"2\" of the format is not known, only 1");
 }
 
-/// A toy that is asked for its letter, which seed 1 makes whatever it is.
+/// The line in which a toy sends its letter. The letter depends on the seed only, which is 1.
 fn letter() -> String {
     let text = format!("{TOY}1 > rx \"r\"\n10 end\n");
     let text = replay::rewrite(&text, &make).unwrap();
@@ -202,19 +202,19 @@ fn a_replay_returns_the_first_difference() {
     let right = format!("{TOY}compare tx\n1 > rx \"r\"\n{letter}\n20 end\n");
     let run = |text: &str| replay::run(&Trace::parse(text, &make).unwrap(), &make).unwrap();
     assert_eq!(run(&right), None);
-    // Other bytes.
+    // The bytes differ.
     let difference = run(&right.replace(&letter, "1 < tx 21")).unwrap();
     let expected = Some("1.000000 < tx \"!\"".to_owned());
     assert_eq!(difference, Difference { line: Some(5), expected, got: Some(letter.clone()) });
-    // A tick too late.
+    // The output is one tick late.
     let late = letter.replace("1.000000", "1.000063");
     let difference = run(&right.replace(&letter, &late)).unwrap();
     assert_eq!(difference, Difference { line: Some(5), expected: Some(late), got: Some(letter.clone()) });
-    // Less came.
+    // The replay has one output less.
     let missing = "15.000000 < tx \"x\"";
     let difference = run(&right.replace("20 end", &format!("{missing}\n20 end"))).unwrap();
     assert_eq!(difference, Difference { line: Some(6), expected: Some(missing.to_owned()), got: None });
-    // More came.
+    // The replay has one output more.
     let difference = run(&right.replace(&letter, "")).unwrap();
     assert_eq!(difference, Difference { line: None, expected: None, got: Some(letter) });
 }
@@ -258,10 +258,10 @@ fn a_plan_is_written_as_its_stretches() {
     let legs = vec![leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];
     assert_eq!(Course::of(&jog, start), Course { from: 3, legs, to: None });
     assert_eq!(Course::of(&Plan::at_rest(start, -7), start), Course { from: -7, legs: vec![], to: Some(-7) });
-    // From the middle of a ramp, and before the beginning.
+    // A course may begin in the middle of a ramp, or before its plan.
     let later = start + Duration::millis(250);
     let legs = vec![leg(250, -5_000_000), leg(1_500, -5_000_000), leg(500, 0)];
-    // a·t²/2 = 10,000 · 0.25² / 2 = 312.5 steps, of which the last half is not made.
+    // a·t²/2 = 10,000 · 0.25² / 2 = 312.5 steps; the last half step is not made.
     assert_eq!(Course::of(&plan, later), Course { from: 100 - 312, legs, to: Some(-9_900) });
     let jog = Plan::at_rest(later, 3).ramp_to(later, I24F8::from_num(5_000), 10_000);
     let legs = vec![leg(250, 0), leg(500, 5_000_000), Leg { time: Duration::FOREVER, speed: 5_000_000 }];

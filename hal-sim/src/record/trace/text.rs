@@ -1,4 +1,4 @@
-//! Traces from text and to text.
+//! Conversion of traces from text and to text.
 
 use std::fmt::{self, Write as _};
 use std::io;
@@ -15,20 +15,20 @@ use super::{
     TraceDrive,
 };
 
-/// The version of the format.
+/// Version of the format.
 const VERSION: &str = "1";
 /// First word of a trace.
 const PROJECT: &str = "drivetwin";
-/// First word of traces from before the project was renamed.
+/// First word of traces that are older than the present name of the project.
 const FORMER_PROJECT: &str = "standin";
 
-/// Bytes in a line of memory.
+/// Maximum number of bytes in a `memory` line.
 const MEMORY_ROW: usize = 16;
 
-/// First error in the text of a trace, with its line.
+/// First error in the text of a trace, with its line number.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ParseError {
-    /// Line of the error, from 1.
+    /// Line number of the error, from 1.
     pub line: usize,
     /// The error in one sentence.
     pub what: String,
@@ -42,8 +42,8 @@ impl fmt::Display for ParseError {
 
 impl std::error::Error for ParseError {}
 
-/// The complete lines of a file, and whether an incomplete last line is left out: what a program leaves that is killed
-/// while it writes. An `end` is whole without a line feed, too.
+/// The complete text lines of a file, and true if an incomplete last line was omitted. A program that is
+/// killed while it writes leaves such a line. An `end` is complete without a line feed, too.
 #[must_use]
 pub fn whole_lines(file: &[u8]) -> (&[u8], bool) {
     let whole = file.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
@@ -57,7 +57,7 @@ impl Trace {
     /// Reads a trace. `make` makes a drive of a kind.
     ///
     /// # Errors
-    /// What is wrong, and in which line.
+    /// The error, with its line number.
     pub fn parse(text: &str, make: &Make<'_>) -> Result<Self, ParseError> {
         let mut reader = Reader::new();
         for (index, line) in text.lines().enumerate() {
@@ -73,7 +73,7 @@ impl Trace {
         Ok(reader.finish())
     }
 
-    /// The trace as text, header included: drives by name, lines by stamp.
+    /// The trace as text, including the header. Drives are sorted by name, events by timestamp.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = self.header();
@@ -84,10 +84,10 @@ impl Trace {
         text
     }
 
-    /// Writes the text, line by line.
+    /// Writes the text of [`to_text`](Self::to_text), line by line.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn write(&self, to: &mut dyn io::Write) -> io::Result<()> {
         to.write_all(self.header().as_bytes())?;
         for entry in self.in_order() {
@@ -101,14 +101,14 @@ impl Trace {
         format!("{} end", stamp(self.end))
     }
 
-    /// The places of the drives, by name.
+    /// Indices of the drives, sorted by name.
     fn by_name(&self) -> Vec<usize> {
         let mut drives: Vec<usize> = (0..self.drives.len()).collect();
         drives.sort_by(|&a, &b| self.drives[a].name.cmp(&self.drives[b].name));
         drives
     }
 
-    /// The lines before the first event.
+    /// The header: all lines before the first event.
     pub(super) fn header(&self) -> String {
         let mut text = format!("{PROJECT} trace {VERSION}\nseed {}\n", self.seed);
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
@@ -140,7 +140,8 @@ impl Trace {
         text
     }
 
-    /// The events as the text has them: what a drive does may bear a stamp that lies ahead.
+    /// The events in the order of the text: by timestamp, then by drive. The timestamp of an output may be
+    /// later than its recording.
     fn in_order(&self) -> Vec<&Entry> {
         let mut rank = vec![0; self.drives.len()];
         for (position, index) in self.by_name().into_iter().enumerate() {
@@ -151,7 +152,7 @@ impl Trace {
         events
     }
 
-    /// A line of the text.
+    /// An event as a line of the text.
     pub(crate) fn entry_text(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
@@ -173,25 +174,26 @@ impl Trace {
     }
 }
 
-/// Appends a line.
+/// Appends a text line.
 fn line(text: &mut String, content: fmt::Arguments<'_>) {
-    // A string takes everything.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "{content}");
 }
 
-/// An instant in milliseconds.
+/// A time in milliseconds.
 fn stamp(at: Instant) -> String {
     millis(at.ticks())
 }
 
-/// Ticks in milliseconds, to the nanosecond.
+/// Ticks in milliseconds with six decimals, that is, to the nanosecond.
 fn millis(ticks: u64) -> String {
     // A tick is 62.5 ns.
     let nanos = (u128::from(ticks) * 125).div_ceil(2);
     format!("{}.{:06}", nanos / 1_000_000, nanos % 1_000_000)
 }
 
-/// Milliseconds in ticks, the nearest; `None` if that is no such number.
+/// Nearest number of ticks to a time in milliseconds; `None` if the text is no number with up to six
+/// decimals.
 fn ticks(text: &str) -> Option<u64> {
     let (whole, part) = text.split_once('.').unwrap_or((text, "0"));
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -211,7 +213,8 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Bytes as the port's language writes them: text between quotes where characters end a message.
+/// Bytes in the form that suits the port: text between quotes if characters end a message there, otherwise
+/// hex.
 fn payload(port: Option<&PortSpec>, bytes: &[u8]) -> String {
     let spoken = port.is_some_and(|port| matches!(port.framing, Framing::Character | Framing::Return));
     let plain = |&byte: &u8| byte == b'\r' || byte == b'\n' || (b' '..=b'~').contains(&byte);
@@ -231,7 +234,7 @@ fn payload(port: Option<&PortSpec>, bytes: &[u8]) -> String {
     text
 }
 
-/// A word about a port: the first one is not named.
+/// A word about a port, with the name of the port after a colon unless it is the first port.
 fn at_port(spec: &Spec, word: &str, port: Port) -> String {
     match spec.ports.get(usize::from(port.0)) {
         Some(named) if port.0 > 0 => format!("{word}:{}", named.name),
@@ -259,7 +262,7 @@ fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// An input in words.
+/// Text of an input.
 fn fed_text(spec: &'static Spec, input: &InputRecord) -> String {
     match input {
         InputRecord::Power(Power::On) => "power on".to_owned(),
@@ -305,7 +308,7 @@ fn fed_text(spec: &'static Spec, input: &InputRecord) -> String {
     }
 }
 
-/// An output at `at` in words.
+/// Text of an output at `at`.
 fn did_text(spec: &'static Spec, at: Instant, output: &OutputRecord) -> String {
     match output {
         OutputRecord::Bytes { port, bytes } => {
@@ -350,21 +353,21 @@ fn course_text(spec: &Spec, axis: Axis, course: &Course) -> String {
     text
 }
 
-/// Thousandths as a decimal number without needless zeros.
+/// Thousandths as a decimal number without trailing zeros.
 fn thousandths(value: i64) -> String {
     let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
     let text = format!("{sign}{}.{:03}", size / 1_000, size % 1_000);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A text being read.
+/// State of reading a text.
 struct Reader {
     trace: Trace,
-    /// True once the line with the version has come.
+    /// True after the line with the version.
     begun: bool,
-    /// The last stamp of what is fed.
+    /// Last timestamp of an input.
     last_input: Instant,
-    /// The last stamp of all.
+    /// Last timestamp of any event.
     last: Instant,
 }
 
@@ -374,7 +377,8 @@ impl Reader {
         Self { trace, begun: false, last_input: Instant::ZERO, last: Instant::ZERO }
     }
 
-    /// The trace that was read. With `end`, later outputs were scheduled by that time.
+    /// Returns the trace. Without `end`, the trace ends at its last timestamp. With `end`, outputs with later
+    /// timestamps were already scheduled then.
     fn finish(mut self) -> Trace {
         if !self.trace.ended {
             self.trace.end = self.last;
@@ -525,7 +529,8 @@ impl Reader {
     }
 }
 
-/// Returns whether a drive can have that name. Dots are for what belongs to it, its pins and its own lines.
+/// Returns true if a drive can have that name. A name has no dots, because a dot separates it from the name
+/// of a pin or line of the drive.
 pub(crate) fn is_name(name: &str) -> bool {
     let reserved = |first: char| first.is_ascii_digit() || "#<>\"".contains(first);
     let separators = |char: char| char == '.' || char.is_whitespace();
@@ -638,7 +643,7 @@ fn input(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, Stri
     })
 }
 
-/// The numbers of a motor, in the order of [`Parameters`].
+/// The parameters of a motor as numbers, in the order of [`Parameters`].
 fn motor(parameters: &Parameters) -> String {
     let Parameters {
         supply_mv,
@@ -712,7 +717,7 @@ fn output(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, St
     })
 }
 
-/// A line without its comment; `#` between quotes begins none.
+/// A text line without its comment. A `#` between quotes does not begin a comment.
 pub(crate) fn without_comment(line: &str) -> &str {
     let (mut quoted, mut escaped) = (false, false);
     for (index, c) in line.char_indices() {
@@ -726,12 +731,12 @@ pub(crate) fn without_comment(line: &str) -> &str {
     line
 }
 
-/// Words to choose from.
+/// A list of valid words, for messages.
 fn known<'a>(words: impl IntoIterator<Item = &'a str>) -> String {
     words.into_iter().collect::<Vec<_>>().join(", ")
 }
 
-/// The words of a line that are still to be read.
+/// The words of a text line that are not read yet.
 struct Words<'a> {
     rest: &'a str,
 }
@@ -758,7 +763,7 @@ impl<'a> Words<'a> {
         word.parse().map_err(|_| format!("\"{word}\" is not {what}"))
     }
 
-    /// Milliseconds, in ticks.
+    /// Reads a time in milliseconds, and returns it in ticks.
     fn millis(&mut self) -> Result<u64, String> {
         let word = self.next();
         ticks(word).ok_or_else(|| format!("\"{word}\" is not a time in milliseconds with up to six decimals"))
@@ -772,7 +777,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// The index of a name in a list.
+    /// Reads a name, and returns its index in a list.
     fn index(&mut self, what: &str, names: impl Iterator<Item = &'static str>) -> Result<u8, String> {
         let word = self.next();
         let names: Vec<&str> = names.collect();
@@ -791,7 +796,7 @@ impl<'a> Words<'a> {
         self.index("axis", spec.axes.iter().map(|axis| axis.name)).map(Axis)
     }
 
-    /// A word, and the port behind its colon: the first one if there is none.
+    /// Reads a word and the port after its colon. Without a colon it is the first port.
     fn at_port(&mut self, spec: &Spec) -> Result<(&'a str, Port), String> {
         let word = self.next();
         let Some((word, name)) = word.split_once(':') else { return Ok((word, Port(0))) };
@@ -799,7 +804,7 @@ impl<'a> Words<'a> {
         Ok((word, Port(port)))
     }
 
-    /// A memory address: `0x0010`.
+    /// Reads a memory address like `0x0010`.
     fn address(&mut self) -> Result<usize, String> {
         let word = self.next();
         let digits = word.strip_prefix("0x").filter(|digits| digits.len() <= 4);
@@ -808,13 +813,13 @@ impl<'a> Words<'a> {
             .ok_or_else(|| format!("\"{word}\" is not a memory address like 0x0010"))
     }
 
-    /// At least one byte.
+    /// Reads bytes to the end of the line, at least one.
     fn some_bytes(&mut self) -> Result<Vec<u8>, String> {
         let bytes = self.bytes()?;
         if bytes.is_empty() { Err("no bytes follow".to_owned()) } else { Ok(bytes) }
     }
 
-    /// Bytes to the end of the line: two hex digits each, or text between quotes.
+    /// Reads bytes to the end of the line: two hex digits each, or text between quotes.
     fn bytes(&mut self) -> Result<Vec<u8>, String> {
         let mut bytes = Vec::new();
         while !self.rest.is_empty() {
@@ -830,7 +835,7 @@ impl<'a> Words<'a> {
         Ok(bytes)
     }
 
-    /// `19200 8E1`
+    /// Reads serial settings like `19200 8E1`.
     fn line(&mut self) -> Result<Line, String> {
         let baud = self.number("a baud rate")?;
         let format = self.next();
@@ -850,7 +855,7 @@ impl<'a> Words<'a> {
         line.ok_or_else(|| format!("\"{format}\" is not a character format like 8E1"))
     }
 
-    /// `0 500.000000@5000 500.000000@0 2500`
+    /// Reads a course like `0 500.000000@5000 500.000000@0 2500`.
     fn course(&mut self) -> Result<Course, String> {
         let from = self.number("a position")?;
         let mut legs = Vec::new();
@@ -879,7 +884,7 @@ impl<'a> Words<'a> {
     }
 }
 
-/// A decimal number of up to three decimals in thousandths.
+/// A decimal number with up to three decimals, in thousandths; `None` if the text is not such a number.
 fn in_thousandths(text: &str) -> Option<i64> {
     let (sign, size) = text.strip_prefix('-').map_or((1, text), |size| (-1, size));
     let (whole, part) = size.split_once('.').unwrap_or((size, "0"));
@@ -891,7 +896,7 @@ fn in_thousandths(text: &str) -> Option<i64> {
     Some(sign * whole.checked_mul(1_000)?.checked_add(format!("{part:0<3}").parse().ok()?)?)
 }
 
-/// Reads text up to its closing quote; returns what follows.
+/// Reads text up to its closing quote into `bytes`. Returns the text after the quote.
 fn quoted<'a>(text: &'a str, bytes: &mut Vec<u8>) -> Result<&'a str, String> {
     let mut chars = text.char_indices();
     while let Some((index, c)) = chars.next() {

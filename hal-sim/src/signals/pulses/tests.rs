@@ -1,4 +1,4 @@
-//! Scripts with times.
+//! Tests of the edges and their times.
 
 use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::time::Span;
@@ -11,7 +11,7 @@ fn at(micros: u64) -> Instant {
     Instant::from(micros.micros())
 }
 
-/// The edges up to `until`, as text: `S+ 1000` is a rise of STEP, in µs.
+/// The edges up to `until` as text: `S+ 1000` means that STEP rises at 1000 µs.
 fn script(shaper: &mut Shaper, until: Instant) -> Vec<String> {
     let edge = |edge: Edge| {
         let output = if edge.output == StepDir::Step { 'S' } else { 'D' };
@@ -21,7 +21,7 @@ fn script(shaper: &mut Shaper, until: Instant) -> Vec<String> {
     std::iter::from_fn(|| shaper.take(until)).map(edge).collect()
 }
 
-/// At that speed from its first tick on; `from` is not before 1 ms.
+/// A jog that already has its full speed at `from`, which must not be before 1 ms.
 fn jog(from: Instant, steps_per_second: i32) -> Plan {
     let start = from - 1.millis();
     let ramp = Plan::at_rest(start, 0).ramp_to(start, I24F8::from_num(steps_per_second), i32::MAX as u32);
@@ -33,7 +33,7 @@ fn a_pulse_is_high_for_2_us_and_the_direction_comes_5_us_before() {
     let plan = Plan::profile(at(0), 0, 2, Limits::even(U24F8::from_num(1_000), 200));
     let mut shaper = Shaper::new(at(0), &plan, false);
     assert_eq!(shaper.due(), at(99_995));
-    // Up for one step in sqrt(2/200) s, down for the other in as much.
+    // One step up to full speed in sqrt(2/200) s, one step down to standstill in the same time.
     let expected = ["D+ 99995", "S+ 100000", "S- 100002", "S+ 200000", "S- 200002"];
     assert_eq!(script(&mut shaper, at(1_000_000)), expected);
     assert_eq!(shaper.due(), Instant::NEVER);
@@ -41,7 +41,7 @@ fn a_pulse_is_high_for_2_us_and_the_direction_comes_5_us_before() {
 
 #[test]
 fn a_fast_pulse_is_high_for_half_of_its_interval() {
-    // A step every 16 ticks.
+    // There is a step every 16 ticks.
     let mut shaper = Shaper::new(at(1_000), &jog(at(1_000), 1_000_000), true);
     let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(Instant::NEVER)).take(20).collect();
     for pair in edges.windows(2) {
@@ -49,7 +49,8 @@ fn a_fast_pulse_is_high_for_half_of_its_interval() {
     }
 }
 
-/// A jog at 250,000 steps/s, a step every 4 µs, up to a rise, and that rise.
+/// A jog at 250,000 steps/s (a step every 4 µs), advanced to a rising edge of STEP, and the time of that
+/// edge.
 fn fast() -> (Shaper, Instant) {
     let mut shaper = Shaper::new(at(1_000), &jog(at(1_000), 250_000), true);
     let _ = script(&mut shaper, at(1_100));
@@ -69,7 +70,8 @@ fn a_fast_reversal_changes_direction_half_an_interval_before() {
     let interval = first.since(rise);
     assert!(interval <= 4.micros(), "{interval:?}");
     shaper.plan(rise, &back, Lent::default());
-    // Half an interval is not longer than 2 µs: the pulse falls at the same instant, and first.
+    // Half an interval is at most 2 µs, so the pulse falls at the instant at which DIR changes, and falls
+    // first.
     let half = rise + Duration::from_ticks(interval.ticks() / 2);
     let edges: Vec<Edge> = std::iter::from_fn(|| shaper.take(first)).collect();
     let dir = first - Duration::from_ticks(interval.ticks() / 2);
@@ -86,7 +88,7 @@ fn a_fast_reversal_changes_direction_half_an_interval_before() {
 #[test]
 fn nobody_knew_of_a_reversal_before_its_plan() {
     let (mut shaper, rise) = fast();
-    // Past the middle between the two steps.
+    // This is later than the middle between the two steps.
     let known = rise + 3.micros();
     while shaper.take(known).is_some() {}
     let back = jog(known, -400_000);
@@ -136,7 +138,7 @@ fn steps_without_a_plan_are_passed_through() {
     assert_eq!(script(&mut shaper, at(20)), ["D+ 10", "S+ 12", "S- 14"]);
     shaper.steps(at(20), -1);
     assert_eq!(script(&mut shaper, at(30)), ["D- 20", "S+ 22", "S- 24"]);
-    // Several at once, and one that comes too close, follow each other.
+    // Several steps at once, and a step that comes too early, are made one after the other.
     shaper.steps(at(30), -3);
     assert_eq!(script(&mut shaper, at(35)), ["S+ 30", "S- 32", "S+ 34"]);
     shaper.steps(at(35), -1);
@@ -161,14 +163,14 @@ fn a_direction_that_turns_every_4_us_settles_each_time() {
         let (now, forward) = (4 * n, n % 2 == 1);
         shaper.steps(at(now), if forward { 1 } else { -1 });
         let mut edges = script(&mut shaper, at(now + 3));
-        // The pulse before ends here.
+        // The previous pulse ends at this instant.
         edges.retain(|edge| *edge != format!("S- {now}"));
         let sign = if forward { '+' } else { '-' };
         assert_eq!(edges, [format!("D{sign} {now}"), format!("S+ {}", now + 2)]);
     }
 }
 
-/// What may happen to an axis.
+/// A change of an axis.
 #[derive(Clone, Debug)]
 enum Act {
     Jog(i32),
@@ -196,7 +198,7 @@ proptest! {
         let mut plan = Plan::at_rest(now, 0);
         let mut shaper = Shaper::new(now, &plan, false);
         let (mut way, mut edges) = (0, Vec::new());
-        // However often somebody looks.
+        // The edges are taken at arbitrary intervals.
         let mut looks = looks.into_iter().cycle();
         let halt = (16_000, Act::Halt);
         for (wait, act) in acts.into_iter().chain([halt]) {

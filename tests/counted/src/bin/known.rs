@@ -1,7 +1,7 @@
-//! Handlers with known numbers of instructions: the plugin must count these.
+//! Interrupt handlers whose numbers of instructions are known. The plugin must count exactly these.
 //!
-//! PendSV, the lowest priority, takes 16 instructions with what it calls. In the middle SVCall interrupts
-//! it, and takes 4. Both come twice.
+//! PendSV has the lowest priority and takes 16 instructions, including the function that it calls. In the
+//! middle SVCall interrupts it and takes 4. Each handler runs twice.
 #![no_std]
 #![no_main]
 
@@ -47,7 +47,7 @@ fn main() -> ! {
     }
     for _ in 0..2 {
         SCB::set_pendsv();
-        // SAFETY: it waits until the interrupt has come.
+        // SAFETY: the instructions only wait until the interrupt has been handled.
         unsafe { asm!("dsb", "isb") };
     }
     done()

@@ -1,4 +1,4 @@
-//! An MD3 of the high current version.
+//! Counts the instructions that an MD3 of the high current version takes for a byte and for a request.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An MDROBOT.
+//! Counts the instructions that an MDROBOT takes for a byte and for a request.
 #![no_std]
 #![no_main]
 

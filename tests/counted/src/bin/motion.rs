@@ -1,4 +1,4 @@
-//! Cost of a step, and of a plan.
+//! Counts the instructions of a step, and of making a plan.
 #![no_std]
 #![no_main]
 
@@ -25,7 +25,7 @@ impl<T> Shared<T> {
 
     #[inline(always)]
     fn with<R>(&self, act: impl FnOnce(&mut T) -> R) -> R {
-        // SAFETY: nothing that this program does in here comes back here.
+        // SAFETY: no code that this program runs in here calls `with` again.
         act(unsafe { &mut *self.0.get() })
     }
 }
@@ -33,7 +33,7 @@ impl<T> Shared<T> {
 static WALKER: Shared<StepIterator> = Shared::new(StepIterator::done());
 static STEPPER: Shared<StepGenerator<Pins>> = Shared::new(StepGenerator::new(Pins));
 
-/// The registers of a timer and of two pins.
+/// Stand-ins for the registers of a timer and of two pins.
 static COMPARE: AtomicU32 = AtomicU32::new(0);
 static STEP: AtomicBool = AtomicBool::new(false);
 static DIRECTION: AtomicBool = AtomicBool::new(false);
@@ -74,7 +74,7 @@ fn main() -> ! {
     done()
 }
 
-/// Leaves out the first `skipped` steps, and counts as many as `counted`.
+/// Makes `skipped` steps without counting, then counts `counted` steps.
 fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
     for _ in 0..skipped {
         step();
@@ -85,7 +85,7 @@ fn steps(name: &CStr, step: fn(), skipped: u32, counted: u32) {
     }
 }
 
-/// An interrupt that gets the next step from a walker.
+/// Interrupt that gets the next step from the step iterator.
 #[inline(never)]
 fn walk() {
     if let Some(step) = WALKER.with(Iterator::next) {
@@ -94,21 +94,21 @@ fn walk() {
     }
 }
 
-/// An interrupt that makes a pulse.
+/// Interrupt that makes a pulse.
 #[inline(never)]
 fn fire() {
     let due = STEPPER.with(StepGenerator::fire);
     COMPARE.store(due.ticks() as u32, Ordering::Relaxed);
 }
 
-/// A plan and its first step, as the loop prepares them.
+/// Makes a plan and its first step, as the loop of a board does.
 #[inline(never)]
 fn plan(plan: impl FnOnce() -> Plan) {
     let mut walker = StepIterator::new(&opaque(plan()), Instant::ZERO);
     opaque(walker.next());
 }
 
-/// From standstill to 40,000 steps/s.
+/// A ramp from standstill to 40,000 steps/s.
 fn towards(acceleration: u32) -> Plan {
     Plan::at_rest(Instant::ZERO, 0).ramp_to(
         Instant::ZERO,
@@ -117,7 +117,7 @@ fn towards(acceleration: u32) -> Plan {
     )
 }
 
-/// The move of a new MD3, but longer.
+/// The default move of a new MD3, but longer.
 fn profile() -> Plan {
     let rates = Limits::even(opaque(U24F8::from_num(5_000)), opaque(10_000));
     Plan::profile(Instant::ZERO, 0, opaque(10_000), rates)

@@ -1,4 +1,4 @@
-//! Cost of a line of the user program of an RS 434544.
+//! Counts the instructions that a line of a user program of an RS 434544 takes.
 #![no_std]
 #![no_main]
 
@@ -14,7 +14,7 @@ use drivetwin_firmware::motor::DriveWithMotor;
 use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
 use programs::{BUS, JMP_1, MIXED, MOV_AX_0, Program, SYSTEM};
 
-/// Rounds of a program.
+/// Rounds of a program's loop.
 const ROUNDS: u32 = 100;
 
 #[entry]
@@ -25,7 +25,7 @@ fn main() -> ! {
     done()
 }
 
-/// Runs a program. Not inlined: RAM has room for one drive.
+/// Runs a program. Not inlined, because RAM has room for one drive.
 #[inline(never)]
 fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
     let mut drive = rs434544();
@@ -35,7 +35,7 @@ fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
     let started = drive.poke(Instant::from(Duration::secs(1)), Reg::MODE_USER_PROGRAM as usize, 2, out);
     assert!(started.is_ok());
     group(name);
-    // The first one is not carried out again.
+    // The first line of the program is not in its loop, so it runs uncounted.
     carry_out(&mut drive, out);
     for _ in 0..ROUNDS * program.per_round {
         count(|| carry_out(&mut drive, out));
@@ -46,7 +46,7 @@ fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
     assert!(program.lines.first() == Some(&MOV_AX_0) && at == Some(&JMP_1));
 }
 
-/// As the loop of a board calls it.
+/// Runs one line of the program, as the loop of a board does.
 #[inline(never)]
 fn carry_out(drive: &mut DriveWithMotor<Rs434>, out: &mut Hands) {
     drive.timeout(drive.deadline(), out);
@@ -72,7 +72,7 @@ impl Flash {
     }
 }
 
-/// CRC-16 as Modbus has it, a byte further.
+/// Adds a byte to a CRC-16 of Modbus.
 const fn crc_with(mut crc: u16, byte: u8) -> u16 {
     crc ^= byte as u16;
     let mut bit = 0;
@@ -83,7 +83,7 @@ const fn crc_with(mut crc: u16, byte: u8) -> u16 {
     crc
 }
 
-/// A board that has just that memory.
+/// A board that has only this memory.
 struct Hands(&'static Flash);
 
 impl Context for Hands {

@@ -1,4 +1,4 @@
-//! A QSB-D.
+//! Counts the instructions that a QSB-D takes for a byte and for a command.
 #![no_std]
 #![no_main]
 

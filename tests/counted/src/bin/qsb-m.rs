@@ -1,4 +1,4 @@
-//! A QSB-M.
+//! Counts the instructions that a QSB-M takes for a byte and for a command.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! A QSB-S.
+//! Counts the instructions that a QSB-S takes for a byte and for a command.
 #![no_std]
 #![no_main]
 

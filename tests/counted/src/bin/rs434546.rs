@@ -1,4 +1,4 @@
-//! An RS 434546.
+//! Counts the instructions that an RS 434546 takes for a byte and for a request.
 #![no_std]
 #![no_main]
 

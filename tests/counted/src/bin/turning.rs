@@ -1,4 +1,5 @@
-//! Cost of a ms to a drive on its board while its motor turns: the control ticks of its servo, and its motor.
+//! Counts the instructions of one millisecond of a drive on a board while its motor turns: the control ticks
+//! of the servo and the model of the motor.
 #![no_std]
 #![no_main]
 
@@ -10,20 +11,21 @@ use drivetwin_firmware::device::{Axis, Boot, Context, Device, Duration, Instant,
 use drivetwin_firmware::mdrobot::{Pid, mdrobot};
 use drivetwin_firmware::rs434::{Reg, rs434544};
 
-/// Time that it turns before it is measured, in ms, and time of the measurement.
+/// Time that the motor turns before the measurement, and time of the measurement, in ms.
 const SPEEDS_UP: u32 = 1_000;
 const LOOKED_AT: u32 = 100;
 
 #[entry]
 fn main() -> ! {
-    // It rotates at its factory setting, 1,000 rpm.
+    // The drive turns at its factory setting, 1,000 rpm.
     turn(c"rs434544: ms of turning", rs434544(), &[(Reg::START_bit as usize, 1)]);
     let orders = [(Pid::UI_COM as usize, 1), (Pid::START_STOP as usize, 1), (Pid::VEL_CMD as usize, 1_000)];
     turn(c"mdrobot: ms of turning", mdrobot(), &orders);
     done()
 }
 
-/// Counts while the drive carries out what its registers order. Not inlined: RAM has room for one drive.
+/// Writes `orders` to the drive's registers and counts while the motor turns. Not inlined, because RAM has
+/// room for one drive.
 #[inline(never)]
 fn turn(name: &CStr, mut drive: impl Device, orders: &[(usize, i64)]) {
     let out = &mut Hands;
@@ -43,14 +45,14 @@ fn turn(name: &CStr, mut drive: impl Device, orders: &[(usize, i64)]) {
     assert!(drive.shaft(now, Axis(0)).is_some_and(|shaft| shaft.speed > 100), "it turns");
 }
 
-/// A ms passes.
+/// Advances the drive by 1 ms.
 #[inline(never)]
 fn pass(drive: &mut impl Device, now: &mut Instant, out: &mut Hands) {
     *now += Duration::millis(1);
     advance(drive, *now, core::iter::empty(), out);
 }
 
-/// A board that does nothing.
+/// A board that ignores all outputs.
 struct Hands;
 
 impl Context for Hands {

@@ -1,4 +1,4 @@
-//! The LS7366R alone: each of its methods, and its SPI.
+//! The LS7366R without a drive: each of its methods, and its SPI.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An MD3 of the low current version, alone.
+//! Proof that an MD3 of the low current version cannot panic.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An MDriveHybrid, alone.
+//! Proof that an MDriveHybrid cannot panic.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An MDrivePlus², alone.
+//! Proof that an MDrivePlus² cannot panic.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An MDROBOT, alone.
+//! Proof that an MDROBOT cannot panic.
 #![no_std]
 #![no_main]
 

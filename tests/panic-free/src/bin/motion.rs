@@ -1,5 +1,5 @@
-//! Plans and their walker: the plan that a drive passes to a board, and the steps that a timer interrupt makes from
-//! it.
+//! Plans and the step iterator: the plan that a drive passes to a board, and the steps that a timer interrupt
+//! makes of it.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! The protocol: every function that a drive may call, with a map of two registers.
+//! The protocol: every function that a drive may call, with a small register map.
 #![no_std]
 #![no_main]
 
@@ -13,9 +13,9 @@ use drivetwin_protocol::time::{Duration, Instant};
 use panic_free::{opaque, perhaps_panic};
 
 drivetwin_protocol::registers! {
-    /// A map with a row of each kind of shape.
+    /// A map with a row for each shape of register.
     enum Reg: LowFirst {
-        /// A limited word, which is a coil too.
+        /// A word with a range, which is also a coil.
         Word = rw(0, "1").range(0, 9).saved().also_coil(),
         /// Two words.
         Pair = rw(1, "2").i32().clamped(-5, 5).live(),

@@ -1,4 +1,4 @@
-//! A QSB-D, alone.
+//! Proof that a QSB-D cannot panic.
 #![no_std]
 #![no_main]
 

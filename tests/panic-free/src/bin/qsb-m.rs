@@ -1,4 +1,4 @@
-//! A QSB-M, alone.
+//! Proof that a QSB-M cannot panic.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! A QSB-S, alone.
+//! Proof that a QSB-S cannot panic.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! An RS 434544, alone.
+//! Proof that an RS 434544 cannot panic.
 #![no_std]
 #![no_main]
 

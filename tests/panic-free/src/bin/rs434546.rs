@@ -1,4 +1,4 @@
-//! An RS 434546, alone.
+//! Proof that an RS 434546 cannot panic.
 #![no_std]
 #![no_main]
 

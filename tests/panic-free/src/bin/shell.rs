@@ -1,4 +1,4 @@
-//! The shell of a board, around a drive and a board of which nothing is known.
+//! The shell of a board, with a drive and a board about which the compiler can assume nothing.
 #![no_std]
 #![no_main]
 

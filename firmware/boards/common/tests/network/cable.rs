@@ -1,4 +1,4 @@
-//! A board's network and a machine with clients, at the two ends of a cable.
+//! A cable with a board's network at one end and a machine with clients at the other.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -26,10 +26,10 @@ pub(crate) static SPEC: Spec = Spec {
 pub(crate) const MODBUS: Port = Port(0);
 pub(crate) const MCODE: Port = Port(1);
 
-/// The numbers of the ports on the network (FB 6.3).
+/// Numbers of the TCP ports (FB 6.3).
 pub(crate) const NUMBERS: [u16; 2] = [502, 503];
 
-/// Frames on their way.
+/// Frames on the cable, in one direction.
 pub(crate) type Way = Rc<RefCell<VecDeque<Vec<u8>>>>;
 
 /// An end of a cable.
@@ -88,10 +88,10 @@ impl TxToken for Room {
     }
 }
 
-/// The drive, as its network sees it.
+/// The state of the drive that its network asks for.
 pub(crate) struct Drive {
     pub(crate) accepts: bool,
-    /// True if it takes what comes on its port of MCode.
+    /// True if the drive takes messages at its MCode port.
     pub(crate) takes: bool,
 }
 
@@ -127,10 +127,10 @@ impl drivetwin_firmware::device::Device for Drive {
     }
 }
 
-/// An event at the drive: port, connection, kind, and a message.
+/// An event that the drive gets: port, connection, kind, and message.
 pub(crate) type Told = (Port, Link, LinkEvent, Vec<u8>);
 
-/// A board, and a machine with clients.
+/// A board and a machine with clients, which are connected.
 pub(crate) struct Cable {
     pub(crate) board: Network<'static, End>,
     pub(crate) drive: Drive,
@@ -141,9 +141,9 @@ pub(crate) struct Cable {
     pub(crate) told: Vec<Told>,
     /// The next free port of the machine.
     pub(crate) next: u16,
-    /// Ports of the machine that receive nothing, so that they never answer.
+    /// Ports of the machine that drop all frames that they get, so that they never answer.
     pub(crate) silent: Vec<u16>,
-    /// Instant of the last frame.
+    /// Time of the last frame.
     pub(crate) came: Rc<Cell<Instant>>,
 }
 
@@ -180,7 +180,7 @@ impl Cable {
         }
     }
 
-    /// Connects to a port of the board.
+    /// Starts a connection to a port of the board.
     pub(crate) fn call(&mut self, port: Port) -> SocketHandle {
         let buffer = || SocketBuffer::new(vec![0; 2_000]);
         let mut socket = Socket::new(buffer(), buffer());
@@ -198,7 +198,7 @@ impl Cable {
         assert_eq!(self.client(client).send_slice(bytes), Ok(bytes.len()));
     }
 
-    /// Takes the bytes that have come to a client.
+    /// Takes the bytes that a client has received.
     pub(crate) fn hear(&mut self, client: SocketHandle) -> Vec<u8> {
         let mut heard = vec![0; 100_000];
         let count = self.client(client).recv_slice(&mut heard).unwrap_or(0);
@@ -206,9 +206,9 @@ impl Cable {
         heard
     }
 
-    /// The machine takes the board's frames and sends its own.
+    /// The machine receives the board's frames and sends its own.
     pub(crate) fn machine_speaks(&mut self) {
-        /// Place of the destination port in a TCP packet.
+        /// Location of the destination port in a TCP packet.
         const PORT: std::ops::Range<usize> = 36..38;
         let is_heard = |frame: &Vec<u8>| {
             let port = frame.get(PORT).map(|port| u16::from_be_bytes([port[0], port[1]]));
@@ -219,7 +219,7 @@ impl Cable {
         self.machine.poll(at, &mut self.here, &mut self.clients);
     }
 
-    /// Begins to connect, and then sends nothing more.
+    /// Starts a connection, but sends nothing after the first packet.
     pub(crate) fn knock(&mut self, port: Port) {
         self.silent.push(self.next);
         let client = self.call(port);
@@ -263,7 +263,7 @@ impl Cable {
         }
     }
 
-    /// Connects a client, as that link.
+    /// Connects a client, and checks that the drive gets it as connection `link`.
     pub(crate) fn connected(&mut self, port: Port, link: u8) -> SocketHandle {
         let client = self.call(port);
         assert_eq!(self.pass(20), [(port, Link(link), LinkEvent::Opened, Vec::new())]);
@@ -275,7 +275,7 @@ pub(crate) fn request(transaction: u16) -> Adu {
     read(Header { transaction, unit: 1 }, 0x8B, 2)
 }
 
-/// Sends a message back.
+/// Sends a message back to its client.
 pub(crate) fn echo(board: &mut Network<'static, End>, (port, link, came, bytes): &Told) {
     if *came == LinkEvent::Message {
         assert!(board.send(*port, *link, bytes), "there is room");

@@ -1,4 +1,4 @@
-//! The TCP ports of a board, with clients on the other end of a cable. Nothing here takes the time of the machine.
+//! The TCP ports of a board, with clients at the other end of a cable. The tests use virtual time only.
 
 mod cable;
 mod noise;
@@ -40,7 +40,7 @@ fn mcode_comes_at_once_and_never_past_the_end_of_a_line() {
     assert_eq!(cable.pass(20), [message(b"\nSL 0\n"), message(b"PS")]);
 }
 
-/// The drive gets no connection before that; clients wait, and so do their messages.
+/// Before the drive accepts connections, it gets none. Clients wait, and so do their messages.
 #[test]
 fn connections_wait_until_the_drive_accepts_them() {
     let mut cable = Cable::new();
@@ -63,7 +63,7 @@ fn connections_wait_until_the_drive_accepts_them() {
     );
 }
 
-/// Messages that come in that time wait, and the other port is served.
+/// Messages for a port wait while the drive does not take them. The other port is served.
 #[test]
 fn while_the_drive_takes_nothing_its_connections_wait() {
     let mut cable = Cable::new();
@@ -71,7 +71,7 @@ fn while_the_drive_takes_nothing_its_connections_wait() {
         (cable.connected(MODBUS, 0), cable.connected(MCODE, 0), cable.connected(MCODE, 1));
     cable.drive.takes = false;
     let line = [&[b'x'; 99][..], b"\r"].concat();
-    // More than a board keeps of a connection.
+    // More bytes than a board buffers for a connection.
     cable.say(client, &line.repeat(10));
     cable.client(client).close();
     cable.say(other, b"PR V\r");
@@ -105,7 +105,7 @@ fn a_connection_has_the_lowest_free_number_and_the_fifth_is_refused() {
     let fifth = cable.call(MCODE);
     assert_eq!(cable.pass(20), []);
     assert_eq!(cable.client(fifth).state(), State::Closed);
-    // The other port has its own.
+    // The other port has connections of its own.
     cable.connected(MODBUS, 0);
     for link in [2, 1] {
         cable.client(clients[link]).close();
@@ -160,7 +160,7 @@ fn a_client_that_does_not_read_its_answers_is_not_read() {
     cable.say(other, &request(7));
     cable.pass_with(20, echo);
     assert_eq!(cable.hear(other), request(7)[..], "others are served");
-    // In the end not one answer is missing.
+    // In the end every answer has arrived.
     let mut heard = Vec::new();
     for _ in 0..2_000 {
         heard.extend(cable.hear(deaf));
@@ -171,20 +171,20 @@ fn a_client_that_does_not_read_its_answers_is_not_read() {
     assert_eq!(heard, expected);
 }
 
-/// Bytes of the listing of the longest program: as many as are stored of it, and a little more.
+/// Number of bytes in the listing of the longest program: its stored size, and a little more.
 const LISTING: usize = 13 * 1_024;
 
-/// Lines of a listing.
+/// Text line `n` of a listing.
 fn line(n: usize) -> [u8; 64] {
     [b'a' + (n % 26) as u8; 64]
 }
 
-/// Sends that many bytes of a listing; returns whether all had room.
+/// Sends `bytes` bytes of a listing. Returns whether there was room for all of them.
 fn list(board: &mut Network<'static, End>, link: u8, bytes: usize) -> bool {
     (0..bytes / 64).all(|n| board.send(MCODE, Link(link), &line(n)))
 }
 
-/// A client that reads every 10 ms gets that many bytes of a listing and no more.
+/// Asserts that a client that reads every 10 ms gets `bytes` bytes of a listing and no more.
 fn reads(cable: &mut Cable, client: SocketHandle, bytes: usize) {
     let mut heard = Vec::new();
     for _ in 0..1_000 {
@@ -214,13 +214,13 @@ fn long_answers_share_their_room() {
     for client in &clients {
         reads(&mut cable, *client, LISTING / 4);
     }
-    // There is not room for two of the longest: the later client loses its connection, and no other one does.
+    // There is no room for two of the longest listings. Only the later client loses its connection.
     assert!(list(&mut cable.board, 0, LISTING), "it has room");
     assert!(!list(&mut cable.board, 1, LISTING), "there is no room");
     assert_eq!(cable.pass(20), [(MCODE, Link(1), LinkEvent::Closed, Vec::new())]);
     assert_eq!(cable.client(clients[1]).state(), State::Closed);
     reads(&mut cable, clients[0], LISTING);
-    // Its room is free again.
+    // The pieces of the closed connection are free again.
     assert!(list(&mut cable.board, 2, LISTING), "it has room");
     reads(&mut cable, clients[2], LISTING);
 }
@@ -241,7 +241,7 @@ fn the_drive_closes_after_its_unsent_bytes() {
     }
     assert_eq!(heard, 6_400);
     assert_eq!(cable.client(client).state(), State::CloseWait);
-    // A client that does not close is reset after 10 s.
+    // A client that does not close its connection is reset after 10 s.
     cable.pass(10_000);
     cable.connected(MCODE, 0);
     assert_eq!(cable.client(client).state(), State::Closed);

@@ -1,4 +1,4 @@
-//! A network with noise, floods, and hosts that are up to nothing good.
+//! A network with noise, floods, and malicious hosts.
 
 use drivetwin_board::network::{FRAME_BYTES, LINKS};
 use drivetwin_firmware::device::Link;
@@ -55,7 +55,7 @@ fn spoiled_packets_are_sent_again() {
     for frame in cable.here.to.borrow_mut().iter_mut() {
         *frame.last_mut().expect("a frame has bytes") ^= 1;
     }
-    // Its check sum is wrong; it is sent again after a second at most.
+    // The checksum of the packet is wrong. The client sends it again after at most a second.
     assert_eq!(cable.pass(1), []);
     assert_eq!(cable.pass(2_000), [(MODBUS, Link(0), LinkEvent::Message, request(1).to_vec())]);
 }
