@@ -3,7 +3,7 @@
 //!
 //! Version 0.2.1 of the driver has faults that these tests work around:
 //! - `get_status` takes STR from the fifth byte of a transfer, but the chip sends STR in the second byte and
-//! nothing after it. So `get_count` never sees the sign, either.
+//!   nothing after it. So `get_count` never sees the sign, either.
 //! - If `get_count` saw the sign, it would negate a count that is already in two's complement.
 //! - `Mdr0::encode` omits bit 6, the synchronous index, which the driver calls an inverted index.
 //! - Its documentation says that reading STR clears it. Table 1 of the data sheet does not say so.
