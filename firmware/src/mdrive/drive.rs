@@ -1,18 +1,19 @@
-//! An MDrive behind its ports.
+//! The drive itself: its modules and the events between them.
 //!
-//! | file | what of the drive |
+//! | file | content |
 //! |---|---|
 //! | `registers` | the table of variables |
-//! | `variables` | what they read as, and what a write means |
+//! | `variables` | reading and writing variables |
 //! | `error` | errors by their numbers |
-//! | `startup`, `saved` | how it starts, what it keeps |
+//! | `startup`, `saved` | start-up, saved values |
 //! | `modbus` | port 502 |
 //! | `mcode` | port 503, and programs |
 //! | `motion` | the motor and its encoder |
-//! | `hybrid` | what a Hybrid does beyond that |
-//! | `io` | its I/O points |
+//! | `hybrid` | additional functions of a Hybrid |
+//! | `io` | the I/O points |
 //!
-//! Motion and I/O do not depend on the rest: they queue events, which are handled here after every input and timeout.
+//! Motion and I/O do not depend on the other modules. They queue events, and `dispatch_events` handles the
+//! events after every input and timeout.
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
@@ -30,7 +31,7 @@ use super::variables::{entry, is_number, words};
 use crate::device::{Boot, Context, Fault, Instant, PresetError};
 use crate::motor::stepper::StepperParameters;
 
-/// Differences of the two products.
+/// The two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Model {
     /// MDrivePlus².
@@ -40,7 +41,7 @@ pub(super) enum Model {
 }
 
 impl Model {
-    /// Bit in the table.
+    /// Bit of this product in the `variants` of a row.
     pub(super) const fn variant(self) -> u8 {
         match self {
             Self::Plus => PLUS,
@@ -59,22 +60,23 @@ impl Model {
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// Never powered.
+    /// Power has never been switched on.
     Off,
-    /// Starting: no message is received yet.
+    /// Starting: the drive does not receive messages yet.
     Booting {
-        /// End of the start.
+        /// Time at which the start ends.
         due: Instant,
-        /// The power has come, so that the Ethernet controller starts, too.
+        /// True after power-on, when the Ethernet controller starts, too. False after a restart of the drive
+        /// alone.
         whole: bool,
     },
-    /// Receiving, and calibrating before it signs on.
+    /// Receiving messages. A Hybrid calibrates before it signs on.
     Calibrating,
-    /// Signed on.
+    /// The sign-on has been sent.
     Ready,
 }
 
-/// The drive behind its ports.
+/// State of the drive with all its modules.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     pub(super) model: Model,
@@ -90,7 +92,7 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Bank::of(model.entries());
@@ -150,12 +152,14 @@ impl Drive {
         }
     }
 
-    /// A variable as it reads now; of several values all, the first one highest.
+    /// Present value of a variable. If it has several values, they are packed into one number, the first one
+    /// highest.
     pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
     }
 
-    /// Identification, in halves: [`PART_NUMBER`](super::registers::PART_NUMBER) and others.
+    /// Identification text, joined from the registers of its halves, such as
+    /// [`PART_NUMBER`](super::registers::PART_NUMBER).
     pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
         let mut text = heapless::Vec::new();
         for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
@@ -165,10 +169,10 @@ impl Drive {
         text
     }
 
-    /// A preset: before power comes as if saved, later as if the bus had written it.
+    /// Presets a register. Before power-on the value counts as saved, later as written by the bus.
     ///
     /// # Errors
-    /// Why it is refused; nothing has changed then.
+    /// The reason for the refusal; nothing has changed then.
     pub(super) fn poke(
         &mut self,
         at: Instant,
@@ -208,13 +212,13 @@ impl Drive {
         })
     }
 
-    /// Handles an error: EF, ER, the fault output, OE.
+    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
     pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         self.errors.set(error);
         self.call_error_handler(at, out);
     }
 
-    /// Handles the events of motion and I/O until none is left, and updates the outputs.
+    /// Handles all queued events of motion and I/O, and updates the outputs.
     pub(super) fn dispatch_events(&mut self, at: Instant, out: &mut dyn Context) {
         loop {
             if let Some(event) = self.io.next_event() {
@@ -254,7 +258,7 @@ impl Drive {
 
     fn on_io_event(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
-            // Inputs that are active during the start have no effect, except limits and the home switch.
+            // During start-up, active inputs have no effect, except limits and the home switch.
             io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.is_started() => {}
             io::Event::Channel(channel, level) => self.motion.channel(at, channel, level, out),
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
@@ -277,7 +281,8 @@ impl Drive {
         }
     }
 
-    /// A soft stop input stops motion and program; while the program is paused it does nothing (MC 5-63).
+    /// Stops motion and program because of a soft stop input. While the program is paused the input has no
+    /// effect (MC 5-63).
     fn soft_stop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.mcode.vm.is_paused() {
             return;
@@ -302,7 +307,7 @@ impl Drive {
     }
 }
 
-/// Settings of the motion. Without an I/O it follows no clock, and has no home switch.
+/// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
 pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>) -> motion::Settings {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
     let byte = |reg| (bank.word(reg) & 0xFF) as u8;
@@ -335,7 +340,8 @@ pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>)
     }
 }
 
-/// The fastest that the rotor follows, in steps/s: SS counts with AS 1 and 2 (FB 5.1), which an MDrivePlus has not.
+/// Highest speed that the rotor can follow, in steps/s. SS limits it with AS 1 and 2 only (FB 5.1); an
+/// MDrivePlus has no AS.
 fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
     match bank.word(Reg::AS) {
         1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
@@ -343,7 +349,7 @@ fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
     }
 }
 
-/// The motor and its load.
+/// Parameters of the motor and its load.
 fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> StepperParameters {
     let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
     StepperParameters {

@@ -1,4 +1,4 @@
-//! Errors of MCode (MC 9), and the flag and number of the last one.
+//! Errors of MCode (MC 9), and the last error (EF, ER).
 
 use drivetwin_protocol::modbus::pdu::Exception;
 
@@ -8,11 +8,11 @@ use drivetwin_protocol::modbus::pdu::Exception;
 #[repr(u8)]
 #[expect(clippy::enum_variant_names, reason = "the names are the manual's")]
 pub(super) enum Error {
-    /// Another I/O has this type already.
+    /// Another I/O already has this type.
     TypeTaken = 6,
-    /// There is no such type of this I/O.
+    /// This I/O has no such type.
     IllegalType = 8,
-    /// An I/O that is an input, or has a type, cannot be written.
+    /// Only a general purpose output can be written: not an input, not an output with a type.
     NoOutput = 9,
     IllegalIo = 10,
     IllegalClockType = 11,
@@ -26,31 +26,31 @@ pub(super) enum Error {
     MaximumVelocity = 23,
     IllegalData = 24,
     ReadOnly = 25,
-    /// IC and DC do not count this.
+    /// IC and DC cannot count this name.
     NotCountable = 26,
     TripNotDefined = 27,
     Redefined = 28,
     BuiltIn = 29,
     UnknownLabel = 30,
     LabelsFull = 31,
-    /// A label has no value.
+    /// A label cannot be set to a value.
     IsLabel = 32,
     IsInstruction = 33,
-    /// A variable is no instruction.
+    /// A line has only the name of a variable, which is no instruction.
     IsVariable = 34,
     NotPrintable = 35,
-    /// Steps and counts do not fit.
+    /// Encoder lines (EL) and microsteps (MS) do not fit each other.
     IllegalRatio = 36,
     NotAvailable = 37,
     MissingSeparator = 38,
     /// TP and TR exclude each other.
     TripsTogether = 39,
 
-    /// H without a program.
+    /// H while no program runs.
     NotRunning = 40,
     StackOverflow = 41,
     IllegalAddress = 42,
-    /// Calls without a return.
+    /// Too many nested calls.
     TooManyCalls = 43,
     Locked = 44,
     ProgramFull = 45,
@@ -60,7 +60,7 @@ pub(super) enum Error {
 
     IllegalBaud = 61,
     InputPending = 62,
-    /// A Hybrid's.
+    /// The calibration at start-up failed (Hybrid only).
     StartupCalibration = 64,
 
     Flash = 70,
@@ -69,7 +69,7 @@ pub(super) enum Error {
     SaveInMotion = 73,
     /// IP or CP in motion.
     ClearInMotion = 74,
-    /// A unit's without a sensor of its temperature.
+    /// Over-temperature of a product without an internal temperature sensor.
     LinearOverTemperature = 75,
 
     NoHomeSwitch = 80,
@@ -77,12 +77,12 @@ pub(super) enum Error {
     BothLimits = 82,
     PlusLimit = 83,
     MinusLimit = 84,
-    /// A move while it homes, or a homing in motion.
+    /// A move during homing, or homing during a motion.
     Homing = 85,
     Stall = 86,
-    /// A jog in clock mode; on a Hybrid AS while it calibrates.
+    /// A jog in clock mode. On a Hybrid, writing AS during a calibration.
     JogInClockMode = 87,
-    /// On a Hybrid, a move while it calibrates.
+    /// On a Hybrid, a motion command during a calibration.
     Calibrating = 88,
     CalibrationInMotion = 89,
     /// The motion variables are too low for EE = 1.
@@ -101,14 +101,14 @@ pub(super) enum Error {
 }
 
 impl Error {
-    /// Returns whether a program ends with it if OE's handler does not see it; after others it goes on with its next
-    /// line.
+    /// Returns true if this error ends the program, provided that OE's handler is not called. After any other
+    /// error the program continues with its next line.
     pub(super) fn ends_program(self) -> bool {
         matches!(self, Self::UnknownLabel | Self::StackOverflow | Self::IllegalAddress | Self::TooManyCalls)
     }
 
-    /// Exception of the bus when this error refuses a request: 04 where the drive's state forbids a request that is
-    /// legal otherwise, 03 for all others (MDRIVE-4).
+    /// Modbus exception for a request that this error refuses: 04 if the drive's state forbids a request that
+    /// is otherwise legal, 03 for all others (MDRIVE-4).
     pub(super) fn exception(self) -> Exception {
         match self {
             Self::NoOutput
@@ -125,22 +125,22 @@ impl Error {
     }
 }
 
-/// EF and ER.
+/// The last error: EF and ER.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
-    /// 0 if there is none.
+    /// Number of the error, 0 for none.
     last: u8,
 }
 
 impl Errors {
     pub(super) const NONE: Self = Self { last: 0 };
 
-    /// ER: the number of the last error, 0 without one.
+    /// ER: the number of the last error, 0 for none.
     pub(super) fn number(self) -> u8 {
         self.last
     }
 
-    /// EF.
+    /// EF: true if there is an error.
     pub(super) fn is_set(self) -> bool {
         self.last != 0
     }
@@ -149,12 +149,13 @@ impl Errors {
         self.put(error as u8);
     }
 
-    /// ER is written, with 0 for none. That is no error that OE's handler is called for.
+    /// Stores the number of an error, 0 for none. A write of ER uses this directly, because it does not call
+    /// OE's handler.
     pub(super) fn put(&mut self, number: u8) {
         self.last = number;
     }
 
-    /// ER was read, or a program starts.
+    /// Clears the error when ER has been read or a program starts.
     pub(super) fn clear(&mut self) {
         self.put(0);
     }

@@ -1,8 +1,8 @@
-//! MDrive Motion Control with Ethernet: an integrated stepper motor and drive, MDrivePlus² or Hybrid, with Modbus/TCP
-//! on port 502 and MCode on port 503.
+//! MDrive Motion Control with Ethernet: an integrated stepper motor and drive, MDrivePlus² or Hybrid, with
+//! Modbus/TCP on port 502 and MCode on port 503.
 //!
-//! Follows *MODBUS/TCP Fieldbus Manual* R040611 (FB) and *MCode Programming and Software Reference* R062812 (MC, with
-//! its page).
+//! The code follows *MODBUS/TCP Fieldbus Manual* R040611 (FB, cited by section) and *MCode Programming and
+//! Software Reference* R062812 (MC, cited by page or section).
 
 mod drive;
 mod error;
@@ -43,28 +43,29 @@ const A: Pin = Pin(8);
 const B: Pin = Pin(9);
 const INDEX: Pin = Pin(10);
 
-/// The shaft is held.
+/// Fault `stall`: the shaft is blocked.
 const STALL: Fault = Fault(0);
-/// The electronics become too hot.
+/// Fault `over_temperature`: the electronics become too hot.
 const OVER_TEMPERATURE: Fault = Fault(1);
-/// A fault of a Hybrid.
+/// Fault `locked_rotor`. This fault and those below exist on a Hybrid only.
 const LOCKED_ROTOR: Fault = Fault(2);
 const LEAD_LIMIT: Fault = Fault(3);
 const LAG_LIMIT: Fault = Fault(4);
 const CALIBRATION: Fault = Fault(5);
 
-/// Bytes of the non-volatile memory.
+/// Size of the non-volatile memory, in bytes.
 pub const MEMORY: usize = saved::MEMORY;
 
-/// Shunt of a current into ANALOG: 20 mA are 5 V. The manuals do not specify it.
+/// Shunt resistor of the ANALOG input for a current: 20 mA give 5 V. The manuals do not specify it.
 const SHUNT_OHM: u16 = 250;
 
 const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
     PinSpec::new(name, role, idle)
 }
 
-// An open input floats high if it sinks and low if it sources, so the drive needs to know that it is open. A remote
-// encoder counts once its channels are driven.
+// `Level::Float` as idle level tells the drive that an input is open: an open sinking input reads high, an
+// open
+// sourcing input low. A remote encoder counts once its channels are driven.
 #[rustfmt::skip]
 static PINS: [PinSpec; 11] = [
     pin("IO1", Role::Both, Level::Float),
@@ -95,7 +96,7 @@ static MDRIVE_HYBRID: Spec = spec(
     &["stall", "over_temperature", "locked_rotor", "lead_limit", "lag_limit", "calibration"],
 );
 
-/// Parts that are not modelled, and why: the Hybrid's lines are the last ones.
+/// Parts that are not modelled, and why. The last [`OF_HYBRID`] entries apply to the Hybrid only.
 static NOT_MODELLED: [&str; 23] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
     "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1: \
@@ -125,10 +126,10 @@ static NOT_MODELLED: [&str; 23] = [
      and falls in as an MDrivePlus2's does; C2, LL and LR are right",
 ];
 
-/// Lines of it that are the Hybrid's alone.
+/// Number of entries at the end of [`NOT_MODELLED`] that apply to the Hybrid only.
 const OF_HYBRID: usize = 8;
 
-/// The description that both products share.
+/// Description of a product. The arguments are what differs between the two products.
 const fn spec(
     kind: &'static str,
     product: &'static str,
@@ -167,7 +168,7 @@ pub struct Mdrive {
 
 impl Mdrive {
     /// An MDrivePlus², without power.
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     #[must_use]
     pub fn plus() -> Self {
@@ -206,11 +207,13 @@ impl Device for Mdrive {
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),
             Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
-            // A board's counter has seen edges of a remote encoder, whose channels are at these levels now.
+            // A board's counter reports edges of a remote encoder and the present levels of its channels A
+            // and B.
             Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_fault(at, fault, on, out),
-            // Not started yet; there is no serial port, and the motor is internal: without step pins no board makes
-            // pulses that could deviate.
+            // Ignored: messages before the drive has started; serial input, because there is no serial port;
+            // and inputs of an external motor, because the motor is internal. Without step pins no board
+            // makes pulses that could deviate.
             Input::Message { .. }
             | Input::Opened { .. }
             | Input::Closed { .. }

@@ -1,7 +1,7 @@
 //! Requests on port 502: the functions of FB 4, without its misprints (MDRIVE-1).
 //!
-//! What names an address that is not there, or has another structure, never reaches the drive; what the drive refuses
-//! is an error of MCode, too.
+//! A request for an address that does not exist, or with a wrong structure, is refused before it reaches the
+//! drive. If the drive itself refuses a request, EF and ER report that as an error of MCode, too.
 
 use drivetwin_protocol::modbus::pdu::{ENCAPSULATED_INTERFACE, Exception};
 use drivetwin_protocol::modbus::server::{RequestHandler, Rules, Values, refuse_tcp, serve_tcp};
@@ -18,13 +18,13 @@ use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
 use super::variables::illegal;
 use crate::device::{Context, Instant, Link, LogEvent, Output};
 
-/// Read manufacturer specific (FB 4.3.2).
+/// Function "read manufacturer specific" (FB 4.3.2).
 const READ_SPECIFIC: u8 = 65;
-/// Write manufacturer specific (FB 4.3.3).
+/// Function "write manufacturer specific" (FB 4.3.3).
 const WRITE_SPECIFIC: u8 = 66;
 
-/// Up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2); half of a value cannot be written
-/// (MDRIVE-2).
+/// Limits of a request: up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2). Half
+/// of a value cannot be written (MDRIVE-2).
 static RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, ENCAPSULATED_INTERFACE, READ_SPECIFIC, WRITE_SPECIFIC],
     broadcast: None,
@@ -37,33 +37,33 @@ static RULES: Rules = Rules {
     read_only: Exception::IllegalDataAddress,
 };
 
-/// Conformity of the identification: regular objects, also one by one (MDRIVE-6).
+/// Conformity level of the identification: regular objects, which can also be read one by one (MDRIVE-6).
 const CONFORMITY: u8 = identification::REGULAR | identification::SINGLE_OBJECTS;
 
-/// The most of a parameter string (FB 4.3.3).
+/// Maximum length of a parameter string, in characters (FB 4.3.3).
 const MAX_STRING: usize = 28;
-/// A mnemonic in a request: backwards, behind blanks.
+/// Length of a mnemonic in a request. Blanks come first, then its characters in reverse order.
 const MNEMONIC: usize = 4;
 
 /// Targets of functions 65 and 66 (FB 4.3.1; MDRIVE-7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Specific {
-    /// Values to read and to write.
+    /// Values that can be read and written.
     Values,
     /// A command.
     Command(Command),
-    /// EX, with an address or a label.
+    /// EX: runs the program at an address or a label.
     Execute,
 }
 
 /// A command without a value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Command {
-    /// E.
+    /// E: ends the program.
     End,
-    /// PS.
+    /// PS: pauses program and motion.
     Pause,
-    /// RS.
+    /// RS: resumes program and motion.
     Resume,
 }
 
@@ -90,7 +90,7 @@ impl Drive {
         let outcome = if self.is_started() {
             serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
         } else {
-            // The Ethernet controller receives before the drive does.
+            // After a restart the Ethernet controller receives requests while the drive itself still starts.
             refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
         };
         out.put(at, Output::Log(LogEvent::of(MODBUS, outcome)));
@@ -99,7 +99,7 @@ impl Drive {
         }
     }
 
-    /// Reports an error to MCode, and returns the exception for the bus.
+    /// Reports an error to MCode and returns the exception for the bus.
     fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Context) -> Exception {
         self.fail(at, error, out);
         error.exception()
@@ -108,7 +108,7 @@ impl Drive {
     /// Validates all values of a write with their combined result, then applies all of them.
     ///
     /// # Errors
-    /// The first that is refused; nothing has changed then.
+    /// The first error found; nothing has changed then.
     fn write_all(
         &mut self,
         at: Instant,
@@ -117,11 +117,13 @@ impl Drive {
     ) -> Result<(), Error> {
         let brought = |reg| values.get(reg).map(narrow);
         for (reg, value) in values.iter() {
-            // MR is next to MS.
+            // MR and MS are neighbours: one request can write both. MS makes a Hybrid calibrate, and MR
+            // cannot move it then.
             if self.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
                 return Err(Error::CalibrationInMotion);
             }
-            // DC is next to DE: where it takes DE to 0, DE 1 calibrates.
+            // DC and DE are neighbours, too. If DC counts DE down to 0, DE = 1 in the same request calibrates
+            // a Hybrid.
             let counted = brought(Reg::DC).and_then(|address| self.counted_by_address(address).ok());
             let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
             if switches_on && self.model == Model::Hybrid && self.is_in_motion() {
@@ -131,7 +133,8 @@ impl Drive {
                 brought(other).unwrap_or_else(|| self.stored(other))
             })?;
         }
-        // An order may be refused all the same, so it comes first. There is one of these at most in four registers.
+        // A motion command can be refused even after validation, so it is applied first. Four registers hold
+        // at most one motion command.
         for ordered in [true, false] {
             for (reg, value) in values.iter().filter(|(reg, _)| is_order(*reg) == ordered) {
                 self.apply(at, reg, narrow(value), out)?;
@@ -140,7 +143,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Carries out function 65 or 66, of which `data` is what follows the mnemonic.
+    /// Executes function 65 or 66. `data` is the part of the request after the mnemonic.
     fn serve_specific(
         &mut self,
         at: Instant,
@@ -193,7 +196,7 @@ impl Drive {
         Ok(())
     }
 
-    /// The values of a mnemonic, as PR prints them.
+    /// Reads the values of a mnemonic, in the format that PR prints.
     fn read_values(&mut self, at: Instant, name: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         let _ = reply.extend_from_slice(&[READ_SPECIFIC, 0]);
         let head = reply.len();
@@ -205,7 +208,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Sets the values of a mnemonic: `=` and values, as MCode has it.
+    /// Sets the values of a mnemonic. The string is `=` and the values, as in MCode.
     fn write_values(
         &mut self,
         at: Instant,
@@ -234,7 +237,7 @@ impl Drive {
         }
     }
 
-    /// Runs the program at an address or a label, of which `=` may stand before it.
+    /// Runs the program at an address or a label. The `=` before it is optional.
     fn execute_at(&mut self, at: Instant, place: &[u8]) -> Result<(), Error> {
         let place = place.strip_prefix(b"=").unwrap_or(place);
         match self.parse(&joined(b"EX ", place))? {
@@ -244,24 +247,24 @@ impl Drive {
     }
 }
 
-/// Returns whether motion may refuse it when it is to begin, and not only when it is checked.
+/// Returns true if motion can refuse a write of this register although validation has accepted it.
 fn is_order(reg: Reg) -> bool {
     matches!(reg, Reg::HM | Reg::MA | Reg::MR)
 }
 
-/// A value of the bus, whose rows have none that does not fit.
+/// Converts a value of the bus to 32 bits. All legal values fit; a larger one becomes `i32::MAX`.
 fn narrow(value: i64) -> i32 {
     i32::try_from(value).unwrap_or(i32::MAX)
 }
 
-/// Two texts in one; there is room for a mnemonic and the longest string.
+/// Joins two texts. The result has room for a mnemonic and the longest string.
 fn joined(first: &[u8], second: &[u8]) -> heapless::Vec<u8, { MNEMONIC + MAX_STRING }> {
     let mut text = heapless::Vec::new();
     let _ = text.extend_from_slice(first).and_then(|()| text.extend_from_slice(second));
     text
 }
 
-/// Text that goes into a reply.
+/// Text output that appends to a reply.
 struct Answer<'a>(&'a mut Reply);
 
 impl Text for Answer<'_> {
@@ -294,7 +297,7 @@ impl RequestHandler for Bus<'_> {
         self.drive.has_read(register);
     }
 
-    /// All is done by [`RequestHandler::write_multiple`].
+    /// Does nothing, because [`RequestHandler::write_multiple`] applies all writes.
     fn written(&mut self, _register: Reg) {}
 
     fn entries(&self) -> &'static Entries {
@@ -309,7 +312,8 @@ impl RequestHandler for Bus<'_> {
     fn on_out_of_range(&mut self, register: Reg, value: i64) {
         let validated =
             self.drive.validate_together(register, narrow(value), &|other| self.drive.stored(other));
-        // The bus has narrower ranges of some than MCode has (MDRIVE-3).
+        // Validation may accept the value, because the bus has narrower ranges of some registers than MCode
+        // (MDRIVE-3).
         let error = validated.err().unwrap_or_else(|| illegal(register));
         self.drive.fail(self.at, error, self.out);
     }

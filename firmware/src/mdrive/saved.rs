@@ -1,8 +1,9 @@
-//! Content of the non-volatile memory beside programs: variables and flags, set-up of I/O, global user variables (S,
-//! IP, FD).
+//! Content of the non-volatile memory, apart from programs: variables and flags, set-ups of I/O, global user
+//! variables (S, IP, FD).
 //!
-//! Variables come first, global user variables behind them, each with a check sum. Both are invalid while they are
-//! stored, so after a power cut the memory holds the old values, the new ones, or fails its test (70).
+//! The variables come first, then the global user variables. Each part has a checksum. While a save runs,
+//! both parts are invalid. So after a power failure the memory has either the old values or the new ones, or
+//! fails its test (error 70).
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -15,22 +16,22 @@ use super::variables::{entry, is_number, words};
 use crate::device::{Context, Duration, Instant, NullContext, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Bytes of the variables, as they lie first.
+/// Bytes of the variables, which are at the start of the memory.
 pub(super) const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
-/// Bytes of a global user variable: two of its name and four of its value.
+/// Bytes of one global user variable: two for its name and four for its value.
 const GLOBAL: usize = 6;
 const GLOBAL_BYTES: usize = GLOBAL * names::MAX;
-/// Bytes of global user variables behind the variables, with a CRC.
+/// Bytes of all global user variables and their CRC. They follow the variables.
 pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
-/// Offset of the program's log.
+/// Offset of the log that stores the program.
 pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;
-/// Bytes of the non-volatile memory.
+/// Size of the non-volatile memory, in bytes.
 pub(super) const MEMORY: usize = PROGRAM + program::BYTES;
 
 /// Time of a save; the manuals do not give it (MDRIVE-12).
 pub(super) const SAVE: Duration = Duration::millis(10);
 
-/// A save that runs.
+/// A save in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Saving {
     variables: Save,
@@ -38,8 +39,8 @@ pub(super) struct Saving {
 }
 
 impl Drive {
-    /// Power comes: loads variables, global user variables and the program. Returns whether the memory was good (70 if
-    /// not); the factory's values replace bad parts.
+    /// Loads variables, global user variables and the program when the drive starts. Returns true if the
+    /// memory was good (error 70 if not). The factory's values replace bad parts.
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         let saved = self.load_variables(out) && self.load_globals(out);
         if !saved {
@@ -49,7 +50,8 @@ impl Drive {
         self.load_program(out) && saved
     }
 
-    /// Loads the variables, those of a new drive from the factory. Whether they were good.
+    /// Loads the variables. If nothing was ever saved, they have the factory's values. Returns false if the
+    /// memory is bad.
     fn load_variables(&mut self, out: &dyn Context) -> bool {
         let entries = self.model.entries();
         self.factory_reset();
@@ -64,7 +66,7 @@ impl Drive {
         content != Content::Bad
     }
 
-    /// Resets values that no save could have stored, as a memory of the other model may have.
+    /// Resets values that no save could have stored, for example because the memory is from the other model.
     fn sanitize(&mut self) {
         let entries = self.model.entries();
         for (row, entry) in entries.list.iter().enumerate() {
@@ -73,7 +75,7 @@ impl Drive {
                 entries.put(self.bank.words_mut(), row, entry.reset);
             }
         }
-        // Each is possible now; they must go together, too.
+        // Each value alone is possible now. The values must also fit each other.
         let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
         let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
         let stored = |reg| self.stored(reg);
@@ -87,7 +89,8 @@ impl Drive {
         }
     }
 
-    /// Resets all variables to the factory's, except those that the drive itself never changes.
+    /// Resets all variables to the factory's values, except [`LASTING`], which the drive itself never
+    /// changes.
     fn factory_reset(&mut self) {
         let lasting = LASTING.map(|reg| self.bank.get(reg));
         self.bank = Bank::of(self.model.entries());
@@ -96,7 +99,7 @@ impl Drive {
         }
     }
 
-    /// Loads the global user variables. Whether they were good.
+    /// Loads the global user variables. Returns false if the memory is bad.
     fn load_globals(&mut self, out: &dyn Context) -> bool {
         self.mcode.names = names::Names::new();
         let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
@@ -112,7 +115,7 @@ impl Drive {
         content != Content::Bad
     }
 
-    /// S.
+    /// S: begins to save.
     ///
     /// # Errors
     /// 73 in motion.
@@ -124,7 +127,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Begins to save; a save that runs begins again.
+    /// Begins a save. A save in progress starts again from its beginning.
     fn begin_save(&mut self, at: Instant, out: &mut dyn Context) {
         let mut image = [u8::MAX; GLOBAL_BYTES];
         let globals = self.mcode.names.iter().filter_map(|(name, meaning)| match meaning {
@@ -135,10 +138,11 @@ impl Drive {
             let [a, b, c, d] = value.to_be_bytes();
             *target = [first, second, a, b, c, d];
         }
-        // The globals do not pass from here on, so neither does the memory.
+        // From here until the save ends, the globals fail their test, and so does the whole memory.
         let globals = Save::of_bytes(&image, VARIABLES as u16, at, SAVE, out);
         let mode = self.bank.get(Reg::CA);
-        // Its second value is in its high byte, where a memory of before there was one has 0.
+        // The second value of CA is stored in the high byte of CA. Older memories, without a second value,
+        // have 0 there.
         self.bank.set(Reg::CA, mode | self.bank.get(Reg::CalibrationMethod) << 8);
         let (entries, words) = (self.model.entries(), self.bank.words());
         let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
@@ -146,7 +150,8 @@ impl Drive {
         self.saving = Some(Saving { variables, globals });
     }
 
-    /// Resets LK in the memory: "this will clear the program and reset LK to 0" (MC 5-42). Other saved values stay.
+    /// Resets LK in the memory: "this will clear the program and reset LK to 0" (MC 5-42). Other saved values
+    /// stay.
     pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Context) {
         self.finish_save(at, out);
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
@@ -165,7 +170,7 @@ impl Drive {
         self.saving.map_or(Instant::NEVER, |saving| saving.variables.due())
     }
 
-    /// Ends the save that runs.
+    /// Finishes the save in progress, if any.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(saving) = self.saving.take() {
             saving.globals.finish(at, out);
@@ -173,7 +178,7 @@ impl Drive {
         }
     }
 
-    /// IP: variables and flags as they are saved.
+    /// IP: loads the variables and flags that were saved.
     ///
     /// # Errors
     /// 70 if the saved values are bad, 74 in motion.
@@ -181,15 +186,15 @@ impl Drive {
         if self.is_in_motion() {
             return Err(Error::ClearInMotion);
         }
-        // A save in progress is finished first: the order of the commands counts.
+        // A save in progress is finished first, because it was commanded before IP.
         self.finish_save(at, out);
         let good = self.load_variables(out);
         self.apply_variables(at, out);
         if good { Ok(()) } else { Err(Error::Flash) }
     }
 
-    /// FD: the factory's variables, no program, no user variables, also in the memory; counters at 0; the sign-on. What
-    /// a setting chose stays.
+    /// FD: resets the variables to the factory's and deletes the program and the user variables, all of this
+    /// also in the memory. Sets counters to 0 and sends the sign-on. Settings keep their values.
     ///
     /// # Errors
     /// 73 in motion.
@@ -205,7 +210,7 @@ impl Drive {
         self.apply_variables(at, out);
         self.motion.set_steps(at, 0);
         self.motion.set_counts(at, 0);
-        // The memory fails its test from here on until all of it is reset.
+        // From here until all of the memory is reset, it fails its test.
         self.begin_save(at, out);
         self.mcode.program.clear(at, 1, out);
         self.greet(at, out);
@@ -219,7 +224,7 @@ impl Drive {
         self.set_motion(at, out);
     }
 
-    /// All I/O points may be others; one that cannot be so is as the factory made it.
+    /// Applies the set-ups of all I/O points. A set-up that is not possible is replaced by the factory's.
     fn apply_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.begin_load();
         for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
@@ -231,7 +236,7 @@ impl Drive {
         self.io.end_load(at, out);
     }
 
-    /// A preset before power comes, as if saved.
+    /// Presets a variable before power-on, as if it had been saved.
     pub(super) fn preset(
         &mut self,
         at: Instant,
@@ -244,7 +249,8 @@ impl Drive {
         }
         match i32::try_from(value) {
             _ if !is_number(reg) => {
-                // The points decide whether the set-up is possible; power-on starts with new ones.
+                // The I/O points decide whether the set-up is possible, so they are set up as a trial. They
+                // are new again at power-on.
                 self.apply_set_ups(at, &mut NullContext);
                 let validated = self.set_up(at, reg, words(reg, value), &mut NullContext);
                 self.io = Io::OPEN;

@@ -1,4 +1,4 @@
-//! Start and restart of the drive: Ctrl-C, a reset input.
+//! Start of the drive at power-on, and restart by Ctrl-C or a reset input.
 
 use super::drive::{Drive, Model, State, motion_settings};
 use super::error::{Error, Errors};
@@ -8,17 +8,17 @@ use super::mcode::trip::Trips;
 use super::mcode::vm::Vm;
 use crate::device::{Boot, Context, Duration, Instant};
 
-/// Text that it sends when it is ready, on MCode (MC 5-26).
+/// Sign-on text, which is sent on MCode connections when the drive is ready (MC 5-26).
 pub(super) const SIGN_ON: &[u8] = b"Copyright 2001-2010 by Schneider Electric Motion USA.\r\n";
 
-/// The program that runs when it is ready (MC 5-71).
+/// Label of the program that the drive runs when it is ready (MC 5-71).
 const START_UP: Place = Place::Label(*b"SU");
 
-/// From power-on to the first request that is answered; the manuals do not specify it (MDRIVE-7).
+/// Time from power-on to the first request that is answered; the manuals do not specify it (MDRIVE-7).
 const BOOT: Duration = Duration::millis(300);
 
 impl Drive {
-    /// Power comes: no connection is open, and all inputs follow.
+    /// Starts the drive at power-on. No connection is open, and the levels of all inputs follow as events.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.boot = boot;
         self.saving = None;
@@ -26,9 +26,10 @@ impl Drive {
         self.start(at, true, out);
     }
 
-    /// As power-on, but the connections stay (the Ethernet controller is another processor), and levels are known.
+    /// Restarts the drive. Unlike at power-on, connections stay open (the Ethernet controller is another
+    /// processor), and the levels of the inputs are known already.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
-        // A save in progress is finished first: the order of the commands counts.
+        // A save in progress is finished first, because it was commanded before the restart.
         self.finish_save(at, out);
         self.mcode.consoles.restart();
         self.start(at, false, out);
@@ -50,7 +51,7 @@ impl Drive {
         self.state = State::Booting { due: if self.boot.fast { at } else { at + BOOT }, whole };
     }
 
-    /// Ends all activity: errors, the program that runs, trips.
+    /// Ends all activity: clears errors, ends the program that runs, and removes all trips.
     pub(super) fn clear_activity(&mut self) {
         self.errors = Errors::NONE;
         self.end_program();
@@ -58,13 +59,13 @@ impl Drive {
         self.mcode.trips = Trips::NONE;
     }
 
-    /// Returns whether input on its ports reaches it.
+    /// Returns true if the drive receives input on its ports.
     pub(super) fn is_started(&self) -> bool {
         matches!(self.state, State::Calibrating | State::Ready)
     }
 
-    /// Returns whether its ports accept connections: the Ethernet controller, of both of them, starts with the power,
-    /// and works while the drive alone starts again.
+    /// Returns true if the ports accept connections. The Ethernet controller serves both ports: it starts at
+    /// power-on, and continues to work while the drive alone restarts.
     pub(super) fn accepts_connections(&self) -> bool {
         !matches!(self.state, State::Off | State::Booting { whole: true, .. })
     }
@@ -76,7 +77,7 @@ impl Drive {
         }
     }
 
-    /// Begins to receive: a Hybrid calibrates, unless it starts without delay.
+    /// Begins to receive messages. A Hybrid calibrates now, unless it starts without delay.
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Calibrating;
         if self.model == Model::Hybrid {
@@ -88,7 +89,7 @@ impl Drive {
         }
     }
 
-    /// Signs on and runs SU, once it is calibrated (MC 5-9).
+    /// Sends the sign-on and runs SU. A Hybrid does so once it is calibrated (MC 5-9).
     pub(super) fn sign_on(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Calibrating || self.hybrid.is_calibrating() {
             return;

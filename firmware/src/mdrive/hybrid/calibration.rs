@@ -1,4 +1,4 @@
-//! A calibration brings rotor and stator together (MC 5-8, 5-9).
+//! Calibration of a Hybrid, which aligns rotor and stator (MC 5-8, 5-9).
 
 use fixed::types::U24F8;
 
@@ -12,13 +12,13 @@ use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
-/// Full steps of the moves of a calibration, and what they take: with three times a CT of 250 ms 3.12 s (MC 5-9;
-/// MDRIVE-26).
+/// Moves of a calibration, in full steps, and their durations. With three waits of CT = 250 ms they make 3.12
+/// s (MC 5-9; MDRIVE-26).
 const FORTH: i32 = 6;
 const FORTH_TAKES: Duration = Duration::millis(1_580);
 const BACK: i32 = 3;
 const BACK_TAKES: Duration = Duration::millis(790);
-/// Time of a calibration whose rotor cannot move (MC 5-9).
+/// Duration of a calibration if the rotor cannot move (MC 5-9).
 const BLOCKED: Duration = Duration::secs(10);
 
 /// State of calibration.
@@ -31,7 +31,7 @@ pub(super) enum Calibration {
     Failed,
 }
 
-/// A calibration that runs.
+/// A calibration in progress.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Run {
     stage: Stage,
@@ -47,12 +47,12 @@ enum Stage {
     Waits,
     Back,
     Rests,
-    /// The rotor is blocked: it tries on.
+    /// The rotor is blocked, and the calibration continues to try.
     Tries,
 }
 
 impl Calibration {
-    /// Returns whether it is over, with whatever result.
+    /// Returns true if the calibration has ended, with either result.
     pub(super) fn is_over(self) -> bool {
         matches!(self, Self::Done | Self::Failed)
     }
@@ -66,7 +66,7 @@ impl Calibration {
 }
 
 impl Hybrid {
-    /// Marks it as calibrated, for a start without delay.
+    /// Marks the Hybrid as calibrated, for a start without delay.
     pub(in crate::mdrive) fn set_calibrated(&mut self) {
         self.calibration = Calibration::Done;
     }
@@ -77,11 +77,11 @@ impl Hybrid {
 }
 
 impl Drive {
-    /// Calibrates: SC, CF (`clears`), AS, DE, MS, EE, power-on. Without the circuitry or the bridge there is nothing to
-    /// do.
+    /// Starts a calibration: SC, CF (`clears`), AS, DE, MS, EE, power-on. If AS is 0 or the bridge is off,
+    /// nothing is calibrated.
     ///
     /// # Errors
-    /// 89 or 94 in motion.
+    /// In motion 94 for CF, 89 for the others.
     pub(in crate::mdrive) fn calibrate(
         &mut self,
         at: Instant,
@@ -94,7 +94,7 @@ impl Drive {
         self.motion.circuit_end(at, out);
         self.hybrid.rotor = Rotor::Free;
         (self.hybrid.is_locked, self.hybrid.at_bounds) = (false, None);
-        // It has cooled down, or stays off.
+        // Overheated electronics that have cooled down are enabled again; if still hot, they stay off.
         self.hybrid.is_overheated &= self.hybrid.heat.celsius(at) >= SHUTDOWN;
         self.hybrid.is_disabled = self.hybrid.is_overheated;
         let works = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
@@ -103,14 +103,14 @@ impl Drive {
         self.set_motion(at, out);
         if works {
             self.hybrid.calibration = Calibration::Runs(Run { stage: Stage::Settles, due, since: at });
-            // Nothing else moves it meanwhile.
+            // The calibration takes control of the motor, so that nothing else moves it meanwhile.
             self.turn_full_steps(at, 0, out);
         }
         self.watch_rotor(at, out);
         Ok(())
     }
 
-    /// Goes on to the next stage of a calibration (MC 5-9).
+    /// Begins the next stage of a calibration (MC 5-9).
     pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Context) {
         let Calibration::Runs(Run { stage, due, since }) = self.hybrid.calibration else { return };
         let (stage, lasts) = match stage {
@@ -135,7 +135,7 @@ impl Drive {
         self.motion.clear_lag(at);
         self.hybrid.calibration = outcome;
         if outcome == Calibration::Failed {
-            // "A locked rotor response" (MC 5-9).
+            // MC 5-9 calls this "a locked rotor response".
             (self.hybrid.is_locked, self.hybrid.is_disabled) = (true, true);
             self.set_motion(at, out);
             let starts = self.state == State::Calibrating;
@@ -145,7 +145,7 @@ impl Drive {
         self.trip_on_status(at, condition::CALIBRATED, out);
     }
 
-    /// CT.
+    /// CT, the duration of a wait.
     fn calibration_time(&self) -> Duration {
         Duration::millis(self.bank.word(Reg::CT).into())
     }
@@ -155,11 +155,12 @@ impl Drive {
         causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !self.motion.follows()
     }
 
-    /// Turns the rotor for the calibration.
+    /// Turns the rotor by full steps for the calibration.
     fn turn_full_steps(&mut self, at: Instant, full_steps: i32, out: &mut dyn Context) {
         let microsteps = self.bank.word(Reg::MS);
         let per_second = (u64::from(microsteps) << 8) * Duration::secs(1).ticks();
-        // Not below the speed of six steps in their time, so that the rotor stands at the end of that time.
+        // The speed is at least that of six steps in their time, so that the rotor is at rest when that time
+        // ends.
         let bits = (per_second * u64::from(FORTH.unsigned_abs())).div_ceil(FORTH_TAKES.ticks());
         let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
         let percent = (self.bank.word(Reg::CC) & 0xFF) as u8;

@@ -1,22 +1,24 @@
-//! Temperature of the electronics (MC 5-38, 5-81). The manual has no figures but WT's: the rest is decided here.
+//! Temperature of the electronics (MC 5-38, 5-81). The manual gives a figure for WT only; the other values
+//! are ours.
 
 use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// Temperatures at work and overheated, in m°C.
+/// Temperatures in normal operation and when overheated, in m°C.
 const COOL: i64 = 40_000;
 const HOT: i64 = 95_000;
 /// Rate of change, in m°C/s.
 const PER_SECOND: i64 = 10_000;
-/// At that it disables itself: 10 °C above the warning of the factory (MC 9.5, error 71), in °C.
+/// Temperature at which the bridge is switched off, in °C: 10 °C above the factory's warning temperature (MC
+/// 9.5, error 71).
 pub(super) const SHUTDOWN: i64 = 90;
 
-/// The temperature.
+/// Model of the temperature: a linear rise or fall between two limits.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heat {
     /// True while the cause of heat is present.
     heats: bool,
-    /// The temperature when that came or went, in m°C.
+    /// Temperature when that cause appeared or disappeared, in m°C.
     from: i64,
     since: Instant,
 }
@@ -24,7 +26,7 @@ pub(super) struct Heat {
 impl Heat {
     pub(super) const COOL: Self = Self { heats: false, from: COOL, since: Instant::ZERO };
 
-    /// Sets the cause of heat.
+    /// Switches the cause of heat on or off.
     pub(super) fn set(&mut self, at: Instant, heats: bool) {
         *self = Self { heats, from: self.milli(at), since: at };
     }
@@ -34,8 +36,8 @@ impl Heat {
         self.milli(at) / 1_000
     }
 
-    /// Time at which it reaches so many °C, or leaves them on its way down; [`Instant::NEVER`] if it is not on that
-    /// way.
+    /// Time at which the temperature rises to this value in °C, or falls below it; [`Instant::NEVER`] if it
+    /// does neither.
     pub(super) fn passes(&self, celsius: i64) -> Instant {
         let way = if self.heats { celsius * 1_000 - self.from } else { self.from - celsius * 1_000 + 1 };
         let left = if self.heats { HOT - self.from } else { self.from - COOL };

@@ -1,16 +1,17 @@
-//! The Hybrid's circuitry: calibration, the rotor's lag and lead, make-up, torque mode, temperature (FB 5.1, MC 5-2 to
-//! 5-10, 5-38, 5-41 to 5-50, 5-70 to 5-81).
+//! The Hybrid's circuitry: calibration, the rotor's lag and lead, make-up, torque mode, temperature (FB 5.1,
+//! MC 5-2 to 5-10, 5-38, 5-41 to 5-50, 5-70 to 5-81).
 //!
-//! | file | what of it |
+//! | file | content |
 //! |---|---|
-//! | `calibration` | brings rotor and stator together |
-//! | `rotor` | what it does with the rotor: torque mode, make-up, bounds |
-//! | `status` | what it tells: AF, LL, LR, trips |
-//! | `heat` | its temperature |
+//! | `calibration` | aligns rotor and stator |
+//! | `rotor` | control of the rotor: torque mode, make-up, bounds |
+//! | `status` | status: AF, LL, LR, trips |
+//! | `heat` | temperature of the electronics |
 //!
-//! The rotor lags while its shaft is held (a fault) or its load is too heavy, or when it has fallen in elsewhere after
-//! that. It does not creep on at the bounds then, but stands until the motion does or the load changes. Make-up steps
-//! are not interleaved with those of a move, but made behind it (MDRIVE-27).
+//! The rotor lags while its shaft is blocked (a fault) or its load is too heavy, and also afterwards if it is
+//! in step again at another position. At the bounds it does not creep on. It stops until the motion stops or
+//! the load changes. Make-up steps are not interleaved with the steps of a move, but made after the move
+//! (MDRIVE-27).
 
 mod calibration;
 mod heat;
@@ -27,7 +28,7 @@ use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
 
-/// Text printed where WT is exceeded; MC 5-81 does not give the text (MDRIVE-31).
+/// Text printed when WT is exceeded; MC 5-81 does not give the text (MDRIVE-31).
 const WARNING: &[u8] = b"Error 71\r\n";
 
 /// Values of AS.
@@ -39,17 +40,17 @@ mod mode {
 /// Frequency that SS and TS divide (FB 5.1; MDRIVE-23), in Hz.
 const OSCILLATOR: i32 = 10_000_000;
 
-/// The speed of SS and TS, 0 to 255, in steps/s.
+/// Speed for a value 0 to 255 of SS or TS, in steps/s.
 pub(super) fn frequency(n: i32) -> i32 {
     OSCILLATOR.checked_div(n.saturating_add(2)).unwrap_or(0)
 }
 
-/// SS or TS for a speed in steps/s, the fastest that is not slower.
+/// Value of SS or TS for a speed in steps/s. Its speed is not below the given one.
 pub(super) fn divider(frequency: i32) -> i32 {
     OSCILLATOR.checked_div(frequency).unwrap_or(0) - 2
 }
 
-/// Faults that are there, a bit each.
+/// Present faults, one bit each.
 #[derive(Clone, Copy, Debug)]
 struct Causes(u8);
 
@@ -67,32 +68,32 @@ impl Causes {
     }
 }
 
-/// State of the Hybrid's circuitry. An MDrivePlus² has none of it but a bridge that heat can switch off.
+/// State of the Hybrid's circuitry. An MDrivePlus² uses only the bridge that heat can switch off.
 #[derive(Clone, Debug)]
 pub(super) struct Hybrid {
     calibration: Calibration,
     rotor: Rotor,
-    /// Since when the rotor, which does not move, has been at its bounds.
+    /// Time since which the rotor has been at its bounds without moving.
     at_bounds: Option<Instant>,
-    /// Time at which the rotor comes to a state that counts, or has been locked for long enough.
+    /// Time of the next check of the rotor: its lag reaches a limit, or it has been at its bounds for LT.
     rotor_due: Instant,
-    /// LG or LD to which it has come.
+    /// Limit LG or LD that the rotor has reached.
     limit: Option<Limit>,
-    /// LR.
+    /// LR: the rotor is locked.
     is_locked: bool,
-    /// The bridge is off, whatever the value of DE.
+    /// The bridge is switched off, whatever the value of DE.
     is_disabled: bool,
     heat: Heat,
     heat_due: Instant,
     has_warned: bool,
     is_overheated: bool,
-    /// Instant at which C1 comes to an end of its range.
+    /// Time at which C1 reaches an end of its range.
     position_due: Instant,
     causes: Causes,
 }
 
 impl Hybrid {
-    /// Without power.
+    /// State without power.
     pub(super) const NONE: Self = Self {
         calibration: Calibration::Not,
         rotor: Rotor::Free,
@@ -109,13 +110,14 @@ impl Hybrid {
         causes: Causes::NONE,
     };
 
-    /// Power comes, or a restart: that leaves what causes faults, and its temperature. `whole`: that will be told anew.
+    /// Resets the state at power-on (`whole`) or a restart. A restart keeps the temperature and the causes of
+    /// faults; at power-on the causes are reported again.
     pub(super) fn restart(&mut self, whole: bool) {
         let Self { heat, causes, .. } = *self;
         *self = if whole { Self::NONE } else { Self { heat, causes, ..Self::NONE } };
     }
 
-    /// Returns whether the bridge is off, whatever DE is.
+    /// Returns true if the bridge is switched off, whatever the value of DE.
     pub(super) fn is_disabled(&self) -> bool {
         self.is_disabled
     }
@@ -124,7 +126,7 @@ impl Hybrid {
         self.calibration.due().min(self.rotor_due).min(self.heat_due).min(self.position_due)
     }
 
-    /// DE of an MDrivePlus² is written: the bridge is back once its electronics are cool.
+    /// Handles a write of DE on an MDrivePlus²: the bridge is on again if the electronics are cool.
     pub(super) fn enable(&mut self) {
         self.is_overheated = self.causes.has(OVER_TEMPERATURE);
         self.is_disabled = self.is_overheated;
@@ -132,7 +134,7 @@ impl Hybrid {
 }
 
 impl Drive {
-    /// The cause of one of its faults comes or goes.
+    /// Sets or clears the cause of a fault.
     pub(super) fn set_hybrid_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let comes = on && !self.hybrid.causes.has(fault);
         self.hybrid.causes.set(fault, on);
@@ -146,14 +148,15 @@ impl Drive {
         }
     }
 
-    /// A calibration goes on. Rotor and temperature are looked at after everything that happens.
+    /// Begins the next stage of a calibration if it is due. Rotor and temperature need no handling here,
+    /// because `update_hybrid` checks them after every event.
     pub(super) fn hybrid_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.hybrid.calibration.due() <= at {
             self.calibrate_on(at, out);
         }
     }
 
-    /// Looks at rotor and temperature, after everything that happens.
+    /// Checks rotor and temperature. This runs after every event.
     pub(super) fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
         match self.model {
             _ if !self.is_started() => {}
@@ -168,8 +171,8 @@ impl Drive {
         }
     }
 
-    /// The motion has another plan, or C1 has come to an end of its range, beyond which it goes on at the other one:
-    /// error 105 of a Hybrid.
+    /// Predicts when C1 reaches an end of its range, after a change of the plan or at that time. There C1
+    /// wraps to the other end, and a Hybrid reports error 105.
     pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Context) {
         if self.model != Model::Hybrid {
             return;
@@ -178,13 +181,13 @@ impl Drive {
             self.fail(at, Error::MaximumPosition, out);
         }
         let steps = self.motion.steps(at);
-        // From one end to the other it is a single step.
+        // The step from one end of the range to the other does not count as reaching it.
         let ends = [i32::MIN, i32::MAX].into_iter().filter(|&end| end != !steps);
         let dues = ends.map(|end| self.motion.reaches_steps(at, end)).filter(|&due| due > at);
         self.hybrid.position_due = dues.min().unwrap_or(Instant::NEVER);
     }
 
-    /// The electronics are too hot: the bridge is off.
+    /// Switches the bridge off, because the electronics are too hot.
     fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         if !self.hybrid.is_overheated {
             (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);
@@ -193,12 +196,12 @@ impl Drive {
         }
     }
 
-    /// Returns whether there is current, but for what the circuitry has switched off.
+    /// Returns true if the bridge is on: DE is 1, and the circuitry has not switched it off.
     pub(super) fn has_bridge(&self) -> bool {
         self.bank.word(Reg::DE) != 0 && !self.hybrid.is_disabled
     }
 
-    /// Returns whether the circuitry controls the rotor.
+    /// Returns true if the circuitry controls the rotor.
     fn watches_rotor(&self) -> bool {
         let is_on = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
         is_on && self.hybrid.calibration.is_over()

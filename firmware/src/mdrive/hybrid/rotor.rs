@@ -1,7 +1,8 @@
-//! Control of the rotor by the circuitry: torque mode, make-up, its bounds (MC 5-10, 5-44 to 5-50, 5-72 to 5-76).
+//! Control of the rotor by the circuitry: torque mode, make-up, bounds of the lag (MC 5-10, 5-44 to 5-50,
+//! 5-72 to 5-76).
 //!
-//! In torque mode the rotor turns on its own, with its inertia: it is as fast as torque has made it, a hand that holds
-//! it stops it, and what ends torque mode slows it down.
+//! In torque mode the rotor turns without steps, with its inertia. TQ accelerates it up to its speed limit,
+//! blocking the shaft stops it, and at the end of torque mode it slows down.
 
 use fixed::types::{I24F8, U24F8};
 
@@ -13,29 +14,30 @@ use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
 use crate::motion::{Limits, MAX_ACCELERATION};
 
-/// Accelerations here are in full steps of so many in a turn.
+/// Full steps in a revolution, for the accelerations and speeds in this file.
 const STEPS_PER_REV: u32 = 200;
-/// Acceleration of the rotor by full torque, in full steps/s²: the manual gives no load (MDRIVE-28).
+/// Acceleration of the rotor by full torque, in full steps/s²; our value, because the manual gives no load
+/// (MDRIVE-28).
 const TORQUE_ACCELERATION: u32 = 39_062;
-/// The least that slows it down without a current, in full steps/s².
+/// Minimum deceleration of the rotor without current, in full steps/s².
 const LEAST_DECELERATION: u64 = 390;
 /// Speed at which no torque is left, in full steps/s: 3,000 rpm.
 const PULL_OUT: u32 = 10_000;
 
-/// Control of the rotor.
+/// Present control of the rotor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Rotor {
-    /// None: it is where it belongs, or is not controlled.
+    /// No control: the rotor is in position, or the circuitry is off.
     Free,
-    /// Makes up for its lag.
+    /// The circuitry makes up for the rotor's lag.
     MakesUp,
-    /// Torque turns it, unless it is stopped from outside.
+    /// Torque turns the rotor, unless something outside stops it.
     Spins { spin: Spin, is_stopped: bool },
-    /// Torque mode is over: it slows down by so many full steps/s².
+    /// Torque mode has ended: the rotor slows down at this rate, in full steps/s².
     Slows(u32),
 }
 
-/// TQ, TS and TD as they are, or were when it began.
+/// TQ and TS now, and TD when torque mode began.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Spin {
     torque: u16,
@@ -44,26 +46,26 @@ pub(super) struct Spin {
 }
 
 impl Hybrid {
-    /// Returns whether the rotor turns without a commanded motion.
+    /// Returns true if the rotor turns without a commanded motion.
     pub(super) fn turns(&self) -> bool {
         matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
     }
 }
 
 impl Drive {
-    /// Returns whether anything moves: S, SC, CF, MS and the like are refused then.
+    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
     pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
         self.motion.is_moving() || self.hybrid.turns()
     }
 
-    /// The shaft is blocked, or released.
+    /// Blocks the shaft, or releases it.
     pub(in crate::mdrive) fn block_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
         self.motion.block_shaft(at, held, out);
         self.apply_rotor_settings(at, out);
     }
 
-    /// The shaft may have been released, by a hand or by its load: the circuitry drives it on from its present
-    /// position.
+    /// Handles a possible release of the shaft from a blocking or its load: the circuitry continues to drive
+    /// it from its present position.
     pub(in crate::mdrive) fn apply_rotor_settings(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.watches_rotor() {
             return;
@@ -74,11 +76,12 @@ impl Drive {
         }
     }
 
-    /// The rotor is off its position: the circuitry makes up for it, reports it, or gives up.
+    /// Checks the rotor, and reacts if it is off its position: makes up for the lag, reports it, or locks the
+    /// rotor.
     pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.rotor_due = Instant::NEVER;
         if self.hybrid.rotor != Rotor::Free && !self.motion.is_circuit_driven() {
-            // An order has ended it.
+            // A motion command has ended the control.
             self.hybrid.rotor = Rotor::Free;
         }
         self.watch_torque(at, out);
@@ -94,20 +97,20 @@ impl Drive {
         self.watch_bounds(at, out);
     }
 
-    /// Torque mode begins when all motion is over, goes on with other values, or ends.
+    /// Begins torque mode when all motion has ended, updates it when values change, or ends it.
     fn watch_torque(&mut self, at: Instant, out: &mut dyn Context) {
         let is_wanted = self.watches_rotor() && self.is_in_torque_mode();
         let (torque, speed) = (self.bank.word(Reg::TQ), self.bank.word(Reg::TS));
         match self.hybrid.rotor {
             Rotor::Spins { spin, is_stopped } if is_wanted => {
-                // TD counts when it begins (MC 5-72).
+                // TD is read only when torque mode begins (MC 5-72).
                 let now = Spin { torque, speed, ..spin };
                 if now != spin {
                     self.spin(at, now, out);
                 } else if !is_stopped && !self.motion.follows() {
                     self.spin_on(at, spin, out);
                 } else if is_stopped && self.motion.follows() && self.motion.can_turn(spin.forward) {
-                    // The load that was too heavy for it is lighter.
+                    // The load was too heavy, and has become lighter.
                     self.spin(at, spin, out);
                 }
             }
@@ -123,7 +126,7 @@ impl Drive {
         }
     }
 
-    /// The rotor is accelerated, or slowed down, by TQ to what TS allows.
+    /// Accelerates the rotor, or slows it down, with torque TQ to the speed that TS allows.
     fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let Spin { torque, speed, forward } = spin;
         let fastest = i64::from(self.in_steps(PULL_OUT));
@@ -137,7 +140,7 @@ impl Drive {
         }
     }
 
-    /// No torque is left to accelerate the rotor: it turns as fast as it does, or is stopped.
+    /// Handles a rotor that no torque is left to accelerate: it keeps its present speed, or stops.
     fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let speed = self.motion.circuit_speed(at);
         if speed != 0 {
@@ -152,7 +155,7 @@ impl Drive {
         self.hybrid.rotor = Rotor::Spins { spin, is_stopped };
     }
 
-    /// The rotor comes to standstill: RC brakes it, or without a bridge its friction.
+    /// Slows the rotor to standstill. RC brakes it; without a bridge its friction does.
     fn slow_down(&mut self, at: Instant, out: &mut dyn Context) {
         let (run, coasts) = (self.bank.word(Reg::RC), self.coasts());
         let by = if self.has_bridge() { by_torque(run) } else { coasts };
@@ -162,7 +165,7 @@ impl Drive {
             self.motion.circuit_slow(at, self.in_steps(by), percent, out);
         }
         if !self.motion.follows() {
-            // RC is not enough for that.
+            // The current RC is not enough for this deceleration.
             self.motion.circuit_slow(at, self.in_steps(coasts), percent, out);
             self.motion.resynchronise_rotor(at, out);
         }
@@ -176,28 +179,28 @@ impl Drive {
 
     /// Deceleration of the rotor by friction, in full steps/s².
     fn coasts(&self) -> u32 {
-        /// Full steps/s² of 1 µN·m at 1 g·cm²: 10 rad/s², 200 full steps a turn.
+        /// Full steps/s² of 1 µN·m at 1 g·cm²: 10 rad/s², 200 full steps in a revolution.
         const EACH: u64 = 318;
         let long = |reg| u64::try_from(self.bank.get(reg)).unwrap_or(0);
         let by = (long(Reg::Friction) * 1_000 * EACH).checked_div(long(Reg::Inertia)).unwrap_or(0);
         u32::try_from(by.max(LEAST_DECELERATION)).unwrap_or(u32::MAX)
     }
 
-    /// An acceleration in steps/s², or a speed in steps/s, of one in full steps.
+    /// Converts an acceleration or a speed from full steps to steps.
     fn in_steps(&self, full_steps: u32) -> u32 {
         let steps_per_rev = u64::from(self.bank.word(Reg::MS)) * u64::from(self.bank.word(Reg::FullSteps));
         let steps = u64::from(full_steps).saturating_mul(steps_per_rev) / u64::from(STEPS_PER_REV);
         u32::try_from(steps).unwrap_or(u32::MAX).min(MAX_ACCELERATION)
     }
 
-    /// The circuitry leaves the rotor where it is: there it neither lags nor leads.
+    /// Ends the control of the rotor at its present position, where it neither lags nor leads.
     fn leave_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.motion.circuit_end(at, out);
         self.motion.clear_lag(at);
         self.hybrid.rotor = Rotor::Free;
     }
 
-    /// Makes up for the rotor's lag at the end of a motion with MU, at the speed of MF or SS.
+    /// Makes up for the rotor's lag after a motion if MU is not 0, at the speed of MF or SS.
     fn make_up(&mut self, at: Instant, out: &mut dyn Context) {
         if self.hybrid.rotor == Rotor::MakesUp {
             let ends = self.motion.plan_ends();
@@ -225,8 +228,8 @@ impl Drive {
         self.trip_on_status(at, condition::ACTIVE, out);
     }
 
-    /// A rotor that does not move at the bounds of CB is locked after LT (MC 5-44). In torque mode that is one that
-    /// does not turn.
+    /// Locks a rotor that has stayed at the bounds of CB for the time LT (MC 5-44). In torque mode a rotor
+    /// that does not turn counts as at the bounds.
     fn watch_bounds(&mut self, at: Instant, out: &mut dyn Context) {
         // CB 0 to 3 are 11, 13, 15 and 17 tenths of a full step.
         let tenths = 11 + 2 * i32::from(self.bank.word(Reg::CB));
@@ -263,15 +266,15 @@ impl Drive {
         }
     }
 
-    /// The rotor comes to that lag, or may.
+    /// Schedules a check for the time at which the rotor may reach this lag.
     pub(super) fn predict_lag(&mut self, at: Instant, lag: i32) {
         if !self.motion.is_circuit_driven() {
             self.hybrid.rotor_due = self.hybrid.rotor_due.min(self.motion.lag_time(at, lag));
         }
     }
 
-    /// The rotor is locked: but in torque mode the bridge is switched off, and the motion ends as with a stall
-    /// (MDRIVE-30).
+    /// Marks the rotor as locked. Except in torque mode, this switches the bridge off and ends the motion
+    /// like a stall (MDRIVE-30).
     pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Context) {
         self.hybrid.is_locked = true;
         if self.is_in_torque_mode() {
@@ -284,12 +287,12 @@ impl Drive {
     }
 }
 
-/// Acceleration by a share of the torque, in full steps/s².
+/// Acceleration by a percentage of the full torque, in full steps/s².
 fn by_torque(percent: u16) -> u32 {
     TORQUE_ACCELERATION * u32::from(percent) / 100
 }
 
-/// At once at that speed.
+/// Limits of a motion at constant speed, without ramps.
 pub(super) fn evenly(speed: U24F8) -> Limits {
     Limits {
         start_speed: speed,

@@ -29,17 +29,17 @@ pub(super) mod condition {
     pub(in super::super) const LEAD: u8 = 16;
 }
 
-/// A limit to which the rotor has come.
+/// Limit that the rotor has reached.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Limit {
-    /// LG.
+    /// LG, the limit of the lag.
     Lag,
-    /// LD.
+    /// LD, the limit of the lead.
     Lead,
 }
 
 impl Hybrid {
-    /// LR.
+    /// LR: true if the rotor is locked.
     pub(in crate::mdrive) fn is_locked(&self) -> bool {
         self.is_locked
     }
@@ -48,14 +48,14 @@ impl Hybrid {
         self.rotor == Rotor::MakesUp
     }
 
-    /// IT.
+    /// IT: internal temperature, in °C.
     pub(in crate::mdrive) fn temperature(&self, at: Instant) -> i32 {
         i32::try_from(self.heat.celsius(at)).unwrap_or(0)
     }
 }
 
 impl Drive {
-    /// AF.
+    /// AF, the status as bits.
     pub(in crate::mdrive) fn hybrid_status(&self, at: Instant) -> u16 {
         let Hybrid { limit, causes, rotor, calibration, is_locked, is_overheated, .. } = self.hybrid;
         let at_zero = self.watches_rotor() && rotor == Rotor::Free && self.lag(at) == 0;
@@ -74,24 +74,24 @@ impl Drive {
         .fold(0, |bits, (_, bit)| bits | bit)
     }
 
-    /// Returns whether the circuitry corrects the rotor.
+    /// Returns true if the circuitry corrects the rotor at present.
     pub(in crate::mdrive) fn corrects_rotor(&self) -> bool {
         self.hybrid.at_bounds.is_some() || self.hybrid.rotor != Rotor::Free || self.motion.is_too_fast()
     }
 
-    /// LL, in steps. In torque mode and until the rotor stands after it, while it calibrates and while the circuitry is
-    /// off there is none.
+    /// LL, the lag in steps. It is 0 in torque mode and until the rotor is at rest after it, during a
+    /// calibration, and while the circuitry is off.
     pub(in crate::mdrive) fn lag(&self, at: Instant) -> i32 {
         let is_bound = self.watches_rotor() && !self.is_in_torque_mode() && !self.hybrid.turns();
         if is_bound { self.motion.lag(at) } else { 0 }
     }
 
-    /// The second value of MU.
+    /// Clears the lag, for the second value of MU.
     pub(in crate::mdrive) fn clear_lag(&mut self, at: Instant) {
         self.motion.clear_lag(at);
     }
 
-    /// LG and LD (MC 5-41).
+    /// Reports a lag beyond LG or a lead beyond LD (MC 5-41).
     pub(super) fn watch_lag(&mut self, at: Instant, out: &mut dyn Context) {
         let limit = |reg| i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX);
         let (most, least) = (limit(Reg::LG), -limit(Reg::LD));
@@ -117,9 +117,10 @@ impl Drive {
         }
     }
 
-    /// Reports an error of the rotor, which may trip.
+    /// Reports an error of the rotor and triggers its trip.
     pub(super) fn report(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Context) {
-        // "There is no error generation when enabling trip" on these (MC 5-71): the trip takes its place.
+        // If TA is enabled for this condition, the trip replaces the error: "There is no error generation
+        // when enabling trip" (MC 5-71).
         if !self.trips_on_status(condition) {
             self.fail(at, error, out);
         }

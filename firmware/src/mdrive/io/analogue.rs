@@ -5,15 +5,15 @@ use super::super::error::Error;
 use super::point::flag;
 use crate::device::{Duration, Instant};
 
-/// Full scale.
+/// Reading at full scale.
 const MAX: i32 = 1_023;
-/// Reading of 4 mA: less does not come from a transmitter of 4 to 20 mA (MC 5-65).
+/// Reading of 4 mA. A transmitter of 4 to 20 mA gives no less (MC 5-65).
 const LEAST_OF_4_MA: i32 = 205;
-/// Full scale of a current, in mV across the shunt.
+/// Full scale of a current (20 mA), in mV across the shunt.
 const MAX_CURRENT_MV: i32 = 20 * SHUNT_OHM as i32;
 /// Interval of readings; the manuals do not give it.
 const INTERVAL: Duration = Duration::millis(1);
-/// Digits of an average behind the point.
+/// Fractional bits of an average.
 const FRACTION: u32 = 16;
 
 /// Measured quantity.
@@ -32,11 +32,11 @@ enum Range {
 pub(super) struct Analogue {
     range: Range,
     mv: i32,
-    /// D5: readings that count for its average; up to 1 there is none.
+    /// D5: number of readings to average over; 0 and 1 mean no average.
     over: u8,
-    /// The average of the readings so far, with [`FRACTION`].
+    /// Average of the readings so far, with [`FRACTION`] fractional bits.
     average: i32,
-    /// Number of these readings, since time began.
+    /// Number of these readings since time 0.
     taken: u64,
 }
 
@@ -44,12 +44,13 @@ impl Analogue {
     /// Factory settings, at 0 V.
     pub(super) const ZERO: Self = Self { range: Range::Volts5, mv: 0, over: 0, average: 0, taken: 0 };
 
-    /// A restart: as the factory has it, but its voltage stays as it is.
+    /// Restarts with the factory's settings. The voltage stays as it is.
     pub(super) fn restart(&mut self) {
         *self = Self { mv: self.mv, ..Self::ZERO };
     }
 
-    /// S5: 9 volts or 10 milliamperes, range. FB 4.3.1 and the examples of MC 5-65 agree that 1 is 4 to 20 mA.
+    /// S5: type (9 voltage, 10 current) and range. FB 4.3.1 and the examples of MC 5-65 agree that range 1 of
+    /// a current is 4 to 20 mA.
     ///
     /// # Errors
     /// 8 for the type, 21 for the range.
@@ -68,7 +69,7 @@ impl Analogue {
         Ok(())
     }
 
-    /// D5.
+    /// D5: sets the number of readings to average over.
     pub(super) fn set_average(&mut self, at: Instant, over: u8) {
         self.read_until(at);
         if self.over <= 1 {
@@ -77,27 +78,27 @@ impl Analogue {
         self.over = over;
     }
 
-    /// The voltage at the pin; of a current that across the shunt.
+    /// Sets the voltage at the pin; for a current, the voltage across the shunt.
     pub(super) fn sample(&mut self, at: Instant, mv: i32) {
         self.read_until(at);
         self.mv = mv;
     }
 
-    /// I5.
+    /// I5: present reading, averaged.
     pub(super) fn value(&self, at: Instant) -> u16 {
         let value = if self.over <= 1 {
             self.reading()
         } else {
-            // A reading that is due at this instant counts as read.
+            // A reading that is due at this instant is included.
             let average = self.averaged(at.ticks() / INTERVAL.ticks() + 1);
             (average + (1 << (FRACTION - 1))) >> FRACTION
         };
         u16::try_from(value).unwrap_or(0)
     }
 
-    /// As it reads now.
+    /// Present reading, without average.
     fn reading(&self) -> i32 {
-        // In parts of 10,000 of full scale.
+        // In parts of 10,000 of full scale, per mV.
         let (per_mv, least) = match self.range {
             Range::Volts5 => (2, 0),
             Range::Volts10 => (1, 0),
@@ -115,13 +116,15 @@ impl Analogue {
         self.taken = count;
     }
 
-    /// The average after so many readings since time began: each counts 1/D5, what was before it the rest (MC 5-17).
+    /// Average after this number of readings since time 0. Each reading counts 1/D5, the average before it
+    /// the rest (MC 5-17).
     fn averaged(&self, count: u64) -> i32 {
         let reading = self.reading() << FRACTION;
         let mut average = self.average;
         for _ in self.taken..count {
             let nearer = (reading - average).checked_div(self.over.into()).unwrap_or(0);
-            // From here on it stays: 16 ln 2 + ln 1023 times D5 readings are enough, and there may have been millions.
+            // From here on the average no longer changes. 16 ln 2 + ln 1023 times D5 readings are enough for
+            // that, and millions may be due.
             if nearer == 0 {
                 break;
             }

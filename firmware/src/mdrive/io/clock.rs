@@ -1,4 +1,5 @@
-//! The clock points I/O 7 and 8: pulses that the motor follows, or pulses of its own steps (MC 5-13 to 5-15, 5-66).
+//! Clock points I/O 7 and 8: inputs for pulses that the motor follows, or outputs for its own steps (MC 5-13
+//! to 5-15, 5-66).
 
 use super::super::error::Error;
 use super::super::{IO7, IO8};
@@ -8,14 +9,14 @@ use super::point::flag;
 use crate::device::{Context, Duration, Instant, Level, Output, Pin, Plan};
 use crate::motion::{SETUP, Step, StepIterator};
 
-/// Code of the steps.
+/// Coding of steps as pulses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Code {
-    /// A pulse at I/O 7 for each, I/O 8 is active backward.
+    /// A pulse at I/O 7 for each step; I/O 8 is active for backward steps.
     StepDirection,
-    /// An edge for each, I/O 7 leads I/O 8 forward.
+    /// An edge for each step; I/O 7 leads I/O 8 in forward motion.
     Quadrature,
-    /// A pulse for each, forward at I/O 7, backward at I/O 8.
+    /// A pulse for each step, at I/O 7 forward, at I/O 8 backward.
     UpDown,
 }
 
@@ -70,32 +71,32 @@ impl Point {
 /// I/O 7 and 8.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
-    /// Function of both: they are set up in pairs (MC 5-66; MDRIVE-32).
+    /// Function of both points, which always have the same type (MC 5-66; MDRIVE-32).
     kind: Kind,
     seven: Point,
     eight: Point,
-    /// CM.
+    /// CM: true in clock mode.
     enabled: bool,
-    /// CR, in thousandths.
+    /// Clock ratio CR, in thousandths.
     ratio: i32,
-    /// Steps of the clock inputs that are not handled yet, and thousandths of another one.
+    /// Steps of the clock inputs that are not handled yet, and thousandths of a further step.
     steps: i32,
     remainder: i32,
-    /// True if a plan is wanted.
+    /// True if clock outputs need a plan.
     is_new: bool,
     train: PulseTrain,
 }
 
-/// The output pulses of steps.
+/// Output pulses of the motor's steps.
 #[derive(Clone, Debug)]
 struct PulseTrain {
     steps: StepIterator,
     next: Option<Step>,
-    /// Time of the last step, or of the last plan.
+    /// Time of the last step, or of the last change of the plan.
     last: Instant,
-    /// The direction that is shown.
+    /// Direction that the outputs show.
     backward: bool,
-    /// Edges of the quadrature.
+    /// Number of edges of the quadrature.
     phase: i32,
     /// End of the pulse; [`Instant::NEVER`] between pulses.
     ends: Instant,
@@ -111,8 +112,8 @@ impl PulseTrain {
         ends: Instant::NEVER,
     };
 
-    /// Time at which the direction changes for the next step, if that goes the other way: [`SETUP`] before it, or
-    /// half-way to it.
+    /// Time at which the direction output changes for the next step, if that step reverses the direction:
+    /// [`SETUP`] before the step, or in the middle between the steps if they are too close.
     fn turns(&self) -> Option<Instant> {
         let Step { at, forward } = self.next?;
         let half = Duration::from_ticks(at.since(self.last).ticks() / 2);
@@ -126,7 +127,7 @@ impl PulseTrain {
 }
 
 impl Clock {
-    /// Step and direction inputs, active low, not driven.
+    /// Step and direction inputs, active low, that nothing drives.
     pub(super) const OPEN: Self = Self {
         kind: Kind::ClockInput(Code::StepDirection),
         seven: Point::OPEN,
@@ -139,7 +140,7 @@ impl Clock {
         train: PulseTrain::NONE,
     };
 
-    /// A restart: as the factory has it, but levels stay as they are.
+    /// Restarts with the factory's settings. The levels stay as they are.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         for (point, pin) in [(&mut self.seven, IO7), (&mut self.eight, IO8)] {
             point.put(at, pin, Level::Float, out);
@@ -148,7 +149,7 @@ impl Clock {
         *self = Self { seven: self.seven, eight: self.eight, ..Self::OPEN };
     }
 
-    /// S7 or S8: the type of both, its own active state.
+    /// S7 or S8: sets the type of both points, and the active state of this one.
     ///
     /// # Errors
     /// 11 for the type, 21 for the state.
@@ -169,7 +170,7 @@ impl Clock {
         Ok(())
     }
 
-    /// CM, and CR in thousandths.
+    /// Sets CM, and CR in thousandths.
     pub(super) fn set(&mut self, at: Instant, enabled: bool, ratio: u16, out: &mut dyn Context) {
         self.ratio = ratio.into();
         if enabled != self.enabled {
@@ -178,28 +179,28 @@ impl Clock {
         }
     }
 
-    /// Returns whether the motor follows pulses.
+    /// Returns true if the motor follows pulses.
     pub(super) fn follows(&self) -> bool {
         matches!(self.kind(), Some(Kind::ClockInput(_)))
     }
 
-    /// Returns whether it needs the motion's plan, for the first time.
+    /// Returns true if clock outputs are new and still need the motion's plan.
     pub(super) fn wants_plan(&self) -> bool {
         self.is_new
     }
 
-    /// The motor goes on along a plan.
+    /// Makes clock outputs follow a new plan.
     pub(super) fn plan(&mut self, at: Instant, plan: &Plan, width: Duration, out: &mut dyn Context) {
         self.is_new = false;
         if let Some(Kind::ClockOutput(_)) = self.kind() {
-            // A step that is due at this instant is still put out.
+            // A step of the old plan that is due at this instant is still put out.
             while self.train.due() <= at {
                 self.timeout(at, width, out);
             }
             let train = &mut self.train;
             train.steps.restart(plan, at);
             train.next = train.steps.next();
-            // Nobody knew of the next step before.
+            // The next step was unknown before now, so its direction does not change earlier.
             train.last = train.last.max(at);
         }
     }
@@ -213,7 +214,7 @@ impl Clock {
         }
     }
 
-    /// Steps to be followed, signed.
+    /// Takes the steps that the motor is to follow, signed.
     pub(super) fn take_clock_steps(&mut self) -> Option<i32> {
         let steps = core::mem::take(&mut self.steps);
         (steps != 0).then_some(steps)
@@ -224,7 +225,7 @@ impl Clock {
     }
 
     pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
-        // Where both come at once a direction comes before its pulse.
+        // If both are due at once, the direction (I/O 8) changes before the pulse.
         for pin in [IO8, IO7] {
             if self.point(pin).is_some_and(|point| point.debounced.timeout(at)) {
                 self.count_edge(pin);
@@ -242,7 +243,7 @@ impl Clock {
         }
     }
 
-    /// Function of both points, while CM is 1.
+    /// Function of both points; `None` while CM is 0.
     fn kind(&self) -> Option<Kind> {
         self.enabled.then_some(self.kind)
     }
@@ -267,7 +268,7 @@ impl Clock {
         }
     }
 
-    /// Another level of a point counts.
+    /// Counts the step of a point's new level, if there is one.
     fn count_edge(&mut self, pin: Pin) {
         let Some(Kind::ClockInput(code)) = self.kind() else { return };
         let (seven, eight) = (self.seven.is_active(), self.eight.is_active());
@@ -302,23 +303,23 @@ impl Clock {
         self.remainder = self.remainder.rem_euclid(1_000);
     }
 
-    /// A step is made.
+    /// Puts out the pulse or edge of a step.
     fn put_step(&mut self, step: Step, width: Duration, out: &mut dyn Context) {
         if self.train.ends != Instant::NEVER {
-            // Another plan has brought it closer than the pulse before it is long.
+            // The pulse before has not ended, because a new plan has brought this step closer.
             self.drive_pins(step.at, None, out);
         }
         let train = &mut self.train;
         train.next = train.steps.next();
         train.last = step.at;
         train.phase = train.phase.wrapping_add(if step.forward { 1 } else { -1 });
-        // A pulse ends half-way to the next one at the latest.
+        // A pulse ends half-way to the next step at the latest.
         let gap = train.next.map_or(Duration::FOREVER, |next| next.at.since(step.at));
         train.ends = step.at + width.min(Duration::from_ticks(gap.ticks() / 2)).max(Duration::TICK);
         self.drive_pins(step.at, Some(step.forward), out);
     }
 
-    /// Shows where the train is, with the pulse of a step forward or backward.
+    /// Drives the pins. `pulse` is the direction of the present pulse, true for forward.
     fn drive_pins(&mut self, at: Instant, pulse: Option<bool>, out: &mut dyn Context) {
         let Some(Kind::ClockOutput(code)) = self.kind() else { return };
         let (seven, eight) = match code {
@@ -326,7 +327,7 @@ impl Clock {
             Code::UpDown => (pulse == Some(true), pulse == Some(false)),
             Code::Quadrature => (matches!(self.train.phase & 3, 1 | 2), self.train.phase & 2 != 0),
         };
-        // A direction turns before its pulse.
+        // The direction changes before its pulse.
         self.eight.drive_pins(at, IO8, eight, out);
         self.seven.drive_pins(at, IO7, seven, out);
     }

@@ -1,12 +1,13 @@
-//! A level that counts once it has lasted.
+//! Debouncing: a level takes effect once it has lasted long enough.
 
 use crate::device::{Duration, Instant};
 
-/// The level in effect, and how long the other one is there.
+/// The level in effect, and the time at which the other level takes effect.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Debounce {
     pub(super) level: bool,
-    /// Time at which the other level will have lasted long enough; [`Instant::NEVER`] if it is not there.
+    /// Time at which the other level will have lasted long enough; [`Instant::NEVER`] if the input does not
+    /// have it.
     pub(super) due: Instant,
 }
 
@@ -15,7 +16,8 @@ impl Debounce {
         Self { level, due: Instant::NEVER }
     }
 
-    /// Sets the level, which counts once that has lasted for `min_time`. Returns whether another one counts now.
+    /// Sets the level of the input, which takes effect once it has lasted for `min_time`. Returns true if
+    /// another level takes effect now.
     pub(super) fn sample(&mut self, at: Instant, level: bool, min_time: Duration) -> bool {
         if level == self.level {
             self.due = Instant::NEVER;
@@ -29,7 +31,7 @@ impl Debounce {
         false
     }
 
-    /// Returns whether another level counts now because it has lasted.
+    /// Returns true if another level takes effect now, because it has lasted long enough.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let changes = self.due <= at;
         if changes {

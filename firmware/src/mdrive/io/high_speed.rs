@@ -19,12 +19,12 @@ pub(super) struct HighSpeed {
     active_high: bool,
     debounced: Debounce,
     driven: Level,
-    /// End of the pulse; [`Instant::NEVER`] without one.
+    /// End of the pulse; [`Instant::NEVER`] if there is none.
     ends: Instant,
 }
 
 impl HighSpeed {
-    /// A capture input, active low, not driven.
+    /// A capture input, active low, that nothing drives.
     pub(super) const OPEN: Self = Self {
         kind: Kind::Captures,
         active_high: false,
@@ -33,7 +33,7 @@ impl HighSpeed {
         ends: Instant::NEVER,
     };
 
-    /// A restart: as the factory has it, but its level stays as it is.
+    /// Restarts with the factory's settings. The level stays as it is.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         self.put(at, Level::Float, out);
         *self = Self { debounced: self.debounced, ..Self::OPEN };
@@ -60,12 +60,12 @@ impl HighSpeed {
         Ok(())
     }
 
-    /// Sets its level; returns whether that captures.
+    /// Sets the level of the pin. Returns true if the input captures now.
     pub(super) fn sample(&mut self, at: Instant, high: bool, min_time: Duration) -> bool {
         self.debounced.sample(at, high, min_time) && self.captures()
     }
 
-    /// A position has tripped: a trip output is active for `width`.
+    /// Makes a pulse of `width`, because a position has tripped, if this is a trip output.
     pub(super) fn pulse(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
         if self.kind == Kind::Trips {
             self.ends = at + width;
@@ -77,7 +77,7 @@ impl HighSpeed {
         self.debounced.due.min(self.ends)
     }
 
-    /// Returns whether it captures now.
+    /// Handles the deadline. Returns true if the input captures now.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         if self.ends <= at {
             self.ends = Instant::NEVER;
@@ -86,7 +86,7 @@ impl HighSpeed {
         self.debounced.timeout(at) && self.captures()
     }
 
-    /// Returns whether the level that counts now is one that captures.
+    /// Returns true if this is a capture input and the level in effect is active.
     fn captures(&self) -> bool {
         self.kind == Kind::Captures && self.debounced.level == self.active_high
     }

@@ -1,9 +1,9 @@
-//! The I/O points: what IO1 to IO4 are, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13,
-//! the channels of a remote encoder behind their filter.
+//! The I/O points: IO1 to IO4, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13,
+//! and the filtered channels of a remote encoder.
 //!
-//! They do not depend on the rest of the drive: they queue events.
+//! They do not depend on the rest of the drive. They queue events.
 //!
-//! Debounce timers that expire at the instant of an input are handled before it.
+//! A debounce timer that expires at the instant of an input is handled before the input.
 
 mod analogue;
 mod clock;
@@ -32,37 +32,37 @@ const PINS: [Pin; 4] = [IO1, IO2, IO3, IO4];
 const CONTACTS: [Contact; 5] =
     [Contact::Home, Contact::PlusLimit, Contact::MinusLimit, Contact::JogPlus, Contact::JogMinus];
 
-/// The pulses that the filters let pass, in ns (MC 5-25, 5-26).
+/// Shortest pulses that the filters 0 to 9 let pass, in ns (MC 5-25, 5-26).
 const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
 
-/// More than one instant brings: of four inputs each its own and a trip, of the contacts all, a capture, and three
-/// channels.
+/// Capacity of the event queue. One instant brings fewer events: for each of four inputs its own event and a
+/// trip, one for each contact, a capture, and three channels.
 const EVENTS: usize = 20;
 
 /// Events of the I/O for the rest of the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Event {
-    /// A contact of the motion became active, or not.
+    /// A contact of the motion became active (true) or inactive.
     Contact(Contact, bool),
     /// Input 1 to 4 became active: TI may trip on it.
     Active(u8),
-    /// G0: runs the program at address 1.
+    /// Go (G0): runs the program at address 1.
     Go,
     /// Stops motion and program.
     SoftStop,
-    /// Pauses, or resumes.
+    /// Pauses motion and program, or resumes them.
     Pause,
-    /// As Ctrl-C.
+    /// Restarts the drive, as Ctrl-C does.
     Reset,
     /// The capture input became active.
     Capture,
     /// Level of a channel of a remote encoder; `None` if it is no longer driven.
     Channel(Channel, Option<bool>),
-    /// Clock inputs ask for so many steps, clock ratio included.
+    /// Steps that the clock inputs request, with the clock ratio applied.
     Clock(i32),
 }
 
-/// State that outputs show.
+/// State of the drive that outputs can show.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct StateFlags {
     pub(super) moving: bool,
@@ -75,19 +75,19 @@ pub(super) struct StateFlags {
     pub(super) is_making_up: bool,
 }
 
-/// Settings of filters and pulses, as the variables are now.
+/// Settings of filters and pulses: present values of variables.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Filters {
-    /// D1 to D4, in ms.
+    /// Debounce times D1 to D4, in ms.
     pub(super) debounce_ms: [u8; 4],
-    /// D5.
+    /// D5: number of readings to average over.
     pub(super) average: u8,
-    /// FC and FM, 0 to 9.
+    /// Filters FC (capture) and FM (clock), 0 to 9.
     pub(super) capture: u8,
     pub(super) clock: u8,
-    /// CW, in 50 ns.
+    /// CW: width of output pulses, in units of 50 ns.
     pub(super) pulse: u8,
-    /// CM, and CR in thousandths.
+    /// CM: true in clock mode. Clock ratio CR, in thousandths.
     pub(super) clocked: bool,
     pub(super) ratio: u16,
 }
@@ -115,7 +115,7 @@ impl Filters {
     }
 }
 
-/// Time for which a level must last behind FC or FM: in whole ticks, not less than the pulse.
+/// Time for which a level must last with a value of FC or FM: the pulse in whole ticks, rounded up.
 fn min_pulse(filter: u8) -> Duration {
     let ns = MIN_PULSES.get(usize::from(filter)).copied().unwrap_or(0);
     Duration::from_ticks((ns * TICKS_PER_SECOND).div_ceil(1_000_000_000))
@@ -130,7 +130,7 @@ pub(super) struct Io {
     high_speed: HighSpeed,
     remote: Remote,
     filters: Filters,
-    /// All set-ups are being loaded.
+    /// True while all set-ups are being loaded.
     is_loading: bool,
     /// The contacts that were last reported as active, in the order of [`CONTACTS`].
     reported: [bool; 5],
@@ -138,7 +138,7 @@ pub(super) struct Io {
 }
 
 impl Io {
-    /// Inputs of the factory, not driven.
+    /// Set-ups of the factory, and nothing drives the pins.
     pub(super) const OPEN: Self = Self {
         points: [Point::OPEN; 4],
         analogue: Analogue::ZERO,
@@ -151,7 +151,8 @@ impl Io {
         events: Deque::new(),
     };
 
-    /// Power comes, or a restart; `whole`: all inputs follow as at power-on. All set-ups are the factory's.
+    /// Resets all set-ups to the factory's, at power-on (`whole`) or a restart. At power-on the levels of all
+    /// inputs follow as events; at a restart the levels stay.
     pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
         if whole {
             *self = Self::OPEN;
@@ -167,7 +168,7 @@ impl Io {
         self.events.clear();
     }
 
-    /// Set-ups that follow are loaded together, up to [`Self::end_load`].
+    /// Begins to load all set-ups together, up to [`Self::end_load`].
     pub(super) fn begin_load(&mut self) {
         self.is_loading = true;
         for point in &mut self.points {
@@ -175,8 +176,8 @@ impl Io {
         }
     }
 
-    /// All are loaded: an input that is active now counts as active before. So a switch that is held starts, stops or
-    /// resets nothing.
+    /// Ends the load. An input that is active now counts as active before. So a switch that is closed already
+    /// starts, stops or resets nothing.
     pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Context) {
         self.is_loading = false;
         for (point, pin) in self.points.iter_mut().zip(PINS) {
@@ -185,11 +186,11 @@ impl Io {
         self.report_contacts();
     }
 
-    /// Sets up S1 to S4 (`n` 1 to 4): type, active state, sinking or sourcing. An input is inactive until it has
-    /// settled; if it is active then, that is a change.
+    /// Sets up S1 to S4 (`n` 1 to 4): type, active state, sinking or sourcing. An input is inactive until it
+    /// has settled. If it is active then, this counts as an activation.
     ///
     /// # Errors
-    /// 6, 8, 10, 21.
+    /// 6 if another point has the type, 8 for the type, 10 for `n`, 21 for the other values.
     pub(super) fn set_up(
         &mut self,
         at: Instant,
@@ -213,10 +214,10 @@ impl Io {
         Ok(())
     }
 
-    /// Sets up S5: 9 or 10, range.
+    /// Sets up S5: type 9 or 10, range.
     ///
     /// # Errors
-    /// 8, 21.
+    /// 8 for the type, 21 for the range.
     pub(super) fn set_up_analogue(&mut self, at: Instant, values: [u16; 2]) -> Result<(), Error> {
         self.analogue.set_up(at, values)
     }
@@ -224,7 +225,7 @@ impl Io {
     /// Sets up S7 or S8 (`n` 7 or 8): clock type, active state.
     ///
     /// # Errors
-    /// 11, 21.
+    /// 11 for the type, 21 for the state.
     pub(super) fn set_up_clock(
         &mut self,
         at: Instant,
@@ -235,10 +236,10 @@ impl Io {
         self.clock.set_up(at, if n == 7 { IO7 } else { IO8 }, values, out)
     }
 
-    /// Sets up S13: 60 or 61, active state.
+    /// Sets up S13: type 60 or 61, active state.
     ///
     /// # Errors
-    /// 8, 21.
+    /// 8 for the type, 21 for the state.
     pub(super) fn set_up_capture(
         &mut self,
         at: Instant,
@@ -248,7 +249,8 @@ impl Io {
         self.high_speed.set_up(at, values, out)
     }
 
-    /// D1 to D4 in ms, D5; FC, FM, CW; CM, CR. A level that is already being debounced keeps its old filter time.
+    /// Sets D1 to D4 in ms, D5, FC, FM, CW, CM, CR. A level that is already being debounced keeps its old
+    /// filter time.
     pub(super) fn set_filters(&mut self, at: Instant, filters: Filters, out: &mut dyn Context) {
         self.filters = filters;
         self.analogue.set_average(at, filters.average);
@@ -258,7 +260,7 @@ impl Io {
     /// Writes output `n`, 1 to 4.
     ///
     /// # Errors
-    /// 9: it is an input, or has a type.
+    /// 9: the point is an input, or has a type.
     pub(super) fn write(
         &mut self,
         at: Instant,
@@ -271,55 +273,56 @@ impl Io {
         point.write(at, pin, active, debounce, out)
     }
 
-    /// I1 to I4, O1 to O4: whether I/O `n` is active.
+    /// I1 to I4, O1 to O4: true if I/O `n` is active.
     pub(super) fn is_active(&self, n: u8) -> bool {
         self.points.get(Self::place(n)).is_some_and(Point::is_active)
     }
 
-    /// The general purpose outputs, a bit each.
+    /// General purpose outputs, one bit each.
     pub(super) fn outputs(&self) -> u8 {
         bits(self.points.map(|point| point.kind() == Kind::Output))
     }
 
-    /// IL: levels behind the filters.
+    /// IL: levels after debouncing.
     pub(super) fn levels(&self) -> u8 {
         bits(self.points.map(|point| point.debounced_level()))
     }
 
-    /// IN: levels as they are.
+    /// IN: levels at the pins.
     pub(super) fn raw_levels(&self) -> u8 {
         bits(self.points.map(|point| point.level()))
     }
 
-    /// I5.
+    /// I5: present reading of the analogue input.
     pub(super) fn analogue(&self, at: Instant) -> u16 {
         self.analogue.value(at)
     }
 
-    /// State of the input that has the type of this contact: true if it is active; `None` without one.
+    /// State of the input that has the type of this contact: true if active; `None` if there is no such
+    /// input.
     pub(super) fn contact(&self, contact: Contact) -> Option<bool> {
         let point = self.points.iter().find(|point| point.kind() == Kind::Contact(contact))?;
         Some(point.is_active())
     }
 
-    /// Debounce time of the home switch; 0 without one.
+    /// Debounce time of the home switch, in ms; 0 if there is none.
     pub(super) fn home_debounce_ms(&self) -> u8 {
         let is_home = |point: &Point| point.kind() == Kind::Contact(Contact::Home);
         let place = self.points.iter().position(is_home);
         place.and_then(|place| self.filters.debounce_ms.get(place)).copied().unwrap_or(0)
     }
 
-    /// Returns whether the motor follows clock inputs: CM with S7 and S8 as inputs.
+    /// Returns true if the motor follows clock inputs: CM is 1, and S7 and S8 are inputs.
     pub(super) fn follows_clock(&self) -> bool {
         self.clock.follows()
     }
 
-    /// Returns whether clock outputs need the motion's plan, though it has not changed.
+    /// Returns true if clock outputs need the motion's plan, though it has not changed.
     pub(super) fn wants_plan(&self) -> bool {
         self.clock.wants_plan()
     }
 
-    /// The motion continues along a plan: clock outputs follow its steps.
+    /// Makes clock outputs follow the steps of a new plan.
     pub(super) fn plan(&mut self, at: Instant, plan: &Plan, out: &mut dyn Context) {
         self.clock.plan(at, plan, self.filters.width(), out);
     }
@@ -331,7 +334,7 @@ impl Io {
         }
     }
 
-    /// A trip on position: a pulse of the trip output, if there is one.
+    /// Makes a pulse at the trip output because of a trip on position, if there is a trip output.
     pub(super) fn pulse(&mut self, at: Instant, out: &mut dyn Context) {
         self.high_speed.pulse(at, self.filters.width(), out);
     }
@@ -353,7 +356,7 @@ impl Io {
         }
     }
 
-    /// Leaves a pin open.
+    /// Marks a pin as open.
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.timeout(at, out);
         match channel(pin) {
@@ -362,12 +365,12 @@ impl Io {
         }
     }
 
-    /// The analogue input has another voltage, in mV; a current that across 250 Ω.
+    /// Sets the voltage of the analogue input, in mV; for a current, the voltage across 250 Ω.
     pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
         self.analogue.sample(at, mv);
     }
 
-    /// The next event.
+    /// Takes the oldest event, or the steps that the clock inputs request.
     pub(super) fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front().or_else(|| self.clock.take_clock_steps().map(Event::Clock))
     }
@@ -394,7 +397,7 @@ impl Io {
         }
     }
 
-    /// The place of I/O `n`, 1 to 4.
+    /// Index of I/O `n`, 1 to 4.
     fn place(n: u8) -> usize {
         usize::from(n.wrapping_sub(1))
     }
@@ -411,7 +414,8 @@ impl Io {
         self.report(place, became_active);
     }
 
-    /// Sets the level of a channel of a remote encoder, or leaves it open. FM is for it, too (MC 5-26).
+    /// Sets the level of a channel of a remote encoder; `None` if nothing drives it. FM filters it, too (MC
+    /// 5-26).
     fn sample_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
         if self.remote.sample(at, channel, level, min_pulse(self.filters.clock)) {
             self.push(Event::Channel(channel, level));
@@ -449,7 +453,7 @@ impl Io {
     }
 }
 
-/// The channel of a remote encoder that a pin takes.
+/// Channel of a remote encoder that is at this pin, if any.
 fn channel(pin: Pin) -> Option<Channel> {
     match pin {
         A => Some(Channel::A),
@@ -459,12 +463,12 @@ fn channel(pin: Pin) -> Option<Channel> {
     }
 }
 
-/// Returns whether only a Hybrid has a type of I/O 1 to 4.
+/// Returns true if only a Hybrid has this type of I/O 1 to 4.
 pub(super) fn is_of_hybrid(kind: u16) -> bool {
     Kind::of(kind).is_some_and(Kind::is_of_hybrid)
 }
 
-/// The first one lowest.
+/// Packs levels into bits, the first one lowest.
 fn bits(levels: [bool; 4]) -> u8 {
     levels.iter().rev().fold(0, |bits, &level| bits << 1 | u8::from(level))
 }

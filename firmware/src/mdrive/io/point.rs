@@ -1,4 +1,4 @@
-//! I/O 1 to 4: inputs and outputs, general or of a type (MC 5-63, 5-64).
+//! I/O 1 to 4: inputs and outputs, general purpose or with a type (MC 5-63, 5-64).
 
 use super::super::error::Error;
 use super::super::motion::Contact;
@@ -13,11 +13,11 @@ pub(super) enum Kind {
     Input,
     /// A contact of the motion.
     Contact(Contact),
-    /// An input whose activation is this event.
+    /// An input whose activation causes this event.
     Command(Event),
     /// A general purpose output.
     Output,
-    /// An output that shows something.
+    /// An output that shows a state of the drive.
     StateOutput(StateOutput),
 }
 
@@ -53,7 +53,7 @@ impl Kind {
             19 => Self::StateOutput(StateOutput::Stall),
             20 => Self::StateOutput(StateOutput::Changing),
             21 => Self::StateOutput(StateOutput::LockedRotor),
-            // MC table 7.7 has 22 to 24 for these three.
+            // MC table 7.7 numbers these three 22 to 24.
             23 => Self::StateOutput(StateOutput::Positioning),
             24 => Self::StateOutput(StateOutput::Hybrid),
             25 => Self::StateOutput(StateOutput::MakesUp),
@@ -61,7 +61,7 @@ impl Kind {
         })
     }
 
-    /// Returns whether only a Hybrid has it (FB 4.3.1).
+    /// Returns true if only a Hybrid has this type (FB 4.3.1).
     pub(super) fn is_of_hybrid(self) -> bool {
         matches!(
             self,
@@ -69,7 +69,7 @@ impl Kind {
         )
     }
 
-    /// Returns whether only one point may have it (MC 9.1).
+    /// Returns true if only one point may have this type (MC 9.1).
     pub(super) fn is_dedicated(self) -> bool {
         !matches!(self, Self::Input | Self::Output)
     }
@@ -106,7 +106,7 @@ impl SetUp {
     /// A general purpose input, active low, sinking.
     pub(super) const FACTORY: Self = Self { kind: Kind::Input, active_high: false, sources: false };
 
-    /// Type, active state, sinking or sourcing.
+    /// Checks a set-up: type, active state, sinking or sourcing.
     ///
     /// # Errors
     /// 8 for the type, 21 for the others.
@@ -119,7 +119,7 @@ impl SetUp {
 /// A value that is 0 or 1.
 ///
 /// # Errors
-/// 21: it is another one.
+/// 21: it is neither.
 pub(super) fn flag(value: u16) -> Result<bool, Error> {
     match value {
         0 => Ok(false),
@@ -129,8 +129,8 @@ pub(super) fn flag(value: u16) -> Result<bool, Error> {
 }
 
 impl SetUp {
-    /// Returns whether a pin that is high when this is set up is a reset, even if it falls then: "If setting the input
-    /// to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
+    /// Returns true if a pin that is high at this set-up causes a reset, even if it falls then: "If setting
+    /// the input to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
     pub(super) fn resets_when_high(self) -> bool {
         self.kind == Kind::Command(Event::Reset) && self.sources && self.active_high
     }
@@ -140,13 +140,14 @@ impl SetUp {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     set_up: SetUp,
-    /// Level from outside; `None` if it is open.
+    /// Level that something outside drives; `None` if the pin is open.
     outside: Option<bool>,
     debounced: Debounce,
-    /// Time at which an input that was set up can be used (MC 5-64, note 2); [`Instant::NEVER`] if it can.
+    /// Time at which an input can be used after its set-up (MC 5-64, note 2); [`Instant::NEVER`] if it
+    /// already can.
     settles: Instant,
     active: bool,
-    /// Level that it drives.
+    /// Level that the point drives.
     driven: Level,
 }
 
@@ -164,18 +165,18 @@ impl Point {
         self.set_up.kind
     }
 
-    /// Returns whether it is active: an input as it has settled, an output as it is to be.
+    /// Returns true if the point is active: an input by its debounced level, an output as it was set.
     pub(super) fn is_active(&self) -> bool {
         self.active
     }
 
-    /// The level that counts.
+    /// Level in effect after debouncing.
     pub(super) fn debounced_level(&self) -> bool {
         self.debounced.level
     }
 
-    /// The level at the pin. Where neither side drives it, what sinks is pulled up and what sources is pulled down
-    /// (MDRIVE-24).
+    /// Level at the pin. If nothing drives it, a sinking point is pulled up and a sourcing point is pulled
+    /// down (MDRIVE-24).
     pub(super) fn level(&self) -> bool {
         match self.driven {
             Level::Low => false,
@@ -188,17 +189,17 @@ impl Point {
         self.debounced.due.min(self.settles)
     }
 
-    /// Takes a set-up. Returns whether it is another one: then [`Self::start`] must follow.
+    /// Stores a set-up. Returns true if it differs from the one before. Then [`Self::start`] must follow.
     pub(super) fn set_up(&mut self, set_up: SetUp) -> bool {
         let is_new = set_up != self.set_up;
-        // A general purpose output that stays one stays as active as it is.
+        // A general purpose output that stays one keeps its state.
         self.active &= !is_new || (self.kind(), set_up.kind) == (Kind::Output, Kind::Output);
         self.set_up = set_up;
         is_new
     }
 
-    /// Begins as it was set up: an input is inactive until it has settled. Returns whether it is active now and was
-    /// not.
+    /// Begins to use a new set-up. An input is inactive until it has settled. Returns true if the input has
+    /// become active.
     pub(super) fn start(&mut self, at: Instant, pin: Pin, debounce: Duration, out: &mut dyn Context) -> bool {
         self.drive(at, pin, out);
         self.settles = at + debounce;
@@ -206,7 +207,7 @@ impl Point {
         self.timeout(at)
     }
 
-    /// As [`Self::start`], but the present level counts as settled.
+    /// As [`Self::start`], but the present level takes effect at once.
     pub(super) fn load(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.drive(at, pin, out);
         self.settles = Instant::NEVER;
@@ -214,13 +215,13 @@ impl Point {
         self.update_active();
     }
 
-    /// Sets the level from outside; returns whether it becomes active.
+    /// Sets the level from outside. Returns true if the input becomes active.
     pub(super) fn sample(&mut self, at: Instant, outside: Option<bool>, debounce: Duration) -> bool {
         self.outside = outside;
         self.update(at, debounce)
     }
 
-    /// Another level counts because it has lasted, or it has settled. Returns whether it becomes active.
+    /// Handles the deadlines of debouncing and settling. Returns true if the input becomes active.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         self.debounced.timeout(at);
         if self.settles <= at {
@@ -229,10 +230,10 @@ impl Point {
         self.update_active()
     }
 
-    /// An output becomes active, or not.
+    /// Makes an output active or inactive.
     ///
     /// # Errors
-    /// 9: it is no general purpose output.
+    /// 9: the point is not a general purpose output.
     pub(super) fn write(
         &mut self,
         at: Instant,
@@ -290,7 +291,7 @@ impl Point {
         self.debounced.sample(at, level, debounce) && self.update_active()
     }
 
-    /// Returns whether an input becomes active by the level that counts now.
+    /// Updates the state of an input from the level in effect. Returns true if the input becomes active.
     fn update_active(&mut self) -> bool {
         if self.kind().is_output() || self.settles != Instant::NEVER {
             return false;

@@ -1,4 +1,4 @@
-//! The channels of a remote encoder behind FM (MC 5-26).
+//! Channels of a remote encoder, filtered by FM (MC 5-26).
 
 use super::debounce::Debounce;
 use crate::device::{Duration, Instant};
@@ -6,18 +6,19 @@ use crate::mdrive::motion::Channel;
 
 const CHANNELS: [Channel; 3] = [Channel::A, Channel::B, Channel::Index];
 
-/// A, B and the index, each `None` while it is not driven.
+/// Channels A, B and index. Each is `None` while nothing drives it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Remote {
     seen: [Option<Debounce>; 3],
 }
 
 impl Remote {
-    /// There is none.
+    /// No remote encoder is connected.
     pub(super) const OPEN: Self = Self { seen: [None; 3] };
 
-    /// A channel is driven to a level, which counts once it has lasted `min_time`; or it is no longer driven (`None`).
-    /// A channel that starts or stops being driven is not filtered. Returns whether the level counts now.
+    /// Sets the level of a channel, which takes effect once it has lasted for `min_time`; `None` if nothing
+    /// drives the channel any more. A channel that starts or stops being driven is not filtered. Returns true
+    /// if the level takes effect now.
     pub(super) fn sample(
         &mut self,
         at: Instant,
@@ -40,7 +41,7 @@ impl Remote {
         self.seen.iter().flatten().fold(Instant::NEVER, |first, seen| first.min(seen.due))
     }
 
-    /// Channels whose other level has lasted long enough and counts now.
+    /// Channels whose new level has lasted long enough and takes effect now.
     pub(super) fn timeout(&mut self, at: Instant) -> impl Iterator<Item = (Channel, bool)> + use<> {
         let changed = self.seen.each_mut().map(|seen| {
             let seen = seen.as_mut()?;

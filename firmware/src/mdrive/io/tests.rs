@@ -1,4 +1,4 @@
-//! Scripts with times: what MC says an I/O point does, and when.
+//! Scripts with times: the behaviour of I/O points that MC specifies, and its time.
 
 use std::vec;
 use std::vec::Vec;
@@ -12,7 +12,7 @@ use crate::device::{Level, Output};
 use crate::motion::{Limits, StepIterator};
 use crate::testing::{Recorder, Treatment};
 
-/// Levels: the I/O puts nothing else.
+/// Recorder of levels. The I/O may make no other output.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Level { .. } => Treatment::Keep,
@@ -20,7 +20,7 @@ fn recorder() -> Recorder {
     })
 }
 
-/// The I/O, and what time it is.
+/// The I/O with its present time.
 struct Dut {
     io: Io,
     filters: Filters,
@@ -49,7 +49,7 @@ impl Dut {
         dut
     }
 
-    /// All deadlines before `at`, and at `at` if `inclusive`.
+    /// Handles all deadlines before `at`, and at `at` if `inclusive`.
     fn wake(&mut self, at: Instant, inclusive: bool) {
         loop {
             let due = self.io.deadline();
@@ -64,7 +64,7 @@ impl Dut {
         self.now = at;
     }
 
-    /// All that happens up to `at`, and what is told at that very instant.
+    /// Runs up to `at`, including the deadlines at that instant.
     fn at(&mut self, at: Instant) -> &mut Self {
         self.wake(at, true);
         self
@@ -105,7 +105,7 @@ impl Dut {
         core::iter::from_fn(|| self.io.next_event()).collect()
     }
 
-    /// The levels that were put since this was last asked.
+    /// Levels that the I/O has put out since the last call.
     fn put(&mut self) -> Vec<(Instant, Pin, Level)> {
         core::mem::take(&mut self.out.levels)
     }
@@ -117,8 +117,8 @@ impl Dut {
 
 #[test]
 fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
-    // MC 5-63, 7.2.2: active low is active when grounded, active high at a voltage. What is open is pulled up where the
-    // input sinks, down where it sources.
+    // MC 5-63, 7.2.2: active low is active when grounded, active high at a voltage. An open sinking input is
+    // pulled up, an open sourcing input is pulled down.
     for (active_high, sources, outside, level, active) in [
         (0, 0, Some(false), false, true),
         (0, 0, Some(true), true, false),
@@ -136,7 +136,7 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
         for (n, pin) in (1..=4).zip(PINS) {
             let mut dut = Dut::new();
             dut.set_up(n, [0, active_high, sources]).unwrap();
-            // Away from where it will be, so that it has to come.
+            // First the opposite level, so that the level has to change.
             dut.edge(at_us(1), pin, !level);
             assert_eq!(dut.io.is_active(n), !active);
             match outside {
@@ -144,7 +144,8 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
                 None => dut.open(at_us(2), pin),
             }
             assert_eq!(dut.io.is_active(n), active, "{active_high} {sources} {outside:?}");
-            // The others are open and sink: high. Levels do not know of the active state (MC 5-36, 5-37).
+            // The other inputs are open and sink, so they are high. Levels do not depend on the active state
+            // (MC 5-36, 5-37).
             let levels = if level { 0b1111 } else { 0b1111 ^ 1 << (n - 1) };
             assert_eq!(dut.io.levels(), levels);
             assert_eq!(dut.io.raw_levels(), levels);
@@ -156,7 +157,7 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
 #[test]
 fn an_output_drives_what_the_table_of_output_conditions_says() {
     use Level::{Float, High, Low};
-    // MC 5-64: O = 1, O = 0.
+    // MC 5-64: the level for O = 1, then for O = 0.
     for (values, on, off) in [
         ([16, 1, 0], Float, Low),
         ([16, 0, 0], Low, Float),
@@ -211,7 +212,7 @@ fn an_output_that_stays_one_stays_active() {
     dut.set_up(1, [16, 1, 1]).unwrap();
     assert!(dut.io.is_active(1));
     assert_eq!(dut.put(), [(Instant::ZERO, IO1, Level::Low), (Instant::ZERO, IO1, Level::High)]);
-    // As an input it lets go, and comes back inactive.
+    // As an input it drives nothing, and as an output again it is inactive.
     dut.set_up(1, [0, 1, 1]).unwrap();
     dut.set_up(1, [16, 1, 1]).unwrap();
     assert!(!dut.io.is_active(1));
@@ -281,7 +282,7 @@ fn an_input_counts_once_it_was_stable_for_its_time() {
     dut.at(at_ms(160));
     assert_eq!(dut.events(), [Event::Active(2)]);
     assert_eq!((dut.active(), dut.io.levels()), ([false, true, false, false], 0b1101));
-    // It bounces: the time begins anew.
+    // The input bounces, which restarts the debounce time.
     dut.edge(at_ms(200), IO2, true);
     dut.edge(at_ms(300), IO2, false);
     dut.edge(at_ms(301), IO2, true);
@@ -290,7 +291,7 @@ fn an_input_counts_once_it_was_stable_for_its_time() {
     dut.at(at_ms(451));
     assert!(!dut.io.is_active(2));
     assert_eq!(dut.events(), []);
-    // A pulse that is exactly as long counts, one that is a tick shorter does not.
+    // A pulse of exactly the debounce time counts. A pulse one tick shorter does not.
     dut.edge(at_ms(1_000), IO4, false);
     dut.edge(at_ms(1_255), IO4, true);
     assert_eq!(dut.events(), [Event::Active(4)]);
@@ -299,7 +300,7 @@ fn an_input_counts_once_it_was_stable_for_its_time() {
     dut.edge(tick(at_ms(2_255).ticks() - 1), IO4, true);
     dut.at(at_ms(3_000));
     assert_eq!(dut.events(), []);
-    // Without a time everything counts at once.
+    // Without a debounce time everything counts at once.
     dut.edge(at_ms(3_000), IO1, false);
     dut.edge(at_ms(3_000), IO1, true);
     assert_eq!(dut.events(), [Event::Active(1)]);
@@ -323,7 +324,7 @@ fn contacts_tell_when_they_become_active_and_when_not() {
         assert_eq!(dut.events(), [Event::Contact(contact, true), Event::Active(3)]);
         dut.open(at_ms(2), IO3);
         assert_eq!(dut.events(), [Event::Contact(contact, false)]);
-        // What is no longer that contact is not active as one.
+        // A point that no longer has the type of the contact is not active as that contact.
         dut.edge(at_ms(3), IO3, false);
         dut.events();
         dut.set_up(3, [0, 0, 0]).unwrap();
@@ -349,8 +350,8 @@ fn what_an_input_asks_for_is_told_once_each_time_it_becomes_active() {
     }
 }
 
-/// MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur." An open pin
-/// was pulled up until then.
+/// MC 5-63: "If setting the input to sourcing, active true, ground the input first or a reset will occur." An
+/// open pin is pulled up until it is set up so.
 #[test]
 fn a_reset_that_sources_resets_unless_it_is_grounded() {
     let reset = [Event::Reset, Event::Active(1)];
@@ -362,12 +363,13 @@ fn a_reset_that_sources_resets_unless_it_is_grounded() {
     dut.events();
     dut.set_up(1, [11, 1, 1]).unwrap();
     assert_eq!(dut.events(), [], "grounded");
-    // One that was pulled down already is low.
+    // A pin that was pulled down before the set-up is low.
     let mut dut = Dut::new();
     dut.set_up(1, [0, 1, 1]).unwrap();
     dut.set_up(1, [11, 1, 1]).unwrap();
     assert_eq!(dut.events(), []);
-    // Of another type it falls, and does nothing; nor does a reset that is active low, or sinks and is grounded.
+    // Another type does nothing when the level falls. A reset input that is active low and sinks does
+    // nothing, either.
     for set_up in [[5, 1, 1], [11, 0, 0]] {
         let mut dut = Dut::new();
         dut.set_up(1, set_up).unwrap();
@@ -396,7 +398,7 @@ fn an_input_that_is_active_when_it_is_set_up_becomes_so_once_it_has_settled() {
 
 #[test]
 fn another_active_state_makes_the_release_of_a_switch_an_activation() {
-    // MC 8.7 measures the length of a switch with that.
+    // MC 8.7 measures the length of a switch in this way.
     let mut dut = Dut::new();
     dut.edge(at_ms(1), IO1, false);
     assert_eq!(dut.events(), [Event::Active(1)]);
@@ -456,10 +458,10 @@ fn a_restart_lets_go_of_outputs_and_knows_the_levels() {
     assert_eq!(dut.put(), [(at_ms(2), CAPTURE, Level::Float), (at_ms(2), IO1, Level::Float)]);
     assert_eq!(dut.events(), []);
     assert_eq!((dut.io.raw_levels(), dut.active()), (0b1101, [false, true, false, false]));
-    // The limit is told again to a motion that has forgotten it.
+    // The active limit is reported again, because the motion has forgotten it after the restart.
     dut.set_up(2, [2, 0, 0]).unwrap();
     assert_eq!(dut.events(), [Event::Contact(Contact::PlusLimit, true), Event::Active(2)]);
-    // A new power-on is told everything anew.
+    // At power-on the I/O forgets all levels.
     dut.io.power_on(dut.now, true, &mut dut.out);
     assert_eq!((dut.io.raw_levels(), dut.active()), (0b1111, [false; 4]));
 }
@@ -490,7 +492,7 @@ fn outputs_with_a_type_show_what_is_so() {
             assert!(!dut.io.is_active(4));
             dut.put();
         }
-        // Active low, sinking.
+        // Active low, sinking: the output drives low.
         let mut shown = StateFlags::default();
         *field(&mut shown) = true;
         dut.show(shown);
@@ -498,7 +500,7 @@ fn outputs_with_a_type_show_what_is_so() {
     }
 }
 
-/// I5 with this set-up and voltage.
+/// I5 for this set-up and voltage.
 fn reads(values: [u16; 2], mv: i32) -> u16 {
     let mut dut = Dut::new();
     dut.io.set_up_analogue(dut.now, values).unwrap();
@@ -508,14 +510,14 @@ fn reads(values: [u16; 2], mv: i32) -> u16 {
 
 #[test]
 fn the_analogue_input_reads_1023_at_full_scale() {
-    // MC 5-34, 5-65: volts.
+    // MC 5-34, 5-65: ranges in volts.
     for (mv, expected) in
         [(0, 0), (-1_000, 0), (2_500, 512), (5_000, 1_023), (5, 1), (2, 0), (900_000, 1_023)]
     {
         assert_eq!(reads([9, 0], mv), expected, "{mv} mV");
         assert_eq!(reads([9, 1], mv * 2), expected, "{mv} mV");
     }
-    // Milliamperes, across 250 Ω; "512 would represent 10 mA".
+    // Ranges in milliamperes, across 250 Ω; "512 would represent 10 mA".
     for (ma, expected) in [(0, 0), (4, 205), (10, 512), (20, 1_023), (25, 1_023)] {
         assert_eq!(reads([10, 0], ma * 250), expected, "{ma} mA");
         // "For 4 to 20 mA current mode, the range for I5 is 205 to 1023."
@@ -530,7 +532,7 @@ fn the_analogue_input_reads_1023_at_full_scale() {
 
 #[test]
 fn d5_averages_readings_of_every_millisecond() {
-    // MC 5-17: with X = 10 an average of 0 goes 1/10 of what is left with each reading.
+    // MC 5-17: with X = 10 each reading moves the average, which begins at 0, by 1/10 of the difference.
     for over in [2_u8, 10, 100, 255] {
         let mut dut = Dut::new();
         dut.filter(|filters| filters.average = over);
@@ -540,7 +542,7 @@ fn d5_averages_readings_of_every_millisecond() {
             assert_eq!(dut.io.analogue(tick(at_ms(ms + 1).ticks() - 1)), average.round() as u16);
             average += (1_023.0 - average) / f64::from(over);
             let read = dut.io.analogue(at_ms(ms + 1));
-            // Where the average is at half a count the last digit decides.
+            // If the average is near half a count, rounding errors decide the last digit.
             let near = (average.fract() - 0.5).abs() < 0.01;
             assert!(read == average.round() as u16 || near, "{over} {ms}: {read}, {average}");
             if near {
@@ -548,7 +550,7 @@ fn d5_averages_readings_of_every_millisecond() {
                 break;
             }
         }
-        // It comes to what is there, however long nobody asks.
+        // The average reaches the voltage, however long it is not read.
         assert_eq!(dut.io.analogue(at_ms(1_000_000_000)), 1_023);
     }
 }
@@ -564,7 +566,7 @@ fn an_average_goes_on_from_what_it_is() {
     assert_eq!(dut.io.analogue(at_ms(20)), 1_023);
     assert_eq!(dut.io.analogue(at_ms(21)), 512, "511.5");
     assert_eq!(dut.io.analogue(at_ms(22)), 256, "255.75");
-    // What comes at the instant of a reading comes before it.
+    // A voltage that changes at the instant of a reading is included in it.
     dut.io.voltage(at_ms(23), 5_000);
     assert_eq!(dut.io.analogue(at_ms(23)), 639, "(255.75 + 1023) / 2 = 639.375");
     dut.filter(|filters| filters.average = 0);
@@ -578,7 +580,7 @@ fn an_analogue_voltage_is_no_level() {
     assert_eq!((dut.io.raw_levels(), dut.events()), (0b1111, vec![]));
 }
 
-/// I/O 7 and 8 as inputs of a code, followed.
+/// I/O 7 and 8 as inputs of a code that the motor follows.
 fn follower(code: u16, active: [u16; 2], ratio: u16) -> Dut {
     let mut dut = Dut::new();
     dut.filter(|filters| (filters.clock, filters.ratio) = (0, ratio));
@@ -589,7 +591,7 @@ fn follower(code: u16, active: [u16; 2], ratio: u16) -> Dut {
 }
 
 impl Dut {
-    /// Levels of I/O 7 and 8, a µs apart. Returns the steps of each.
+    /// Applies levels to I/O 7 and 8, at least a µs apart. Returns the steps after each.
     fn clock(&mut self, levels: &[(u8, u8)]) -> Vec<i32> {
         let mut steps = Vec::new();
         for &(seven, eight) in levels {
@@ -613,7 +615,7 @@ impl Dut {
 
 #[test]
 fn the_motor_follows_step_and_direction() {
-    // MC 5-66: I/O 7 the step when it becomes active, I/O 8 the direction.
+    // MC 5-66: I/O 7 makes a step when it becomes active, I/O 8 is the direction.
     let mut low = follower(33, [0, 0], 1_000);
     assert!(low.io.follows_clock());
     assert_eq!(low.clock(&[(1, 1), (0, 1), (1, 1), (0, 0), (1, 0), (0, 1)]), [0, 1, 0, -1, 0, 1]);
@@ -623,7 +625,7 @@ fn the_motor_follows_step_and_direction() {
 
 #[test]
 fn the_motor_follows_a_quadrature() {
-    // I/O 7 leads: forward, a step at each edge.
+    // If I/O 7 leads, each edge is a step forward.
     let forward = [(1, 1), (0, 1), (0, 0), (1, 0), (1, 1), (0, 1)];
     assert_eq!(follower(34, [0, 0], 1_000).clock(&forward), [0, 1, 1, 1, 1, 1]);
     assert_eq!(follower(34, [1, 1], 1_000).clock(&forward), [0, 1, 1, 1, 1, 1]);
@@ -641,7 +643,7 @@ fn the_motor_follows_clocks_up_and_down() {
 
 #[test]
 fn the_clock_ratio_scales_what_comes_and_loses_nothing() {
-    // MC 5-14: half of what comes, one and a half of it.
+    // MC 5-14: a ratio of one half, of one and a half, and of two.
     let pulses: Vec<(u8, u8)> = [(0, 1), (1, 1)].repeat(4);
     assert_eq!(follower(33, [0, 0], 500).clock(&pulses), [0, 0, 1, 0, 0, 0, 1, 0]);
     assert_eq!(follower(33, [0, 0], 1_500).clock(&pulses), [1, 0, 2, 0, 1, 0, 2, 0]);
@@ -670,7 +672,7 @@ fn clock_inputs_do_nothing_without_cm() {
     assert_eq!(refused, Err(Error::IllegalValue));
 }
 
-/// MC 5-66: "I/O 7 and I/O 8 are setup in pairs"; each has its own active state.
+/// MC 5-66: "I/O 7 and I/O 8 are setup in pairs"; each point has its own active state.
 #[test]
 fn one_of_a_pair_sets_up_both() {
     let mut dut = follower(33, [0, 1], 1_000);
@@ -747,7 +749,7 @@ fn a_trip_output_is_active_for_the_clock_width() {
             assert_eq!(dut.put(), [(tick(160), CAPTURE, pulse), (tick(160 + ticks), CAPTURE, idle)]);
         }
     }
-    // A capture input has no pulses, a trip output captures nothing.
+    // A capture input makes no pulses, and a trip output captures nothing.
     let mut dut = Dut::new();
     dut.io.pulse(dut.now, &mut dut.out);
     assert_eq!(dut.put(), []);
@@ -757,7 +759,7 @@ fn a_trip_output_is_active_for_the_clock_width() {
     assert_eq!(dut.events(), []);
 }
 
-/// I/O 7 and 8 as outputs of a code.
+/// I/O 7 and 8 as outputs of a code, with the plan of a motor at rest.
 fn teller(code: u16, active: [u16; 2]) -> Dut {
     let mut dut = follower(code, active, 1_000);
     assert!(!dut.io.follows_clock());
@@ -767,7 +769,7 @@ fn teller(code: u16, active: [u16; 2]) -> Dut {
     dut
 }
 
-/// There and back by `steps`, 1,000 steps/s, from 1 ms on.
+/// Moves by `steps` and back at 1,000 steps/s; the first move begins at 1 ms.
 fn there_and_back(dut: &mut Dut, steps: i32) {
     let rates = Limits::even(U24F8::from_num(1_000), 1_000_000);
     for (ms, from, by) in [(1, 0, steps), (101, steps, -steps)] {
@@ -781,7 +783,7 @@ fn there_and_back(dut: &mut Dut, steps: i32) {
 #[test]
 fn step_and_direction_are_told_with_the_clock_width() {
     let mut dut = teller(49, [0, 1]);
-    // Idle: I/O 7 inactive high, I/O 8 forward low.
+    // At rest I/O 7 is inactive (high), and I/O 8 shows forward (low).
     assert_eq!(dut.put(), [(Instant::ZERO, IO8, Level::Low), (Instant::ZERO, IO7, Level::High)]);
     there_and_back(&mut dut, 2);
     let rates = Limits::even(U24F8::from_num(1_000), 1_000_000);
@@ -791,7 +793,7 @@ fn step_and_direction_are_told_with_the_clock_width() {
         let steps: Vec<Instant> = walker.by_ref().map(|step| step.at).collect();
         assert_eq!(steps.len(), 2);
         if by < 0 {
-            // 5 µs before the first step.
+            // The direction changes 5 µs before the first step.
             expected.push((tick(steps[0].ticks() - 80), IO8, Level::High));
         }
         for step in steps {
@@ -826,7 +828,7 @@ fn a_quadrature_is_told_with_an_edge_for_each_step() {
 
 #[test]
 fn fast_pulses_last_half_of_their_period() {
-    // 5,000,000 steps/s: 3.2 ticks each, CW = 10 would be 8.
+    // 5,000,000 steps/s: 3.2 ticks each. The width of CW = 10 would be 8 ticks.
     let mut dut = teller(49, [1, 1]);
     dut.put();
     let rates = Limits {
@@ -852,7 +854,7 @@ fn without_cm_clock_outputs_are_let_go() {
     assert_eq!(dut.put(), [(Instant::ZERO, IO7, Level::Float), (Instant::ZERO, IO8, Level::Float)]);
     there_and_back(&mut dut, 5);
     assert_eq!(dut.put(), []);
-    // In the middle of a motion they tell of what is left of it.
+    // Switched on in the middle of a motion, the outputs show the remaining steps.
     let plan = Plan::profile(dut.now, 0, 10, Limits::even(U24F8::from_num(1_000), 1_000_000));
     dut.at(at_ms(200) + Duration::micros(5_500));
     dut.filter(|filters| filters.clocked = true);
@@ -864,7 +866,7 @@ fn without_cm_clock_outputs_are_let_go() {
     assert_eq!(dut.put().len(), 2 * left as usize);
 }
 
-/// What may happen to it.
+/// Actions of the random test.
 #[derive(Clone, Debug)]
 enum Act {
     Edge(u8, bool),
@@ -937,7 +939,7 @@ proptest! {
                 prop_assert_eq!(dut.io.contact(contact) == Some(true), told[place]);
             }
         }
-        // Debounced levels come to what is there.
+        // After the longest debounce time, debounced levels equal the levels at the pins.
         dut.at(dut.now + Duration::millis(256));
         prop_assert_eq!(dut.io.levels(), dut.io.raw_levels());
         prop_assert_eq!(dut.io.deadline(), Instant::NEVER);

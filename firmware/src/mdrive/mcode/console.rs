@@ -1,8 +1,9 @@
-//! The connections on which MCode is spoken, four at most: what echoes, what ends a line, keys (MC 3.4.4, 7.1.1).
+//! Connections for MCode, four at most: echo, end of lines, keys (MC 3.4.4, 7.1.1).
 //!
-//! A line belongs to its connection, as does program mode, which ends with it; echo mode is the drive's. A connection
-//! receives nothing before it has sent something, except text for all connections. The drive executes one line at a
-//! time, from whatever connection, and takes no other input from its connections meanwhile (MDRIVE-35).
+//! Each connection has its own line and its own program mode; both end with the connection. Echo mode belongs
+//! to the drive. A connection receives nothing before it has sent something, except text for all connections.
+//! The drive executes one line at a time, from any connection, and takes no other input from its connections
+//! meanwhile (MDRIVE-35).
 
 mod line;
 mod time;
@@ -30,15 +31,15 @@ const BACKSPACE: u8 = 0x08;
 const ESCAPE: u8 = 0x1B;
 const DELETE: u8 = 0x7F;
 
-/// Echo of a line that is typed, by EM (MC 7.1.1).
+/// Echo of a typed line, by EM (MC 7.1.1).
 mod echo {
     /// Each character, and a prompt.
     pub(super) const FULL: u16 = 0;
-    /// CR LF when it is accepted.
+    /// CR LF when the line is accepted.
     pub(super) const HALF: u16 = 1;
-    /// Only what is printed.
+    /// Nothing; only printed text is sent.
     pub(super) const NONE: u16 = 2;
-    /// The whole line, once it has ended.
+    /// The whole line, after its end.
     pub(super) const AFTERWARDS: u16 = 3;
 }
 
@@ -56,7 +57,8 @@ impl Drive {
         self.process_waiting(at, out);
     }
 
-    /// Characters, among which may be several lines: a line may change the state for the next one, which waits for it.
+    /// Handles characters, which may contain several lines. A line may change the state for the next one, so
+    /// the next one waits for it.
     pub(in crate::mdrive) fn console_received(
         &mut self,
         at: Instant,
@@ -73,7 +75,7 @@ impl Drive {
         }
     }
 
-    /// The line in execution takes effect, and the characters received meanwhile are handled.
+    /// Executes the line whose execution time has ended, then handles the characters received meanwhile.
     pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(link) = self.mcode.consoles.executed(at) {
             self.execute_line(at, link, out);
@@ -89,30 +91,30 @@ impl Drive {
     }
 
     fn on_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        // Ctrl-C may have come before it.
+        // An earlier Ctrl-C may have restarted the drive.
         if self.is_started() {
             self.console_character(at, link, character, out);
-            // A key.
+            // A key takes effect at once.
             if character.is_ascii_control() {
                 self.dispatch_events(at, out);
             }
         }
     }
 
-    /// Text for every connection: PR of a program; without any it is lost.
+    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
     pub(in crate::mdrive) fn send_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
         for console in &self.mcode.consoles.list {
             send(at, console.link, text, out);
         }
     }
 
-    /// The drive's name, to every connection: a move has ended that announces it (MC 5-45).
+    /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
     pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
         let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
         self.send_to_all(at, &[name, b'\r', b'\n'], out);
     }
 
-    /// The sign-on, to every connection, and a prompt.
+    /// Sends the sign-on and a prompt to every connection.
     pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Context) {
         self.send_to_all(at, SIGN_ON, out);
         self.send_to_all(at, self.prompt(), out);
@@ -138,7 +140,7 @@ impl Drive {
                 self.end_line(at, link);
             }
             CTRL_C if self.bank.word(Reg::CE) != 0 => {
-                // The sign-on begins a line of its own.
+                // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
@@ -156,13 +158,13 @@ impl Drive {
                     self.answer(at, link, &[character], out);
                 }
             }
-            // The rest of a line that was too long, or no key of the drive's.
+            // Ignored: the rest of a line that was too long, or a key that the drive does not have.
             _ => {}
         }
     }
 
-    /// Returns whether a character is for this drive and no name of one, in party mode. Keys may be for all (MC 5-11,
-    /// 5-23).
+    /// Returns true if, in party mode, a character belongs to a line for this drive. A name before a line
+    /// does not belong to it. Some keys are for all drives (MC 5-11, 5-23).
     fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) -> bool {
         let active = self.mcode.consoles.party == Party::Active;
         let address_state =
@@ -178,7 +180,7 @@ impl Drive {
             }
             (PartyAddress::Next, name) if active => {
                 self.call(link, self.addressee(name));
-                // Table 7.2 shows no name there; hardware sends it (MDRIVE-40).
+                // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
                 if self.echo_mode() == echo::FULL {
                     self.answer(at, link, &[name], out);
                 }
@@ -194,7 +196,7 @@ impl Drive {
         }
     }
 
-    /// A line has ended: the drive executes it, unless it was refused before.
+    /// Handles the end of a line: its execution begins, unless the line was refused before.
     fn end_line(&mut self, at: Instant, link: Link) {
         let next = self.mcode.consoles.first_called();
         let Some(console) = self.mcode.consoles.find(link) else { return };
@@ -208,12 +210,13 @@ impl Drive {
         self.mcode.consoles.execute(at, link, takes);
     }
 
-    /// Carries out a line, between the end of its echo and a prompt.
+    /// Executes a line, between the end of its echo and a prompt.
     fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let (mut line, name) = (mem::take(&mut console.line), console.address_state.name());
         let stores = console.programming.is_some();
-        // Hardware sends no CR LF before printed text while a program runs, though table 7.1 makes no difference (MDRIVE-39).
+        // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
+        // difference (MDRIVE-39).
         let is_half = self.echo_mode() == echo::HALF;
         let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
         if !prints_alone {
@@ -233,12 +236,12 @@ impl Drive {
         self.call(link, next);
     }
 
-    /// Returns whether a line prints something.
+    /// Returns true if a line prints something.
     fn prints(&self, line: &[u8]) -> bool {
         matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
     }
 
-    /// A line is too long (MC 5-57); it is answered before it has ended.
+    /// Refuses a line that is too long (MC 5-57). The reply is sent before the line has ended.
     fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let line = mem::take(&mut console.line);
@@ -247,7 +250,7 @@ impl Drive {
         self.conclude(at, link, &line, self.check_sums(), Err(Error::Unknown), out);
     }
 
-    /// Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
+    /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
     fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
@@ -257,7 +260,7 @@ impl Drive {
             self.end_echo(at, link, b"", out);
             return self.answer(at, link, self.prompt(), out);
         }
-        // On hardware all drives of a party answer the key that is for all of them (MDRIVE-38).
+        // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
         let is_addressed = self.bank.word(Reg::ES) & 2 != 0;
         let answer: &[u8] = match self.echo_mode() {
             echo::FULL => b"#\r\n",
@@ -273,7 +276,7 @@ impl Drive {
         }
     }
 
-    /// The end of a line's echo; with check sums an acknowledgement takes the place of CR LF.
+    /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
     fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Context) {
         let mode = self.echo_mode();
         if mode == echo::AFTERWARDS {
@@ -284,7 +287,8 @@ impl Drive {
         }
     }
 
-    /// Ends a line that came with checksums of that CK: its error, an acknowledgement, and a prompt.
+    /// Ends a line: reports its error, and sends an acknowledgement and a prompt. `sums` is CK when the line
+    /// was executed.
     fn conclude(
         &mut self,
         at: Instant,
@@ -323,7 +327,7 @@ impl Drive {
         }
     }
 
-    /// Carries out the statement of a line.
+    /// Executes the statement of a line.
     ///
     /// # Errors
     /// The line is wrong, or the drive's state forbids it.
@@ -337,7 +341,7 @@ impl Drive {
         let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
         let statement = self.parse(line);
         if statement.is_err() && programming.is_none() && begins_number(line) {
-            // "IF will be cleared to zero with a carriage return" (MC 5-36), also by a number that is none.
+            // "IF will be cleared to zero with a carriage return" (MC 5-36). This includes an invalid number.
             self.mcode.vm.set_input_pending(false);
         }
         let statement = statement?;
@@ -365,10 +369,10 @@ impl Drive {
         Ok(Answer::Prompt)
     }
 
-    /// PG: program mode begins at a place, or goes on there; without one it ends.
+    /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
     ///
     /// # Errors
-    /// 30, 42, 44 if it is locked; nothing has happened then.
+    /// 30, 42; 44 if the program is locked. Nothing has happened then.
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
@@ -381,21 +385,21 @@ impl Drive {
         Ok(())
     }
 
-    /// Stores lines that are typed on a connection from an address on, or ends that.
+    /// Sets the address from which typed lines are stored; `None` ends program mode.
     fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.mcode.consoles.find(link) {
             console.programming = address;
         }
     }
 
-    /// Answers on a connection, if it is for this drive to answer.
+    /// Sends an answer on a connection, if this drive is to answer.
     fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
         for link in &self.recipients(link) {
             send(at, *link, bytes, out);
         }
     }
 
-    /// Connections that get the answer to one: itself, unless all drives of a party were called.
+    /// Connections that get the answer to a line: its own, or none if this drive is not to answer.
     pub(super) fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
@@ -406,17 +410,17 @@ impl Drive {
         links
     }
 
-    /// Echo of a line that is typed (EM): one of [`echo`].
+    /// Echo mode (EM): one of [`echo`].
     fn echo_mode(&self) -> u16 {
         self.bank.word(Reg::EM)
     }
 
-    /// The key that stops everything: ES (MC 5-23). It is addressed in party mode only.
+    /// Key that stops everything: ES (MC 5-23). Only in party mode can it be addressed.
     fn escape(&self) -> u8 {
         if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
     }
 
-    /// Prompt in EM 0: a question mark while there is an error (MC 9; MDRIVE-10).
+    /// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
     fn prompt(&self) -> &'static [u8] {
         match (self.echo_mode(), self.errors.is_set()) {
             (echo::FULL, false) => b">",
@@ -426,13 +430,13 @@ impl Drive {
     }
 }
 
-/// Answer to a line that was carried out.
+/// Answer to a line that was executed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Answer {
     Prompt,
-    /// Wrong checksum: without effect.
+    /// The checksum was wrong; the line had no effect.
     RxError,
-    /// The sign-on was the answer, with a prompt.
+    /// The sign-on and a prompt were the answer.
     Greeting,
 }
 

@@ -11,8 +11,9 @@ use super::statement::{Name, Operand, Operator, Place, Statement, Step};
 use crate::device::{Context, Duration, Instant};
 
 impl Drive {
-    /// Carries out a statement, of the program that runs or typed; statements that print belong to the caller. BR, LB
-    /// and RT are for programs alone; the other statements of programs act on the one that runs.
+    /// Executes a statement of the program that runs (`program`) or of a typed line. The caller executes
+    /// statements that print. BR, LB and RT are allowed in programs only. Other statements for programs act
+    /// on the program that runs, also when typed.
     ///
     /// # Errors
     /// Those of MC 9; nothing has changed then.
@@ -92,7 +93,7 @@ impl Drive {
             }
             Statement::Pause => self.pause_program(at, out),
             Statement::Resume => self.resume_program(at, out),
-            // In a program it is but a place.
+            // In a program a label only marks a place.
             Statement::Label(_) => needs_line(program)?,
             Statement::OnError(Place::Address(0)) => self.mcode.vm.set_handler(None),
             Statement::OnError(place) => {
@@ -121,7 +122,7 @@ impl Drive {
             Statement::Calibrate(mode) => {
                 match mode.as_ref().map_or(Ok(0), |mode| self.evaluate(at, mode))? {
                     0 => self.calibrate(at, false, out)?,
-                    // The configuration test (MC 4-8).
+                    // The configuration test (MC 4-8) is not modelled.
                     1 => return Err(Error::NotAvailable),
                     _ => return Err(Error::IllegalValue),
                 }
@@ -129,17 +130,17 @@ impl Drive {
             Statement::ClearLocked => self.calibrate(at, true, out)?,
             Statement::Clear(place) => {
                 self.clear_program(at, *place, out)?;
-                // The program may be gone; OE is reset (MC 5-52).
+                // The program may be deleted, so it ends. OE is reset (MC 5-52).
                 self.end_program();
                 self.mcode.vm.set_handler(None);
             }
-            // The caller knows the recipients.
+            // The caller executes these, because it knows the recipients.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
         }
         Ok(())
     }
 
-    /// Value of an expression, in 32 bits that wrap, without a fraction.
+    /// Computes an expression in 32 bits that wrap, and drops the fraction of the result.
     ///
     /// # Errors
     /// 21 for a division by 0, 30 for a name that is no variable.
@@ -149,7 +150,7 @@ impl Drive {
         Ok(if ratio { value / i64::from(RATIO_ONE) } else { value } as i32)
     }
 
-    /// Value of an expression, in thousandths for a `ratio`.
+    /// Computes an expression, in thousandths if `ratio`.
     fn compute(&mut self, at: Instant, expression: &Expression<'_>, ratio: bool) -> Result<i64, Error> {
         let (mut value, mut ratio) = (0, ratio);
         for step in expression.steps() {
@@ -159,7 +160,7 @@ impl Drive {
                     operator.apply(value, if not { !operand } else { operand }, ratio)?
                 }
                 Step::Compare(relation, _) => {
-                    // It has no fraction, whatever was compared.
+                    // The result of a comparison has no fraction, whatever was compared.
                     ratio = false;
                     relation.holds(value, operand).into()
                 }
@@ -168,18 +169,18 @@ impl Drive {
         Ok(value)
     }
 
-    /// An operand, in thousandths for a `ratio`.
+    /// Value of an operand, in thousandths if `ratio`.
     fn term(&mut self, at: Instant, operand: Operand, ratio: bool) -> Result<i64, Error> {
         if ratio { self.thousandths(at, operand) } else { self.operand(at, operand).map(i64::from) }
     }
 
-    /// Returns whether a condition holds, which it does if it is not 0; none always does.
+    /// Returns true if a condition is not 0, or if there is no condition.
     fn holds(&mut self, at: Instant, condition: Option<&Expression<'_>>) -> Result<bool, Error> {
         let Some(condition) = condition else { return Ok(true) };
         self.compute(at, condition, condition.is_ratio()).map(|value| value != 0)
     }
 
-    /// Sets a variable to what an expression comes to.
+    /// Sets a variable to the value of an expression.
     fn set_variable(
         &mut self,
         at: Instant,
@@ -188,20 +189,20 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), Error> {
         let value = match reg {
-            // What does not fit is out of its range.
+            // A value that does not fit in 32 bits is outside of CR's range.
             Reg::CR => i32::try_from(self.compute(at, value, true)?).unwrap_or(i32::MAX),
             _ => self.evaluate(at, value)?,
         };
         self.write_mcode(at, reg, value, out)
     }
 
-    /// Sets a user variable to what an expression comes to.
+    /// Sets a user variable to the value of an expression.
     fn set_user(&mut self, at: Instant, name: Name, value: &Expression<'_>) -> Result<(), Error> {
         let value = self.evaluate(at, value)?;
         self.mcode.names.set(name, value)
     }
 
-    /// Takes the number that IV waits for. A fraction is for CR.
+    /// Stores the number that IV waits for. Only CR can get a number with a fraction.
     fn take_input(
         &mut self,
         at: Instant,
@@ -220,7 +221,7 @@ impl Drive {
     /// Checks that IV may wait for a variable.
     ///
     /// # Errors
-    /// 25 for what is read only, 30 for a name that is no variable.
+    /// 25 for a read-only variable, 30 for a name that is no variable.
     fn judge_input(&mut self, variable: Operand) -> Result<(), Error> {
         match variable {
             Operand::Variable(reg) if !entry(reg).access.writes() => Err(Error::ReadOnly),
@@ -229,7 +230,7 @@ impl Drive {
         }
     }
 
-    /// IC, DC: adds to a variable.
+    /// Adds `by` to a variable (IC, DC).
     fn count_variable(
         &mut self,
         at: Instant,
@@ -247,18 +248,18 @@ impl Drive {
         }
     }
 
-    /// 40 unless a program runs, which PS does not hold.
+    /// Error 40 unless a program runs and is not paused (PS).
     fn needs_running(&self) -> Result<(), Error> {
         self.needs_no_pause()?;
         if self.mcode.vm.is_running() { Ok(()) } else { Err(Error::NotRunning) }
     }
 
-    /// 40 while PS holds the program: it stays where it is.
+    /// Error 40 while the program is paused (PS).
     fn needs_no_pause(&self) -> Result<(), Error> {
         if self.mcode.vm.is_paused() { Err(Error::NotRunning) } else { Ok(()) }
     }
 
-    /// A number alone: the last motion command with it (MC 5-45), unless NE is 0.
+    /// Repeats the last motion command with a number that was given alone (MC 5-45), unless NE is 0.
     fn repeat_motion(
         &mut self,
         at: Instant,
@@ -275,7 +276,7 @@ impl Drive {
 }
 
 impl Operator {
-    /// Result of two values, in 32 bits that wrap, or in thousandths for a `ratio`.
+    /// Applies the operator to two values, in 32 bits that wrap, or in thousandths if `ratio`.
     ///
     /// # Errors
     /// 21: a division by 0.
@@ -298,7 +299,7 @@ impl Operator {
     }
 }
 
-/// 46 unless it is a line of the program: a typed line has no position in it.
+/// Error 46 unless the line belongs to the program. A typed line has no position in the program.
 fn needs_line(program: bool) -> Result<(), Error> {
     if program { Ok(()) } else { Err(Error::NotInProgramMode) }
 }

@@ -1,4 +1,4 @@
-//! Output on connections: PR and L, in messages, with checksums where lines have some.
+//! Output of PR and L on connections, in messages, with checksums if CK asks for them.
 
 use core::mem;
 
@@ -14,7 +14,7 @@ use super::statement::Place;
 use crate::device::{Context, Instant, Link};
 
 impl Drive {
-    /// PR on these connections.
+    /// Prints the items of PR on these connections.
     ///
     /// # Errors
     /// Those of [`print`](Self::print).
@@ -31,7 +31,7 @@ impl Drive {
         Ok(())
     }
 
-    /// L on these connections: lists the lines that are stored from a place on, as they are kept (MC 5-40).
+    /// Lists the stored lines from a place on, on these connections (L, MC 5-40).
     ///
     /// # Errors
     /// 30, 42, 44.
@@ -56,11 +56,11 @@ impl Drive {
     }
 }
 
-/// Output on connections, gathered to messages.
+/// Output on connections, collected to messages.
 struct MessageWriter<'o> {
     at: Instant,
     links: Vec<Link, MAX_CONNECTIONS>,
-    /// A line of the program has room, with its check sum and its end.
+    /// Has room for a line of the program with its checksum and CR LF.
     text: Vec<u8, { LINE_BYTES + 3 }>,
     /// True if lines have checksums.
     sums: bool,
@@ -81,7 +81,7 @@ impl<'o> MessageWriter<'o> {
         let _ = self.text.push(character);
     }
 
-    /// No more comes: the check sum of a line that does not end (MC 7.1.2).
+    /// Ends the output. Text without an end of line gets its checksum now (MC 7.1.2).
     fn end(mut self) {
         self.put_sum();
         self.flush();

@@ -1,4 +1,4 @@
-//! The names of the language: what a user's label or variable cannot be called (MC 3.2, 5).
+//! Names of the language. A user's label or variable cannot have such a name (MC 3.2, 5).
 
 mod table;
 
@@ -17,13 +17,13 @@ pub(in crate::mdrive) enum Mnemonic {
     List(List),
     /// An instruction.
     Instruction(Instruction),
-    /// A word for PR alone.
+    /// A word that only PR accepts.
     Keyword(Keyword),
-    /// There is no such thing in this drive (37), but its name is taken.
+    /// This drive does not have it (error 37), but the name is taken.
     NotAvailable,
 }
 
-/// An instruction, also where the bus has a register for it, by its name (MC 5).
+/// An instruction, by its name (MC 5). Some instructions also have a register on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Instruction {
     BP,
@@ -58,7 +58,7 @@ pub(in crate::mdrive) enum Instruction {
 }
 
 impl Instruction {
-    /// Returns whether it takes no operand.
+    /// Returns true if the instruction takes no operand.
     pub(super) fn stands_alone(self) -> bool {
         matches!(self, Self::E | Self::RT | Self::PS | Self::RS | Self::S | Self::FD | Self::IP | Self::CF)
     }
@@ -84,21 +84,23 @@ pub(in crate::mdrive) enum Keyword {
 /// A name in capitals, padded with blanks.
 pub(in crate::mdrive) type Word = [u8; 3];
 
-/// Beside the variants of the product: the commands of the serial sister are there, too.
+/// Bit beside the variants of the product: the commands of drives with a serial port are available, too.
 pub(in crate::mdrive) const SERIAL: u8 = 1 << 7;
 
-/// Meaning of `word`, in capitals, to a drive of these variants; `None` if it is free for the user.
+/// Meaning of `word`, which is in capitals, for a drive of these variants; `None` if the user may define the
+/// word.
 pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     let word = padded(word)?;
     let item = ITEMS.get(ITEMS.binary_search_by(|item| item.word.cmp(&word)).ok()?)?;
     if item.variants & variants != 0 {
         return Some(item.mnemonic());
     }
-    // A name of the Hybrid's is free on the other model, as MC 5-58 states for another product's name.
+    // On the other model the user may define a name of the Hybrid's, as MC 5-58 states for another product's
+    // name.
     (item.variants != HYBRID).then_some(Mnemonic::NotAvailable)
 }
 
-/// All variables, flags and lists of these variants, MD and VR, by their names.
+/// All variables, flags and lists of these variants, and MD and VR, in the order of their names.
 pub(in crate::mdrive) fn variables(variants: u8) -> impl Iterator<Item = (&'static Word, Mnemonic)> {
     ITEMS
         .iter()
@@ -110,7 +112,7 @@ pub(in crate::mdrive) fn variables(variants: u8) -> impl Iterator<Item = (&'stat
         })
 }
 
-/// Pads one to three characters.
+/// Pads one to three characters with blanks.
 fn padded(text: &[u8]) -> Option<Word> {
     match *text {
         [a] => Some([a, b' ', b' ']),

@@ -1,17 +1,17 @@
-//! MCode, the drive's own language: lines that come on TCP, and programs.
+//! MCode, the drive's own language: lines received on TCP, and programs.
 //!
-//! | file | what of it |
+//! | file | content |
 //! |---|---|
 //! | `console` | a connection: echo, lines, keys, prompts |
-//! | `serial` | party mode and check sums, of the serial sister |
-//! | `mnemonic` | the names of the language |
-//! | `statement` | a line, taken apart |
-//! | `parse` | how it is taken apart |
-//! | `program` | the lines that are stored, by address |
+//! | `serial` | party mode and checksums, as in drives with a serial port |
+//! | `mnemonic` | names of the language |
+//! | `statement` | a line after parsing |
+//! | `parse` | the parser |
+//! | `program` | stored lines, by address |
 //! | `names` | labels and user variables |
 //! | `print` | PR: texts and values |
-//! | `message_writer` | what is printed, on its way |
-//! | `execute` | what a statement does |
+//! | `message_writer` | printed text, collected to messages |
+//! | `execute` | effects of statements |
 //! | `vm` | the program that runs |
 //! | `trip` | trips |
 
@@ -37,7 +37,7 @@ use self::program::Program;
 use self::trip::Trips;
 use self::vm::Vm;
 
-/// The language's state.
+/// State of MCode.
 #[derive(Clone, Debug)]
 pub(super) struct Mcode {
     pub(super) consoles: Consoles,
@@ -48,7 +48,7 @@ pub(super) struct Mcode {
 }
 
 impl Mcode {
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     pub(super) fn new() -> Self {
         Self {

@@ -1,25 +1,25 @@
-//! Labels and user variables: together up to 192 (MC 3.2.2, 5-40, 5-78).
+//! Labels and user variables, 192 at most together (MC 3.2.2, 5-40, 5-78).
 
 use heapless::Vec;
 
 use super::super::error::Error;
 use super::statement::Name;
 
-/// Most names.
+/// Maximum number of names.
 pub(in crate::mdrive) const MAX: usize = 192;
 
-/// Meaning of a name of the user.
+/// Meaning of a user's name.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Meaning {
-    /// LB: the address of its line.
+    /// LB: the address of the label's line.
     Label(u16),
-    /// VA outside of a program: saved by S.
+    /// VA outside of a program: a variable that S saves.
     Global(i32),
-    /// VA within one: there until the next start (MDRIVE-16).
+    /// VA within a program: a variable that exists until the next start (MDRIVE-16).
     Local(i32),
 }
 
-/// All names of the user, in the order of their declaration.
+/// All names of the user, in the order in which they were declared.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Names {
     list: Vec<(Name, Meaning), MAX>,
@@ -34,7 +34,7 @@ impl Names {
         self.list.iter().find(|(known, _)| *known == name).map(|(_, meaning)| *meaning)
     }
 
-    /// All of them.
+    /// All names with their meanings.
     pub(in crate::mdrive) fn iter(&self) -> impl Iterator<Item = (Name, Meaning)> + '_ {
         self.list.iter().copied()
     }
@@ -42,7 +42,7 @@ impl Names {
     /// Checks that [`Self::add`] would take a name.
     ///
     /// # Errors
-    /// 28 if it is there, 31 if there is no room.
+    /// 28 if the name exists, 31 if there is no room.
     pub(in crate::mdrive) fn has_room_for(&self, name: Name) -> Result<(), Error> {
         if self.find(name).is_some() {
             Err(Error::Redefined)
@@ -53,10 +53,10 @@ impl Names {
         }
     }
 
-    /// A new name.
+    /// Adds a name.
     ///
     /// # Errors
-    /// 28 if it is there, 31 if there is no room.
+    /// 28 if the name exists, 31 if there is no room.
     pub(in crate::mdrive) fn add(&mut self, name: Name, meaning: Meaning) -> Result<(), Error> {
         self.has_room_for(name)?;
         self.list.push((name, meaning)).map_err(|_| Error::LabelsFull)
@@ -65,7 +65,7 @@ impl Names {
     /// Sets a user variable.
     ///
     /// # Errors
-    /// As [`unknown`] if there is no such name, 32 if it is a label.
+    /// As [`unknown`] if the name does not exist, 32 if it is a label.
     pub(in crate::mdrive) fn set(&mut self, name: Name, value: i32) -> Result<(), Error> {
         match self.list.iter_mut().find(|(known, _)| *known == name) {
             None => Err(unknown(&name)),
@@ -83,7 +83,7 @@ impl Names {
     }
 }
 
-/// Error of setting a name that is not there: 10 if it is one that an I/O might have, else 20 (MC 9.1, 9.2).
+/// Error for setting a name that does not exist: 10 if an I/O might have the name, else 20 (MC 9.1, 9.2).
 pub(in crate::mdrive) fn unknown(name: &[u8]) -> Error {
     match name.trim_ascii_end() {
         [letter, number @ ..] if b"DIOSdios".contains(letter) && is_number(number) => Error::IllegalIo,

@@ -1,5 +1,5 @@
-//! Parser of lines: `=`, a blank or nothing separates name and value, either case will do, blanks may be anywhere
-//! between words (MDRIVE-9).
+//! Parser of lines. `=`, a blank or nothing separates a name from its value. Upper and lower case are the
+//! same. Blanks may be anywhere between words (MDRIVE-9).
 
 mod expression;
 mod scanner;
@@ -28,7 +28,7 @@ pub(in crate::mdrive) fn parse<'a>(
     match scanner.peek() {
         None => Ok(Statement::Empty),
         Some(_) if begins_number(scanner.rest) => {
-            // A fraction is for IV and CR.
+            // IV and CR accept a fraction.
             let kind = if scanner.rest.contains(&b'.') { Kind::Ratio } else { Kind::Whole };
             let value = scanner.expression(kind)?;
             scanner.end().map(|()| Statement::Number(value))
@@ -38,12 +38,12 @@ pub(in crate::mdrive) fn parse<'a>(
     }
 }
 
-/// Returns whether a line is only a number.
+/// Returns true if a line begins with a number, so that it has no command.
 pub(super) fn begins_number(line: &[u8]) -> bool {
     matches!(line.trim_ascii_start().first(), Some(b'0'..=b'9' | b'+' | b'-' | b'.'))
 }
 
-/// A line up to its comment (MC 3.3.1), without the blanks at its ends.
+/// The part of a line before its comment (MC 3.3.1), without blanks at both ends.
 pub(in crate::mdrive) fn without_comment(line: &[u8]) -> &[u8] {
     let mut quoted = false;
     let end = line.iter().position(|character| {
@@ -53,7 +53,8 @@ pub(in crate::mdrive) fn without_comment(line: &[u8]) -> &[u8] {
     line.get(..end.unwrap_or(line.len())).unwrap_or(line).trim_ascii()
 }
 
-/// A name of one or two characters as they are compared: in capitals, the second one a blank if there is none.
+/// A name of one or two characters in the form for comparison: in capitals, with a blank if it has one
+/// character.
 pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
     match *word {
         [a] if a.is_ascii_alphabetic() => Some([a.to_ascii_uppercase(), b' ']),
@@ -73,13 +74,13 @@ impl Drive {
         parse(line, self.variants(), &self.mcode.names)
     }
 
-    /// The variants of the names that this drive knows.
+    /// Variants whose names this drive knows.
     pub(in crate::mdrive) fn variants(&self) -> u8 {
         self.model.variant() | if self.is_serial() { SERIAL } else { 0 }
     }
 }
 
-/// Meaning of a word in the language, in either case.
+/// Meaning of a word in the language, in upper or lower case.
 pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     let mut capitals = Word::default();
     let target = capitals.get_mut(..word.len())?;
@@ -88,10 +89,10 @@ pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     mnemonic::find(target, variants)
 }
 
-/// S, behind which a number is that of an I/O.
+/// The instruction S. A word of S and a number is the name of an I/O instead.
 const SAVE: Mnemonic = Mnemonic::Instruction(Instruction::S);
 
-/// The word that a statement begins with.
+/// First word of a statement.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Head {
     Known(Mnemonic),
@@ -99,14 +100,14 @@ enum Head {
 }
 
 impl<'a> Scanner<'a> {
-    /// Takes the word that a statement begins with. A digit behind a name begins its value, unless it makes another
-    /// name; letters behind an instruction begin its operand.
+    /// Takes the first word of a statement. Digits after a name are its value, unless the whole word is
+    /// another name. Letters after an instruction begin its operand.
     fn head(&mut self, names: &Names) -> Result<Head, Error> {
         let word = self.word();
         let known = |scanner: &Self, count: usize| word.get(..count).and_then(|word| scanner.find(word));
         let set = self.rest.get(word.len()..).is_some_and(|rest| rest.trim_ascii_start().starts_with(b"="));
         let user = word.get(..2).and_then(name).filter(|user| {
-            // One that is not there yet may be there when a program comes to this line.
+            // A variable that does not exist yet may exist when a program executes this line.
             names.find(*user).is_some() || word.len() == 2 && set
         });
         let digits = |count: usize| word.get(count..).is_some_and(|rest| rest.iter().all(u8::is_ascii_digit));
@@ -130,7 +131,7 @@ impl<'a> Scanner<'a> {
         Ok(head)
     }
 
-    /// A line that begins with a letter.
+    /// Parses a line that begins with a letter.
     fn statement(mut self, names: &Names) -> Result<Statement<'a>, Error> {
         match self.head(names)? {
             Head::Known(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
@@ -148,14 +149,14 @@ impl<'a> Scanner<'a> {
                 Err(if self.peek().is_none() { Error::IsVariable } else { Error::ReadOnly })
             }
             Head::User(name) => match self.value(Kind::Whole) {
-                // Whatever else is wrong.
+                // This error applies whatever else is wrong.
                 Err(_) if names.find(name).is_none() => Err(unknown(&name)),
                 value => value.map(|value| Statement::SetUser(name, value)),
             },
         }
     }
 
-    /// The rest of a line that begins with an instruction.
+    /// Parses the rest of a line that begins with an instruction.
     fn instruction(mut self, name: Instruction) -> Result<Statement<'a>, Error> {
         let text = self.rest;
         let nothing = text.trim_ascii().is_empty();
@@ -210,7 +211,7 @@ impl<'a> Scanner<'a> {
         self.end().map(|()| statement)
     }
 
-    /// Behind MA and MR.
+    /// Parses the rest of a line that begins with MA or MR.
     fn movement(mut self, relative: bool) -> Result<Statement<'a>, Error> {
         let way = self.expression(Kind::Whole)?;
         let notify_on_end = self.optional(Self::switch)?.unwrap_or(false);
@@ -219,7 +220,7 @@ impl<'a> Scanner<'a> {
         Ok(Statement::Move { relative, way, notify_on_end, continuous })
     }
 
-    /// 0, 1 or nothing.
+    /// Parses 0, 1 or nothing.
     fn switch(&mut self) -> Result<bool, Error> {
         match self.peek() {
             None | Some(b',') => Ok(false),
@@ -231,7 +232,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// The rest of the line as the value of a variable. Without a value it is an error (34).
+    /// Parses the rest of the line as the value of a variable. Without a value it is an error (34).
     fn value(&mut self, kind: Kind) -> Result<Expression<'a>, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);
@@ -241,7 +242,7 @@ impl<'a> Scanner<'a> {
         self.end().map(|()| value)
     }
 
-    /// DN: a character in quotation marks, or the decimal code of one (MC 5-20).
+    /// Parses the value of DN: a character in quotation marks, or the decimal code of one (MC 5-20).
     fn device_name(&mut self) -> Result<i32, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);
@@ -254,7 +255,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// The values of a list. A name where a trip has its subroutine is a label.
+    /// Parses the values of a list. A name in the position of a trip's subroutine is a label.
     fn list(&mut self, list: List) -> Result<Vec<Parameter, 3>, Error> {
         if self.peek().is_none() {
             return Err(Error::IsVariable);

@@ -13,7 +13,7 @@ use super::parse;
 use super::statement::{List, Operand, Parameter};
 use crate::device::Instant;
 
-/// The end of a line.
+/// End of a printed line.
 pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
 
 /// Destination of text, piece by piece.
@@ -33,7 +33,8 @@ enum Item<'a> {
 }
 
 impl Drive {
-    /// Prints the items of PR, and ends the line unless a semicolon is the end (MC 5-57). Reading ER clears it.
+    /// Prints the items of PR, and ends the line unless the items end with a semicolon (MC 5-57). Printing ER
+    /// clears it.
     ///
     /// # Errors
     /// 24, 30, 35, 37: nothing is printed then.
@@ -53,7 +54,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Prints texts and values that commas or blanks separate, without anything between them.
+    /// Prints texts and values. Commas or blanks separate them in `items`; nothing is printed between them.
     ///
     /// # Errors
     /// As [`Self::print`].
@@ -81,7 +82,8 @@ impl Drive {
         Ok(())
     }
 
-    /// Items behind PR, up to the first that is none; each line of AL and UV is one (MDRIVE-14).
+    /// Number of items of PR, up to the first invalid one. Each line of AL and UV counts as an item
+    /// (MDRIVE-14).
     pub(super) fn count_items(&self, mut items: &[u8]) -> u32 {
         let mut count = 0;
         while let Ok(Some(item)) = self.item(&mut items) {
@@ -145,7 +147,7 @@ impl Drive {
                 write_values(values.get(..list.len()).unwrap_or(&values), to);
             }
             List::With(reg) => {
-                // That of MU "is not saved" (MC 4.8).
+                // MU's second value "is not saved" (MC 4.8).
                 let with = if reg == Reg::CA { self.stored(Reg::CalibrationMethod) } else { 0 };
                 write_values(&[number(self.stored(reg)), number(with)], to);
             }
@@ -169,7 +171,7 @@ impl Drive {
         }
     }
 
-    /// AL: all variables and flags, a line each, MD and VR among them (MC 5-1). ER is not cleared by that.
+    /// AL: all variables and flags, one line each, including MD and VR (MC 5-1). This does not clear ER.
     fn print_all(&self, at: Instant, to: &mut dyn Text) {
         for (word, mnemonic) in mnemonic::variables(self.variants()) {
             to.write(word.trim_ascii_end());
@@ -184,7 +186,7 @@ impl Drive {
         }
     }
 
-    /// UV: `G` are global, `L` local variables; labels have their addresses (MC 5-77).
+    /// UV: `G` marks global, `L` local variables; labels are printed with their addresses (MC 5-77).
     fn print_user_variables(&self, to: &mut dyn Text) {
         for (name, meaning) in self.mcode.names.iter() {
             let (kind, value): (&[u8], i32) = match meaning {
@@ -210,7 +212,7 @@ fn number(value: i32) -> Parameter {
     Parameter::Value(Operand::Number(value))
 }
 
-/// Values with a comma and a blank between them.
+/// Writes values with a comma and a blank between them.
 fn write_values(values: &[Parameter], to: &mut dyn Text) {
     for (n, value) in values.iter().enumerate() {
         if n > 0 {
@@ -219,13 +221,13 @@ fn write_values(values: &[Parameter], to: &mut dyn Text) {
         match value {
             Parameter::Value(Operand::Number(value)) => write_number(*value, to),
             Parameter::Value(Operand::User(name)) | Parameter::Label(name) => to.write(name.trim_ascii_end()),
-            // The value is a number or a label.
+            // Only numbers and labels are stored.
             Parameter::Value(Operand::Ratio(_) | Operand::Variable(_)) | Parameter::Absent => {}
         }
     }
 }
 
-/// A number in decimal.
+/// Writes a number in decimal.
 pub(super) fn write_number(value: i32, to: &mut dyn Text) {
     let mut text = Vec::<u8, 11>::new();
     let mut rest = value.unsigned_abs();

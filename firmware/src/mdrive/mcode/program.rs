@@ -1,17 +1,17 @@
-//! The lines that are stored, in the non-volatile memory, by address (MC 5-55).
+//! Lines of the program, stored by address in the non-volatile memory (MC 5-55).
 //!
-//! An address is a line. The memory is a log: a line is put behind the last one, and the last one of an address is the
-//! one that holds.
+//! Each line has an address. The memory is a log: a new line is stored after the last one, and the last line
+//! with an address is the valid one.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
-//! | 2 | address, high byte first, with [`VOID`] once the line is cleared; `0xFF` behind the last line |
+//! | 2 | address, high byte first, with [`VOID`] if the line was cleared; `0xFF` after the last line |
 //! | 1 | characters |
 //! | … | the line |
-//! | 2 | CRC-16 of all that, as it was stored |
+//! | 2 | CRC-16 of these bytes, without [`VOID`] |
 //!
-//! The first byte is stored last, on its own: power lost before leaves the log as it was. Only where there is no room
-//! any more lines that have been replaced make some, and the log does not pass until that is done.
+//! The first byte is stored last, on its own: if power fails before, the log is unchanged. When the log has
+//! no room left, lines that have been replaced are removed. Until that is complete, the log fails its test.
 
 use drivetwin_protocol::modbus::rtu::crc;
 use heapless::Vec;
@@ -27,23 +27,23 @@ use crate::device::{Context, Instant, Output};
 
 /// Bytes of the log.
 pub(in crate::mdrive) const BYTES: usize = 12 * 1024;
-/// Addresses are below this; the first one is 1. MC 4.4 ends with 767, programs of real machines do not: there are as
-/// many as the log has room for lines of one character (MDRIVE-12).
+/// Addresses are below this; the first one is 1. MC 4.4 ends with 767, but programs of real machines use
+/// higher ones. There are as many as the log has room for lines of one character (MDRIVE-12).
 pub(in crate::mdrive) const ADDRESSES: usize = BYTES / (FRAME + 1);
-/// The longest line (MC 3.3.1).
+/// Maximum length of a line (MC 3.3.1).
 pub(in crate::mdrive) const LINE_BYTES: usize = 64;
 
-/// In the first byte of a line that is cleared.
+/// Bit in the first byte of a line that was cleared.
 const VOID: u8 = 0x80;
-/// The first byte behind the last line.
+/// The first byte after the last line.
 const END: u8 = 0xFF;
-/// The first byte of a log in which lines are being moved: of no address.
+/// First byte of a log in which lines are being moved. No address has it.
 const MOVING: u8 = VOID - 1;
 /// Bytes before the characters.
 const HEAD: usize = 3;
-/// Bytes beside the characters.
+/// Bytes of a line in addition to its characters.
 const FRAME: usize = HEAD + 2;
-/// A place where there is nothing.
+/// Position of an address without a line.
 const NOWHERE: u16 = u16::MAX;
 
 /// A line in the log.
@@ -54,10 +54,10 @@ struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// The line at a place of the log, which passes: `None` behind the last one.
+    /// Reads and checks the line at a position of the log; `None` after the last line.
     ///
     /// # Errors
-    /// 70: it is none.
+    /// 70: there is no valid line.
     fn checked(memory: &'a [u8], place: usize) -> Result<Option<Self>, Error> {
         let Some((record, sum)) = Self::at(memory, place)? else { return Ok(None) };
         let good = is_address(record.address)
@@ -66,10 +66,10 @@ impl<'a> Record<'a> {
         if good { Ok(Some(record)) } else { Err(Error::Flash) }
     }
 
-    /// The line at a place of the log, and its check sum: `None` behind the last one.
+    /// Reads the line at a position of the log, and its CRC; `None` after the last line.
     ///
     /// # Errors
-    /// 70: there is none.
+    /// 70: there is no complete line.
     fn at(memory: &'a [u8], place: usize) -> Result<Option<(Self, u16)>, Error> {
         let log = memory.get(saved::PROGRAM..).and_then(|log| log.get(..BYTES)).unwrap_or_default();
         let rest = log.get(place..).unwrap_or_default();
@@ -84,16 +84,16 @@ impl<'a> Record<'a> {
         Ok(Some((Self { address, void: first != high, line }, sum)))
     }
 
-    /// Bytes of the line in the log.
+    /// Bytes that the line takes in the log.
     fn len(&self) -> usize {
         FRAME + self.line.len()
     }
 }
 
-/// A line in the log as it is stored.
+/// A line in the form that the log stores.
 type Stored = Vec<u8, { FRAME + LINE_BYTES }>;
 
-/// As it is stored: what only the last line of an address has.
+/// Encodes a line for the log, without [`VOID`].
 fn record(address: u16, line: &[u8]) -> Stored {
     let [high, low] = address.to_be_bytes();
     let mut record = Vec::new();
@@ -105,7 +105,7 @@ fn record(address: u16, line: &[u8]) -> Stored {
     record
 }
 
-/// Returns whether a line can have this address.
+/// Returns true if a line can have this address.
 fn is_address(address: u16) -> bool {
     (1..ADDRESSES).contains(&usize::from(address))
 }
@@ -115,23 +115,24 @@ fn sum_of(address: u16, line: &[u8]) -> u16 {
     record.last_chunk().copied().map_or(0, u16::from_be_bytes)
 }
 
-/// Places of the lines.
+/// Positions of the lines in the log.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Program {
-    /// Places in the log, by address.
+    /// Position of each address's line.
     index: [u16; ADDRESSES],
     /// End of the log.
     end: u16,
 }
 
 impl Program {
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     pub(in crate::mdrive) const fn new() -> Self {
         Self { index: [NOWHERE; ADDRESSES], end: 0 }
     }
 
-    /// Finds all lines in the drive's memory. Whether the log is good; if not, there are none.
+    /// Finds all lines in the drive's memory. Returns true if the log is good. If it is bad, there are no
+    /// lines.
     fn load(&mut self, memory: &[u8]) -> bool {
         *self = Self::new();
         loop {
@@ -149,19 +150,19 @@ impl Program {
         }
     }
 
-    /// The line at an address of the drive's memory. It passed when power came, or has been stored since.
+    /// Line at an address of the drive's memory. It passed its test at power-on, or was stored since.
     pub(in crate::mdrive) fn line<'a>(&self, memory: &'a [u8], address: u16) -> Option<&'a [u8]> {
         let place = *self.index.get(usize::from(address)).filter(|place| **place != NOWHERE)?;
         let (record, _) = Record::at(memory, place.into()).ok().flatten()?;
         Some(record.line)
     }
 
-    /// A copy of the line at an address of the drive's memory.
+    /// Copy of the line at an address of the drive's memory.
     pub(in crate::mdrive) fn copy(&self, memory: &[u8], address: u16) -> Option<Vec<u8, LINE_BYTES>> {
         Vec::from_slice(self.line(memory, address)?).ok()
     }
 
-    /// The first address from `address` on that has a line.
+    /// First address from `address` on that has a line.
     pub(in crate::mdrive) fn next(&self, address: u16) -> Option<u16> {
         let places = self.index.get(usize::from(address)..)?;
         let further = places.iter().position(|place| *place != NOWHERE)?;
@@ -175,7 +176,7 @@ impl Program {
     fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Context) -> Result<(), Error> {
         let record = record(address, line);
         let has_room = |taken: usize| taken + record.len() < BYTES;
-        // The lines that hold take no more than the log: they are counted only where that has no room.
+        // Valid lines never take more than the log. They are counted only if there is no room at its end.
         let fits = has_room(self.end.into());
         if !is_address(address) || !fits && !has_room(self.bytes_beside(address, out.memory())) {
             return Err(Error::ProgramFull);
@@ -193,7 +194,7 @@ impl Program {
         Ok(())
     }
 
-    /// Puts a line behind the last one.
+    /// Stores a line after the last one.
     fn append(&mut self, at: Instant, address: u16, record: &[u8], out: &mut dyn Context) {
         let end = self.end + record.len() as u16;
         self.store_bytes(at, end, &[END], out);
@@ -202,13 +203,14 @@ impl Program {
         self.end = end;
     }
 
-    /// Bytes of the lines that hold, but for that of an address.
+    /// Bytes of all valid lines, except that of one address.
     fn bytes_beside(&self, address: u16, memory: &[u8]) -> usize {
         let others = (1..ADDRESSES as u16).filter(|&other| other != address);
         others.filter_map(|other| self.line(memory, other)).map(|line| FRAME + line.len()).sum()
     }
 
-    /// Puts the lines together that hold. The log does not pass until the first of them, if there is one, is stored.
+    /// Moves the valid lines together. Returns the first of them, if any. The log fails its test until the
+    /// caller has stored that line.
     fn compact(&mut self, at: Instant, out: &mut dyn Context) -> Option<Stored> {
         let (mut place, mut end, mut first) = (0, 0, None);
         while let Ok(Some((found, _))) = Record::at(out.memory(), place.into()) {
@@ -232,7 +234,7 @@ impl Program {
         first
     }
 
-    /// Stores a line so that it is there as a whole or not at all.
+    /// Stores a line so that after a power failure it is complete or missing.
     fn store_record(&self, at: Instant, place: u16, record: &[u8], out: &mut dyn Context) {
         if let Some((first, rest)) = record.split_first() {
             self.store_bytes(at, place + 1, rest, out);
@@ -244,7 +246,8 @@ impl Program {
     pub(in crate::mdrive) fn clear(&mut self, at: Instant, from: u16, out: &mut dyn Context) {
         let keeps = self.next(0).is_some_and(|first| first < from);
         let (mut place, mut kept) = (0, 0);
-        // Older lines of an address first, so that none of them comes back if power is lost meanwhile.
+        // Older lines of an address come first, so that none of them becomes valid again if power fails
+        // meanwhile.
         while keeps && let Ok(Some((record, _))) = Record::at(out.memory(), place.into()) {
             let (address, void, length) = (record.address, record.void, record.len() as u16);
             if address >= from && !void {
@@ -275,14 +278,15 @@ impl Program {
 }
 
 impl Drive {
-    /// Power comes: finds the lines that are stored, and their labels. Whether the log is good (70 if not).
+    /// Finds the stored lines and their labels at power-on. Returns true if the log is good (error 70 if
+    /// not).
     pub(in crate::mdrive) fn load_program(&mut self, out: &dyn Context) -> bool {
         let good = self.mcode.program.load(out.memory());
         let mut address = 1;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.line(out.memory(), next).unwrap_or_default();
             if let Ok(Statement::Label(name)) = self.parse(line) {
-                // There is one already where a global variable with that name was saved later.
+                // The name exists already if a global variable with that name was saved later.
                 let _ = self.mcode.names.add(name, Meaning::Label(next));
             }
             address = next + 1;
@@ -290,10 +294,10 @@ impl Drive {
         good
     }
 
-    /// The address that a place is.
+    /// Address of a place in the program.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 where there can be no line.
+    /// 30 for a name that is no label, 42 for an address that no line can have.
     pub(in crate::mdrive) fn address(&self, place: Place) -> Result<u16, Error> {
         match place {
             Place::Address(address) => u16::try_from(address)
@@ -307,11 +311,11 @@ impl Drive {
         }
     }
 
-    /// Stores a line typed in program mode, unless it is empty.
+    /// Stores a line that was typed in program mode.
     ///
     /// # Errors
-    /// The errors of the line; 28 for a label that exists already, 31 and 45 if there is no room. Nothing is stored
-    /// then, and the address stays.
+    /// The errors of the line; 28 for a label that exists already, 31 and 45 if there is no room. Nothing is
+    /// stored then, and the address stays.
     pub(super) fn store_line(
         &mut self,
         at: Instant,
@@ -332,10 +336,10 @@ impl Drive {
         }
     }
 
-    /// CP: clears all lines from a place on, and their labels; without one everything, and LK.
+    /// CP: clears all lines from a place on, and their labels. Without a place it clears all lines and LK.
     ///
     /// # Errors
-    /// 30, 42, 44 if it is locked, 74 in motion; nothing has happened then.
+    /// 30, 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
     pub(in crate::mdrive) fn clear_program(
         &mut self,
         at: Instant,
@@ -361,7 +365,7 @@ impl Drive {
         Ok(())
     }
 
-    /// The program may be listed and changed.
+    /// Checks that the program may be listed and changed.
     ///
     /// # Errors
     /// 44: LK is 1 (MC 5-42).
@@ -370,7 +374,8 @@ impl Drive {
     }
 }
 
-/// A line as it is kept: in capitals outside of quotation marks, with a blank between words, without a comment.
+/// A line in the form that is stored: in capitals outside of quotation marks, one blank between words, no
+/// comment.
 pub(super) fn compact(line: &[u8]) -> Vec<u8, LINE_BYTES> {
     let mut text = Vec::new();
     let (mut quoted, mut blank) = (false, false);

@@ -1,25 +1,25 @@
-//! Features of the drive's serial variants, which share a line (MC 7.1): party mode, in which a line begins with the
-//! name of the drive that it is for and ends with Ctrl-J, and checksums.
+//! Party mode and checksums of drives with a serial port, several of which share a serial line (MC 7.1). In
+//! party mode a line begins with the name of the drive that it is for, and ends with Ctrl-J.
 
 use super::super::drive::Drive;
 use super::super::registers::Reg;
 
-/// "Accepted" in place of CR LF, where there are check sums.
+/// "Accepted", sent instead of CR LF if there are checksums.
 pub(super) const ACK: u8 = 0x06;
-/// "Refused".
+/// "Refused", sent in the same way.
 pub(super) const NAK: u8 = 0x15;
 
-/// The name that all drives have (MC 5-59).
+/// Name that addresses all drives (MC 5-59).
 const ALL: u8 = b'*';
-/// The name that all drives with QD have (MC 5-60).
+/// Name that addresses all drives with QD (MC 5-60).
 const QUEUED: u8 = b'^';
 
-/// Party mode, which is the drive's and not a connection's.
+/// Party mode. It belongs to the drive, not to a connection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Party {
     Off,
-    /// On since power-up, or since PY = 1: the first Ctrl-J activates it, on whatever connection (MC 5-59;
-    /// MDRIVE-37).
+    /// On since power-up, or since PY = 1, but not yet active. The first Ctrl-J on any connection activates
+    /// it (MC 5-59; MDRIVE-37).
     Waiting,
     Active,
 }
@@ -27,11 +27,11 @@ pub(super) enum Party {
 /// Addressee of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum PartyAddress {
-    /// The only drive there is.
+    /// This drive, because party mode is off.
     Plain,
-    /// Selected by the next character.
+    /// Not known yet: the next character selects the addressee.
     Next,
-    /// The drive itself, called by that name.
+    /// This drive, called by this name.
     Me(u8),
     /// All drives.
     All,
@@ -39,7 +39,7 @@ pub(super) enum PartyAddress {
 }
 
 impl PartyAddress {
-    /// The name that was called; 0 if none was.
+    /// Name by which the line called this drive; 0 if it called none.
     pub(super) fn name(self) -> u8 {
         match self {
             Self::Me(name) => name,
@@ -50,27 +50,27 @@ impl PartyAddress {
 }
 
 impl Drive {
-    /// Returns whether lines begin with a name.
+    /// Returns true if lines begin with a name.
     pub(super) fn is_party(&self) -> bool {
         self.is_serial() && self.bank.word(Reg::PY) != 0
     }
 
-    /// Party mode begins or ends, by whatever has changed PY.
+    /// Begins or ends party mode, whatever has changed PY.
     pub(in crate::mdrive) fn update_party(&mut self) {
         self.mcode.consoles.set_party(self.is_party());
     }
 
-    /// CK: 0 without check sums.
+    /// CK; 0 means no checksums.
     pub(super) fn check_sums(&self) -> u16 {
         if self.is_serial() { self.bank.word(Reg::CK) } else { 0 }
     }
 
-    /// Returns whether the drive is a serial variant.
+    /// Returns true if the drive has the commands of drives with a serial port.
     pub(super) fn is_serial(&self) -> bool {
         self.bank.word(Reg::SerialCommands) != 0
     }
 
-    /// The addressee of a name.
+    /// Addressee that a name selects.
     pub(super) fn addressee(&self, name: u8) -> PartyAddress {
         match name {
             ALL => PartyAddress::All,
@@ -80,7 +80,8 @@ impl Drive {
         }
     }
 
-    /// Returns whether the drive answers a line that called it so: all together only with DG 0 (MC 5-19).
+    /// Returns true if the drive answers a line with this addressee. A line for all drives is answered with
+    /// DG 0 only (MC 5-19).
     pub(super) fn answers(&self, address_state: PartyAddress) -> bool {
         match address_state {
             PartyAddress::Plain | PartyAddress::Me(_) => true,
@@ -90,12 +91,12 @@ impl Drive {
     }
 }
 
-/// The check sum of a text: with it the sum of all characters is 0 in seven bits (MC 7.1.2).
+/// Checksum of a text. With it the sum of all characters is 0 in seven bits (MC 7.1.2).
 pub(super) fn check_sum(text: &[u8]) -> u8 {
     sum(text).wrapping_neg() | 0x80
 }
 
-/// Returns whether a line, with the name before it, ends with its checksum.
+/// Returns true if a line, with the name before it, ends with its checksum.
 pub(super) fn is_checked(name: u8, line: &[u8]) -> bool {
     sum(line).wrapping_add(name) & 0x7F == 0
 }

@@ -1,4 +1,4 @@
-//! A line of MCode, taken apart.
+//! Statements: lines of MCode after parsing.
 
 use core::ops::Range;
 
@@ -7,10 +7,10 @@ use heapless::Vec;
 use super::super::registers::Reg;
 use super::parse::Expression;
 
-/// A name of one or two characters, in capitals; the second of one is a blank.
+/// A name of one or two characters, in capitals. After a single character comes a blank.
 pub(in crate::mdrive) type Name = [u8; 2];
 
-/// A number, or what has one.
+/// A number, or a variable that has one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Operand {
     Number(i32),
@@ -21,7 +21,7 @@ pub(in crate::mdrive) enum Operand {
 }
 
 impl Operand {
-    /// Returns whether it may have a fraction.
+    /// Returns true if the operand may have a fraction.
     pub(super) fn is_ratio(self) -> bool {
         matches!(self, Self::Ratio(_) | Self::Variable(Reg::CR))
     }
@@ -33,7 +33,7 @@ pub(in crate::mdrive) enum Operator {
     Plus,
     Minus,
     Times,
-    /// Truncates; by 0 it is error 21.
+    /// Truncates. A division by 0 is error 21.
     Over,
     And,
     Or,
@@ -63,16 +63,16 @@ impl Relation {
     }
 }
 
-/// Step of an expression, applied to the value of all before it; the first value is 0.
+/// Step of an expression, applied to the result of the steps before it. The first step is applied to 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Step {
     Calculate {
         operator: Operator,
-        /// `!`: of the operand all bits are turned.
+        /// `!`: all bits of the operand are inverted.
         not: bool,
         operand: Operand,
     },
-    /// 1 if it is true, 0 if not.
+    /// 1 if the relation is true, 0 if not.
     Compare(Relation, Operand),
 }
 
@@ -100,7 +100,7 @@ pub(in crate::mdrive) enum Place {
 pub(in crate::mdrive) enum List {
     /// S1 to S4, S5, S7, S8, S13.
     Io(Reg),
-    /// CA, MU: a variable and a parameter that is not kept.
+    /// CA, MU: a variable with a second value.
     With(Reg),
     /// Trips (MC 5-71 to 5-76).
     Trip(Trip),
@@ -116,7 +116,7 @@ impl List {
         }
     }
 
-    /// Which of them, from 0, is the subroutine of a trip.
+    /// Index of the value that is a trip's subroutine, from 0.
     pub(in crate::mdrive) fn label(self) -> Option<usize> {
         match self {
             Self::Trip(trip) => Trip::SUBROUTINE.checked_sub(trip.parameters().start),
@@ -127,25 +127,25 @@ impl List {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Trip {
-    /// TI.
+    /// TI: an input.
     Input,
-    /// TP.
+    /// TP: a position.
     Position,
-    /// TC.
+    /// TC: the capture input.
     Capture,
-    /// TT.
+    /// TT: a time.
     Time,
-    /// TR.
+    /// TR: a distance, repeatedly.
     Relative,
-    /// TA.
+    /// TA: the status of a Hybrid.
     Hybrid,
 }
 
 impl Trip {
-    /// The subroutine's place among [`Self::parameters`].
+    /// Index of the subroutine among [`Self::parameters`].
     const SUBROUTINE: usize = 1;
 
-    /// Parameters of a trip that exist: its condition, its subroutine, its repeats.
+    /// Parameters that this trip has, of three: its condition, its subroutine, its repeats.
     pub(super) fn parameters(self) -> Range<usize> {
         match self {
             Self::Capture => 1..2,
@@ -159,7 +159,7 @@ impl Trip {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Parameter {
     Value(Operand),
-    /// The subroutine of a trip; its address is a value.
+    /// Subroutine of a trip, by its label; by its address it is a value.
     Label(Name),
     /// No value between two commas.
     Absent,
@@ -170,17 +170,17 @@ pub(in crate::mdrive) enum Parameter {
 pub(in crate::mdrive) enum Statement<'a> {
     /// Only blanks or a comment.
     Empty,
-    /// A number alone: the last motion command again, or what IV waits for.
+    /// A number alone: repeats the last motion command, or is the number that IV waits for.
     Number(Expression<'a>),
-    /// A variable or a flag is set; HM, too.
+    /// Sets a variable, a flag or HM.
     Set(Reg, Expression<'a>),
     SetUser(Name, Expression<'a>),
     SetList(List, Vec<Parameter, 3>),
-    /// VA.
+    /// VA: declares a user variable.
     Declare(Name, Option<Expression<'a>>),
-    /// DN, by the code of its character.
+    /// DN, as the code of its character.
     Name(i32),
-    /// MA or MR: with the name at the end, and going on there.
+    /// MA or MR. The drive may send its name at the end, and the motion may continue there.
     Move {
         relative: bool,
         way: Expression<'a>,
@@ -189,17 +189,17 @@ pub(in crate::mdrive) enum Statement<'a> {
     },
     Slew(Expression<'a>),
     HomeToIndex(Expression<'a>),
-    /// H, with a time in ms.
+    /// H: waits for a time in ms, or for the end of motion.
     Hold(Option<Expression<'a>>),
     Branch(Place, Option<Expression<'a>>),
     Call(Place, Option<Expression<'a>>),
     Return,
     End,
-    /// EX, with its mode.
+    /// EX: runs the program, with a mode.
     Execute(Place, Option<Expression<'a>>),
     Pause,
     Resume,
-    /// PG.
+    /// PG: begins or ends program mode.
     Program(Option<Place>),
     Label(Name),
     OnError(Place),
@@ -208,16 +208,16 @@ pub(in crate::mdrive) enum Statement<'a> {
     Clear(Option<Place>),
     /// PR and its items.
     Print(&'a [u8]),
-    /// IV.
+    /// IV: waits for a typed number.
     Input(Operand),
     Increment(Operand),
     Decrement(Operand),
     Save,
     Defaults,
-    /// IP.
+    /// IP: loads the saved variables.
     Initialize,
-    /// SC, with its mode.
+    /// SC: calibrates, with a mode.
     Calibrate(Option<Expression<'a>>),
-    /// CF.
+    /// CF: clears a locked rotor.
     ClearLocked,
 }

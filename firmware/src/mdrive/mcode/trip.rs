@@ -1,4 +1,4 @@
-//! Trips: subroutines that inputs, positions, times and the Hybrid's state call (MC 5-71 to 5-76).
+//! Trips: inputs, positions, times and the Hybrid's state call subroutines (MC 5-71 to 5-76).
 
 use core::ops::RangeInclusive;
 
@@ -11,21 +11,21 @@ use super::super::registers::Reg;
 use super::statement::{Operand, Parameter, Place, Trip};
 use crate::device::{Context, Duration, Instant};
 
-/// TR is not faster than 20 kHz (MC 5-75): an earlier trip waits.
+/// Minimum time between two trips of TR, for 20 kHz (MC 5-75). A trip that is earlier waits.
 const FASTEST: Duration = Duration::micros(50);
 
-/// Most repetitions of TR (MC 5-75).
+/// Maximum number of repetitions of TR (MC 5-75).
 const MAX_REPEATS: u16 = 65_000;
 
-/// Types of I/O 1 to 4 that are outputs (MC 5-64), and of I/O 13 (MC 5-67).
+/// Types that are outputs: of I/O 1 to 4 (MC 5-64), and of I/O 13 (MC 5-67).
 const OUTPUTS: RangeInclusive<u16> = 16..=25;
 const TRIP_OUTPUT: u16 = 61;
 
-/// Every trip, in the order of its bit in TE.
+/// All trips, in the order of their bits in TE.
 const ALL: [Trip; 6] = [Trip::Input, Trip::Position, Trip::Capture, Trip::Time, Trip::Relative, Trip::Hybrid];
 
 impl Trip {
-    /// Bit in TE.
+    /// Bit of this trip in TE.
     pub(super) fn bit(self) -> u8 {
         1 << self as u8
     }
@@ -34,10 +34,10 @@ impl Trip {
 /// Definition of a trip: its condition and its action.
 #[derive(Clone, Copy, Debug)]
 struct Definition {
-    /// An input, a position, a time in ms, a distance, or flags.
+    /// Depends on the trip: an input, a position, a time in ms, a distance, or flags.
     value: i32,
     subroutine: Option<Place>,
-    /// TR: how often, 0 for ever.
+    /// TR: number of repetitions, 0 for no limit.
     repeats: u16,
 }
 
@@ -47,10 +47,10 @@ pub(in crate::mdrive) struct Trips {
     definitions: [Option<Definition>; ALL.len()],
     enabled: u8,
     captured: i32,
-    /// Time at which the position of TP comes, if motion goes on as planned.
+    /// Time at which motion reaches the position of TP, if the plan does not change.
     position_due: Instant,
     time_due: Instant,
-    /// Time, position and repetitions left of TR, and the earliest time for it.
+    /// TR: time and position of the next trip, repetitions left, and the earliest time for the trip.
     relative_due: Instant,
     relative_position: i32,
     repeats_left: u16,
@@ -70,17 +70,17 @@ impl Trips {
         relative_not_before: Instant::ZERO,
     };
 
-    /// Which trips are on (TE), a bit each.
+    /// Enabled trips (TE), one bit each.
     pub(in crate::mdrive) fn enabled(&self) -> u8 {
         self.enabled
     }
 
-    /// PC: the position at the last trip that was none of TP.
+    /// PC: the position at the last trip, except trips of TP.
     pub(in crate::mdrive) fn captured(&self) -> i32 {
         self.captured
     }
 
-    /// Parameters of a trip as printed: as it was defined, or zeros.
+    /// Parameters of a trip for printing: as they were defined, or zeros.
     pub(in crate::mdrive) fn parameters(&self, trip: Trip) -> Vec<Parameter, 3> {
         let number = |number| Parameter::Value(Operand::Number(number));
         let definition = self.definition(trip);
@@ -94,12 +94,12 @@ impl Trips {
         all.get(trip.parameters()).and_then(|shown| Vec::from_slice(shown).ok()).unwrap_or_default()
     }
 
-    /// Time of the next trip, if motion goes on as planned.
+    /// Time of the next trip, if the plan does not change.
     pub(in crate::mdrive) fn deadline(&self) -> Instant {
         self.position_due.min(self.time_due).min(self.relative_due)
     }
 
-    /// Subroutine of the trip with that bit.
+    /// Subroutine of the trip with this bit.
     pub(super) fn subroutine(&self, bit: u8) -> Option<Place> {
         let trip = ALL.into_iter().find(|trip| trip.bit() == bit)?;
         self.definition(trip)?.subroutine
@@ -109,7 +109,7 @@ impl Trips {
         self.definitions.get(trip as usize).copied().flatten()
     }
 
-    /// Condition of a trip that is on.
+    /// Condition of a trip, if the trip is enabled.
     fn value(&self, trip: Trip) -> Option<i32> {
         let definition = self.definition(trip)?;
         (self.enabled & trip.bit() != 0).then_some(definition.value)
@@ -127,11 +127,11 @@ impl Trips {
 }
 
 impl Drive {
-    /// Defines a trip, or with 0 makes it undefined. One that is on begins anew.
+    /// Defines a trip; 0 removes its definition. A trip that is enabled starts again.
     ///
     /// # Errors
-    /// 12 for an input that is none, 21 for another value, 30 and 42 for a subroutine, 38 without one; nothing
-    /// has changed then.
+    /// 12 for a source that is no input, 21 for another illegal value, 30 and 42 for the subroutine, 38 if it
+    /// is missing; nothing has changed then.
     pub(in crate::mdrive) fn define_trip(
         &mut self,
         at: Instant,
@@ -183,7 +183,7 @@ impl Drive {
         };
         let subroutine = match (trip, place) {
             (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
-            // These have an output of their own.
+            // These may have no subroutine, because they make a pulse at the trip output.
             (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
             (_, None) => return Err(Error::MissingSeparator),
             (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
@@ -195,7 +195,7 @@ impl Drive {
         Ok(Some(Definition { value, subroutine, repeats }))
     }
 
-    /// Checks that the condition of a trip is an input.
+    /// Checks that the source of a trip is an input.
     ///
     /// # Errors
     /// 12: it is an output.
@@ -220,12 +220,13 @@ impl Drive {
         }
     }
 
-    /// Writes TE: switches trips on, or all of them off with 0. What is on already goes on: "only the activated trip
-    /// function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
+    /// Writes TE: enables trips, or disables all of them with 0. A trip that is already enabled continues:
+    /// "only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC
+    /// 5-73).
     ///
     /// # Errors
-    /// 12 for an input that is none, 21 above 63, 27 for one that is not defined, 39 for 2 and 16 together; nothing has
-    /// changed then.
+    /// 12 for a source that is no input, 21 above 63, 27 for a trip that is not defined, 39 for 2 and 16
+    /// together; nothing has changed then.
     pub(in crate::mdrive) fn enable_trips(&mut self, at: Instant, mask: u8) -> Result<(), Error> {
         self.validate_trips(mask.into())?;
         let trips = &mut self.mcode.trips;
@@ -257,7 +258,7 @@ impl Drive {
         if mask != 0 && on & both == both { Err(Error::TripsTogether) } else { Ok(()) }
     }
 
-    /// Handles an event of the I/O that may trip.
+    /// Handles an event of the I/O that may cause a trip.
     pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             io::Event::Active(n) if self.mcode.trips.value(Trip::Input) == Some(n.into()) => {
@@ -270,19 +271,21 @@ impl Drive {
         }
     }
 
-    /// Returns whether a state of the Hybrid, as bits of TA, trips.
+    /// Returns true if TA trips on one of these conditions of the Hybrid, given as bits of TA.
     pub(in crate::mdrive) fn trips_on_status(&self, flags: u8) -> bool {
         self.mcode.trips.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
     }
 
-    /// The Hybrid's state: conditions that have just become true, as bits of TA.
+    /// Trips TA if one of these conditions is selected. They have just become true and are given as bits of
+    /// TA.
     pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
         if self.trips_on_status(flags) {
             self.trip(at, Trip::Hybrid, out);
         }
     }
 
-    /// Clock inputs have made steps at once, since it stood there: no plan leads past the position of TP.
+    /// Trips TP if steps of the clock inputs have reached or passed its position, beginning at `from`. No
+    /// plan contains these steps, so the time of TP was not predicted.
     pub(in crate::mdrive) fn trip_on_steps(&mut self, at: Instant, from: i32, out: &mut dyn Context) {
         let Some(position) = self.mcode.trips.value(Trip::Position) else { return };
         let (way, made) = (position.wrapping_sub(from), self.motion.steps(at).wrapping_sub(from));
@@ -291,7 +294,7 @@ impl Drive {
         }
     }
 
-    /// The motion has another plan, or a trip is due.
+    /// Handles a change of the plan, or a trip that is due.
     pub(in crate::mdrive) fn check_trips(&mut self, at: Instant, out: &mut dyn Context) {
         let trips = &self.mcode.trips;
         let dues = [
@@ -300,7 +303,7 @@ impl Drive {
             (Trip::Relative, trips.relative_due),
         ];
         for (trip, _) in dues.into_iter().filter(|&(_, due)| due <= at) {
-            // The shaft may have come to turn otherwise.
+            // The shaft may have changed its motion since the prediction.
             if trip != Trip::Relative || self.is_at_relative(at) {
                 self.trip(at, trip, out);
             }
@@ -309,12 +312,13 @@ impl Drive {
         self.predict_relative(at);
     }
 
-    /// Returns whether TR uses the encoder's count: whatever turns the shaft changes its time.
+    /// Returns true if TR depends on the encoder's count. Then everything that turns the shaft changes the
+    /// time of TR.
     pub(in crate::mdrive) fn trips_on_counts(&self) -> bool {
         self.mcode.trips.value(Trip::Relative).is_some() && self.bank.word(Reg::EE) != 0
     }
 
-    /// A trip begins to wait.
+    /// Arms a trip that has been enabled.
     fn arm(&mut self, at: Instant, trip: Trip) {
         let Some(Definition { value, repeats, .. }) = self.mcode.trips.definition(trip) else { return };
         match trip {
@@ -334,14 +338,14 @@ impl Drive {
         }
     }
 
-    /// Predicts the time of TP. It counts motor steps, with EE = 1, too (MC 5-74).
+    /// Predicts the time of TP. TP uses motor steps even with EE = 1 (MC 5-74).
     fn predict_position(&mut self, at: Instant) {
         if let Some(position) = self.mcode.trips.value(Trip::Position) {
             self.mcode.trips.position_due = self.motion.reaches_steps(at, position);
         }
     }
 
-    /// TR goes for the next position.
+    /// Sets the next position of TR.
     fn aim_relative(&mut self, at: Instant) {
         if let Some(distance) = self.mcode.trips.value(Trip::Relative) {
             let trips = &mut self.mcode.trips;
@@ -350,8 +354,8 @@ impl Drive {
         }
     }
 
-    /// A TR without an end does not run after a position that has outrun it: what came faster than [`FASTEST`], or was
-    /// left out when P was written, is lost.
+    /// Makes a TR without a limit of repetitions skip positions that P has already passed. Trips faster than
+    /// [`FASTEST`], or skipped by a write of P, are lost.
     fn skip_missed(&mut self, at: Instant) {
         let (position, distance) =
             (self.read(at, Reg::P), self.mcode.trips.value(Trip::Relative).unwrap_or(0));
@@ -364,8 +368,8 @@ impl Drive {
         }
     }
 
-    /// Predicts the time of TR, which counts as P does (MC 5-75): not before [`FASTEST`] has passed, and then wherever
-    /// it is.
+    /// Predicts the time of TR, which uses the unit of P (MC 5-75). It is not before [`FASTEST`] has passed;
+    /// if P has passed the position by then, TR trips at that time.
     fn predict_relative(&mut self, at: Instant) {
         if self.mcode.trips.value(Trip::Relative).is_some() {
             let is_there = self.is_at_relative(at);
@@ -375,14 +379,14 @@ impl Drive {
         }
     }
 
-    /// Returns whether P has reached or passed the position of TR.
+    /// Returns true if P has reached or passed the position of TR.
     fn is_at_relative(&self, at: Instant) -> bool {
         let ahead = self.mcode.trips.relative_position.wrapping_sub(self.read(at, Reg::P));
         let distance = self.mcode.trips.value(Trip::Relative).unwrap_or(0);
         ahead == 0 || (ahead < 0) == (distance > 0)
     }
 
-    /// A trip has come.
+    /// Makes a trip: captures P, makes a pulse, and calls the subroutine.
     fn trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
         if trip != Trip::Position {
             self.mcode.trips.captured = self.read(at, Reg::P);

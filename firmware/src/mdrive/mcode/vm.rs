@@ -1,4 +1,4 @@
-//! The program that runs: line by line, 210 µs each, with which MC 8.2 comes to its printed end.
+//! Execution of the program, line by line, 210 µs each. With this time the program of MC 8.2 ends as printed.
 
 mod run;
 #[cfg(test)]
@@ -12,24 +12,25 @@ use super::super::registers::Reg;
 use super::statement::{Name, Operand, Place};
 use crate::device::{Duration, Instant};
 
-/// Time of a line, that of a label, too; it is carried out at the end (MDRIVE-13).
+/// Execution time of a line, also of a label. The line takes effect at the end of this time (MDRIVE-13).
 pub(in crate::mdrive) const LINE: Duration = Duration::micros(210);
 
-/// Depth to which CL and trips may nest; neither manual specifies it. OE's handler has an entry of its own (MDRIVE-15).
+/// Maximum depth of calls by CL and trips; neither manual specifies it. OE's handler has an entry of its own
+/// (MDRIVE-15).
 const DEPTH: usize = 16;
 
 /// Phase of the program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
-    /// There is none.
+    /// No program runs.
     Idle,
-    /// The line at [`Vm::address`], until then.
+    /// Executing the line at [`Vm::address`], until this time.
     Line(Instant),
-    /// H, until motion is over.
+    /// H without a time: waiting for the end of motion.
     Motion,
-    /// H with a time.
+    /// H with a time: waiting until this time.
     Until(Instant),
-    /// A single step, until a key is hit.
+    /// Single step: waiting for a key.
     Key,
 }
 
@@ -37,28 +38,28 @@ enum Phase {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Mode {
     Run,
-    /// Each line is shown.
+    /// Each line is printed.
     Trace,
-    /// Up to the break point; single steps from there on.
+    /// Runs up to the break point, then in single steps.
     ToBreakPoint,
-    /// Each line is shown and waits for a key.
+    /// Each line is printed and waits for a key.
     Step,
 }
 
-/// A subroutine that has been called, and what its caller goes on with.
+/// A subroutine call: the caller continues with this address and phase.
 #[derive(Clone, Copy, Debug)]
 struct Call {
     address: u16,
     phase: Phase,
-    /// True if OE has called it.
+    /// True if this is a call of OE's handler.
     handles: bool,
 }
 
-/// From where on it steps (BP).
+/// Break point (BP), from which the program runs in single steps.
 #[derive(Clone, Copy, Debug)]
 struct BreakPoint {
     address: u16,
-    /// Passes left before it breaks.
+    /// Passes before the break, and how many of them are left.
     count: u16,
     left: u16,
 }
@@ -67,24 +68,25 @@ struct BreakPoint {
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Vm {
     phase: Phase,
-    /// The next line.
+    /// Address of the next line.
     address: u16,
-    /// [`DEPTH`] and one more, for OE's handler.
+    /// [`DEPTH`] calls, and one for OE's handler.
     calls: Vec<Call, { DEPTH + 1 }>,
     mode: Mode,
     break_point: Option<BreakPoint>,
     /// Handler of errors (OE).
     handler: Option<Place>,
-    /// Calls that are due as soon as a line has ended: OE's handler, and the subroutines of trips, in the bits of TE.
+    /// Calls that are made as soon as a line has ended: OE's handler, and the subroutines of trips, in the
+    /// bits of TE.
     handler_is_due: bool,
     trips_due: u8,
-    /// Since when PS holds it.
+    /// Time since which the program is paused (PS).
     paused: Option<Instant>,
     /// The variable that IV named last.
     awaited: Option<Operand>,
-    /// True while a number that is typed goes there (IF).
+    /// True while a typed number is for `awaited` (IF).
     input_pending: bool,
-    /// MA, MR or SL, whichever was the last (MD).
+    /// The last motion command: MA, MR or SL (MD).
     last_motion: Option<Reg>,
 }
 
@@ -106,43 +108,43 @@ impl Vm {
         }
     }
 
-    /// Returns whether a program runs, or is held by PS (BY).
+    /// Returns true if a program runs or is paused (BY).
     pub(in crate::mdrive) fn is_running(&self) -> bool {
         self.phase != Phase::Idle
     }
 
-    /// Returns whether PS holds program and motion.
+    /// Returns true if PS has paused program and motion.
     pub(in crate::mdrive) fn is_paused(&self) -> bool {
         self.paused.is_some()
     }
 
-    /// Returns whether it waits for a key, after a single step.
+    /// Returns true if the program waits for a key after a single step.
     pub(in crate::mdrive) fn is_stepping(&self) -> bool {
         self.phase == Phase::Key && !self.is_paused()
     }
 
-    /// Returns whether a number that is typed goes to IV's variable (IF).
+    /// Returns true if a typed number goes to IV's variable (IF).
     pub(in crate::mdrive) fn awaits_input(&self) -> bool {
         self.input_pending
     }
 
-    /// IF.
+    /// Sets IF: true while a typed number is for IV's variable.
     pub(in crate::mdrive) fn set_input_pending(&mut self, pending: bool) {
         self.input_pending = pending;
     }
 
-    /// IV.
+    /// IV: begins to wait for a number for this variable.
     pub(super) fn await_input(&mut self, variable: Operand) {
         (self.awaited, self.input_pending) = (Some(variable), true);
     }
 
-    /// The variable of IV, if there was one, now that a number has come for it.
+    /// Takes the variable that IV named, if any, because a number for it has been typed.
     pub(super) fn take_input(&mut self) -> Option<Operand> {
         self.input_pending = false;
         self.awaited
     }
 
-    /// The variables that `is_gone` says are no more: nothing is waited for on their behalf.
+    /// Ends the wait of IV if its variable does not exist any more, according to `is_gone`.
     fn forget_input_for(&mut self, is_gone: impl Fn(Name) -> bool) {
         if let Some(Operand::User(name)) = self.awaited
             && is_gone(name)
@@ -151,12 +153,12 @@ impl Vm {
         }
     }
 
-    /// MD: what a number alone repeats.
+    /// MD: the motion command that a number alone repeats.
     pub(in crate::mdrive) fn last_motion(&self) -> Option<Reg> {
         self.last_motion
     }
 
-    /// Notes a command, from any source.
+    /// Stores a command as the last motion command, from any source.
     pub(in crate::mdrive) fn note_order(&mut self, order: Order) {
         match order {
             Order::To { .. } => self.last_motion = Some(Reg::MA),
@@ -173,8 +175,8 @@ impl Vm {
         }
     }
 
-    /// A key while it [is stepping](Self::is_stepping): the next line or, if not, all the others at full speed
-    /// (MC 5-24, 6.1.9).
+    /// Handles a key while the program [is stepping](Self::is_stepping): it executes one line, or continues
+    /// at full speed if `one` is false (MC 5-24, 6.1.9).
     pub(in crate::mdrive) fn step(&mut self, at: Instant, one: bool) {
         if self.is_stepping() {
             self.phase = Phase::Line(at + LINE);
@@ -184,7 +186,7 @@ impl Vm {
         }
     }
 
-    /// BP: steps from there on, once `count` more have passed; `None` for never.
+    /// BP: single steps begin at this address after `count` further passes; `None` removes the break point.
     pub(super) fn set_break_point(&mut self, address: Option<u16>, count: u16) {
         self.break_point = address.map(|address| BreakPoint { address, count, left: count });
     }
@@ -194,15 +196,16 @@ impl Vm {
         self.handler = handler;
     }
 
-    /// The next line is another one (BR).
+    /// Continues with another line (BR).
     pub(super) fn jump(&mut self, address: u16) {
         self.address = address;
     }
 
-    /// CL, a trip, or OE's handler (`handles`): goes on with the line at `address`, and then with what it is at.
+    /// Calls the subroutine at `address`, for CL, a trip or OE's handler (`handles`). The caller's address
+    /// and phase are stored.
     ///
     /// # Errors
-    /// 43: too many have not returned.
+    /// 43: too many nested calls.
     pub(super) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
         let callers = self.calls.iter().filter(|call| !call.handles).count();
         if !handles && callers == DEPTH {
@@ -218,7 +221,7 @@ impl Vm {
         Ok(())
     }
 
-    /// RT: the caller goes on. An H with a time has gone on meanwhile.
+    /// RT: returns to the caller. The time of an H has continued during the call.
     ///
     /// # Errors
     /// 41: there is no call to return from.
@@ -233,7 +236,7 @@ impl Vm {
         Ok(())
     }
 
-    /// H: until then, or until motion is over.
+    /// H: waits until this time, or for the end of motion if `None`.
     pub(super) fn set_hold(&mut self, until: Option<Instant>) {
         self.phase = until.map_or(Phase::Motion, Phase::Until);
     }
@@ -245,7 +248,7 @@ impl Vm {
         self.paused = None;
     }
 
-    /// The line at the address begins; a single step waits for a key before that.
+    /// Begins the line at the address. In single steps it waits for a key first.
     fn begin(&mut self, at: Instant) {
         if self.breaks() {
             self.mode = Mode::Step;
@@ -253,7 +256,7 @@ impl Vm {
         self.phase = if self.mode == Mode::Step { Phase::Key } else { Phase::Line(at + LINE) };
     }
 
-    /// Returns whether it comes to its break point for the last time.
+    /// Returns true if the program has reached its break point and no passes are left. Counts the pass.
     fn breaks(&mut self) -> bool {
         let Some(point) = &mut self.break_point else { return false };
         if !matches!(self.mode, Mode::Trace | Mode::ToBreakPoint) || point.address != self.address {
@@ -264,22 +267,22 @@ impl Vm {
         breaks
     }
 
-    /// Returns whether the next line waits for the end of motion.
+    /// Returns true if the next line waits for the end of motion.
     fn waits_for_motion(&self) -> bool {
         self.phase == Phase::Motion && !self.is_paused()
     }
 
-    /// Returns whether a call is due.
+    /// Returns true if a call is pending.
     fn is_interrupted(&self) -> bool {
         self.handler_is_due || self.trips_due != 0
     }
 
-    /// Returns whether an error's handler runs: errors of its own do not call it again.
+    /// Returns true while OE's handler runs. Errors of the handler do not call it again.
     fn handles(&self) -> bool {
         self.calls.iter().any(|call| call.handles)
     }
 
-    /// The program was held for `span`: all its times are later by as much.
+    /// Delays all times of the program by `span`, because it was paused for that long.
     fn shift(&mut self, span: Duration) {
         let phases = self.calls.iter_mut().map(|call| &mut call.phase);
         for phase in phases.chain([&mut self.phase]) {

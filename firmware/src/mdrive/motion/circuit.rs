@@ -1,4 +1,4 @@
-//! Motion by a Hybrid's circuitry alone: C1 does not count it (MC 5-9).
+//! Motion that a Hybrid's circuitry makes on its own. C1 does not count it (MC 5-9).
 
 use fixed::types::I24F8;
 
@@ -7,14 +7,14 @@ use super::{Motion, Settings};
 use crate::device::{Context, Duration, Instant, Plan};
 use crate::motion::Limits;
 
-/// Difference by which position and shaft may be apart, because they round differently.
+/// Largest difference between position and shaft that comes from rounding only, in steps.
 const ROUNDING: u32 = 1;
-/// Interval at which a rotor that is too slow is checked.
+/// Interval of checks while the rotor is too slow or its load turns it.
 const CHECK_PERIOD: Duration = Duration::millis(1);
 
 impl Motion {
-    /// Turns the shaft by so many steps, at this share of its current, until an order comes. Replaces a running
-    /// circuit-driven motion. Ignored unless the axis is at rest or circuit-driven.
+    /// Turns the shaft by a number of steps at a percentage of its current. A motion command ends this.
+    /// Replaces a running circuit-driven motion. Ignored unless the axis is at rest or circuit-driven.
     pub(in crate::mdrive) fn circuit_turn(
         &mut self,
         at: Instant,
@@ -27,8 +27,9 @@ impl Motion {
         self.circuit_start(at, plan, percent, Preemption::AtOnce, out);
     }
 
-    /// As [`Self::circuit_turn`], without end, and no order comes through; from what runs so already it goes on. What
-    /// turns so has inertia: it does not stand because its bridge is off.
+    /// Turns the shaft without end, and ignores motion commands; otherwise as [`Self::circuit_turn`]. The
+    /// shaft accelerates from its present speed. It has inertia, so it does not stop when the bridge is
+    /// switched off.
     pub(in crate::mdrive) fn circuit_spin(
         &mut self,
         at: Instant,
@@ -41,7 +42,7 @@ impl Motion {
         self.circuit_start(at, plan, percent, Preemption::Never, out);
     }
 
-    /// Slows down a spinning shaft; an order waits until it stands.
+    /// Slows down a spinning shaft. A motion command waits until the shaft is at rest.
     pub(in crate::mdrive) fn circuit_slow(
         &mut self,
         at: Instant,
@@ -53,12 +54,12 @@ impl Motion {
         self.circuit_start(at, plan, percent, Preemption::AtStandstill, out);
     }
 
-    /// Stops a spinning shaft from outside.
+    /// Stops a spinning shaft at once, because something outside stops it.
     pub(in crate::mdrive) fn circuit_stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.circuit_run_plan(at, self.motor.plan().halt(at), out);
     }
 
-    /// Ends the circuit-driven motion where it is: the task that waits begins.
+    /// Ends the circuit-driven motion at its present position. A waiting task begins.
     pub(in crate::mdrive) fn circuit_end(&mut self, at: Instant, out: &mut dyn Context) {
         if let Activity::CircuitDriven { steps, .. } = self.activity {
             let plan = self.motor.plan().halt(at);
@@ -70,14 +71,14 @@ impl Motion {
         }
     }
 
-    /// Speed by the circuitry, in steps/s, but for a fraction.
+    /// Speed of the plan, in steps/s, truncated to 1/256.
     pub(in crate::mdrive) fn circuit_speed(&self, at: Instant) -> I24F8 {
         let speed = self.motor.plan().speed_at(at);
         let size = I24F8::saturating_from_num(speed.abs());
         if speed < 0 { -size } else { size }
     }
 
-    /// Returns whether this motion has inertia.
+    /// Returns true if the present motion has inertia.
     pub(super) fn spins(&self) -> bool {
         matches!(
             self.activity,
@@ -85,61 +86,61 @@ impl Motion {
         )
     }
 
-    /// End of its plan.
+    /// End of the present plan.
     pub(in crate::mdrive) fn plan_ends(&self) -> Instant {
         self.motor.plan().end()
     }
 
-    /// Returns whether no motion that C1 counts runs.
+    /// Returns true if the axis is at rest: nothing moves, settles or is calculated.
     pub(in crate::mdrive) fn is_at_rest(&self) -> bool {
         self.activity == Activity::Rest
     }
 
-    /// A rotor that is free again does not wait for standstill: it goes on from where it is.
+    /// Lets a rotor that is free again continue from its present position, without waiting for standstill.
     pub(in crate::mdrive) fn resynchronise_rotor(&mut self, at: Instant, out: &mut dyn Context) {
         self.motor.resynchronise(at);
         self.refresh(at, out);
     }
 
-    /// Returns whether its torque would turn the rotor from rest.
+    /// Returns true if the motor's torque can turn the rotor from rest in this direction.
     pub(in crate::mdrive) fn can_turn(&self, forward: bool) -> bool {
         self.motor.can_turn(forward)
     }
 
-    /// Returns whether the circuitry turns it.
+    /// Returns true if the circuitry turns the motor.
     pub(in crate::mdrive) fn is_circuit_driven(&self) -> bool {
         matches!(self.activity, Activity::CircuitDriven { .. })
     }
 
-    /// Returns whether the shaft follows the plan.
+    /// Returns true if the shaft follows the plan.
     pub(in crate::mdrive) fn follows(&self) -> bool {
         self.motor.follows()
     }
 
-    /// Returns whether the shaft is at rest, in the plan's position.
+    /// Returns true if the shaft is at rest at the plan's position.
     pub(in crate::mdrive) fn shaft_stands(&self) -> bool {
         let kinematics = self.motor.kinematics();
         self.motor.follows() && kinematics.half_speed == 0 && kinematics.half_acceleration == 0
     }
 
-    /// Steps that the rotor is behind the steps made, since [`Self::clear_lag`].
+    /// Steps by which the rotor is behind the steps made, counted from the last [`Self::clear_lag`].
     pub(in crate::mdrive) fn lag(&self, at: Instant) -> i32 {
         let lag = self.raw_lag(at).wrapping_sub(self.lag_origin);
         if lag.unsigned_abs() <= ROUNDING { 0 } else { lag }
     }
 
-    /// From now on the rotor neither lags nor leads.
+    /// Makes the present lag count as 0.
     pub(in crate::mdrive) fn clear_lag(&mut self, at: Instant) {
         self.lag_origin = self.raw_lag(at);
     }
 
-    /// Returns whether it is too fast for the rotor, which lags more and more.
+    /// Returns true if the plan is too fast for the rotor, so that the rotor lags more and more.
     pub(in crate::mdrive) fn is_too_fast(&self) -> bool {
         self.motor.is_too_fast()
     }
 
-    /// Time at which the rotor lags by so many steps, if it is at rest; or of the next check, if it is too slow or its
-    /// load turns it; [`Instant::NEVER`] if it lags no more than now.
+    /// Time at which a rotor at rest will lag by this many steps; [`Instant::NEVER`] if the plan does not
+    /// lead there. If the rotor is too slow or its load turns it, this is the time of the next check.
     pub(in crate::mdrive) fn lag_time(&self, at: Instant, steps: i32) -> Instant {
         if self.follows() {
             return if self.is_too_fast() { at + CHECK_PERIOD } else { Instant::NEVER };
@@ -169,7 +170,7 @@ impl Motion {
         if matches!(self.activity, Activity::Rest | Activity::CircuitDriven { .. }) {
             let steps = self.steps(at);
             self.enter(Activity::CircuitDriven { steps, percent, preemption }, Instant::NEVER);
-            // Its current first, or it would not follow.
+            // The current is set first, because without current the shaft would not follow.
             self.refresh(at, out);
             self.circuit_run_plan(at, plan, out);
         }

@@ -1,4 +1,4 @@
-//! EE = 1: the plan is compared with the encoder (MC 7.3.7, 5-18, 5-56, 5-68 to 5-70, 9.6).
+//! Closed loop, EE = 1: the plan is compared with the encoder (MC 7.3.7, 5-18, 5-56, 5-68 to 5-70, 9.6).
 
 use super::Motion;
 use super::orders::{Activity, Move};
@@ -10,34 +10,34 @@ use crate::motion::Limits;
 /// "After failing 3 attempts Error 92 will be generated" (MC 9.6).
 const ATTEMPTS: u8 = 3;
 
-/// Period at which a shaft that its load turns is looked at.
+/// Interval of checks while the load turns the shaft.
 const CHECK_PERIOD: Duration = Duration::millis(1);
 
-/// End of a move.
+/// Result of the position check at the end of a move.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Verdict {
     InPosition,
-    /// Being corrected.
+    /// Off the target, and a correction has begun.
     Corrected,
-    /// Off the target, and stays so.
+    /// Off the target without a correction.
     Off,
 }
 
-/// Comparison of plan and encoder.
+/// State of the comparison of plan and encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Closed {
-    /// Plan and encoder when a motion began, or since, and their difference there: steps times [`Scale::counts`] less
-    /// counts times [`Scale::steps`].
+    /// Base of the comparison: plan and encoder at the beginning of a motion or later, and the following
+    /// error there. The following error is steps times [`Scale::counts`] minus counts times [`Scale::steps`].
     steps: i32,
     counts: i32,
     following_error: i64,
-    /// Time at which it is SF counts behind, if the encoder counts no more until then.
+    /// Time of the next check. The encoder is SF counts behind then, if it stops counting until that time.
     pub(super) due: Instant,
-    /// True once it stalled in this motion.
+    /// True if a stall was detected in this motion.
     stalled: bool,
-    /// ST.
+    /// ST: true if a stall has occurred since it was cleared.
     pub(super) has_stalled: bool,
-    /// Count at which the encoder is to be kept.
+    /// Encoder count that position maintenance (PM) keeps, if any.
     encoder_target: Option<i32>,
 }
 
@@ -52,13 +52,13 @@ impl Closed {
         encoder_target: None,
     };
 
-    /// Following error: encoder behind the plan.
+    /// Following error: how far the encoder is behind the plan.
     fn following_error(&self, scale: Scale, steps: i32, counts: i32) -> i64 {
         let (steps, counts) = (steps.wrapping_sub(self.steps), counts.wrapping_sub(self.counts));
         self.following_error + i64::from(steps) * scale.counts - i64::from(counts) * scale.steps
     }
 
-    /// The same following error, with these positions as its base.
+    /// Moves the base to these positions. The following error stays the same.
     pub(super) fn rebase(&mut self, scale: Scale, steps: i32, counts: i32) {
         self.following_error = self.following_error(scale, steps, counts);
         (self.steps, self.counts) = (steps, counts);
@@ -66,7 +66,7 @@ impl Closed {
 }
 
 impl Motion {
-    /// A motion begins: from here plan and encoder are compared.
+    /// Starts the comparison of plan and encoder at the beginning of a motion.
     pub(super) fn watch_from(&mut self, at: Instant) {
         self.closed.steps = self.motor.position(at);
         self.closed.counts = self.encoder.count(at, &self.motor);
@@ -78,22 +78,22 @@ impl Motion {
         self.closed.following_error(self.settings.scale(), self.motor.position(at), count)
     }
 
-    /// Following error that is a stall.
+    /// Following error at which a stall is detected.
     fn stalls_at(&self) -> i64 {
         i64::from(self.settings.stall_factor.max(1)) * self.settings.scale().steps
     }
 
-    /// Returns whether stalls are detected.
+    /// Returns true if a stall would be detected now.
     fn watches(&self) -> bool {
         self.settings.closed && !self.is_idle() && !self.closed.stalled
     }
 
-    /// PM, while the bridge is on.
+    /// Returns true if PM is in effect, which requires that the bridge is on.
     fn maintains(&self) -> bool {
         self.settings.closed && self.settings.maintains && self.settings.enabled
     }
 
-    /// Instant at which the load turns a shaft that PM holds out of the deadband DB.
+    /// Time at which the load turns the shaft out of the deadband DB, while PM keeps the position.
     fn leaves_deadband(&self, at: Instant) -> Instant {
         let Some(encoder_target) =
             self.closed.encoder_target.filter(|_| self.maintains() && self.activity == Activity::Rest)
@@ -105,8 +105,8 @@ impl Motion {
         reaches(encoder_target.wrapping_add(off)).min(reaches(encoder_target.wrapping_sub(off)))
     }
 
-    /// Looks when the encoder will be too far behind. A shaft that follows is not; a remote encoder that counts is
-    /// looked at again only then.
+    /// Computes the time of the next check, at which the encoder will be too far behind if it stops counting.
+    /// The built-in encoder needs no check while the shaft follows the plan.
     pub(super) fn watch(&mut self, at: Instant) {
         self.closed.due = self.leaves_deadband(at);
         let follows = self.motor.follows() && !self.motor.is_too_fast();
@@ -131,13 +131,14 @@ impl Motion {
         }
     }
 
-    /// The encoder may have counted.
+    /// Handles counts that the encoder may have made.
     pub(super) fn counted(&mut self, at: Instant, out: &mut dyn Context) {
         self.check_stall(at, out);
         self.maintain(at, out);
     }
 
-    /// With SM 1 the field turns on after a stall. Once the shaft is in step again it can stall again.
+    /// With SM = 1 the field continues to turn after a stall. Once the shaft is in step again, it can stall
+    /// again.
     fn recover(&mut self, at: Instant) {
         let continuous = self.closed.stalled && self.settings.goes_on_stalled && !self.is_idle();
         if continuous && !self.encoder.is_remote() && self.motor.is_in_step(at) {
@@ -145,7 +146,7 @@ impl Motion {
         }
     }
 
-    /// Reports a stall, and stops the motion unless SM forbids that.
+    /// Reports a stall, and stops the motion unless SM is 1.
     pub(super) fn check_stall(&mut self, at: Instant, out: &mut dyn Context) {
         self.recover(at);
         if !self.watches() || self.following_error(at).abs() < self.stalls_at() {
@@ -164,13 +165,13 @@ impl Motion {
         self.fail(Error::Stall);
     }
 
-    /// Counts from where it is to be, `None` if that is within DB.
+    /// Counts from the encoder's position to its target; `None` if that is within DB.
     fn off(&self, at: Instant, encoder_target: i32) -> Option<i32> {
         let off = encoder_target.wrapping_sub(self.encoder.count(at, &self.motor));
         (off.unsigned_abs() > u32::from(self.settings.deadband)).then_some(off)
     }
 
-    /// Judges the end of a move. With EE = 1 its aim is kept from then on.
+    /// Checks the position at the end of a move. With EE = 1 the target of the move is kept from then on.
     pub(super) fn check_position(&mut self, at: Instant, movement: Move, out: &mut dyn Context) -> Verdict {
         let Some(encoder_target) = movement.encoder_target.filter(|_| self.settings.closed) else {
             return Verdict::InPosition;
@@ -188,7 +189,7 @@ impl Motion {
         }
     }
 
-    /// Goes back at VI (MC 5-56); whether it does.
+    /// Begins a correction at VI (MC 5-56). Returns true if one has begun.
     fn correct(&mut self, at: Instant, movement: Move, off: i32, out: &mut dyn Context) -> bool {
         let Some(steps) = self.steps_of(self.counts(at), off) else { return false };
         if self.is_barred(off < 0) {
@@ -205,13 +206,13 @@ impl Motion {
         true
     }
 
-    /// Lets PM keep the present position from now on.
+    /// Makes the present position the one that PM keeps.
     pub(super) fn keep(&mut self, at: Instant) {
         self.closed.encoder_target = self.settings.closed.then(|| self.encoder.count(at, &self.motor));
     }
 
-    /// PM: brings back a shaft at rest that was forced out of DB, if that is no stall or SM allows it (MC 5-56). With
-    /// the bridge off it waits.
+    /// PM: brings a shaft at rest back that was forced out of DB. If the distance is a stall, SM must be 1
+    /// (MC 5-56). While the bridge is off nothing happens.
     pub(super) fn maintain(&mut self, at: Instant, out: &mut dyn Context) {
         let (Activity::Rest, true, Some(encoder_target)) =
             (self.activity, self.maintains(), self.closed.encoder_target)

@@ -3,21 +3,23 @@
 use super::motor::Motor;
 use crate::device::{Duration, Instant};
 
-/// The encoder, which counts as C2 does, but is never preset.
+/// Encoder with its count, which differs from C2 by C2's presets.
 ///
-/// The built-in encoder is at count 0, on its index, at angle 0. A remote one counts instead once something drives its
-/// channels, from the same count on; forward its channel A is before B (MDRIVE-21).
+/// The built-in encoder has count 0 and its index at angle 0 of the shaft. Once something drives the channels
+/// of a remote encoder, the remote encoder counts instead and continues from the same count. In forward
+/// motion its channel A leads B (MDRIVE-21).
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
-    /// Counts of the built-in encoder in a turn.
+    /// Counts per revolution of the built-in encoder.
     counts_per_rev: u32,
-    /// Offset of the count to that of the encoder that counts.
+    /// Added to the count of the encoder in use, so that the count does not jump when the other encoder takes
+    /// over.
     origin: i32,
     remote: i32,
     channels: [Option<bool>; 3],
 }
 
-/// A pin of a remote encoder, as [`Encoder`] numbers them.
+/// Pin of a remote encoder, numbered as in [`Encoder`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) enum Channel {
     A,
@@ -26,12 +28,12 @@ pub(in crate::mdrive) enum Channel {
 }
 
 impl Encoder {
-    /// The built-in one has so many lines.
+    /// Creates an encoder whose built-in part has this number of lines.
     pub(super) fn new(lines: u16) -> Self {
         Self { counts_per_rev: 4 * u32::from(lines), origin: 0, remote: 0, channels: [None; 3] }
     }
 
-    /// Returns whether a remote encoder counts.
+    /// Returns true if a remote encoder counts, not the built-in one.
     pub(super) fn is_remote(&self) -> bool {
         matches!(self.channels, [Some(_), ..] | [_, Some(_), _])
     }
@@ -41,7 +43,7 @@ impl Encoder {
         count.wrapping_add(self.origin)
     }
 
-    /// Returns whether it is on its index.
+    /// Returns true if the encoder is on its index.
     pub(super) fn is_on_index(&self, at: Instant, motor: &Motor) -> bool {
         match self.channels {
             [.., index] if self.is_remote() => index == Some(true),
@@ -49,17 +51,17 @@ impl Encoder {
         }
     }
 
-    /// The built-in count at an angle.
+    /// Count of the built-in encoder at an angle.
     fn built_in(&self, angle: i64) -> i64 {
         ((i128::from(angle) * i128::from(self.counts_per_rev)) >> 32) as i64
     }
 
-    /// Counts beyond the last index.
+    /// Counts from the index below to this count.
     fn turned(&self, count: i64) -> i64 {
         count.checked_rem_euclid(self.counts_per_rev.into()).unwrap_or(0)
     }
 
-    /// Time at which the built-in encoder comes onto its index next, or leaves it; never if the shaft changes its
+    /// Next time at which the built-in encoder reaches or leaves its index; never if the shaft changes its
     /// motion before.
     pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
         let kinematics = motor.kinematics();
@@ -80,8 +82,8 @@ impl Encoder {
         self.passes(at, motor, change)
     }
 
-    /// The first tick after `at` at which the shaft has come to `count`, or beyond; never if that is not before it
-    /// turns otherwise.
+    /// First tick after `at` at which the shaft has reached or passed `count`; never if the shaft changes its
+    /// motion before.
     fn passes(&self, at: Instant, motor: &Motor, count: i64) -> Instant {
         let now = self.built_in(motor.angle(at));
         let is_there = |tick: u64| {
@@ -99,8 +101,8 @@ impl Encoder {
         at + Duration::from_ticks(first)
     }
 
-    /// Time at which the built-in encoder comes to `count` next, by [`Self::count`]; never if the shaft changes its
-    /// motion before, or a remote one counts.
+    /// Next time at which the built-in encoder is at `count`, in the sense of [`Self::count`]; never if the
+    /// shaft changes its motion before, or if a remote encoder counts.
     pub(super) fn reaches(&self, at: Instant, motor: &Motor, count: i32) -> Instant {
         let kinematics = motor.kinematics();
         if self.is_remote() || kinematics.half_speed == 0 && kinematics.half_acceleration == 0 {
@@ -110,7 +112,7 @@ impl Encoder {
         self.passes(at, motor, self.built_in(motor.angle(at)) + i64::from(way))
     }
 
-    /// A pin of a remote encoder is driven to a level, or by nothing any more.
+    /// Sets the level of a channel of a remote encoder; `None` if nothing drives the pin any more.
     pub(super) fn channel(&mut self, at: Instant, motor: &Motor, channel: Channel, level: Option<bool>) {
         let phase = self.phase();
         let mut channels = self.channels;
@@ -128,21 +130,22 @@ impl Encoder {
         }
     }
 
-    /// Adds edges of a remote encoder that were counted outside, with its channels A and B at these levels.
+    /// Adds edges of a remote encoder that a board has counted. Its channels A and B have these levels now.
     pub(super) fn take_edges(&mut self, at: Instant, motor: &Motor, edges: i32, [a, b]: [bool; 2]) {
         let [.., index] = self.channels;
         self.connect(at, motor, [Some(a), Some(b), index]);
         self.remote = self.remote.wrapping_add(edges);
     }
 
-    /// Present levels of the channels: another counter may count from here, from the same count on.
+    /// Sets the levels of the channels. If the other encoder counts from now on, it continues from the
+    /// present count.
     fn connect(&mut self, at: Instant, motor: &Motor, channels: [Option<bool>; 3]) {
         let count = self.count(at, motor);
         self.channels = channels;
         self.origin = self.origin.wrapping_add(count.wrapping_sub(self.count(at, motor)));
     }
 
-    /// Quarters of a cycle, while both channels are driven.
+    /// Phase of the remote encoder in quarters of a cycle; `None` unless both channels are driven.
     fn phase(&self) -> Option<i8> {
         match self.channels {
             [Some(true), Some(true), _] => Some(0),

@@ -1,7 +1,8 @@
-//! The clock inputs turn the motor (MC 5-13, 5-14).
+//! Following the clock inputs with the motor (MC 5-13, 5-14).
 //!
-//! At a ratio of 1.000 each step is made when it is requested. At any other ratio the requested speed is sampled every
-//! millisecond and approached with A and D; the distance that is left when the clock has stopped is a move.
+//! At a ratio of 1.000 the motor makes each step when it is requested. At any other ratio the requested speed
+//! is sampled every millisecond and approached with A and D. When the clock has stopped, the remaining
+//! distance is made as a move.
 
 use fixed::types::I24F8;
 
@@ -12,21 +13,21 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Interval at which the speed is computed.
 const CHECK_PERIOD: Duration = Duration::millis(1);
-/// A clock without an edge for so long counts as stopped.
+/// A clock without an edge for this time counts as stopped.
 const QUIET: Duration = Duration::millis(10);
 
-/// The ratio without ramps.
+/// Value of CR at which the motor follows without ramps.
 const AT_ONCE: u16 = 1_000;
 
 /// State of following a clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Follow {
-    /// Position for the plan.
+    /// Position that the plan is to reach.
     target: i32,
-    /// Steps since the last look, and when the last of them came.
+    /// Steps since the last computation of the speed, and the time of the last step.
     steps: i32,
     last: Instant,
-    /// Time of the last one before.
+    /// Time of the last step that the previous computation included.
     before: Instant,
     speed: I24F8,
 }
@@ -40,14 +41,14 @@ impl Follow {
         self.speed
     }
 
-    /// Steps come.
+    /// Adds requested steps.
     fn take(&mut self, at: Instant, steps: i32) {
         self.target = self.target.wrapping_add(steps);
         self.steps = self.steps.saturating_add(steps);
         self.last = at;
     }
 
-    /// Looks how fast they have come since the last look.
+    /// Computes the speed from the steps since the last computation.
     fn update_speed(&mut self, at: Instant) {
         if self.last > self.before {
             let ticks = self.last.since(self.before).ticks().cast_signed();
@@ -63,14 +64,14 @@ impl Follow {
 }
 
 impl Settings {
-    /// Returns whether steps of the clock are made without ramps.
+    /// Returns true if the motor follows the clock without ramps.
     pub(super) fn follows_at_once(&self) -> bool {
         self.ratio == AT_ONCE
     }
 }
 
 impl Motion {
-    /// Clock inputs ask for so many steps: they are made, unless an order moves it.
+    /// Makes steps that the clock inputs request. They are ignored during any other motion.
     pub(in crate::mdrive) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         let begins = self.activity == Activity::Rest;
         if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
@@ -89,7 +90,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Looks at the clock.
+    /// Computes the speed of the clock and adapts the plan, once per interval.
     pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Context) {
         self.due = at + CHECK_PERIOD;
         let before = self.follow.speed;
@@ -109,7 +110,7 @@ impl Motion {
         }
     }
 
-    /// CM has changed, or whether there are ramps (MDRIVE-33).
+    /// Ends following the clock. CM has changed, or CR between with ramps and without ramps (MDRIVE-33).
     pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Context) {
         if self.activity == Activity::Follows {
             self.ramp_down(at, false, out);

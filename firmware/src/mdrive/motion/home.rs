@@ -1,17 +1,17 @@
 //! Homing to a switch (HM) and to the encoder's index (HI) (MC 5-29 to 5-31, 5-43; MDRIVE-20).
 //!
-//! [`Homing`] is a machine of its own. It is informed of the mark (the switch or the index), of limits and of the end
-//! of its motions, and answers with the [`Course`] that follows.
+//! [`Homing`] is a state machine. It gets changes of the mark (the switch or the index), limits and the end
+//! of each motion, and returns the next motion, a [`Course`].
 //!
-//! | stage | figure 5.1 | motion | what ends it |
+//! | stage | figure 5.1 | motion | next |
 //! |---|---|---|---|
-//! | `Search` | 1 | at VM | the mark |
-//! | `Slow` | 2 | ramp to standstill | MT: `Creep` on the mark, else `Return`, then `Seek` |
-//! | `Return` | 1, backward | a profile to where the mark ended | its end: `Seek`; the mark: `Slow` |
-//! | `Seek` | 1, backward | on at VI | the mark |
-//! | `Meet` | 2, backward | to a whole step | MT: `Creep`, or the end |
-//! | `Creep` | 3 | at VI off the mark | the mark's end: the step is finished (4) |
-//! | `Turn` | MC 5-43 | a limit's stop | MT: `Creep` on the mark, else `Search` |
+//! | `Search` | 1 | at VM | on the mark: `Slow` |
+//! | `Slow` | 2 | ramp to standstill | after MT: `Creep` if on the mark, else `Return`, later `Seek` |
+//! | `Return` | 1, backward | profile to the end of the mark | at its end: `Seek`; on the mark: `Slow` |
+//! | `Seek` | 1, backward | continues at VI | on the mark: `Meet` |
+//! | `Meet` | 2, backward | to a whole step | after MT: `Creep`, or the end |
+//! | `Creep` | 3 | at VI off the mark | off the mark: the step is finished (4) |
+//! | `Turn` | MC 5-43 | stop at a limit | after MT: `Creep` if on the mark, else `Search` |
 
 use fixed::types::I24F8;
 
@@ -20,24 +20,25 @@ use super::{Contact, Motion, Order};
 use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
 
-/// Time from standstill to a look at the mark, at least. The shaft is at rest and its wires show that.
+/// Minimum time from standstill to the check of the mark. By then the signal of the mark belongs to the shaft
+/// at rest.
 const LEAST_SETTLING: Duration = Duration::millis(1);
 
-/// A homing.
+/// A homing in progress.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Homing {
     by_index: bool,
     kind: u8,
     stage: Stage,
-    /// At rest, waiting for MT.
+    /// True while the shaft is at rest and MT runs.
     settles: bool,
-    /// Direction of its motion.
+    /// Direction of the motion: true for backward.
     back: bool,
-    /// A limit has turned it, and it has not come to the mark since.
+    /// True if a limit has reversed the search, and the mark was not reached since.
     turned: bool,
-    /// The mark's end was returned to already.
+    /// True if the shaft has already returned to the end of the mark once.
     is_near: bool,
-    /// Position of the mark's end that it came to last.
+    /// Position of the last edge of the mark that was passed.
     edge: i32,
 }
 
@@ -55,24 +56,24 @@ enum Stage {
 /// A motion of a homing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Course {
-    /// At VM.
+    /// Motion at VM.
     Search,
-    /// At VI.
+    /// Motion at VI.
     Creep,
     /// A profile to a position.
     Return(i32),
-    /// A ramp to standstill, and MT.
+    /// A ramp to standstill, then MT.
     Slow,
-    /// To standstill at the next whole step, and MT.
+    /// A stop at the next whole step, then MT.
     Stand,
-    /// To standstill at the next whole step: it is home.
+    /// A stop at the next whole step, which is the home position.
     Arrive,
-    /// The end, with an error.
+    /// The end of the homing, with an error.
     Fail(Error),
 }
 
 impl Homing {
-    /// The homing of an order; none if it orders another motion.
+    /// Creates the homing of an order; `None` if the order is another motion.
     fn new(order: Order) -> Option<Self> {
         let (by_index, kind) = match order {
             Order::HomeToIndex(kind) => (true, kind),
@@ -92,17 +93,17 @@ impl Homing {
         })
     }
 
-    /// The order that began it.
+    /// Order that began the homing.
     pub(super) fn order(&self) -> Order {
         if self.by_index { Order::HomeToIndex(self.kind) } else { Order::Home(self.kind) }
     }
 
-    /// Off the mark if it is on it, else on with the search.
+    /// First motion of the homing: off the mark if the shaft is on it, else the search.
     fn begin(&mut self, on_mark: bool) -> Course {
         if on_mark { self.creep() } else { self.enter(Stage::Search, Course::Search) }
     }
 
-    /// The mark begins or ends, at this position.
+    /// Handles the beginning or end of the mark at this position.
     fn mark(&mut self, here: i32, on_mark: bool) -> Option<Course> {
         match (self.stage, on_mark) {
             (Stage::Search | Stage::Return, true) => {
@@ -119,11 +120,11 @@ impl Homing {
         }
     }
 
-    /// MT has passed at standstill.
+    /// Handles the end of MT at standstill.
     fn settled(&mut self, on_mark: bool) -> Course {
         match self.stage {
             Stage::Turn => self.begin(on_mark),
-            // A mark less than a step wide may be behind it already.
+            // The shaft may already have passed a mark that is less than a step wide.
             Stage::Meet if !on_mark && self.back == self.creeps_back() => Course::Arrive,
             Stage::Slow if !on_mark => {
                 self.back = !self.back;
@@ -136,14 +137,15 @@ impl Homing {
         }
     }
 
-    /// A limit is in its way. LM 1 and 4 turn a search round; the opposite limit ends it (MC 5-43).
+    /// Handles a limit in the direction of motion. With LM 1 and 4 the search is reversed; then the opposite
+    /// limit ends the homing (MC 5-43).
     fn limit(&mut self, mode: u8) -> Option<Course> {
         let is_abrupt = mode >= 4;
         match self.stage {
             _ if !matches!(mode, 1 | 4) => Some(Course::Fail(self.limit_error())),
-            // It comes to standstill already.
+            // The motion already comes to standstill.
             Stage::Slow | Stage::Meet | Stage::Turn => is_abrupt.then_some(Course::Stand),
-            // A mark that ends behind the limit cannot be left.
+            // The shaft cannot leave a mark that ends behind the limit.
             Stage::Creep => Some(Course::Fail(self.limit_error())),
             _ if self.turned => Some(Course::Fail(Error::BothLimits)),
             Stage::Search | Stage::Return | Stage::Seek => {
@@ -182,7 +184,7 @@ impl Motion {
         self.head(at, homing, course, out);
     }
 
-    /// A homing has come to its instant.
+    /// Handles the deadline of a homing: a motion or MT has ended.
     pub(super) fn home_on(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Context) {
         match homing.stage {
             Stage::Return => {
@@ -200,7 +202,7 @@ impl Motion {
         }
     }
 
-    /// MT, but so long that the level of the mark is true then.
+    /// Settling time: MT, or longer if the signal of the mark needs longer to be valid.
     fn time_to_settle(&self, homing: &Homing) -> Duration {
         let debounce = if homing.by_index { 0 } else { self.settings.home_debounce_ms };
         Duration::millis(self.settings.settle_ms.max(debounce.into()).into()).max(LEAST_SETTLING)
@@ -210,7 +212,7 @@ impl Motion {
         if homing.by_index { self.is_on_index(at) } else { self.is_active(Contact::Home) }
     }
 
-    /// The home switch becomes active, or not.
+    /// Handles a change of the home switch.
     pub(super) fn see_home(&mut self, at: Instant, active: bool, out: &mut dyn Context) {
         if let Activity::Homes(homing) = self.activity
             && !homing.by_index
@@ -226,17 +228,17 @@ impl Motion {
         }
     }
 
-    /// A limit is in the way of a homing.
+    /// Handles a limit in the direction of a homing.
     pub(super) fn limit_home(&mut self, at: Instant, mut homing: Homing, out: &mut dyn Context) {
         if let Some(course) = homing.limit(self.settings.limit_mode) {
             self.head(at, homing, course, out);
         }
     }
 
-    /// A homing takes this course, unless a limit that is held is in its way.
+    /// Begins a course, unless an active limit forbids its direction.
     fn head(&mut self, at: Instant, homing: Homing, course: Course, out: &mut dyn Context) {
         let rates = self.settings.rates();
-        // Stops begin here, too: what stops knows that it moves.
+        // Also set before a stop, because a stop needs the activity of the motion.
         let moves = Activity::Homes(homing);
         match course {
             Course::Search | Course::Creep | Course::Return(_) if self.is_barred(homing.back) => {
@@ -277,7 +279,7 @@ impl Motion {
         }
     }
 
-    /// Looks whether a homing comes onto the index, or leaves it, and when it will.
+    /// Checks if a homing has reached or left the index, and computes the time of the next change.
     pub(super) fn look_at_index(&mut self, at: Instant, out: &mut dyn Context) {
         self.index_due = Instant::NEVER;
         let Activity::Homes(Homing { by_index: true, .. }) = self.activity else { return };

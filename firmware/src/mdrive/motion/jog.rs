@@ -1,4 +1,4 @@
-//! Jog: a contact turns it as long as it is held (MC 5-39, 5-63).
+//! Jog: an active contact turns the motor (MC 5-39, 5-63).
 
 use fixed::types::I24F8;
 
@@ -8,7 +8,8 @@ use crate::device::{Context, Instant};
 use crate::mdrive::error::Error;
 
 impl Motion {
-    /// Direction of a jog that contacts ask for, if any (MC 5-39).
+    /// Direction of the jog that the contacts request, true for backward; `None` if neither or both are
+    /// active (MC 5-39).
     fn jog_wanted(&self) -> Option<bool> {
         let is_active = |contact| self.is_active(contact);
         match (is_active(Contact::JogPlus), is_active(Contact::JogMinus)) {
@@ -18,8 +19,8 @@ impl Motion {
         }
     }
 
-    /// A jog contact has changed: an activation begins a jog from standstill, and a jog ends with its own contact. A
-    /// contact that is active at standstill begins a jog then.
+    /// Handles a change of a jog contact. At standstill an activation begins a jog. A jog ends when its own
+    /// contact becomes inactive. If a contact is active when the motor has stopped, another jog begins.
     pub(super) fn jog(&mut self, at: Instant, active: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { back } if self.jog_ends(back) => {
@@ -48,7 +49,8 @@ impl Motion {
         }
     }
 
-    /// JE was as `before`. With 0 no jog goes on, and none begins; with 1 a contact that is held already jogs.
+    /// Handles a change of JE, which was `before`. JE = 0 ends a jog and allows none. JE = 1 begins a jog if
+    /// a contact is active already.
     pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { .. } if !self.settings.jogs => self.ramp_down(at, false, out),

@@ -1,4 +1,4 @@
-//! The contacts of the I/O, and what limits stop (MC 5-43).
+//! Contacts of the I/O, and stops at limits (MC 5-43).
 
 use super::orders::Activity;
 use super::{Contact, Event, Motion};
@@ -10,7 +10,7 @@ impl Motion {
         self.contacts & bit(contact) != 0
     }
 
-    /// A contact becomes active, or not.
+    /// Handles a contact that becomes active or inactive.
     pub(in crate::mdrive) fn contact(
         &mut self,
         at: Instant,
@@ -32,7 +32,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Returns whether an active limit forbids that direction. In clock mode limits have no effect (MC 5-13).
+    /// Returns true if an active limit forbids a direction. In clock mode limits have no effect (MC 5-13).
     pub(super) fn is_barred(&self, back: bool) -> bool {
         let limit = if back { Contact::MinusLimit } else { Contact::PlusLimit };
         self.is_active(limit) && !self.settings.follows_clock
@@ -42,7 +42,7 @@ impl Motion {
         self.fail(if back { Error::MinusLimit } else { Error::PlusLimit });
     }
 
-    /// A limit becomes active: it stops what goes or will go in its direction.
+    /// Handles a limit that becomes active: stops a motion that goes in its direction, now or later.
     fn limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
         if !self.is_barred(back) || !self.motor.moves(at, back) {
             return;
@@ -54,9 +54,9 @@ impl Motion {
         }
     }
 
-    /// A limit stops what moves, with its error, and with LM 3 and 6 the program.
+    /// Stops the motion at a limit and reports the error. With LM 3 and 6 the program ends, too.
     pub(super) fn stop_at_limit(&mut self, at: Instant, back: bool, out: &mut dyn Context) {
-        // The program first: its error's handler runs all the same.
+        // The program ends before the error is reported, so that the error's handler can still run.
         if matches!(self.settings.limit_mode, 3 | 6) {
             self.push_event(Event::StopsProgram);
         }
@@ -64,8 +64,9 @@ impl Motion {
         self.stop_for_limit(at, out);
     }
 
-    /// With a ramp, or at the next whole step with LM 4 to 6; nothing goes on. A shaft that fell back by a part of a
-    /// step could leave the limit again (MDRIVE-20).
+    /// Stops with a ramp, or at the next whole step with LM 4 to 6, and drops the waiting task. The stop is
+    /// at a whole step because a shaft that fell back by a part of a step could leave the limit again
+    /// (MDRIVE-20).
     pub(super) fn stop_for_limit(&mut self, at: Instant, out: &mut dyn Context) {
         self.clear_waiting();
         if self.is_idle() {

@@ -1,23 +1,23 @@
-//! The motor: its steps, the moves that make them, limits, homing, jog, the currents, and the encoder on its shaft.
+//! The motor: its steps, moves, limits, homing, jog, currents, and the encoder on its shaft.
 //!
-//! Positions and velocities are in steps here; with EE = 1 orders in counts are converted to steps, and back where a
-//! variable is read.
+//! Positions and velocities are in steps here. With EE = 1, orders in counts are converted to steps, and
+//! values are converted back when a variable is read.
 //!
-//! | file | what of it |
+//! | file | content |
 //! |---|---|
-//! | `motor` | the plan that turns it, its shaft, its current |
-//! | `response` | SS: how fast a Hybrid's rotor may be |
-//! | `encoder` | the encoder on its shaft, or a remote one |
+//! | `motor` | the plan that turns the motor, its shaft, its current |
+//! | `response` | SS: the maximum speed of a Hybrid's rotor |
+//! | `encoder` | the encoder on the shaft, or a remote one |
 //! | `scale` | steps and counts |
 //! | `orders` | moves and slews, and how one follows another |
 //! | `pause` | PS and RS |
-//! | `jog` | what jog contacts ask for |
-//! | `limits` | the contacts, and what they stop |
+//! | `jog` | motion by jog contacts |
+//! | `limits` | contacts, and stops at limits |
 //! | `home` | homing to a switch or to the index |
 //! | `closed` | EE = 1: stalls, corrections, position maintenance |
 //! | `follow` | clock inputs |
-//! | `readback` | what variables show of all that |
-//! | `circuit` | what a Hybrid's circuitry does on its own |
+//! | `readback` | values of variables |
+//! | `circuit` | motion by a Hybrid's circuitry |
 
 mod circuit;
 mod closed;
@@ -47,43 +47,43 @@ use super::error::Error;
 use crate::device::{Context, Duration, Instant};
 use crate::motor::stepper::StepperParameters;
 
-/// Settings of the motion, as the variables are now.
+/// Settings of the motion: present values of variables.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
-    /// VI, VM, in steps/s or counts/s.
+    /// Initial speed VI and maximum speed VM, in steps/s or counts/s.
     pub(super) start: u32,
     pub(super) speed: u32,
-    /// A, D.
+    /// Acceleration A and deceleration D.
     pub(super) up: u32,
     pub(super) down: u32,
-    /// MS.
+    /// MS: microsteps in a full step.
     pub(super) microsteps: u16,
-    /// MT, HT, in ms.
+    /// Settling time MT and delay HT to the holding current, in ms.
     pub(super) settle_ms: u16,
     pub(super) hold_delay_ms: u16,
-    /// RC, HC, in %.
+    /// Run current RC and holding current HC, in %.
     pub(super) run_percent: u8,
     pub(super) hold_percent: u8,
-    /// DE.
+    /// DE: true if the output bridge is on.
     pub(super) enabled: bool,
-    /// The fastest that the rotor follows, in steps/s: SS of a Hybrid in AS 1 and 2.
+    /// Maximum speed of the rotor, in steps/s: SS of a Hybrid with AS 1 and 2.
     pub(super) response: u32,
-    /// The circuitry keeps the field beside a rotor that does not follow: AS of a Hybrid.
+    /// True if the circuitry keeps the field next to a rotor that does not follow: AS of a Hybrid is not 0.
     pub(super) keeps_field: bool,
-    /// LM.
+    /// LM: reaction to a limit, 1 to 6.
     pub(super) limit_mode: u8,
-    /// D1 to D4 of the home switch, in ms.
+    /// Debounce time of the home switch, one of D1 to D4, in ms.
     pub(super) home_debounce_ms: u8,
-    /// JE.
+    /// JE: true if jog contacts turn the motor.
     pub(super) jogs: bool,
-    /// CM with clock inputs: limits are off, and jog is not there.
+    /// CM with clock inputs: limits and jog have no effect.
     pub(super) follows_clock: bool,
-    /// CR, in thousandths.
+    /// Clock ratio CR, in thousandths.
     pub(super) ratio: u16,
-    /// EE, EL.
+    /// EE: true if the user's units are counts. EL: lines of the encoder.
     pub(super) closed: bool,
     pub(super) lines: u16,
-    /// DB, SF, in counts; SM, PM.
+    /// Deadband DB and stall factor SF, in counts; SM: continue after a stall; PM: position maintenance.
     pub(super) deadband: u16,
     pub(super) stall_factor: u16,
     pub(super) goes_on_stalled: bool,
@@ -92,22 +92,22 @@ pub(super) struct Settings {
     pub(super) machine: StepperParameters,
 }
 
-/// Order to the motor. Positions and speeds are in the user's units: steps, or counts with EE = 1.
+/// Motion command. Positions and speeds are in the user's units: steps, or counts with EE = 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
-    /// MA.
+    /// MA: move to a position.
     To { position: i32, notify_on_end: bool, continuous: bool },
-    /// MR.
+    /// MR: move by a distance.
     By { distance: i32, notify_on_end: bool, continuous: bool },
-    /// SL.
+    /// SL: turn at this speed.
     Slew(i32),
-    /// HM, 1 to 4.
+    /// HM: homing to the switch, with type 1 to 4.
     Home(u8),
-    /// HI, 1 to 4.
+    /// HI: homing to the index, with type 1 to 4.
     HomeToIndex(u8),
 }
 
-/// Contacts that the motion looks at, as they are active or not.
+/// Contacts that the motion uses, each of them active or not.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Contact {
     Home,
@@ -122,9 +122,9 @@ pub(super) enum Contact {
 pub(super) enum Event {
     /// An error.
     Failed(Error),
-    /// A limit stops the program, too (LM 3, 6).
+    /// A limit also stops the program (LM 3, 6).
     StopsProgram,
-    /// A move with parameter 2 has ended: the device's name is sent.
+    /// A move with parameter 2 has ended: the drive sends its name.
     Announce,
 }
 
@@ -134,36 +134,36 @@ pub(super) struct Motion {
     settings: Settings,
     motor: Motor,
     encoder: Encoder,
-    /// Offsets of C1 and C2 to the position of the plan and the count of the encoder.
+    /// Offset of C1 to the position of the plan, and of C2 to the count of the encoder.
     c1: i32,
     c2: i32,
-    /// Steps by which the rotor is behind where a Hybrid reports no lag.
+    /// Steps by which the rotor is behind where a Hybrid reports a lag of 0.
     lag_origin: i32,
     activity: Activity,
-    /// Time of the next step of that.
+    /// Deadline of the activity.
     due: Instant,
-    /// Task that begins when the present motion is over.
+    /// Task that begins when the present motion has ended.
     waiting: Option<Task>,
-    /// PS: nothing begins before RS; `left` is the interrupted task.
+    /// PS: no motion begins before RS. `left` is the interrupted task.
     paused: bool,
     left: Option<Task>,
-    /// Contacts that are active, a bit each.
+    /// Active contacts, one bit each.
     contacts: u8,
     closed: Closed,
     follow: Follow,
-    /// Time at which a homing to the index sees the index change.
+    /// Time at which the index changes during a homing to the index.
     index_due: Instant,
     on_index: bool,
-    /// Since when it is at rest.
+    /// Time since which the motor has been at rest.
     rested: Instant,
-    /// The current is that of HC.
+    /// True if the current is that of HC.
     holds: bool,
     events: Deque<Event, 8>,
     changed: bool,
 }
 
 impl Motion {
-    /// At rest at position 0. The encoder that is fitted has the lines of these settings.
+    /// Creates a motor at rest at position 0. The built-in encoder has the number of lines of these settings.
     pub(super) fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -189,8 +189,8 @@ impl Motion {
         }
     }
 
-    /// Power comes, or a restart: everything is cleared but the shaft's position, the levels of the remote encoder, and
-    /// whether the shaft is blocked. Contacts that are active follow as events.
+    /// Handles power-on or a restart: clears everything except the shaft's position, the levels of the remote
+    /// encoder, and the blocking of the shaft. Contacts that are active follow as events.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         self.settings = settings;
         self.motor.set_microsteps(at, settings.microsteps);
@@ -218,7 +218,7 @@ impl Motion {
         }
     }
 
-    /// The variables may have changed. A move that runs keeps the speed and the ramps that it began with
+    /// Applies new values of variables. A move in progress keeps the speed and the ramps with which it began
     /// (MDRIVE-17).
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.settings, settings);
@@ -251,37 +251,37 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// The bridge is off though the circuitry is on (MC 5-50).
+    /// Returns true if the bridge is off although the circuitry is on (MC 5-50).
     pub(super) fn lacks_bridge(&self) -> bool {
         self.settings.keeps_field && !self.settings.enabled
     }
 
-    /// Carries out an order.
+    /// Executes a motion command.
     ///
     /// # Errors
-    /// 81, 85, 93: its state forbids it; 21: the way has more than 32 bits of steps. Nothing has changed then. (80 is
-    /// the I/O's, 88 the Hybrid's.)
+    /// 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
+    /// then. (The I/O reports 80, the Hybrid 88.)
     pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
         self.begin_order(at, order, out)?;
         self.refresh(at, out);
         Ok(())
     }
 
-    /// Stops with D, whatever moves.
+    /// Stops any motion with the deceleration D.
     pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.clear_waiting();
         self.ramp_down(at, false, out);
         self.refresh(at, out);
     }
 
-    /// Stops without a ramp (Esc).
+    /// Stops any motion without a ramp (Esc).
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         self.clear_waiting();
         self.stop_at_once(at, out);
         self.refresh(at, out);
     }
 
-    /// A pin of a remote encoder is driven to a level, or by nothing any more (`None`).
+    /// Sets the level of a remote encoder's pin; `None` if nothing drives the pin any more.
     pub(super) fn channel(
         &mut self,
         at: Instant,
@@ -294,21 +294,21 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// A remote encoder has made so many edges, and its channels A and B are at these levels now.
+    /// Adds edges that a remote encoder has made. Its channels A and B have these levels now.
     pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Context) {
         self.encoder.take_edges(at, &self.motor, edges, channels);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
-    /// The shaft is blocked, or released.
+    /// Blocks the shaft, or releases it.
     pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
         self.motor.set_blocked(at, blocked, out);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
-    /// The next event.
+    /// Takes the oldest event, if any.
     pub(super) fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -350,7 +350,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Updates the current and the next deadlines.
+    /// Updates the motor current and the deadlines.
     fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
         self.look_at_index(at, out);
         if self.hold_due() <= at {
@@ -360,7 +360,7 @@ impl Motion {
         self.watch(at);
     }
 
-    /// The current that it is to have, in %.
+    /// Current that the motor is to have, in %; `None` if the bridge is off.
     fn percent(&self) -> Option<u8> {
         let Settings { enabled, run_percent, hold_percent, .. } = self.settings;
         let percent = match self.activity {
@@ -371,7 +371,7 @@ impl Motion {
         enabled.then_some(percent)
     }
 
-    /// Time at which the current goes down to that of HC: HT after the end of all motion, or never (MC 5-32;
+    /// Time at which the current falls to that of HC: HT after the end of all motion, or never (MC 5-32;
     /// MDRIVE-19).
     fn hold_due(&self) -> Instant {
         match (self.activity, self.settings.hold_delay_ms) {

@@ -7,24 +7,25 @@ use crate::motor::{Kinematics, Rotor, STALL};
 
 const AXIS: Axis = Axis(0);
 
-/// Peak current of 100 %, in mA. The manual names none, "as motor is appropriately sized" (MC 5-28): it is the one that
-/// the motor is rated for.
+/// Peak current at 100 %, in mA. The manual gives no figure ("as motor is appropriately sized", MC 5-28), so
+/// the motor's rated current is used.
 const PEAK_MA: u32 = StepperParameters::NOMINAL.rated_ma;
 
-/// The motor.
+/// The motor with its plan and its current.
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
     shaft: StepperMotor,
     plan: Plan,
-    /// In mA; `None` if it was not set since power-on.
+    /// Present current, in mA; `None` if it was not set since power-on.
     ma: Option<u32>,
-    /// The current by which the shaft follows: the present one, or the last one while inertia turns it on.
+    /// Current with which the shaft follows the plan: the present one, or the last one while inertia turns
+    /// the shaft.
     pull_ma: Option<u32>,
     pub(super) response: Response,
 }
 
 impl Motor {
-    /// At rest at position 0 and angle 0, without current.
+    /// Creates a motor at rest at position 0 and angle 0, without current.
     pub(super) fn new(microsteps: u16) -> Self {
         let mut shaft = StepperMotor::new(StepperParameters::NOMINAL);
         shaft.set_microsteps(Instant::ZERO, microsteps);
@@ -37,7 +38,7 @@ impl Motor {
         }
     }
 
-    /// Power comes: the position is 0, wherever the shaft is.
+    /// Handles power-on: the position is 0, wherever the shaft is.
     pub(super) fn power_on(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_plan(at, Plan::at_rest(at, 0), out);
         (self.ma, self.pull_ma) = (None, None);
@@ -53,7 +54,7 @@ impl Motor {
         self.plan.position_at(at)
     }
 
-    /// Returns whether it moves in that direction, now or before it stops.
+    /// Returns true if the plan moves in this direction, now or later.
     pub(super) fn moves(&self, at: Instant, back: bool) -> bool {
         let mut end = self.plan.start();
         self.plan.segments().iter().any(|segment| {
@@ -62,22 +63,22 @@ impl Motor {
         })
     }
 
-    /// From `at` on it does this.
+    /// Makes the motor follow `plan` from `at` on.
     pub(super) fn set_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.plan = plan;
         self.response.update(at, &self.plan);
         self.lead_shaft(at, out);
     }
 
-    /// Steps without a ramp, from standstill.
+    /// Makes steps without a ramp, from standstill.
     pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         self.plan = Plan::at_rest(at, self.position(at).wrapping_add(steps));
         self.shaft.input(at, Input::Step { axis: AXIS, steps }, out);
         out.put(at, Output::Step { axis: AXIS, steps });
     }
 
-    /// Gives it so many percent of its current; `None` opens the bridge. What `turns_on` by its inertia goes on along
-    /// its plan then.
+    /// Sets the current, in %; `None` opens the bridge. If `turns_on`, inertia turns the shaft: without
+    /// current it continues along its plan.
     pub(super) fn energize(
         &mut self,
         at: Instant,
@@ -95,7 +96,7 @@ impl Motor {
         }
     }
 
-    /// From now on the shaft is not faster than so many steps/s.
+    /// Sets the maximum speed of the shaft, in steps/s.
     pub(super) fn limit(&mut self, at: Instant, most: u32, out: &mut dyn Context) {
         if self.response.max_speed != most {
             self.response.max_speed = most;
@@ -103,7 +104,7 @@ impl Motor {
         }
     }
 
-    /// Returns whether the plan is faster than the shaft can be.
+    /// Returns true if the plan is faster than the shaft can be.
     pub(super) fn is_too_fast(&self) -> bool {
         self.response.is_too_fast
     }
@@ -125,48 +126,48 @@ impl Motor {
         self.shaft.input(at, Input::Fault { fault: STALL, on: blocked }, out);
     }
 
-    /// From now on this is the motor, and its load.
+    /// Sets the parameters of the motor and its load.
     pub(super) fn load(&mut self, at: Instant, machine: StepperParameters) {
         self.shaft.load(at, machine);
     }
 
-    /// From now on its field is kept beside a shaft that does not follow, or no longer.
+    /// Sets whether the field stays next to a shaft that does not follow.
     pub(super) fn keep_field(&mut self, at: Instant, keeps: bool) {
         self.shaft.keep_field(at, keeps);
     }
 
-    /// Returns whether it would turn from rest.
+    /// Returns true if the motor can turn from rest in this direction.
     pub(super) fn can_turn(&self, forward: bool) -> bool {
         self.shaft.can_turn(forward)
     }
 
-    /// Returns whether the shaft is where the plan has it, not on its way there.
+    /// Returns true if the shaft is at the plan's position, not on its way there.
     pub(super) fn is_in_step(&self, at: Instant) -> bool {
         self.shaft.is_in_step(at)
     }
 
-    /// Returns whether the load turns the shaft.
+    /// Returns true if the load turns the shaft.
     pub(super) fn slides(&self) -> bool {
         let kinematics = self.shaft.kinematics();
         !self.follows() && (kinematics.half_speed != 0 || kinematics.half_acceleration != 0)
     }
 
-    /// A shaft that is free again goes on from where it is.
+    /// Lets a shaft that is free again continue from its present position.
     pub(super) fn resynchronise(&mut self, at: Instant) {
         self.shaft.resynchronise(at);
     }
 
-    /// From `at` on so many steps are a full step.
+    /// Sets the number of steps that make a full step, from `at` on.
     pub(super) fn set_microsteps(&mut self, at: Instant, microsteps: u16) {
         self.shaft.set_microsteps(at, microsteps);
     }
 
-    /// Returns whether the shaft follows the plan, as far as it can.
+    /// Returns true if the shaft follows the plan, as far as its maximum speed allows.
     pub(super) fn follows(&self) -> bool {
         self.pull_ma != Some(0) && !self.shaft.stalled()
     }
 
-    /// Angle of the shaft, in 2⁻³² turns. It holds until [`Self::deadline`].
+    /// Angle of the shaft, in 2⁻³² revolutions. The result is valid up to [`Self::deadline`].
     pub(super) fn angle(&self, at: Instant) -> i64 {
         self.shaft.angle_at(at)
     }
@@ -176,7 +177,7 @@ impl Motor {
         self.shaft.kinematics()
     }
 
-    /// Time at which the shaft changes its motion: with the plan, or when that becomes too fast for it.
+    /// Time at which the shaft changes its motion: the plan does so, or becomes too fast for the shaft.
     pub(super) fn deadline(&self) -> Instant {
         self.shaft.deadline().min(self.response.due)
     }

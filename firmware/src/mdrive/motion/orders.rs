@@ -1,4 +1,4 @@
-//! Orders, and how one follows another (MC 5-45, 5-47, 5-57, 5-61, 5-68).
+//! Motion commands, and how one follows another (MC 5-45, 5-47, 5-57, 5-61, 5-68).
 
 use fixed::types::I24F8;
 
@@ -16,24 +16,24 @@ const PLANNING_TIME: Duration = Duration::micros(2_500);
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Activity {
     Rest,
-    /// A move is calculated.
+    /// A move is being calculated.
     Planning(Move),
     Moves(Move),
-    /// SL: on without end, at that speed of the user's.
+    /// SL: turns without end at this speed, in the user's unit.
     Slews(i32),
     Jogs {
         back: bool,
     },
-    /// To standstill, from where what waits begins `at_once` or after MT.
+    /// Ramp to standstill. The waiting task begins after that, `at_once` or after MT.
     Stops {
         at_once: bool,
     },
-    /// MT, after a move or another motion.
+    /// Settling time MT, after a move or another motion.
     Settles(Option<Move>),
     Homes(Homing),
-    /// The clock inputs.
+    /// The motor follows the clock inputs.
     Follows,
-    /// A Hybrid's circuitry turns it, and C1 stays where it is.
+    /// A Hybrid's circuitry turns the motor. C1 stays at `steps`.
     CircuitDriven {
         steps: i32,
         percent: u8,
@@ -41,33 +41,33 @@ pub(super) enum Activity {
     },
 }
 
-/// Treatment of an order while a Hybrid's circuitry turns the shaft.
+/// Treatment of a motion command while a Hybrid's circuitry turns the shaft.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Preemption {
-    /// Carried out at once.
+    /// The command is executed at once.
     AtOnce,
-    /// Waits until the rotor is at rest.
+    /// The command waits until the rotor is at rest.
     AtStandstill,
-    /// Dropped.
+    /// The command is ignored.
     Never,
 }
 
-/// A way to a position.
+/// A move to a position.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Move {
-    /// Target of the plan.
+    /// Target position of the plan.
     pub(super) target: i32,
-    /// With EE = 1, where the encoder is to be.
+    /// Target count of the encoder, with EE = 1.
     pub(super) encoder_target: Option<i32>,
-    /// MA or MR has ordered it, not position maintenance.
+    /// True if MA or MR ordered the move, false for position maintenance.
     pub(super) ordered: bool,
-    /// The name is sent at its end.
+    /// True if the drive sends its name at the end.
     pub(super) notify_on_end: bool,
-    /// True if it does not stop there.
+    /// True if the motion does not stop at the target.
     pub(super) continuous: bool,
-    /// The user's speed that it goes on with: VM where it began.
+    /// Speed at which the motion continues after the target, in the user's unit: VM when the move began.
     pub(super) speed: u32,
-    /// Corrections of its position so far.
+    /// Number of corrections of the position so far.
     pub(super) tries: u8,
 }
 
@@ -86,21 +86,21 @@ impl Move {
     }
 }
 
-/// Task for later.
+/// A task that begins later.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Task {
-    /// MA or MR, and when it is calculated.
+    /// MA or MR, and the time at which its calculation is complete.
     Order(Order, Instant),
     /// A move that PS has interrupted.
     Move(Move),
     Slew(i32),
     Home(Order),
-    /// The jog that contacts ask for then.
+    /// The jog that the contacts request when the task begins.
     Jog,
 }
 
 impl Motion {
-    /// Carries out an order, or lets it wait.
+    /// Executes a motion command, or stores it as the waiting task.
     pub(super) fn begin_order(
         &mut self,
         at: Instant,
@@ -145,8 +145,8 @@ impl Motion {
         }
     }
 
-    /// MA and MR. One that comes while another runs waits for its end, and takes the place of one that waits; a slew
-    /// stops for it (MDRIVE-18).
+    /// Begins MA or MR. During another move the command waits for the end of that move, and replaces a
+    /// command that waits already. A slew stops for it (MDRIVE-18).
     fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
         let movement = self.movement_for(at, order)?;
         let task = Task::Order(order, at + PLANNING_TIME);
@@ -170,7 +170,7 @@ impl Motion {
         Ok(())
     }
 
-    /// The way that MA or MR is from here.
+    /// Computes the move that MA or MR makes from here.
     fn movement_for(&self, at: Instant, order: Order) -> Result<Move, Error> {
         let here = self.displayed_position(at);
         let (distance, notify_on_end, continuous) = match order {
@@ -193,14 +193,14 @@ impl Motion {
         })
     }
 
-    /// The steps of so many steps or counts from a position; none if they have more than 32 bits.
+    /// Converts a distance from `here`, in steps or counts, to steps; `None` if it has more than 32 bits.
     pub(super) fn steps_of(&self, here: i32, distance: i32) -> Option<i32> {
         let (scale, here) = (self.settings.scale(), i64::from(here));
         let steps = scale.first_step(here + i64::from(distance)) - scale.first_step(here);
         i32::try_from(steps).ok()
     }
 
-    /// Returns whether no limit forbids a move; else reports the error.
+    /// Returns true if no limit forbids a move; otherwise reports the error.
     fn is_free(&mut self, at: Instant, target: i32) -> bool {
         let steps = target.wrapping_sub(self.motor.position(at));
         let barred = steps != 0 && self.is_barred(steps < 0);
@@ -215,13 +215,14 @@ impl Motion {
         self.holds &= activity == Activity::Rest;
     }
 
-    /// All motion is over.
+    /// Enters rest, because all motion has ended.
     pub(super) fn enter_rest(&mut self, at: Instant) {
         self.enter(Activity::Rest, Instant::NEVER);
         self.rested = at;
     }
 
-    /// Makes another plan. What begins to move has its current first, or it would not follow.
+    /// Starts another plan. A motor at standstill gets its current first, because without current it would
+    /// not follow.
     pub(super) fn start_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         if self.is_idle() {
             self.watch_from(at);
@@ -232,7 +233,7 @@ impl Motion {
         self.changed = true;
     }
 
-    /// Returns whether no plan runs.
+    /// Returns true if no plan runs.
     pub(super) fn is_idle(&self) -> bool {
         matches!(self.activity, Activity::Rest | Activity::Planning(_) | Activity::Settles(_))
     }
@@ -256,7 +257,7 @@ impl Motion {
         self.enter(Activity::Moves(movement), passes);
     }
 
-    /// SL: at once, whatever moves; towards a held limit it only stops.
+    /// SL: takes effect at once, during any motion. Towards an active limit it only stops.
     fn slew(&mut self, at: Instant, speed: i32, out: &mut dyn Context) {
         let back = speed < 0;
         if speed != 0 && self.is_barred(back) {
@@ -268,7 +269,7 @@ impl Motion {
         self.ramp_down(at, false, out);
     }
 
-    /// On at a speed without end.
+    /// Runs at a speed without end.
     pub(super) fn run_at_speed(
         &mut self,
         at: Instant,
@@ -282,13 +283,13 @@ impl Motion {
         self.enter(activity, Instant::NEVER);
     }
 
-    /// Along a plan that ends.
+    /// Runs along a plan that ends.
     pub(super) fn run_plan(&mut self, at: Instant, activity: Activity, plan: Plan, out: &mut dyn Context) {
         self.start_plan(at, plan, out);
         self.enter(activity, plan.end());
     }
 
-    /// A ramp to standstill, if it moves. What settles is corrected no more.
+    /// Begins a ramp to standstill, if there is a motion. A move that settles is not corrected any more.
     pub(super) fn ramp_down(&mut self, at: Instant, at_once: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Rest | Activity::CircuitDriven { .. } => {}
@@ -301,7 +302,7 @@ impl Motion {
         }
     }
 
-    /// Stops where it is, without a ramp.
+    /// Stops at the present position, without a ramp.
     pub(super) fn stop_at_once(&mut self, at: Instant, out: &mut dyn Context) {
         match self.activity {
             Activity::Rest | Activity::CircuitDriven { .. } => {}
@@ -315,13 +316,13 @@ impl Motion {
         }
     }
 
-    /// Neither what waits nor what PS has interrupted begins: a pause ends without RS.
+    /// Drops the waiting task and the task that PS has interrupted. A pause ends without RS.
     pub(in crate::mdrive) fn clear_waiting(&mut self) {
         self.waiting = None;
         (self.paused, self.left) = (false, None);
     }
 
-    /// The activity has come to its instant.
+    /// Handles the deadline of the activity.
     pub(super) fn activity_due(&mut self, at: Instant, out: &mut dyn Context) {
         self.due = Instant::NEVER;
         match self.activity {
@@ -370,7 +371,7 @@ impl Motion {
         }
     }
 
-    /// The motion is over: what waits begins.
+    /// Ends the motion and begins the waiting task.
     pub(super) fn over(&mut self, at: Instant, out: &mut dyn Context) {
         self.enter_rest(at);
         if let Some(task) = self.waiting.take_if(|_| !self.paused) {
@@ -378,7 +379,7 @@ impl Motion {
         }
     }
 
-    /// Begins what waited, from standstill.
+    /// Begins a waiting task from standstill.
     pub(super) fn begin(&mut self, at: Instant, task: Task, out: &mut dyn Context) {
         match task {
             Task::Order(order, ready) => match self.movement_for(at, order) {

@@ -1,11 +1,12 @@
-//! PS and RS: what moves stops, and goes on (MC 5-57, 5-61).
+//! PS and RS: motion stops and continues (MC 5-57, 5-61).
 
 use super::Motion;
 use super::orders::{Activity, Task};
 use crate::device::{Context, Instant};
 
 impl Motion {
-    /// PS: stops with D, and stores the rest of the motion. A jog or a motion by the clock is not the program's.
+    /// PS: stops with D and stores the rest of the motion. A jog or a motion by the clock is not stored,
+    /// because it is not the program's.
     pub(in crate::mdrive) fn pause(&mut self, at: Instant, out: &mut dyn Context) {
         let left = match self.activity {
             Activity::Planning(way) | Activity::Moves(way) if way.ordered => Some(Task::Move(way)),
@@ -20,7 +21,7 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// RS: goes on with that.
+    /// RS: continues with the stored motion.
     pub(in crate::mdrive) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
         if !core::mem::take(&mut self.paused) {
             return;
@@ -28,12 +29,12 @@ impl Motion {
         match (self.left.take(), self.activity) {
             (Some(task), Activity::Rest) => {
                 self.begin(at, task, out);
-                // A limit may not let it begin.
+                // A limit may have prevented that the task begins.
                 if self.activity == Activity::Rest {
                     self.over(at, out);
                 }
             }
-            // Something was ordered meanwhile.
+            // Another motion was commanded meanwhile.
             (Some(task), activity) => {
                 self.waiting = Some(task);
                 if matches!(activity, Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows) {

@@ -1,16 +1,16 @@
-//! Readback of the motion in variables: counters, velocity, flags.
+//! Values of the motion for variables: counters, velocity, flags.
 
 use super::Motion;
 use super::orders::{Activity, Task};
 use crate::device::{Instant, Plan};
 
 impl Motion {
-    /// Present plan: C1, but for its preset.
+    /// Present plan. Its position is C1 without C1's preset.
     pub(in crate::mdrive) fn plan(&self) -> &Plan {
         self.motor.plan()
     }
 
-    /// Steps made, of the motor (C1).
+    /// C1: steps that the motor has made.
     pub(in crate::mdrive) fn steps(&self, at: Instant) -> i32 {
         match self.activity {
             Activity::CircuitDriven { steps, .. } => steps,
@@ -18,7 +18,7 @@ impl Motion {
         }
     }
 
-    /// Presets C1.
+    /// Sets C1.
     pub(in crate::mdrive) fn set_steps(&mut self, at: Instant, steps: i32) {
         let more = steps.wrapping_sub(self.steps(at));
         self.lag_origin = self.lag_origin.wrapping_add(more);
@@ -29,12 +29,12 @@ impl Motion {
         self.changed = true;
     }
 
-    /// Counts of the encoder (C2).
+    /// C2: counts of the encoder.
     pub(in crate::mdrive) fn counts(&self, at: Instant) -> i32 {
         self.encoder.count(at, &self.motor).wrapping_add(self.c2)
     }
 
-    /// Presets C2.
+    /// Sets C2.
     pub(in crate::mdrive) fn set_counts(&mut self, at: Instant, counts: i32) {
         self.c2 = counts.wrapping_sub(self.encoder.count(at, &self.motor));
         self.changed = true;
@@ -45,7 +45,7 @@ impl Motion {
         if self.settings.closed { self.counts(at) } else { self.steps(at) }
     }
 
-    /// V, in steps/s, or counts/s with EE = 1, rounded.
+    /// V: velocity in steps/s, or counts/s with EE = 1, rounded.
     pub(in crate::mdrive) fn velocity(&self, at: Instant) -> i32 {
         let speed = match self.activity {
             Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
@@ -55,7 +55,7 @@ impl Motion {
         self.settings.scale().speed_in_counts(speed)
     }
 
-    /// Returns whether a motion that C1 counts runs, or is about to (MV).
+    /// Returns true if a motion that C1 counts is in progress or about to begin (MV).
     pub(in crate::mdrive) fn is_moving(&self) -> bool {
         match self.activity {
             Activity::Rest => false,
@@ -64,7 +64,7 @@ impl Motion {
         }
     }
 
-    /// Returns whether it moves to a position, or will (MP).
+    /// Returns true if a move to a position is in progress or waiting (MP).
     pub(in crate::mdrive) fn is_positioning(&self) -> bool {
         match self.activity {
             Activity::Planning(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
@@ -72,17 +72,17 @@ impl Motion {
         }
     }
 
-    /// Returns whether its speed changes (VC).
+    /// Returns true if the speed changes (VC).
     pub(in crate::mdrive) fn is_changing(&self, at: Instant) -> bool {
         self.is_moving() && self.motor.plan().segment_at(at).0.acceleration != 0
     }
 
-    /// Returns whether the encoder is on its index (I6).
+    /// Returns true if the encoder is on its index (I6).
     pub(in crate::mdrive) fn is_on_index(&self, at: Instant) -> bool {
         self.encoder.is_on_index(at, &self.motor)
     }
 
-    /// Returns whether it stalled, since ST was cleared (ST).
+    /// Returns true if the motor has stalled since ST was cleared (ST).
     pub(in crate::mdrive) fn has_stalled(&self) -> bool {
         self.closed.has_stalled
     }
@@ -92,8 +92,8 @@ impl Motion {
         self.closed.has_stalled = stalled;
     }
 
-    /// Time at which P comes to be `position` next, after `at`; [`Instant::NEVER`] if it does not. With EE = 1 that
-    /// holds only while the shaft keeps its motion.
+    /// Next time after `at` at which P is `position`; [`Instant::NEVER`] if there is none. With EE = 1 the
+    /// result is valid only until the shaft changes its motion.
     pub(in crate::mdrive) fn reaches(&self, at: Instant, position: i32) -> Instant {
         if self.settings.closed {
             self.encoder.reaches(at, &self.motor, position.wrapping_sub(self.c2))
@@ -102,8 +102,8 @@ impl Motion {
         }
     }
 
-    /// Time at which C1 comes to be `steps` next, after `at`, if motion goes on as planned; [`Instant::NEVER`] if it
-    /// does not.
+    /// Next time after `at` at which C1 is `steps`, if the plan does not change; [`Instant::NEVER`] if there
+    /// is none.
     pub(in crate::mdrive) fn reaches_steps(&self, at: Instant, steps: i32) -> Instant {
         if self.is_circuit_driven() {
             return Instant::NEVER;
@@ -111,8 +111,8 @@ impl Motion {
         self.motor.plan().time_of(at, steps.wrapping_sub(self.c1))
     }
 
-    /// Returns whether its plan or C1 or C2 has changed since the last call: then predictions of
-    /// [`Self::reaches_steps`] are void.
+    /// Returns true if the plan, C1 or C2 has changed since the last call. Earlier predictions of
+    /// [`Self::reaches_steps`] are invalid then.
     pub(in crate::mdrive) fn has_changed(&mut self) -> bool {
         core::mem::take(&mut self.changed)
     }

@@ -1,4 +1,4 @@
-//! SS: the fastest that a rotor responds (FB 5.1). What the plan has beyond that it does not make
+//! SS: the maximum speed of a rotor (FB 5.1). The rotor loses the part of the plan beyond this speed
 //! (MDRIVE-29).
 
 use core::num::NonZero;
@@ -9,24 +9,24 @@ use crate::device::{Duration, Instant, Plan};
 use crate::motion::Segment;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// Deceleration of a shaft down to that, in steps/s²: the A and D of the factory.
+/// Deceleration of a shaft down to the maximum speed, in steps/s²: the factory's A and D.
 const DECELERATION: u32 = 1_000_000;
 
-/// Largest speed of the shaft.
+/// Speed limit of the shaft.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Response {
-    /// In steps/s.
+    /// Maximum speed, in steps/s.
     pub(super) max_speed: u32,
-    /// The plan is faster.
+    /// True if the plan is faster.
     pub(super) is_too_fast: bool,
-    /// Time at which it becomes too fast, or no longer is.
+    /// Time at which the plan becomes too fast, or no longer is.
     pub(super) due: Instant,
 }
 
 impl Response {
     pub(super) const FULL: Self = Self { max_speed: u32::MAX, is_too_fast: false, due: Instant::NEVER };
 
-    /// Looks how fast the plan is. Returns whether it has become too fast, or is no longer.
+    /// Checks the speed of the plan. Returns true if the plan has become too fast, or no longer is.
     pub(super) fn update(&mut self, at: Instant, plan: &Plan) -> bool {
         let before = self.is_too_fast;
         let (segment, d) = plan.segment_at(at);
@@ -35,7 +35,7 @@ impl Response {
         self.is_too_fast != before
     }
 
-    /// Motion of the shaft for a plan.
+    /// Motion of the shaft for this plan.
     pub(super) fn of(&self, at: Instant, plan: &Plan) -> Plan {
         if !self.is_too_fast {
             return *plan;
@@ -57,7 +57,7 @@ impl Response {
         if self.is_too_fast { begin } else { Instant::NEVER }
     }
 
-    /// Tick at which it does so within a segment, `from` ticks in or later.
+    /// Tick of this change within a segment, at `from` or later.
     fn passes(&self, segment: &Segment, from: u64) -> Option<u64> {
         if from >= segment.ticks {
             return None;
@@ -76,7 +76,7 @@ impl Response {
         (d > from && d < segment.ticks).then_some(d)
     }
 
-    /// In the unit of a segment's speed.
+    /// Maximum speed in the unit of a segment's speed.
     fn max_in_plan_units(&self) -> i64 {
         i64::from(self.max_speed) * TICKS_PER_SECOND.cast_signed()
     }

@@ -1,4 +1,4 @@
-//! Steps of the motor and counts of the encoder: with EE = 1 the user's units are counts (MC 7.3.7).
+//! Steps of the motor and counts of the encoder. With EE = 1 the user's units are counts (MC 7.3.7).
 
 use fixed::types::{I24F8, I48F16, U24F8};
 
@@ -23,7 +23,7 @@ impl Settings {
         Scale { steps, counts: 4 * i64::from(self.lines.max(1)) }
     }
 
-    /// VI, VM, A and D in steps.
+    /// VI, VM, A and D, converted to steps.
     pub(super) fn rates(&self) -> Limits {
         let scale = self.scale();
         Limits {
@@ -46,20 +46,20 @@ impl Scale {
         (value * self.steps).checked_div(self.counts).unwrap_or(0)
     }
 
-    /// The first step at which an encoder that is at 0 with step 0 shows `counts`.
+    /// First step at which an encoder shows `counts`, if step 0 is at count 0.
     pub(super) fn first_step(self, counts: i64) -> i64 {
         let down = (-counts * self.steps).checked_div_euclid(self.counts);
         down.unwrap_or(0).wrapping_neg()
     }
 
-    /// A speed in steps/s.
+    /// Converts a speed in the user's unit to steps/s.
     pub(super) fn speed(self, speed: u32) -> U24F8 {
         let bits = (i64::from(speed) << 8) * self.steps;
         let bits = bits.checked_div(self.counts).unwrap_or(0);
         U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX))
     }
 
-    /// The same with a sign.
+    /// Converts a speed with a sign in the user's unit to steps/s.
     pub(super) fn signed_speed(self, speed: i32) -> I24F8 {
         let size = I24F8::saturating_from_num(self.speed(speed.unsigned_abs()));
         if speed < 0 { -size } else { size }
@@ -70,7 +70,7 @@ impl Scale {
         u32::try_from(scaled).unwrap_or(u32::MAX).clamp(1, MAX_ACCELERATION)
     }
 
-    /// A speed of the motor as the user has it, rounded.
+    /// Converts a speed of the motor to the user's unit, rounded.
     pub(super) fn speed_in_counts(self, speed: I48F16) -> i32 {
         let scaled = i128::from(speed.to_bits().unsigned_abs()) * i128::from(self.counts);
         let unit = i128::from(self.steps) << 16;

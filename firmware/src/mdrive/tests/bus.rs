@@ -1,11 +1,11 @@
-//! Functions 1, 2, 3, 5, 16 and 43 as FB 4 has them, with its examples.
+//! Functions 1, 2, 3, 5, 16 and 43 as in FB 4, with its examples.
 
 use super::*;
 
 #[test]
 fn examples_of_the_manual() {
     let mut dut = Dut::plus();
-    // FB 4.2.4 and 4.2.5 print 8Ah for VM, which is at 8Bh: 768,000 is 000BB800h, 600,000 000927C0h.
+    // FB 4.2.4 and 4.2.5 print 8Ah for VM, but VM is at 8Bh. 768,000 is 000BB800h, 600,000 is 000927C0h.
     assert_eq!(dut.ask(&[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
     assert_eq!(dut.ask(&[16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0]), [16, 0, 0x8B, 0, 2]);
     assert_eq!(dut.get(Reg::VM), 600_000);
@@ -15,7 +15,7 @@ fn examples_of_the_manual() {
 #[test]
 fn inputs_as_bits() {
     let mut dut = Dut::plus();
-    // FB 4.2.1: I1, I2 and I4 are active, that is low (MC 5-64).
+    // FB 4.2.1: I1, I2 and I4 are active, which means low (MC 5-64).
     for (n, low) in [(1, true), (2, true), (3, false), (4, true)] {
         dut.drive(n, !low);
     }
@@ -36,7 +36,7 @@ fn outputs_as_bits() {
     for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4] {
         dut.set(reg, 16 << 32 | 1 << 16);
     }
-    // FB 4.2.3: O3 on; 4.2.2: O1 and O3 are.
+    // FB 4.2.3 switches O3 on. FB 4.2.2 reads O1 and O3 as on.
     assert_eq!(dut.ask(&[5, 0x00, 0x4D, 0xFF, 0x00]), [5, 0x00, 0x4D, 0xFF, 0x00]);
     dut.write(0x4B, 1, 1);
     assert_eq!(dut.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0x05]);
@@ -61,7 +61,7 @@ fn outputs_as_bits() {
 fn some_outputs() {
     let mut dut = Dut::plus();
     dut.set(Reg::S3, 16 << 32);
-    // What is no output takes no 1, and is passed over with 0.
+    // A point that is no output refuses 1 and ignores 0.
     dut.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0b0110], 4, 9);
     assert_eq!(dut.read(0x4D, 1), 0);
     dut.write(0x55, 1, 0b0100);
@@ -102,13 +102,13 @@ fn several_values_are_judged_on_their_outcome() {
         let ([a, b], [c, d, e, f]) = (vi.to_be_bytes(), vm.to_be_bytes());
         [16, 0, 0x89, 0, 4, 8, 0, 0, a, b, c, d, e, f]
     };
-    // Neither would go alone: VM below the old VI, then VI above the old VM.
+    // Neither value alone would be accepted: VM is below the old VI, or VI above the old VM.
     assert_eq!(dut.ask(&both(100, 500)), [16, 0, 0x89, 0, 4]);
     assert_eq!(dut.ask(&both(800, 900)), [16, 0, 0x89, 0, 4]);
     dut.refused(&both(900, 900), 3, 22);
     dut.refused(&both(0, 900), 3, 21);
     assert_eq!((dut.get(Reg::VI), dut.get(Reg::VM)), (800, 900));
-    // D1 and D2 of three that are not all legal.
+    // D1, D2 and D3 in one request; the value of D3 is illegal.
     dut.refused(&[16, 0, 0x0F, 0, 3, 6, 0, 7, 0, 7, 1, 0], 3, 21);
     assert_eq!((dut.get(Reg::D1), dut.get(Reg::D2)), (0, 0));
 }
@@ -117,19 +117,19 @@ fn several_values_are_judged_on_their_outcome() {
 fn what_is_counted_beside_it() {
     let mut dut = Dut::plus();
     let three = |db: u8, counted: u8, de: u8| [16, 0, 0x1A, 0, 3, 6, 0, db, 0, counted, 0, de];
-    // DB, then DC of it, then DE.
+    // The request writes DB, then DC with the address of DB, then DE.
     assert_eq!(dut.ask(&three(50, 0x1A, 1)), [16, 0, 0x1A, 0, 3]);
     assert_eq!((dut.read(0x1A, 1), dut.read(0x1B, 1)), (49, 0));
-    // 0 cannot be counted down, whatever it was.
+    // 0 cannot be counted down, whatever value DB had before.
     dut.refused(&three(0, 0x1A, 0), 3, 21);
     assert_eq!((dut.read(0x1A, 1), dut.read(0x1C, 1)), (49, 1), "all or nothing");
-    // TE of 8 for TT alone would become 7, for trips that are not defined.
+    // TE = 8 enables TT alone. Counted down to 7 it would enable trips that are not defined.
     dut.connect(CLIENT);
     dut.type_in(CLIENT, "PG 1\rLB K1\rRT\rPG\rTT=100,K1\rTE=8\r");
     dut.refused(&three(7, 0x7D, 0), 4, 27);
     assert_eq!((dut.read(0x1A, 1), dut.read(0x7D, 1), dut.read(0x1C, 1)), (49, 8, 1));
     dut.type_in(CLIENT, "TE=0\r");
-    // DE is 0 when it is counted down, and 1 only behind that.
+    // DC counts DE down while DE is still 0. Only after that DE becomes 1.
     dut.write(0x1C, 1, 0);
     dut.refused(&three(7, 0x1C, 1), 3, 21);
     assert_eq!(dut.read(0x1A, 1), 49);
@@ -138,12 +138,12 @@ fn what_is_counted_beside_it() {
 #[test]
 fn a_move_and_what_stands_beside_it() {
     let mut dut = Dut::plus();
-    // LM and MA; MR, MS and MT.
+    // LM and MA; then MR, MS and MT.
     assert_eq!(dut.ask(&[16, 0, 0x42, 0, 3, 6, 0, 2, 0, 0, 0x27, 0x10]), [16, 0, 0x42, 0, 3]);
     assert_eq!((dut.get(Reg::LM), dut.get(Reg::MA)), (2, 10_000));
     dut.refused(&[16, 0, 0x46, 0, 4, 8, 0, 0, 0, 1, 0, 3, 0, 0], 3, 21);
     assert_eq!(dut.get(Reg::MR), 0);
-    // Of a Hybrid another MS calibrates, and nothing may move meanwhile.
+    // On a Hybrid another MS calibrates, and MR cannot move the motor then.
     let mut dut = Dut::hybrid();
     dut.refused(&[16, 0, 0x46, 0, 3, 6, 0, 0, 0, 1, 0, 128], 4, 89);
     assert_eq!((dut.get(Reg::MR), dut.get(Reg::MS), dut.get(Reg::MV)), (0, 256, 0));
@@ -206,7 +206,7 @@ proptest::proptest! {
             proptest::prop_assert!(reply[0] & 0x7F == function && reply.len() <= 253);
             let refused = reply[0] & 0x80 != 0;
             proptest::prop_assert!(!refused || reply.len() == 2 && (1..=4).contains(&reply[1]));
-            // Structure never reaches MCode.
+            // A request with a wrong structure never sets an error of MCode.
             proptest::prop_assert!(!refused || reply[1] > 2 || dut.get(Reg::ER) == 0);
         }
     }

@@ -1,11 +1,11 @@
-//! What a Hybrid's circuitry does, and when.
+//! Behaviour of a Hybrid's circuitry, with times.
 
 use proptest::prelude::*;
 use proptest::sample::select;
 
 use super::*;
 
-/// AF.
+/// Bits of AF.
 const LEAD: i64 = 1;
 const LAG: i64 = 2;
 const LOCKED: i64 = 8;
@@ -30,12 +30,13 @@ impl Dut {
         self.drive.drive.read_mcode(self.now, Reg::AF).into()
     }
 
-    /// Runs on while something is so, by the tick, for a minute at most. Returns how long that was.
+    /// Runs for as long as `is_so` is true, a minute at most, and finds the end to the tick. Returns the
+    /// duration.
     fn lasts(&mut self, is_so: impl Fn(&Self) -> bool) -> Duration {
         let begin = self.now;
         let mut step = Duration::secs(1);
         while step > Duration::ZERO {
-            // A copy looks ahead.
+            // A copy of the drive looks ahead.
             let mut ahead = Self::off(self.drive.clone(), self.out.memory.clone());
             ahead.now = self.now;
             ahead.wait(step);
@@ -53,7 +54,7 @@ impl Dut {
 
 #[test]
 fn a_calibration_turns_the_shaft_but_c1() {
-    // MC 5-9: pause, 6 full steps forward, wait, 3 back, pause; 3.12 s with CT = 250.
+    // MC 5-9: pause, 6 full steps forward, wait, 3 full steps back, pause; 3.12 s with CT = 250.
     let mut dut = dut();
     dut.set(Reg::CT, 250);
     let counts = dut.get(Reg::C2);
@@ -73,7 +74,7 @@ fn a_calibration_turns_the_shaft_but_c1() {
     assert_eq!(dut.get(Reg::AF), AT_ZERO | CALIBRATED, "192 (MC 5-2)");
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2) - counts), (0, 3 * COUNTS));
     assert_eq!(dut.error(), 0);
-    // A move counts on from there.
+    // C1 counts the steps of a move from there on.
     dut.set(Reg::MR, 2 * 51_200);
     dut.wait(10.secs());
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2) - counts), (2 * 51_200, 3 * COUNTS + 8_000));
@@ -85,7 +86,7 @@ fn power_on_calibrates_before_the_sign_on() {
     dut.power_on(false);
     dut.wait(400.millis());
     assert_eq!(dut.get(Reg::AF), 0);
-    // CT = 200: 150 ms less.
+    // CT = 200: 150 ms less than with CT = 250.
     dut.run_until(Duration::millis(300 + 2_969));
     assert_eq!(dut.get(Reg::AF), 0);
     dut.run_until(Duration::millis(300 + 2_970));
@@ -109,7 +110,7 @@ fn what_calibrates() {
     assert!(!calibrates(&|_| {}, Reg::DE, 1));
     assert!(calibrates(&|_| {}, Reg::MS, 128));
     assert!(!calibrates(&|_| {}, Reg::MS, 256));
-    // Ctrl-C, which takes as long as power-on.
+    // Ctrl-C calibrates, too, and takes as long as power-on.
     let mut dut = Dut::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
     dut.power_on(false);
     dut.wait(5.secs());
@@ -124,14 +125,14 @@ fn what_calibrates() {
 fn what_a_calibration_forbids_and_what_forbids_it() {
     let mut dut = dut();
     dut.set(Reg::SC, 1);
-    // MC 9.6: 88 moves, 87 AS.
+    // MC 9.6: 88 for moves, 87 for AS.
     dut.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
     dut.wait(4.secs());
     dut.write(0x78, 2, 5_000);
     dut.wait(1.secs());
-    // 89 SC, 94 CF in motion.
+    // In motion: 89 for SC, 94 for CF.
     dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
     dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
     assert_eq!(dut.get(Reg::AF) & CALIBRATED, CALIBRATED);
@@ -139,7 +140,7 @@ fn what_a_calibration_forbids_and_what_forbids_it() {
 
 #[test]
 fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
-    // MC 5-9: 109, the flag is set, the bridge off.
+    // MC 5-9: error 109, the flag is set, and the bridge is off.
     for (fault, held) in [("calibration", false), ("stall", true), ("locked_rotor", false)] {
         let mut dut = dut();
         dut.fault(fault, true);
@@ -150,19 +151,19 @@ fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
         assert_eq!(dut.lasts(|dut| dut.flags() & FAILED == 0), 10.secs(), "{fault}");
         assert_eq!(dut.now.since(begin), 10.secs());
         assert_eq!(dut.flags(), LOCKED | CALIBRATED | FAILED);
-        // One byte on the bus (FB 5.1).
+        // On the bus AF has one byte (FB 5.1).
         assert_eq!(dut.get(Reg::AF), LOCKED | CALIBRATED);
         assert_eq!(dut.ask(&[3, 0, 0x8F, 0, 1]), [3, 2, 0, 136]);
         assert_eq!((dut.get(Reg::LR), dut.error()), (1, 109));
         if held {
             assert_eq!(dut.get(Reg::C2), counts);
         }
-        // The bridge is off: the indexer runs, the motor does not.
+        // With the bridge off the indexer runs, but the motor does not.
         let counts = dut.get(Reg::C2);
         dut.set(Reg::MR, 51_200);
         dut.wait(5.secs());
         assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2)), (51_200, counts));
-        // Once the cause is gone CF is enough.
+        // After the cause has disappeared, CF is enough.
         dut.fault(fault, false);
         dut.set(Reg::CF, 1);
         dut.wait(5.secs());
@@ -172,7 +173,7 @@ fn a_rotor_that_cannot_be_calibrated_is_given_up_after_10_s() {
 
 #[test]
 fn a_rotor_at_its_bounds_is_locked_after_lt() {
-    // MC 5-10, 5-44: 1.1, 1.3, 1.5 and 1.7 full steps.
+    // MC 5-10, 5-44: bounds of 1.1, 1.3, 1.5 and 1.7 full steps.
     for (bounds, tenths) in [(0, 11), (1, 13), (2, 15), (3, 17)] {
         let mut dut = dut();
         dut.set(Reg::CB, bounds);
@@ -180,7 +181,7 @@ fn a_rotor_at_its_bounds_is_locked_after_lt() {
         dut.fault("stall", true);
         dut.write(0x78, 2, 1_000);
         let reaches = dut.lasts(|dut| dut.get(Reg::AF) & ACTIVE == 0);
-        // At 1,000 steps/s, from the first tick on: VI is as much.
+        // The speed is 1,000 steps/s from the first tick on, because VI is the same.
         assert_eq!(dut.get(Reg::C1), STEPS * tenths / 10);
         assert_eq!(dut.get(Reg::LL), STEPS * tenths / 10);
         assert_eq!(reaches, (STEPS as u64 * tenths as u64 / 10).millis());
@@ -188,7 +189,7 @@ fn a_rotor_at_its_bounds_is_locked_after_lt() {
         assert_eq!(dut.lasts(|dut| dut.get(Reg::LR) == 0), 500.millis());
         assert_eq!(dut.get(Reg::AF), LOCKED | CALIBRATED);
         assert_eq!(dut.error(), 104);
-        // "Clear Locked Rotor Fault not allowed while in Motion", then it calibrates.
+        // "Clear Locked Rotor Fault not allowed while in Motion"; after the stop CF calibrates.
         dut.fault("stall", false);
         dut.write(0x78, 2, 0);
         dut.wait(1.secs());
@@ -210,14 +211,14 @@ fn a_rotor_that_is_free_again_goes_on_and_lags() {
     dut.wait(1.secs());
     dut.write(0x78, 2, 0);
     dut.wait(1.secs());
-    // It falls in where the field's torque repeats: every four full steps.
+    // The rotor is in step again where the field's torque repeats: every four full steps.
     let lag = dut.get(Reg::LL);
     assert_eq!(lag % (4 * STEPS), 0);
     assert!((lag - 9_500).abs() <= 2 * STEPS + 600, "{lag}");
     assert_eq!(dut.get(Reg::AF), CALIBRATED);
     assert_eq!(dut.get(Reg::C2) - counts, (dut.get(Reg::C1) - lag) * COUNTS / STEPS);
     assert_eq!(dut.error(), 0);
-    // MU = n,1 forgets it.
+    // MU = n,1 clears the lag.
     dut.connect(Link(0));
     dut.type_in(Link(0), "MU=0,1\r");
     assert_eq!((dut.get(Reg::LL), dut.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
@@ -250,8 +251,8 @@ fn missed_steps_are_made_up_for_at_mf_or_ss() {
     }
 }
 
-/// "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50): by DE, a locked rotor and
-/// heat alike.
+/// "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50): by DE, a locked
+/// rotor and heat.
 #[test]
 fn make_up_is_cleared_when_the_bridge_is_disabled() {
     for mode in [1, 2] {
@@ -278,7 +279,7 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
             dut.wait(100.secs());
             let left = if circuitry == 0 { mode } else { 0 };
             assert_eq!(dut.get(Reg::MU), left, "AS {circuitry}, {disables}");
-            // What is written then stays.
+            // A value of MU that is written afterwards stays.
             dut.set(Reg::MU, mode);
             dut.set(Reg::HC, 6);
             assert_eq!(dut.get(Reg::MU), mode);
@@ -286,8 +287,9 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
     }
 }
 
-/// 400 mN·m by HC 25 % and 10 of friction hold 110. 1 more by 4·10⁻⁵ kg·m² are 25 rad/s²: 50 rad, 8 turns in 2 s; the
-/// limits of lag and lead are two turns. A rotor that moves at its bounds is none that is locked, but the time counts.
+/// 400 mN·m at HC 25 % (100 mN·m) and 10 mN·m of friction hold 110 mN·m. 1 mN·m more at 4·10⁻⁵ kg·m² is 25
+/// rad/s²: 50 rad, 8 revolutions in 2 s. The limits of lag and lead are two revolutions. A rotor that moves
+/// at its bounds is not locked, but the time counts.
 #[test]
 fn a_load_turns_a_rotor_at_rest() {
     for (load, way, limit) in [(109, 0, 0), (-109, 0, 0), (111, 1, 107), (-111, -1, 106)] {
@@ -298,18 +300,18 @@ fn a_load_turns_a_rotor_at_rest() {
         dut.wait(3.secs());
         dut.set(Reg::Load, load);
         dut.wait(1.secs());
-        // 12.5 rad, of a radian 51,200/2π steps; forward motion of the steps is lag.
+        // 12.5 rad, at 51,200/2π steps per radian. If the load turns the rotor back, the rotor lags.
         let lag = way * 101_859;
         assert!((dut.get(Reg::LL) - lag).abs() <= 60, "{load}: {}", dut.get(Reg::LL));
         assert_eq!(dut.get(Reg::LR), 0);
         dut.wait(1.secs());
         assert_eq!(dut.error(), limit);
-        // Lighter, and MU brings it back.
+        // With a lighter load MU brings the rotor back.
         dut.set(Reg::Load, 0);
         dut.set(Reg::MU, 1);
         dut.wait(3.secs());
         assert_eq!((dut.get(Reg::LL), dut.get(Reg::LR), dut.get(Reg::C1)), (0, 0, 0));
-        // Without the bridge friction alone holds it.
+        // Without the bridge friction alone holds the rotor.
         dut.set(Reg::DE, 0);
         dut.set(Reg::Load, load.signum() * 9);
         assert_eq!(dut.turned(1.secs()), 0);
@@ -341,7 +343,7 @@ fn a_move_does_not_wait_for_make_up() {
 
 #[test]
 fn lag_and_lead_limits() {
-    // MC 5-41: 107 and 106.
+    // MC 5-41: errors 107 and 106.
     for (reg, address, speed, error, bit) in
         [(Reg::LG, 0x97, 1_000, 107, LAG), (Reg::LD, 0x95, -1_000, 106, LEAD)]
     {
@@ -355,7 +357,7 @@ fn lag_and_lead_limits() {
         assert_eq!(took, 300.millis());
         assert_eq!(dut.get(Reg::LL), 300 * speed.signum());
         assert_eq!(dut.error(), error);
-        // Told once.
+        // The error is reported only once.
         dut.wait(100.millis());
         assert_eq!(dut.error(), 0);
     }
@@ -403,7 +405,7 @@ fn torque_mode_turns_the_rotor_without_steps() {
     let before = dut.get(Reg::C2);
     dut.wait(100.millis());
     assert!(dut.get(Reg::C2) < before);
-    // A rotor that is stopped is locked after LT, but the bridge stays on (MC 5-44).
+    // A stopped rotor is locked after LT, but the bridge stays on (MC 5-44).
     dut.fault("stall", true);
     assert_eq!(dut.lasts(|dut| dut.get(Reg::LR) == 0), 2.secs());
     assert_eq!((dut.error(), dut.get(Reg::AF)), (0, LOCKED | ACTIVE | CALIBRATED));
@@ -412,7 +414,7 @@ fn torque_mode_turns_the_rotor_without_steps() {
     dut.wait(100.millis());
     assert!(dut.get(Reg::C2) < before);
     assert_eq!(dut.get(Reg::LR), 0);
-    // Back to the position: it comes to standstill, and there neither lags nor leads.
+    // At the end of torque mode the rotor comes to standstill, and there neither lags nor leads.
     dut.set(Reg::AS, 2);
     dut.wait(100.millis());
     let counts = dut.get(Reg::C2);
@@ -423,7 +425,7 @@ fn torque_mode_turns_the_rotor_without_steps() {
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::C2)), (51_200, counts + 4_000));
 }
 
-/// At 3,000 rpm, which 25 % of the torque take 1.024 s to reach: 9,765 full steps/s².
+/// A drive whose rotor turns at 3,000 rpm. 25 % of the torque take 1.024 s for that: 9,765 full steps/s².
 fn at_full_speed() -> Dut {
     let mut dut = dut();
     dut.set(Reg::AS, 3);
@@ -433,14 +435,14 @@ fn at_full_speed() -> Dut {
 }
 
 impl Dut {
-    /// Counts of C2 in that time.
+    /// Counts of C2 during this time.
     fn turned(&mut self, time: Duration) -> i64 {
         let before = self.get(Reg::C2);
         self.wait(time);
         self.get(Reg::C2) - before
     }
 
-    /// The speed that the axis shows, in steps/s.
+    /// Speed that the axis shows, in steps/s.
     fn speed(&self) -> i64 {
         self.drive.drive.motion.plan().speed_at(self.now).to_num()
     }
@@ -455,7 +457,7 @@ fn a_rotor_that_was_held_begins_anew() {
     assert_eq!(dut.drive.drive.motion.plan().position_at(dut.now), position);
     dut.fault("stall", false);
     assert_eq!((dut.speed(), dut.get(Reg::LR)), (0, 0));
-    // 9,765 full steps/s²: 2.4 counts in 5 ms, 976 in 100 ms, full speed after 1.024 s.
+    // 9,765 full steps/s²: 2.4 counts in 5 ms, 976 in 100 ms, and full speed after 1.024 s.
     assert!((1..=4).contains(&dut.turned(5.millis())));
     let turned = dut.turned(95.millis());
     assert!((970..=977).contains(&turned), "{turned}");
@@ -469,7 +471,7 @@ fn what_ends_torque_mode_brakes_the_rotor() {
         let mut dut = at_full_speed();
         dut.set(Reg::AS, mode);
         assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
-        // RC is 25 %: 1.024 s to standstill, 102,400 counts.
+        // RC is 25 %: the rotor stops in 1.024 s, after 102,400 counts.
         assert!((1_955..=2_000).contains(&dut.turned(10.millis())));
         dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
         dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
@@ -503,7 +505,7 @@ fn a_move_waits_for_the_rotor() {
 fn without_a_bridge_the_rotor_coasts() {
     let mut dut = at_full_speed();
     dut.set(Reg::DE, 0);
-    // 10 mN·m at 400 g·cm²: 7,950 full steps/s², 1.258 s to standstill, 125,786 counts.
+    // 10 mN·m at 400 g·cm²: 7,950 full steps/s², standstill in 1.258 s, after 125,786 counts.
     assert!((1_960..=2_000).contains(&dut.turned(10.millis())));
     dut.refused(&[16, 0, 0x1C, 0, 1, 2, 0, 1], 4, 89);
     let turned = dut.turned(1_260.millis());
@@ -511,7 +513,7 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
     dut.set(Reg::DE, 1);
     assert_eq!(dut.get(Reg::AF), 0, "it calibrates");
-    // More friction, less time.
+    // With more friction it takes less time.
     let mut dut = at_full_speed();
     dut.set(Reg::Friction, 100);
     dut.set(Reg::DE, 0);
@@ -519,7 +521,8 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
 }
 
-/// What torque there is for its speed: at TQ 25 of 400 mN·m, less 10 of friction, nine tenths of 3,000 rpm.
+/// The speed is that at which the torque is used up: at TQ 25 of 400 mN·m, minus 10 of friction, nine tenths
+/// of 3,000 rpm.
 #[test]
 fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     let mut dut = dut();
@@ -528,7 +531,8 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     dut.wait(3.secs());
     let turned = dut.turned(100.millis());
     assert!((14_000..=18_000).contains(&turned), "{turned}");
-    // A load that is too heavy stops it, and locks it after LT; without that it begins anew.
+    // A load that is too heavy stops the rotor, and the rotor is locked after LT. Without the load it starts
+    // again.
     dut.set(Reg::Load, 105);
     assert_eq!((dut.turned(1_999.millis()), dut.get(Reg::LR)), (0, 0));
     assert_eq!((dut.turned(2.millis()), dut.get(Reg::LR)), (0, 1));
@@ -542,8 +546,9 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     assert_eq!((dut.turned(1.secs()), dut.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
 }
 
-/// What turns it back is heavier than torque and friction: 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s², in 0.2 s half a
-/// radian, 318 of 4,000 counts. Once the load is gone 110 mN·m stop its 5 rad/s within 2 ms, and torque turns it again.
+/// The load is heavier than torque and friction. The surplus of 1 mN·m at 4·10⁻⁵ kg·m² is 25 rad/s²: in 0.2 s
+/// half a radian, 318 of 4,000 counts. After the load is removed, 110 mN·m stop its 5 rad/s within 2 ms, and
+/// torque turns the rotor again.
 #[test]
 fn a_load_turns_the_rotor_back_in_torque_mode() {
     let mut dut = dut();
@@ -560,7 +565,7 @@ fn a_load_turns_the_rotor_back_in_torque_mode() {
     assert!(dut.turned(100.millis()) > 100);
 }
 
-/// FB 5.1: with AS 1 and 2 the rotor responds at 10 MHz/(SS + 2) at most, 38,910 steps/s with 255.
+/// FB 5.1: with AS 1 and 2 the rotor responds at 10 MHz/(SS + 2) at most, 38,910 steps/s with SS = 255.
 #[test]
 fn a_rotor_that_is_slower_than_the_motion_lags() {
     for mode in [1, 2] {
@@ -577,18 +582,18 @@ fn a_rotor_that_is_slower_than_the_motion_lags() {
         assert!((turned - 3_891 * 4_000 / 51_200).abs() <= 1, "{turned}");
         assert_eq!(dut.get(Reg::AF), ACTIVE | CALIBRATED);
         dut.wait(2.secs());
-        // 61,090 steps/s for 0.90001 s, and twice the ramp of 61.09 ms to that.
+        // 61,090 steps/s for 0.90001 s, and the two ramps of 61.09 ms up to that.
         let lag = dut.get(Reg::LL);
         assert!((lag - 58_715).abs() <= 10, "{lag}");
         assert_eq!((dut.get(Reg::AF), dut.get(Reg::LR), dut.error()), (LAG | CALIBRATED, 0, 107));
         assert_eq!(dut.get(Reg::C2) - counts, (100_000 - lag) * 4_000 / 51_200);
-        // At 38,910 steps/s, too, whatever MF is.
+        // Make-up is at 38,910 steps/s, too, whatever MF is.
         dut.set(Reg::MU, 1);
         let took = dut.lasts(|dut| dut.get(Reg::AF) & ACTIVE != 0);
         assert!((1_500..=1_520).contains(&(took.ticks() / 16_000)), "{took:?}");
         assert_eq!((dut.get(Reg::LL), dut.get(Reg::C2) - counts), (0, 100_000 * 4_000 / 51_200));
     }
-    // Without the circuitry it does not count, and 0 is as fast as anything moves.
+    // Without the circuitry SS has no effect. SS = 0 is as fast as the fastest motion.
     for (mode, system) in [(0, 255), (2, 0)] {
         let mut dut = dut();
         dut.set(Reg::AS, mode);
@@ -601,7 +606,7 @@ fn a_rotor_that_is_slower_than_the_motion_lags() {
     }
 }
 
-/// A locked rotor ends the motion as a stall does, and what waits for it.
+/// A locked rotor ends the motion like a stall, and drops the waiting move.
 #[test]
 fn a_locked_rotor_ends_the_motion() {
     let mut dut = dut();
@@ -621,7 +626,7 @@ fn an_overheated_drive_warns_and_switches_itself_off() {
     assert_eq!(dut.get(Reg::IT), 40);
     dut.set(Reg::WT, 60);
     dut.fault("over_temperature", true);
-    // 10 °C/s: above 60 °C after 2.1 s, 90 °C after 5 s.
+    // 10 °C/s: above 60 °C after 2.1 s, at 90 °C after 5 s.
     dut.wait(2_099.millis());
     assert_eq!((dut.get(Reg::IT), dut.error()), (60, 0));
     dut.wait(1.millis());
@@ -632,7 +637,7 @@ fn an_overheated_drive_warns_and_switches_itself_off() {
     assert_eq!((dut.get(Reg::IT), dut.get(Reg::AF), dut.error()), (90, HARDWARE | CALIBRATED, 72));
     dut.wait(10.secs());
     assert_eq!(dut.get(Reg::IT), 95);
-    // CF does not help while it is hot.
+    // CF has no effect while the electronics are hot.
     dut.set(Reg::CF, 1);
     dut.wait(10.secs());
     assert_eq!(dut.get(Reg::AF), HARDWARE);
@@ -658,7 +663,7 @@ fn without_the_circuitry_nobody_looks_after_the_rotor() {
 #[test]
 fn outputs_show_the_circuitry() {
     let mut dut = dut();
-    // Locked rotor, Hybrid active, make-up active (MC 5-64).
+    // Types for locked rotor, Hybrid active, and make-up active (MC 5-64).
     dut.set(Reg::S1, 21 << 32);
     dut.set(Reg::S2, 24 << 32);
     dut.set(Reg::S3, 25 << 32);
@@ -678,7 +683,7 @@ fn outputs_show_the_circuitry() {
 
 #[test]
 fn a_status_trips_instead_of_an_error() {
-    // MC 5-71.
+    // TA (MC 5-71) with a locked rotor.
     let mut dut = dut();
     dut.connect(Link(0));
     dut.type_in(Link(0), "PG 1\rLB K1\rR1=R1+1\rRT\rPG\rTA=4,K1\rTE=32\r");
@@ -686,7 +691,7 @@ fn a_status_trips_instead_of_an_error() {
     dut.fault("locked_rotor", true);
     dut.wait(100.millis());
     assert_eq!((dut.get(Reg::R1), dut.error(), dut.get(Reg::TE)), (1, 0, 0));
-    // Calibration done.
+    // TA for a completed calibration.
     dut.fault("locked_rotor", false);
     dut.type_in(Link(0), "TA=1,K1\rTE=32\rCF\r");
     dut.wait(5.secs());
@@ -696,7 +701,7 @@ fn a_status_trips_instead_of_an_error() {
 const FAULTS: [&str; 6] =
     ["stall", "locked_rotor", "lead_limit", "lag_limit", "over_temperature", "calibration"];
 
-/// What may happen to it.
+/// Actions of the random test.
 #[derive(Clone, Debug)]
 enum Act {
     Set(Reg, i64),
@@ -744,7 +749,7 @@ proptest! {
             dut.fault(fault, false);
         }
         for reg in [Reg::SL, Reg::AS, Reg::DE, Reg::P] {
-            // A drive that moves, or calibrates, refuses some of these.
+            // A drive that moves or calibrates refuses some of these.
             let _ = dut.try_set(reg, 0);
             dut.wait(20.secs());
         }
@@ -761,13 +766,14 @@ proptest! {
     }
 }
 
-/// A load that is too heavy locks the rotor after LT (MC 5-44), and the circuitry goes on once it is lighter.
+/// A load that is too heavy locks the rotor after LT (MC 5-44). If the load becomes lighter, the circuitry
+/// continues.
 #[test]
 fn a_load_locks_the_rotor() {
     for lightens in [false, true] {
         let mut dut = dut();
         dut.set(Reg::HoldingTorque, 1_000);
-        // 250 mN·m and friction hold it, and do not turn it.
+        // 250 mN·m and friction hold this load at rest, but cannot turn it.
         dut.set(Reg::HC, 25);
         dut.set(Reg::Load, 255);
         dut.set(Reg::SL, 51_200);
@@ -784,7 +790,8 @@ fn a_load_locks_the_rotor() {
     }
 }
 
-/// DC is next to DE: it takes DE to 0, and DE 1 would calibrate then (FB 5.1, CA), which it cannot in motion (89).
+/// DC and DE are neighbours. If DC counts DE down to 0, DE = 1 would calibrate (FB 5.1, CA), which is refused
+/// in motion (89).
 #[test]
 fn one_write_does_not_calibrate_in_motion() {
     let mut dut = dut();

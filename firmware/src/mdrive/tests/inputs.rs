@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// A program that counts R1 up, while the motor turns at 50,000 steps/s, and input 1 of this type, active when low.
+/// Runs a program that counts R1 up while the motor turns at 50,000 steps/s. Input 1 has this type and is
+/// active low.
 fn busy(kind: i64) -> Dut {
     let mut dut = Dut::plus();
     dut.drive(1, true);
@@ -22,7 +23,7 @@ fn soft_stop() {
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::MV), dut.error()), (0, 91));
     dut.drive(1, true);
-    // At rest it ends a program, too.
+    // While the motor is at rest, the input ends a program, too.
     dut.type_in(CLIENT, "EX G1\r");
     dut.drive(1, false);
     assert_eq!((dut.get(Reg::BY), dut.error()), (0, 48));

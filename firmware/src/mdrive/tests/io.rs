@@ -1,11 +1,11 @@
-//! What the I/O points do with the drive behind them.
+//! I/O points together with the whole drive.
 
 use super::*;
 use crate::device::Level;
 use crate::mdrive::{ANALOG, CAPTURE, IO1, IO2, IO7, IO8};
 
 impl Dut {
-    /// The levels of a pin since power-on.
+    /// Levels of a pin since power-on.
     fn levels(&self, pin: Pin) -> Vec<(Instant, Level)> {
         let of_pin = self.out.levels.iter().filter(|(_, known, _)| *known == pin);
         of_pin.map(|&(at, _, level)| (at, level)).collect()
@@ -35,7 +35,7 @@ fn a_reset_input_that_is_held_resets_once() {
 #[test]
 fn a_moving_output_shows_mv() {
     let mut dut = Dut::plus();
-    // Active low, sinking: MV 1 is low (MC 5-64).
+    // Active low, sinking: the output is low while MV is 1 (MC 5-64).
     dut.set(Reg::S2, 17 << 32);
     let begin = dut.now;
     dut.write(0x46, 2, 1_000);
@@ -43,7 +43,7 @@ fn a_moving_output_shows_mv() {
     let levels = dut.levels(IO2);
     assert_eq!(levels.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [Level::Low, Level::Float]);
     assert_eq!(levels[0].0, begin, "at once");
-    // 2.5 ms, and to √(1,000² + 2 · 1,000,000 · 500) = 31,639 steps/s and back: 2 · 30.64 ms.
+    // 2.5 ms, then ramps to √(1,000² + 2 · 1,000,000 · 500) = 31,639 steps/s and back: 2 · 30.64 ms.
     let took = levels[1].0.since(begin);
     assert!((63_700.micros()..63_900.micros()).contains(&took), "{took:?}");
 }
@@ -62,7 +62,8 @@ fn clock_outputs_make_a_pulse_for_each_step() {
     assert_eq!(fell, 1_500);
     let direction: Vec<Level> = dut.levels(IO8).iter().map(|(_, level)| *level).collect();
     assert_eq!(direction, [Level::High, Level::Low], "active low is backward");
-    // MC 5-13: limits are off in follower mode, and these are outputs.
+    // MC 5-13: limits are off in follower mode. Here I/O 7 and 8 are outputs, and the motor is not a
+    // follower.
     assert_eq!(dut.get(Reg::C1), 500);
 }
 
@@ -89,7 +90,7 @@ fn the_analogue_input_is_read_on_the_bus() {
     let mut dut = Dut::plus();
     dut.feed(Input::Millivolts { pin: ANALOG, mv: 2_500 });
     assert_eq!(dut.read(0x31, 1), 512);
-    // 4 to 20 mA.
+    // Range 4 to 20 mA.
     dut.set(Reg::S5, 10 << 16 | 1);
     assert_eq!(dut.read(0x31, 1), 512);
     dut.feed(Input::Millivolts { pin: ANALOG, mv: 0 });

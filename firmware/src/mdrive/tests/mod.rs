@@ -1,4 +1,4 @@
-//! What the manuals say of registers, of the bus, of what is saved and of how it starts.
+//! Tests typed from the manuals: registers, the bus, saved values, start-up.
 
 mod bus;
 mod hybrid;
@@ -47,7 +47,7 @@ impl DerefMut for Dut {
 }
 
 impl Dut {
-    /// A drive without power, with this memory.
+    /// A drive without power, with this content of its memory.
     fn off(drive: Mdrive, memory: Vec<u8>) -> Self {
         let fixture = Fixture::with_memory(drive, memory).ruled(|output| match output {
             Output::Message { .. } | Output::Log(_) | Output::Level { .. } | Output::Store { .. } => {
@@ -58,7 +58,7 @@ impl Dut {
         Self { fixture }
     }
 
-    /// A new drive that is ready at 0.
+    /// A new drive that is ready at time 0.
     fn ready(drive: Mdrive) -> Self {
         let mut dut = Self::off(drive, vec![0xFF; MEMORY]);
         dut.power_on(true);
@@ -78,7 +78,7 @@ impl Dut {
         self.wait(Duration::ZERO);
     }
 
-    /// A request and the PDU of its reply, at once.
+    /// Sends a request, and returns the PDU of the reply, which must come at once.
     fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let header = Header { transaction: 0x1234, unit: 1 };
         let request = tcp::frame(header, pdu);
@@ -92,14 +92,14 @@ impl Dut {
         pdu.to_vec()
     }
 
-    /// Function 3 of a value of so many registers.
+    /// Reads a value of this number of registers with function 3.
     fn read(&mut self, address: u8, words: u8) -> i64 {
         let reply = self.ask(&[3, 0, address, 0, words]);
         assert_eq!(reply[..2], [3, 2 * words], "{address:#04x}");
         number(&reply[2..])
     }
 
-    /// Function 16, and its reply.
+    /// Writes with function 16, and returns the reply.
     fn try_write(&mut self, address: u8, words: u8, value: i64) -> Vec<u8> {
         let bytes = value.to_be_bytes();
         let mut pdu = vec![16, 0, address, 0, words, 2 * words];
@@ -107,7 +107,7 @@ impl Dut {
         self.ask(&pdu)
     }
 
-    /// Function 16, which is accepted.
+    /// Writes with function 16, which must be accepted.
     fn write(&mut self, address: u8, words: u8, value: i64) {
         assert_eq!(
             self.try_write(address, words, value),
@@ -116,7 +116,7 @@ impl Dut {
         );
     }
 
-    /// EF and ER, which that clears.
+    /// Number of the last error (ER). Reading it clears EF and ER.
     fn error(&mut self) -> i64 {
         let flag = self.read(0x1F, 1);
         let error = self.read(0x21, 1);
@@ -125,14 +125,14 @@ impl Dut {
         error
     }
 
-    /// A request that is refused with this exception and this error of MCode.
+    /// Sends a request that must be refused with this exception and this error of MCode.
     #[track_caller]
     fn refused(&mut self, pdu: &[u8], exception: u8, error: i64) {
         assert_eq!(self.ask(pdu), [pdu[0] | 0x80, exception], "{pdu:02x?}");
         assert_eq!(self.error(), error, "{pdu:02x?}");
     }
 
-    /// Types on a connection of MCode; returns what comes back until its last line is executed.
+    /// Types text on a connection of MCode. Returns the output up to the execution of the last line.
     fn type_in(&mut self, link: Link, text: &str) -> String {
         let before = self.out.messages.len();
         for line in text.split_inclusive('\r') {
@@ -145,13 +145,13 @@ impl Dut {
         self.mcode_said(before, link)
     }
 
-    /// What it said to a connection of MCode.
+    /// Output on a connection of MCode, from message `from` on.
     fn mcode_said(&self, from: usize, link: Link) -> String {
         let said = self.out.messages[from..].iter().filter(|(_, port, to, _)| (*port, *to) == (MCODE, link));
         String::from_utf8(said.flat_map(|(.., bytes)| bytes.clone()).collect()).unwrap()
     }
 
-    /// IO1 to IO4 driven low, or high.
+    /// Drives one of IO1 to IO4 high or low.
     fn drive(&mut self, n: u8, high: bool) {
         self.feed(Input::Edge { pin: Pin(n - 1), high });
     }
@@ -161,7 +161,7 @@ impl Dut {
     }
 }
 
-/// Words, the high one first: four bytes are signed.
+/// Joins words, the high one first. Four bytes are a signed number.
 fn number(bytes: &[u8]) -> i64 {
     match *bytes {
         [a, b] => u16::from_be_bytes([a, b]).into(),

@@ -1,10 +1,10 @@
-//! What moves the motor, and what it tells: pins and faults.
+//! Motion by pins and faults, and the readback of it.
 
 use super::super::{A, B, INDEX, IO7};
 use super::*;
 use crate::device::Encoder;
 
-/// Makes so many edges of a remote encoder, forward or backward, from both channels high.
+/// Makes this number of edges of a remote encoder, forward or backward, starting with both channels high.
 fn edges(dut: &mut Dut, edges: i32) {
     let forward = [(A, false), (B, false), (A, true), (B, true)];
     let backward = [(B, false), (A, false), (B, true), (A, true)];
@@ -15,8 +15,8 @@ fn edges(dut: &mut Dut, edges: i32) {
     }
 }
 
-/// "Set filtering for the motion inputs ... and optional encoder" (MC 5-26): the shortest pulse of each FM, in ns. A
-/// tick is 62.5 ns.
+/// "Set filtering for the motion inputs ... and optional encoder" (MC 5-26): the shortest pulse of each FM,
+/// in ns. A tick is 62.5 ns.
 #[test]
 fn a_remote_encoder_is_filtered() {
     let filters = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900_u64];
@@ -51,7 +51,7 @@ fn a_remote_encoder_is_filtered() {
     }
 }
 
-/// A board may count itself.
+/// A board may count the edges of a remote encoder itself.
 #[test]
 fn a_board_counts_a_remote_encoder() {
     let mut dut = Dut::plus();
@@ -65,22 +65,22 @@ fn a_board_counts_a_remote_encoder() {
     assert_eq!(dut.get(Reg::C2), 33, "the motor's own counts no more");
 }
 
-/// A load that RC's share of the torque does not overcome is a stall, and one that it does is none.
+/// A load that is too heavy for the torque at RC causes a stall. A lighter load does not.
 #[test]
 fn a_load_stalls() {
     let mut dut = Dut::plus();
     dut.set(Reg::HoldingTorque, 1_000);
-    // 250 mN·m and friction hold it, and do not turn it.
+    // 250 mN·m and friction hold this load at rest, but cannot turn it.
     dut.set(Reg::HC, 25);
     dut.set(Reg::Load, 255);
     dut.set(Reg::EE, 1);
     dut.set(Reg::MA, 2_048);
     dut.wait(1.secs());
-    // 15 counts, SF, are 375 steps. The field that stands there does not take the shaft uphill, but to its next place
-    // downhill, four full steps below: 649 steps, 25.96 counts back.
+    // SF = 15 counts are 375 steps. The field at rest does not pull the shaft uphill. It pulls the shaft into
+    // step at the next position downhill, four full steps below: 649 steps, 25.96 counts back.
     assert_eq!((dut.get(Reg::ST), dut.get(Reg::MV), dut.error()), (1, 0, 86));
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::P)), (375, -26));
-    // Neither FD nor a power failure lightens it.
+    // Neither FD nor a power cycle changes the load.
     dut.type_in(CLIENT, "FD\r");
     dut.cycle();
     dut.set(Reg::EE, 1);
@@ -101,7 +101,7 @@ fn a_load_stalls() {
 #[test]
 fn a_remote_encoder_counts_while_it_is_driven() {
     let mut dut = Dut::plus();
-    // The built-in one: 25 steps a count, and it began on its index.
+    // The built-in encoder has 25 steps per count, and began on its index.
     assert_eq!(dut.get(Reg::I6), 1);
     dut.set(Reg::MR, 1_000);
     dut.wait(1.secs());
@@ -120,7 +120,7 @@ fn a_remote_encoder_counts_while_it_is_driven() {
     dut.set(Reg::MR, -1_000);
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::C2), dut.get(Reg::I6)), (4, 1));
-    // Nobody has told who drives it now.
+    // After a power cycle the levels of the channels are unknown again, so the built-in encoder counts.
     dut.feed(Input::Edge { pin: A, high: true });
     dut.cycle();
     dut.set(Reg::MR, 1_000);
@@ -136,7 +136,7 @@ fn a_held_shaft_is_a_stall() {
     dut.set(Reg::MA, 2_048);
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::ST), dut.get(Reg::MV), dut.error()), (1, 0, 86));
-    // 15 counts, SF, are 375 steps.
+    // SF = 15 counts are 375 steps.
     assert_eq!((dut.get(Reg::C1), dut.get(Reg::P)), (375, 0));
     dut.set(Reg::ST, 0);
     dut.fault("stall", false);
@@ -156,10 +156,10 @@ fn homing_needs_a_switch() {
     assert_eq!(dut.get(Reg::V), -768_000);
     dut.drive(1, false);
     dut.wait(2.secs());
-    // It stood on the switch, creeps forward, and leaves it.
+    // The shaft has stopped on the switch. Now it creeps forward until it leaves the switch.
     assert_eq!((dut.get(Reg::V), dut.get(Reg::MV)), (1_000, 1));
     dut.drive(1, true);
-    // The next whole step is 1 ms away at most.
+    // The next whole step is at most 1 ms away.
     dut.wait(1.millis());
     assert_eq!((dut.get(Reg::V), dut.get(Reg::MV), dut.error()), (0, 0, 0));
 }
@@ -174,7 +174,7 @@ fn limits_and_jog_by_inputs() {
     dut.set(Reg::JE, 1);
     dut.drive(1, false);
     dut.wait(1.secs());
-    // Output 3 is active, low, while it moves.
+    // Output 3 is active (low) during motion.
     let io3 = |dut: &Dut| dut.out.level(Pin(2));
     assert_eq!((dut.get(Reg::V), io3(&dut)), (768_000, Some(Level::Low)));
     dut.drive(2, false);
@@ -217,7 +217,7 @@ fn the_clock_turns_the_motor() {
     assert_eq!((dut.get(Reg::C1).abs(), dut.get(Reg::MV)), (100, 1));
     dut.wait(1.secs());
     assert_eq!((dut.get(Reg::C2).abs(), dut.get(Reg::MV)), (4, 0));
-    // Half of it, with ramps.
+    // At half the ratio the motor follows with ramps.
     dut.set(Reg::CR, 500);
     let before = dut.get(Reg::C1);
     for _ in 0..1_000 {

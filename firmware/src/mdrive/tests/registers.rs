@@ -1,8 +1,8 @@
-//! FB 5, row by row: addresses, defaults, ranges, and errors of MCode for what is refused.
+//! FB 5, row by row: addresses, defaults, ranges, and MCode errors of refused values.
 
 use super::*;
 
-/// Address, registers, default, what is accepted, what is refused with which error.
+/// Name, address, number of registers, default, accepted values, refused values with their errors.
 type Row = (&'static str, u8, u8, i64, &'static [i64], &'static [(i64, i64)]);
 
 const FLAG: (&[i64], &[(i64, i64)]) = (&[1, 0], &[(2, 21), (256, 21), (0xFFFF, 21)]);
@@ -11,7 +11,7 @@ const ANY: (&[i64], &[(i64, i64)]) = (&[1, -1, 2_147_483_647, -2_147_483_648, 0]
 const MOVED: (&[i64], &[(i64, i64)]) = (&[40, -2_000_000_000, 0], &[]);
 const PERCENT: (&[i64], &[(i64, i64)]) = (&[1, 100], &[(0, 21), (101, 21)]);
 
-/// Both products have these.
+/// Rows of both products.
 const COMMON: &[Row] = &[
     ("A", 0x00, 2, 1_000_000, &[91, 1_525_878_997], &[(90, 21), (1_525_878_998, 21), (-1, 21)]),
     ("C1", 0x05, 2, 0, MOVED.0, MOVED.1),
@@ -121,7 +121,7 @@ fn what_only_one_product_has() {
 
 #[test]
 fn the_line_count_of_the_encoder() {
-    // MC 5-22.
+    // Values from MC 5-22.
     assert_eq!(Dut::plus().get(Reg::EL), 512);
     assert_eq!(Dut::hybrid().get(Reg::EL), 1_000);
 }
@@ -205,7 +205,7 @@ fn an_error_is_cleared_by_reading_it_or_by_writing_0() {
 fn delays_together_have_65535_ms() {
     let mut dut = Dut::plus();
     dut.write(0x49, 1, 65_000);
-    // 65,535 - 65,000 = 535.
+    // The largest HT for MT = 65,000: 65,535 - 65,000 = 535.
     dut.write(0x2C, 1, 535);
     assert_eq!((dut.try_write(0x2C, 1, 536), dut.error()), (vec![0x90, 3], 21));
     dut.write(0x49, 1, 0);
@@ -216,7 +216,7 @@ fn delays_together_have_65535_ms() {
 
 #[test]
 fn the_encoder_has_other_units() {
-    // MC 7-22: 51,200 steps and 4 x 512 counts are a turn, so that 25 steps are a count.
+    // MC 7-22: 51,200 steps and 4 x 512 counts are a revolution, so 25 steps are a count.
     let mut dut = Dut::plus();
     dut.write(0x1E, 1, 1);
     let counts = [(0x00, 40_000), (0x18, 40_000), (0x89, 40), (0x8B, 30_720)];
@@ -237,23 +237,23 @@ fn the_encoder_has_other_units() {
     assert_eq!((dut.try_write(0x48, 1, 128), dut.error()), (vec![0x90, 3], 36), "MS is locked");
     dut.write(0x48, 1, 256);
     dut.write(0x1E, 1, 0);
-    // 61,035,160 x 25 is above what A may be.
+    // 61,035,160 x 25 is more than the maximum of A.
     let steps = [(0x00, 1_525_878_997), (0x18, 1_000_000), (0x89, 1_000), (0x8B, 5_000_000)];
     assert_eq!(steps.map(|(address, _)| (address, dut.read(address, 2))), steps);
 }
 
-/// MC 7-16: MS is 256 then. The motor is to be as fast as it was.
+/// MC 7-16: EE = 1 sets MS to 256. The speed of the motor stays the same.
 #[test]
 fn the_encoder_takes_ms_to_256() {
     let mut dut = Dut::plus();
     dut.write(0x48, 1, 128);
     dut.write(0x1E, 1, 1);
     assert_eq!(dut.read(0x48, 1), 256);
-    // 25,600 steps a turn and 2,048 counts.
+    // 25,600 steps and 2,048 counts are a revolution.
     assert_eq!([0x00, 0x18, 0x89, 0x8B].map(|address| dut.read(address, 2)), [80_000, 80_000, 80, 61_440]);
     dut.write(0x1E, 1, 0);
     assert_eq!((dut.read(0x48, 1), dut.read(0x8B, 2)), (256, 1_536_000));
-    // On a Hybrid another MS calibrates (FB 5.1, CA), which it does not in motion.
+    // On a Hybrid another MS calibrates (FB 5.1, CA), which is refused in motion.
     let mut dut = Dut::hybrid();
     dut.write(0x48, 1, 128);
     dut.wait(4.secs());
@@ -272,17 +272,17 @@ fn the_encoder_takes_ms_to_256() {
 #[test]
 fn what_does_not_go_with_the_encoder() {
     let mut dut = Dut::plus();
-    // MS is EL x 8 / 200 at least (MC 5-21): for 512 lines 20.48.
+    // The minimum of MS is EL x 8 / 200 (MC 5-21): 20.48 for 512 lines.
     dut.write(0x48, 1, 16);
     assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 36));
     assert_eq!((dut.read(0x1E, 1), dut.read(0x48, 1)), (0, 16));
     dut.write(0x48, 1, 256);
-    // 24 steps are no whole count.
+    // 24 steps are less than a whole count.
     dut.write(0x89, 2, 24);
     assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 90));
     assert_eq!((dut.read(0x1E, 1), dut.read(0x89, 2), dut.read(0x8B, 2)), (0, 24, 768_000));
     dut.write(0x89, 2, 25);
-    // 26 to 49 steps are one count, too.
+    // 26 to 49 steps are one count, like VI.
     dut.write(0x8B, 2, 49);
     assert_eq!((dut.try_write(0x1E, 1, 1), dut.error()), (vec![0x90, 3], 90));
     dut.write(0x8B, 2, 50);
@@ -306,7 +306,7 @@ fn jog_and_clock_exclude_each_other() {
 #[test]
 fn counting_by_address() {
     let mut dut = Dut::plus();
-    // R1 at 5Fh, RC at 67h.
+    // R1 is at 5Fh, RC at 67h.
     dut.write(0x37, 1, 0x5F);
     dut.write(0x37, 1, 0x5F);
     dut.write(0x1B, 1, 0x5F);
@@ -318,7 +318,8 @@ fn counting_by_address() {
     assert_eq!((dut.try_write(0x37, 1, 0x67), dut.error()), (vec![0x90, 3], 21));
     dut.write(0x1B, 1, 0x67);
     assert_eq!(dut.read(0x67, 1), 99);
-    // Only to read, a command, half of a value, reserved, V1 that nobody declared, no byte.
+    // In order: read only, two commands, the second half of a value, reserved, V1 that is not declared, a
+    // register that only a Hybrid has, and more than a byte.
     for address in [0x4A, 0x43, 0x76, 0x60, 0x02, 0xA8, 0x8E, 0x15F] {
         for command in [0x1B, 0x37] {
             assert_eq!(
@@ -382,7 +383,7 @@ fn frequencies_are_in_hz_in_mcode() {
             said.lines().nth(1).unwrap().parse::<i64>().unwrap()
         };
         assert_eq!(print(&mut dut), 5_000_000);
-        // 10 MHz / (n + 2), rounded down.
+        // 10 MHz/(n + 2), rounded down.
         for n in 0..=255 {
             dut.write(address, 1, n);
             let hz = print(&mut dut);

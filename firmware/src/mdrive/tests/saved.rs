@@ -1,4 +1,4 @@
-//! S, IP, FD, presets, and power that goes in the middle of a save.
+//! S, IP, FD, presets, and power failures during a save.
 
 use super::*;
 use crate::mdrive::mcode::names::Meaning;
@@ -42,7 +42,7 @@ fn what_a_save_keeps() {
         dut.declare(b"Q2", Meaning::Local(1));
         dut.set(Reg::C1, 99);
         dut.save();
-        // What came behind it is not kept.
+        // Values written after the save are not kept.
         dut.set(Reg::R4, 6);
         dut.try_write(0x67, 1, 0);
         dut.cycle();
@@ -101,7 +101,7 @@ fn power_that_goes_at_any_byte_of_a_save() {
     assert!(bad > 1_000);
 }
 
-/// The memory after each byte that the drive has stored since it was `memory`.
+/// Content of the memory after each byte that the drive has stored, beginning with `memory`.
 fn every_cut(memory: &[u8], stores: &[(Instant, u16, Vec<u8>)]) -> Vec<Vec<u8>> {
     let mut cuts = vec![memory.to_vec()];
     for (_, offset, bytes) in stores {
@@ -167,7 +167,7 @@ fn a_memory_of_what_no_write_could_bring() {
     {
         let mut dut = Dut::plus();
         for (reg, value) in pair {
-            // Past the drive.
+            // Written directly, because the drive would refuse it.
             dut.drive.drive.bank.set(reg, value);
         }
         dut.save();
@@ -177,8 +177,8 @@ fn a_memory_of_what_no_write_could_bring() {
     }
 }
 
-/// With EE these are in counts, 1/25 of the steps with 256 microsteps and an encoder of 512 lines (MC 7.3.7), and may
-/// be below what a write accepts.
+/// With EE = 1 these values are in counts, 1/25 of the steps for 256 microsteps and an encoder of 512 lines
+/// (MC 7.3.7). They may be below the minimum that a write accepts.
 #[test]
 fn what_ee_made_small_is_kept() {
     let mut dut = Dut::plus();
@@ -195,7 +195,7 @@ fn what_ee_made_small_is_kept() {
     assert_eq!(dut.get(Reg::EE), 1);
 }
 
-/// D has a value of counts, and EE is 0.
+/// D has a value that is possible in counts only, but EE is 0.
 #[test]
 fn a_memory_of_values_too_small_for_steps() {
     let mut dut = Dut::plus();
@@ -271,7 +271,7 @@ fn ip_brings_back_what_is_saved() {
     let mut dut = Dut::plus();
     dut.connect(CLIENT);
     dut.type_in(CLIENT, "RC=70\rVA Q1=1\rS1=16,1,0\rS\rRC=80\rQ1=2\rS1=0,0,0\rP=5\rIP\r");
-    // User variables and counters are none of the factory's variables (MC 3-3).
+    // IP does not load user variables and counters (MC 3-3).
     let now = (dut.get(Reg::RC), dut.get(Reg::S1), dut.meaning(b"Q1"), dut.get(Reg::P), dut.error());
     assert_eq!(now, (70, 16 << 32 | 1 << 16, Some(Meaning::Global(2)), 5, 0));
     dut.write(0x78, 2, 5_000);

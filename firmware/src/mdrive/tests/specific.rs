@@ -1,8 +1,8 @@
-//! Functions 65 and 66 as FB 4.3 has them, with its examples.
+//! Functions 65 and 66 as in FB 4.3, with its examples.
 
 use super::*;
 
-/// The mnemonic as it is sent: backwards, behind blanks.
+/// Mnemonic as sent in a request: blanks, then the characters in reverse order.
 fn mnemonic(name: &str) -> [u8; 4] {
     let mut sent = [b' '; 4];
     for (target, character) in sent.iter_mut().rev().zip(name.bytes()) {
@@ -20,14 +20,14 @@ fn write(name: &str, string: &str) -> Vec<u8> {
 }
 
 impl Dut {
-    /// What function 65 says.
+    /// Values that function 65 reads.
     fn specific(&mut self, name: &str) -> String {
         let reply = self.ask(&read(name));
         assert_eq!(reply[..2], [65, reply.len() as u8 - 2], "{name}: {reply:02x?}");
         String::from_utf8(reply[2..].to_vec()).unwrap()
     }
 
-    /// Function 66, which is accepted.
+    /// Writes with function 66, which must be accepted.
     fn set_specific(&mut self, name: &str, string: &str) {
         let reply = [&[66, 4][..], &mnemonic(name)].concat();
         assert_eq!(self.ask(&write(name, string)), reply, "{name}{string}");
@@ -37,14 +37,14 @@ impl Dut {
 #[test]
 fn examples_of_the_manual() {
     let mut dut = Dut::plus();
-    // FB 4.3.3: S1=0,1,0. It prints function 41h.
+    // FB 4.3.3: S1=0,1,0. The manual prints function 41h.
     let request = [0x42, 0x20, 0x20, 0x31, 0x53, 0x06, 0x3D, 0x30, 0x2C, 0x31, 0x2C, 0x30];
     assert_eq!(dut.ask(&request), [0x42, 0x04, 0x20, 0x20, 0x31, 0x53]);
     assert_eq!(dut.specific("S1"), "0, 1, 0");
-    // FB 4.3.2: TR.
+    // FB 4.3.2: reading TR.
     let reply = [0x41, 0x07, 0x30, 0x2C, 0x20, 0x30, 0x2C, 0x20, 0x30];
     assert_eq!(dut.ask(&[0x41, 0x20, 0x20, 0x52, 0x54]), reply);
-    // FB 4.3.1.
+    // Mnemonics of FB 4.3.1.
     assert_eq!(mnemonic("S13"), [0x20, 0x33, 0x31, 0x53]);
     assert_eq!(mnemonic("CR"), [0x20, 0x20, 0x52, 0x43]);
     assert_eq!(mnemonic("MU"), [0x20, 0x20, 0x55, 0x4D]);
@@ -84,13 +84,13 @@ fn defaults() {
 
 #[test]
 fn types_of_inputs_and_outputs() {
-    // FB 4.3.1, and those that only MC 5-63 has.
+    // The types of FB 4.3.1, then those that only MC 5-63 has.
     for (n, kind) in [(1, 0), (2, 1), (3, 2), (4, 3), (1, 5), (2, 7), (3, 8), (4, 11), (1, 4), (2, 6)]
         .into_iter()
         .chain([(1, 16), (2, 17), (3, 18), (4, 19), (1, 20), (2, 23)])
     {
         let mut dut = Dut::plus();
-        // "Ground the input first or a reset will occur" (MC 5-63).
+        // The pin is low first: "Ground the input first or a reset will occur" (MC 5-63).
         dut.drive(n, false);
         let (name, string) = (std::format!("S{n}"), std::format!("={kind},1,1"));
         dut.set_specific(&name, &string);
@@ -112,7 +112,7 @@ fn types_of_inputs_and_outputs() {
         ("S1", "=0,2,0", 21),
         ("S1", "=0,0,2", 21),
         ("S1", "=-1,0,0", 21),
-        // No character of MCode.
+        // Control characters are not allowed in MCode.
         ("S1", "=0,0,0\r", 24),
         ("S1", "=0\0,0,0", 24),
         ("S5", "=8,0", 8),
@@ -128,7 +128,7 @@ fn types_of_inputs_and_outputs() {
     }
 }
 
-/// MC 5-66: they are set up in pairs.
+/// MC 5-66: both points are set up in pairs.
 #[test]
 fn a_clock_type_is_that_of_both() {
     let mut dut = Dut::plus();
@@ -220,7 +220,7 @@ fn a_program_is_run_and_ended() {
         assert_eq!(dut.get(Reg::BY), 1);
         dut.wait(100.millis());
         let counted = dut.read(0x5F, 2);
-        // Three lines of 210 µs.
+        // Each count takes three lines of 210 µs.
         assert!((155..=160).contains(&counted), "{counted}");
         tell(&mut dut, "PS", &[]);
         let paused = dut.read(0x5F, 2);

@@ -20,13 +20,14 @@ fn connections_are_accepted_once_it_has_booted() {
         dut.connect(CLIENT);
         assert_eq!(dut.read(9, 1), 1);
         assert_eq!(dut.type_in(CLIENT, "PR CE\r"), "PR CE\r\n1\r\n>");
-        // The Ethernet controller goes on while the drive starts again.
+        // The Ethernet controller continues to work while the drive restarts.
         dut.type_in(CLIENT, "\x03");
         assert_eq!(accepts(&dut), [true; 2]);
     }
 }
 
-/// Somebody told too early is not forgotten: a board's network may have more to tell than a bench.
+/// A connection that is opened before the drive has started is not lost. On a board the network may open one
+/// earlier than a bench does.
 #[test]
 fn until_it_hears_the_bus_says_04() {
     let mut dut = Dut::off(Mdrive::plus(), vec![0xFF; MEMORY]);
@@ -71,7 +72,7 @@ fn ctrl_c_starts_anew_and_leaves_connections_open() {
     dut.write(0x78, 2, 50_000);
     dut.wait(100.millis());
     let before = dut.out.messages.len();
-    // Whoever types it; half a line is forgotten.
+    // Ctrl-C works from any connection. A line that is being typed is dropped.
     dut.type_in(Link(1), "RC=9\x03");
     for link in [CLIENT, Link(1)] {
         let said = dut.mcode_said(before, link);
@@ -123,7 +124,7 @@ fn ctrl_c_in_the_middle_of_a_save_comes_behind_it() {
 #[test]
 fn a_hybrid_signs_on_once_it_is_calibrated() {
     let mut dut = Dut::off(Mdrive::hybrid(), vec![0xFF; MEMORY]);
-    // MC 5-9: 3.12 s.
+    // MC 5-9: with CT = 250 a calibration takes 3.12 s.
     dut.set(Reg::CT, 250);
     dut.power_on(false);
     dut.connect(CLIENT);

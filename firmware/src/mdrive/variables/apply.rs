@@ -1,4 +1,4 @@
-//! Effect of written values.
+//! Effects of writing variables.
 
 use super::{entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
@@ -9,11 +9,11 @@ use crate::mdrive::motion::{self, Contact, Order};
 use crate::mdrive::registers::Reg;
 
 impl Drive {
-    /// Gives the motor something to do: MA, MR, SL, HM and HI, in whatever way they come. Registers keep the last
-    /// of each.
+    /// Gives the motor a motion command: MA, MR, SL, HM or HI, from the bus or from MCode. The registers MA,
+    /// MR, SL and HM keep the last value of each.
     ///
     /// # Errors
-    /// 80, 81, 85, 88, 93: its state forbids it; nothing has changed.
+    /// 80, 81, 85, 88, 93: the drive's state forbids it; nothing has changed.
     pub(in crate::mdrive) fn order(
         &mut self,
         at: Instant,
@@ -38,7 +38,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. A value that is left out behind the first one
+    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. An omitted value after the first one
     /// is 0.
     ///
     /// # Errors
@@ -101,7 +101,7 @@ impl Drive {
         let words = values.iter().take(usize::from(entry(reg).shape.words()));
         self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
         if let Reg::S7 | Reg::S8 = reg {
-            // They are set up in pairs (MC 5-66).
+            // The two points always have the same type (MC 5-66).
             let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
             let [_, active, _] = self.set_up_of(pair);
             self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
@@ -110,10 +110,10 @@ impl Drive {
         Ok(())
     }
 
-    /// Does what a value means that is judged.
+    /// Applies a write that has passed validation.
     ///
     /// # Errors
-    /// Those that are found only in execution: by motion, trips, the memory. Nothing has changed then.
+    /// Those that only motion, trips or the memory can find. Nothing has changed then.
     pub(in crate::mdrive) fn apply(
         &mut self,
         at: Instant,
@@ -191,19 +191,21 @@ impl Drive {
         self.io.set_filters(at, filters(&self.bank), out);
     }
 
-    /// Writes those of `outputs` that are outputs, a bit each.
+    /// Sets the points in `outputs`, one bit each, active or inactive by the same bits of `active`. Points that
+    /// are not outputs are skipped.
     fn write_outputs(&mut self, at: Instant, outputs: i32, active: i32, out: &mut dyn Context) {
         let outputs = outputs & i32::from(self.io.outputs());
         for n in 1..=4 {
             let bit = 1 << (n - 1);
             if outputs & bit != 0 {
-                // It is an output.
+                // Cannot fail, because the point is an output.
                 let _ = self.io.write(at, n, active & bit != 0, out);
             }
         }
     }
 
-    /// The values of a list, of which it has `count` at most; but for the first one they are 0 if they are left out.
+    /// Evaluates the values of a list, which has at most `count` of them. The first is required; others that
+    /// are omitted are 0.
     fn values(&mut self, at: Instant, count: usize, parameters: &[Parameter]) -> Result<[u16; 3], Error> {
         if parameters.len() > count {
             return Err(Error::IllegalValue);

@@ -1,4 +1,4 @@
-//! Checks of a value before a write has any effect.
+//! Validation of a value before a write has any effect.
 
 use drivetwin_protocol::registers::{Register, Space};
 
@@ -10,11 +10,12 @@ use crate::mdrive::error::Error;
 use crate::mdrive::io;
 use crate::mdrive::registers::Reg;
 
-/// The most of HT and MT together, in ms (MC 5-32).
+/// Maximum sum of HT and MT, in ms (MC 5-32).
 const MAX_DELAY_MS: i32 = 65_535;
 
 impl Drive {
-    /// Checks that a write may bring this, while others are `as_is`: as they are, or as the same request makes them.
+    /// Checks that a variable may be set to `value`. `as_is` gives the values of other variables: the present
+    /// ones, or those that the same request sets.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -25,7 +26,7 @@ impl Drive {
         value: i32,
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
-        // I6 is no register of a Hybrid, and one of its variables.
+        // I6 has no register on a Hybrid, but is one of its variables.
         if !entry(reg).access.writes() {
             return Err(Error::ReadOnly);
         }
@@ -38,11 +39,11 @@ impl Drive {
             Reg::EE if value == 1 && !self.is_closed() => self.validate_closing(),
             Reg::LK if value == 0 && self.stored(Reg::LK) == 1 => Err(Error::Locked),
             Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.validate_outputs(output_bit(reg)),
-            // Higher ones are those of outputs that are not there (MC 5-54).
+            // Higher bits are those of outputs that this drive does not have (MC 5-54).
             Reg::OL | Reg::OT => self.validate_outputs(value & 0xF),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
-                // What the same request writes behind it is not yet so.
+                // A value that the same request writes to a later register does not apply yet.
                 let stored = if counted.row() < reg.row() { as_is(counted) } else { self.stored(counted) };
                 let value = self.counted(at, counted, step(reg), stored)?;
                 self.validate(at, counted, value, as_is)
@@ -59,7 +60,7 @@ impl Drive {
         }
     }
 
-    /// Checks that a value is in its range, and fits the others.
+    /// Checks that a value is in its range and fits the values of other variables.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -70,7 +71,8 @@ impl Drive {
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
         match reg {
-            // Before the ranges: a value below VI is too low for VM, whatever else is wrong with it.
+            // These come before the range checks: a value below VI is too low for VM, whatever else is wrong
+            // with the value.
             Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
             Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
             _ if !self.accepts(reg, value) => Err(illegal(reg)),
@@ -84,14 +86,15 @@ impl Drive {
         }
     }
 
-    /// Returns whether a write has a Hybrid calibrate (FB 5.1, CA).
+    /// Returns true if a write makes a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
             Reg::AS => self.stored(reg) == 0 && value != 0,
-            // "Bridge is re-enabled after being disabled" (MC 5-9), also by heat or a locked rotor (MDRIVE-31).
+            // "Bridge is re-enabled after being disabled" (MC 5-9), also if heat or a locked rotor has
+            // disabled it (MDRIVE-31).
             Reg::DE => !self.has_bridge() && value != 0,
             Reg::MS => value != self.stored(reg),
-            // It takes MS to 256.
+            // EE = 1 changes MS to 256.
             Reg::EE => value != 0 && self.stored(Reg::MS) != CLOSED_MICROSTEPS,
             Reg::SC => true,
             _ => false,
@@ -99,21 +102,21 @@ impl Drive {
         calibrates && self.model == Model::Hybrid
     }
 
-    /// Returns whether the drive's model has an I/O of this type.
+    /// Returns true if the drive's model has an I/O of this type.
     pub(super) fn has_type(&self, kind: u16) -> bool {
         self.model == Model::Hybrid || !io::is_of_hybrid(kind)
     }
 
-    /// Checks that these can be active, a bit each.
+    /// Checks that outputs, one bit each, can be set active.
     ///
     /// # Errors
-    /// 9: one of them is no general purpose output, or there is none at all.
+    /// 9: one of them is not a general purpose output, or there is no such output at all.
     fn validate_outputs(&self, bits: i32) -> Result<(), Error> {
         let outputs = i32::from(self.io.outputs());
         if bits & !outputs == 0 && outputs != 0 { Ok(()) } else { Err(Error::NoOutput) }
     }
 
-    /// The variable at the address that IC or DC brings on the bus.
+    /// Finds the variable at the address that IC or DC receives on the bus.
     pub(in crate::mdrive) fn counted_by_address(&self, address: i32) -> Result<Reg, Error> {
         let entries = self.model.entries();
         let mut list = entries.list.iter();
@@ -121,7 +124,8 @@ impl Drive {
         row.and_then(Reg::from_row).filter(|&reg| self.is_present(reg)).ok_or(Error::NotCountable)
     }
 
-    /// Value of a variable when it is counted; from `stored` on, of one that is kept.
+    /// Computes the value of a variable after counting. `stored` is the value before, for variables that are
+    /// not computed when read.
     pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, stored: i32) -> Result<i32, Error> {
         if !is_countable(reg) {
             return Err(Error::NotCountable);
@@ -131,12 +135,12 @@ impl Drive {
     }
 }
 
-/// Returns whether DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
+/// Returns true if DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
 fn is_name(character: i32) -> bool {
     u8::try_from(character).is_ok_and(|character| character.is_ascii_alphanumeric())
 }
 
-/// Error of a value outside of its range.
+/// Error for a value outside of its range.
 pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
     match reg {
         Reg::HM => Error::HomeType,
@@ -146,7 +150,7 @@ pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
     }
 }
 
-/// Returns whether IC and DC count it: no commands, no baud rate (MC 9.2).
+/// Returns true if IC and DC can count this variable. They cannot count commands and the baud rate (MC 9.2).
 fn is_countable(reg: Reg) -> bool {
     let does = matches!(
         reg,

@@ -1,6 +1,6 @@
-//! The variables: what they read as, and what happens when one is written, be it by the bus or by MCode.
+//! Reading and writing of variables, by the bus and by MCode.
 //!
-//! A write is judged first, with all that it brings (`judge`); then it acts (`apply`). EE changes units (`units`).
+//! All values of a write are validated first (`judge`), then applied (`apply`). EE changes units (`units`).
 
 mod apply;
 mod judge;
@@ -19,16 +19,16 @@ use super::mcode::statement::{Name, Operand};
 use super::registers::Reg;
 use crate::device::{Context, Instant};
 
-/// Stored form of a ratio of 1 (CR).
+/// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
-/// AS: torque mode.
+/// Value of AS for torque mode.
 const TORQUE: i64 = 3;
-/// Range in MCode (MC 5-70, 5-76), in Hz.
+/// Range of SS and TS in MCode (MC 5-70, 5-76), in Hz.
 const FREQUENCIES: RangeInclusive<i32> = 38_910..=5_000_000;
 
 impl Drive {
-    /// A variable as its register reads now, without what reading it does; 0 for a user variable that is not
-    /// declared.
+    /// Present value of a variable, as its register reads. This has none of the side effects of reading. A
+    /// user variable that is not declared is 0.
     pub(super) fn read(&self, at: Instant, reg: Reg) -> i32 {
         match reg {
             Reg::C1 => self.motion.steps(at),
@@ -51,17 +51,17 @@ impl Drive {
             Reg::PC => self.mcode.trips.captured(),
             Reg::ST => self.motion.has_stalled().into(),
             Reg::TE => self.mcode.trips.enabled().into(),
-            // (FB 5, V)
+            // In torque mode V is 0 (FB 5, V).
             Reg::V if self.model == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
             Reg::V => self.motion.velocity(at),
             Reg::VC => self.motion.is_changing(at).into(),
-            // One byte (FB 5.1).
+            // The register has one byte (FB 5.1).
             Reg::AF => (self.hybrid_status(at) & 0xFF).into(),
             Reg::LL => self.lag(at),
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
             Reg::BY => self.mcode.vm.is_running().into(),
-            // Nothing is left of them.
+            // These are commands, which store no value.
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),
@@ -70,7 +70,7 @@ impl Drive {
         }
     }
 
-    /// A variable as MCode reads it: SS and TS in Hz, AF with all its bits.
+    /// Present value of a variable as MCode reads it: SS and TS in Hz, AF with all its bits.
     pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
         match reg {
             Reg::AF => self.hybrid_status(at).into(),
@@ -79,14 +79,14 @@ impl Drive {
         }
     }
 
-    /// A variable was read: ER is cleared by that.
+    /// Applies the side effect of reading a variable: reading ER clears it.
     pub(super) fn has_read(&mut self, reg: Reg) {
         if reg == Reg::ER {
             self.errors.clear();
         }
     }
 
-    /// Value of an operand of MCode, without a fraction; reading it has its effects.
+    /// Value of an operand of MCode, without its fraction. Reading a variable has its side effects.
     ///
     /// # Errors
     /// 30: there is no such user variable.
@@ -104,7 +104,7 @@ impl Drive {
         }
     }
 
-    /// Value of an operand in thousandths, which CR is kept in.
+    /// Value of an operand in thousandths, the unit in which CR is stored.
     ///
     /// # Errors
     /// As [`Self::operand`].
@@ -116,7 +116,7 @@ impl Drive {
         }
     }
 
-    /// Returns whether a row is present: its model has it, and if it is a user variable it is declared.
+    /// Returns true if a row is present: the model has it, and a user variable is declared.
     pub(super) fn is_present(&self, reg: Reg) -> bool {
         self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
     }
@@ -124,7 +124,7 @@ impl Drive {
     /// Writes a variable: validates, then applies it.
     ///
     /// # Errors
-    /// 21, 22, 23, 25 and those of the drive's state; nothing has changed then. The caller reports them:
+    /// 21, 22, 23, 25 and those of the drive's state; nothing has changed then. The caller reports them with
     /// [`Self::fail`].
     pub(super) fn write(
         &mut self,
@@ -137,7 +137,8 @@ impl Drive {
         self.apply(at, reg, value, out)
     }
 
-    /// Writes a variable as MCode does: SS and TS in Hz, of which the register that comes next to it is kept.
+    /// Writes a variable as MCode does: SS and TS in Hz. The drive stores the divider whose frequency is
+    /// nearest and not lower.
     ///
     /// # Errors
     /// As [`Self::write`].
@@ -157,10 +158,10 @@ impl Drive {
         self.write(at, reg, divider(value), out)
     }
 
-    /// Adds 1, or -1, to a variable: IC, DC. CR's is 1.000.
+    /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
     ///
     /// # Errors
-    /// 26 for what cannot be counted, and those of [`Self::write`].
+    /// 26 for a variable that cannot be counted, and those of [`Self::write`].
     pub(super) fn count(
         &mut self,
         at: Instant,
@@ -172,22 +173,22 @@ impl Drive {
         self.write(at, reg, value, out)
     }
 
-    /// The values of a set-up as it is held; behind the last one 0.
+    /// Stored values of a set-up. Unused values at the end are 0.
     pub(super) fn set_up_of(&self, reg: Reg) -> [u16; 3] {
         words(reg, self.bank.get(reg))
     }
 
-    /// A variable as it was written last.
+    /// Last written value of a variable.
     pub(super) fn stored(&self, reg: Reg) -> i32 {
         i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
     }
 
-    /// Returns whether its model has a row.
+    /// Returns true if this drive's model has a row.
     pub(super) fn has(&self, reg: Reg) -> bool {
         entry(reg).variants & self.model.variant() != 0
     }
 
-    /// Returns whether there is a user variable of that name.
+    /// Returns true if there is a user variable of that name.
     pub(super) fn has_user_variable(&self, name: Name) -> bool {
         self.user_variable(name).is_some()
     }
@@ -206,7 +207,7 @@ pub(super) fn entry(reg: Reg) -> &'static Entry {
     Reg::ENTRIES.list.get(reg.row()).unwrap_or(&NONE)
 }
 
-/// The values of an I/O's set-up, of what its row holds; behind the last one 0.
+/// Splits the number of a row into the values of a set-up. Unused values at the end are 0.
 pub(super) fn words(reg: Reg, value: i64) -> [u16; 3] {
     let word = |n: u16| (value >> (16 * n) & 0xFFFF) as u16;
     match entry(reg).shape.words() {
@@ -215,22 +216,22 @@ pub(super) fn words(reg: Reg, value: i64) -> [u16; 3] {
     }
 }
 
-/// Returns whether it has one value, and not several.
+/// Returns true if a variable has one value, not several.
 pub(super) fn is_number(reg: Reg) -> bool {
     !matches!(entry(reg).shape, Shape::Words(_))
 }
 
-/// Step of IC and DC.
+/// Amount that IC or DC adds.
 fn step(reg: Reg) -> i32 {
     if reg == Reg::DC { -1 } else { 1 }
 }
 
-/// Returns whether MCode has it in Hz.
+/// Returns true if MCode gives this variable in Hz.
 fn is_frequency(reg: Reg) -> bool {
     matches!(reg, Reg::SS | Reg::TS)
 }
 
-/// The bit of O1 to O4 in OL.
+/// Bit of one of O1 to O4 in OL.
 fn output_bit(reg: Reg) -> i32 {
     match reg {
         Reg::O1 => 1,
@@ -240,7 +241,7 @@ fn output_bit(reg: Reg) -> i32 {
     }
 }
 
-/// Name that a program declares for a register of FB 5.2 to be present.
+/// Name of the user variable behind one of the registers V1 to V8 (FB 5.2).
 fn user_name(reg: Reg) -> Option<Name> {
     let digit = match reg {
         Reg::V1 => b'1',

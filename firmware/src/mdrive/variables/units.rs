@@ -7,15 +7,16 @@ use crate::mdrive::drive::{Drive, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::{Reg, mcode_accepts};
 
-/// The most of A and D in counts/s² (MC 5-1, 5-16).
+/// Maximum of A and D in counts/s² (MC 5-1, 5-16).
 const MAX_COUNTS_PER_S2: i32 = 61_035_160;
-/// The most of VM and SL in counts/s (MC 5-68, 5-80).
+/// Maximum of VM and SL in counts/s (MC 5-68, 5-80).
 const MAX_COUNTS_PER_S: i32 = 200_000;
-/// MS while EE is 1 (MC 7-16).
+/// Value of MS while EE is 1 (MC 7-16).
 pub(super) const CLOSED_MICROSTEPS: i32 = 256;
 
 impl Drive {
-    /// Puts a value into the bank; with EE A, D, VI and VM change their units, and with EE 1 MS is 256 (MC 7-16).
+    /// Stores a value in the bank. A change of EE converts A, D, VI and VM to their new units; EE = 1 also
+    /// sets MS to 256 (MC 7-16).
     pub(in crate::mdrive) fn store(&mut self, reg: Reg, value: i32) {
         let closes = value != 0;
         if reg == Reg::EE && closes != self.is_closed() {
@@ -30,12 +31,12 @@ impl Drive {
         self.bank.set(reg, value.into());
     }
 
-    /// EE.
+    /// True if EE is 1.
     pub(in crate::mdrive) fn is_closed(&self) -> bool {
         self.bank.word(Reg::EE) != 0
     }
 
-    /// Returns whether its row accepts a value; with EE in counts.
+    /// Returns true if a write of this value is in its range; with EE = 1 in the range for counts.
     pub(super) fn accepts(&self, reg: Reg, value: i32) -> bool {
         let fits = match reg {
             Reg::A | Reg::D => value <= MAX_COUNTS_PER_S2,
@@ -45,13 +46,13 @@ impl Drive {
         mcode_accepts(reg, value.into()) && (fits || !self.is_closed())
     }
 
-    /// Returns whether a variable is in counts.
+    /// Returns true if the unit of a variable is counts at present.
     pub(in crate::mdrive) fn is_in_counts(&self, reg: Reg) -> bool {
         self.is_closed() && SCALED.contains(&reg)
     }
 
-    /// Returns whether a saved value is possible. EE can bring A, D, VI and VM below the least value that a write
-    /// accepts.
+    /// Returns true if a saved value is possible. EE can bring A, D, VI and VM below the least value that a
+    /// write accepts.
     pub(in crate::mdrive) fn is_possible(&self, reg: Reg, value: i64) -> bool {
         if self.is_in_counts(reg) {
             (1..=max_counts(reg).into()).contains(&value)
@@ -60,8 +61,8 @@ impl Drive {
         }
     }
 
-    /// Returns whether an encoder of so many lines fits so many microsteps: MS is at least EL x 8 / 200 with a motor of
-    /// 200 full steps (MC 5-21).
+    /// Returns true if an encoder with this number of lines fits this number of microsteps: MS is at least EL
+    /// x 8 / 200 for a motor of 200 full steps (MC 5-21).
     pub(super) fn fits(&self, lines: i32, microsteps: i32) -> bool {
         lines * 8 <= microsteps * self.stored(Reg::FullSteps)
     }
@@ -69,7 +70,7 @@ impl Drive {
     /// Checks that EE may become 1.
     ///
     /// # Errors
-    /// 36 if MS is too low for EL, 90 if something would become too low.
+    /// 36 if MS is too low for EL; 90 if A, D, VI or VM would become too low in counts.
     pub(super) fn validate_closing(&self) -> Result<(), Error> {
         if !self.fits(self.stored(Reg::EL), self.stored(Reg::MS)) {
             return Err(Error::IllegalRatio);
@@ -81,7 +82,7 @@ impl Drive {
         Ok(())
     }
 
-    /// A, D, VI or VM in counts, or in steps, within its limits there.
+    /// Converts A, D, VI or VM to counts, or to steps, within the limits of that unit.
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
         let (scale, value) = (motion_settings(&self.bank, None).closed_scale(), self.bank.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
@@ -93,7 +94,7 @@ impl Drive {
     }
 }
 
-/// The most of A, D, VI or VM in counts.
+/// Maximum of A, D, VI or VM in counts.
 fn max_counts(reg: Reg) -> i32 {
     match reg {
         Reg::A | Reg::D => MAX_COUNTS_PER_S2,
@@ -102,5 +103,5 @@ fn max_counts(reg: Reg) -> i32 {
     }
 }
 
-/// Variables that EE has in other units.
+/// Variables with another unit while EE is 1.
 const SCALED: [Reg; 4] = [Reg::A, Reg::D, Reg::VI, Reg::VM];

@@ -1,4 +1,4 @@
-//! The lines that are being typed, one on each connection, and the one that is being executed.
+//! Lines that are being typed, one on each connection, and the line in execution.
 
 use heapless::{Deque, Vec};
 
@@ -6,24 +6,24 @@ use crate::device::{Duration, Instant, Link};
 use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::serial::{Party, PartyAddress};
 
-/// Most connections.
+/// Maximum number of connections.
 pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
 
-/// Characters that wait behind a line in execution, where a client sends more than the drive
-/// [takes](crate::device::Device::takes). Those that do not fit are lost.
+/// Number of characters that can wait during the execution of a line, if a client sends more than the drive
+/// [takes](crate::device::Device::takes). Further characters are lost.
 pub(in crate::mdrive) const WAITING: usize = 256;
 
-/// A line as it is typed.
+/// A connection and the line that is being typed.
 #[derive(Clone, Debug)]
 pub(super) struct Console {
     pub(super) link: Link,
     pub(super) line: Vec<u8, LINE_BYTES>,
-    /// True once it was too long, and is refused: the rest is dropped.
+    /// True if the line was too long and is refused. The rest of it is dropped.
     pub(super) refused: bool,
-    /// CR was the last character: LF belongs to it.
+    /// True if the last character was CR. An LF after it belongs to the same end of line.
     pub(super) returned: bool,
     pub(super) address_state: PartyAddress,
-    /// Address of the next line, in program mode.
+    /// Address of the next line, while in program mode.
     pub(super) programming: Option<u16>,
 }
 
@@ -33,14 +33,14 @@ impl Console {
     }
 }
 
-/// All of them.
+/// All connections.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Consoles {
     pub(super) list: Vec<Console, MAX_CONNECTIONS>,
     pub(super) party: Party,
-    /// Connection whose line is being executed, and its end: one at a time.
+    /// Connection whose line is being executed, and the end of the execution. There is only one at a time.
     executing: Option<(Link, Instant)>,
-    /// Characters that have come meanwhile, in their order.
+    /// Characters received during the execution, in their order.
     waiting: Deque<(Link, u8), WAITING>,
 }
 
@@ -69,12 +69,12 @@ impl Consoles {
         }
     }
 
-    /// Returns whether lines are being typed that are stored.
+    /// Returns true if a connection is in program mode.
     pub(in crate::mdrive) fn is_programming(&self) -> bool {
         self.list.iter().any(|console| console.programming.is_some())
     }
 
-    /// The drive starts again; its connections stay.
+    /// Resets all connections for a restart of the drive. They stay open.
     pub(in crate::mdrive) fn restart(&mut self) {
         self.party = Party::Off;
         self.executing = None;
@@ -84,7 +84,7 @@ impl Consoles {
         }
     }
 
-    /// Party mode begins, or ends: lines begin anew.
+    /// Begins or ends party mode. Unfinished lines are dropped.
     pub(in crate::mdrive) fn set_party(&mut self, on: bool) {
         if on == (self.party != Party::Off) {
             return;
@@ -97,7 +97,7 @@ impl Consoles {
         }
     }
 
-    /// Address for the first character of a line.
+    /// Addressee at the beginning of a line.
     pub(super) fn first_called(&self) -> PartyAddress {
         if self.party == Party::Off { PartyAddress::Plain } else { PartyAddress::Next }
     }
@@ -116,12 +116,12 @@ impl Consoles {
         self.list.iter_mut().find(|console| console.link == link)
     }
 
-    /// Returns whether no line is being executed.
+    /// Returns true if no line is being executed.
     pub(in crate::mdrive) fn takes(&self) -> bool {
         self.executing.is_none()
     }
 
-    /// Instant at which the line that is being executed has its effect.
+    /// Time at which the line in execution takes effect.
     pub(in crate::mdrive) fn deadline(&self) -> Instant {
         self.executing.map_or(Instant::NEVER, |(_, due)| due)
     }
@@ -131,7 +131,7 @@ impl Consoles {
         self.executing = Some((link, at + takes));
     }
 
-    /// Connection of the line that has been executed.
+    /// Takes the connection whose line has been executed.
     pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
         self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
     }
@@ -142,7 +142,7 @@ impl Consoles {
         let _ = self.waiting.push_back((link, character));
     }
 
-    /// The character that has waited longest, once no line is being executed.
+    /// Takes the oldest waiting character, unless a line is being executed.
     pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
         if self.takes() { self.waiting.pop_front() } else { None }
     }

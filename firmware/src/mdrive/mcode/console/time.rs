@@ -1,24 +1,24 @@
-//! Command execution times: "this varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1;
-//! MDRIVE-34).
+//! Execution times of typed lines: "this varies from command to command and usually is in the 1-5 millisecond
+//! range" (MC 7.1; MDRIVE-34).
 
 use crate::device::Duration;
 use crate::mdrive::drive::Drive;
 use crate::mdrive::mcode::statement::Statement;
 
-/// A line that does nothing, or that is refused.
+/// A line that does nothing, or is refused.
 const SHORTEST: Duration = Duration::millis(1);
 /// A line that sets a variable, or moves.
 const COMMON: Duration = Duration::millis(2);
-/// A line of a program that is stored.
+/// A line that is stored in the program.
 const STORING: Duration = Duration::millis(4);
 /// S, IP, FD, CP, L, and a long PR.
 const LONGEST: Duration = Duration::millis(5);
-/// Each item of PR, on top of the shortest time. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`, of which its
-/// 19 characters take 19.8 ms.
+/// Each item of PR, in addition to the shortest time. A client measured 24 ms at 9,600 baud for
+/// `pr EF,"_"ER`; 19.8 ms of these are its 19 characters.
 const ITEM: Duration = Duration::millis(1);
 
 impl Drive {
-    /// From the end of a typed line to its effect.
+    /// Time from the end of a typed line to its effect.
     pub(super) fn execution_time(&self, line: &[u8], programming: bool) -> Duration {
         let line = match (self.check_sums(), line.split_last()) {
             (1.., Some((_, line))) => line,

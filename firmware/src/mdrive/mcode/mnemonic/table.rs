@@ -1,5 +1,5 @@
-//! All names in one table, put together and sorted while the program is compiled: those of the table of variables
-//! and those without a row there.
+//! Table of all names, merged and sorted at compile time: those of the table of variables, and those that
+//! have no row there.
 #![expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 
 use super::super::super::registers::{HYBRID, ROWS};
@@ -38,11 +38,11 @@ const KEYWORDS: &[Item] = &[
     prints(b"VR", Keyword::VR),
 ];
 
-/// Commands of the serial sisters (MC 5-4 to 5-60; MDRIVE-11).
+/// Commands of drives with a serial port (MC 5-4 to 5-60; MDRIVE-11).
 const SERIAL_COMMANDS: &[Word] = &[*b"BD ", *b"CK ", *b"DG ", *b"DN ", *b"PY ", *b"QD "];
 
-/// Reserved names (MC 5-3, 5-27, 5-34, 5-35), I/O points that the models with Ethernet do not have (FB 1.2.1), and
-/// the upgrade of the firmware (MC 5-77).
+/// Names that are not available: reserved names (MC 5-3, 5-27, 5-34, 5-35), I/O points that the models with
+/// Ethernet do not have (FB 1.2.1), and the upgrade of the firmware (MC 5-77).
 #[rustfmt::skip]
 const UNAVAILABLE: &[Item] = &[
     takes(b"AT"), takes(b"FT"), takes(b"I7"), takes(b"I8"), takes(b"I13"), takes(b"D9"), takes(b"D10"),
@@ -55,7 +55,7 @@ const UNAVAILABLE: &[Item] = &[
 pub(super) struct Item {
     pub(super) word: Word,
     pub(super) class: Class,
-    /// Which variants of the product have it, and [`SERIAL`].
+    /// Variants of the product that have the name, and [`SERIAL`].
     pub(super) variants: u8,
 }
 
@@ -68,23 +68,23 @@ pub(super) enum Class {
     NotAvailable,
 }
 
-/// An instruction.
+/// Item of an instruction.
 const fn does(name: &[u8], instruction: Instruction) -> Item {
     Item { word: word(name), class: Class::Instruction(instruction), variants: u8::MAX }
 }
 
-/// A trip.
+/// Item of a trip.
 const fn trips(name: &[u8], trip: Trip) -> Item {
     let variants = if matches!(trip, Trip::Hybrid) { HYBRID } else { u8::MAX };
     Item { word: word(name), class: Class::Trip(trip), variants }
 }
 
-/// A word of PR.
+/// Item of a word of PR.
 const fn prints(name: &[u8], keyword: Keyword) -> Item {
     Item { word: word(name), class: Class::Keyword(keyword), variants: u8::MAX }
 }
 
-/// A name that no variable can have.
+/// Item of a name that is taken although the drive does not have it.
 const fn takes(name: &[u8]) -> Item {
     Item { word: word(name), class: Class::NotAvailable, variants: 0 }
 }
@@ -100,17 +100,17 @@ pub(super) static ITEMS: [Item; LIST.1] = {
     items
 };
 
-/// As many as there is room for, and how many there are.
+/// Names, with room for 256, and their number.
 const LIST: ([Item; 256], usize) = {
     let mut list = ([NOTHING; 256], 0);
     let mut i = 0;
     while i < ROWS.len() {
         let name = ROWS[i].name.as_bytes();
-        // Not a setting, and not V1 to V8, which are the user's.
+        // Settings have longer names. V1 to V8 are the user's.
         if name.len() <= 3 && !matches!(name, [b'V', b'1'..=b'8']) {
             let word = word(name);
             let variants = match &word {
-                // The Hybrid has no register of it, and has it in MCode (MC 5-34).
+                // The Hybrid has no register I6, but MCode has I6 on a Hybrid (MC 5-34).
                 b"I6 " => u8::MAX,
                 _ if has(SERIAL_COMMANDS, word) => SERIAL,
                 _ => ROWS[i].entry.variants,
@@ -127,7 +127,7 @@ const LIST: ([Item; 256], usize) = {
 
 const NOTHING: Item = takes(b" ");
 
-/// Class of the name of a row: an instruction, or the row.
+/// Class of the name of a row: its instruction if there is one, else the row.
 const fn class_of(word: Word, row: u8) -> Class {
     let mut i = 0;
     while i < INSTRUCTIONS.len() {
@@ -139,7 +139,7 @@ const fn class_of(word: Word, row: u8) -> Class {
     Class::Row(row)
 }
 
-/// The same list with these items.
+/// Adds items to a list.
 const fn with_all(mut list: ([Item; 256], usize), items: &[Item]) -> ([Item; 256], usize) {
     let mut i = 0;
     while i < items.len() {
@@ -149,7 +149,7 @@ const fn with_all(mut list: ([Item; 256], usize), items: &[Item]) -> ([Item; 256
     list
 }
 
-/// The same list with one item more, at its place; as it was if that name is there.
+/// Adds an item to a sorted list. If the name is in the list already, nothing changes.
 const fn with(list: ([Item; 256], usize), item: Item) -> ([Item; 256], usize) {
     let (mut items, count) = list;
     let mut place = count;
@@ -181,7 +181,7 @@ const fn word(name: &[u8]) -> Word {
     [name[0], second, third]
 }
 
-/// By which words are compared while the program is compiled.
+/// Number by which words are compared at compile time.
 const fn number(word: Word) -> u32 {
     u32::from_be_bytes([0, word[0], word[1], word[2]])
 }

@@ -1,5 +1,4 @@
-//! Values and conditions: operands with operators between them, which are carried out from left to right
-//! (MDRIVE-9).
+//! Values and conditions: operands with operators between them, computed from left to right (MDRIVE-9).
 
 use core::iter::from_fn;
 use core::mem;
@@ -9,8 +8,8 @@ use crate::mdrive::error::Error;
 use crate::mdrive::mcode::mnemonic::Mnemonic;
 use crate::mdrive::mcode::statement::{Operand, Operator, Relation, Step};
 
-/// The text of a value or a condition, which has been judged. It is taken apart again when it is computed, so that it
-/// takes no more room however long it is.
+/// Text of a value or a condition that has been checked. It is parsed again when it is computed, so that a
+/// long expression takes no more memory than a short one.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::mdrive) struct Expression<'a> {
     text: &'a [u8],
@@ -19,7 +18,7 @@ pub(in crate::mdrive) struct Expression<'a> {
 }
 
 impl<'a> Expression<'a> {
-    /// All that it does, from left to right.
+    /// Steps of the computation, from left to right.
     pub(in crate::mdrive) fn steps(self) -> impl Iterator<Item = Step> + 'a {
         let mut scanner = Scanner { rest: self.text, variants: self.variants };
         let mut begins = true;
@@ -33,12 +32,12 @@ impl<'a> Expression<'a> {
         })
     }
 
-    /// Returns whether it may have a fraction.
+    /// Returns true if the expression may have a fraction.
     pub(in crate::mdrive) fn is_ratio(&self) -> bool {
         self.steps().any(|step| step.operand().is_ratio())
     }
 
-    /// The number that it is, if it is no more than that.
+    /// Value of the expression if it is a single number.
     pub(in crate::mdrive) fn constant(self) -> Option<i32> {
         let mut steps = self.steps();
         match (steps.next()?, steps.next()) {
@@ -64,13 +63,13 @@ impl PartialEq for Expression<'_> {
 impl Eq for Expression<'_> {}
 
 impl<'a> Scanner<'a> {
-    /// A value (MC 4.9).
+    /// Parses a value (MC 4.9).
     pub(super) fn expression(&mut self, kind: Kind) -> Result<Expression<'a>, Error> {
         self.chain(kind, |step| matches!(step, Step::Calculate { .. }))
     }
 
-    /// The condition of BR and CL: "only one condition may exist" (MC 5-6), so one relation at most, and logic alone
-    /// behind it.
+    /// Parses the condition of BR and CL. "Only one condition may exist" (MC 5-6), so there is at most one
+    /// relation, and only logic after it.
     pub(super) fn condition(&mut self) -> Result<Expression<'a>, Error> {
         let word = self.word();
         let kind = match self.find(word) {
@@ -85,7 +84,7 @@ impl<'a> Scanner<'a> {
         })
     }
 
-    /// As many steps as there are, and as `validate` permits.
+    /// Takes steps while `validate` accepts them.
     fn chain(
         &mut self,
         kind: Kind,
@@ -102,7 +101,7 @@ impl<'a> Scanner<'a> {
         Ok(Expression { text, kind, variants: self.variants })
     }
 
-    /// The first operand. A minus before a variable is the operator.
+    /// Parses the first operand. A minus before a variable is an operator.
     fn first_step(&mut self, kind: Kind) -> Result<Step, Error> {
         let is_less = matches!(
             self.rest.trim_ascii_start(),
@@ -114,7 +113,7 @@ impl<'a> Scanner<'a> {
         self.calculation(if is_less { Operator::Minus } else { Operator::Plus }, kind)
     }
 
-    /// An operator or a relation, if one is next, and its operand.
+    /// Parses the next operator or relation, if there is one, and its operand.
     fn step(&mut self, kind: Kind) -> Result<Option<Step>, Error> {
         use Relation::{AtLeast, AtMost, Equal, Greater, Less, Unequal};
         let operator = match self.peek() {

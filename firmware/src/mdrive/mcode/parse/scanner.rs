@@ -1,4 +1,4 @@
-//! Parts of lines: words, numbers, operands, places.
+//! Scanner for parts of lines: words, numbers, operands, places.
 
 use core::iter::repeat;
 
@@ -12,7 +12,7 @@ use crate::mdrive::registers::Reg;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Kind {
     Whole,
-    /// With a fraction, as CR has one.
+    /// With a fraction, as for CR.
     Ratio,
 }
 
@@ -22,14 +22,14 @@ impl Kind {
     }
 }
 
-/// The rest of a line.
+/// The rest of a line that is not parsed yet.
 pub(super) struct Scanner<'a> {
     pub(super) rest: &'a [u8],
     pub(super) variants: u8,
 }
 
 impl<'a> Scanner<'a> {
-    /// The next character that is no blank.
+    /// Next character that is not a blank.
     pub(super) fn peek(&mut self) -> Option<u8> {
         self.rest = self.rest.trim_ascii_start();
         self.rest.first().copied()
@@ -46,7 +46,7 @@ impl<'a> Scanner<'a> {
         here
     }
 
-    /// The letters and digits that come next.
+    /// Letters and digits that come next, without taking them.
     pub(super) fn word(&mut self) -> &'a [u8] {
         self.peek();
         let rest = self.rest;
@@ -67,7 +67,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Part behind a comma, if there is one; else the line must end.
+    /// Parses the part after a comma, if there is one. Without a comma the line must end.
     pub(super) fn optional<T>(
         &mut self,
         item: impl FnOnce(&mut Self) -> Result<T, Error>,
@@ -93,7 +93,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Operand of IC and DC.
+    /// Parses the operand of IC or DC.
     pub(super) fn counted(&mut self) -> Result<Operand, Error> {
         match self.next() {
             Some(Mnemonic::List(_) | Mnemonic::Keyword(_) | Mnemonic::Instruction(_)) => {
@@ -103,10 +103,10 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Operand of IV.
+    /// Parses the operand of IV.
     pub(super) fn input(&mut self) -> Result<Operand, Error> {
         match self.next() {
-            // A number is not all that it has.
+            // A list has more than one number.
             Some(Mnemonic::List(_)) => Err(Error::IllegalData),
             Some(Mnemonic::Keyword(_)) => Err(Error::ReadOnly),
             Some(Mnemonic::Instruction(_)) => Err(Error::IsInstruction),
@@ -127,7 +127,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// An address or a label.
+    /// Parses an address or a label.
     pub(super) fn place(&mut self) -> Result<Place, Error> {
         match self.peek() {
             Some(letter) if letter.is_ascii_alphabetic() => {
@@ -142,7 +142,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// The name of a new label or variable; SU is for a label (MC 5-71).
+    /// Parses the name of a new label or variable. SU can only be a label (MC 5-71).
     pub(super) fn new_name(&mut self, label: bool) -> Result<Name, Error> {
         let word = self.word();
         self.skip(word.len());
@@ -151,13 +151,13 @@ impl<'a> Scanner<'a> {
         if free { Ok(name) } else { Err(Error::BuiltIn) }
     }
 
-    /// A number with or without a sign.
+    /// Parses a whole number with or without a sign.
     pub(super) fn number(&mut self) -> Result<i32, Error> {
         let minus = self.minus();
         signed(minus, self.digits().ok_or(Error::IllegalData)?)
     }
 
-    /// A number that may have a fraction, in thousandths.
+    /// Parses a number that may have a fraction, in thousandths.
     fn ratio(&mut self) -> Result<i32, Error> {
         let minus = self.minus();
         let whole = match self.peek() {
@@ -171,7 +171,7 @@ impl<'a> Scanner<'a> {
         signed(minus, whole.unwrap_or(0).saturating_mul(1_000) + decimals.unwrap_or(0))
     }
 
-    /// Takes a sign. Whether it is a minus.
+    /// Takes a sign. Returns true if it is a minus.
     fn minus(&mut self) -> bool {
         let minus = self.take(b'-');
         if !minus {
@@ -180,7 +180,8 @@ impl<'a> Scanner<'a> {
         minus
     }
 
-    /// A run of digits, which no letter follows; more than 32 bits are too many, whatever they are.
+    /// Takes a run of digits that no letter follows. The value is limited to 2⁴⁰, more than any 32-bit
+    /// number.
     fn digits(&mut self) -> Option<i64> {
         let word = self.word();
         self.skip(word.len());
@@ -193,10 +194,10 @@ impl<'a> Scanner<'a> {
         })
     }
 
-    /// The digits behind a point, if there are some, in thousandths.
+    /// Takes the digits after a decimal point, in thousandths; `None` if there are none.
     ///
     /// # Errors
-    /// 21: they are less than one, 24: they are none.
+    /// 21: the fraction is finer than thousandths; 24: a character is not a digit.
     fn decimals(&mut self) -> Result<Option<i64>, Error> {
         let word = self.word();
         self.skip(word.len());

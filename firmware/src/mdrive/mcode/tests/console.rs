@@ -1,4 +1,4 @@
-//! What comes back on a connection, byte by byte (MC 7.1.1).
+//! Output on a connection, byte by byte (MC 7.1.1).
 
 use std::string::ToString;
 
@@ -76,14 +76,14 @@ fn cr_and_lf_and_both_end_a_line_once() {
     }
     assert_eq!(dut.types("\r\n\r\n"), "\r\n>\r\n>");
     assert_eq!(dut.types("\n\n"), "\r\n>\r\n>");
-    // LF of another packet.
+    // The LF comes in another packet.
     assert_eq!(
         (dut.types("\r"), dut.types("\n"), dut.types("\n")),
         ("\r\n>".into(), "".into(), "\r\n>".into())
     );
 }
 
-/// What a line says is so for the next one, however many of them a message has.
+/// Each line takes effect before the next one, however many lines a message has.
 #[test]
 fn lines_of_one_message_come_one_after_the_other() {
     let mut dut = Dut::quiet();
@@ -99,8 +99,8 @@ fn lines_of_one_message_come_one_after_the_other() {
     assert_eq!(dut.types("PR O2\nMR -1000\nPR O2\n"), "0\r\n1\r\n");
 }
 
-/// "This varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1); table 7.1: what echoes
-/// comes at once, the rest then.
+/// "This varies from command to command and usually is in the 1-5 millisecond range" (MC 7.1). By table 7.1
+/// the echo is sent at once and the rest after this time.
 #[test]
 fn a_command_takes_1_to_5_ms() {
     for (line, ms) in [
@@ -145,7 +145,7 @@ fn what_is_typed_meanwhile_waits_in_its_order() {
     dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"R1=1\rPR R1\rR1=2" });
     dut.feed(Input::Message { port: MCODE, link: there, bytes: b"R1=3\rPR R1\r" });
     dut.feed(Input::Message { port: MCODE, link: HERE, bytes: b"4\rPR R1\r" });
-    // 2 ms each.
+    // Each line takes 2 ms.
     let said = |dut: &Dut| dut.said().iter().map(|(link, text)| (*link, text.clone())).collect::<Vec<_>>();
     let mut expected = Vec::new();
     for (number, (link, text)) in
@@ -161,8 +161,8 @@ fn what_is_typed_meanwhile_waits_in_its_order() {
     assert!(dut.drive.takes(MCODE));
 }
 
-/// A key behind a line acts behind it, and so does one of somebody else: nothing begins to move behind an Esc that was
-/// typed after it.
+/// A key after a line takes effect after the line, also from another connection. So nothing begins to move
+/// after an Esc that was typed after the line.
 #[test]
 fn an_escape_waits_for_the_line_before_it() {
     for link in [HERE, Link(1)] {
@@ -241,10 +241,10 @@ fn connections_have_lines_of_their_own() {
     assert_eq!(dut.types("PR \"he"), "PR \"he");
     assert_eq!(dut.types_on(there, "R1=5\r"), "R1=5\r\n>");
     assert_eq!(dut.types("re\"\r"), "re\"\r\nhere\r\n>");
-    // The mode is the drive's.
+    // Echo mode belongs to the drive, not to the connection.
     dut.types_on(there, "EM=2\r");
     assert_eq!(dut.types("PR R1\r"), "5\r\n");
-    // A line goes with its connection.
+    // When a connection is closed, its unfinished line is dropped.
     dut.types_on(there, "R1=");
     dut.feed(Input::Closed { port: MCODE, link: there });
     dut.feed(Input::Opened { port: MCODE, link: there });
@@ -302,7 +302,7 @@ fn ctrl_c_starts_the_drive_again_and_connections_stay() {
     assert_eq!(dut.types("PR R1\r"), "PR R1\r\n5\r\n>");
 }
 
-/// The sign-on does not go on with what was being typed.
+/// The sign-on begins on a new line.
 #[test]
 fn ctrl_c_ends_the_line_that_is_typed() {
     let mut dut = Dut::plus();
@@ -314,7 +314,7 @@ fn ctrl_c_ends_the_line_that_is_typed() {
     assert_eq!(dut.types("PR P\x03"), sign_on);
 }
 
-/// What comes while IV waits, and is no number, ends that with its carriage return (MC 5-36).
+/// Input that IV waits for, but that is no number, ends the wait with its carriage return (MC 5-36).
 #[test]
 fn a_bad_number_ends_an_input() {
     let mut dut = Dut::quiet();
@@ -323,7 +323,7 @@ fn a_bad_number_ends_an_input() {
         assert_eq!(dut.error_of(line), error, "{line}");
         assert_eq!(dut.get(Reg::IF), 0, "{line}");
     }
-    // Who types a program says nothing to it, nor does a command.
+    // Lines typed in program mode, and commands, do not end the wait of IV.
     dut.types_lines("IV R1\nPG 1");
     assert_eq!(dut.error_of("12a"), 24);
     dut.types_lines("PG\nPR R1");
@@ -362,7 +362,7 @@ fn escape_ends_the_program_and_the_line() {
     assert_eq!(dut.get(Reg::BY), 0);
     assert_eq!(dut.types("\r"), "\r\n>");
     assert_eq!(dut.get(Reg::R1), 0);
-    // ES 0 moves it to Ctrl-E (MC 5-23).
+    // With ES 0 the key is Ctrl-E (MC 5-23).
     dut.types_lines("ES=0\nEX 1");
     assert_eq!(dut.types("\x1b"), "");
     dut.wait(crate::device::Duration::millis(10));
@@ -400,7 +400,7 @@ fn keys_step_through_a_program() {
     // "You may enter immediate commands" (MC 6.1.9).
     assert_eq!(dut.types("PR \"here \" R1\r"), "here 1\r\n");
     assert_eq!(values(&mut dut), second);
-    // One of two at once comes while a line is carried out, and is nothing.
+    // The second of two keys arrives while a line is executed, and has no effect.
     dut.types("  ");
     assert_eq!(values(&mut dut)[3], 0);
     dut.types("\r");
@@ -423,7 +423,7 @@ fn a_line_is_noted_with_its_error() {
 }
 
 proptest! {
-    /// Pieces are no lines: wherever they are cut, the same comes back.
+    /// Pieces of input are not lines: wherever the input is split, the output is the same.
     #[test]
     fn pieces_may_be_cut_anywhere(
         bytes in prop::collection::vec(

@@ -1,4 +1,4 @@
-//! Sessions as somebody types them, with what comes back.
+//! Sessions on connections: typed input and its output.
 
 mod console;
 mod parse;
@@ -16,13 +16,13 @@ use crate::device::{Boot, Device, Input, Link, LogEvent, Output, Port, advance};
 use crate::testing::{Fixture, Rule, Treatment};
 use drivetwin_protocol::text::next_line;
 
-/// What is said is text.
+/// Rule for outputs: messages must be text.
 const TEXT: Rule = |output| match output {
     Output::Message { port: MCODE, bytes, .. } if std::str::from_utf8(bytes).is_err() => Treatment::Refuse,
     _ => NO_TEXT(output),
 };
 
-/// What is said need not be text.
+/// Rule for outputs: messages need not be text.
 const NO_TEXT: Rule = |output| match output {
     Output::Message { port: MCODE, bytes: [], .. } => Treatment::Refuse,
     Output::Message { port: MCODE, .. }
@@ -32,7 +32,7 @@ const NO_TEXT: Rule = |output| match output {
     _ => Treatment::Ignore,
 };
 
-/// A drive with somebody on connection 0.
+/// A drive with a client on connection 0.
 struct Dut {
     fixture: Fixture<Mdrive>,
 }
@@ -54,7 +54,7 @@ impl DerefMut for Dut {
 const HERE: Link = Link(0);
 
 impl Dut {
-    /// A drive that is ready, with somebody on connection 0, in this echo mode.
+    /// A drive that is ready, with a client on connection 0, in this echo mode.
     fn ready(drive: Mdrive, echo: i64) -> Self {
         let fixture = Fixture::with_memory(drive, vec![0xFF; MEMORY]).ruled(TEXT);
         let mut dut = Self { fixture };
@@ -67,7 +67,7 @@ impl Dut {
         Self::ready(Mdrive::plus(), 0)
     }
 
-    /// One that says nothing but what is printed.
+    /// A drive without echo: it sends only printed text.
     fn quiet() -> Self {
         Self::ready(Mdrive::plus(), 2)
     }
@@ -78,24 +78,25 @@ impl Dut {
         self.out.messages.clear();
     }
 
-    /// Power goes and comes.
+    /// Switches power off and on.
     fn cycle(&mut self) {
         self.out.bytes_left = usize::MAX;
         self.power_on();
     }
 
-    /// Texts, and on which connections.
+    /// Texts that the drive has sent, each with its connection.
     fn said(&self) -> Vec<(Link, String)> {
         let said = self.out.messages.iter();
         said.map(|(_, _, link, bytes)| (*link, String::from_utf8_lossy(bytes).into_owned())).collect()
     }
 
-    /// Bytes on all connections.
+    /// Bytes that the drive has sent on all connections.
     fn bytes(&self) -> Vec<u8> {
         self.out.messages.iter().flat_map(|(.., bytes)| bytes.clone()).collect()
     }
 
-    /// Gives the drive bytes on a connection as fast as it takes them, until it has executed all of their lines.
+    /// Sends bytes on a connection as fast as the drive takes them, and runs until all their lines are
+    /// executed.
     fn send(&mut self, link: Link, mut bytes: &[u8]) {
         while let Some(bytes) = next_line(&mut bytes) {
             self.feed(Input::Message { port: MCODE, link, bytes });
@@ -106,7 +107,7 @@ impl Dut {
         }
     }
 
-    /// Types `text` on a connection, and returns what comes back there.
+    /// Types `text` on a connection, and returns the output there.
     fn types_on(&mut self, link: Link, text: &str) -> String {
         let before = self.out.messages.len();
         self.send(link, text.as_bytes());
@@ -117,7 +118,7 @@ impl Dut {
         self.types_on(HERE, text)
     }
 
-    /// Types lines, one after the other, each of which is accepted.
+    /// Types lines, one after the other. Each must be accepted.
     fn types_lines(&mut self, lines: &str) {
         for line in lines.lines() {
             self.types(line);
@@ -126,7 +127,7 @@ impl Dut {
         }
     }
 
-    /// The error of a line that is refused; it is cleared by that.
+    /// Types a line, and returns its error, which is cleared.
     fn error_of(&mut self, line: &str) -> i64 {
         self.types(line);
         self.types("\r");

@@ -1,4 +1,4 @@
-//! Lines and what they say, typed from MC and FB.
+//! Lines and their meaning, typed from MC and FB.
 
 use std::vec::Vec;
 
@@ -19,7 +19,7 @@ fn on_hybrid(line: &str) -> Result<Statement<'_>, Error> {
     parse::parse(line.as_bytes(), HYBRID, &Names::new())
 }
 
-/// A value as it is typed.
+/// Parsed value of a typed text.
 fn typed(text: &str) -> Expression<'static> {
     let line: &'static str = std::format!("R1={text}").leak();
     match parsed(line) {
@@ -32,7 +32,7 @@ fn number(number: i32) -> Expression<'static> {
     typed(&std::format!("{number}"))
 }
 
-/// What a line sets a variable to, or goes by.
+/// Steps of the value or the condition in a line.
 fn steps(line: &str) -> Vec<Step> {
     match parsed(line) {
         Ok(
@@ -51,7 +51,7 @@ fn step(operator: Operator, operand: Operand) -> Step {
     Step::Calculate { operator, not: false, operand }
 }
 
-/// The first operand.
+/// First operand of an expression.
 fn first(operand: Operand) -> Step {
     step(Operator::Plus, operand)
 }
@@ -113,7 +113,7 @@ fn expressions_are_carried_out_from_left_to_right() {
     assert_eq!(steps("R1=-R2"), [step(Operator::Minus, r2)]);
     assert_eq!(steps("- R2"), [step(Operator::Minus, r2)]);
 
-    // As many as a line holds.
+    // An expression is as long as a line allows.
     let p = Variable(Reg::P);
     assert_eq!(
         steps("R2 = P - R1 / 2"),
@@ -147,7 +147,7 @@ fn a_ratio_is_in_thousandths() {
         assert!(matches!(parsed(line), Ok(Statement::Set(Reg::CR, _))), "{line}");
         assert_eq!(steps(line), [first(Operand::Ratio(value))], "{line}");
     }
-    // Less than it is kept in.
+    // The value is finer than the thousandths in which CR is stored.
     assert_eq!(parsed("CR=1.0005"), Err(Error::IllegalValue));
     for line in ["CR=.", "CR=", "CR=1.5.0", "CR=1.5X", "CR=X.5", "CR=1X.5", "R1=.5", "MR 1.5"] {
         assert!(matches!(parsed(line), Err(Error::IllegalData | Error::UnknownLabel)), "{line}");
@@ -261,7 +261,7 @@ fn instructions_of_programs() {
         ("DC r2", Statement::Decrement(Operand::Variable(Reg::R2))),
         ("PR \"P=\",P;", Statement::Print(b"\"P=\",P;")),
     ] {
-        // A label that is one character long has the name of a variable.
+        // A label of one character may have the name of a variable.
         let expected = if line == "LB a" { Err(Error::BuiltIn) } else { Ok(statement) };
         let read = parsed(line);
         match (read, expected) {
@@ -411,17 +411,17 @@ fn the_names_of_a_hybrid_are_free_on_an_mdriveplus() {
     }
     assert_eq!(on_hybrid("CF"), Ok(Statement::ClearLocked));
     assert_eq!(on_hybrid("MU=2,1"), Ok(Statement::SetList(List::With(Reg::MU), values(&[2, 1]))));
-    // (MC 5-34)
+    // On a Hybrid I6 is a variable of MCode (MC 5-34).
     assert_eq!(find(b"I6", HYBRID), Some(Mnemonic::Variable(Reg::I6)));
     for name in ["CM", "CR", "DB", "FM", "PM", "S7", "S8", "SF", "SM", "ST"] {
         assert!(find(name.as_bytes(), PLUS).is_some(), "{name}");
         assert_eq!(find(name.as_bytes(), HYBRID), Some(Mnemonic::NotAvailable), "{name}");
     }
-    // MC 5-58: not a reserved word of the MDrive.
+    // MC 5-58: PW is not a reserved word of the MDrive.
     assert_eq!((find(b"PW", PLUS), find(b"PW", HYBRID)), (None, None));
 }
 
-/// "Illegal I/O number" (MC 9.1), and "unknown variable or flag" whatever it is set to (MC 9.2).
+/// "Illegal I/O number" (MC 9.1), and "unknown variable or flag" (MC 9.2), whatever the value is.
 #[test]
 fn what_is_no_name_is_unknown_whatever_comes_behind() {
     for line in ["S6=0,0", "S0=0,0", "s14=1", "S6 0,0", "O13=1", "O5=1,2", "D13=1", "I14=1"] {
@@ -430,13 +430,13 @@ fn what_is_no_name_is_unknown_whatever_comes_behind() {
     for line in ["XX=4,K1", "XX=1,2", "TA=4,K1", "XX 1 2", "XX", "XX=", "XYZZY=1"] {
         assert_eq!(parsed(line), Err(Error::Unknown), "{line}");
     }
-    // A name that a program may declare (MC 5-78).
+    // O5 is a name that a program may declare (MC 5-78).
     assert_eq!(parsed("O5=1"), Ok(Statement::SetUser(*b"O5", number(1))));
-    // D and the number behind it.
+    // D with a number directly after it.
     assert_eq!(parsed("D60000"), Ok(Statement::Set(Reg::D, number(60_000))));
 }
 
-/// What IV cannot wait for (MC 5-39): an instruction is not set, a keyword read only.
+/// Names that IV cannot wait for (MC 5-39): an instruction cannot be set, and a keyword is read only.
 #[test]
 fn input_is_for_what_a_number_is_all_of() {
     for (line, error) in [
@@ -466,7 +466,7 @@ fn the_serial_sister_has_six_commands_more() {
     assert_eq!(parsed("DN=\"\""), Err(Error::IllegalData));
 }
 
-/// Every name of MC chapter 5 and of the tables of chapter 4, but those of the MForce and V1 to V8.
+/// Every name of MC chapter 5 and of the tables of chapter 4, except those of the MForce and V1 to V8.
 const NAMES: &str = "A AL AS AF AT BD BP BR BY C1 C2 CA CB CC CE CF CK CL CM CP CR CT CW D D1 D2 D3 D4 D5 D9 D10 D11 D12 DB DC \
     DE DG DN E EE EF EL EM ER ES EX FC FD FM FT H HC HI HM HT I1 I2 I3 I4 I5 I6 I7 I8 I9 I10 I11 I12 I13 IC IF IH IL IN IP \
     IT IV JE L LB LD LG LK LL LM LR LT MA MD MF MP MR MS MT MU MV NE O1 O2 O3 O4 O9 O10 O11 O12 OE OH OL OT P PC PG PM PN PR \

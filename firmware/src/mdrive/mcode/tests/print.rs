@@ -1,4 +1,4 @@
-//! What PR prints (MC 5-57).
+//! Output of PR (MC 5-57).
 
 use super::*;
 
@@ -55,7 +55,7 @@ fn identity() {
     let mut dut = Dut::ready(Mdrive::hybrid(), 2);
     let version = dut.types("PR VR\r");
     assert!(version.starts_with("4.") && version.contains(", "), "{version}");
-    // 10 MHz/(0 + 2)
+    // 10 MHz/(0 + 2) for SS = TS = 0.
     assert_eq!(dut.types("PR SS \" \" TS\r"), "5000000 5000000\r\n");
     assert_eq!(dut.types("PR MU\r"), "0, 0\r\n");
 }
@@ -88,7 +88,7 @@ fn nothing_is_printed_of_a_line_with_an_error() {
         assert_eq!(dut.error_of(line), error, "{line}");
         assert_eq!(dut.said(), [], "{line}");
     }
-    // An error that comes first is not read by a line that is refused.
+    // A refused line does not read ER, although ER is its first item.
     dut.types("HELLO\rPR ER QQ\r");
     assert_eq!(dut.get(Reg::ER), 30);
 }
@@ -125,7 +125,7 @@ fn all_variables() {
         assert!(!lines.iter().any(|line| line.starts_with(&std::format!("{name} ="))), "{name}");
     }
     assert!(lines.is_sorted());
-    // Trips are among them, and each is taken as it is printed.
+    // AL includes trips. Each printed line is accepted as a command.
     for line in ["TI = 0, 0", "TP = 0, 0", "TC = 0", "TT = 0, 0", "TR = 0, 0, 0"] {
         assert!(lines.contains(&line), "{line}");
         dut.types("ER=0\r");

@@ -1,11 +1,11 @@
-//! Programs as they are typed and stored.
+//! Typing and storing programs.
 
 use proptest::prelude::*;
 
 use super::*;
 use crate::mdrive::mcode::program::{ADDRESSES, LINE_BYTES, compact};
 
-/// What L lists.
+/// Lines that L lists.
 fn listed(dut: &mut Dut, place: &str) -> Vec<String> {
     let text = dut.types(&std::format!("L {place}\r"));
     text.split_terminator("\r\n").map(String::from).collect()
@@ -29,7 +29,7 @@ fn what_is_typed_into_a_program_is_judged() {
     let mut dut = Dut::quiet();
     dut.types_lines("VA Q1\nPG 1\nLB K1");
     for (line, error) in [
-        // K1 is a line above.
+        // The label K1 exists one line above.
         ("LB K1", 28),
         ("LB Q1", 28),
         ("LB MV", 29),
@@ -63,7 +63,8 @@ fn addresses_and_labels_that_are_not_there() {
     assert_eq!(listed(&mut dut, "2047"), ["E"]);
 }
 
-/// MC 4.4 ends with 767; programs of real machines have `PG 1000`. Up to 2047 an address is as any other.
+/// MC 4.4 ends with 767, but programs of real machines have `PG 1000`. Addresses up to 2047 work like any
+/// other.
 #[test]
 fn addresses_go_on_behind_767() {
     let mut dut = Dut::quiet();
@@ -83,7 +84,7 @@ fn addresses_go_on_behind_767() {
     for line in ["EX 999", "EX 1005", "EX 2048"] {
         assert_eq!(dut.error_of(line), 42, "{line}");
     }
-    // Without E it ends behind its last line, and does not go on at the next one of all.
+    // Without E the program ends after its last line. It does not continue at the next stored line.
     dut.types_lines("R2=0\nPG 769\nR1=5\nPG\nEX 769");
     dut.wait(crate::device::Duration::millis(10));
     assert_eq!([Reg::R1, Reg::R2, Reg::ER, Reg::BY].map(|reg| dut.get(reg)), [5, 0, 0, 0]);
@@ -109,16 +110,16 @@ fn a_program_is_not_typed_over_itself() {
     let mut dut = Dut::quiet();
     dut.types_lines("PG 1\nLB K1\nR1=R1+1\nE\nPG\nPG 1");
     assert_eq!(dut.error_of("LB K1"), 28);
-    // What is refused leaves its address to the next line.
+    // A refused line leaves its address to the next line.
     dut.types_lines("LB K2\nPG");
     assert_eq!(listed(&mut dut, ""), ["LB K2", "R1=R1+1", "E"]);
-    // K1 has gone with its line, and may be anywhere now.
+    // The label K1 was deleted with its line, and may be defined anywhere now.
     dut.types_lines("PG 1\nLB K1\nPG");
     assert_eq!(dut.types("PR UV\r"), "K1 = 1\r\n\r\n");
     dut.types_lines("CP\nPG 1\nLB K1\nPG");
 }
 
-/// "LB G1 ... PG 1 ... LB SU" (MC 5-40): with an address program mode goes on there, without one it ends.
+/// "LB G1 ... PG 1 ... LB SU" (MC 5-40): with an address program mode continues there, without one it ends.
 #[test]
 fn program_mode_goes_on_at_an_address() {
     let mut dut = Dut::quiet();
@@ -130,7 +131,7 @@ fn program_mode_goes_on_at_an_address() {
     assert_eq!(listed(&mut dut, ""), ["E", "R1=5"]);
 }
 
-/// Nobody else's lines are stored, and a connection that is lost leaves nothing behind.
+/// Only lines of the connection in program mode are stored. When the connection is lost, program mode ends.
 #[test]
 fn program_mode_is_of_the_connection_that_began_it() {
     let mut dut = Dut::quiet();
@@ -174,7 +175,7 @@ fn a_locked_program_is_neither_listed_nor_changed() {
     for line in ["L", "L K1", "PG 1", "PG K1", "CP 1", "CP K1"] {
         assert_eq!(dut.error_of(line), 44, "{line}");
     }
-    // Not saved, it is gone with the power.
+    // LK was not saved, so the power cycle clears it.
     dut.cycle();
     dut.types_lines("EM=2");
     assert_eq!(listed(&mut dut, ""), ["LB K1", "E"]);
@@ -193,7 +194,7 @@ fn a_program_is_not_cleared_in_motion() {
 #[test]
 fn there_are_192_labels_and_variables() {
     let mut dut = Dut::quiet();
-    // No name of the language begins with these.
+    // No name of the language begins with these letters.
     let names: Vec<String> = (0..180)
         .map(|n| {
             std::format!(
@@ -232,7 +233,7 @@ fn the_log_fills_up_and_is_emptied() {
             error => break assert_eq!(error, 45),
         }
     }
-    // 69 bytes a line, and one behind the last.
+    // Each line takes 69 bytes, and one byte marks the end.
     assert_eq!(stored, 12 * 1024 / 69);
     dut.drive.drive.errors.clear();
     dut.types_lines("PG");
@@ -240,7 +241,7 @@ fn the_log_fills_up_and_is_emptied() {
     dut.cycle();
     dut.types_lines("EM=2");
     assert_eq!(listed(&mut dut, "").len(), stored);
-    // What is behind the last line that stays is room again.
+    // CP frees the room after the last line that stays.
     dut.types_lines("CP 2\nPG 2");
     dut.types_lines(&line);
     dut.types_lines("PG");
@@ -251,13 +252,13 @@ fn the_log_fills_up_and_is_emptied() {
     assert_eq!(listed(&mut dut, ""), ["E"]);
 }
 
-/// The log is full only of what holds.
+/// Only valid lines take room in the log.
 #[test]
 fn lines_that_are_replaced_make_room() {
     let mut dut = Dut::quiet();
     let line = |n: usize, text: &str| std::format!("PR \"{n:05}{}\"", text.repeat(54));
     dut.types_lines("PG 1\nLB K1\nE\nPG");
-    // As many as there is room for; each is replaced many times over.
+    // As many lines as there is room for, and each is replaced many times.
     for n in 0..1_000 {
         dut.types_lines(&std::format!("PG {}\n{}\nPG", 3 + n % 177, line(n, "x")));
     }
@@ -278,7 +279,8 @@ fn lines_that_are_replaced_make_room() {
     assert_eq!(listed(&mut dut, ""), [""; 0]);
 }
 
-/// Power lost while lines are moved leaves the program, or none and error 70, and what is stored then is kept.
+/// After a power failure while lines are moved, the program is complete, or empty with error 70. Lines stored
+/// afterwards are kept.
 #[test]
 fn power_lost_while_lines_make_room() {
     let mut outcomes = Vec::new();
@@ -286,7 +288,7 @@ fn power_lost_while_lines_make_room() {
         let mut dut = Dut::quiet();
         let long = std::format!("PR \"{}\"", "x".repeat(50));
         dut.types_lines("PG 1\nR1=1\nR1=2\nR1=3\nE\nPG");
-        // Until one more of these has no room.
+        // Stores lines until the log has no room for one more.
         for _ in 0..12 * 1024 / 60 {
             dut.types_lines(&std::format!("PG 2\n{long}\nPG"));
         }
@@ -313,7 +315,7 @@ fn power_lost_while_lines_make_room() {
     assert!(outcomes.contains(&70) && outcomes.last() == Some(&0), "{outcomes:?}");
 }
 
-/// A drive with five lines, two of them replaced.
+/// A drive with five lines. Its log has two more lines, which have been replaced.
 fn some_program() -> Dut {
     let mut dut = Dut::quiet();
     dut.types_lines("PG 1\nLB K1\nR1=1\nR1=2\nPG\nPG 2\nR1=3\nPG\nPG 100\nLB K2\nE\nPG\nPG 2\nR1=4\nPG");
@@ -337,7 +339,7 @@ fn power_lost_while_a_line_is_stored_leaves_it_there_or_not() {
         let lines = listed(&mut dut, "");
         outcomes.push(lines == after);
         assert!(lines == before || lines == after, "{bytes}: {lines:?}");
-        // What is stored then is not spoiled by the rest.
+        // The incomplete line does not damage a line that is stored afterwards.
         dut.types_lines("PG 102\nPG");
         dut.types_lines("PG 102\nE\nPG");
         assert_eq!(listed(&mut dut, "102"), ["E"]);
@@ -376,7 +378,7 @@ fn power_lost_while_lines_are_cleared_brings_no_older_ones_back() {
 fn check_sums_are_looked_at_when_power_comes_and_not_by_each_line() {
     let mut dut = Dut::quiet();
     dut.types_lines("PG 1\nE\nPG");
-    // Two bytes of address, one of length, the character; behind it the sum.
+    // Two bytes of address, one of length, the character; then the CRC.
     dut.out.memory[crate::mdrive::saved::PROGRAM + 4] ^= 1;
     assert_eq!(listed(&mut dut, ""), ["E"]);
     dut.cycle();
@@ -421,7 +423,7 @@ fn a_label_that_runs_at_power_on_is_found_again() {
 }
 
 proptest! {
-    /// Whatever is typed into a program is listed as it is kept, now and after a power cycle.
+    /// Typed lines of a program are listed as they are stored, before and after a power cycle.
     #[test]
     fn a_program_is_what_the_last_lines_of_its_addresses_say(
         steps in prop::collection::vec((1_u16..30, 1_u16..999, prop::bool::weighted(0.1)), 1..40)
@@ -444,7 +446,7 @@ proptest! {
         prop_assert_eq!(&listed(&mut dut, ""), &expected);
     }
 
-    /// What is kept means what was typed.
+    /// Bringing a stored line into stored form again changes nothing.
     #[test]
     fn a_line_that_is_kept_is_kept_as_it_is(line in prop::collection::vec(any::<u8>(), 0..=64)) {
         let kept = compact(&line);

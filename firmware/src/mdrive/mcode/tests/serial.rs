@@ -1,4 +1,4 @@
-//! The serial sister: party mode and check sums (MC 5-12, 5-59, 7.1).
+//! Commands of drives with a serial port: party mode and checksums (MC 5-12, 5-59, 7.1).
 
 use super::*;
 
@@ -11,7 +11,7 @@ impl Dut {
         dut
     }
 
-    /// Types bytes that are no text, and returns what comes back.
+    /// Types bytes that are not text, and returns the output.
     fn types_bytes(&mut self, bytes: &[u8]) -> Vec<u8> {
         let before = self.bytes().len();
         self.send(HERE, bytes);
@@ -19,7 +19,7 @@ impl Dut {
     }
 }
 
-/// A line with its check sum: the 2's complement of the sum of its characters, or'ed with 80h (MC 7.1.2).
+/// Line with its checksum: the 2's complement of the sum of its characters, or'ed with 80h (MC 7.1.2).
 fn checked(line: &str) -> Vec<u8> {
     let sum: u32 = line.bytes().map(u32::from).sum();
     let mut bytes = line.as_bytes().to_vec();
@@ -37,7 +37,7 @@ fn without_the_setting_there_is_none_of_it() {
     for line in ["PY=1", "CK=1", "DN=\"A\"", "QD=1", "DG=0", "BD=19", "PR PY"] {
         assert_eq!(dut.error_of(line), 37, "{line}");
     }
-    // A saved value does nothing alone.
+    // Without `SerialCommands` a saved value of PY or CK has no effect.
     dut.set(Reg::PY, 1);
     dut.set(Reg::CK, 1);
     assert_eq!(dut.types("PR P\r"), "PR P\r\n0\r\n>");
@@ -46,7 +46,7 @@ fn without_the_setting_there_is_none_of_it() {
 #[test]
 fn the_six_commands() {
     let mut dut = Dut::sister(2);
-    // (MC 5-20)
+    // Values that MC 5-20 does not allow.
     for line in ["DN=\"*\"", "DN=\"42\"", "DN=\"^\"", "DN=\" \"", "DN=\"{\""] {
         assert_eq!(dut.error_of(line), 21, "{line}");
     }
@@ -62,16 +62,16 @@ fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
     let mut dut = Dut::sister(0);
     dut.types_lines("DN=\"a\"");
     assert_eq!(dut.types("PY=1\r"), "PY=1\r\n>");
-    // It begins with a Ctrl-J.
+    // Party mode begins with a Ctrl-J.
     assert_eq!(dut.types("aR1=5\n"), "");
-    // Its name is part of the echo (MDRIVE-40).
+    // The name is part of the echo (MDRIVE-40).
     assert_eq!(dut.types("aR1=7\n"), "aR1=7\r\n>");
     assert_eq!(dut.types("aPR R1\n"), "aPR R1\r\n7\r\n>");
     assert_eq!(dut.types("aPR R1\r\n"), "aPR R1\r\n7\r\n>", "CR is nothing");
-    // Others, a name in capitals, and a queue that it does not stand in.
+    // Another drive's name, the name in capitals, and the name of queued drives, which this drive is not.
     assert_eq!(dut.types("bR1=8\nAR1=8\n^R1=8\n"), "");
     assert_eq!(dut.types("aPR R1\n"), "aPR R1\r\n7\r\n>");
-    // All do it, but do not answer (DG 1).
+    // The line is for all drives. They execute it, but do not answer (DG 1).
     assert_eq!(dut.types("*R1=9\n*PR R1\n"), "");
     assert_eq!(dut.types("aDG=0\n"), "aDG=0\r\n>");
     assert_eq!(dut.types("*PR R1\n"), "*PR R1\r\n9\r\n>");
@@ -80,7 +80,8 @@ fn a_party_is_called_by_name_and_ends_lines_with_ctrl_j() {
     assert_eq!(dut.types("PR R1\r"), "PR R1\r\n9\r\n>");
 }
 
-/// "One CTRL + J must be issued after power up or entering the Party Mode" (MC 5-59): on whatever connection.
+/// "One CTRL + J must be issued after power up or entering the Party Mode" (MC 5-59). Any connection may send
+/// it.
 #[test]
 fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     let mut dut = Dut::sister(2);
@@ -95,27 +96,27 @@ fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types_on(there, "!PR R1\n"), "6\r\n");
 
-    // Entered anew, by whomever.
+    // Party mode begins again, this time not by a typed line.
     dut.set(Reg::PY, 0);
     assert_eq!(dut.types_on(there, "PR R1\r"), "6\r\n");
     assert_eq!(dut.types("PR R1\r"), "6\r\n");
     dut.set(Reg::PY, 1);
     assert_eq!(dut.types_on(there, "!PR R1\n!PR R1\n"), "6\r\n");
 
-    // Power up.
+    // The same after power-up.
     dut.types("!S\n");
     dut.wait(crate::device::Duration::secs(1));
     dut.cycle();
     dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types("!PR R1\n!PR R1\n"), "6\r\n");
     assert_eq!(dut.types_on(there, "!PR R1\n"), "6\r\n");
-    // So is Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).
+    // The same after Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).
     dut.types("\x03");
     dut.wait(crate::device::Duration::secs(1));
     assert_eq!(dut.types("!PR R1\n!PR R1\n").matches("6\r\n").count(), 1);
 }
 
-/// Bytes that dvg-devices waits for (MDRIVE-38).
+/// The client dvg-devices waits for these bytes (MDRIVE-38).
 #[test]
 fn escape_in_a_party_is_answered() {
     for (mode, answer, with_error) in
@@ -127,7 +128,7 @@ fn escape_in_a_party_is_answered() {
         assert_eq!(dut.types("\nbR1=5\x1b"), answer, "whomever the line is for");
         dut.types("\n!HELLO\n");
         assert_eq!(dut.types("\x1b"), with_error);
-        // One with a name is answered by whom it is for.
+        // With ES 3 only the addressed drive answers.
         dut.types("\n!ER=0\n!ES=3\n");
         assert_eq!(dut.types("\n\x1bb\x1b\n"), "");
         dut.types("!");
@@ -135,7 +136,7 @@ fn escape_in_a_party_is_answered() {
     }
 }
 
-/// Bytes that dvg-devices waits for (MDRIVE-39).
+/// The client dvg-devices waits for these bytes (MDRIVE-39).
 #[test]
 fn in_mode_1_a_value_stands_alone_while_a_program_runs() {
     let mut dut = Dut::sister(1);
@@ -203,7 +204,7 @@ fn the_check_sum_of_the_manual() {
     dut.types_lines("CK=1");
     assert_eq!(dut.types_bytes(&joined(&[b"MR 1", &[144], b"\r"])), [0x06]);
     assert_eq!(dut.get(Reg::MR), 1);
-    // mr sums up to something else.
+    // In lower case the sum is another one.
     assert_eq!(dut.types_bytes(&joined(&[b"mr 1", &[144], b"\r"])), [0x15]);
     assert_eq!(dut.get(Reg::ER), 0, "it is ignored");
     assert_eq!(dut.types_bytes(b"MR 1\r"), [0x15]);

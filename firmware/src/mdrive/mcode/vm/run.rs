@@ -1,4 +1,4 @@
-//! Run of the program: its start, holds, interrupts and end, and its lines.
+//! Execution of the program: start, pauses, interrupts and end, and its lines.
 
 use heapless::Vec;
 
@@ -11,17 +11,18 @@ use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::statement::{Place, Statement, Trip};
 
 impl Drive {
-    /// The address of a line.
+    /// Address of a line that exists.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 where there is no line.
+    /// 30 for a name that is no label, 42 if there is no line.
     pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
         let address = self.address(place)?;
         let found = self.mcode.program.next(address) == Some(address);
         if found { Ok(address) } else { Err(Error::IllegalAddress) }
     }
 
-    /// EX: runs the program at a place, in mode 0, 1 (trace) or 2 (single step), instead of one that runs.
+    /// EX: runs the program at a place, in mode 0, 1 (trace) or 2 (single step). A program that runs already
+    /// ends.
     ///
     /// # Errors
     /// 21, 30, 42; nothing has happened then.
@@ -51,16 +52,16 @@ impl Drive {
         if mode == Mode::Step {
             vm.phase = Phase::Line(at + LINE);
         }
-        // EF "is automatically cleared when a new program is executed", local variables are "erased and declared
-        // again each time" (MC 5-21, 3.2.2).
+        // EF "is automatically cleared when a new program is executed", local variables are "erased and
+        // declared again each time" (MC 5-21, 3.2.2).
         self.errors.clear();
         self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Local(_)));
         self.mcode.vm.forget_input_for(|name| self.mcode.names.find(name).is_none());
         Ok(())
     }
 
-    /// E: the program ends; motion goes on, but for what PS has interrupted, and what waits behind that: nothing is
-    /// left that RS could resume.
+    /// E: ends the program. Motion continues. But if the program is paused, the interrupted motion and the
+    /// waiting task are dropped: RS has nothing to resume.
     pub(in crate::mdrive) fn end_program(&mut self) {
         if self.mcode.vm.is_paused() {
             self.motion.clear_waiting();
@@ -68,7 +69,7 @@ impl Drive {
         self.mcode.vm.end();
     }
 
-    /// PS: the program stands still, and motion stops with its ramp.
+    /// PS: pauses the program, and stops motion with its ramp.
     pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &mut self.mcode.vm;
         if !vm.is_paused() && (vm.is_running() || self.motion.is_moving()) {
@@ -77,7 +78,7 @@ impl Drive {
         }
     }
 
-    /// RS: both go on.
+    /// RS: resumes program and motion.
     pub(in crate::mdrive) fn resume_program(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(since) = self.mcode.vm.paused.take() {
             self.mcode.vm.shift(at.since(since));
@@ -86,8 +87,8 @@ impl Drive {
         }
     }
 
-    /// An error has come: the handler of OE is called, if there is one, also without a program, but not while one is
-    /// typed (MC 5-52).
+    /// Calls the handler of OE after an error, if there is one. Without a program the handler is called, too,
+    /// but not while a program is being typed (MC 5-52).
     pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Context) {
         if self.calls_error_handler() {
             self.mcode.vm.handler_is_due = true;
@@ -100,13 +101,13 @@ impl Drive {
         vm.handler.is_some() && !vm.handles() && !self.mcode.consoles.is_programming()
     }
 
-    /// A trip calls its subroutine.
+    /// Calls the subroutine of a trip.
     pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
         self.mcode.vm.trips_due |= trip.bit();
         self.interrupt_program(at, out);
     }
 
-    /// The next line is due, or the condition it waits for is true.
+    /// Handles the deadline of the program: a line has been executed, or the time of H has passed.
     pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         match self.mcode.vm.phase {
             Phase::Until(_) => self.mcode.vm.begin(at),
@@ -115,7 +116,7 @@ impl Drive {
         }
     }
 
-    /// Lets H go on with the next line once motion is over.
+    /// Ends an H that waits for the end of motion, once motion has ended.
     pub(in crate::mdrive) fn check_standstill(&mut self, at: Instant) {
         if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
             self.mcode.vm.begin(at);
@@ -126,14 +127,14 @@ impl Drive {
         let address = self.mcode.vm.address;
         let mut line = Vec::<u8, LINE_BYTES>::new();
         match self.mcode.program.line(out.memory(), address) {
-            // None is longer.
+            // No stored line is longer.
             Some(text) => line.extend_from_slice(text).unwrap_or_default(),
-            // Behind the last line: a program without E, as in MC 7.2.5.
+            // There are no more lines: a program without E ends here, as in MC 7.2.5.
             None => return self.end_program(),
         }
         let vm = &mut self.mcode.vm;
         vm.address = address.saturating_add(1);
-        // The time between two lines, unless this one sets another.
+        // Phase after an executed line, unless the line sets another one.
         vm.phase = Phase::Line(at);
         if matches!(vm.mode, Mode::Trace | Mode::Step) {
             self.send_to_all(at, &line, out);
@@ -155,7 +156,7 @@ impl Drive {
         }
     }
 
-    /// Calls what interrupts at once, but for a line that is being carried out, or a pause.
+    /// Calls a pending subroutine at once, unless a line is being executed or the program is paused.
     fn interrupt_program(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &self.mcode.vm;
         if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
@@ -163,7 +164,7 @@ impl Drive {
         }
     }
 
-    /// Calls one of the subroutines that are to be called: OE's handler first, then trips in the order of TE.
+    /// Calls one of the pending subroutines: OE's handler first, then trips in the order of TE.
     fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
         let vm = &mut self.mcode.vm;
         let handles = core::mem::take(&mut vm.handler_is_due);
@@ -177,7 +178,7 @@ impl Drive {
         let Some(place) = place else { return };
         let found = self.find_line(place);
         if handles && found.is_err() {
-            // It is not there any more, and would be called by its own failure.
+            // The handler does not exist any more. If it stayed set, its own failure would call it.
             self.mcode.vm.handler = None;
         }
         let address_state = found.and_then(|address| self.mcode.vm.call(at, address, handles));
@@ -186,14 +187,15 @@ impl Drive {
         }
     }
 
-    /// A line, or a call, of the program has gone wrong. That may end it, but not where OE's handler is called:
-    /// "program execution continues with the instruction after the one that caused the error" (MC 5-52).
+    /// Handles an error of a line or a call of the program. Some errors end the program. They do not if OE's
+    /// handler is called: "program execution continues with the instruction after the one that caused the
+    /// error" (MC 5-52).
     fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         let handles = self.mcode.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {
             self.end_program();
         }
-        // The handler is not called by errors of its own, even if it has ended with them.
+        // Errors of the handler do not call the handler, even if they have ended it.
         if handles {
             self.errors.set(error);
         } else {

@@ -1,25 +1,25 @@
-//! EE = 1 (MC 7.3.7, 5-18, 5-56, 5-68 to 5-70).
+//! Closed loop, EE = 1 (MC 7.3.7, 5-18, 5-56, 5-68 to 5-70).
 
 use super::super::Channel;
 use super::*;
 
-/// What the factory's values are in counts.
+/// The factory's settings in counts.
 const COUNTS: Settings =
     Settings { start: 40, speed: 30_720, up: 40_000, down: 40_000, closed: true, settle_ms: 50, ..FACTORY };
 
 impl Bench {
-    /// Runs until the built-in encoder shows so many counts.
+    /// Runs until the built-in encoder shows this count.
     fn run_to_count(&mut self, count: i32) {
         self.run(3.millis());
         self.run_to(self.motion.reaches_steps(self.now, 25 * count));
-        // The step is made at the nearest tick.
+        // The plan makes the step at the nearest tick, which may be one tick later.
         self.run(Duration::TICK);
         assert_eq!(self.c2(), count);
     }
 
-    /// Makes so many edges of a remote encoder, a millisecond apart, from both channels high.
+    /// Makes this number of edges of a remote encoder, a millisecond apart, starting with both channels high.
     fn edges(&mut self, edges: i32) {
-        // Forward A falls first.
+        // In forward motion channel A falls first.
         let forward = [(Channel::A, false), (Channel::B, false), (Channel::A, true), (Channel::B, true)];
         for _ in 0..edges.unsigned_abs() {
             let back = edges < 0;
@@ -43,7 +43,8 @@ fn all_motion_is_in_counts() {
     let mut bench = Bench::new(COUNTS);
     bench.does(by(7_168));
     bench.run(900.millis());
-    // As 768,000 steps/s, which are 30,720 counts/s: 3.5 turns are too few to come there.
+    // Like 768,000 steps/s, which are 30,720 counts/s. In 3.5 revolutions the motor does not reach this
+    // speed.
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2(), bench.errors()), (7_168 * 25, 7_168, Vec::new()));
     bench.does(Order::Slew(-7_168));
@@ -76,7 +77,7 @@ fn absolute_moves_go_by_c2() {
     bench.does(to(-500));
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (500 * 25, -500));
-    // 2^31 counts are more steps than 32 bits hold.
+    // 2³¹ counts are more steps than fit in 32 bits.
     assert_eq!(bench.order(by(i32::MAX)), Err(Error::IllegalValue));
 }
 
@@ -90,14 +91,14 @@ fn with_1000_lines_a_count_is_no_whole_number_of_steps() {
         bench.run_out();
         assert_eq!(bench.c2(), count);
     }
-    // 12.8 steps a count; there and back again leaves nothing.
+    // A count is 12.8 steps. After moves there and back the position is 0 again.
     assert_eq!(bench.c1(), 0);
 }
 
 #[test]
 fn a_stall_is_told_when_it_is_sf_counts_behind() {
-    // "The device reaches a mechanical bind at 2000 counts. The device will keep outputting steps equivalent to 2030
-    // counts" (MC 7-23).
+    // "The device reaches a mechanical bind at 2000 counts. The device will keep outputting steps equivalent
+    // to 2030 counts" (MC 7-23).
     let mut bench = Bench::new(Settings { stall_factor: 30, ..COUNTS });
     bench.does(by(2_048));
     bench.run_to_count(2_000);
@@ -129,11 +130,11 @@ fn with_sm_it_goes_on_and_is_corrected_three_times() {
         assert!(bench.is_moving());
         bench.run(MS);
     }
-    // MC 9.6, 93.
+    // MC 9.6, error 93.
     assert_eq!(bench.order(to(0)), Err(Error::Correcting));
     assert!(bench.is_positioning());
     bench.run_out();
-    // 48 counts are missing, three times.
+    // Each of the three corrections makes the 48 counts that are missing.
     assert_eq!((bench.c1(), bench.c2()), (51_200 + 3 * 48 * 25, 2_000));
     assert_eq!(
         bench.errors(),
@@ -149,7 +150,8 @@ fn with_sm_it_goes_on_and_is_corrected_three_times() {
     assert_eq!(bench.c2(), c2 + 100);
 }
 
-/// "When SM=1, the motor will try to continue the move. In either case ST (Stall Flag) will be set" (MC 5-69).
+/// "When SM=1, the motor will try to continue the move. In either case ST (Stall Flag) will be set" (MC
+/// 5-69).
 #[test]
 fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
     let settings = Settings { goes_on_stalled: true, ..COUNTS };
@@ -158,7 +160,7 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
     for (count, lost) in [(1_000, 41), (2_000, 82)] {
         bench.run(3.millis());
         bench.run_to(bench.motion.reaches_steps(bench.now, 25 * count));
-        // 8,944 counts/s and more: in 4 ms 36 to 50 counts, where its torque repeats every 40.96.
+        // 8,944 counts/s and more: 36 to 50 counts in 4 ms. The torque repeats every 40.96 counts.
         bench.hold(true);
         bench.run(4.millis());
         bench.hold(false);
@@ -180,11 +182,11 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
     assert_eq!(bench.errors(), [Error::Stall, Error::Stall]);
 }
 
-/// A slew has no end at which the shaft could fall in.
+/// A slew has no end at which the shaft could come into step again.
 #[test]
 fn with_sm_a_slew_goes_on_after_a_stall() {
-    // 1 N·m by 25 % takes 4·10⁻⁵ kg·m² along at 4.4 turns/s, 9,000 counts/s (two full steps are 0.0628 rad), with
-    // friction at somewhat less.
+    // 1 N·m at 25 % can bring 4·10⁻⁵ kg·m² up to 4.4 revolutions/s, 9,000 counts/s, within two full steps
+    // (0.0628 rad). With friction it is somewhat less.
     let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
     for (speed, continuous) in [(2_048, true), (-8_000, true), (10_000, false), (-10_000, false)] {
         for goes_on_stalled in [false, true] {
@@ -270,7 +272,7 @@ fn a_remote_encoder_that_does_not_count_is_a_stall() {
     bench.edges(20);
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2(), bench.errors()), (35 * 25, 20, [Error::Stall].to_vec()));
-    // The wrong way.
+    // The encoder counts in the wrong direction.
     let mut bench = Bench::new(COUNTS);
     bench.plug();
     bench.does(Order::Slew(40));
@@ -288,7 +290,7 @@ fn position_maintenance_brings_back_what_was_forced_away() {
     assert!(!bench.is_moving(), "it is within DB");
     bench.edges(-1);
     assert_eq!((bench.c2(), bench.is_moving(), bench.is_positioning(), bench.v()), (-11, true, false, 40));
-    // 275 steps at 1,000 steps/s; the encoder does not turn with them.
+    // The correction makes 275 steps at 1,000 steps/s. The remote encoder does not turn with them.
     bench.run(300.millis());
     assert_eq!(bench.c1(), 11 * 25);
     bench.edges(1);
@@ -342,7 +344,8 @@ fn escape_while_it_settles_leaves_it_where_it_is() {
     assert_eq!((bench.c1(), bench.errors()), (2_500, Vec::new()));
 }
 
-/// 1 N·m at 3 A, and no pull but of what is said. 100 rpm of 3,000 take a thirtieth of it.
+/// 1 N·m at 3 A, without friction. A speed of 100 rpm takes a thirtieth of the torque, because none is left
+/// at 3,000 rpm.
 const LOADED: Settings = Settings {
     run_percent: 25,
     machine: StepperParameters {
@@ -354,7 +357,7 @@ const LOADED: Settings = Settings {
     ..COUNTS
 };
 
-/// 40 % of 1 N·m, less a third at 750 rpm of 3,000, which are 12.5 turns/s of 2,048 counts.
+/// 40 % of 1 N·m, a quarter less at 750 of 3,000 rpm. 750 rpm are 12.5 revolutions/s of 2,048 counts.
 #[test]
 fn friction_stalls_a_motor_that_is_too_fast() {
     let machine = StepperParameters { friction_unm: 300_000, ..LOADED.machine };
@@ -372,7 +375,8 @@ fn friction_stalls_a_motor_that_is_too_fast() {
     }
 }
 
-/// 20,000 g·cm² by 40,000 counts/s² are 2 g·m² by 122.7 rad/s²: 245.4 mN·m of the 250 that 25 % are at standstill.
+/// 20,000 g·cm² times 40,000 counts/s² is 2 g·m² times 122.7 rad/s²: 245.4 mN·m. At standstill 25 % give 250
+/// mN·m.
 #[test]
 fn inertia_stalls_a_motor_that_speeds_up() {
     let settings = |inertia_gcm2, up| Settings {
@@ -393,10 +397,10 @@ fn inertia_stalls_a_motor_that_speeds_up() {
     }
 }
 
-/// Without EE nobody looks: the shaft falls in again, four full steps or more behind.
+/// With EE = 0 the drive does not notice a stall: the shaft is in step again four full steps or more behind.
 #[test]
 fn a_load_loses_steps_in_open_loop() {
-    // Up 300 of 250 mN·m; what is held are 350.
+    // Upwards 300 mN·m are needed and 250 are available. At rest friction helps to hold, 350 mN·m.
     let machine = StepperParameters { load_unm: 200_000, friction_unm: 100_000, ..LOADED.machine };
     let settings = Settings { machine, closed: false, hold_percent: 25, ..FACTORY };
     let mut bench = Bench::new(settings);
@@ -409,14 +413,15 @@ fn a_load_loses_steps_in_open_loop() {
     assert_eq!((bench.c1(), bench.errors()), (0, Vec::new()));
     let lost = -bench.c2() * 25;
     assert!(lost >= 51_200, "{lost} steps");
-    // The load goes, and nothing more is lost.
+    // Without the load no more steps are lost.
     bench.set(Settings { machine: LOADED.machine, ..settings });
     bench.does(by(51_200));
     bench.run_out();
     assert!((bench.c2() * 25 - (51_200 - lost)).abs() <= 25);
 }
 
-/// All that lets a shaft at rest go, and what holds it then, in µN·m: of 1 N·m at 3 A with 10 mN·m of friction.
+/// Settings for a shaft at rest, and the torque that holds it, in µN·m: of 1 N·m at 3 A, with 10 mN·m of
+/// friction.
 fn releases() -> [(Settings, u32); 4] {
     let machine = StepperParameters { holding_unm: 1_000_000, ..StepperParameters::NOMINAL };
     let rests = Settings { machine, ..COUNTS };
@@ -428,7 +433,8 @@ fn releases() -> [(Settings, u32); 4] {
     ]
 }
 
-/// "The hold current must be sufficient to overcome an outside force" (MC 7-23), and DE 0 is none (MC 5-19).
+/// "The hold current must be sufficient to overcome an outside force" (MC 7-23). DE 0 means no current (MC
+/// 5-19).
 #[test]
 fn a_load_turns_a_shaft_at_rest_that_nothing_holds() {
     for (settings, holds) in releases() {
@@ -441,11 +447,11 @@ fn a_load_turns_a_shaft_at_rest_that_nothing_holds() {
                     ..settings
                 });
                 bench.run(100.millis());
-                // 1 mN·m by 4·10⁻⁵ kg·m² are 25 rad/s²; in 0.1 s 40.7 of 2,048 counts.
+                // 1 mN·m at 4·10⁻⁵ kg·m² is 25 rad/s²: 40.7 of 2,048 counts in 0.1 s.
                 let expected =
                     f64::from(-way * turns * load) * 25.0 * 0.005 / (2.0 * core::f64::consts::PI) * 2_048.0;
                 let got = f64::from(bench.c2());
-                // The bound is 3,000 rpm, 102,400 counts/s.
+                // The maximum speed is 3,000 rpm, 102,400 counts/s.
                 let is_bound = expected.abs() > 5_000.0;
                 let expected = if is_bound { got.clamp(-10_240.0, 10_240.0) } else { expected };
                 assert!((got - expected).abs() <= 1.0, "{holds} {load_unm}: {got}, not {expected}");
@@ -460,8 +466,8 @@ fn a_load_turns_a_shaft_at_rest_that_nothing_holds() {
     }
 }
 
-/// DE 0 for 40 ms under a load that HC holds: 40 mN·m more than friction by 4·10⁻⁵ kg·m² are 1,000 rad/s², 0.8 rad, a
-/// quarter of a thousand of 2,048 counts. DE 1 brakes it, and PM brings it back to within DB at VI.
+/// DE is 0 for 40 ms under a load that HC holds. 40 mN·m more than friction at 4·10⁻⁵ kg·m² are 1,000 rad/s²:
+/// 0.8 rad, about 260 of 2,048 counts. DE 1 brakes the shaft, and PM brings it back to within DB at VI.
 #[test]
 fn position_maintenance_brings_back_what_a_load_has_turned() {
     for (maintains, goes_on_stalled, stall_factor, comes_back, stalls) in [
@@ -491,13 +497,13 @@ fn position_maintenance_brings_back_what_a_load_has_turned() {
             bench.set(settings);
             bench.run(3.secs());
             let away = bench.c2().abs();
-            // With SM 1 a stall may be told while it is braked, 65 counts.
+            // With SM 1 the drive may report a stall while the shaft is braked, which takes 65 counts.
             let stalled = !bench.errors().is_empty();
             assert!(bench.errors().iter().all(|error| *error == Error::Stall));
             assert!(stalled == stalls || maintains && goes_on_stalled);
             assert_eq!((bench.motion.has_stalled(), bench.is_moving()), (stalled, false));
             assert!(if comes_back { away <= 10 } else { away > 258 }, "PM {maintains}: {away} counts away");
-            // And stays there.
+            // The shaft stays there.
             let c2 = bench.c2();
             bench.run(10.secs());
             assert_eq!(bench.c2(), c2);
@@ -505,7 +511,8 @@ fn position_maintenance_brings_back_what_a_load_has_turned() {
     }
 }
 
-/// Not by DE: the load is for 50 ms more than HC holds. At DB + 1 counts RC takes over, which is more.
+/// Here DE stays 1, but the load is heavier than HC can hold for 50 ms. At DB + 1 counts the correction uses
+/// RC, which is more.
 #[test]
 fn position_maintenance_takes_rc_against_a_load() {
     for way in [1, -1] {
@@ -527,7 +534,8 @@ fn position_maintenance_takes_rc_against_a_load() {
     }
 }
 
-/// A motor of 400 full steps: 102,400 steps of 1/256 and 2,048 counts are a turn, and MS is at least EL x 8 / 400.
+/// A motor of 400 full steps: a revolution is 102,400 steps of 1/256 and 2,048 counts. The minimum of MS is
+/// EL x 8 / 400.
 #[test]
 fn other_full_steps_have_other_steps_in_a_turn() {
     for (steps_per_rev, steps_per_count) in [(400, 50), (100, 12), (48, 6)] {
@@ -543,7 +551,7 @@ fn other_full_steps_have_other_steps_in_a_turn() {
         bench.run_out();
         assert_eq!((bench.c2(), bench.errors()), (4_096, Vec::new()));
         assert_eq!(bench.c1(), 2 * i32::from(steps_per_rev) * 256);
-        // A held shaft stalls SF counts on.
+        // With a blocked shaft the stall is detected after SF counts.
         bench.hold(true);
         bench.does(by(2_048));
         bench.run_out();

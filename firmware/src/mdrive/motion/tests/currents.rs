@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn the_run_current_comes_with_a_motion_and_goes_ht_after_it() {
     let mut bench = Bench::new(SLOW);
-    // Percents of 3 A.
+    // Currents are in percent of 3 A.
     assert_eq!(bench.out.currents, [(Instant::ZERO, AXIS, 150)]);
     bench.run(10.millis());
     bench.does(to(100));
@@ -32,12 +32,12 @@ fn a_motion_within_ht_keeps_the_current() {
 
 #[test]
 fn with_ht_0_the_current_is_never_reduced() {
-    // MC 5-32.
+    // HT 0 (MC 5-32).
     let mut bench = Bench::new(Settings { hold_delay_ms: 0, ..SLOW });
     bench.does(to(1));
     bench.run(100.secs());
     assert_eq!(bench.out.currents.last(), Some(&(Instant::ZERO, AXIS, 750)));
-    // What is set late enough acts at once.
+    // If HT has already passed when it is set, it takes effect at once.
     bench.set(Settings { hold_delay_ms: 2, ..SLOW });
     assert_eq!(bench.out.currents.last(), Some(&(bench.now, AXIS, 150)));
 }
@@ -55,7 +55,7 @@ fn percents_act_at_once_where_they_count() {
 
 #[test]
 fn what_holds_without_current_follows_all_the_same() {
-    // As MC 8.7, where HC is 0.
+    // As in MC 8.7, where HC is 0.
     for order in [to(50_000), Order::Slew(50_000)] {
         let mut bench = Bench::new(Settings { hold_percent: 0, ..FACTORY });
         bench.does(order);
@@ -67,7 +67,7 @@ fn what_holds_without_current_follows_all_the_same() {
 
 #[test]
 fn without_its_bridge_the_indexer_runs_and_the_shaft_does_not() {
-    // MC 5-19.
+    // DE 0 (MC 5-19).
     let mut bench = Bench::new(Settings { enabled: false, ..SLOW });
     assert_eq!(bench.out.currents, [(Instant::ZERO, AXIS, 0)]);
     bench.does(to(1_000));
@@ -77,14 +77,14 @@ fn without_its_bridge_the_indexer_runs_and_the_shaft_does_not() {
     bench.does(by(1_000));
     bench.run_out();
     bench.run(2.millis());
-    // It falls in at the nearest place, at most two full steps away: 2·256/25 counts.
+    // The shaft comes into step at the nearest position, at most two full steps away: 2·256/25 counts.
     assert_eq!(bench.c1(), 2_000);
     assert!((bench.c2() - 40).abs() <= 21, "{}", bench.c2());
 }
 
 #[test]
 fn ms_is_the_size_of_a_step() {
-    // A turn is 200 full steps and 2,048 counts (MC 5-48).
+    // A revolution is 200 full steps and 2,048 counts (MC 5-48).
     for (microsteps, turn) in [(1, 200), (108, 21_600), (127, 25_400), (180, 36_000), (250, 50_000)] {
         let mut bench = Bench::new(Settings { microsteps, start: 100, speed: 10_000, ..FACTORY });
         bench.does(by(2 * turn));

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Asks for a step every `every`, `steps` times.
+/// Requests a `step` every `every`, `steps` times.
 fn clock(bench: &mut Bench, steps: u32, step: i32, every: Duration) {
     for _ in 0..steps {
         bench.run(every);
@@ -30,7 +30,7 @@ fn at_a_ratio_of_1_every_step_is_made_at_once() {
 #[test]
 fn at_another_ratio_it_ramps_and_makes_all_steps() {
     let mut bench = Bench::new(Settings { follows_clock: true, ratio: 500, ..SLOW });
-    // 4,000 steps/s: 0.3 s of ramp.
+    // 4,000 steps/s need 0.3 s of ramp.
     clock(&mut bench, 100, 1, 250.micros());
     assert!(bench.v() > 1_000 && bench.v() < 1_500, "{}", bench.v());
     clock(&mut bench, 3_900, 1, 250.micros());
@@ -56,7 +56,7 @@ fn another_ratio_ends_what_it_follows() {
     assert_eq!(bench.v(), 4_000);
     bench.set(Settings { follows_clock: true, ..SLOW });
     bench.run(100.millis());
-    // 300 ms of ramp.
+    // The ramp takes 300 ms.
     assert!(bench.v() < 4_000 && bench.is_moving());
     bench.run_out();
     let there = bench.c1();
@@ -81,7 +81,7 @@ fn an_order_is_not_disturbed_by_the_clock() {
     assert_eq!(bench.c1(), 1_000);
 }
 
-/// Clock mode ends no slew, and forbids none: the clock is followed from standstill.
+/// Clock mode neither ends nor forbids a slew. The motor follows the clock from standstill only.
 #[test]
 fn a_slew_goes_on_into_clock_mode() {
     let follows = Settings { follows_clock: true, ..SLOW };

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A track with a home switch that is closed from `switch.0` up to `switch.1`, and limits that are closed below
-/// `limits.0` and from `limits.1` on, all in steps.
+/// A track with a home switch that is active from `switch.0` up to `switch.1`, and limits that are active
+/// below `limits.0` and from `limits.1` on, all in steps.
 struct Track {
     bench: Bench,
     switch: (i32, i32),
@@ -11,7 +11,7 @@ struct Track {
 }
 
 impl Track {
-    /// Stands at `from`.
+    /// Begins at rest at `from`.
     fn new(settings: Settings, from: i32, switch: (i32, i32)) -> Self {
         let mut bench = Bench::new(settings);
         bench.feed(|motion, at, _| motion.set_steps(at, from));
@@ -31,7 +31,7 @@ impl Track {
         }
     }
 
-    /// When the next contact may change, if all goes on as planned.
+    /// Time of the next possible change of a contact, if the plan does not change.
     fn next_change(&self) -> Instant {
         let (switch, limits) = (self.switch, self.limits);
         let edges = [switch.0 - 1, switch.0, switch.1 - 1, switch.1, limits.0, limits.1, limits.1 - 1];
@@ -39,7 +39,7 @@ impl Track {
         edges.map(|edge| self.bench.motion.reaches(self.bench.now, edge)).min().unwrap()
     }
 
-    /// Runs until it stands; returns the furthest positions.
+    /// Runs until the motor is at rest. Returns the lowest and the highest position.
     fn run_out(&mut self) -> (i32, i32) {
         let mut range = (self.bench.c1(), self.bench.c1());
         let end = self.bench.now + 100.secs();
@@ -54,28 +54,28 @@ impl Track {
     }
 }
 
-/// Ends of the four kinds: off the switch, on the side to which they creep. The first two search backward, the first
-/// and the last creep forward. The contact of this track changes where a step is made, and the motion ends with the
-/// next one.
+/// End positions of the four kinds: off the switch, on the side to which they creep. Kinds 1 and 2 search
+/// backward, kinds 1 and 4 creep forward. The contact of this track changes when a step is made, and the
+/// motion ends with the next step.
 fn ends(switch: (i32, i32)) -> [(u8, i32); 4] {
     [(1, switch.1 + 1), (2, switch.0 - 2), (3, switch.0 - 2), (4, switch.1 + 1)]
 }
 
-/// A start from which a kind searches towards the switch.
+/// Start position from which this kind searches towards the switch.
 fn start(kind: u8) -> i32 {
     if kind <= 2 { 20_000 } else { -20_000 }
 }
 
 #[test]
 fn homing_ends_at_the_edge_to_which_it_creeps() {
-    // "Deceleration rate is short enough": 1,200 steps of ramp on a switch of 3,000.
+    // "Deceleration rate is short enough": the ramp has 1,200 steps, the switch 3,000.
     for (kind, end) in ends((0, 3_000)) {
         let mut track = Track::new(SLOW, start(kind), (0, 3_000));
         track.bench.does(Order::Home(kind));
         assert!(track.bench.is_moving() && !track.bench.is_positioning());
         let (least, most) = track.run_out();
         assert_eq!((track.bench.c1(), track.bench.errors()), (end, Vec::new()), "HM {kind}");
-        // It was never off the switch on the other side.
+        // The motor was never off the switch on the far side.
         let (near, far) = if kind <= 2 { (most, least) } else { (least, most) };
         assert_eq!(near, start(kind), "HM {kind}");
         assert!((-2..=3_001).contains(&far), "HM {kind}: {far}");
@@ -84,14 +84,14 @@ fn homing_ends_at_the_edge_to_which_it_creeps() {
 
 #[test]
 fn what_overshoots_the_switch_comes_back() {
-    // 1,200 steps of ramp on a switch of 100 steps.
+    // The ramp has 1,200 steps, the switch 100.
     for (kind, end) in ends((0, 100)) {
         let mut track = Track::new(Settings { settle_ms: 30, ..SLOW }, start(kind), (0, 100));
         track.bench.does(Order::Home(kind));
         let (least, most) = track.run_out();
         assert_eq!((track.bench.c1(), track.bench.errors()), (end, Vec::new()), "HM {kind}");
         if kind <= 2 {
-            // It saw the switch at 99.
+            // The switch became active at 99.
             assert_eq!((least, most), (99 - 1_200, start(kind)), "HM {kind}");
         } else {
             assert_eq!((least, most), (start(kind), 1_200), "HM {kind}");
@@ -99,7 +99,7 @@ fn what_overshoots_the_switch_comes_back() {
     }
 }
 
-/// Motions of a homing, in order: direction, and the greatest speed in steps/s.
+/// Motions of a homing, in order: direction (true for backward) and maximum speed in steps/s.
 fn motions(track: &Track) -> Vec<(bool, i64)> {
     let of = |(.., plan): &(Instant, Axis, Plan)| {
         let most = plan
@@ -107,26 +107,26 @@ fn motions(track: &Track) -> Vec<(bool, i64)> {
             .iter()
             .filter(|segment| segment.ticks > 0)
             .max_by_key(|segment| segment.start_speed)?;
-        // A segment is as fast at its end as the next one at its beginning.
+        // The end speed of a segment is the start speed of the next one.
         (most.start_speed > 0).then_some((most.reverse, most.start_speed / 16_000_000))
     };
     track.bench.out.plans.iter().filter_map(of).collect()
 }
 
-/// Figure 5.1: S is the direction of the search, C that of the creep.
+/// Figure 5.1: S is the direction of the search, C the direction of the creep.
 #[test]
 fn the_motions_are_those_of_figure_5_1() {
     for (kind, s, c) in [(1, true, false), (2, true, true), (3, false, true), (4, false, false)] {
         for settle_ms in [0, 50] {
-            // 1 and 2: slew, deceleration; 3 and 4: creep, and the step at its end.
+            // Motions 1 and 2: slew, deceleration. Motions 3 and 4: creep, and the step at its end.
             let mut track = Track::new(Settings { settle_ms, ..SLOW }, start(kind), (0, 3_000));
             track.bench.out.plans.clear();
             track.bench.does(Order::Home(kind));
             track.run_out();
             assert_eq!(motions(&track), [(s, 5_000), (s, 5_000), (c, 1_000), (c, 1_000)], "HM {kind}");
 
-            // What is overshot is searched for backward: 1,100 steps at up to √(1,000² + 1,100 · 10,000) steps/s, and
-            // on at VI.
+            // After an overshoot the motor searches backward: 1,100 steps at up to √(1,000² + 1,100 · 10,000)
+            // steps/s, then continues at VI.
             let mut track = Track::new(Settings { settle_ms, ..SLOW }, start(kind), (0, 100));
             track.bench.out.plans.clear();
             track.bench.does(Order::Home(kind));
@@ -145,10 +145,11 @@ fn the_motions_are_those_of_figure_5_1() {
 fn the_creep_is_at_vi() {
     let mut track = Track::new(SLOW, 20_000, (0, 3_000));
     track.bench.does(Order::Home(1));
-    // To 2,999: a ramp of 1,200 steps in 0.4 s, 15,801 at 5,000 steps/s, 0.4 s and 1,200 steps on the switch.
+    // To 2,999: a ramp of 1,200 steps in 0.4 s, then 15,801 at 5,000 steps/s. On the switch 0.4 s and 1,200
+    // steps.
     let stands = 0.4 + 15_801.0 / 5_000.0 + 0.4;
     track.run_out();
-    // 1 ms to look at the switch, 1,201 steps to its edge at 1,000 steps/s, and one more.
+    // Then 1 ms until the switch is checked, 1,201 steps to its edge at 1,000 steps/s, and one more step.
     let seconds = track.bench.now.since(Instant::ZERO).ticks() as f64 / 16e6;
     assert!((seconds - stands - 1.203).abs() < 0.001, "{seconds}");
 }
@@ -165,7 +166,7 @@ fn what_begins_on_the_switch_only_creeps() {
 
 #[test]
 fn a_switch_that_is_told_late_is_found_all_the_same() {
-    // Its debounce is 20 ms, which are 100 steps at VM.
+    // The debounce time is 20 ms, which are 100 steps at VM.
     for (kind, end) in ends((0, 300)) {
         let mut track = Track::new(SLOW, start(kind), (0, 300));
         track.bench.does(Order::Home(kind));
@@ -186,7 +187,7 @@ fn a_switch_that_is_told_late_is_found_all_the_same() {
                 track.bench.contact(Contact::Home, active);
             }
         }
-        // At VI the last edge is 20 steps late.
+        // At VI the last edge is detected 20 steps late.
         let end = if matches!(kind, 1 | 4) { end + 20 } else { end - 20 };
         assert!((track.bench.c1() - end).abs() <= 1, "HM {kind}: {}", track.bench.c1());
     }
@@ -195,7 +196,7 @@ fn a_switch_that_is_told_late_is_found_all_the_same() {
 #[test]
 fn a_limit_turns_homing_round_once() {
     for limit_mode in [1, 4] {
-        // The switch is behind it.
+        // The switch is behind the start: the search begins away from it.
         let mut track = Track::new(Settings { limit_mode, ..SLOW }, -5_000, (0, 3_000));
         track.limits = (-8_000, 8_000);
         track.bench.does(Order::Home(1));
@@ -240,7 +241,7 @@ fn homing_from_a_held_limit_goes_the_other_way() {
 
 #[test]
 fn homing_is_alone() {
-    // MC 9.6, 85 and 81.
+    // MC 9.6: errors 85 and 81.
     let mut track = Track::new(SLOW, 20_000, (0, 3_000));
     assert_eq!(track.bench.order(Order::Home(0)), Err(Error::HomeType));
     assert_eq!(track.bench.order(Order::HomeToIndex(5)), Err(Error::HomeType));
@@ -254,7 +255,7 @@ fn homing_is_alone() {
     track.bench.run(1.secs());
     track.bench.does(Order::Slew(0));
     track.bench.run_out();
-    // 1,200 + 3,000 + 1,200.
+    // Ramps and cruise: 1,200 + 3,000 + 1,200.
     assert_eq!(track.bench.c1(), 20_000 - 5_400);
 }
 
@@ -270,7 +271,7 @@ fn a_paused_homing_begins_anew() {
     assert_eq!(track.bench.c1(), 3_001);
 }
 
-/// The index lasts for a count: 25 steps.
+/// The index is one count wide: 25 steps.
 #[test]
 fn homing_to_the_index_ends_just_off_it() {
     for kind in 1..=4 {
@@ -283,7 +284,8 @@ fn homing_to_the_index_ends_just_off_it() {
             bench.run_out();
             bench.run(2.millis());
             assert_eq!(bench.errors(), Vec::new());
-            // The next step off: from the index forward to 25 or 26, backward to −1 or −2, some turns on.
+            // The end is the next step off the index, some revolutions away: forward at 25 or 26, backward at
+            // −1 or −2.
             let off = bench.c1().rem_euclid(51_200);
             let off_it = if matches!(kind, 1 | 4) { [25, 26] } else { [51_199, 51_198] };
             assert!(off_it.contains(&off), "HI {kind}: {}", bench.c1());

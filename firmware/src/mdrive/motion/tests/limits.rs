@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// What a limit does while it slews at 5,000 steps/s: whether it brakes, and whether the program ends.
+/// Reaction to a limit during a slew at 5,000 steps/s: true if it brakes with a ramp, true if the program
+/// ends.
 fn hit(limit_mode: u8) -> (bool, bool) {
     let mut bench = Bench::new(Settings { limit_mode, ..SLOW });
     bench.does(Order::Slew(5_000));
@@ -11,7 +12,7 @@ fn hit(limit_mode: u8) -> (bool, bool) {
     bench.run(1.millis());
     let brakes = bench.v() != 0;
     bench.run(400.millis());
-    // Without a ramp it ends with the next step.
+    // Without a ramp the motion ends with the next step.
     assert_eq!((bench.is_moving(), bench.c1()), (false, 2_200 + if brakes { 1_200 } else { 1 }));
     assert_eq!(bench.errors(), [Error::PlusLimit]);
     (brakes, bench.events.iter().any(|(_, event)| *event == Event::StopsProgram))
@@ -65,7 +66,7 @@ fn a_slew_that_would_turn_towards_a_held_limit_only_stops() {
     bench.does(Order::Slew(2_000));
     assert_eq!(bench.errors(), [Error::PlusLimit]);
     bench.run_out();
-    // 1,950 steps of the first second, 150 of the ramp.
+    // 1,950 steps in the first second, 150 in the ramp.
     assert_eq!(bench.c1(), -1_950 - 150);
 }
 
@@ -134,7 +135,7 @@ fn a_jog_lasts_as_long_as_its_contact() {
     bench.contact(Contact::JogMinus, true);
     bench.run(600.millis());
     assert_eq!((bench.c1(), bench.v(), bench.is_positioning()), (-2_200, -5_000, false));
-    // The other one does not matter meanwhile.
+    // The other contact has no effect during a jog.
     bench.contact(Contact::JogPlus, true);
     bench.contact(Contact::JogPlus, false);
     bench.contact(Contact::JogMinus, false);
@@ -142,8 +143,8 @@ fn a_jog_lasts_as_long_as_its_contact() {
     assert_eq!((bench.c1(), bench.is_moving()), (-3_400, false));
 }
 
-/// "Will Jog motor in the positive direction …. The Jog Enable (JE) Flag must be set for this to function" (MC 5-63): a
-/// contact that is held jogs as soon as JE is 1.
+/// "Will Jog motor in the positive direction …. The Jog Enable (JE) Flag must be set for this to function"
+/// (MC 5-63). If the contact is active already, the jog begins as soon as JE is 1.
 #[test]
 fn je_permits_a_jog() {
     let jogs = Settings { jogs: true, ..SLOW };
@@ -156,11 +157,11 @@ fn je_permits_a_jog() {
     bench.set(SLOW);
     bench.run(400.millis());
     assert!(!bench.is_moving());
-    // The contact is held all the time.
+    // The contact is active all the time.
     bench.set(jogs);
     bench.run(1.secs());
     assert_eq!(bench.v(), 5_000);
-    // Both ask for nothing, and what moves goes on.
+    // With both contacts active no jog begins. A change of JE does not stop another motion.
     bench.set(SLOW);
     bench.run(1.secs());
     bench.contact(Contact::JogMinus, true);
@@ -175,7 +176,7 @@ fn je_permits_a_jog() {
     assert_eq!(bench.v(), -3_000);
 }
 
-/// What is held when a jog has come to its end begins then.
+/// A contact that is active at the end of a jog begins the next jog.
 #[test]
 fn a_jog_follows_another() {
     for (next, speed) in [(Contact::JogPlus, 5_000), (Contact::JogMinus, -5_000)] {
@@ -185,13 +186,13 @@ fn a_jog_follows_another() {
         bench.contact(Contact::JogPlus, false);
         bench.run(100.millis());
         bench.contact(next, true);
-        // It slows down to standstill first.
+        // First the motor slows down to standstill.
         bench.run(200.millis());
         assert!((0..5_000).contains(&bench.v()), "{}", bench.v());
         bench.run(1.secs());
         assert_eq!(bench.v(), speed);
     }
-    // Both were held: the other one, which still is, takes over.
+    // Both contacts were active. The one that still is active begins the next jog.
     let mut bench = Bench::new(Settings { jogs: true, ..SLOW });
     bench.contact(Contact::JogPlus, true);
     bench.run(600.millis());
@@ -201,7 +202,7 @@ fn a_jog_follows_another() {
     assert_eq!(bench.v(), -5_000);
 }
 
-/// Behind any other stop nothing jogs that is still held.
+/// After any other stop, a contact that is still active begins no jog.
 #[test]
 fn a_jog_that_was_ended_does_not_begin_again() {
     let jogs = |end: &dyn Fn(&mut Bench)| {
@@ -216,7 +217,7 @@ fn a_jog_that_was_ended_does_not_begin_again() {
     assert!(!jogs(&|bench| bench.does(Order::Slew(0))));
     assert!(!jogs(&|bench| bench.feed(|motion, at, out| motion.stop(at, out))));
     assert!(!jogs(&|bench| bench.contact(Contact::PlusLimit, true)));
-    // Released, and held again while it stops for an order.
+    // The contact is released, and active again while a command stops the motor.
     assert!(!jogs(&|bench| {
         bench.contact(Contact::JogPlus, false);
         bench.contact(Contact::JogPlus, true);

@@ -1,4 +1,4 @@
-//! What the motor does, without what is around it.
+//! Motion on its own, without the rest of the drive.
 
 #![expect(clippy::float_arithmetic, reason = "mathematics that is not the code's")]
 
@@ -21,7 +21,7 @@ use crate::mdrive::error::Error;
 use crate::motor::stepper::StepperParameters;
 use crate::testing::{Recorder, Treatment};
 
-/// The factory's (FB 5).
+/// The factory's settings (FB 5).
 const FACTORY: Settings = Settings {
     start: 1_000,
     speed: 768_000,
@@ -49,8 +49,8 @@ const FACTORY: Settings = Settings {
     machine: StepperParameters::NOMINAL,
 };
 
-/// What steps so slowly that it can be told by hand: 10,000 steps/s², from 1,000 to 5,000 steps/s in 400 ms and
-/// 1,200 steps.
+/// Slow settings, whose steps are easy to compute: 10,000 steps/s² from 1,000 to 5,000 steps/s, which take
+/// 400 ms and 1,200 steps.
 const SLOW: Settings = Settings { speed: 5_000, up: 10_000, down: 10_000, ..FACTORY };
 
 const AXIS: Axis = Axis(0);
@@ -58,7 +58,7 @@ const AXIS: Axis = Axis(0);
 /// 1 ms.
 const MS: Duration = Duration::millis(1);
 
-/// The motion, and what it has put out.
+/// The motion with its outputs.
 struct Bench {
     motion: Motion,
     now: Instant,
@@ -68,7 +68,7 @@ struct Bench {
     edges: i32,
 }
 
-/// Plans, currents and steps: the motion puts nothing else.
+/// Recorder of plans, currents and steps. The motion may make no other output.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Plan { .. } | Output::CurrentLimit { .. } | Output::Step { .. } => Treatment::Keep,
@@ -77,7 +77,7 @@ fn recorder() -> Recorder {
 }
 
 impl Motion {
-    /// Whether what waits waits for RS.
+    /// Returns true if motion is paused: the waiting task waits for RS.
     pub(in crate::mdrive) fn is_paused(&self) -> bool {
         self.paused
     }
@@ -96,7 +96,7 @@ impl Bench {
         bench
     }
 
-    /// Something happens now.
+    /// Calls a method of the motion at the present time.
     fn feed<T>(&mut self, does: impl FnOnce(&mut Motion, Instant, &mut dyn Context) -> T) -> T {
         let before = self.out.plans.len();
         let answer = does(&mut self.motion, self.now, &mut self.out);
@@ -109,7 +109,7 @@ impl Bench {
         answer
     }
 
-    /// Time passes.
+    /// Lets time pass.
     fn run(&mut self, time: Duration) {
         self.run_to(self.now + time);
     }
@@ -127,7 +127,7 @@ impl Bench {
         self.now = until;
     }
 
-    /// Runs until it stands, at most a minute.
+    /// Runs until the motor is at rest, for a minute at most.
     fn run_out(&mut self) {
         let end = self.now + 60.secs();
         while self.is_moving() {
@@ -157,7 +157,7 @@ impl Bench {
         self.feed(|motion, at, out| motion.block_shaft(at, held, out));
     }
 
-    /// C1, V, MV, MP, VC.
+    /// C1. The methods below read C2, V, MV, MP and VC.
     fn c1(&self) -> i32 {
         self.motion.steps(self.now)
     }
@@ -182,7 +182,7 @@ impl Bench {
         self.motion.is_changing(self.now)
     }
 
-    /// The errors that it has told.
+    /// Errors that the motion has reported.
     fn errors(&self) -> Vec<Error> {
         let errors = self.events.iter().filter_map(|(_, event)| match event {
             Event::Failed(error) => Some(*error),

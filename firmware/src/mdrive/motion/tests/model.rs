@@ -1,4 +1,4 @@
-//! Random slews and moves beside a model that goes on by 10 µs.
+//! Random slews and moves, compared with a model that computes in steps of 10 µs.
 
 use proptest::prelude::*;
 
@@ -12,7 +12,8 @@ enum Aim {
     Position(f64),
 }
 
-/// Where a body is that speeds up with A, slows down with D and is never slower than VI, unless it is to.
+/// Model of a body that accelerates with A and decelerates with D. Its speed is below VI only if that is
+/// commanded.
 struct Model {
     x: f64,
     v: f64,
@@ -91,26 +92,27 @@ proptest! {
         let mut model = Model { x: 0.0, v: 0.0, aim: Aim::Speed(0.0), settings };
         for (order, ms) in orders {
             let mut differ = 0;
-            // A step of the model's steeper ramp is so many of the other: so much earlier or later it may turn round.
+            // One step of the model on the steeper ramp is several on the flatter ramp. Motion may reverse
+            // that much earlier or later.
             let turn = 2 * (up.max(down) / up.min(down));
             let mut run = |bench: &mut Bench, model: &mut Model, steps: u64| {
                 for _ in 0..steps {
                     let before = model.v;
                     model.step();
                     bench.run(10.micros());
-                    // Speeds that agree when an order comes may be a step of the steeper ramp apart. Down to where it
-                    // turns round, on the flatter one, that takes longer by their ratio; so much later the ramp behind
-                    // it begins.
+                    // Speeds that agree when a command arrives may differ by a step of the steeper ramp. If
+                    // motion then reverses on the flatter ramp, the reversal is later by the ratio of the
+                    // ramps, and so is the ramp after it.
                     let (steep, flat) = (f64::from(up.max(down)), f64::from(up.min(down)));
                     let near = STEP * steep * (3.0 + steep / flat) + 1.0;
-                    // Each end of a ramp is off by a step of the model at most. Speeds that agree when an order comes,
-                    // but for `near`, turn round that much apart.
+                    // At each end of a ramp the position may be off by a step of the model. Speeds that agree
+                    // to within `near` when a command arrives reverse that much apart.
                     let off = (f64::from(bench.c1()) - model.x).abs();
                     let late = (3.0 * STEP * steep + 1.0) / flat;
                     let beside = 3.0 + f64::from(turn) * STEP * f64::from(start) + late * model.v.abs();
                     prop_assert!(off <= beside, "{} at {} ms: {} and {}", off, bench.ms(), bench.c1(), model.x);
                     let (low, high) = (model.v.min(before), model.v.max(before));
-                    // At VI a small part of a step may take long.
+                    // At VI a small fraction of a step may take long.
                     let stands = bench.v() == 0 || model.v == 0.0;
                     let differs = !stands && !(low - near..=high + near).contains(&f64::from(bench.v()));
                     differ = if differs { differ + 1 } else { 0 };
@@ -136,7 +138,7 @@ proptest! {
                 Does::Moves(_) => {}
             }
             let mut agree = run(&mut bench, &mut model, 100 * ms)?;
-            // Where one is about to turn round and the other has, an order is another one for each.
+            // If only one of the two has reversed yet, a new command would mean different motions.
             while !agree {
                 agree = run(&mut bench, &mut model, 1)?;
             }

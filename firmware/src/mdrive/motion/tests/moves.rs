@@ -4,8 +4,8 @@ use super::*;
 
 #[test]
 fn a_move_of_75_turns_takes_what_the_manual_reckons() {
-    // MC 7.3.5: 0.767 s of ramp, the cruise, 0.767 s, together 5.767 s. Its formula says 294,911 steps of ramp, but it
-    // takes 294,528 of them off the way, so its cruise is 1 ms too long.
+    // MC 7.3.5: 0.767 s of ramp, the cruise, 0.767 s, together 5.767 s. By its formula the ramp has 294,911
+    // steps, but it subtracts 294,528 from the distance. So its cruise is 1 ms too long.
     let mut bench = Bench::new(FACTORY);
     bench.does(to(3_840_000));
     assert!(bench.is_moving() && bench.is_positioning() && bench.v() == 0);
@@ -28,7 +28,7 @@ fn a_move_of_75_turns_takes_what_the_manual_reckons() {
 
 #[test]
 fn moves_are_relative_to_here_or_to_zero() {
-    // MC 3-7 and 3-8.
+    // Examples of MC 3-7 and 3-8.
     let mut bench = Bench::new(FACTORY);
     for (order, position) in
         [(to(20_000), 20_000), (to(3_000), 3_000), (by(20_000), 23_000), (by(-30_000), -7_000)]
@@ -63,7 +63,7 @@ fn a_move_keeps_the_speed_that_it_began_with() {
     bench.run(500.millis());
     assert_eq!(bench.v(), 5_000);
     bench.run_out();
-    // 2.5 + 400 ms, (10,000 − 2,400)/5,000 s, 400 ms.
+    // 2.5 + 400 ms, then (10,000 − 2,400)/5,000 s, then 400 ms.
     assert_eq!((bench.c1(), bench.now), (10_000, Instant::from(Duration::micros(2_322_500))));
 }
 
@@ -73,7 +73,7 @@ fn a_second_move_waits_for_the_end_of_the_first_and_for_mt() {
     bench.does(to(5_000));
     bench.run(100.millis());
     bench.does(by(77));
-    // It takes the place of the one that waits.
+    // The second command replaces the one that waits.
     bench.does(by(-1_000));
     bench.run_to(Instant::from(Duration::micros(1_322_500)));
     assert_eq!((bench.c1(), bench.v(), bench.is_moving(), bench.is_positioning()), (5_000, 0, true, true));
@@ -97,7 +97,7 @@ fn a_slew_waits_for_mt_of_the_move_before_it() {
     assert_eq!((bench.c1(), bench.v(), bench.is_positioning()), (5_000, 0, true));
     bench.run(Duration::TICK);
     assert_eq!((bench.v(), bench.is_positioning()), (1_000, false));
-    // SL 0 takes it back.
+    // SL 0 cancels the waiting slew.
     bench.does(Order::Slew(0));
     bench.run_out();
     bench.does(to(0));
@@ -117,7 +117,7 @@ fn a_waiting_move_is_calculated_for_its_whole_time() {
     bench.does(to(1));
     bench.run(2.millis());
     bench.does(to(2));
-    // The first step comes at 3.5 ms, the second move not before 4.5 ms.
+    // The first move makes its step at 3.5 ms. The second move begins at 4.5 ms at the earliest.
     bench.run_to(Instant::from(Duration::micros(4_500)) - Duration::TICK);
     assert_eq!((bench.c1(), bench.v(), bench.is_moving()), (1, 0, true));
     bench.run(Duration::TICK);
@@ -144,11 +144,11 @@ fn a_slew_is_changed_on_the_fly_also_in_sign() {
         (bench.v(), bench.is_moving(), bench.is_positioning(), bench.is_changing()),
         (1_000, true, false, true)
     );
-    // VM does not matter (MC 5-68): (20,000 − 1,000)/10,000 s at 10,500 steps/s.
+    // VM has no effect (MC 5-68): (20,000 − 1,000)/10,000 s at 10,500 steps/s on average.
     bench.run(1_900.millis() + Duration::TICK);
     assert_eq!((bench.v(), bench.c1(), bench.is_changing()), (20_000, 19_950, false));
     bench.does(Order::Slew(-3_000));
-    // 1.9 s and 19,950 steps to standstill, then 0.2 s of 400 steps.
+    // 1.9 s and 19,950 steps to standstill, then 0.2 s and 400 steps backward.
     bench.run(1_900.millis());
     assert_eq!((bench.v(), bench.c1()), (-1_000, 2 * 19_950));
     bench.run(200.millis());
@@ -190,7 +190,7 @@ fn a_move_takes_over_from_a_slew_as_soon_as_that_stands() {
     bench.does(to(0));
     assert!(bench.is_positioning());
     bench.run(400.millis());
-    // 3,000 steps at full speed, two ramps; no MT.
+    // 3,000 steps at full speed and two ramps; MT is not waited for.
     assert_eq!((bench.c1(), bench.v()), (1_200 + 3_000 + 1_200, -1_000));
     bench.run_out();
     assert_eq!(bench.c1(), 0);
@@ -261,7 +261,7 @@ fn a_paused_slew_goes_on_also_before_it_stands() {
     }
 }
 
-/// Also where its position came within its ramp.
+/// In one case the target is passed during the first ramp.
 #[test]
 fn a_paused_move_that_goes_on_keeps_the_speed_that_it_began_with() {
     for (distance, closed) in [(-3_000, false), (-10, false), (-1_000, true)] {
@@ -333,13 +333,13 @@ fn five_million_steps_a_second() {
     let mut bench = Bench::new(settings);
     bench.does(Order::Slew(5_000_000));
     bench.run(400.secs());
-    // The ramp takes 0.66 ms, and 10⁶²/2·a = 327.7 steps less than at full speed; positions wrap.
+    // The ramp takes 0.66 ms, and (10⁶)²/(2·a) = 327.7 steps less than at full speed. Positions wrap.
     let steps = 5_000_000.0 * 400.0 - 1e12 / (2.0 * 1_525_878_997.0);
     assert_eq!((bench.v(), bench.c1()), (5_000_000, steps as i32));
     bench.run(100.secs());
     assert_eq!(bench.c1(), (steps as i64 + 500_000_000) as i32);
     bench.feed(|motion, at, out| motion.halt(at, out));
-    // D = 91 steps/s²: a day would not be enough for a ramp from here.
+    // D is 91 steps/s²: a ramp from this speed would take more than half a day.
     assert!(!bench.is_moving());
 }
 
@@ -362,7 +362,8 @@ fn when_a_position_is_reached_is_known() {
 
 #[test]
 fn the_manuals_change_of_velocity_ends_where_it_expects() {
-    // MC 8.2. A line takes 210 µs; the trip's are PS of its subroutine: label and SL 202400, label and SL 0.
+    // MC 8.2. A line takes 210 µs. The motion changes two lines after each trip: label and SL 202400, label
+    // and SL 0.
     const LINE: Duration = Duration::micros(210);
     let settings = Settings { start: 20_000, speed: 500_000, up: 500_000, down: 800_000_000, ..FACTORY };
     let mut bench = Bench::new(settings);
@@ -375,7 +376,7 @@ fn the_manuals_change_of_velocity_ends_where_it_expects() {
     bench.run(LINE * 2);
     bench.does(Order::Slew(0));
     bench.run_out();
-    // 85.008 steps in 420 µs, and (202,400² − 20,000²)/(2·D) = 25.35 of ramp.
+    // 85.008 steps in 420 µs, and (202,400² − 20,000²)/(2·D) = 25.35 steps of ramp.
     assert_eq!(bench.c1(), 102_400);
 }
 

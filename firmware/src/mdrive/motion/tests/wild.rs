@@ -1,4 +1,4 @@
-//! Anything in any order: it always gets on, comes to rest, and no position is lost.
+//! Random commands in random order: time always advances, motion always ends, and no position is lost.
 
 use std::vec;
 
@@ -75,7 +75,7 @@ fn settings() -> impl Strategy<Value = Settings> {
     )
 }
 
-/// A motor that follows whatever comes, or one with some load.
+/// A motor without a load model, which follows any motion, or one with some load.
 fn machine() -> impl Strategy<Value = StepperParameters> {
     let steps_per_rev = prop_oneof![Just(200_u16), 4..=10_000_u16];
     let loads = (steps_per_rev, 0..2_000_000_u32, 1..100_000_u32, 0..500_000_u32, -500_000..500_000_i32);
@@ -153,13 +153,13 @@ proptest! {
             });
             prop_assert!(jumps || bench.c1() == before, "{:?}", does);
             bench.run(Duration::from_ticks(wait));
-            // What stands stands.
+            // A motor at rest has no speed and no flags of motion.
             let rests = !bench.is_moving();
             prop_assert!(!rests || bench.v() == 0 && !bench.is_positioning() && !bench.is_changing());
             let ma = bench.out.currents.last().map(|(.., ma)| *ma);
             let percent = if rests && bench.motion.holds { now.hold_percent } else { now.run_percent };
             prop_assert_eq!(ma, Some(if now.enabled { u32::from(percent) * 30 } else { 0 }));
-            // What was put out is what it does.
+            // The outputs agree with the motor's position.
             let planned = bench.out.plan();
             let position = planned.position_at(bench.now).wrapping_add(bench.out.steps_since_plan());
             prop_assert_eq!(position, bench.motion.motor.position(bench.now));

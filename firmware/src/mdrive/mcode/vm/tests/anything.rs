@@ -1,5 +1,4 @@
-//! Whatever is typed and stored, the drive goes on: it neither panics nor does it stop making progress, and E ends the
-//! program.
+//! Random lines, typed and stored: the drive does not panic, always makes progress, and E ends the program.
 
 use std::format;
 
@@ -89,7 +88,7 @@ fn text() -> impl Strategy<Value = String> {
         .prop_map(|(line, number, label)| line.replace('#', &format!("{number}")).replace('@', label))
 }
 
-/// What happens, and how many µs later.
+/// Random events, each with a time in µs after the previous one.
 #[derive(Clone, Debug)]
 enum Event {
     Typed(String),
@@ -137,7 +136,7 @@ proptest! {
             }
             dut.wait(Duration::ZERO);
             prop_assert!(dut.drive.deadline() > dut.now);
-            // Or what is accepted would wait for an RS that does nothing.
+            // If only motion were paused, later motion commands would wait for an RS that does nothing.
             prop_assert!(!dut.drive().motion.is_paused() || dut.drive().mcode.vm.is_paused());
         }
         dut.commands("TE=0; OE 0");

@@ -1,8 +1,8 @@
-//! The examples of MC 8, and other programs that move.
+//! Examples of MC 8, and other programs that move the motor.
 
 use super::*;
 
-/// Waits for motion to end, for a minute at most.
+/// Waits for the end of motion, for a minute at most.
 fn stands(dut: &mut Dut) {
     for _ in 0..60_000 {
         if dut.value(Reg::MV) == 0 {
@@ -13,7 +13,7 @@ fn stands(dut: &mut Dut) {
     panic!("the motor turns on");
 }
 
-/// Both ways of EX (MC 5-24).
+/// EX with an address and with a label (MC 5-24).
 #[test]
 fn there_and_back() {
     for start in ["EX 100", "EX M1"] {
@@ -27,7 +27,7 @@ fn there_and_back() {
     }
 }
 
-/// The motor goes on when a program ends (MC 5-20).
+/// Motion continues when a program ends (MC 5-20).
 #[test]
 fn motion_goes_on_behind_the_end() {
     let mut dut = Dut::with("MR 100000; E");
@@ -48,7 +48,7 @@ fn a_hold_waits_until_the_motor_has_settled() {
     assert_eq!((dut.value(Reg::MV), dut.r()), (0, [1, 0, 0, 0]));
 }
 
-/// PS stops program and motion, RS goes on with both (MC 5-57, 5-61).
+/// PS stops program and motion, RS resumes both (MC 5-57, 5-61).
 #[test]
 fn a_pause_and_a_move() {
     let mut dut = Dut::with("MR 500000; H; R1=P; E");
@@ -63,7 +63,7 @@ fn a_pause_and_a_move() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::P)), (500_000, 500_000));
 }
 
-/// A number alone repeats the last motion (MC 5-45, 5-51).
+/// A number without a command repeats the last motion command (MC 5-45, 5-51).
 #[test]
 fn a_number_repeats_the_last_motion() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -81,7 +81,7 @@ fn a_number_repeats_the_last_motion() {
     stands(&mut dut);
 }
 
-/// MC 8.1
+/// Example of MC 8.1.
 #[test]
 fn example_8_1_move_on_an_input() {
     let mut dut = Dut::with(
@@ -124,7 +124,7 @@ fn example_8_2_change_velocity_during_a_move() {
     assert_eq!(dut.said(), "Average end pos = 102400\r\n");
 }
 
-/// MC 8.5: what the user types goes into registers, and X1 lets the program go on.
+/// MC 8.5: the user types values into registers, and X1 makes the program continue.
 #[test]
 fn example_8_5_user_input_into_variables() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -172,7 +172,7 @@ fn example_8_3_binary_mask() {
     assert_eq!((dut.value(Reg::P), dut.value(Reg::EF)), (153_600, 0));
 }
 
-/// MC 8.4: a shaft that is held is behind; the subroutine prints by how many counts, and the error.
+/// MC 8.4: a blocked shaft stays behind. The subroutine prints by how many counts, and the error.
 #[test]
 fn example_8_4_closed_loop() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -191,7 +191,7 @@ fn example_8_4_closed_loop() {
     dut.feed(Input::Fault { fault: STALL, on: true });
     dut.wait(100.millis());
     dut.feed(Input::Fault { fault: STALL, on: false });
-    // The shaft stalls when it is 15 counts behind; the motor stops there.
+    // The stall is detected at 15 counts behind, and the motor stops there.
     let said = dut.said();
     let (counts, error) = said.split_once("\r\n").unwrap();
     let counts: i32 = counts.strip_prefix("Counts error = ").unwrap().parse().unwrap();
@@ -201,7 +201,7 @@ fn example_8_4_closed_loop() {
     assert_eq!((dut.value(Reg::BY), dut.user(b"Q1").is_some_and(|rounds| rounds > 0)), (1, true));
 }
 
-/// MC 8.6: the home switch is active below a position; then each closing of the second input is a move.
+/// MC 8.6: the home switch is active below a position. Then each activation of the second input makes a move.
 #[test]
 fn example_8_6_closed_loop_with_homing() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -217,7 +217,7 @@ fn example_8_6_closed_loop_with_homing() {
     );
     dut.out.messages.clear();
     dut.commands("EX 1");
-    // A switch that does not follow P, which becomes 0 there.
+    // The switch is placed by C1's steps, because P becomes 0 there.
     let mut closed = false;
     for _ in 0..30_000 {
         dut.wait(1.millis());
@@ -237,7 +237,7 @@ fn example_8_6_closed_loop_with_homing() {
     assert_eq!(dut.value(Reg::BY), 1);
 }
 
-/// MC 8.7: half a second at 50,000 steps/s lies between the edges of the input.
+/// MC 8.7: the edges of the input are half a second apart, at 50,000 steps/s.
 #[test]
 fn example_8_7_input_trip() {
     let mut dut = Dut::new(Mdrive::plus());

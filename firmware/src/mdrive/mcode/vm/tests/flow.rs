@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A line acts when its 210 µs are over, labels take as long, and so does E.
+/// A line takes effect at the end of its 210 µs. Labels and E take the same time.
 #[test]
 fn a_line_takes_210_us() {
     let mut dut = Dut::with("LB G1; R1=1; R1=2; E");
@@ -38,7 +38,7 @@ fn logic_and_calls_within_calls() {
     assert_eq!(dut.r(), [2, 10, 9, 91]);
 }
 
-/// (MC 4.9: 32 bits, and a quotient without what is behind its point.)
+/// MC 4.9: 32 bits that wrap, and quotients without their fraction.
 #[test]
 fn numbers_wrap_and_quotients_are_cut() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -80,8 +80,8 @@ fn conditions() {
     }
 }
 
-/// From left to right, as programs of real machines have it: `R2 = P - R1 / 2` is half of the difference. Each step has
-/// 32 bits.
+/// Operators apply from left to right, as in programs of real machines: `R2 = P - R1 / 2` is half of the
+/// difference. Each step has 32 bits.
 #[test]
 fn chains_of_operators() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -125,7 +125,8 @@ fn conditions_with_logic() {
     }
 }
 
-/// Programs of real machines tell their host of an error of their own. It is not one that calls the handler.
+/// Programs of real machines report their own errors to the host in ER. Such an error does not call the
+/// handler.
 #[test]
 fn a_program_sets_an_error() {
     let mut dut = Dut::with("OE K9; ER=83; R1=EF; E; LB K9; R2=1; RT");
@@ -136,7 +137,7 @@ fn a_program_sets_an_error() {
     assert_eq!(dut.command("ER=256"), Err(Error::IllegalValue));
 }
 
-/// It goes on with the instruction after the one that caused the error (MC 5-52).
+/// The program continues with the instruction after the one that caused the error (MC 5-52).
 #[test]
 fn an_error_calls_its_handler_and_the_program_goes_on() {
     let mut dut = Dut::with("LB G1; OE K9; R1=0; VM=1; R2=7; E; LB K9; R1=ER; RT");
@@ -161,7 +162,7 @@ fn an_immediate_error_calls_the_handler_too() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::ER)), (0, 21));
 }
 
-/// A handler that fails is not called by that, or it would never return.
+/// An error in the handler does not call the handler again, because the handler would never return.
 #[test]
 fn a_handler_that_fails_goes_on() {
     let mut dut = Dut::with("OE K9; VM=1; R2=7; E; LB K9; RC=101; R1=ER; RT");
@@ -169,7 +170,7 @@ fn a_handler_that_fails_goes_on() {
     assert_eq!(dut.r(), [21, 7, 0, 0]);
 }
 
-/// Nor is one that ends with its error: 30, 41, 42 or 43.
+/// An error that ends the handler (30, 41, 42 or 43) does not call it, either.
 #[test]
 fn a_handler_that_fails_for_good_is_called_once() {
     for (line, error) in [("BR ZZ", 30), ("RT; RT", 41), ("BR 500", 42), ("CL K1", 43)] {
@@ -177,7 +178,7 @@ fn a_handler_that_fails_for_good_is_called_once() {
         dut.commands("OE K1");
         let _ = dut.command("XX");
         dut.wait(1.secs());
-        // CL K1 goes 16 calls deeper than the handler, once.
+        // CL K1 nests 16 calls deeper than the handler, once.
         let (calls, error) = if line == "CL K1" {
             (17, error)
         } else if error == 41 {
@@ -186,26 +187,26 @@ fn a_handler_that_fails_for_good_is_called_once() {
             (1, error)
         };
         assert_eq!((dut.value(Reg::R2), dut.value(Reg::ER), dut.value(Reg::BY)), (calls, error, 0), "{line}");
-        // It is there for the next error.
+        // The next error calls the handler again.
         let _ = dut.command("XX");
         dut.wait(1.secs());
         assert_eq!(dut.value(Reg::R2), 2 * calls, "{line}");
     }
 }
 
-/// The handler has a place of its own on a stack that is full.
+/// The handler has a stack entry of its own, so it can be called when the stack is full.
 #[test]
 fn a_full_stack_has_room_for_the_handler() {
     let mut dut = Dut::with(
         "LB G1; OE K2; R1=0; CL K1; R4=ER; E; LB K1; IC R1; CL K1,R1<16; RC=200; RT; LB K2; IC R2; R3=ER; RT",
     );
     dut.run();
-    // RC = 200 on each of 16 levels.
+    // RC = 200 fails on each of 16 levels.
     assert_eq!(dut.r(), [16, 16, 21, 0]);
 }
 
-/// "Program execution continues with the instruction after the one that caused the error" (MC 5-52), which a handler
-/// that is called for a call too many does, too: the seventeenth CL is left out.
+/// "Program execution continues with the instruction after the one that caused the error" (MC 5-52). This
+/// also applies after an overflow of calls: the seventeenth CL is skipped.
 #[test]
 fn after_an_overflow_the_handler_lets_the_program_go_on() {
     let mut dut = Dut::with("LB G1; OE K2; CL K1; R4=1; E; LB K1; IC R1; CL K1; RT; LB K2; IC R2; R3=ER; RT");
@@ -213,7 +214,7 @@ fn after_an_overflow_the_handler_lets_the_program_go_on() {
     assert_eq!((dut.r(), dut.value(Reg::EF)), ([16, 1, 43, 1], 0));
 }
 
-/// A trip whose subroutine cannot be called any more, because it never returned, is an error as any other.
+/// A trip whose subroutine never returns overflows the stack. This is an error like any other.
 #[test]
 fn an_overflow_by_trips_calls_the_handler() {
     let mut dut = Dut::with("LB K1; TT=1,K1; TE=8; LB K2; IC R1; BR K2; LB K9; IC R2; R3=ER; RT");
@@ -222,7 +223,7 @@ fn an_overflow_by_trips_calls_the_handler() {
     assert_eq!((dut.value(Reg::R2), dut.value(Reg::R3), dut.value(Reg::BY)), (1, 43, 1));
 }
 
-/// 30, 41, 42 and 43 end a program without a handler of OE; with one it goes on (MC 5-52).
+/// Without a handler (OE), 30, 41, 42 and 43 end a program. With a handler it continues (MC 5-52).
 #[test]
 fn what_cannot_go_on_ends_without_a_handler() {
     for (line, error) in
@@ -238,7 +239,7 @@ fn what_cannot_go_on_ends_without_a_handler() {
     }
 }
 
-/// Those that others end with go on with the next line.
+/// After errors other than these the program continues with its next line.
 #[test]
 fn other_errors_let_a_program_go_on() {
     for (line, error) in
@@ -262,7 +263,7 @@ fn a_start_clears_the_error() {
     assert_eq!(dut.value(Reg::EF), 0);
 }
 
-/// It is "erased and declared again each time a program is executed" (MC 3.2.2).
+/// A local variable is "erased and declared again each time a program is executed" (MC 3.2.2).
 #[test]
 fn local_variables_live_until_the_next_start() {
     let mut dut = Dut::with("LB G1; VA V1; VA V2=5; V1=V2*1000; E; LB G2; H 10; E");
@@ -278,7 +279,7 @@ fn local_variables_live_until_the_next_start() {
     assert_eq!(dut.command("VA Q1"), Err(Error::Redefined));
 }
 
-/// As in MC 7.2.5.
+/// A program without E ends after its last line, as in MC 7.2.5.
 #[test]
 fn a_program_without_an_end_ends_behind_its_last_line() {
     let mut dut = Dut::with("R1=1; R2=1");
@@ -295,7 +296,7 @@ fn a_branch_to_itself_takes_its_time() {
     assert_eq!(dut.value(Reg::BY), 1);
     dut.commands("E");
     assert_eq!(dut.value(Reg::BY), 0);
-    // E without a program is no error.
+    // E while no program runs is no error.
     dut.commands("E");
 }
 
@@ -318,7 +319,7 @@ fn a_hold_takes_its_time() {
     assert_eq!((dut.value(Reg::ER), dut.value(Reg::R1)), (21, 2));
 }
 
-/// H is for immediate mode, too (MC 5-27); what else a program is led by is not (MC 5-6, 5-62).
+/// H may be typed, too (MC 5-27). Other statements that control a program may not (MC 5-6, 5-62).
 #[test]
 fn a_hold_is_typed() {
     let mut dut = Dut::with("LB G1; IC R1; BR G1");
@@ -341,7 +342,7 @@ fn a_hold_is_typed() {
     assert!(dut.value(Reg::R1) > counted + 1_000);
 }
 
-/// PS holds lines and times, RS goes on with what was left.
+/// PS pauses lines and times. RS continues with the remaining time.
 #[test]
 fn a_pause_holds_everything() {
     let mut dut = Dut::with("H 100; R1=1; E");
@@ -361,7 +362,8 @@ fn a_pause_holds_everything() {
     assert_eq!(dut.r(), [1, 5, 0, 0]);
 }
 
-/// However a pause ends, orders that come later are carried out one after the other, and RS finds nothing of before.
+/// After a pause has ended in any way, later commands are executed in order, and RS resumes nothing from
+/// before.
 #[test]
 fn what_ends_a_program_ends_its_pause() {
     for way in ["E", "EX G1", "CP", "FD", "PS; RS; SL 0"] {
@@ -384,7 +386,8 @@ fn what_ends_a_program_ends_its_pause() {
     }
 }
 
-/// H of a program that a pause came before waits for all that the program has ordered.
+/// H in a program waits for all motion that the program has ordered, also if an earlier pause was ended by
+/// its start.
 #[test]
 fn a_program_moves_after_a_pause_that_another_one_had() {
     let mut dut = Dut::with("MR 1000; MR 1000; H; R1=P; E");
@@ -407,7 +410,7 @@ fn a_new_start_replaces_what_runs() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::BY)), (1, 0));
 }
 
-/// "CL" may be typed, too (MC 5-13): the subroutine runs, then what ran before.
+/// CL may be typed, too (MC 5-13): the subroutine runs, then the program continues.
 #[test]
 fn a_call_that_is_typed() {
     let mut dut = Dut::with("LB K1; R1=R1+1; RT; LB G1; IC R2; BR G1");
@@ -424,7 +427,7 @@ fn a_call_that_is_typed() {
     assert_eq!(dut.value(Reg::R2), before + 10);
 }
 
-/// (MC 5-36, 5-39, 8.5)
+/// IV and IF (MC 5-36, 5-39, 8.5).
 #[test]
 fn input_into_a_variable() {
     let mut dut = Dut::with("IV R1; LB K1; BR K1,IF=1; R2=R1*2; E");
@@ -448,24 +451,25 @@ fn input_into_a_variable() {
     dut.commands("IV Q1");
     dut.command("").unwrap();
     assert_eq!(dut.value(Reg::IF), 0);
-    // "IF=<0/1>" (MC 5-36): what IV named last is waited for again. "IF Flag already TRUE" (MC 9.4, 62).
+    // "IF=<0/1>" (MC 5-36): IF = 1 waits for the last variable of IV again. "IF Flag already TRUE" (MC 9.4,
+    // 62).
     dut.commands("IF=1; 9");
     assert_eq!((dut.value(Reg::IF), dut.user(b"Q1")), (0, Some(9)));
     dut.commands("IF=1");
     assert_eq!(dut.command("IF=1"), Err(Error::InputPending));
     assert_eq!(dut.command("IV R1"), Err(Error::InputPending));
     dut.commands("IF=0");
-    // CR alone has a fraction.
+    // Only CR accepts a fraction.
     dut.commands("IV CR; 1.5");
     assert_eq!(dut.value(Reg::CR), 1_500);
     dut.commands("IV R1");
     assert_eq!(dut.command("1.5"), Err(Error::IllegalData));
     assert_eq!((dut.value(Reg::IF), dut.value(Reg::R1)), (0, -21));
-    // Nothing has moved: there is nothing that a number would repeat.
+    // There was no motion command that a number could repeat.
     assert_eq!(dut.command("7"), Err(Error::IllegalData));
 }
 
-/// Local variables are gone at the next start, and what waits for one of them is, too.
+/// Local variables disappear at the next start. If IV waits for one of them, the wait ends.
 #[test]
 fn input_for_a_variable_that_is_gone() {
     let mut dut = Dut::with("VA Q1; IV Q1; E; LB G1; E");
@@ -480,7 +484,7 @@ fn input_for_a_variable_that_is_gone() {
     assert_eq!(dut.value(Reg::R1), 5);
 }
 
-/// What is typed is shown nowhere, what a program does in trace mode is (MC 5-24).
+/// Trace mode prints the lines of the program, but no typed lines (MC 5-24).
 #[test]
 fn trace_shows_each_line_when_it_acts() {
     let mut dut = Dut::with("LB G1; R1=1; E");
@@ -516,8 +520,8 @@ fn single_steps_wait_for_a_key() {
     assert_eq!(dut.value(Reg::BY), 0);
 }
 
-/// "The program will then run normally the number of times specified by the count, then go into single-step mode"
-/// (MC 5-5).
+/// "The program will then run normally the number of times specified by the count, then go into single-step
+/// mode" (MC 5-5).
 #[test]
 fn a_break_point_stops_a_trace() {
     let program = "LB X1; R1=R1+1; BR X1,R1<9; E";
@@ -542,7 +546,7 @@ fn a_break_point_stops_a_trace() {
     assert_eq!(dut.value(Reg::R1), 9);
 }
 
-/// A ratio of 1 is 1 whoever says it, and keeps its fraction among ratios only.
+/// A ratio of 1 is the number 1 for other variables. Its fraction is kept among ratios only.
 #[test]
 fn a_ratio_is_a_number_like_others() {
     let mut dut = Dut::with("LB G1; E");
@@ -570,7 +574,7 @@ fn a_ratio_is_a_number_like_others() {
         ("MR CR", 1_500),
     ] {
         let done = line.split(';').map(|line| dut.command(line)).find(Result::is_err);
-        // What is out of its range changes nothing.
+        // A value outside of the range changes nothing.
         let expected = (ratio == 0).then_some(Err(Error::IllegalValue));
         assert_eq!(done, expected, "{line}");
         if ratio != 0 {
@@ -596,7 +600,8 @@ fn a_ratio_is_a_number_like_others() {
     }
 }
 
-/// MC 9 has no number for what its chapter 5 calls immediate: a program may do it, and L prints to all.
+/// MC 9 has no error for commands that MC 5 calls immediate. So a program may use them, and L prints to all
+/// connections.
 #[test]
 fn a_program_may_list_itself() {
     let mut dut = Dut::with("LB G1; L 2; R1=1; E");

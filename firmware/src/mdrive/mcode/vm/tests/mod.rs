@@ -1,4 +1,4 @@
-//! Programs as MC has them, and when each of their lines acts: the first one 210 µs after EX, and so on.
+//! Programs of MC, and the time at which each line takes effect: the first one 210 µs after EX, and so on.
 
 mod anything;
 mod examples;
@@ -21,10 +21,10 @@ use crate::mdrive::registers::Reg;
 use crate::mdrive::{A, ANALOG, B, CAPTURE, IO1, IO4, MCODE, MEMORY, Mdrive, STALL};
 use crate::testing::{Fixture, Treatment};
 
-/// Whose lines these are.
+/// Connection of the client.
 const CONSOLE: Link = Link(0);
 
-/// A drive that is ready, with somebody on its console.
+/// A drive that is ready, with a client on its console.
 struct Dut {
     fixture: Fixture<Mdrive>,
 }
@@ -60,24 +60,24 @@ impl Dut {
         dut
     }
 
-    /// What it has said.
+    /// Text that the drive has sent.
     fn said(&self) -> String {
         self.out.messages.iter().map(|(.., bytes)| std::str::from_utf8(bytes).unwrap()).collect()
     }
 
-    /// Levels of the trip output.
+    /// Level changes of the trip output.
     fn trip_output(&self) -> Vec<(Instant, Level)> {
         self.out.levels.iter().map(|(at, _, level)| (*at, *level)).collect()
     }
 
-    /// With lines in its program, from address 1 on.
+    /// A drive with a program of these lines, from address 1 on.
     fn with(lines: &str) -> Self {
         let mut dut = Self::new(Mdrive::plus());
         dut.store(1, lines);
         dut
     }
 
-    /// Stores lines, which semicolons or ends of lines separate.
+    /// Stores lines from address `first` on. Semicolons or ends of lines separate them.
     fn store(&mut self, first: u16, lines: &str) {
         let lines = lines.split([';', '\n']).map(str::trim).filter(|line| !line.is_empty());
         for (address, line) in (first..).zip(lines) {
@@ -92,17 +92,17 @@ impl Dut {
         &self.fixture.drive.drive
     }
 
-    /// As many lines of a program.
+    /// Waits for the time of `count` lines of a program.
     fn lines(&mut self, count: u64) {
         self.wait(210.micros() * count);
     }
 
-    /// A level at a pin.
+    /// Sets the level of a pin.
     fn level(&mut self, pin: Pin, high: bool) {
         self.feed(Input::Edge { pin, high });
     }
 
-    /// An immediate command.
+    /// Executes a typed line.
     fn command(&mut self, line: &str) -> Result<(), Error> {
         let Fixture { drive: Mdrive { drive, .. }, out, now } = &mut self.fixture;
         let done = drive.parse(line.as_bytes()).and_then(|it| drive.execute(*now, &it, false, out));
@@ -113,7 +113,7 @@ impl Dut {
         done
     }
 
-    /// Immediate commands that are taken.
+    /// Executes typed lines, all of which must be accepted.
     fn commands(&mut self, lines: &str) {
         for line in lines.split([';', '\n']).map(str::trim).filter(|line| !line.is_empty()) {
             self.command(line).unwrap_or_else(|error| panic!("{line}: {error:?}"));
@@ -140,12 +140,12 @@ impl Dut {
         self.drive().read(self.now, reg)
     }
 
-    /// R1 to R4.
+    /// Values of R1 to R4.
     fn r(&self) -> [i32; 4] {
         [Reg::R1, Reg::R2, Reg::R3, Reg::R4].map(|reg| self.value(reg))
     }
 
-    /// A user variable.
+    /// Value of a user variable.
     fn user(&self, name: &[u8; 2]) -> Option<i32> {
         match self.drive().mcode.names.find(*name)? {
             Meaning::Global(value) | Meaning::Local(value) => Some(value),

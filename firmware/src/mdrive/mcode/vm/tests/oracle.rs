@@ -1,4 +1,5 @@
-//! Random programs beside another interpreter, which knows nothing of how lines are written, kept or taken apart.
+//! Random programs compared with a second interpreter. It works on structures and does not parse or store
+//! lines.
 
 use std::format;
 
@@ -13,7 +14,7 @@ enum Source {
     Constant(i32),
 }
 
-/// What two values come to, and how that is written.
+/// Operator between two values, and its character.
 #[derive(Clone, Copy, Debug)]
 enum Sign {
     Plus,
@@ -42,10 +43,10 @@ enum Line {
     Copy(usize, Source),
     Not(usize, Source),
     Calculate(usize, Source, Sign, Source),
-    /// From left to right.
+    /// Several operators, applied from left to right.
     Chain(usize, Source, [(Sign, Source); 3]),
     Step(usize, i32),
-    /// To a line that may not be there.
+    /// Branch to a line that may not exist.
     Branch(usize, When),
     Call(usize, When),
     Return,
@@ -124,7 +125,7 @@ impl Line {
     }
 }
 
-/// The other interpreter: a line at a time, numbers in 128 bits of which 32 are kept.
+/// The second interpreter. It executes a line at a time, with numbers of 128 bits truncated to 32.
 struct Oracle {
     lines: Vec<Line>,
     registers: [i128; 5],

@@ -12,11 +12,12 @@ fn a_position_interrupts_a_hold() {
     );
     dut.run();
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::PC)), (1, 0, 0));
-    // 6.3 steps until SL 0, the third line of the subroutine; 49.5 from 10,000 steps/s down to VI.
+    // 6.3 steps until SL 0, the third line of the subroutine, takes effect. 49.5 steps from 10,000 steps/s
+    // down to VI.
     assert_eq!(dut.value(Reg::R2), 20_055);
 }
 
-/// It trips where it is passed, and not where it begins.
+/// The trip occurs when the position is reached, not if the motion begins there.
 #[test]
 fn a_position_trips_when_it_comes() {
     let mut dut = Dut::with("LB K1; IC R1; RT");
@@ -29,7 +30,7 @@ fn a_position_trips_when_it_comes() {
     dut.commands("MR 3000");
     dut.wait(1.secs());
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::R1), dut.value(Reg::EF)), (0, 1, 0));
-    // A position that is another one now is none of those that were planned.
+    // A write of P changes the position. The trip uses the new position, not the one of the earlier plan.
     dut.commands("TP=5000,K1; TE=2; MR 2000; P=4000");
     dut.wait(1.secs());
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::R1), dut.value(Reg::P)), (0, 2, 6_000));
@@ -49,7 +50,7 @@ fn a_time_trips_once() {
     dut.wait(10.secs());
     assert_eq!(dut.value(Reg::R1), 1);
 
-    // Of a program that runs the line ends first.
+    // If a program runs, its present line ends first.
     dut.commands("TT=1,K1; EX G1; TE=8");
     dut.wait(1_050.micros() - Duration::TICK);
     assert_eq!(dut.value(Reg::R1), 1);
@@ -62,7 +63,7 @@ fn a_time_trips_once() {
     dut.commands("E");
 }
 
-/// What a time trips is called within an H, whose own time goes on meanwhile.
+/// The subroutine of TT is called during an H. The time of the H continues meanwhile.
 #[test]
 fn the_time_of_a_hold_goes_on_during_a_trip() {
     let mut dut = Dut::with("TT=10,K1; TE=8; H 100; R2=1; E; LB K1; R1=1; RT");
@@ -73,7 +74,7 @@ fn the_time_of_a_hold_goes_on_during_a_trip() {
     assert_eq!(dut.r(), [1, 1, 0, 0]);
 }
 
-/// "TE must be re-enabled": within its subroutine it may be (MC 8.2).
+/// "TE must be re-enabled": the subroutine may do this (MC 8.2).
 #[test]
 fn trips_are_defined_before_they_are_enabled() {
     let mut dut = Dut::with("LB K1; RT");
@@ -106,13 +107,14 @@ fn trips_are_defined_before_they_are_enabled() {
     assert_eq!(dut.command("TE=17"), Err(Error::TripNotDefined));
     dut.commands("TE=0; TR=0,0,0");
     assert_eq!(dut.command("TE=16"), Err(Error::TripNotDefined));
-    // As PR AL prints it.
+    // In the format that PR AL prints.
     dut.commands("TE=8; TT = 0, 0");
     assert_eq!(dut.value(Reg::TE), 0);
     assert_eq!(dut.command("TE=8"), Err(Error::TripNotDefined));
 }
 
-/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC 5-73).
+/// "Only the activated trip function needs to be re-enabled, the other trips will still be enabled" (MC
+/// 5-73).
 #[test]
 fn a_trip_is_enabled_beside_others() {
     let mut dut = Dut::with("LB K1; IC R1; TE=8; RT; LB K2; IC R2; RT");
@@ -163,7 +165,7 @@ fn a_distance_trips_as_often_as_it_is_told() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::PC)), (2, 0, -2_000));
 }
 
-/// A subroutine without an end calls itself again and again: 43, and the program ends (MC 9.3).
+/// A subroutine that never returns is called again and again: error 43, and the program ends (MC 9.3).
 #[test]
 fn trips_that_never_return_overflow_the_stack() {
     let mut dut = Dut::with("LB K1; TT=1,K1; TE=8; LB K2; BR K2");
@@ -188,7 +190,7 @@ fn inputs_trip_and_capture() {
     let there = dut.value(Reg::P);
     dut.wait(100.millis());
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::PC), dut.value(Reg::R1)), (0, there, 2));
-    // Only what becomes active trips, and only once.
+    // A trip needs a change to active, and occurs once.
     dut.commands("TE=1");
     dut.level(second, true);
     dut.wait(10.millis());
@@ -200,7 +202,7 @@ fn inputs_trip_and_capture() {
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::R1), dut.value(Reg::EF)), (0, 3, 0));
 }
 
-/// LM 3: the program ends, and what OE has been told is called (MC 5-43, 5-52).
+/// LM 3: the program ends, and the handler of OE is called (MC 5-43, 5-52).
 #[test]
 fn a_limit_ends_the_program_and_calls_the_handler() {
     let mut dut = Dut::with("OE K9; SL 50000; H; R2=1; E; LB K9; R1=ER; RT");
@@ -211,7 +213,7 @@ fn a_limit_ends_the_program_and_calls_the_handler() {
     assert_eq!((dut.r(), dut.value(Reg::BY), dut.value(Reg::V)), ([83, 0, 0, 0], 0, 0));
 }
 
-/// TA's flags are additive (MC 5-71).
+/// Conditions of TA can be combined by addition (MC 5-71).
 #[test]
 fn the_state_of_a_hybrid_trips() {
     let mut dut = Dut::new(Mdrive::hybrid());
@@ -232,7 +234,8 @@ fn the_state_of_a_hybrid_trips() {
     assert_eq!(trip(4), (0, 1));
 }
 
-/// The output pulses at the very steps, "TR=650000,0,0", and runs nothing (MC 5-75); CW is 10 times 50 ns.
+/// "TR=650000,0,0" makes a pulse exactly at its steps, and calls nothing (MC 5-75). CW is 10, in units of 50
+/// ns.
 #[test]
 fn a_distance_without_a_subroutine_pulses() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -255,7 +258,7 @@ fn a_distance_without_a_subroutine_pulses() {
     }
 }
 
-/// A position that is passed within a ramp, to the tick.
+/// The position is passed within a ramp. The pulse is exact to the tick.
 #[test]
 fn a_position_pulses_at_its_step() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -271,12 +274,13 @@ fn a_position_pulses_at_its_step() {
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::PC)), (0, 0));
 }
 
-/// TR "will always use motor counts unless the encoder is enabled" (MC 5-75): 512 lines, so that 25 steps are a count.
+/// TR "will always use motor counts unless the encoder is enabled" (MC 5-75). With 512 lines 25 steps are a
+/// count.
 #[test]
 fn a_distance_is_in_counts_with_the_encoder() {
     for sign in [1, -1] {
         let mut dut = Dut::with("LB K1; IC R1; RT");
-        // C1 and C2 are apart, also by less than a count.
+        // C1 and C2 differ, also by a fraction of a count.
         dut.commands("MR 70010");
         dut.wait(1.secs());
         dut.commands("EE=1; P=500");
@@ -299,14 +303,14 @@ fn a_distance_is_in_counts_with_the_encoder() {
         dut.commands(&format!("MR {sign}"));
         dut.wait(1.secs());
         assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::ER)), (3, 0, 0));
-        // A count that is another one now is none of those that were planned.
+        // A write of P changes the count. The trip uses the new count, not the one of the earlier plan.
         dut.commands(&format!("TR={},K1,1; TE=16; P=P{:+}", sign * 1_000, sign * 1_000));
         dut.wait(Duration::ZERO);
         assert_eq!((dut.value(Reg::TE), dut.value(Reg::PC)), (0, 500 + sign * 4_000));
     }
 }
 
-/// What stands has no way behind it, whatever the motor's steps say.
+/// A blocked shaft makes no counts, so TR does not trip, whatever the motor's steps are.
 #[test]
 fn a_distance_waits_for_a_shaft_that_is_held() {
     let mut dut = Dut::with("LB K1; IC R1; RT");
@@ -323,7 +327,7 @@ fn a_distance_waits_for_a_shaft_that_is_held() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::PC)), (1, 0, 100));
 }
 
-/// A remote encoder counts on its own.
+/// A remote encoder counts independently of the motor.
 #[test]
 fn a_distance_follows_a_remote_encoder() {
     let mut dut = Dut::with("LB K1; IC R1; RT");
@@ -331,12 +335,12 @@ fn a_distance_follows_a_remote_encoder() {
         dut.level(pin, true);
     }
     dut.commands("EE=1; P=0; TR=-4,K1,2; TE=16");
-    // Backward B falls first.
+    // In backward motion channel B falls first.
     let cycle = [(B, false), (A, false), (B, true), (A, true)];
     for (edge, (pin, high)) in (1..=8).zip(cycle.into_iter().cycle()) {
         dut.wait(1.millis());
         dut.level(pin, high);
-        // FM lets pass what lasts 200 ns.
+        // FM lets a level pass that lasts 200 ns.
         dut.wait(1.micros());
         assert_eq!((dut.value(Reg::P), dut.value(Reg::PC)), (-edge, -(edge / 4 * 4)));
     }
@@ -344,7 +348,7 @@ fn a_distance_follows_a_remote_encoder() {
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE)), (2, 0));
 }
 
-/// More often than 20 kHz is "the maximum rate of trip" (MC 5-75): they come late, but all of them.
+/// 20 kHz is "the maximum rate of trip" (MC 5-75). Faster trips are delayed, but none is lost.
 #[test]
 fn trips_are_not_faster_than_20_khz() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -358,7 +362,8 @@ fn trips_are_not_faster_than_20_khz() {
     assert_eq!((dut.trip_output().len(), dut.value(Reg::TE)), (2 * 1_000, 0));
 }
 
-/// Without an end it keeps to its distances, and does not run after a position that has outrun it.
+/// TR without a limit of repetitions trips at its distances only. It does not make up for positions that it
+/// has missed.
 #[test]
 fn trips_without_an_end_end_with_the_motion() {
     let mut dut = Dut::new(Mdrive::plus());
@@ -374,7 +379,7 @@ fn trips_without_an_end_end_with_the_motion() {
     dut.out.levels.clear();
     dut.wait(1.secs());
     assert_eq!((dut.trip_output().len(), dut.value(Reg::TE)), (0, 16));
-    // A position that is written is one more, whatever its way.
+    // A write of P trips once, however far P jumps.
     dut.commands("P=P+1000000000");
     dut.wait(1.secs());
     assert_eq!(dut.trip_output().len(), 2);
