@@ -209,7 +209,7 @@ fn tests(sh: &Shell) -> Result<()> {
         .map(|name| format!("--config=profile.dev.package.drivetwin-{name}.opt-level=0"));
     let tests = [
         cmd!(sh, "cargo test {host...} --no-fail-fast --lib {plain...}"),
-        cmd!(sh, "cargo test {host...} --no-fail-fast --bins --tests"),
+        cmd!(sh, "cargo test {host...} --no-fail-fast --bins --test '*'"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
     ];
     // Each runs, whatever the others do.
