@@ -1,13 +1,13 @@
-//! The contract between a drive and the world. Read this first.
+//! The contract between a drive and its caller. Read this first.
 //!
-//! A drive is a pure function from stamped inputs to stamped outputs: it owns no clock, no port and no pin. Its caller
-//! (the simulator's bench, the [shell](crate::shell) of a board, a test) passes inputs with their time, wakes the drive
-//! at its [deadline](Device::deadline), and carries out the outputs that the drive puts into the [`Context`].
-//! [`advance`] is the one place where inputs and deadlines are merged.
+//! A drive is a pure function from inputs with timestamps to outputs with timestamps. It owns no clock, no
+//! port and no pin. The caller (the simulator's bench, the [shell](crate::shell) of a board, a test) passes
+//! inputs with their timestamps and calls the drive at its [deadline](Device::deadline). The drive passes its
+//! outputs to the [`Context`], and the caller executes them. Only [`advance`] merges inputs and deadlines.
 //!
 //! # Example
 //!
-//! An MD3 without a board and without the simulator: the caller is the clock, the line and the EEPROM.
+//! An MD3 without a board and without the simulator. The example is the clock, the line and the EEPROM.
 //!
 //! ```
 //! use drivetwin_firmware::device::{Boot, Context, Device, Input, Instant, Output, Plan, Port, advance};
@@ -81,24 +81,25 @@ macro_rules! newtype_index {
 }
 
 newtype_index! {
-    /// Place in [`Spec::ports`].
+    /// Index in [`Spec::ports`].
     Port,
-    /// Place in [`Spec::pins`].
+    /// Index in [`Spec::pins`].
     Pin,
-    /// Place in [`Spec::axes`].
+    /// Index in [`Spec::axes`].
     Axis,
-    /// Place in [`Spec::encoders`].
+    /// Index in [`Spec::encoders`].
     Encoder,
-    /// Place in [`Spec::faults`].
+    /// Index in [`Spec::faults`].
     Fault,
-    /// A TCP connection of a port; numbers are used again, but never while open.
+    /// Number of a TCP connection of a port. After a connection is closed, a later one may have the same
+    /// number.
     Link,
 }
 
-/// A voltage above this, in mV, is a high level: the middle of TTL's 0.8 V and 2.0 V.
+/// A voltage above this limit, in mV, is a high level. The limit is in the middle of TTL's 0.8 V and 2.0 V.
 pub const HIGH_MV: i32 = 1_400;
 
-/// A high level as a voltage, in mV; a low one is 0.
+/// Voltage of a high level, in mV. The voltage of a low level is 0.
 pub const LOGIC_HIGH_MV: i32 = 5_000;
 
 /// Level of an output pin.
@@ -116,16 +117,18 @@ pub enum Level {
 /// An input of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Input<'a> {
-    /// Characters of a serial port. The stamp is the end of the first one's stop bit; the others follow back to back.
-    /// More than one only where silence ends a frame ([`Framing::Silence`]), and nothing behind a line feed on a line
-    /// of 7 data bits (Modbus ASCII); splitting them anywhere changes nothing.
+    /// Characters received on a serial port. The timestamp is the end of the first character's stop bit; the
+    /// other characters follow back to back. An input has more than one character only if silence ends a
+    /// frame ([`Framing::Silence`]). On a line of 7 data bits (Modbus ASCII) a line feed is the last
+    /// character of its input. The caller may split the characters into inputs anywhere; the drive does the
+    /// same.
     Bytes {
         /// Port.
         port: Port,
         /// The characters.
         bytes: &'a [u8],
     },
-    /// A character with an error: parity, framing, overrun, collision, another baud rate.
+    /// A character was received with an error: parity, framing, overrun, collision, or another baud rate.
     RxError {
         /// Port.
         port: Port,
@@ -135,130 +138,134 @@ pub enum Input<'a> {
         /// Port.
         port: Port,
     },
-    /// The host opened or left the port (DTR; a pty opened or closed).
+    /// The host opened or closed the port (DTR; a pty was opened or closed).
     HostPresence {
         /// Port.
         port: Port,
-        /// True once a program is there.
+        /// True if a program has the port open.
         here: bool,
     },
-    /// A client has connected to a TCP port. The number is the lowest that is free on that port.
+    /// A client has connected to a TCP port. The number of the connection is the lowest free one on this
+    /// port.
     Opened {
         /// Port.
         port: Port,
-        /// Which connection that is.
+        /// The new connection.
         link: Link,
     },
-    /// A message on a TCP connection: a whole Modbus ADU; of MCode the bytes that came, cut behind the end of each
-    /// line, as [`next_line`](drivetwin_protocol::text::next_line) does.
+    /// A message received on a TCP connection: a whole Modbus ADU, or received bytes of MCode. The caller
+    /// splits MCode after the end of each text line, as [`next_line`](drivetwin_protocol::text::next_line)
+    /// does.
     Message {
         /// Port.
         port: Port,
-        /// On which connection.
+        /// The connection.
         link: Link,
         /// Bytes of the message.
         bytes: &'a [u8],
     },
-    /// A TCP connection was closed, and not by the drive itself.
+    /// A TCP connection was closed, but not by the drive.
     Closed {
         /// Port.
         port: Port,
-        /// Which.
+        /// The connection.
         link: Link,
     },
-    /// An input pin changed.
+    /// A digital input pin changed its level.
     Edge {
-        /// Which.
+        /// The pin.
         pin: Pin,
-        /// To high.
+        /// True if the level is now high.
         high: bool,
     },
     /// An input whose [idle level](PinSpec::idle) is [`Level::Float`] is no longer driven and not wired. Until its
     /// first event such a pin is open.
     Open {
-        /// Which.
+        /// The pin.
         pin: Pin,
     },
-    /// An analogue input changed.
+    /// The voltage at an analogue input changed.
     Millivolts {
-        /// Which.
+        /// The pin.
         pin: Pin,
         /// Voltage in mV.
         mv: i32,
     },
-    /// Quarter cycles from a counter in hardware; boards only, instead of edges.
+    /// Encoder steps (quarter cycles) from a hardware counter. Only boards send this, instead of edges.
     Count {
-        /// Which encoder.
+        /// The encoder.
         encoder: Encoder,
-        /// Steps since the last count, signed.
+        /// Steps since the last input of this kind, signed.
         steps: i32,
-        /// Channel A now.
+        /// Level of channel A now.
         a: bool,
-        /// Channel B now.
+        /// Level of channel B now.
         b: bool,
     },
-    /// The cause of a fault comes or goes.
+    /// The cause of a fault appears or disappears.
     Fault {
-        /// Which.
+        /// The fault.
         fault: Fault,
         /// True while the cause is present.
         on: bool,
     },
-    /// Current limit, to a motor: as [`Output::CurrentLimit`].
+    /// Current limit, sent to a motor: see [`Output::CurrentLimit`].
     CurrentLimit {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
         ma: u32,
     },
-    /// Duty, to a motor: as [`Output::Duty`].
+    /// Duty, sent to a motor: see [`Output::Duty`].
     Duty {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// Duty in 1/65536 of the supply, signed.
+        /// Duty in 1/65536 of the supply voltage, signed.
         duty: i32,
     },
-    /// The motor on an axis draws another current.
+    /// The current of the motor on an axis changed.
     MotorCurrent {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// In mA, signed as the duty is: what brakes it has the other sign.
+        /// Current in mA. Its sign is that of the duty; a braking current has the opposite sign.
         ma: i32,
     },
-    /// The motor on an axis is this one from the stamp on: what the drive's control loop computes with.
+    /// The motor on an axis has these parameters from the timestamp on. The drive's control loop computes
+    /// with them.
     Motor {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Winding, rotor, supply and load.
         parameters: &'a Parameters,
     },
-    /// Rotation of the motor on an axis from the stamp on. The drive's control loop uses it between two edges of its
-    /// sensors.
+    /// Rotation of the motor on an axis from the timestamp on. The drive's control loop uses it between two
+    /// edges of its sensors.
     Rotation {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// Angle, speed and acceleration at the stamp.
+        /// Angle, speed and acceleration at the timestamp.
         rotation: Rotation,
     },
-    /// Plan of the drive's axis, to a stepper motor: as [`Output::Plan`].
+    /// Plan of the drive's axis, sent to a stepper motor: see [`Output::Plan`].
     Plan {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// In steps of the drive.
+        /// The plan, in steps of the drive.
         plan: &'a Plan,
     },
-    /// Steps without a ramp, to a stepper motor: as [`Output::Step`].
+    /// Steps without a ramp, sent to a stepper motor: see [`Output::Step`].
     Step {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Number of steps, signed.
         steps: i32,
     },
-    /// A board started a plan late, so that it made this many steps more than the plan; never in the simulator.
+    /// A board started a plan late and therefore made more steps than the plan has. The simulator never sends
+    /// this.
     StepsCorrection {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// Steps more, signed.
+        /// Number of steps made in addition to the plan, signed.
         steps: i32,
     },
 }
@@ -266,19 +273,19 @@ pub enum Input<'a> {
 /// An output of a drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Output<'a> {
-    /// Characters to send from the stamp on, back to back at the line's rate; the caller paces them. The stamp may lie
-    /// ahead: a reply delay.
+    /// Characters to send from the timestamp on, back to back at the rate of the line. The caller times each
+    /// character. The timestamp may be in the future, because of a reply delay.
     Bytes {
         /// Port.
         port: Port,
         /// The characters.
         bytes: &'a [u8],
     },
-    /// A message on a TCP connection.
+    /// A message to send on a TCP connection.
     Message {
         /// Port.
         port: Port,
-        /// On which connection.
+        /// The connection.
         link: Link,
         /// The message.
         bytes: &'a [u8],
@@ -287,10 +294,10 @@ pub enum Output<'a> {
     Close {
         /// Port.
         port: Port,
-        /// Which.
+        /// The connection.
         link: Link,
     },
-    /// The line from the next character on: after all [`Output::Bytes`] put before it have left.
+    /// New line settings. They apply after all [`Output::Bytes`] put before have been sent.
     Line {
         /// Port.
         port: Port,
@@ -299,78 +306,79 @@ pub enum Output<'a> {
     },
     /// An output pin takes a level.
     Level {
-        /// Which.
+        /// The pin.
         pin: Pin,
         /// The level.
         level: Level,
     },
-    /// An output pin repeats from the stamp on, until its next output: high for `high`, low for the rest of `period`.
-    /// LEDs, PWM, clocks; no edge wakes the drive.
+    /// An output pin repeats a pulse from the timestamp on, until the next output for this pin: high for
+    /// `high`, low for the rest of `period`. For LEDs, PWM and clocks. The drive is not called at the edges.
     Wave {
-        /// Which.
+        /// The pin.
         pin: Pin,
-        /// Time of a cycle, not zero.
+        /// Duration of a cycle, not zero.
         period: Duration,
-        /// High at its beginning.
+        /// High time at the beginning of each cycle.
         high: Duration,
     },
-    /// Plan of an axis from the stamp on.
+    /// Plan of an axis from the timestamp on.
     Plan {
-        /// Which.
+        /// Axis.
         axis: Axis,
-        /// Position at any instant from now on.
+        /// The plan: the position at any instant from the timestamp on.
         plan: &'a Plan,
     },
-    /// Steps at the stamp, without a ramp (step/direction input).
+    /// Steps at the timestamp, without a ramp (step/direction input).
     Step {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Number of steps, signed.
         steps: i32,
     },
     /// Current limit of the motor.
     CurrentLimit {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Peak current in mA; 0 opens the terminals.
         ma: u32,
     },
-    /// Duty of a motor without steps.
+    /// Duty of a motor that is not a stepper motor.
     Duty {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// Duty in 1/65536, signed; 0 shorts the terminals.
+        /// Duty in 1/65536 of the supply voltage, signed; 0 shorts the terminals.
         duty: i32,
     },
-    /// Current that a motor draws from now on, from a motor.
+    /// Current of a motor from the timestamp on. A motor puts this output.
     MotorCurrent {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// In mA, signed as the duty is.
+        /// Current in mA, with the sign of the duty.
         ma: i32,
     },
-    /// Parameters of a motor, put at power-on and when they change.
+    /// Parameters of a motor. A motor puts this output at power-on and when the parameters change.
     Motor {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
         /// Winding, rotor, supply and load.
         parameters: &'a Parameters,
     },
-    /// Rotation of a motor's shaft from the stamp on.
+    /// Rotation of a motor's shaft from the timestamp on. A motor puts this output.
     Rotation {
-        /// Which axis.
+        /// Axis.
         axis: Axis,
-        /// Angle, speed and acceleration at the stamp.
+        /// Angle, speed and acceleration at the timestamp.
         rotation: Rotation,
     },
-    /// Bytes of the non-volatile memory. A power cut leaves any prefix of them.
+    /// Bytes to write into the non-volatile memory. If power fails during the write, only the first of these
+    /// bytes are written.
     Store {
         /// Offset of the first byte.
         offset: u16,
         /// The bytes.
         bytes: &'a [u8],
     },
-    /// For logs and statistics; nothing depends on it.
+    /// A note for logs and statistics; it has no effect.
     Log(LogEvent),
 }
 
@@ -378,11 +386,11 @@ pub enum Output<'a> {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LogEvent {
-    /// A request was carried out.
+    /// A request was executed.
     Request {
         /// Port.
         port: Port,
-        /// The address it was for.
+        /// The address in the request.
         unit: u8,
         /// Function code.
         function: u8,
@@ -419,18 +427,18 @@ impl LogEvent {
     }
 }
 
-/// Destination of a drive's outputs, and its non-volatile memory.
+/// Receiver of a drive's outputs, with the drive's non-volatile memory.
 pub trait Context {
-    /// `output` holds from `at` on. Stamps are those of the call they are put in, except where the docs of [`Output`]
-    /// allow them to lie ahead.
+    /// Puts an output, which takes effect at `at`. `at` is the time of the call of the drive, except where
+    /// the docs of [`Output`] allow a later time.
     fn put(&mut self, at: Instant, output: Output<'_>);
 
-    /// The non-volatile memory, [`Spec::memory`] bytes, as every `Store` so far left it. A new one is
-    /// all `0xFF`.
+    /// The non-volatile memory, [`Spec::memory`] bytes: the result of all [`Output::Store`] so far. A new
+    /// memory is all `0xFF`.
     fn memory(&self) -> &[u8];
 }
 
-/// A sink that drops all outputs and has no memory.
+/// A context that discards all outputs and has no memory.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NullContext;
 
@@ -445,56 +453,56 @@ impl Context for NullContext {
 /// Conditions at power-on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Boot {
-    /// Seed of every random choice.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// No start-up delay.
+    /// True if the drive skips its start-up delay.
     pub fast: bool,
-    /// Characters take no time on its serial lines (`--line fast`): they have left as soon as they are sent.
+    /// True if characters take no time on the drive's serial lines (`--line fast`).
     pub fast_line: bool,
 }
 
 /// Reason why a register cannot be preset.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PresetError {
-    /// There is no such row.
+    /// There is no such register.
     NoSuchRegister,
     /// The register cannot be preset.
     ReadOnly,
-    /// The row does not accept the value.
+    /// The register does not accept the value.
     OutOfRange,
-    /// The saved values cannot be changed, because the memory is bad.
+    /// The saved values cannot be changed, because the memory is corrupt.
     BadMemory,
-    /// Not now, because of what the drive does.
+    /// The drive cannot change the register now, because of what it is doing.
     Busy,
 }
 
-/// End of a message on a port.
+/// The sign that ends a message on a port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Framing {
-    /// By 3.5 characters of silence (Modbus RTU), or, on a line of 7 data bits, by a line feed (Modbus
-    /// ASCII).
+    /// 3.5 characters of silence (Modbus RTU), or, on a line of 7 data bits, a line feed (Modbus ASCII).
     Silence,
-    /// By a character that the drive knows: it wants each one at its time.
+    /// A certain character, which the drive finds. The drive gets each character at the time when it is
+    /// received.
     Character,
-    /// By the length in its header (Modbus/TCP).
+    /// The length in the message's header (Modbus/TCP).
     Mbap,
-    /// By a carriage return or a line feed, on a TCP connection (MCode).
+    /// A carriage return or a line feed, on a TCP connection (MCode).
     Return,
 }
 
 /// A port of a drive.
 #[derive(Clone, Copy, Debug)]
 pub struct PortSpec {
-    /// Name, as users type it.
+    /// Name of the port, as users type it.
     pub name: &'static str,
-    /// End of its messages.
+    /// The sign that ends a message on this port.
     pub framing: Framing,
-    /// The factory line of a serial port; `None` for TCP.
+    /// Factory settings of the serial line; `None` for a TCP port.
     pub line: Option<Line>,
 }
 
 impl PortSpec {
-    /// Returns whether it takes TCP connections, and is no serial port.
+    /// Returns true for a TCP port, false for a serial port.
     #[must_use]
     pub fn is_tcp(&self) -> bool {
         self.line.is_none()
@@ -504,16 +512,16 @@ impl PortSpec {
 /// Role of a pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Role {
-    /// The drive reads it.
+    /// The drive reads the level.
     Input,
-    /// The drive drives it.
+    /// The drive sets the level.
     Output,
     /// Input or output, as the registers select.
     Both,
     /// An analogue input.
     Analogue,
-    /// Read as a level or as a voltage: the drive gets edges of a pin that is driven low, high or not at all, and the
-    /// voltage of a pin that is driven to one.
+    /// The drive reads a level or a voltage. It gets an edge if the pin is driven low or high or is no longer
+    /// driven. It gets the voltage if the pin is driven to a voltage.
     AnalogueOrDigital,
     /// A light.
     Led,
@@ -522,17 +530,17 @@ pub enum Role {
 /// A pin of a drive.
 #[derive(Clone, Copy, Debug)]
 pub struct PinSpec {
-    /// The manual's name.
+    /// Name of the pin in the manual.
     pub name: &'static str,
-    /// Role.
+    /// Role of the pin.
     pub role: Role,
-    /// Idle level, while the pin is not driven. With `Float` the drive distinguishes a contact that is not wired
-    /// ([`Input::Open`]) from an open contact (high, once a wire leads there).
+    /// Idle level, while the pin is not driven. With `Float` the drive distinguishes a contact that is not
+    /// wired ([`Input::Open`]) from a wired contact that is open (high).
     pub idle: Level,
-    /// The pin idles high, whatever `idle` is, once a wire or a switch is connected or a user has set it: a contact
-    /// that counts as closed until it is used.
+    /// True if the pin idles high, whatever `idle` is, as soon as a wire or a switch is connected or a user
+    /// has set the pin. Until then the contact counts as closed.
     pub high_once_used: bool,
-    /// Shunt of an analogue input that can measure a current, in Ω; 0 of one that cannot.
+    /// Shunt of an analogue input that can measure a current, in Ω; otherwise 0.
     pub shunt_ohm: u16,
 }
 
@@ -543,7 +551,7 @@ impl PinSpec {
         Self { name, role, idle, high_once_used: false, shunt_ohm: 0 }
     }
 
-    /// Returns whether the drive distinguishes a contact that is not wired, by [`Input::Open`].
+    /// Returns true if the drive distinguishes a contact that is not wired, by [`Input::Open`].
     #[must_use]
     pub fn reports_open(&self) -> bool {
         self.idle == Level::Float && matches!(self.role, Role::Input | Role::Both | Role::AnalogueOrDigital)
@@ -555,8 +563,9 @@ impl PinSpec {
 pub struct AxisSpec {
     /// Name of the axis.
     pub name: &'static str,
-    /// The pins that carry its step pulses and its direction. Where they are [`Role::Both`], a plan takes
-    /// them, low until its first step; a level or a wave put at one of them takes that one back.
+    /// The pins for step pulses and direction. If their role is [`Role::Both`], a plan takes them and keeps
+    /// them low until its first step. A level or a wave put at one of these pins takes this pin back from the
+    /// plan.
     pub step_dir: Option<(Pin, Pin)>,
 }
 
@@ -567,11 +576,11 @@ pub struct EncoderSpec {
     pub a: Pin,
     /// Channel B.
     pub b: Pin,
-    /// The index; `None` if the drive does not look at one.
+    /// The index; `None` if the drive does not use an index.
     pub index: Option<Pin>,
 }
 
-/// A code that one of its registers takes for a command.
+/// A code that is a command when it is written to a certain register.
 #[derive(Clone, Copy, Debug)]
 pub struct CommandSpec {
     /// The code.
@@ -580,48 +589,48 @@ pub struct CommandSpec {
     pub name: &'static str,
     /// The section of the manual.
     pub section: &'static str,
-    /// Effect, also if it is not modelled.
+    /// Effect of the command, also if it is not modelled.
     pub doc: &'static str,
-    /// Reason why it is not modelled; empty if it is.
+    /// Reason why the command is not modelled; empty if it is modelled.
     pub missing: &'static str,
 }
 
 /// Description of a kind of drive.
 #[derive(Debug)]
 pub struct Spec {
-    /// The kind, as users type it.
+    /// Name of the kind, as users type it.
     pub kind: &'static str,
     /// The product.
     pub product: &'static str,
-    /// The manual that it follows.
+    /// The manual that the model follows.
     pub manual: &'static str,
     /// Ports.
     pub ports: &'static [PortSpec],
     /// Pins.
     pub pins: &'static [PinSpec],
-    /// Other names of some of them.
+    /// Other names of some of the pins.
     pub aliases: &'static [(&'static str, Pin)],
     /// Axes.
     pub axes: &'static [AxisSpec],
     /// Encoder inputs.
     pub encoders: &'static [EncoderSpec],
-    /// The faults its manual knows, as users type them.
+    /// The faults in the manual, with the names that users type.
     pub faults: &'static [&'static str],
-    /// Bytes of its non-volatile memory.
+    /// Size of the non-volatile memory in bytes.
     pub memory: u16,
-    /// Registers, with those of all variants of the product.
+    /// Registers of all variants of the product.
     pub registers: &'static Table,
-    /// Which variant it is, as in [`Entry::variants`](drivetwin_protocol::registers::Entry::variants).
+    /// Bit of this variant, as in [`Entry::variants`](drivetwin_protocol::registers::Entry::variants).
     pub variant: u8,
-    /// True if its manual counts registers in decimal, and not in hexadecimal.
+    /// True if the manual numbers registers in decimal, false if in hexadecimal.
     pub decimal: bool,
-    /// Prefix of register names in the manual, which users may type.
+    /// Prefix of register names in the manual. Users may type it or leave it out.
     pub prefix: &'static str,
-    /// Commands, where a row alone does not list them.
+    /// Commands, if the rows alone do not list them.
     pub commands: &'static [CommandSpec],
-    /// The row that holds its bus address.
+    /// Row of the bus address.
     pub address: Option<usize>,
-    /// The row that shows what feeds it, and its motor, in 0.1 V; a bench sets it at each power-on.
+    /// Row of the supply voltage of the drive and its motor, in 0.1 V. A bench sets it at each power-on.
     pub supply: Option<usize>,
     /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
@@ -653,31 +662,31 @@ impl Spec {
         not_modelled: &[],
     };
 
-    /// The pin of that name, which may be another one than [`PinSpec::name`].
+    /// The pin with the name `name`, which may also be an alias.
     #[must_use]
     pub fn pin(&self, name: &str) -> Option<Pin> {
         self.pin_names().find_map(|(known, pin)| (known == name).then_some(pin))
     }
 
-    /// All names of pins.
+    /// All names of pins, with the aliases.
     pub fn pin_names(&self) -> impl Iterator<Item = (&'static str, Pin)> + Clone + use<> {
         let own = (0..).map(Pin).zip(self.pins).map(|(pin, spec)| (spec.name, pin));
         own.chain(self.aliases.iter().copied())
     }
 
-    /// Returns whether it is reached by TCP alone.
+    /// Returns true if the drive has only TCP ports.
     #[must_use]
     pub fn is_on_network(&self) -> bool {
         !self.ports.is_empty() && self.ports.iter().all(PortSpec::is_tcp)
     }
 
-    /// The rows that this variant of the product has, and their places in the table.
+    /// The rows that this variant of the product has, and their indices in the table.
     pub fn rows(&self) -> impl DoubleEndedIterator<Item = (usize, &'static Row)> + Clone + use<> {
         let variant = self.variant;
         self.registers.rows.iter().enumerate().filter(move |(_, row)| row.variants & variant != 0)
     }
 
-    /// Finds a register by its name, with the prefix or without, if this variant of the product has it.
+    /// Finds a register by its name, with or without the prefix, if this variant of the product has it.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<Named> {
         let named = self.registers.find(name.strip_prefix(self.prefix).unwrap_or(name))?;
@@ -689,87 +698,90 @@ impl Spec {
 /// State of a motor's shaft at an instant.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Shaft {
-    /// Position in counts: each edge of its Hall sensors is one, 4 a pulse of two sensors and 6 of three, also for a
-    /// drive that uses one sensor or none; wraps.
+    /// Position in counts; it wraps. Each edge of a Hall sensor is a count: 4 counts per pulse for two
+    /// sensors, 6 for three. This also holds for a drive that uses only one sensor or none.
     pub position: i32,
-    /// Counts per second, signed.
+    /// Speed in counts per second, signed.
     pub speed: I48F16,
-    /// Duty of the supply, in 1/65536, signed.
+    /// Duty in 1/65536 of the supply voltage, signed.
     pub duty: i32,
-    /// Current in mA, signed as the duty is.
+    /// Current in mA, with the sign of the duty.
     pub ma: i32,
 }
 
-/// A drive, or anything else that sits on a bench.
+/// A drive, or any other device on a bench.
 pub trait Device {
-    /// Description of its kind.
+    /// Description of this kind of device.
     fn spec(&self) -> &'static Spec;
 
-    /// Power comes: everything volatile is forgotten. Also how a drive restarts itself.
+    /// Switches the power on: the device loses all volatile state. A drive also calls this to restart itself.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context);
 
     /// Handles an input.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context);
 
-    /// Returns whether a TCP port accepts connections; only an input or a timeout changes it.
+    /// Returns true if a TCP port accepts connections. Only an input or a timeout changes this.
     fn accepts(&self, _port: Port) -> bool {
         true
     }
 
-    /// Returns whether it takes messages on the connections of a TCP port; only an input or a timeout changes it. Until
-    /// it does a message, or the end of a connection, waits outside.
+    /// Returns true if the drive takes messages on the connections of a TCP port. Only an input or a timeout
+    /// changes this. While the drive takes no messages, the caller holds back messages and the ends of
+    /// connections.
     fn takes(&self, _port: Port) -> bool {
         true
     }
 
-    /// Next wake-up; [`Instant::NEVER`] if only an input can change anything.
+    /// Time of the next deadline; [`Instant::NEVER`] if only an input can change anything.
     fn deadline(&self) -> Instant;
 
-    /// Wakes the drive. At an instant that is not its deadline nothing happens.
+    /// Handles the deadline. If `at` is not the deadline, nothing happens.
     fn timeout(&mut self, at: Instant, out: &mut dyn Context);
 
-    /// A register as it reads at `at`, without the bus's side effects; 0 for a row that is not there. Of more than four
-    /// words the first four count.
+    /// The value that a read of register `row` at `at` would return, without side effects of a read; 0 if
+    /// there is no such row. Of more than four words only the first four count.
     fn peek(&self, at: Instant, row: usize) -> i64;
 
-    /// A word, counted in bus order, of a row of more than four words, which no number holds; 0 for one that is not
-    /// there.
+    /// A word, by its index in bus order, of a row of more than four words, whose value fits into no number;
+    /// 0 if there is no such word.
     fn peek_word(&self, _at: Instant, _row: usize, _word: usize) -> u16 {
         0
     }
 
-    /// Presets a register, past the bus. Before the first `power_on` a saved row goes into the
-    /// memory, as if written and saved; afterwards the value acts as if the bus had written it.
+    /// Presets a register without a bus request. Before the first `power_on` the value of a saved row is
+    /// stored in the memory, as if written and saved. Later the value has the same effect as a write by the
+    /// bus.
     ///
     /// # Errors
-    /// The row refuses it; nothing has changed then.
+    /// The drive refuses the value; then nothing has changed.
     fn poke(&mut self, at: Instant, row: usize, value: i64, out: &mut dyn Context)
     -> Result<(), PresetError>;
 
-    /// State of the motor on an axis; `None` where a plan has it, or it is unknown.
+    /// State of the motor on an axis; `None` if the axis follows a plan, or if the state is unknown.
     fn shaft(&self, _at: Instant, _axis: Axis) -> Option<Shaft> {
         None
     }
 
-    /// The motor of its own, one of duty, as its registers describe it now; `None` if it brings none.
+    /// Parameters of the internal motor, which is driven by duty, as the registers describe it now; `None` if
+    /// the drive has no internal motor.
     fn internal_motor(&self) -> Option<crate::motor::Parameters> {
         None
     }
 
-    /// Detaches [the internal motor](Self::internal_motor). Call before the first power-on. Afterwards current limit
-    /// and duty are outputs, and the motor's feedback is an input. Returns the pins for its Hall sensors, A first;
-    /// `None` if there is no internal motor.
+    /// Detaches [the internal motor](Self::internal_motor). Must be called before the first power-on.
+    /// Afterwards current limit and duty are outputs, and the motor's feedback is an input. Returns the pins
+    /// for its Hall sensors, A first; `None` if there is no internal motor.
     fn detach_motor(&mut self) -> Option<&'static [Pin]> {
         None
     }
 
-    /// Steps of its plans in a full step of the motor.
+    /// Number of steps of a plan per full step of the motor.
     fn microsteps(&self, _axis: Axis) -> u16 {
         1
     }
 }
 
-/// A device by reference.
+/// A device can be used by reference.
 impl<D: Device + ?Sized> Device for &mut D {
     fn spec(&self) -> &'static Spec {
         (**self).spec()
@@ -834,10 +846,11 @@ impl<D: Device + ?Sized> Device for &mut D {
     }
 }
 
-/// Brings `device` to `now` and returns its next deadline.
+/// Runs `device` up to `now` and returns its next deadline.
 ///
-/// Stamps of `inputs` ascend and are not after `now`. An input comes before a deadline at the same
-/// instant. Being called late changes latency, never what happens.
+/// The timestamps of `inputs` must ascend and must not be after `now`. At the same instant an input is
+/// handled before a deadline. If the caller is late, outputs are put later, but with the same timestamps and
+/// contents.
 pub fn advance<'a, D: Device + ?Sized>(
     device: &mut D,
     now: Instant,
@@ -851,8 +864,8 @@ pub fn advance<'a, D: Device + ?Sized>(
     wake(device, due, now, true, out)
 }
 
-/// Carries out one input of [`advance`]: the deadlines before it, of which `due` is the first, then `input`. Returns
-/// the next deadline. For callers that cannot lend all inputs at once.
+/// Processes one input as [`advance`] does: first the deadlines before `at`, the first of which is `due`,
+/// then `input`. Returns the next deadline. For callers that cannot pass all inputs as one iterator.
 pub fn feed<D: Device + ?Sized>(
     device: &mut D,
     due: Instant,
@@ -865,8 +878,8 @@ pub fn feed<D: Device + ?Sized>(
     device.deadline()
 }
 
-/// Wakes `device` at its deadlines, of which `due` is the first, before `now`, and at `now` if `inclusive`.
-/// Returns the next one.
+/// Handles all deadlines of `device` before `now`, and the one at `now` if `inclusive`. `due` is the first of
+/// them. Returns the next deadline.
 pub(crate) fn wake<D: Device + ?Sized>(
     device: &mut D,
     mut due: Instant,

@@ -13,7 +13,7 @@
 //! | [`qsb`] | US Digital QSB, encoder adapter |
 //! | [`rs434`] | RS 434544 and 434546, brush motor controllers |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |
-//! | `testing` | a fixture and recorders for tests; behind the feature `testing`, with `std` |
+//! | `testing` | a fixture and recorders for tests; needs the feature `testing` and `std` |
 //!
 //! No `std`, no clock, no socket, no board, no float, no heap, no `unsafe`, no panic.
 #![no_std]
@@ -46,8 +46,8 @@ pub mod shell;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 
-/// The list of all drives: passes a constructor of each kind, of type `fn() -> impl Device`, to a macro of the caller.
-/// The simulator boxes them all, a board picks one.
+/// The list of all drives: passes the constructor of each kind, of type `fn() -> impl Device`, to a macro of
+/// the caller. The simulator makes a `Box` of each drive; a board uses one.
 #[macro_export]
 macro_rules! devices {
     ($then:ident) => {

@@ -1,34 +1,34 @@
-//! The saved registers of a drive in its non-volatile memory: an image and its CRC.
+//! Saved registers of a drive in its non-volatile memory: an image and its CRC.
 //!
-//! The image is the words of the saved rows, in the order of the table, high byte first; behind it
-//! comes their CRC-16. A save stores the image with a CRC that is certainly wrong, and the right one
-//! when its time is over: power lost in between leaves a memory that does not pass.
+//! The image is the words of the saved rows, in the order of the table, high byte first. Their CRC-16
+//! follows. A save first stores the image with a wrong CRC, and at the end of the save time the right CRC. If
+//! power is lost in between, the CRC does not match.
 //!
-//! A drive that cannot report a bad memory has two copies ([`latest`]), and a save stores one over the older of them.
+//! A drive that cannot report a bad memory has two copies ([`latest`]). A save overwrites the older copy.
 
 use drivetwin_protocol::modbus::rtu::crc;
 use drivetwin_protocol::registers::Entries;
 
 use crate::device::{Context, Duration, Instant, Output};
 
-/// Bytes of the memory for `words` saved words.
+/// Size in bytes of a memory with `words` saved words.
 #[must_use]
 pub const fn bytes(words: usize) -> u16 {
     (2 * words + 2) as u16
 }
 
-/// Content of a memory.
+/// State of a memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Content {
-    /// New: nothing was ever saved (PROJECT-5).
+    /// New: nothing was ever saved, all bytes are `0xFF` (PROJECT-5).
     New,
-    /// An image that passes.
+    /// The CRC of the image matches.
     Good,
-    /// Bad: neither new nor good.
+    /// The memory is neither new nor good.
     Bad,
 }
 
-/// Judges the memory of a map with `words` saved words.
+/// State of the memory of a map with `words` saved words.
 #[must_use]
 pub fn content(memory: &[u8], words: usize) -> Content {
     let image = memory.get(..2 * words);
@@ -40,7 +40,7 @@ pub fn content(memory: &[u8], words: usize) -> Content {
     }
 }
 
-/// Returns whether a memory holds an image that was stored whole by a save that did not come to its end.
+/// Returns true if a save stored its whole image in the memory but did not store the right CRC.
 #[must_use]
 pub fn is_unfinished(memory: &[u8], words: usize) -> bool {
     let image = memory.get(..2 * words);
@@ -48,19 +48,20 @@ pub fn is_unfinished(memory: &[u8], words: usize) -> bool {
     image.zip(sum).is_some_and(|(image, sum)| *sum == wrong(crc(image).to_be_bytes()))
 }
 
-/// Brings the saved rows of a bank to their factory values.
+/// Sets the saved rows of a bank to their factory values.
 pub fn reset(entries: &Entries, bank: &mut [u16]) {
     for (index, row) in entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0) {
         entries.put(bank, index, row.reset);
     }
 }
 
-/// Brings the saved words of an image that passes into a bank; bits that are not saved are cleared.
+/// Copies the saved words of a good image into a bank. Bits that are not saved are cleared.
 pub fn load(entries: &Entries, memory: &[u8], bank: &mut [u16]) {
     load_without(entries, &[], memory, bank);
 }
 
-/// The same of an image that was saved before some rows, named by their places in the table, were there.
+/// Like [`load`], for an image saved by a version without some of the rows. `later` has the indices of these
+/// rows.
 pub fn load_without(entries: &Entries, later: &[usize], memory: &[u8], bank: &mut [u16]) {
     for ((place, mask), word) in saved_words(entries, later).zip(memory.as_chunks().0) {
         if let Some(target) = bank.get_mut(place) {
@@ -69,29 +70,30 @@ pub fn load_without(entries: &Entries, later: &[usize], memory: &[u8], bank: &mu
     }
 }
 
-/// Bytes of a memory of two copies of `words` saved words.
+/// Size in bytes of a memory of two copies of `words` saved words.
 #[must_use]
 pub const fn two_copies(words: usize) -> u16 {
     (2 * copy(words)) as u16
 }
 
-/// Bytes of a copy: a count, the words, a CRC of both, and the count again.
+/// Size in bytes of a copy: a count, the words, the CRC of both, and the count again.
 #[must_use]
 pub const fn copy(words: usize) -> usize {
     2 * words + 4
 }
 
-/// The words of the copy that was saved last, of those that are whole; `None` if neither is.
+/// The words of the newest copy that is complete; `None` if neither copy is complete.
 #[must_use]
 pub fn latest(memory: &[u8], words: usize) -> Option<&[u8]> {
     latest_copy(memory, copy(words)).map(|copy| copy.words)
 }
 
-/// Saves the words of a bank over the older of two copies of `COPY` bytes ([`copy`]). Power that is lost meanwhile
-/// leaves the other: as long as the store has not come to its end, the two counts of its copy differ.
+/// Saves the words of a bank in place of the older of two copies of `COPY` bytes ([`copy`]). If power is lost
+/// during the store, the other copy remains valid, because the two counts of an incomplete copy differ.
 pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Context) {
     let last = latest_copy(out.memory(), COPY);
-    // The first save leaves the beginning alone, where a memory of one image has it.
+    // The first save writes the second copy, because an old memory with a single image has this image at the
+    // beginning.
     let (is_first, count) = last.map_or((true, 0), |copy| (copy.is_first, copy.count.wrapping_add(1)));
     let mut bytes = [count; COPY];
     if let Some((summed, [sum @ .., _])) = bytes.split_last_chunk_mut::<3>() {
@@ -104,7 +106,7 @@ pub fn save_copy<const COPY: usize>(entries: &Entries, bank: &[u16], at: Instant
     out.put(at, Output::Store { offset: if is_first { COPY as u16 } else { 0 }, bytes: &bytes });
 }
 
-/// A copy that is whole.
+/// A complete copy.
 struct Copy<'a> {
     is_first: bool,
     count: u8,
@@ -126,18 +128,18 @@ fn whole_copy(bytes: &[u8], is_first: bool) -> Option<Copy<'_>> {
     is_whole.then_some(Copy { is_first, count, words })
 }
 
-/// A save that has begun: its image is stored, and behind it a CRC that is certainly wrong.
+/// A save in progress: its image is stored, followed by a wrong CRC.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Save {
     crc: [u8; 2],
-    /// Offset of the next byte.
+    /// Offset of the CRC in the memory.
     place: u16,
     due: Instant,
 }
 
 impl Save {
-    /// Begins to save the image of a bank at the beginning of a memory, of which it takes `BYTES`
-    /// ([`bytes`]); that takes some `time`.
+    /// Starts to save the image of a bank at the beginning of the memory. The image and its CRC take `BYTES`
+    /// bytes ([`bytes`]), the save takes `time`.
     pub fn of_rows<const BYTES: usize>(
         entries: &Entries,
         bank: &[u16],
@@ -158,33 +160,34 @@ impl Save {
         Self { crc: right, place: (BYTES - 2) as u16, due: at + time }
     }
 
-    /// Begins to save an image of another kind from `offset` on, too large for a copy; that takes some `time`.
+    /// Starts to save another image, which is too large for a local copy, from `offset` on. The save takes
+    /// `time`.
     pub fn of_bytes(image: &[u8], offset: u16, at: Instant, time: Duration, out: &mut dyn Context) -> Self {
         let (crc, place) = (crc(image).to_be_bytes(), offset + image.len() as u16);
-        // First, so that there is never a right one behind half an image.
+        // The wrong CRC is stored first, so that a right CRC never follows half an image.
         out.put(at, Output::Store { offset: place, bytes: &wrong(crc) });
         out.put(at, Output::Store { offset, bytes: image });
         Self { crc, place, due: at + time }
     }
 
-    /// Time at which it is complete.
+    /// Time at which the save is complete.
     #[must_use]
     pub fn due(self) -> Instant {
         self.due
     }
 
-    /// Stores the right CRC: now the image passes.
+    /// Stores the right CRC. From now on the image is good.
     pub fn finish(self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Store { offset: self.place, bytes: &self.crc });
     }
 }
 
-/// A CRC that certainly is not this one.
+/// A CRC that differs from `crc`.
 fn wrong(crc: [u8; 2]) -> [u8; 2] {
     crc.map(|byte| !byte)
 }
 
-/// Place in the bank and saved bits of every saved word, but for those of the rows `without`.
+/// Index in the bank and saved bits of every saved word, except those of the rows `without`.
 fn saved_words<'a>(entries: &'a Entries, without: &'a [usize]) -> impl Iterator<Item = (usize, u16)> + 'a {
     let rows = entries.list.iter().enumerate().filter(|(_, row)| row.saved != 0);
     rows.filter(|(index, _)| !without.contains(index)).flat_map(|(index, row)| {
@@ -217,12 +220,12 @@ mod tests {
 
     const WORDS: usize = 4;
     const BYTES: usize = 10;
-    /// 12 34, A1 A2 A3 A4, and of 000F the bits of F0h.
+    /// 12 34, A1 A2 A3 A4, and of 000F the bits in F0h.
     const FACTORY: [u8; 8] = [0x12, 0x34, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0];
     const START: Instant = Instant::from_ticks(5);
     const TIME: Duration = Duration::millis(3);
 
-    /// A new memory: a save stores and does nothing else.
+    /// A recorder with a new memory. It accepts stores only.
     fn recorder(size: usize) -> Recorder {
         Recorder::new(size).ruled(|output| match output {
             Output::Store { .. } => Treatment::Keep,
@@ -235,12 +238,12 @@ mod tests {
         out.stores.last().unwrap().0
     }
 
-    /// Places of all stores.
+    /// Offsets of all stores.
     fn places(out: &Recorder) -> Vec<u16> {
         out.stores.iter().map(|(_, offset, _)| *offset).collect()
     }
 
-    /// A memory of these bytes and their CRC, high byte first.
+    /// A memory with the bytes of `image` and their CRC, high byte first.
     fn sealed(image: &[u8]) -> Vec<u8> {
         [image, &crc(image).to_be_bytes()].concat()
     }
@@ -250,7 +253,7 @@ mod tests {
         assert_eq!(bytes(WORDS), 10);
         assert_eq!(content(&[0xFF; BYTES], WORDS), Content::New);
         assert_eq!(content(&sealed(&FACTORY), WORDS), Content::Good);
-        // What is behind it belongs to somebody else.
+        // Bytes after the CRC are not part of the image.
         assert_eq!(content(&[&sealed(&FACTORY)[..], &[1, 2, 3]].concat(), WORDS), Content::Good);
         for place in 0..BYTES {
             let mut memory = sealed(&FACTORY);
@@ -295,7 +298,7 @@ mod tests {
         reset(Reg::ENTRIES, bank.words_mut());
         let values = [Reg::Address, Reg::Motion, Reg::Speed, Reg::Pins].map(|row| bank.get(row));
         assert_eq!(values, [0x1234, 99, 0xA1A2_A3A4, 0xF]);
-        // An image from before the pair was there.
+        // An image saved by a version without the pair.
         load_without(Reg::ENTRIES, &[Reg::Speed.row()], &sealed(&[0xAB, 0xCD, 0, 0x30]), bank.words_mut());
         let values = [Reg::Address, Reg::Motion, Reg::Speed, Reg::Pins].map(|row| bank.get(row));
         assert_eq!(values, [0xABCD, 99, 0xA1A2_A3A4, 0x30]);
@@ -310,7 +313,7 @@ mod tests {
 
     const COPY: usize = 12;
 
-    /// A copy as it is in a memory: count, words, CRC, count.
+    /// A copy as stored in a memory: count, words, CRC, count.
     fn counted(count: u8, image: &[u8]) -> Vec<u8> {
         [&sealed(&[&[count], image].concat())[..], &[count]].concat()
     }
@@ -328,7 +331,7 @@ mod tests {
             let [high, low] = save.to_be_bytes();
             let image = [high, low, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0xF0];
             assert_eq!(latest(&out.memory, WORDS), Some(&image[..]));
-            // The first one goes behind a memory of one image.
+            // The first copy is written after the place of an old memory with a single image.
             let place = if save % 2 == 0 { COPY } else { 0 };
             assert_eq!(out.memory[place..place + COPY], counted(low, &image));
         }
@@ -356,7 +359,7 @@ mod tests {
                 }
             }
         }
-        // Its counts may be alike and its sum may not.
+        // Copies with equal counts but a wrong CRC.
         assert_eq!(latest(&[[3; COPY], [4; COPY]].concat(), WORDS), None);
         assert_eq!(latest(&[5; COPY - 1], WORDS), None);
     }

@@ -1,13 +1,15 @@
-//! The main loop of a board: one drive over embedded-hal, embedded-io, embedded-storage and nb.
+//! The main loop of a board: runs one drive over embedded-hal, embedded-io, embedded-storage and nb.
 //!
-//! Interrupts record events with their time; the loop calls [`Shell::poll`] until it would block, arms a timer at
-//! [`Shell::deadline`] and sleeps. A board implements [`Inputs`] and [`Outputs`], and [`Links`] where a drive has TCP
-//! ports. The simulator implements them with virtual wires, so that the same loop runs on a host.
+//! Interrupts record events with their time. The loop calls [`Shell::poll`] until `poll` would block, sets a
+//! timer to [`Shell::deadline`] and sleeps. A board implements [`Inputs`] and [`Outputs`], and [`Links`] if
+//! its drive has TCP ports. The simulator implements them with virtual wires, so that the same loop runs on a
+//! host.
 //!
-//! A board may be late. A move that it begins late is delayed as a whole. The drive has a clock of its own and must not
-//! consider the move finished too early, so the shell delays the drive's clock by the same time. The same applies where
-//! a drive asks for more than the board can do, for example an endless sequence of moves that are shorter than planning
-//! one takes: the drive's clock waits, and the bus is still served (BOARD-1).
+//! A board may be late. A move that the board starts late is delayed as a whole. The drive has a clock of its
+//! own and must not consider the move finished too early, so the shell delays the drive's clock by the same
+//! time. The shell also does this if a drive asks for more than the board can do, for example an endless
+//! sequence of moves that are shorter than the planning of one move. Then the drive's clock waits, and the
+//! bus is still served (BOARD-1).
 //!
 //! # Example
 //!
@@ -128,7 +130,7 @@
 //! let mut shell: Shell<_, _, _> = Shell::new(Md3::new(), interrupts.clone(), hardware);
 //! shell.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() });
 //!
-//! // The UART receives a request to read CommandVersion, a character of 18,333 ticks each.
+//! // The UART receives a request to read DeviceAddress. A character takes 18,333 ticks.
 //! for (n, byte) in (1..).zip(rtu::read(1, 0x00, 1)) {
 //!     let at = Instant::from_ticks(n * 18_333);
 //!     interrupts.0.borrow_mut().1.push_back((at, BoardEvent::Byte(Port(0), byte)));
@@ -156,50 +158,52 @@ use crate::device::{
     Output, Pin, Plan, Port, feed,
 };
 
-/// Pins that may wave at a time.
+/// Number of pins that can have a wave at the same time.
 const WAVES: usize = 4;
-/// Messages that may wait to be sent. Those that follow each other without a pause are one.
+/// Number of messages that can wait to be sent. Messages without a pause between them count as one.
 const MESSAGES: usize = 4;
 
-/// Characters that may wait to be sent, where a drive is asked again when it has answered: those of the
-/// longest message, and of a short one.
+/// Room for characters to send, for a drive that gets a new request only after its answer: the longest
+/// message and a short one.
 pub const TX_ONE_REPLY: usize = 272;
-/// Characters that may wait to be sent, where a drive may be asked many things at once. What does not fit is
-/// lost as a whole and counted.
+/// Room for characters to send, for a drive that can get many requests at once. A message that does not fit
+/// is dropped as a whole and counted as a failure.
 pub const TX_REPLIES: usize = 1_024;
 
-/// An event that an interrupt caught.
+/// An event recorded by an interrupt.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BoardEvent {
-    /// A character; its stamp is the end of its stop bit, or the time of the UART's interrupt within that.
+    /// A received character. The timestamp is the end of its stop bit, or the time of the UART's interrupt
+    /// during the stop bit.
     Byte(Port, u8),
-    /// A character that could not be read.
+    /// A character was received with an error.
     RxError(Port),
     /// The UART has detected an idle line.
     Idle(Port),
-    /// The host opened or left a port: its DTR.
+    /// The host opened or closed a port, by its DTR.
     HostPresence(Port, bool),
-    /// An input pin changed, to high or low. An interrupt cannot detect [`Input::Open`]: a pin whose [idle
-    /// level](crate::device::PinSpec::idle) is [`Level::Float`] counts as not wired until it is low for the first time
-    /// since power-on; from then on high is an open contact.
+    /// An input pin changed to high (`true`) or low. An interrupt cannot detect [`Input::Open`]. So a pin
+    /// with the [idle level](crate::device::PinSpec::idle) [`Level::Float`] counts as not wired until it is
+    /// low for the first time since power-on. From then on high means an open contact.
     Edge(Pin, bool),
-    /// A converter measured another voltage at an input pin, in mV.
+    /// A converter measured a new voltage at an input pin, in mV.
     Millivolts(Pin, i32),
-    /// A counter in hardware: which encoder, quarter cycles since the last time, channels A and B now.
+    /// A hardware counter has counted: encoder, quarter cycles since the last event of this kind, levels of
+    /// channels A and B now.
     Count(Encoder, i32, bool, bool),
-    /// The cause of a fault came or went.
+    /// The cause of a fault appeared (`true`) or disappeared.
     Fault(Fault, bool),
-    /// A plan was taken late: so many steps more were made.
+    /// A plan was started late, and this number of steps was made in addition to it.
     StepsCorrection(Axis, i32),
 }
 
 /// Inputs of a board, and its clock.
 pub trait Inputs {
-    /// Now. Everything caught until now is there when this returns.
+    /// The present time. When this returns, all events up to this time can be read.
     fn now(&self) -> Instant;
 
-    /// The oldest input that is not after `until`. Stamps ascend.
+    /// The oldest event that is not after `until`. Timestamps ascend.
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)>;
 }
 
@@ -209,23 +213,24 @@ pub trait Inputs {
 pub enum LinkEvent {
     /// A client connected.
     Opened,
-    /// A message: of Modbus a whole ADU, of MCode what came, never past the end of a line nor more than an
-    /// [`Adu`] holds.
+    /// A message was received: a whole Modbus ADU, or received bytes of MCode. Bytes of MCode end at the end
+    /// of a text line at the latest, and are no more than an [`Adu`] can hold.
     Message,
-    /// Closed, though the drive did not close it.
+    /// The connection was closed, but not by the drive.
     Closed,
 }
 
-/// The network of a board: TCP connections at the drive's ports. Each has a number that no other open one of its
-/// port has.
+/// The network of a board: TCP connections to the drive's ports. The numbers of open connections on one port
+/// differ.
 pub trait Links {
-    /// Does the network work that is due at `now` and returns the next event of a connection with its time; the bytes
-    /// of a [`LinkEvent::Message`] are in `message`. Where an interrupt stamps frames, the time is before `now`. While
-    /// `device` does not [accept](Device::accepts) connections they wait, and while it does not [take](Device::takes)
-    /// messages only openings are returned.
+    /// Does the network work that is due at `now` and returns the next event of a connection with its time.
+    /// The bytes of a [`LinkEvent::Message`] are then in `message`. If an interrupt timestamps frames, the
+    /// time may be before `now`. While `device` does not [accept](Device::accepts) connections, new
+    /// connections wait. While `device` does not [take](Device::takes) messages, only new connections are
+    /// returned.
     ///
     /// # Errors
-    /// Nothing came. Then this wants to be called again as soon as there is a frame, and then at the latest.
+    /// No event has happened. Call again when a frame is received, and at the returned time at the latest.
     fn next(
         &mut self,
         now: Instant,
@@ -233,16 +238,16 @@ pub trait Links {
         message: &mut Adu,
     ) -> Result<(Instant, Port, Link, LinkEvent), Instant>;
 
-    /// Sends all of `bytes`, or drops all of them and returns `false`. Without room for them the connection is closed,
-    /// because a client cannot find the next message behind a gap. A connection that the other side has just closed
-    /// accepts everything.
+    /// Sends all of `bytes`, or drops all of them and returns `false`. If there is no room, the connection is
+    /// closed, because a client cannot find the next message after a gap. A connection that the other side
+    /// has just closed accepts all bytes.
     fn send(&mut self, port: Port, link: Link, bytes: &[u8]) -> bool;
 
-    /// Closes a connection once all that was sent on it has left.
+    /// Closes a connection after everything sent on it has left.
     fn close(&mut self, port: Port, link: Link);
 }
 
-/// Links by reference.
+/// A network can be used by reference.
 impl<L: Links> Links for &mut L {
     fn next(
         &mut self,
@@ -262,7 +267,7 @@ impl<L: Links> Links for &mut L {
     }
 }
 
-/// The network of a board that has none.
+/// The type of the network on a board without one.
 #[derive(Clone, Copy, Debug)]
 pub enum NoNetwork {}
 
@@ -287,13 +292,13 @@ impl Links for NoNetwork {
 
 /// Outputs of a board.
 pub trait Outputs {
-    /// The sending half of a UART. Its `write` takes what its buffer has room for and never waits.
+    /// Transmitter of a UART. Its `write` takes only the bytes that fit into its buffer and never waits.
     type Serial: Write + WriteReady;
-    /// An output pin. High lets an open drain go.
+    /// An output pin. On an open-drain pin, high means not driven.
     type Pin: OutputPin;
-    /// Non-volatile memory, a byte at a time.
+    /// Non-volatile memory in which single bytes can be written.
     type Memory: Storage;
-    /// The network; [`NoNetwork`] where there is none.
+    /// The network; [`NoNetwork`] on a board without one.
     type Links: Links;
 
     /// The UART of a port.
@@ -304,49 +309,52 @@ pub trait Outputs {
         None
     }
 
-    /// Changes the settings of a port, once all that was written to it has left.
+    /// Changes the line settings of a port after everything written to the port has been sent.
     fn set_line(&mut self, port: Port, line: Line);
 
     /// An output pin, if it is wired.
     fn pin(&mut self, pin: Pin) -> Option<&mut Self::Pin>;
 
-    /// Lets an output pin go, so that whatever is wired there decides, or drives it again; nothing where
-    /// high does that.
+    /// Stops driving an output pin (`released`), so that the wiring outside decides its level, or drives the
+    /// pin again. Does nothing on a board where high has this effect.
     fn release(&mut self, _pin: Pin, _released: bool) {}
 
     /// The non-volatile memory.
     fn memory(&mut self) -> &mut Self::Memory;
 
-    /// Content of the memory, as the drive reads it: at least [`Spec::memory`](crate::device::Spec::memory) bytes,
+    /// Content of the memory for the drive: at least [`Spec::memory`](crate::device::Spec::memory) bytes,
     /// `0xFF` where nothing was ever stored. The shell keeps no copy.
     fn stored(&self) -> &[u8];
 
-    /// The motion of an axis from now on; nothing where no steps are made. Returns the delay of the whole plan.
+    /// Starts the plan of an axis. Does nothing on a board that makes no steps. Returns the delay of the
+    /// whole plan.
     fn plan(&mut self, _axis: Axis, _plan: &Plan) -> Duration {
         Duration::ZERO
     }
 
-    /// The drive's time waits for so long: it will be that much further behind the board's.
+    /// Called when the drive's clock is delayed by `late`, in addition to its present delay behind the
+    /// board's clock.
     fn wait(&mut self, _late: Duration) {}
 
-    /// Steps of an axis without a plan, made now; nothing where no steps are made.
+    /// Makes steps of an axis without a plan, now. Does nothing on a board that makes no steps.
     fn step(&mut self, _axis: Axis, _steps: i32) {}
 
-    /// The current of an axis, in mA; nothing where it cannot be set.
+    /// Sets the current of an axis, in mA. Does nothing on a board that cannot set it.
     fn current(&mut self, _axis: Axis, _ma: u32) {}
 
-    /// The duty of an axis, in 1/65536; nothing where it cannot be set.
+    /// Sets the duty of an axis, in 1/65536. Does nothing on a board that cannot set it.
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
 }
 
-/// Longest delay of a wake-up, before the drive's time waits: longer than a board's flash takes to erase a sector.
+/// Longest delay of a wake-up before the shell delays the drive's clock. It is longer than the erasure of a
+/// flash sector takes.
 const MAX_LATENESS: Duration = Duration::millis(60);
 
-/// A drive on a board. `CHARACTERS` is how many characters may wait to be sent.
+/// A drive on a board. `CHARACTERS` is the room for characters that wait to be sent.
 #[derive(Debug)]
 pub struct Shell<D, I, O, const CHARACTERS: usize = TX_ONE_REPLY> {
     device: D,
-    /// The device's deadline, which takes a while to ask for.
+    /// The device's deadline. It is stored because asking for it takes time.
     due: Instant,
     /// Time of the last call of the drive, on its clock.
     last_event: Instant,
@@ -354,46 +362,47 @@ pub struct Shell<D, I, O, const CHARACTERS: usize = TX_ONE_REPLY> {
     state: OutputState<O, CHARACTERS>,
 }
 
-/// Everything that a drive's outputs need.
+/// State that the drive's outputs need.
 #[derive(Debug)]
 struct OutputState<O, const CHARACTERS: usize> {
     outputs: O,
     waves: Vec<Wave, WAVES>,
     messages: Deque<Message, MESSAGES>,
-    /// Characters of all messages, in their order.
+    /// Characters of all messages, in the order of the messages.
     characters: Characters<CHARACTERS>,
-    /// Time of a character on the line, as the drive set it last.
+    /// Duration of a character with the line settings that the drive put last.
     character: Duration,
-    /// Time on the line of all dropped messages: the drive counts it, the line does not.
+    /// Duration of all dropped messages. The timestamps of later messages include this time, but the line was
+    /// not used.
     dropped_time: Duration,
-    /// Next poll of the network.
+    /// Time of the next network poll.
     network: Instant,
-    /// Delay of the drive's time behind the board's.
+    /// Delay of the drive's clock behind the board's clock.
     clock_offset: Duration,
     failures: u32,
 }
 
-/// Characters in a row, taken from the front.
+/// A queue of characters, taken from the front.
 #[derive(Debug)]
 struct Characters<const N: usize> {
     buffer: Vec<u8, N>,
-    /// Number of characters that have left.
+    /// Number of characters at the front that were already sent.
     sent: usize,
 }
 
-/// A pin that repeats.
+/// A pin with a wave.
 #[derive(Clone, Copy, Debug)]
 struct Wave {
     pin: Pin,
     period: Duration,
     high: Duration,
-    /// Time of its next change.
+    /// Time of the next change.
     due: Instant,
-    /// To which level.
+    /// True if the next change is to high.
     rises: bool,
 }
 
-/// A message that leaves a port.
+/// A message to send from a port.
 #[derive(Clone, Copy, Debug)]
 struct Message {
     port: Port,
@@ -402,14 +411,14 @@ struct Message {
     begun: bool,
     /// End of the last character, as the drive expects it.
     until: Instant,
-    /// Characters that have not left.
+    /// Number of characters not sent yet.
     left: usize,
-    /// Settings of the line behind it.
+    /// Line settings to apply after the message.
     then: Option<Line>,
 }
 
 impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, CHARACTERS> {
-    /// `device` on a board, without power.
+    /// Runs `device` on a board; `device` has no power yet.
     pub const fn new(device: D, inputs: I, outputs: O) -> Self {
         let state = OutputState {
             outputs,
@@ -425,18 +434,19 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         Self { device, due: Instant::NEVER, last_event: Instant::ZERO, inputs, state }
     }
 
-    /// Gives the drive power at `at`, once. A board has power since its clock began to count.
+    /// Switches the drive's power on at `at`. Call this once. The board itself has had power since its clock
+    /// started.
     pub fn power_on(&mut self, at: Instant, boot: Boot) {
         self.last_event = at;
         self.device.power_on(self.last_event, boot, &mut self.state);
         self.due = self.device.deadline();
     }
 
-    /// Does the work that is due, up to one deadline of the drive, in the order of stamps.
+    /// Does the work that is due, in the order of timestamps, up to one deadline of the drive.
     ///
     /// # Errors
-    /// [`nb::Error::WouldBlock`] if nothing was: sleep until the [`deadline`](Self::deadline), or
-    /// until something is caught.
+    /// [`nb::Error::WouldBlock`] if no work was due. Then the caller sleeps until the
+    /// [`deadline`](Self::deadline) or until the next event.
     pub fn poll(&mut self) -> nb::Result<(), Infallible> {
         let now = self.inputs.now();
         let mut idle = true;
@@ -472,8 +482,8 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         if idle { Err(nb::Error::WouldBlock) } else { Ok(()) }
     }
 
-    /// Delivers the next network event, at its time or at the drive's deadline if that is earlier. Returns whether
-    /// there was one.
+    /// Passes the next network event to the drive, with its own time or with the drive's deadline if that is
+    /// earlier. Returns true if there was an event.
     fn poll_network(&mut self, now: Instant) -> bool {
         let Some(links) = self.state.outputs.links() else { return false };
         let mut message = Adu::new();
@@ -493,19 +503,19 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         true
     }
 
-    /// Delivers an input at an instant of the board's clock.
+    /// Passes an input to the drive. `at` is a time of the board's clock.
     fn deliver(&mut self, at: Instant, input: Input<'_>) {
         self.last_event = self.last_event.max(at - self.state.clock_offset);
         self.due = feed(&mut self.device, self.due, self.last_event, input, &mut self.state);
     }
 
-    /// Time of the next work, should no input come before.
+    /// Time of the next work, if no input is received before.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.due().min(self.state.deadline())
     }
 
-    /// The drive's deadline, as the board's clock shows it.
+    /// The drive's deadline on the board's clock.
     fn due(&self) -> Instant {
         self.due + self.state.clock_offset
     }
@@ -516,7 +526,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         &self.device
     }
 
-    /// Failures of a pin, a port, a connection or the memory.
+    /// Number of failures of pins, ports, connections and the memory.
     #[must_use]
     pub fn failures(&self) -> u32 {
         self.state.failures
@@ -528,13 +538,15 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         let waves = self.waves.iter().map(|wave| wave.due);
         let first = waves.fold(self.network, Instant::min);
         match self.messages.front() {
-            // A message that has begun waits for room in the port's buffer; its interrupt wakes the loop.
+            // A message that has begun waits for room in the port's buffer. The port's interrupt then wakes
+            // the loop.
             Some(Message { from, begun: false, .. }) => first.min(*from),
             _ => first,
         }
     }
 
-    /// The drive asks for more than the board can do: it gets less time.
+    /// If the drive's deadline is handled too late, the drive asks for more than the board can do. Delays the
+    /// drive's clock then.
     fn wait_for(&mut self, due: Instant, now: Instant) {
         let late = now.since(due + self.clock_offset);
         if late > MAX_LATENESS {
@@ -548,7 +560,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         result.ok()
     }
 
-    /// Gives a pin a level, and no wave.
+    /// Sets a pin to a level and ends the pin's wave.
     fn set_level(&mut self, pin: Pin, level: Level) {
         self.waves.retain(|wave| wave.pin != pin);
         self.outputs.release(pin, level == Level::Float);
@@ -562,7 +574,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         }
     }
 
-    /// Moves the waves on to `now`; whether any changed.
+    /// Updates the waves up to `now`. Returns true if a pin changed.
     fn wave(&mut self, now: Instant) -> bool {
         let mut changed = false;
         for index in 0..self.waves.len() {
@@ -579,8 +591,9 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         changed
     }
 
-    /// Queues a message that leaves a port from `from` on; `false` if it does not fit. A message that begins before the
-    /// one ahead of it has left is appended to that, so that only characters need room.
+    /// Queues a message that a port sends from `from` on. Returns `false` if it does not fit. A message that
+    /// begins before the message ahead of it has ended is appended to that message, so it needs room only for
+    /// its characters.
     fn queue(&mut self, port: Port, from: Instant, bytes: &[u8]) -> bool {
         let takes = self.character * bytes.len() as u64;
         let joins = |last: &&mut Message| last.port == port && last.then.is_none() && from <= last.until;
@@ -597,7 +610,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         !self.messages.is_full() && self.characters.push(bytes) && self.messages.push_back(message).is_ok()
     }
 
-    /// Writes the characters that may leave by `now` to the ports; returns whether any left.
+    /// Writes the characters that may be sent by `now` to the ports. Returns true if any was written.
     fn send(&mut self, now: Instant) -> bool {
         let mut moved = false;
         while let Some(message) = self.messages.front_mut().filter(|message| message.from <= now) {
@@ -612,7 +625,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
                 _ => Ok(next.len()),
             };
             moved = true;
-            // If a port reports an error the whole message is dropped: half a message would be of no use.
+            // If a port reports an error, the whole message is dropped, because half a message is useless.
             self.failures = self.failures.saturating_add(u32::from(written.is_err()));
             let sent = written.unwrap_or(message.left).min(message.left);
             if sent == 0 && message.left > 0 {
@@ -633,7 +646,7 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
 }
 
 impl<const N: usize> Characters<N> {
-    /// Puts some at the end; `false` if they do not fit.
+    /// Appends `bytes`. Returns `false` if they do not fit.
     fn push(&mut self, bytes: &[u8]) -> bool {
         if bytes.len() > N.saturating_sub(self.buffer.len()) {
             self.compact();
@@ -641,7 +654,8 @@ impl<const N: usize> Characters<N> {
         self.buffer.extend_from_slice(bytes).is_ok()
     }
 
-    /// Moves those that have not left to the beginning, one by one: all at once would take as much of the stack.
+    /// Moves the unsent characters to the beginning. Copies them one by one, because a copy of all would need
+    /// stack space.
     fn compact(&mut self) {
         let left = self.buffer.len().saturating_sub(self.sent);
         for place in 0..left {
@@ -655,13 +669,13 @@ impl<const N: usize> Characters<N> {
         self.sent = 0;
     }
 
-    /// Characters at the front, at most that many.
+    /// The unsent characters at the front, at most `most`.
     fn front(&self, most: usize) -> &[u8] {
         let rest = self.buffer.get(self.sent..).unwrap_or(&[]);
         rest.get(..most).unwrap_or(rest)
     }
 
-    /// Removes characters that have left.
+    /// Removes sent characters from the front.
     fn take(&mut self, count: usize) {
         self.sent += count;
         if self.sent >= self.buffer.len() {
@@ -676,7 +690,8 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
         let at = at + self.clock_offset;
         match output {
             Output::Bytes { port, bytes } => {
-                // What a drive puts behind an answer that was lost would wait for nothing.
+                // After a dropped message, later messages are sent earlier by its duration. Otherwise they
+                // would wait for nothing.
                 if !self.queue(port, at - self.dropped_time, bytes) {
                     self.dropped_time = self.dropped_time + self.character * bytes.len() as u64;
                     self.failures = self.failures.saturating_add(1);
@@ -708,7 +723,7 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::CurrentLimit { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
-            // Outputs of motors only, not of drives.
+            // Only motors put these outputs.
             Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
             Output::Log(note) => log(note),
             Output::Message { port, link, bytes } => {

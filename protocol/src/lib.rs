@@ -1,15 +1,15 @@
-//! Everything that crosses a wire, for any drive: time, serial lines, register maps, Modbus.
+//! Everything that any drive sends or receives: time, serial lines, register maps, Modbus, text lines.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`time`] | [`time::Instant`] and [`time::Duration`], ticks of 1/16 µs |
-//! | [`mod@line`] | baud, parity, stop bits, and how long a character takes |
+//! | [`mod@line`] | baud rate, parity, stop bits, and the duration of a character |
 //! | [`mod@registers`] | a register map declared once, as a table |
-//! | [`modbus`] | requests, replies, their framings, and a server for a map and its rules |
-//! | [`text`] | lines of ASCII |
+//! | [`modbus`] | requests, replies, their framings, and a server for a register map and its rules |
+//! | [`text`] | text lines in ASCII |
 //!
-//! No `std`, no heap, no `unsafe`, no float, and no input makes anything here panic; `cargo xtask
-//! test` proves the last by linking it for two Cortex-M targets without a panic handler.
+//! No `std`, no heap, no `unsafe`, no float. No input makes this crate panic: `cargo xtask test` proves this
+//! by linking the crate for two Cortex-M targets without a panic handler.
 #![no_std]
 #![deny(
     clippy::unwrap_used,

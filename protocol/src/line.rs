@@ -1,4 +1,4 @@
-//! Serial settings, which both ends of a line share, and the time of a character.
+//! Settings of a serial line, which both ends share, and the duration of a character.
 
 use core::fmt;
 
@@ -31,7 +31,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// `baud` bits per second, `data` data bits, `parity`, `stop` stop bits.
+    /// A serial line with `baud` bits per second, `data` data bits, `parity` and `stop` stop bits.
     #[must_use]
     pub const fn new(baud: u32, data: u8, parity: Parity, stop: u8) -> Self {
         Self { baud, data, parity, stop }
@@ -47,15 +47,15 @@ impl Line {
         1 + self.data as u32 + parity + self.stop as u32
     }
 
-    /// The time of a character: a whole number of ticks, rounded once, so that a burst has the same
-    /// stamps wherever it is split (PROJECT-2).
+    /// Duration of a character: a whole number of ticks, rounded once. So a burst has the same timestamps
+    /// wherever the caller splits it (PROJECT-2).
     #[must_use]
     pub const fn character(self) -> Duration {
         Duration::of_bits(self.bits(), self.baud)
     }
 }
 
-/// As people write it: `9600 8E1`.
+/// Prints the settings as people write them: `9600 8E1`.
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parity = match self.parity {

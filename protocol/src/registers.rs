@@ -1,21 +1,21 @@
-//! A register map, declared once.
+//! Register maps, each declared once.
 //!
-//! A drive writes its map as one table, in the order and with the names of its manual, with
-//! [`registers!`](crate::registers!). From it come the enum that the drive matches on, the storage
-//! ([`Bank`]), what the bus may do, the generated reference, and the names users type. A bad table
-//! (two rows at one address, a factory value that the row itself refuses) does not compile (PROJECT-9).
+//! A drive declares its map as one table with [`registers!`](crate::registers!), in the order and with the
+//! names of its manual. This table gives the enum that the drive matches on, the storage ([`Bank`]), the
+//! rules of the bus, the generated reference, and the names that users type. A bad table does not compile:
+//! for example, two rows at one address, or a factory value that the row itself refuses (PROJECT-9).
 //!
-//! *The table decides what is legal; one `match` in the drive decides what it means.*
+//! *The table decides which values are legal; one `match` in the drive decides what a write does.*
 
 use core::marker::PhantomData;
 use core::ops::{Deref, Range};
 
-/// Which word of a value of several words has the lower address.
+/// The word with the lower address, in a value of several words.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Order {
-    /// The high word (MD3, MDrive).
+    /// The high word has the lower address (MD3, MDrive).
     HighFirst,
-    /// The low word (RS 434544, MDROBOT).
+    /// The low word has the lower address (RS 434544, MDROBOT).
     LowFirst,
 }
 
@@ -24,24 +24,25 @@ pub enum Order {
 pub struct Layout {
     /// Order of the words of a value.
     pub order: Order,
-    /// True if an address names a whole value, however long (QSB, MDROBOT), and not one word of it.
+    /// True if each address is that of a whole value of any length (QSB, MDROBOT). False if each address is
+    /// that of one word.
     pub objects: bool,
 }
 
-/// The layouts as [`registers!`](crate::registers!) spells them.
+/// The layouts under the names that [`registers!`](crate::registers!) uses.
 #[expect(non_upper_case_globals, reason = "they stand where a type's name would: `enum Reg: HighFirst`")]
 impl Layout {
-    /// Words with the high one first.
+    /// A word per address, high word first.
     pub const HighFirst: Self = Self { order: Order::HighFirst, objects: false };
-    /// Words with the low one first.
+    /// A word per address, low word first.
     pub const LowFirst: Self = Self { order: Order::LowFirst, objects: false };
-    /// Whole values with the high word first.
+    /// A whole value per address, high word first.
     pub const ObjectsHighFirst: Self = Self { order: Order::HighFirst, objects: true };
-    /// Whole values with the low word first.
+    /// A whole value per address, low word first.
     pub const ObjectsLowFirst: Self = Self { order: Order::LowFirst, objects: true };
 }
 
-/// Space of a row: the four address spaces of Modbus, and two that no bus reaches.
+/// Address space of a row: one of the four of Modbus, or one of two that the bus cannot reach.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {
     /// Coils: functions 1, 5, 15.
@@ -54,11 +55,12 @@ pub enum Space {
     Holding,
     /// A variable of the drive's own language (MCode), which has a name and no address.
     Variable,
-    /// A choice of the stand-in where the manual leaves one; set by its name only.
+    /// A setting of the emulated drive where the manual leaves the behaviour open. It is set by its name
+    /// only.
     Setting,
 }
 
-/// Access of the bus to a row.
+/// Permission of the bus for a row.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Access {
     /// Read and write.
@@ -67,24 +69,24 @@ pub enum Access {
     ReadOnly,
     /// Write only.
     WriteOnly,
-    /// Named in the manual without any detail: neither read nor written.
+    /// Named in the manual without any detail. The bus can neither read nor write the row.
     Known,
 }
 
 impl Access {
-    /// Returns whether the bus may read it.
+    /// Returns true if the bus may read the row.
     #[must_use]
     pub const fn reads(self) -> bool {
         matches!(self, Self::ReadWrite | Self::ReadOnly)
     }
 
-    /// Returns whether the bus may write it.
+    /// Returns true if the bus may write the row.
     #[must_use]
     pub const fn writes(self) -> bool {
         matches!(self, Self::ReadWrite | Self::WriteOnly)
     }
 
-    /// As tables of registers print it.
+    /// The access as printed in register tables.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -96,12 +98,12 @@ impl Access {
     }
 }
 
-/// The form of a value.
+/// Type of a value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Shape {
-    /// A bit: coil or discrete input.
+    /// A bit: a coil or a discrete input.
     Bit,
-    /// A byte, in the low half of a word.
+    /// A byte, in the low half of one word.
     U8,
     /// An unsigned word.
     U16,
@@ -111,12 +113,12 @@ pub enum Shape {
     U32,
     /// Two words, signed.
     I32,
-    /// Words, that many, with a meaning each; no number as a whole.
+    /// This number of words. Each has a meaning of its own; together they are not one number.
     Words(u8),
 }
 
 impl Shape {
-    /// Words that it takes.
+    /// Number of words of a value.
     #[must_use]
     pub const fn words(self) -> u16 {
         match self {
@@ -126,7 +128,7 @@ impl Shape {
         }
     }
 
-    /// The least and the greatest number it holds.
+    /// The least and the greatest value of this shape.
     #[must_use]
     pub const fn limits(self) -> (i64, i64) {
         match self {
@@ -140,7 +142,7 @@ impl Shape {
         }
     }
 
-    /// As tables of registers print it.
+    /// The shape as printed in register tables.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -155,23 +157,23 @@ impl Shape {
     }
 }
 
-/// The values that a write may bring.
+/// The values that a write may have.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Legal {
-    /// All that the shape holds.
+    /// All values of the shape.
     Any,
-    /// From the first to the second.
+    /// Values from the first number to the second, both included.
     Range(i64, i64),
-    /// These.
+    /// Exactly these values.
     OneOf(&'static [i64]),
-    /// Each word from the first to the second, in bus order; only where the low word is first.
+    /// A range for each word, in bus order: least and greatest value. Only for maps with the low word first.
     Each(&'static [(u16, u16)]),
-    /// Text of up to eight characters from blank to `~`, two in a word, 0 behind the last one; only where the high word
-    /// is first.
+    /// Text of up to eight characters from blank to `~`, two characters in a word, filled up with 0 after the
+    /// last one. Only for maps with the high word first.
     Text,
 }
 
-/// The value of a row of [`Legal::Text`]: up to eight characters.
+/// Packs up to eight characters into a value of a row with [`Legal::Text`].
 #[must_use]
 pub const fn text(mut characters: &[u8]) -> i64 {
     let (mut value, mut left) = (0, 8);
@@ -186,15 +188,15 @@ pub const fn text(mut characters: &[u8]) -> i64 {
     value
 }
 
-/// The characters of a value of a row of [`Legal::Text`].
+/// The characters in a value of a row with [`Legal::Text`].
 pub fn characters(value: i64) -> impl Iterator<Item = u8> {
     value.to_be_bytes().into_iter().filter(|&character| character != 0)
 }
 
-/// Returns whether it is a value of [`Legal::Text`].
+/// Returns true if `value` is legal for [`Legal::Text`].
 const fn is_text(value: i64) -> bool {
     let (mut rest, mut left, mut has_ended) = (value, 8, true);
-    // From the last one on.
+    // From the last character to the first.
     while left > 0 {
         let character = (rest & 0xFF) as u8;
         has_ended = has_ended && character == 0;
@@ -206,40 +208,41 @@ const fn is_text(value: i64) -> bool {
     true
 }
 
-/// The part of a [`Row`] that a bus and a drive use.
+/// The part of a [`Row`] that the bus and the drive need.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Entry {
     /// Address space.
     pub space: Space,
-    /// Address in it; of several words the lowest.
+    /// Address in this space. For several words, the lowest address.
     pub address: u16,
-    /// The space of bits in which its one word is too, at the same address: set or not.
+    /// A second space, of bits, in which the row is at the same address. The bit is 1 if the row's word is
+    /// not 0.
     pub also: Option<Space>,
     /// Access of the bus.
     pub access: Access,
     /// Shape of the value.
     pub shape: Shape,
-    /// Legal values of a write; any other is refused.
+    /// Legal values of a write. The bus refuses any other value.
     pub legal: Legal,
-    /// Limits applied when the value is used; it reads back as written.
+    /// Limits that the drive applies when it uses the value. A read returns the value as written.
     pub clamp: Option<(i64, i64)>,
     /// The factory value.
     pub reset: i64,
-    /// Bits of each word that a save keeps; 0 for a row that is not saved.
+    /// Bits of each word that a save stores; 0 if the row is not saved.
     pub saved: u16,
-    /// True if the drive updates it before each read.
+    /// True if the drive updates the value before each read.
     pub live: bool,
-    /// True if the bus can have it streamed (QSB).
+    /// True if the bus can have the value streamed, that is, sent repeatedly (QSB).
     pub streams: bool,
-    /// Which variants of the product have it, a bit each.
+    /// Variants of the product that have the row, one bit each.
     pub variants: u8,
-    /// True if it is present only at times, which the drive knows.
+    /// True if the row is present only at times. The drive decides when.
     pub optional: bool,
 }
 
-/// A row of a register map: an [`Entry`], and documentation, which no board needs. Built by the words of
-/// [`registers!`](crate::registers!).
+/// A row of a register map: an [`Entry`], and documentation that no board needs. The methods of `Row` are the
+/// words of [`registers!`](crate::registers!).
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Row {
@@ -247,13 +250,13 @@ pub struct Row {
     pub name: &'static str,
     /// Meaning and unit: the rustdoc of the row.
     pub doc: &'static str,
-    /// The section of the manual.
+    /// Section of the manual.
     pub section: &'static str,
-    /// Reason why it is not modelled; empty if it is.
+    /// Reason why the row is not modelled; empty if it is modelled.
     pub missing: &'static str,
-    /// The factory value means that nothing is set; a write cannot bring it.
+    /// True if the factory value means that nothing is set. A write cannot have this value.
     pub unset: bool,
-    /// All else.
+    /// The part that the bus and the drive need.
     pub entry: Entry,
 }
 
@@ -289,25 +292,25 @@ impl Row {
         Self { name: "", doc: "", section, missing: "", unset: false, entry }
     }
 
-    /// A holding register to read and write.
+    /// A holding register for reading and writing.
     #[must_use]
     pub const fn rw(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::ReadWrite, address, section)
     }
 
-    /// A holding register to read.
+    /// A holding register for reading only.
     #[must_use]
     pub const fn ro(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::ReadOnly, address, section)
     }
 
-    /// A holding register to write.
+    /// A holding register for writing only.
     #[must_use]
     pub const fn wo(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::WriteOnly, address, section)
     }
 
-    /// A holding register that the manual names and does not describe, and that is not modelled therefore.
+    /// A holding register that the manual names but does not describe. So it is not modelled.
     #[must_use]
     pub const fn known(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::Known, address, section)
@@ -332,25 +335,25 @@ impl Row {
         Self::new(Space::Discrete, Access::ReadOnly, address, section)
     }
 
-    /// A variable of the drive's own language; `number` only makes it unique.
+    /// A variable of the drive's own language. `number` only makes the row unique.
     #[must_use]
     pub const fn variable(number: u16, section: &'static str) -> Self {
         Self::new(Space::Variable, Access::ReadWrite, number, section)
     }
 
-    /// A variable of the drive's own language that can only be read; `number` only makes it unique.
+    /// A read-only variable of the drive's own language. `number` only makes the row unique.
     #[must_use]
     pub const fn fact(number: u16, section: &'static str) -> Self {
         Self::new(Space::Variable, Access::ReadOnly, number, section)
     }
 
-    /// A choice of the stand-in; `number` only makes it unique.
+    /// A setting of the emulated drive ([`Space::Setting`]). `number` only makes the row unique.
     #[must_use]
     pub const fn setting(number: u16, section: &'static str) -> Self {
         Self::new(Space::Setting, Access::ReadWrite, number, section)
     }
 
-    /// With the names from the table.
+    /// Sets the name and the documentation of the row, from the table.
     #[doc(hidden)]
     #[must_use]
     pub const fn named(mut self, name: &'static str, doc: &'static str) -> Self {
@@ -364,141 +367,142 @@ impl Row {
         self
     }
 
-    /// A byte.
+    /// Makes the value a byte.
     #[must_use]
     pub const fn u8(self) -> Self {
         self.shaped(Shape::U8)
     }
 
-    /// A signed word.
+    /// Makes the value a signed word.
     #[must_use]
     pub const fn i16(self) -> Self {
         self.shaped(Shape::I16)
     }
 
-    /// Two words, unsigned.
+    /// Makes the value two words, unsigned.
     #[must_use]
     pub const fn u32(self) -> Self {
         self.shaped(Shape::U32)
     }
 
-    /// Two words, signed.
+    /// Makes the value two words, signed.
     #[must_use]
     pub const fn i32(self) -> Self {
         self.shaped(Shape::I32)
     }
 
-    /// `n` words with a meaning each.
+    /// Makes the value `n` words, each with a meaning of its own.
     #[must_use]
     pub const fn words(self, n: u8) -> Self {
         self.shaped(Shape::Words(n))
     }
 
-    /// Refuses what is not in `least..=greatest`.
+    /// Makes writes of values outside `least..=greatest` fail.
     #[must_use]
     pub const fn range(mut self, least: i64, greatest: i64) -> Self {
         self.entry.legal = Legal::Range(least, greatest);
         self
     }
 
-    /// Refuses what is not in `codes`.
+    /// Makes writes of values that are not in `codes` fail.
     #[must_use]
     pub const fn one_of(mut self, codes: &'static [i64]) -> Self {
         self.entry.legal = Legal::OneOf(codes);
         self
     }
 
-    /// Refuses it unless each word is in its range; in bus order, only where the low word is first.
+    /// Makes a write fail unless each word is in its range. The ranges are in bus order; only for maps with
+    /// the low word first.
     #[must_use]
     pub const fn each(mut self, ranges: &'static [(u16, u16)]) -> Self {
         self.entry.legal = Legal::Each(ranges);
         self
     }
 
-    /// Text of up to eight characters.
+    /// Makes the value a text of up to eight characters.
     #[must_use]
     pub const fn text(mut self) -> Self {
         self.entry.legal = Legal::Text;
         self.shaped(Shape::Words(4))
     }
 
-    /// The factory value means that nothing is set, and lies outside the range of a write.
+    /// Declares that the factory value means "nothing is set" and is outside the range of a write.
     #[must_use]
     pub const fn unset(mut self) -> Self {
         self.unset = true;
         self
     }
 
-    /// Accepts everything and limits it to `least..=greatest` when it is used.
+    /// Makes the row accept all values. The drive limits the value to `least..=greatest` when it uses it.
     #[must_use]
     pub const fn clamped(mut self, least: i64, greatest: i64) -> Self {
         self.entry.clamp = Some((least, greatest));
         self
     }
 
-    /// The factory value, where it is not 0.
+    /// Sets the factory value. Without this it is 0.
     #[must_use]
     pub const fn reset(mut self, value: i64) -> Self {
         self.entry.reset = value;
         self
     }
 
-    /// Kept by a save.
+    /// Makes a save store the value.
     #[must_use]
     pub const fn saved(self) -> Self {
         self.saved_bits(u16::MAX)
     }
 
-    /// Makes it a value of which a save keeps these bits.
+    /// Makes a save store only the bits in `mask` of each word.
     #[must_use]
     pub const fn saved_bits(mut self, mask: u16) -> Self {
         self.entry.saved = mask;
         self
     }
 
-    /// Brought up to date before each read.
+    /// Makes the drive update the value before each read.
     #[must_use]
     pub const fn live(mut self) -> Self {
         self.entry.live = true;
         self
     }
 
-    /// Which the bus may have sent again and again.
+    /// Allows the bus to have the value streamed, that is, sent repeatedly.
     #[must_use]
     pub const fn streams(mut self) -> Self {
         self.entry.streams = true;
         self
     }
 
-    /// Which only these variants of the product have, a bit each.
+    /// Limits the row to these variants of the product, one bit each.
     #[must_use]
     pub const fn only(mut self, variants: u8) -> Self {
         self.entry.variants = variants;
         self
     }
 
-    /// Present only at times, which the drive decides.
+    /// Makes the row present only at times. The drive decides when.
     #[must_use]
     pub const fn optional(mut self) -> Self {
         self.entry.optional = true;
         self
     }
 
-    /// Which is a coil too, at the same address.
+    /// Makes the register also a coil at the same address.
     #[must_use]
     pub const fn also_coil(mut self) -> Self {
         self.entry.also = Some(Space::Coil);
         self
     }
 
-    /// Which is a discrete input too, at the same address.
+    /// Makes the register also a discrete input at the same address.
     #[must_use]
     pub const fn also_discrete(mut self) -> Self {
         self.entry.also = Some(Space::Discrete);
         self
     }
 
-    /// Kept and read back, but without its effect, and why.
+    /// Declares that the value is stored and read back, but has no effect, and the reason.
     #[must_use]
     pub const fn not_modelled(mut self, reason: &'static str) -> Self {
         self.missing = reason;
@@ -507,7 +511,7 @@ impl Row {
 }
 
 impl Entry {
-    /// Returns whether a write may bring `value`.
+    /// Returns true if a write may have `value`.
     #[must_use]
     pub const fn accepts(&self, value: i64) -> bool {
         let (least, greatest) = self.shape.limits();
@@ -541,7 +545,7 @@ impl Entry {
         }
     }
 
-    /// `value` as it acts.
+    /// `value` limited to the row's clamp: the value that takes effect.
     #[must_use]
     pub const fn clamped_value(&self, value: i64) -> i64 {
         match self.clamp {
@@ -551,19 +555,20 @@ impl Entry {
         }
     }
 
-    /// Returns whether it is in `space`, or there too.
+    /// Returns true if the row is in `space`, by its own space or by its second one.
     #[must_use]
     pub const fn is_in(&self, space: Space) -> bool {
         self.space as u8 == space as u8 || matches!(self.also, Some(also) if also as u8 == space as u8)
     }
 
-    /// Returns whether a drive may lack it: only some variants have it, or it is present only at times.
+    /// Returns true if a drive may lack the row, because only some variants have it or because it is present
+    /// only at times.
     #[must_use]
     pub const fn is_conditional(&self) -> bool {
         self.optional || self.variants != u8::MAX
     }
 
-    /// Addresses that it takes.
+    /// Number of addresses of the row.
     const fn addresses(&self, layout: Layout) -> u16 {
         if layout.objects { 1 } else { self.shape.words() }
     }
@@ -585,7 +590,7 @@ pub struct AddressRange {
 pub struct Table {
     /// Rows, in the manual's order.
     pub rows: &'static [Row],
-    /// The part of them that a bus and a drive use.
+    /// The part of the rows that the bus and the drive need.
     pub entries: &'static Entries,
 }
 
@@ -597,16 +602,16 @@ impl Deref for Table {
     }
 }
 
-/// The part of a [`Table`] that a bus and a drive use.
+/// The part of a [`Table`] that the bus and the drive need.
 #[derive(Debug)]
 pub struct Entries {
-    /// Entries of the rows, in their order.
+    /// Entries in the order of the rows.
     pub list: &'static [Entry],
-    /// Use of addresses.
+    /// Use of addresses in the map.
     pub layout: Layout,
-    /// Place of each row's first word in the bank.
+    /// Index in the bank of each row's first word.
     offsets: &'static [u16],
-    /// Runs that one read may cover.
+    /// Ranges of addresses that one read may cover.
     ranges: &'static [AddressRange],
     /// True if any row is live.
     live: bool,
@@ -614,12 +619,12 @@ pub struct Entries {
     conditional: bool,
 }
 
-/// A row, or one word of it, found by its name.
+/// A row, or one word of a row, found by its name.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Named {
     /// Index of the row.
     pub row: usize,
-    /// The one word of the row that is meant (`SpeedHigh`), counted in bus order; all if `None`.
+    /// The word of the row that the name means (`SpeedHigh`), in bus order; `None` for the whole row.
     pub word: Option<u16>,
 }
 
@@ -627,14 +632,14 @@ impl Table {
     /// A map without rows.
     pub const EMPTY: Self = Self { rows: &[], entries: &Entries::new(&[], Layout::HighFirst, &[], &[]) };
 
-    /// The same map with other rows of the same shapes at the same addresses: of a product's variant
+    /// The same map with other rows, which have the same shapes and addresses. For a variant of a product
     /// with other factory values.
     #[must_use]
     pub const fn with_rows(&self, rows: &'static [Row]) -> Self {
         Self { rows, ..*self }
     }
 
-    /// The row of that name, or the half of it that `…High` or `…Low` names.
+    /// The row `name`, or the high or low word of a row if `name` ends in `High` or `Low`.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<Named> {
         let whole = |name: &str| self.rows.iter().position(|row| row.name == name);
@@ -651,14 +656,14 @@ impl Table {
 }
 
 impl Entries {
-    /// The same map with other entries of the same shapes at the same addresses: of a product's variant with
-    /// other limits.
+    /// The same map with other entries, which have the same shapes and addresses. For a variant of a product
+    /// with other limits.
     #[must_use]
     pub const fn with_list(&self, list: &'static [Entry]) -> Self {
         Self { list, ..*self }
     }
 
-    /// For [`registers!`](crate::registers!).
+    /// Constructor for [`registers!`](crate::registers!).
     #[doc(hidden)]
     #[must_use]
     #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -677,20 +682,20 @@ impl Entries {
         Self { list, layout, offsets, ranges, live, conditional }
     }
 
-    /// Place of a row's first word in the bank.
+    /// Index in the bank of a row's first word.
     #[must_use]
     pub fn offset(&self, row: usize) -> usize {
         self.offsets.get(row).copied().map_or(usize::MAX, usize::from)
     }
 
-    /// Places in the bank of the words that a read of `count` addresses from `first` brings; `None`
-    /// if one of them cannot be read, or is half of something.
+    /// Indices in the bank of the words that a read of `count` from `first` returns. `None` if an address in
+    /// this range cannot be read, or if `count` is not that of the object at `first`.
     #[must_use]
     pub fn readable(&self, space: Space, first: u16, count: u16) -> Option<Range<usize>> {
         for range in self.ranges {
             let skipped = first.wrapping_sub(range.first);
             if skipped < range.addresses && range.space == space {
-                // Of an object the count is its words, of anything else its addresses.
+                // For an object, `count` is its words; otherwise `count` is a number of addresses.
                 let (skipped, room) =
                     if self.layout.objects { (0, range.words) } else { (skipped, range.addresses - skipped) };
                 let whole = if self.layout.objects { count == room } else { count <= room };
@@ -701,7 +706,7 @@ impl Entries {
         None
     }
 
-    /// The row that holds `address`, and which of its words that is.
+    /// The row that contains `address`, and the word of the row at this address.
     #[must_use]
     pub fn at(&self, space: Space, address: u16) -> Option<(usize, u16)> {
         for (index, row) in self.list.iter().enumerate() {
@@ -713,7 +718,7 @@ impl Entries {
         None
     }
 
-    /// The value of a row of which `words` are the bank.
+    /// The value of a row in the bank `words`.
     #[must_use]
     pub fn value(&self, words: &[u16], row: usize) -> i64 {
         let Some(shape) = self.list.get(row).map(|row| row.shape) else { return 0 };
@@ -721,8 +726,8 @@ impl Entries {
         self.assemble(shape, |n| words.get(offset.wrapping_add(n)).copied().unwrap_or(0))
     }
 
-    /// The value of a shape of which `word` gives the words, in bus order. Of more than four words
-    /// the first four count.
+    /// The value of a shape; `word` returns its words, in bus order. Of more than four words only the first
+    /// four are used.
     #[must_use]
     pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
         let value = self.words_from_high(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));
@@ -733,14 +738,14 @@ impl Entries {
         }
     }
 
-    /// The word of a shape's value that comes `n`-th on the bus; 0 for one that it does not hold.
+    /// Word `n`, in bus order, of the value of a shape; 0 if there is no such word.
     #[must_use]
     pub fn word(&self, shape: Shape, value: i64, n: usize) -> u16 {
         let upward = self.words_from_high(shape).rev().position(|offset| offset == n);
         upward.map_or(0, |offset| (value >> (16 * offset) & 0xFFFF).cast_unsigned() as u16)
     }
 
-    /// Puts `value` into a row's words in the bank, cut to its shape.
+    /// Stores `value` into a row's words in the bank, truncated to the row's shape.
     pub fn put(&self, words: &mut [u16], row: usize, value: i64) {
         let Some(shape) = self.list.get(row).map(|row| row.shape) else { return };
         let offset = self.offset(row);
@@ -753,31 +758,31 @@ impl Entries {
         }
     }
 
-    /// Places in bus order of a value's words, the highest one first.
+    /// Indices, in bus order, of a value's words, from the highest word to the lowest.
     fn words_from_high(&self, shape: Shape) -> impl DoubleEndedIterator<Item = usize> {
         let count = usize::from(shape.words()).min(4);
         let low_first = self.layout.order == Order::LowFirst;
         (0..count).map(move |n| if low_first { count - 1 - n } else { n })
     }
 
-    /// Returns whether any row is to be updated before it is read.
+    /// Returns true if any row must be updated before it is read.
     #[must_use]
     pub fn has_live(&self) -> bool {
         self.live
     }
 
-    /// The live rows with words at these places of the bank.
+    /// The live rows that have words at these indices of the bank.
     pub fn live_rows_at(&self, offsets: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
         self.rows_at(offsets, |row| row.live)
     }
 
-    /// Returns whether a drive may lack a row.
+    /// Returns true if a drive may lack any row.
     #[must_use]
     pub fn has_conditional(&self) -> bool {
         self.conditional
     }
 
-    /// The rows with words at these places of the bank that a drive may be without.
+    /// The rows with words at these indices of the bank that a drive may lack.
     pub fn conditional_rows_at(&self, offsets: &Range<usize>) -> impl Iterator<Item = usize> + use<'_> {
         self.rows_at(offsets, Entry::is_conditional)
     }
@@ -788,7 +793,7 @@ impl Entries {
         which: F,
     ) -> impl Iterator<Item = usize> + use<'_, F> {
         let (start, end) = (offsets.start, offsets.end);
-        // Places ascend, so the first of these rows is the last one that begins at `start` or before.
+        // Offsets ascend, so the first of these rows is the last row that begins at or before `start`.
         let first = self.offsets.partition_point(|&offset| usize::from(offset) <= start).saturating_sub(1);
         let rows = self.list.iter().enumerate().skip(first);
         let rows = rows.take_while(move |&(index, _)| self.offset(index) < end);
@@ -799,21 +804,21 @@ impl Entries {
     }
 }
 
-/// Implemented by [`registers!`](crate::registers!) for its enum.
+/// The enum of a register map. [`registers!`](crate::registers!) implements this trait.
 pub trait Register: Copy + 'static {
-    /// The map it names the rows of.
+    /// The map whose rows the enum names.
     const TABLE: &'static Table;
-    /// The part of the map that a bus and a drive use.
+    /// The part of the map that the bus and the drive need.
     const ENTRIES: &'static Entries;
 
     /// Index of the row.
     fn row(self) -> usize;
 
-    /// The name of a row.
+    /// The register of a row; `None` if there is no such row.
     fn from_row(row: usize) -> Option<Self>;
 }
 
-/// The storage of a register map: bus words in bus order, so that a read copies a slice.
+/// The storage of a register map: words in the order of the bus, so that a read copies a slice.
 #[derive(Clone, Debug)]
 pub struct Bank<R, const WORDS: usize> {
     words: [u16; WORDS],
@@ -849,20 +854,20 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
         R::ENTRIES.value(&self.words, register.row())
     }
 
-    /// The value of a register as it acts: within the limits of its row.
+    /// The value of a register as it takes effect: limited to its row's clamp.
     #[must_use]
     pub fn clamped_value(&self, register: R) -> i64 {
         let value = self.get(register);
         R::ENTRIES.list.get(register.row()).map_or(value, |row| row.clamped_value(value))
     }
 
-    /// The first word of a register: the whole value if it has one word.
+    /// The first word of a register. This is the whole value if the register has one word.
     #[must_use]
     pub fn word(&self, register: R) -> u16 {
         self.words.get(R::ENTRIES.offset(register.row())).copied().unwrap_or(0)
     }
 
-    /// Sets a register, past all rules.
+    /// Sets a register without any check.
     pub fn set(&mut self, register: R, value: i64) {
         R::ENTRIES.put(&mut self.words, register.row(), value);
     }
@@ -873,13 +878,13 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
         &self.words
     }
 
-    /// All words, in the order of the table, past all rules.
+    /// All words, in the order of the table, writable without any check.
     pub fn words_mut(&mut self) -> &mut [u16] {
         &mut self.words
     }
 }
 
-/// Everything that can be wrong with a table, found while it compiles.
+/// Checks a whole table at compile time and panics at the first error.
 #[doc(hidden)]
 #[expect(clippy::panic, clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub const fn check(rows: &[Row], layout: Layout) {
@@ -938,12 +943,12 @@ pub const fn check(rows: &[Row], layout: Layout) {
     }
 }
 
-/// Returns whether two rows are in the same space.
+/// Returns true if two rows have a space in common.
 const fn share_a_space(row: &Entry, other: &Entry) -> bool {
     row.is_in(other.space) || matches!(other.also, Some(also) if row.is_in(also))
 }
 
-/// Entries of a map's rows.
+/// The entries of a map's rows.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -957,7 +962,7 @@ pub const fn entries<const N: usize>(rows: &[Row; N]) -> [Entry; N] {
     entries
 }
 
-/// Words in the bank of a map.
+/// Number of words in the bank of a map.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -970,7 +975,7 @@ pub const fn word_count(rows: &[Row]) -> usize {
     words
 }
 
-/// Words that a save of a map keeps.
+/// Number of words of a map that a save stores.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -985,7 +990,7 @@ pub const fn saved_word_count(rows: &[Row]) -> usize {
     words
 }
 
-/// Place in the bank of each row's first word.
+/// Index in the bank of each row's first word.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -1018,7 +1023,7 @@ pub const fn range_count(rows: &[Row], layout: Layout) -> usize {
     count
 }
 
-/// The runs of readable addresses of a map.
+/// The contiguous readable ranges of a map.
 #[doc(hidden)]
 #[must_use]
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
@@ -1046,17 +1051,17 @@ pub const fn ranges<const N: usize>(rows: &[Row], layout: Layout) -> [AddressRan
     ranges
 }
 
-/// Spaces in which rows are looked up: their own, and bits.
+/// Space of a row in which to look: its own, or the second one, of bits.
 #[derive(Clone, Copy)]
 enum View {
     Own,
     Also,
 }
 
-/// Every view.
+/// Both views.
 const VIEWS: &[View] = &[View::Own, View::Also];
 
-/// Space in which a bus may read a row.
+/// Space in which the bus may read a row; `None` if the bus may not.
 const fn readable_space(row: &Entry, view: View) -> Option<Space> {
     if !row.access.reads() {
         return None;
@@ -1084,7 +1089,7 @@ const fn starts_range(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
     !is_contiguous || last.address as u32 + last.shape.words() as u32 != row.address as u32
 }
 
-/// Declares a register map: an enum with a variant a row, and its [`Table`].
+/// Declares a register map: an enum with a variant for each row, and its [`Table`].
 ///
 /// ```
 /// drivetwin_protocol::registers! {
@@ -1119,7 +1124,7 @@ const fn starts_range(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// # fn main() { let _ = Reg::Mode; }
 /// ```
 ///
-/// Nor does a factory value that its own row refuses:
+/// A factory value that its own row refuses does not compile:
 ///
 /// ```compile_fail
 /// drivetwin_protocol::registers! {
@@ -1132,7 +1137,7 @@ const fn starts_range(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 /// # fn main() { let _ = Reg::DeviceAddress; }
 /// ```
 ///
-/// Nor does a register that is a coil too, where another coil is:
+/// A register that is also a coil, at the address of another coil, does not compile:
 ///
 /// ```compile_fail
 /// drivetwin_protocol::registers! {
@@ -1173,9 +1178,9 @@ macro_rules! registers {
                         $(.$with($($value),*))*,
                 )+
             ];
-            /// Words of the map's bank.
+            /// Number of words in the map's bank.
             $vis const WORDS: usize = $crate::registers::word_count(&Self::ROWS);
-            /// Words of it that a save keeps.
+            /// Number of the map's words that a save stores.
             $vis const SAVED_WORDS: usize = $crate::registers::saved_word_count(&Self::ROWS);
         }
 

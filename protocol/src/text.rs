@@ -1,4 +1,4 @@
-//! Lines of text, as drives take them that are spoken to in ASCII.
+//! Text lines, for drives with an ASCII protocol.
 
 use core::mem;
 
@@ -7,16 +7,16 @@ use heapless::Vec;
 const CR: u8 = b'\r';
 const LF: u8 = b'\n';
 
-/// Error of a line, whatever its text.
+/// Error of a text line. The error does not depend on the text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum LineError {
-    /// More characters than there is room for; the first ones are kept.
+    /// More than `N` characters; the first `N` are kept.
     TooLong,
-    /// A character with a parity or framing error; none are kept.
+    /// A character had a parity or framing error; the line has no text then.
     RxError,
 }
 
-/// A line that has ended, without its end.
+/// A complete text line, without the CR or LF that ended it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TextLine<const N: usize> {
     /// Characters of the line.
@@ -25,8 +25,9 @@ pub struct TextLine<const N: usize> {
     pub flaw: Option<LineError>,
 }
 
-/// Takes the next line, with the CR or LF that ends it, off the front of `text`; if none ends there, the whole text.
-/// `None` for an empty text. An LF at the front belongs to the CR before it and ends no line.
+/// Removes the next text line, including the CR or LF that ends it, from the front of `text` and returns it.
+/// If no line ends in `text`, the whole text is the line. Returns `None` if `text` is empty. An LF at the
+/// front belongs to the CR before it and does not end a line.
 pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
     let ends = |(n, &character): (usize, &u8)| character == CR || (character == LF && n > 0);
     let last = text.iter().enumerate().position(ends);
@@ -35,7 +36,7 @@ pub fn next_line<'a>(text: &mut &'a [u8]) -> Option<&'a [u8]> {
     (!line.is_empty()).then_some(line)
 }
 
-/// Gathers the characters of lines of up to `N` characters.
+/// Collects received characters into text lines of up to `N` characters.
 ///
 /// CR or LF ends a line. Empty lines are ignored, so CR LF and LF CR end one line as well.
 #[derive(Clone, Debug, Default)]
@@ -51,7 +52,7 @@ impl<const N: usize> Lines<N> {
         Self { text: Vec::new(), flaw: None }
     }
 
-    /// A character has come; returns the line that it ends.
+    /// Adds a received character. Returns the line if the character ends one.
     pub fn push(&mut self, character: u8) -> Option<TextLine<N>> {
         if matches!(character, CR | LF) {
             let line = TextLine { text: mem::take(&mut self.text), flaw: self.flaw.take() };
@@ -63,13 +64,13 @@ impl<const N: usize> Lines<N> {
         None
     }
 
-    /// A character with an error has come.
+    /// Handles a character that was received with an error.
     pub fn rx_error(&mut self) {
         self.text.clear();
         self.flaw = Some(LineError::RxError);
     }
 
-    /// Drops the part of a line received so far, and its error.
+    /// Drops the characters received so far of an incomplete line, and its error.
     pub fn clear(&mut self) {
         *self = Self::new();
     }
@@ -80,7 +81,7 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    /// The lines that come out of `characters`, with what is wrong with them.
+    /// The lines received from `characters`, and their errors.
     fn lines(characters: &[u8]) -> Vec<(Vec<u8>, Option<LineError>)> {
         let mut lines = Lines::<4>::new();
         characters

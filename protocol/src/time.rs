@@ -1,15 +1,15 @@
-//! Time as every part of drivetwin knows it: whole ticks of 1/16 µs (PROJECT-1).
+//! Time in drivetwin: whole ticks of 1/16 µs (PROJECT-1).
 //!
-//! 16 MHz is the rate of a common timer, it divides every baud rate well enough (a character of
-//! 9,600 8E1 is 18,333⅓ ticks), and 64 bits of it last 36,000 years. All arithmetic saturates:
-//! a deadline that never comes stays [`Instant::NEVER`] whatever is added to it.
+//! 16 MHz is the rate of a common timer. A tick divides every baud rate well enough (a character of 9,600 8E1
+//! is 18,333⅓ ticks), and 64 bits of ticks last 36,000 years. All arithmetic saturates: [`Instant::NEVER`]
+//! stays [`Instant::NEVER`] whatever is added to it.
 
 use core::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Ticks in a second.
 pub const TICKS_PER_SECOND: u64 = 16_000_000;
 
-/// A point in time: ticks of 1/16 µs since the bench, or the board, began.
+/// A point in time: ticks of 1/16 µs since the bench or the board started.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instant(u64);
@@ -20,18 +20,18 @@ pub struct Instant(u64);
 pub struct Duration(u64);
 
 impl Instant {
-    /// The beginning of time.
+    /// Start of the bench or the board.
     pub const ZERO: Self = Self(0);
-    /// Later than everything: the deadline of what only an input can wake.
+    /// Later than every other instant: the deadline of a device that waits for an input only.
     pub const NEVER: Self = Self(u64::MAX);
 
-    /// The instant `ticks` after the beginning.
+    /// The instant `ticks` after the start.
     #[must_use]
     pub const fn from_ticks(ticks: u64) -> Self {
         Self(ticks)
     }
 
-    /// Ticks since the beginning.
+    /// Ticks since the start.
     #[must_use]
     pub const fn ticks(self) -> u64 {
         self.0
@@ -45,11 +45,11 @@ impl Instant {
 }
 
 impl Duration {
-    /// No time at all.
+    /// No time.
     pub const ZERO: Self = Self(0);
-    /// The shortest time there is: nothing on a bench is faster.
+    /// The shortest nonzero time. Nothing on a bench is faster.
     pub const TICK: Self = Self(1);
-    /// Longer than everything.
+    /// Longer than every other span.
     pub const FOREVER: Self = Self(u64::MAX);
 
     /// A span of `ticks`.
@@ -82,7 +82,7 @@ impl Duration {
         Self(n.saturating_mul(TICKS_PER_SECOND))
     }
 
-    /// The time of `bits` at `baud` bits per second, rounded to the nearest tick; a baud rate of 0
+    /// Duration of `bits` bits at `baud` bits per second, rounded to the nearest tick. A baud rate of 0
     /// counts as 1.
     #[must_use]
     pub const fn of_bits(bits: u32, baud: u32) -> Self {
@@ -91,7 +91,7 @@ impl Duration {
     }
 }
 
-/// The instant that long after the beginning.
+/// The instant at this time after the start.
 impl From<Duration> for Instant {
     fn from(since_beginning: Duration) -> Self {
         Self(since_beginning.0)
@@ -111,7 +111,7 @@ impl AddAssign<Duration> for Instant {
     }
 }
 
-/// Not before [`Instant::ZERO`].
+/// Subtraction. The result is never before [`Instant::ZERO`].
 impl Sub<Duration> for Instant {
     type Output = Self;
     fn sub(self, span: Duration) -> Self {
@@ -140,7 +140,7 @@ impl Mul<u64> for Duration {
     }
 }
 
-/// Division: how often `other` fits; a span of zero counts as one tick.
+/// Number of times that `other` fits into the span. An `other` of zero counts as one tick.
 impl Div for Duration {
     type Output = u64;
     fn div(self, other: Self) -> u64 {
@@ -148,13 +148,13 @@ impl Div for Duration {
     }
 }
 
-/// Spans as people write them: `2_500.millis()`.
+/// Spans written as `2_500.millis()`.
 pub trait Span {
-    /// A span of that many microseconds.
+    /// A span of this many microseconds.
     fn micros(self) -> Duration;
-    /// A span of that many milliseconds.
+    /// A span of this many milliseconds.
     fn millis(self) -> Duration;
-    /// A span of that many seconds.
+    /// A span of this many seconds.
     fn secs(self) -> Duration;
 }
 

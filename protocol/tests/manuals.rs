@@ -1,6 +1,7 @@
-//! Ten typical rows of each manual, so that the table fits them all; those of the MDrive are in `mdrive.rs`.
+//! Ten typical rows of each manual, to show that the table fits all manuals. The rows of the MDrive are in
+//! `mdrive.rs`.
 //!
-//! What the tests assert is typed from the manuals, not taken from the tables.
+//! The expected values are typed from the manuals, not taken from the tables.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::modbus::pdu::Exception;
@@ -37,7 +38,7 @@ mod md3 {
     }
 }
 
-/// US Digital QSB: 8-bit register numbers, values of up to 32 bits, three variants, streams.
+/// US Digital QSB: 8-bit register numbers, values of up to 32 bits, three variants, streamed registers.
 mod qsb {
     pub(crate) const D: u8 = 1;
     pub(crate) const M: u8 = 2;
@@ -57,7 +58,7 @@ mod qsb {
             Str = ro(0x06, "STR").u8().reset(0x0A).live().streams(),
             /// Data for load and compare.
             Dtr = rw(0x08, "DTR").u32().reset(0x1F3).saved(),
-            /// Which counter register to clear.
+            /// Selects the counter register to clear.
             ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3),
             /// Stream interval in 1/512 s.
             IntervalRate = rw(0x0C, "INTERVAL RATE").reset(0xFFFF).saved(),
@@ -69,7 +70,7 @@ mod qsb {
     }
 }
 
-/// RS 434544: four spaces with gaps, pairs with the low word first, keys.
+/// RS 434544: four address spaces with gaps, pairs with the low word first, key values.
 mod rs434 {
     drivetwin_protocol::registers! {
         /// RS 434544 manual, chapter 6.
@@ -88,7 +89,7 @@ mod rs434 {
             SlaveAddressModbus = rw(0x5000, "6.4").range(0, 247).reset(1).saved(),
             /// Framing, parity, stop bits.
             TypeModbus = rw(0x5001, "6.4").one_of(&[1, 2, 3, 4, 5]).reset(3).saved(),
-            /// Way to go.
+            /// Distance to go.
             Offset = rw(0x5015, "6.5").i32().saved(),
             /// Key that saves.
             FlagSaveIni = rw(0x5024, "6.5").one_of(&[0, 0x37FA]),
@@ -98,18 +99,19 @@ mod rs434 {
     }
 }
 
-/// MDROBOT MD: a PID is a whole value of one or more words; 243 has two and 244 exists.
+/// MDROBOT MD: a PID is the number of a whole value of one or more words. PID 243 has two words, and PID 244
+/// exists.
 mod mdrobot {
     drivetwin_protocol::registers! {
         /// Modbus Protocol on the MD Controller V1.1, 2.6.
         pub enum Pid: ObjectsLowFirst {
             /// Version.
             Version = ro(1, "2.6").u8().reset(81),
-            /// Key that restores the defaults.
+            /// Restores the defaults, with the key 0x55.
             DefaultSet = wo(3, "2.6").one_of(&[0x55]),
             /// A list of PIDs.
             ReqPidData = known(4, "PID.h").not_modelled("only named in the header file"),
-            /// Turns references round.
+            /// Inverts the sign of references.
             InvSignCmd = rw(16, "2.6").range(0, 1).saved(),
             /// Velocity reference in rpm.
             VelCmd = rw(130, "2.6").i16(),
@@ -117,17 +119,17 @@ mod mdrobot {
             MaxLoad = rw(211, "2.6").reset(200).saved(),
             /// Speed, current, output, position, status.
             Monitor = ro(196, "2.6").words(6).live(),
-            /// Limits of the speed input; a high one of 0 is not set.
+            /// Limits of the speed input. An upper limit of 0 means "not set".
             SpeedLimit = rw(222, "2.6").words(2).each(&[(0, 512), (512, 1_023)]).unset().saved(),
             /// Position to go to.
             PosiCmd = wo(243, "2.6").i32(),
-            /// Way to go.
+            /// Distance to go.
             IncPosiCmd = wo(244, "2.6").i32(),
         }
     }
 }
 
-/// A drive that only keeps what is written.
+/// A drive that only stores the written values.
 struct Keeper<R: Register, const WORDS: usize> {
     bank: Bank<R, WORDS>,
     refreshed: Vec<R>,
@@ -139,7 +141,7 @@ impl<R: Register, const WORDS: usize> Keeper<R, WORDS> {
         Self { bank: Bank::factory(), refreshed: Vec::new(), written: Vec::new() }
     }
 
-    /// The reply's PDU; empty for silence.
+    /// The PDU of the reply; empty if there is no reply.
     fn ask(&mut self, rules: &Rules, pdu: &[u8]) -> Vec<u8> {
         let mut reply = Frame::new();
         serve_rtu(&rtu::frame(1, pdu), 1, rules, self, &mut reply);
@@ -167,7 +169,7 @@ impl<R: Register, const WORDS: usize> RequestHandler for Keeper<R, WORDS> {
     }
 }
 
-/// All functions, and the codes of the specification.
+/// Rules with all functions and the exceptions of the specification.
 const RULES: Rules = Rules {
     functions: &[1, 2, 3, 4, 5, 6, 15, 16],
     broadcast: Some(0),
@@ -251,7 +253,8 @@ fn rs_has_four_spaces_and_the_low_word_first() {
 fn a_write_of_several_is_all_or_nothing() {
     use rs434::Reg;
     let mut rs = Keeper::<Reg, { Reg::WORDS }>::new();
-    // The second value is out of range; then one past the last row; then a wrong byte count.
+    // First the second value is out of range, then one address is past the last row, then the byte count is
+    // wrong.
     assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 2, 4, 0, 5, 0, 9]), [0x90, 3]);
     assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 3, 6, 0, 5, 0, 1, 0, 0]), [0x90, 2]);
     assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 2, 2, 0, 5]), [0x90, 3]);
@@ -265,10 +268,10 @@ fn a_write_of_several_is_all_or_nothing() {
 fn every_address_is_judged_before_any_value() {
     use rs434::Reg;
     let mut rs = Keeper::<Reg, { Reg::WORDS }>::new();
-    // 5000h = 300 is out of range, and 5002h is not among the ten.
+    // 300 is out of range at 5000h, and 5002h is not among the ten rows.
     assert_eq!(rs.ask(&RULES, &[16, 0x50, 0x00, 0, 3, 6, 0x01, 0x2C, 0, 3, 0, 0]), [0x90, 2]);
     let mut md3 = Keeper::<md3::Reg, { md3::Reg::WORDS }>::new();
-    // 0x00 = 0 is out of range, and 0x02 is not among the ten.
+    // 0 is out of range at 0x00, and 0x02 is not among the ten rows.
     assert_eq!(md3.ask(&RULES, &[16, 0, 0x00, 0, 3, 6, 0, 0, 0, 0, 0, 0]), [0x90, 2]);
     assert!(rs.written.is_empty() && md3.written.is_empty());
 }
@@ -289,7 +292,7 @@ fn a_pid_is_read_and_written_whole() {
         assert_eq!(md.ask(&RULES, &[3, 0, 2, 0, quantity]), [0x83, 2], "not there");
         assert_eq!(md.ask(&RULES, &[3, 1, 1, 0, quantity]), [0x83, 2], "PID_H counts");
     }
-    // Before the PID is looked up.
+    // The quantity is checked before the PID.
     for quantity in [0, 126, 255] {
         assert_eq!(md.ask(&RULES, &[3, 0, 2, 0, quantity]), [0x83, 3]);
     }
@@ -297,7 +300,7 @@ fn a_pid_is_read_and_written_whole() {
     assert_eq!(md.ask(&RULES, &[6, 0, 196, 0, 9]), [0x86, 2], "read only, whatever the quantity");
     assert_eq!(md.ask(&RULES, &[6, 0, 4, 0, 9]), [0x86, 2], "only named");
     assert!(md.written.is_empty());
-    // Position 100,000 = 0x0001_86A0, low word first; the neighbour 244 is another PID.
+    // Position 100,000 = 0x0001_86A0, low word first. PID 244 is another value.
     assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 2, 4, 0x86, 0xA0, 0, 1]), [16, 0, 243, 0, 2]);
     assert_eq!((md.bank.get(Pid::PosiCmd), md.bank.get(Pid::IncPosiCmd)), (100_000, 0));
     assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 1, 2, 0, 1]), [0x90, 3]);

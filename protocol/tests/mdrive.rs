@@ -1,7 +1,8 @@
-//! Typical rows of the MDrive, and what its bus needs beside them: Modbus/TCP, registers that are bits too, rows
-//! of one variant or of a running program, values that are judged together, functions of its own.
+//! Typical rows of the MDrive, and the features of the bus that they need: Modbus/TCP, registers that are
+//! also bits, rows of one variant or of a running program, values that are checked together, and functions of
+//! the drive's own.
 //!
-//! What the tests assert is typed from the fieldbus manual ("FB"), not taken from the table.
+//! The expected values are typed from the fieldbus manual ("FB"), not taken from the table.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::modbus::pdu::Exception;
@@ -29,7 +30,7 @@ drivetwin_protocol::registers! {
         CM = rw(0x000B, "5").u8().range(0, 1).saved().only(PLUS),
         /// Error flag.
         EF = ro(0x001F, "5").u8().range(0, 1).live(),
-        /// Number of the last error; reading clears it.
+        /// Number of the last error. A read clears it.
         ER = rw(0x0021, "5").range(0, 0).live(),
         /// Input 1.
         I1 = ro(0x002D, "5").u8().range(0, 1).live().also_discrete(),
@@ -43,7 +44,7 @@ drivetwin_protocol::registers! {
         I5 = ro(0x0031, "5").range(0, 1_023).live(),
         /// Move to an absolute position in steps.
         MA = rw(0x0043, "5").i32(),
-        /// Microsteps of a full step.
+        /// Microsteps per full step.
         MS = rw(0x0048, "5").one_of(&[1, 2, 4, 8, 16, 32, 64, 128, 256]).reset(256).saved(),
         /// Moving.
         MV = ro(0x004A, "5").u8().range(0, 1),
@@ -55,7 +56,7 @@ drivetwin_protocol::registers! {
         O3 = rw(0x004D, "5").u8().range(0, 1).also_coil(),
         /// Output 4.
         O4 = rw(0x004E, "5").u8().range(0, 1).also_coil(),
-        /// Saves; any value does.
+        /// Saves the registers, with any value.
         S = rw(0x0076, "5"),
         /// Initial velocity in steps/s.
         VI = rw(0x0089, "5").u32().range(1, 4_999_999).reset(1_000).saved(),
@@ -70,7 +71,7 @@ drivetwin_protocol::registers! {
     }
 }
 
-/// FB 4; a part of a value cannot be written.
+/// Rules of FB 4. A part of a value cannot be written.
 const RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, 43, 65, 66],
     broadcast: None,
@@ -91,7 +92,7 @@ const OBJECTS: &[identification::Object<'_>] = &[(0, b"SEM USA"), (1, b"MDI"), (
 struct Mdrive {
     bank: Bank<Reg, { Reg::WORDS }>,
     variant: u8,
-    /// Number of user variables, of V1 and V2, that a program has declared.
+    /// Number of user variables (0 to 2: V1, V2) that a program has declared.
     declared: u16,
     inputs: [i64; 4],
     error: i64,
@@ -158,7 +159,7 @@ impl RequestHandler for Mdrive {
             self.error = 85;
             return Some(Err(Exception::ServerDeviceFailure));
         }
-        // The drive sets a position itself; the write does not store it.
+        // The drive sets the position itself; the server stores nothing.
         let position = values.get(Reg::C2)?;
         self.bank.set(Reg::C2, position - 1);
         Some(Ok(()))
@@ -191,14 +192,15 @@ impl RequestHandler for Mdrive {
 #[test]
 fn the_examples_of_the_manual() {
     let mut mdrive = Mdrive::new(PLUS);
-    // FB 4.2.4 and 4.2.5 print 0x8A for VM, which its table has at 0x8B: 768,000 is 0x000B_B800, 600,000 0x0009_27C0.
+    // FB 4.2.4 and 4.2.5 print address 0x8A for VM, but its table has 0x8B. 768,000 is 0x000B_B800, 600,000
+    // is 0x0009_27C0.
     assert_eq!(mdrive.ask(&[3, 0, 0x8B, 0, 2]), [3, 4, 0x00, 0x0B, 0xB8, 0x00]);
     assert_eq!(mdrive.ask(&[16, 0, 0x8B, 0, 2, 4, 0x00, 0x09, 0x27, 0xC0]), [16, 0, 0x8B, 0, 2]);
     assert_eq!(mdrive.bank.get(Reg::VM), 600_000);
-    // FB 4.2.1: I1, I2 and I4.
+    // FB 4.2.1: I1, I2 and I4 are on.
     mdrive.inputs = [1, 1, 0, 1];
     assert_eq!(mdrive.ask(&[2, 0x00, 0x2D, 0x00, 0x04]), [2, 1, 0x0B]);
-    // FB 4.2.2: O1 and O3; 4.2.3: O3 on.
+    // FB 4.2.2: O1 and O3 are on. FB 4.2.3 switches O3 on.
     mdrive.bank.set(Reg::O1, 1);
     assert_eq!(mdrive.ask(&[5, 0x00, 0x4D, 0xFF, 0x00]), [5, 0x00, 0x4D, 0xFF, 0x00]);
     assert_eq!(mdrive.ask(&[1, 0x00, 0x4B, 0x00, 0x04]), [1, 1, 0x05]);
@@ -208,7 +210,7 @@ fn the_examples_of_the_manual() {
 #[test]
 fn registers_that_the_drive_sets_itself_are_not_stored() {
     let mut mdrive = Mdrive::new(PLUS);
-    // C1 and C2, of which the drive makes C2 what it is.
+    // A write of C1 and C2. The drive sets C2 itself.
     assert_eq!(mdrive.ask(&[16, 0, 0x07, 0, 2, 4, 0, 0, 0, 50]), [16, 0, 0x07, 0, 2]);
     assert_eq!(mdrive.bank.get(Reg::C2), 49);
     assert!(mdrive.written.is_empty());
@@ -403,7 +405,8 @@ fn values_are_judged_on_their_outcome() {
     let both =
         |vi: u32, vm: u32| [&[16, 0, 0x89, 0, 4, 8][..], &vi.to_be_bytes(), &vm.to_be_bytes()].concat();
     let one = |address, value: u32| [&[16, 0, address, 0, 2, 4][..], &value.to_be_bytes()].concat();
-    // Each alone is refused beside what is there; together they are good, upwards and downwards.
+    // Alone each value would be refused because of the stored other one. Together they are valid, upwards and
+    // downwards.
     for (vi, vm) in [(800_000, 900_000), (10, 20)] {
         assert_eq!(mdrive.refusal(&both(vi, vm)), 0);
         assert_eq!((mdrive.bank.get(Reg::VI), mdrive.bank.get(Reg::VM)), (vi.into(), vm.into()));

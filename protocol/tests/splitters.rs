@@ -1,8 +1,8 @@
-//! Splitters of a host against receivers that detect silence: both find the same requests, however the bytes are cut
-//! into reads, and though the check sum of a prefix holds by chance.
+//! Compares the splitters of a host with receivers that detect silence. Both must find the same requests,
+//! wherever the reads split the bytes, even if by chance the CRC of a prefix matches.
 //!
-//! Requests are typed from the application specification (6.1 to 6.21). A CRC is linear, so the bytes that make it hold
-//! at any place are found by solving a system of equations.
+//! The requests are typed from the application specification (6.1 to 6.21). A CRC is linear. So the tests
+//! find the bytes that make a CRC match at any given position by solving a system of equations.
 #![allow(missing_docs, clippy::unwrap_used, clippy::indexing_slicing, reason = "a test")]
 
 use drivetwin_protocol::line::{Line, Parity};
@@ -16,39 +16,40 @@ use proptest::prelude::*;
 const RTU: Line = Line::new(9_600, 8, Parity::Even, 1);
 const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
 
-/// Bits of a frame that are turned over, and by how much they change the CRC.
+/// The change of the CRC, and the bits of a frame (index and mask) whose inversion causes it.
 type Change = (u16, Vec<(usize, u8)>);
 
-/// A request whose function gives its length; bytes that are `None` may have any value.
+/// A request of known length. Bytes that are `None` may have any value.
 #[derive(Clone, Debug)]
 struct Shape {
     pdu: Vec<Option<u8>>,
 }
 
 impl Shape {
-    /// `function`, followed by `data`.
+    /// A request of `function`, followed by `data`.
     fn new(function: u8, data: impl IntoIterator<Item = Option<u8>>) -> Self {
         Self { pdu: std::iter::once(Some(function)).chain(data).collect() }
     }
 
-    /// A request with this byte count, if one of its function has it and fits into a frame.
+    /// A request of `function` with the byte count `count`; `None` if there is no such request, or if it does
+    /// not fit into a frame. Functions without a byte count have a request for `count` 0 only.
     fn of(function: u8, count: u8) -> Option<Self> {
         let any = |bytes: usize| std::iter::repeat_n(None, bytes);
         let bytes = usize::from(count);
         let words = [0, count / 2].map(Some);
         let bits = (u16::from(count) * 8).to_be_bytes().map(Some);
         let shape = match function {
-            // Address, and a number or a value.
+            // Address, then a quantity or a value.
             1..=6 => Self::new(function, any(4)),
             7 | 11 | 12 | 17 => Self::new(function, []),
-            // Address, number, byte count, values.
+            // Address, quantity, byte count, values.
             15 => Self::new(function, any(2).chain(bits).chain([Some(count)]).chain(any(bytes))),
             16 => Self::new(function, any(2).chain(words).chain([Some(count)]).chain(any(bytes))),
-            // Byte count, groups of files.
+            // Byte count, then groups that name files.
             20 | 21 => Self::new(function, [Some(count)].into_iter().chain(any(bytes))),
-            // Address and two masks.
+            // Address, then two masks.
             22 => Self::new(function, any(6)),
-            // Address and number to read, the same to write, byte count, values.
+            // Address and quantity to read, address and quantity to write, byte count, values.
             23 => Self::new(function, any(6).chain(words).chain([Some(count)]).chain(any(bytes))),
             24 => Self::new(function, any(2)),
             43 => Self::new(function, [Some(14)].into_iter().chain(any(2))),
@@ -59,35 +60,37 @@ impl Shape {
         (fits && (counts || count == 0)).then_some(shape)
     }
 
-    /// A request of any function, `bytes` long behind it.
+    /// A request of any function, with `bytes` bytes after the function code.
     fn any(function: u8, bytes: usize) -> Self {
         Self::new(function, std::iter::repeat_n(None, bytes))
     }
 
-    /// The frame with unit and bytes from `fill`.
+    /// The frame. Its unit and its free bytes are taken from `fill`.
     fn frame(&self, fill: &mut impl FnMut() -> u8) -> Vec<u8> {
         let unit = 1 + fill() % 247;
         let pdu: Vec<u8> = self.pdu.iter().map(|byte| byte.unwrap_or_else(&mut *fill)).collect();
         rtu::frame(unit, &pdu).to_vec()
     }
 
-    /// Places in the first `length` bytes of a frame that may be anything, the last ones first.
+    /// Indices below `length` of the bytes of a frame that may have any value, in descending order.
     fn free(&self, length: usize) -> impl Iterator<Item = usize> {
         let data = (1..=self.pdu.len()).rev().filter(|&place| self.pdu[place - 1].is_none());
         data.filter(move |&place| place < length).chain([0])
     }
 
-    /// A frame whose first `length` bytes hold a CRC, too; `None` where no bytes make one.
+    /// A frame whose first `length` bytes also end with a matching CRC; `None` if no values of the free bytes
+    /// give one.
     fn by_chance(&self, length: usize, fill: &mut impl FnMut() -> u8) -> Option<Vec<u8>> {
         let mut frame = self.frame(fill);
         let whole = frame.len();
         if length + 2 <= whole && self.pdu[length - 3..length - 1] == [None; 2] {
-            // The CRC itself may be there.
+            // The CRC of the prefix can be written into free bytes.
             reseal(&mut frame[..length]);
             reseal(&mut frame);
             return Some(frame);
         }
-        // By how much the CRC of the first bytes is wrong. It depends on each bit for itself.
+        // Difference between the CRC of the prefix and the bytes in its place. It is linear: each bit of the
+        // frame changes it independently of the other bits.
         let wrong = |frame: &mut Vec<u8>| {
             if length > whole - 2 {
                 let sum = crc(&frame[..whole - 2]);
@@ -98,7 +101,8 @@ impl Shape {
         };
         let mut rest = wrong(&mut frame);
         let zero = rest;
-        // For each bit of the difference, a set of changes that moves this bit and none above it.
+        // For each bit of the difference, a set of inversions that changes this bit and perhaps lower ones,
+        // but no higher one.
         let mut moves: [Option<Change>; 16] = [const { None }; 16];
         for (place, bit) in self.free(length).flat_map(|place| (0..8).map(move |bit| (place, 1 << bit))) {
             if moves.iter().all(Option::is_some) {
@@ -131,13 +135,13 @@ impl Shape {
     }
 }
 
-/// Writes the CRC that a frame is to have.
+/// Writes the right CRC into the last two bytes of a frame.
 fn reseal(frame: &mut [u8]) {
     let (body, sum) = frame.split_last_chunk_mut::<2>().unwrap();
     *sum = crc(body).to_le_bytes();
 }
 
-/// Bytes that look like chance and are the same every time.
+/// Pseudo-random bytes, the same in every run.
 fn noise(seed: u64) -> impl FnMut() -> u8 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     move || {
@@ -148,7 +152,7 @@ fn noise(seed: u64) -> impl FnMut() -> u8 {
     }
 }
 
-/// Bytes that go together off the front of a burst that no more follows.
+/// Length of the first message in `burst` if the line is silent after the burst.
 fn silent(burst: &[u8], expect: Expect) -> usize {
     match scan(RTU, burst, expect) {
         Scan::Complete(length) | Scan::Invalid(length) => length,
@@ -156,8 +160,9 @@ fn silent(burst: &[u8], expect: Expect) -> usize {
     }
 }
 
-/// Asserts that no split of a frame into reads cuts it, though its first `chance` bytes hold a CRC: at no length before
-/// its end is anything taken off the front. Of a long one every 61st length is tried, and those where it could be cut.
+/// Asserts that `scan` never ends `frame` early, though its first `chance` bytes end with a matching CRC.
+/// Every tested prefix must be incomplete or ambiguous. In a frame of more than 40 bytes only every 61st
+/// prefix is tested, and those where a wrong end is likely.
 fn assert_never_cut(frame: &[u8], chance: usize, expect: Expect) {
     let step = if frame.len() > 40 { 61 } else { 1 };
     let here = chance..frame.len().min(chance + 2);
@@ -172,7 +177,7 @@ fn assert_never_cut(frame: &[u8], chance: usize, expect: Expect) {
     assert_eq!(silent(frame, expect), frame.len(), "{frame:02x?}");
 }
 
-/// Every request whose function gives its length: of every byte count for functions of drives, else of every 17th.
+/// All requests of known length: with every byte count for functions 15 and 16, otherwise with every 17th.
 fn shapes() -> impl Iterator<Item = Shape> {
     (0..=u8::MAX).flat_map(|function| {
         let step = if matches!(function, 15 | 16) { 1 } else { 17 };
@@ -191,13 +196,14 @@ fn a_request_that_tells_its_length_is_never_cut_wherever_a_crc_can_hold() {
             assert_eq!(frame.len(), whole);
             forced[usize::from(frame[1])] += 1;
             assert_never_cut(&frame, length, Expect::Requests);
-            // It is found as soon as it is complete, with any following bytes.
+            // The frame is found as soon as it is complete, whatever bytes follow.
             assert_eq!(scan(RTU, &frame, Expect::Requests), Scan::Complete(whole), "{frame:02x?}");
             let burst = [&frame[..], &behind].concat();
             assert_eq!(scan(RTU, &burst, Expect::Requests), Scan::Complete(whole), "{burst:02x?}");
         }
     }
-    // Lengths from 4 to 7 of 8 bytes; of 15 and 16 those of 248 byte counts, from 5 to 252 lengths each.
+    // A request of 8 bytes has 4 prefixes, of 4 to 7 bytes. Functions 15 and 16 have 248 byte counts, with 5
+    // to 252 prefixes.
     assert_eq!(forced[1..=6], [4; 6]);
     assert_eq!(forced[15..=16], [(5..=252).sum(); 2]);
 }
@@ -220,7 +226,8 @@ fn a_request_of_any_other_function_is_never_cut_wherever_a_crc_can_hold() {
     let mut fill = noise(3);
     let others = (0..=u8::MAX).filter(|&function| Shape::of(function, 0).is_none());
     let short = others.map(|function| (Shape::any(function, 16), 1));
-    // Diagnostics, the MDrive's own, an interface of 43 that is not the identification, as long as can be.
+    // Diagnostics of the greatest length, a function of the MDrive, and an interface of function 43 other
+    // than identification.
     let diagnostics = Shape::any(8, 252);
     let own = Shape::any(65, 40);
     let interface = Shape::new(43, [Some(13)].into_iter().chain(std::iter::repeat_n(None, 100)));
@@ -234,7 +241,7 @@ fn a_request_of_any_other_function_is_never_cut_wherever_a_crc_can_hold() {
     }
 }
 
-/// Requests, one in two with a prefix whose CRC holds.
+/// Requests. About half of them have a prefix with a matching CRC.
 fn request() -> impl Strategy<Value = Vec<u8>> {
     let listed = (
         prop::sample::select(&[1_u8, 2, 3, 4, 5, 6, 7, 11, 12, 15, 16, 17, 20, 21, 22, 23, 24, 43][..]),
@@ -254,12 +261,12 @@ fn request() -> impl Strategy<Value = Vec<u8>> {
         })
 }
 
-/// The lengths of reads, again and again.
+/// Lengths of reads, to be repeated.
 fn reads() -> impl Strategy<Value = Vec<usize>> {
     prop::collection::vec(prop_oneof![1_usize..12, 1_usize..300], 1..8)
 }
 
-/// A stream as reads bring it.
+/// The parts of a stream if the lengths of the reads repeat `reads`.
 fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
     let mut parts = Vec::new();
     for &length in reads.iter().cycle() {
@@ -273,7 +280,8 @@ fn split<'a>(mut stream: &'a [u8], reads: &[usize]) -> Vec<&'a [u8]> {
     parts
 }
 
-/// Messages that a host cuts out of what comes without a gap, and behind which the line is silent.
+/// Messages that a host finds in `parts`, which it receives without a gap. The line is silent after the last
+/// part.
 fn of_host(line: Line, parts: &[&[u8]], expect: Expect) -> Vec<Vec<u8>> {
     let (mut waiting, mut messages) = (Vec::new(), Vec::new());
     for part in parts {
@@ -292,7 +300,7 @@ fn of_host(line: Line, parts: &[&[u8]], expect: Expect) -> Vec<Vec<u8>> {
     messages
 }
 
-/// Frames that a drive's receiver finds in messages with a silence after each.
+/// Frames that a drive's receiver finds if a silence follows each message.
 fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
     let mut receiver = rtu::RtuReceiver::new(RTU);
     let mut at = Instant::from(Duration::secs(1));
@@ -325,7 +333,7 @@ proptest! {
     }
 }
 
-/// Bodies that an ASCII receiver finds in messages with a silence of `gap` before each.
+/// Bodies that an ASCII receiver finds if a silence of `gap` precedes each message.
 fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8>, DropReason>> {
     let mut receiver = ascii::AsciiReceiver::new(ASCII);
     let mut at = Instant::from(Duration::secs(1));
@@ -338,7 +346,8 @@ fn ascii_with_silences(messages: &[Vec<u8>], gap: Duration) -> Vec<Result<Vec<u8
     heard.collect()
 }
 
-/// Messages of ASCII: good, with an LRC that does not hold, with noise where a digit belongs, or before the colon.
+/// ASCII messages: valid, with a wrong LRC, with a wrong character instead of a digit, or with noise before
+/// the colon.
 fn message() -> impl Strategy<Value = Vec<u8>> {
     let body = prop::collection::vec(any::<u8>(), 1..=254);
     let wrong = (any::<prop::sample::Index>(), prop::sample::select(&b"0F:\r Gg\x80"[..]));
@@ -354,20 +363,20 @@ fn message() -> impl Strategy<Value = Vec<u8>> {
     )
 }
 
-/// ADUs: with any PDU.
+/// ADUs with any PDU.
 fn adu() -> impl Strategy<Value = Vec<u8>> {
     (any::<u16>(), any::<u8>(), prop::collection::vec(any::<u8>(), 1..=253))
         .prop_map(|(transaction, unit, pdu)| tcp::frame(tcp::Header { transaction, unit }, &pdu).to_vec())
 }
 
-/// Lines that a drive receives whose characters come as `parts`, and whether each has an error.
+/// Text lines that a drive receives from the characters in `parts`, and true for each line with an error.
 fn lines(parts: &[&[u8]]) -> Vec<(Vec<u8>, bool)> {
     let mut lines = Lines::<16>::new();
     let ended = parts.concat().into_iter().filter_map(|character| lines.push(character));
     ended.map(|line| (line.text.to_vec(), line.flaw.is_some())).collect()
 }
 
-/// Text as typed: commands of QSB and MCode, any length, ended in any way.
+/// Typed text: characters of commands of QSB and MCode, of any length, with any line end.
 fn typed() -> impl Strategy<Value = Vec<u8>> {
     let character = prop::sample::select(&b"PRWS 0123456789=,ABEX\x08\x03"[..]);
     let end = prop::sample::select(&["\r", "\n", "\r\n", "\n\r", "\r\r", "\n\n"][..]);
@@ -383,7 +392,7 @@ proptest! {
         let stream = messages.concat();
         let host = of_host(ASCII, &split(&stream, &reads), Expect::Requests);
         prop_assert_eq!(&host.concat(), &stream);
-        // Seconds between the messages change nothing, nor does a host that leaves none.
+        // The result does not depend on the silence between the messages, also if the host leaves none.
         let silences = ascii_with_silences(&messages, Duration::from_ticks(gap));
         prop_assert_eq!(ascii_with_silences(&host, Duration::ZERO), silences);
     }
@@ -412,7 +421,8 @@ proptest! {
         for mut part in split(&stream, &reads) {
             host.extend(std::iter::from_fn(|| next_line(&mut part)));
         }
-        // Nothing is lost, no message goes on behind the end of its line, and the drive receives the same lines.
+        // No byte is lost, no message continues after the end of its line, and the drive receives the same
+        // lines.
         prop_assert_eq!(&host.concat(), &stream);
         for message in &host {
             let begin = &message[..message.len() - 1];

@@ -3,22 +3,22 @@
 use super::Channel;
 use crate::device::{Duration, Instant};
 
-/// Holds a new level back until it has lasted, each input for itself, and forgets it if it does not.
+/// Delays a new level until it has lasted long enough, for each input separately. A shorter level is dropped.
 #[derive(Clone, Debug)]
 pub(crate) struct Filter {
-    /// Time at which the other level of A, B and index will have lasted long enough; [`Instant::NEVER`] if it is not
-    /// there.
+    /// For A, B and index: the time at which the pending new level will have lasted long enough;
+    /// [`Instant::NEVER`] if there is no new level.
     due: [Instant; 3],
 }
 
 impl Filter {
-    /// Holds nothing back.
+    /// A filter without pending levels.
     pub(crate) const fn new() -> Self {
         Self { due: [Instant::NEVER; 3] }
     }
 
-    /// An input takes a level. `other`: it is not the level in effect. `lasting`: how long it must last.
-    /// Returns whether it takes effect at once.
+    /// Handles a level of an input. `other` is true if the level differs from the level in effect, `lasting`
+    /// is the time for which it must last. Returns true if the level takes effect at once.
     #[inline]
     pub(crate) fn passes(&mut self, at: Instant, channel: Channel, other: bool, lasting: Duration) -> bool {
         let due = self.due_mut(channel);
@@ -35,15 +35,16 @@ impl Filter {
         lasting == Duration::ZERO
     }
 
-    /// Time at which the first level that is held back will have lasted long enough; [`Instant::NEVER`] if none is.
+    /// Time at which the first pending level will have lasted long enough; [`Instant::NEVER`] if there is
+    /// none.
     #[inline]
     pub(crate) fn deadline(&self) -> Instant {
         let [a, b, index] = self.due;
         a.min(b).min(index)
     }
 
-    /// Takes out the level that is due first, of several A before B before index, or `index_first`, if that is not
-    /// after `at`.
+    /// Removes the pending level that is due first, and returns its input; `None` if no level is due by `at`.
+    /// Of several levels due at once the order is A, B, index, or index first if `index_first` is true.
     #[inline]
     pub(crate) fn take(&mut self, at: Instant, index_first: bool) -> Option<Channel> {
         let first = self.deadline();
@@ -86,7 +87,7 @@ mod tests {
         Instant::ZERO + Duration::micros(micros)
     }
 
-    /// A filter that holds these back, each since some µs.
+    /// A filter with these pending levels, each since a time in µs.
     fn holding(levels: &[(Channel, u64)]) -> Filter {
         let mut filter = Filter::new();
         for &(channel, micros) in levels {

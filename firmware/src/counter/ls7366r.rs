@@ -1,16 +1,18 @@
 //! LSI/CSI LS7366R: a quadrature counter of up to 32 bits (data sheet of June 2014).
 //!
-//! What the data sheet leaves open:
+//! Where the data sheet is silent, the model behaves as follows:
 //!
-//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A, x1 those of A while B
-//!   is low. Every edge of A or B sets U/D, whether or not it counts; in non-quadrature mode U/D follows B (QSB-21).
-//! - The filter lets in a level that has lasted two of its clocks (t5), in whole ticks: its clock is 24 MHz.
-//!   It looks at INDEX/ in the asynchronous mode, too (QSB-20).
-//! - INDEX/ acts when it becomes active; in the synchronous mode, when it and A and B both high or both low
-//!   come together, so twice a cycle while it stays low. Function 00 acts, too, but on IDX alone (QSB-19).
-//! - Only edges act: what a write of MDR0 means for the present levels shows at the next one.
-//! - A counter made narrower loses its upper bytes.
-//! - S goes with BW and CY.
+//! - The count rises while A leads B, so that A and B pass through 00, 10, 11, 01, 00. x4 counts every edge,
+//!   x2 the edges of A, x1 the edges of A while B is low. Every edge of A or B sets U/D, even if it is not
+//!   counted; in non-quadrature mode U/D follows B (QSB-21).
+//! - The filter passes a level that has lasted two periods of its clock (t5), rounded up to whole ticks. The
+//!   clock is 24 MHz. INDEX/ is filtered in the asynchronous mode, too (QSB-20).
+//! - INDEX/ acts when it becomes active. In the synchronous mode it acts whenever INDEX/ low and A and B both
+//!   high or both low come together; this is twice per cycle while INDEX/ stays low. With function 00 INDEX/
+//!   only sets IDX (QSB-19).
+//! - Only edges act: a write of MDR0 takes effect on the present levels at the next edge.
+//! - A counter that is made narrower loses its upper bytes.
+//! - BW sets S, CY clears S.
 
 mod count;
 mod spi;
@@ -43,27 +45,28 @@ pub mod status {
     pub const S: u8 = 1 << 0;
 }
 
-/// Bits of MDR0: quadrature 1:0, count mode 3:2, index function 5:4.
+/// Bits of MDR0: 1:0 quadrature mode, 3:2 count mode, 5:4 index function.
 mod mdr0 {
     pub(super) const SYNCHRONOUS: u8 = 1 << 6;
     pub(super) const HALF_FILTER_CLOCK: u8 = 1 << 7;
 }
 
-/// Bits of MDR1: bytes missing from four 1:0, flags 7:4 as in the status register.
+/// Bits of MDR1: 1:0 number of bytes less than four, 7:4 flags as in the status register.
 mod mdr1 {
     pub(super) const MISSING_BYTES: u8 = 3;
     pub(super) const DISABLE: u8 = 1 << 2;
     pub(super) const FLAGS: u8 = 0xF0;
 }
 
-/// The filter's clock: fCKi in a QSB.
+/// Frequency of the filter's clock: fCKi in a QSB.
 const FILTER_HZ: u64 = 24_000_000;
 
 /// Levels of A and B, as in [`Ls7366r::levels`].
 const A: u8 = 2;
 const B: u8 = 1;
 
-/// Edges that count up, of the eight: a bit each, of A and then of B, numbered by the levels after it.
+/// Mask of the edges that count up. Bits 0 to 3 are edges of A, bits 4 to 7 edges of B. Among these four bits
+/// an edge is numbered by the levels after it.
 const FORWARD: u8 = 0b1001_0110;
 
 /// The counter.
@@ -72,14 +75,14 @@ pub struct Ls7366r {
     filter: Filter,
     decoding: Decoding,
     count: Count,
-    /// Levels of [`A`] and [`B`] behind the filter.
+    /// Levels of [`A`] and [`B`] after the filter.
     levels: u8,
-    /// INDEX/ is low.
+    /// True while INDEX/ is low.
     index_low: bool,
-    /// INDEX/ is low, and A and B are as it wants them.
+    /// True while INDEX/ is low and A and B have the levels at which it acts.
     gated: bool,
     reversed: bool,
-    /// U/D.
+    /// The bit U/D.
     up: bool,
     /// The latched bits of the status register.
     latched: u8,
@@ -91,7 +94,7 @@ pub struct Ls7366r {
 }
 
 impl Ls7366r {
-    /// After power-up: all registers 0, A, B and INDEX/ at these levels.
+    /// State after power-up: all registers are 0, and A, B and INDEX/ have these levels.
     #[must_use]
     pub fn new(a: bool, b: bool, index: bool) -> Self {
         let mut counter = Self {
@@ -114,8 +117,8 @@ impl Ls7366r {
         counter
     }
 
-    /// A pin has this level from `at` on, which is not before the last edge. Edges of one instant count in
-    /// the order A, B, INDEX/; in non-quadrature mode A and B do in the order of the calls.
+    /// Sets the level of a pin from `at` on; `at` is not before the last edge. Edges of one instant are
+    /// counted in the order A, B, INDEX/, but in non-quadrature mode A and B in the order of the calls.
     #[inline]
     pub fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
         self.timeout(at);
@@ -129,14 +132,15 @@ impl Ls7366r {
         }
     }
 
-    /// Quarter cycles from a counter in hardware, positive with A leading B, after which A and B have these
-    /// levels. The same as so many edges while INDEX/ keeps its level, but past the filter. Levels to which
-    /// the steps do not lead are taken over uncounted.
+    /// Adds quarter cycles from a hardware counter, positive if A leads B, and the levels of A and B after
+    /// them. The effect is the same as of that many edges while INDEX/ keeps its level, but without the
+    /// filter. If the steps do not lead to these levels, the levels are set without counting.
     pub fn take_steps(&mut self, steps: i32, a: bool, b: bool) {
         self.filter.forget_a_and_b();
         let forward = steps > 0;
         let steps = steps.unsigned_abs();
-        // All that whole cycles do besides counting is done once more by the last two.
+        // Besides the count and its flags, all effects of the whole cycles are repeated by the last two
+        // cycles.
         let cycles = steps.saturating_sub(8) / 4;
         if !self.reloads() {
             let edges = self.decoding.counts & if forward { FORWARD } else { !FORWARD };
@@ -152,14 +156,14 @@ impl Ls7366r {
         self.settle();
     }
 
-    /// Time at which an edge that the filter holds back takes effect; [`Instant::NEVER`] if there is none. No edge is
-    /// lost if no call comes then.
+    /// Time at which the first delayed edge takes effect; [`Instant::NEVER`] if no edge is delayed. No edge
+    /// is lost if nothing calls the counter at that time.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.filter.deadline()
     }
 
-    /// Lets in the edges that have lasted by `at`: before anything is read or written.
+    /// Applies the edges that have passed the filter by `at`. Call it before any read or write.
     #[inline]
     pub fn timeout(&mut self, at: Instant) {
         while let Some(channel) = self.filter.take(at, false) {
@@ -167,35 +171,36 @@ impl Ls7366r {
         }
     }
 
-    /// Events since the last call: CY, BW, CMP, IDX of [`status`]. Those that MDR1 selects have pulsed DFLAG/.
+    /// Events since the last call: CY, BW, CMP, IDX of [`status`]. The events that MDR1 selects also pulse
+    /// DFLAG/.
     pub fn take_events(&mut self) -> u8 {
         core::mem::take(&mut self.events)
     }
 
-    /// CNTR when the index acted last, before it acted.
+    /// The value of CNTR when the index acted last, before its effect.
     #[must_use]
     pub fn at_index(&self) -> u32 {
         self.at_index
     }
 
-    /// Counts of quadrature go the other way from the next edge on (not in the chip; the QSB has it).
+    /// Reverses the direction of quadrature counts from the next edge on (not in the chip; the QSB has it).
     pub fn set_reversed(&mut self, reversed: bool) {
         self.reversed = reversed;
         self.decoding = Decoding::new(self.mdr0, reversed);
     }
 
-    /// Sets CNT_EN; it is high when nothing is connected.
+    /// Sets the level of CNT_EN, which is high when nothing is connected.
     pub fn set_enabled(&mut self, enabled: bool) {
         self.count.set_halt(Halt::PIN, !enabled);
     }
 
-    /// MDR0.
+    /// The value of MDR0.
     #[must_use]
     pub fn mdr0(&self) -> u8 {
         self.mdr0
     }
 
-    /// A write of MDR0. An edge that was held back comes when it was due.
+    /// Writes MDR0. A delayed edge still takes effect at its old time.
     pub fn set_mdr0(&mut self, value: u8) {
         self.mdr0 = value;
         self.decoding = Decoding::new(value, self.reversed);
@@ -208,13 +213,13 @@ impl Ls7366r {
         self.settle();
     }
 
-    /// MDR1.
+    /// The value of MDR1.
     #[must_use]
     pub fn mdr1(&self) -> u8 {
         self.mdr1
     }
 
-    /// A write of MDR1; a narrower counter loses its upper bytes.
+    /// Writes MDR1. A narrower counter loses its upper bytes.
     pub fn set_mdr1(&mut self, value: u8) {
         self.mdr1 = value;
         self.count.set_halt(Halt::MDR1, value & mdr1::DISABLE != 0);
@@ -222,30 +227,30 @@ impl Ls7366r {
         self.otr &= self.count.top();
     }
 
-    /// DTR.
+    /// The value of DTR.
     #[must_use]
     pub fn dtr(&self) -> u32 {
         self.count.limit()
     }
 
-    /// A write of DTR, cut to the counter's width.
+    /// Writes DTR, without the bytes beyond the counter's width.
     pub fn set_dtr(&mut self, value: u32) {
         self.count.set_limit(value);
     }
 
-    /// CNTR.
+    /// The value of CNTR.
     #[must_use]
     pub fn cntr(&self) -> u32 {
         self.count.value()
     }
 
-    /// OTR.
+    /// The value of OTR.
     #[must_use]
     pub fn otr(&self) -> u32 {
         self.otr
     }
 
-    /// STR.
+    /// The value of STR.
     #[must_use]
     pub fn status(&self) -> u8 {
         let enabled = if self.count.is_halted() { 0 } else { status::CEN };
@@ -253,38 +258,38 @@ impl Ls7366r {
         self.latched | enabled | up
     }
 
-    /// DTR to CNTR.
+    /// Copies DTR to CNTR.
     pub fn load_cntr(&mut self) {
         self.count.load(self.count.limit());
     }
 
-    /// CNTR to OTR.
+    /// Copies CNTR to OTR.
     pub fn load_otr(&mut self) {
         self.otr = self.count.value();
     }
 
-    /// CNTR becomes 0.
+    /// Sets CNTR to 0.
     pub fn clear_cntr(&mut self) {
         self.count.load(0);
     }
 
-    /// The latched bits of STR become 0: all but CEN and U/D.
+    /// Clears the latched bits of STR: all bits but CEN and U/D.
     pub fn clear_status(&mut self) {
         self.latched = 0;
     }
 
-    /// Returns whether LFLAG/ is low: a flag that MDR1 selects is latched.
+    /// Returns true if LFLAG/ is low: a flag that MDR1 selects is latched.
     #[must_use]
     pub fn lflag(&self) -> bool {
         self.latched & self.mdr1 & mdr1::FLAGS != 0
     }
 
-    /// Bytes of CNTR, DTR and OTR.
+    /// Number of bytes of CNTR, DTR and OTR.
     fn width(&self) -> u8 {
         4 - (self.mdr1 & mdr1::MISSING_BYTES)
     }
 
-    /// The other level of an input takes effect.
+    /// Inverts the level of an input after the filter, and applies the edge.
     #[inline]
     fn change(&mut self, channel: Channel) {
         match channel {
@@ -299,7 +304,7 @@ impl Ls7366r {
         self.gated = gated;
     }
 
-    /// An edge of A or B, whose edges have the places from `first` on in [`FORWARD`].
+    /// Handles an edge of A or B. `first` is the number of the channel's first bit in [`FORWARD`].
     #[inline]
     fn turn(&mut self, channel: u8, first: u8) {
         self.levels ^= channel;
@@ -339,14 +344,14 @@ impl Ls7366r {
         self.index_low && self.decoding.gate >> self.levels & 1 != 0
     }
 
-    /// While A and B turn, the index changes CNTR twice a cycle.
+    /// Returns true if the index changes CNTR twice a cycle while A and B turn.
     fn reloads(&self) -> bool {
         self.index_low
             && self.decoding.gate == BOTH_ALIKE
             && matches!(self.decoding.function, Function::LoadCntr | Function::ResetCntr)
     }
 
-    /// Takes over the levels without counting an edge.
+    /// Applies the present levels without counting an edge.
     fn settle(&mut self) {
         self.gated = self.gate();
         if !self.decoding.quadrature {
@@ -359,7 +364,7 @@ fn levels(a: bool, b: bool) -> u8 {
     u8::from(a) * A + u8::from(b) * B
 }
 
-/// Function of INDEX/ besides setting IDX.
+/// Function of INDEX/, besides setting IDX.
 #[derive(Clone, Copy, Debug)]
 enum Function {
     None,
@@ -368,20 +373,20 @@ enum Function {
     LoadOtr,
 }
 
-/// Levels of A and B at which INDEX/ acts, a bit each: in the synchronous mode, and otherwise.
+/// Masks of the levels of A and B at which INDEX/ acts: in the synchronous mode, and otherwise.
 const BOTH_ALIKE: u8 = 0b1001;
 const ANY: u8 = 0b1111;
 
-/// Settings of MDR0, made ready for edges.
+/// Settings from MDR0, decoded for fast handling of edges.
 #[derive(Clone, Debug)]
 struct Decoding {
     quadrature: bool,
-    /// Edges that count, and edges that count up: bits as in [`FORWARD`].
+    /// Edges that count, and edges that count up, as masks like [`FORWARD`].
     counts: u8,
     up: u8,
     gate: u8,
     function: Function,
-    /// Time for which levels of A and B must last, and of INDEX/.
+    /// Time for which a level must last: of A and B, and of INDEX/.
     lasting: Duration,
     index_lasting: Duration,
 }
@@ -412,7 +417,7 @@ impl Decoding {
                 _ => Function::LoadOtr,
             },
             lasting: if quadrature { filtered } else { Duration::ZERO },
-            // Held back a tick, INDEX/ acts after A and B of the same instant.
+            // INDEX/ is delayed by a tick, so that it acts after A and B of the same instant.
             index_lasting: if quadrature { filtered } else { Duration::TICK },
         }
     }

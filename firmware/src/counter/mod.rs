@@ -9,7 +9,7 @@ pub use ls7366r::{Ls7366r, Transmission, status};
 /// An input of a quadrature counter.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Channel {
-    /// A, which leads B on the way up.
+    /// A, which leads B while counting up.
     A,
     /// B.
     B,

@@ -1,4 +1,4 @@
-//! Faults, and the current that the motor gets (7.2, 7.3, 7.15).
+//! Faults, and the current of the motor (7.2, 7.3, 7.15).
 
 use super::drive::{Drive, State};
 use super::motion::Motion;
@@ -13,7 +13,7 @@ use crate::device::{Context, Duration, Fault, Instant, Output};
 const TIMEOUT_UNIT: Duration = Duration::millis(100);
 
 impl Drive {
-    /// The cause of a fault comes or goes. A fault stays when its cause has gone (7.15).
+    /// The cause of a fault appears or ends. The fault stays when its cause has ended (7.15).
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let bit = 1_u8.checked_shl(u32::from(fault.0)).unwrap_or(0);
         if on {
@@ -28,8 +28,9 @@ impl Drive {
         }
     }
 
-    /// Clears a fault, unless the drive is still too hot (7.15; MD3-14). Any other cause went with the
-    /// current. What pins ask for acts again.
+    /// Clears a fault, unless the drive is still too hot (7.15; MD3-14). The other causes end when the fault
+    /// switches the current off. Afterwards the levels of the pins and the endless modes may move the motor
+    /// again.
     pub(super) fn clear_fault(&mut self, at: Instant) {
         self.causes &= 1 << OVER_TEMPERATURE.0;
         if self.fault && self.causes == 0 {
@@ -39,7 +40,8 @@ impl Drive {
         }
     }
 
-    /// A command, an input change, or a motion that begins or ends: the cutback waits anew (7.3; MD3-31).
+    /// Restarts the cutback timeout: after a command, after an input change, and when a motion begins or ends
+    /// (7.3; MD3-31).
     pub(super) fn restart_cutback(&mut self, at: Instant) {
         self.quiet_since = at;
         self.cut_back = false;
@@ -57,12 +59,12 @@ impl Drive {
         }
     }
 
-    /// Gives the motor its current, and shows it on the lights.
+    /// Sets the motor's current and the lights.
     pub(super) fn update_current(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
         }
-        // LOWCURRENT lowers it whatever the timeout (MD3-39).
+        // LOWCURRENT lowers the current independently of the timeout (MD3-39).
         let lowered = self.cut_back || self.pins.pin_2 == Pin2::LowCurrent && self.active & J2_2 != 0;
         let lights = match (self.fault, lowered) {
             (true, _) => Lights::Fault,

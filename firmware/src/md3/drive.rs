@@ -1,14 +1,14 @@
-//! An MD3 without its serial port: its registers, and what happens when one is written.
+//! An MD3 without its serial port: its registers, and the effect of a write.
 //!
-//! | file | what of the drive |
+//! | file | part of the drive |
 //! |---|---|
 //! | `startup` | start-up and lights |
-//! | `current` | faults, cutback and what the motor gets |
+//! | `current` | faults, cutback and motor current |
 //! | `eeprom` | saved registers |
 //! | `encoder` | the quadrature counter |
-//! | `inputs` | what happens when a pin changes |
+//! | `inputs` | reactions to changes of pins |
 //! | `motion` | commands, moves, home cycles |
-//! | `motor` | how the motor follows |
+//! | `motor` | outputs to the motor: plans, steps, duty |
 //! | `pins` | functions of J2 pins 2 to 5 |
 
 use drivetwin_protocol::registers::{Bank, Register};
@@ -31,9 +31,9 @@ use crate::memory::Save;
 pub(super) enum State {
     /// Never powered.
     Off,
-    /// The start-up delay runs: no current, no ears.
+    /// The start-up delay runs: the motor has no current and the drive does not listen.
     Starting(Startup),
-    /// Without start-up delay: ready when all inputs of this instant have come.
+    /// Boot without start-up delay: the drive becomes ready after all inputs of this instant.
     Waking(Instant),
     /// Normal operation, or a fault.
     Ready,
@@ -45,42 +45,44 @@ pub(super) struct Drive {
     pub(super) version: Version,
     pub(super) state: State,
     pub(super) bank: Bank<Reg, { Reg::WORDS }>,
-    /// True if pins or counts have changed since they were put into the bank.
+    /// True if pins or counts have changed since the last [`Drive::refresh`] of the bank.
     pub(super) stale: bool,
     eeprom: Eeprom,
 
     pub(super) pins: Pins,
-    /// Levels of J2 pins 2, 3, 4, 5 and 9, 10, 12, a bit each in the places of IOPortData.
+    /// Levels of J2 pins 2, 3, 4, 5 and 9, 10, 12, in the bit positions of `IOPortData`.
     pub(super) levels: u16,
-    /// Which of J2 pins 2, 3, 4, 5 were active when they were last looked at.
+    /// Bits of those of J2 pins 2, 3, 4, 5 that were active when the drive last read them.
     pub(super) active: u16,
-    /// INHIBIT is active.
+    /// True while INHIBIT is active.
     pub(super) inhibited: bool,
-    /// INHIBIT_MODBUS_MOTION is active.
+    /// True while `INHIBIT_MODBUS_MOTION` is active.
     pub(super) bus_inhibited: bool,
-    /// SPEEDSEL selects AlternateSpeed.
+    /// True while SPEEDSEL selects `AlternateSpeed`.
     pub(super) alternate: bool,
-    /// Step pulses before this instant come too fast.
+    /// Step pulses before this instant are too fast and are lost.
     pub(super) next_step_allowed: Instant,
-    /// Value that was last written to IOPortData.
+    /// Value last written to `IOPortData`.
     latch: u16,
     pub(super) encoder: Encoder,
 
     pub(super) motor: Motor,
     pub(super) motion: Motion,
-    /// True while levels of pins 4 and 5 and the endless modes move the motor: a stop ends that, until they ask anew.
+    /// True while the levels of pins 4 and 5 and the endless modes may move the motor. A stop clears it. The
+    /// next edge at pins 4 or 5 in a jog mode, a write of the pins' functions, the end of Disable, or a
+    /// cleared fault sets it again.
     pub(super) armed: bool,
 
-    /// No motor current until it is enabled (7.15).
+    /// True while MotionControl's Disable bit is set: the motor has no current (7.15).
     pub(super) disabled: bool,
-    /// Faults whose cause is present, a bit each.
+    /// Bits of the faults that have their cause present.
     pub(super) causes: u8,
     pub(super) fault: bool,
-    /// The last command, input change or end of a motion.
+    /// Time of the last command, input change, or start or end of a motion.
     pub(super) quiet_since: Instant,
-    /// The cutback timeout is over.
+    /// True once the cutback timeout has passed.
     pub(super) cut_back: bool,
-    /// Time of the cutback, as last computed: the deadline is asked for often.
+    /// Time of the next cutback, stored because the drive's deadline is read often.
     cutback_at: Instant,
     /// Peak phase current, in mA.
     pub(super) current: u32,
@@ -143,7 +145,8 @@ impl Drive {
         };
     }
 
-    /// Ends the start-up before the first character: all other inputs of this instant have been handled.
+    /// Ends a start-up without delay. It is called before the first character is handled, when all other
+    /// inputs of this instant have been handled.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if let State::Waking(due) = self.state
             && due <= at
@@ -152,12 +155,13 @@ impl Drive {
         }
     }
 
-    /// The start-up delay is over. A cause that is there now is a fault (MD3-15).
+    /// Ends the start-up. If the cause of a fault is present now, the drive is in a fault (MD3-15).
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.restart_cutback(at);
         self.fault = self.causes != 0;
-        // A pin that was active before is no edge now; functions that depend on its level apply.
+        // A pin that became active before this instant causes no edge now. Functions that depend on its level
+        // apply.
         self.latch_inputs();
         self.encoder.flush_filter();
         self.configure(at, out);
@@ -208,7 +212,7 @@ impl Drive {
         self.update_outputs(at, out);
     }
 
-    /// The last instant at which the drive receives nothing; `None` once it receives.
+    /// The last instant at which the drive receives nothing; `None` if the drive receives.
     pub(super) fn deaf_until(&self) -> Option<Instant> {
         match self.state {
             State::Off => Some(Instant::NEVER),
@@ -222,7 +226,7 @@ impl Drive {
         (self.bank.word(Reg::DeviceAddress) & 0xFF) as u8
     }
 
-    /// SerialPortConfiguration (7.22).
+    /// The value of `SerialPortConfiguration` (7.22).
     pub(super) fn serial_port(&self) -> u16 {
         self.bank.word(Reg::SerialPortConfiguration)
     }
@@ -235,7 +239,8 @@ impl Drive {
         self.bank.words_mut()
     }
 
-    /// Puts what changes too often into the bank: before a request looks at it.
+    /// Copies pins and counts to the bank. They change too often for a copy at each change, so a request
+    /// calls this first.
     pub(super) fn refresh(&mut self) {
         if self.stale {
             self.stale = false;
@@ -245,11 +250,11 @@ impl Drive {
         }
     }
 
-    /// A register as it reads now.
+    /// Present value of a register.
     fn value(&self, reg: Reg) -> i64 {
         match reg {
             Reg::IOPortData => {
-                // Inputs read their pins, outputs the written value (MD3-11).
+                // Input pins read their level, output pins the written value (MD3-11).
                 let gpio = if self.gpio_outputs() { 0 } else { io_port::GPIO };
                 let pins = io_port::INPUTS | gpio;
                 i64::from(self.latch & !pins | self.levels & pins)
@@ -293,24 +298,24 @@ impl Drive {
         Ok(())
     }
 
-    /// Carries out a written register, in the manual's order.
+    /// Applies a written register, in the order of the manual.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
-                // Another range may limit the counts otherwise.
+                // A new PWM range may limit the speed in counts differently.
                 self.speed_changed(at, out);
             }
             Reg::HomingConfiguration
             | Reg::QuadratureEncoderConfiguration
             | Reg::QuadratureEncoderMaxCount => self.configure(at, out),
             Reg::CurrentCutbackSettings => {
-                // The time that has passed counts for the new timeout.
+                // The time since the last activity counts toward the new timeout.
                 self.cut_back = false;
                 self.cut_back = self.cutback_due() <= at;
             }
             Reg::PinFunctionAndPolarity => {
-                // The endless modes start when they are written (7.8).
+                // A write of this register starts the endless modes (7.8).
                 self.armed = true;
                 self.configure(at, out);
                 self.update_port(at, out);
@@ -326,19 +331,20 @@ impl Drive {
             Reg::Speed | Reg::AlternateSpeed => self.speed_changed(at, out),
             Reg::AccelDecel => self.acceleration_changed(at, out),
             Reg::EEPROMControl => self.eeprom_command(at, self.bank.word(reg), out),
-            // DeviceAddress and SerialPortConfiguration hold from the next frame; the others are
-            // looked at when they are used.
+            // `DeviceAddress` and `SerialPortConfiguration` apply from the next frame on. The drive reads the
+            // other registers when it uses them.
             _ => {}
         }
         self.update_outputs(at, out);
     }
 
-    /// Microsteps in a full step (7.2). Counts are microsteps whatever this is (MD3-17).
+    /// Microsteps in a full step (7.2). This setting does not change counts, which are always microsteps
+    /// (MD3-17).
     pub(super) fn microsteps(&self) -> u16 {
         microsteps(self.bank.word(Reg::MotorCurrentAndMicrostepping))
     }
 
-    /// Takes the settings of the motor, the pins and the encoder from their registers.
+    /// Reads the settings of the motor, the pins and the encoder from their registers.
     fn configure(&mut self, at: Instant, out: &mut dyn Context) {
         let pwm = pwm(self.bank.word(Reg::MotorCurrentAndMicrostepping));
         let function = self.bank.word(Reg::PinFunctionAndPolarity);
@@ -362,10 +368,10 @@ impl Drive {
         }
     }
 
-    /// A write of EEPROMControl (7.20); with both bits it is a save.
+    /// Applies a write of `EEPROMControl` (7.20). If both bits are set, the drive saves.
     fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         if word & eeprom_control::WRITE != 0 {
-            // The value read from the pins, not the one written to them.
+            // Save the value written to the pins: the bank may hold the one read from them.
             self.bank.set(Reg::IOPortData, i64::from(self.latch));
             self.stale = true;
             self.eeprom.save(at, self.bank.words(), out);
@@ -377,8 +383,8 @@ impl Drive {
         }
     }
 
-    /// All saved registers have been written at once: what ran so far feels the new acceleration
-    /// first, and an endless mode begins with the new values.
+    /// Applies all saved registers after they were loaded at once. A running motion gets the new acceleration
+    /// first; an endless mode starts with the new values.
     fn loaded(&mut self, at: Instant, out: &mut dyn Context) {
         let control = self.bank.word(Reg::MotionControl);
         self.acceleration_changed(at, out);
@@ -394,21 +400,21 @@ impl Drive {
         self.command(at, control, out);
     }
 
-    /// A board has made so many steps more than planned.
+    /// A board has made `steps` more steps than the plan has.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.motor.correct_steps(steps);
     }
 
-    /// Returns whether J2 pins 9, 10 and 12 are outputs.
+    /// Returns true if J2 pins 9, 10 and 12 are outputs.
     pub(super) fn gpio_outputs(&self) -> bool {
         self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
     }
 
-    /// Updates current, lights, BUSY, and the registers of the drive's state (MD3-2).
+    /// Updates the current, the lights, BUSY, and the registers that show the drive's state (MD3-2).
     pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
         self.update_current(at, out);
         self.cutback_at = self.cutback_due();
-        // J3 pin 7 is switched to ground while the motor moves and in a fault (section 2; MD3-36).
+        // J3 pin 7 is switched to ground while the motor moves, and during a fault (section 2; MD3-36).
         let moves = if self.motor.is_dc() { self.motor.is_driven() } else { self.motion != Motion::None };
         let busy = moves || self.fault;
         if self.busy != busy {
@@ -436,7 +442,7 @@ impl Drive {
     }
 }
 
-/// An output transistor to ground.
+/// Level of a transistor to ground: low if it is on.
 fn open_drain(on: bool) -> Level {
     if on { Level::Low } else { Level::Float }
 }

@@ -7,13 +7,13 @@ use super::registers::{Reg, eeprom_control};
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save (7.20 does not give it; MD3-12).
+/// Duration of a save (7.20 does not give it; MD3-12).
 pub(super) const SAVE: Duration = Duration::millis(20);
 
-/// State of the EEPROM as the drive knows it.
+/// State of the EEPROM.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
-    /// CRC status, in the high byte of EEPROMControl.
+    /// CRC status: the high byte of `EEPROMControl`.
     status: u16,
     save: Option<Save>,
 }
@@ -23,18 +23,18 @@ impl Eeprom {
         Self { status: eeprom_control::PASS, save: None }
     }
 
-    /// EEPROMControl as it reads.
+    /// Value of `EEPROMControl` when read.
     pub(super) fn control(&self) -> u16 {
         self.status | if self.save.is_some() { eeprom_control::WRITE } else { 0 }
     }
 
-    /// Returns whether a save runs.
+    /// Returns true if a save is running.
     pub(super) fn is_saving(&self) -> bool {
         self.save.is_some()
     }
 
-    /// Loads the saved registers, those of a new drive from the factory; leaves them alone if the
-    /// memory is bad. Returns whether it passed.
+    /// Loads the saved registers. A new memory gives the factory values; a bad memory leaves the registers
+    /// unchanged. Returns false if the memory is bad.
     pub(super) fn load(&mut self, words: &mut [u16], out: &dyn Context) -> bool {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         match content {
@@ -47,7 +47,7 @@ impl Eeprom {
         passed
     }
 
-    /// Begins to save the registers; nothing while a save runs.
+    /// Starts to save the registers; does nothing if a save is running.
     pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) {
         if self.save.is_none() {
             self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
@@ -58,7 +58,7 @@ impl Eeprom {
         self.save.map_or(Instant::NEVER, Save::due)
     }
 
-    /// The save's time is over.
+    /// Ends a save that is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save
             && save.due() <= at

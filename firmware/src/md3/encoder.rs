@@ -1,26 +1,28 @@
 //! The quadrature counter of J2 pins 9 (index), 10 (A) and 12 (B), sections 7.11 to 7.14.
 //!
-//! QuadratureEncoderConfiguration has, bit for bit, the fields of the quadrature unit in Microchip's
-//! dsPIC30F and 33F, so that is what counts where the guide is silent (MD3-33):
+//! `QuadratureEncoderConfiguration` has, bit for bit, the fields of the quadrature unit in Microchip's
+//! dsPIC30F and 33F. Where the guide is silent, the model follows that unit (MD3-33):
 //!
-//! - A leading B counts up: A and B go 00, 10, 11, 01, 00. x4 counts every edge, x2 those of A; SWAP exchanges the two
-//!   before decoding. Every edge of A or B sets the direction, whether or not it counts.
-//! - Modes 0 and 2 count through 0xFFFF and 0. An index event loads 0 on the way up and MaxCount on the
-//!   way down, if Enable Index is set. In modes 1 and 3 MaxCount is followed by 0 and 0 by MaxCount, and
-//!   an index event clears nothing. A count written above MaxCount goes on up to 0xFFFF and then 0, or
-//!   down to MaxCount and on (MD3-35).
-//! - An index event is the first moment of an index pulse at which A and B are in the gated state (7.11);
-//!   it may come with the edge of the index or with one of A or B, which is counted first. It counts index
-//!   pulses in all modes, up or down as the last edge of A or B went; before the first one that is up. A
-//!   pulse that is over before it met the gate was none.
-//! - Edges of one instant are handled in the order of the calls; behind the filter a rising index comes after A and B
-//!   and a falling one before them, so that an index as wide as a state of A and B meets that state only (MD3-34).
-//! - Only edges do something. What a new configuration makes of the present levels shows with the next
-//!   one. While pins 9, 10 and 12 are outputs (7.8), both counters stand still; levels and direction are
-//!   followed.
-//! - The noise filter holds a new level back until it has lasted three clock periods, each pin for
-//!   itself, and forgets it if it does not. A level that is held back while the filter is changed comes
-//!   when it was due.
+//! - The count rises while A leads B, so that A and B pass through 00, 10, 11, 01, 00. x4 counts every edge,
+//!   x2 only the edges of A; SWAP exchanges A and B before decoding. Every edge of A or B sets the direction,
+//!   even if it is not counted.
+//! - Modes 0 and 2 wrap between 0xFFFF and 0. If Enable Index is set, an index event loads 0 while counting
+//!   up, and `MaxCount` while counting down. In modes 1 and 3 the count wraps between `MaxCount` and 0, and
+//!   an index event clears nothing. A count written above `MaxCount` continues up to 0xFFFF and then 0, or
+//!   down to `MaxCount` and further (MD3-35).
+//! - An index event occurs when, for the first time in an index pulse, A and B are in the gated state (7.11).
+//!   An edge of the index or an edge of A or B can cause the event; an edge of A or B is counted first. In
+//!   all modes the event counts the index pulse in the direction of the last edge of A or B. Before the first
+//!   such edge the direction is up. A pulse that ends before A and B reach the gated state is not counted.
+//! - Edges of one instant are handled in the order of the calls. After the filter, a rising index is handled
+//!   after A and B and a falling index before them, so that an index as wide as one state of A and B overlaps
+//!   that state only (MD3-34).
+//! - Only edges change a count. A new configuration takes effect on the present levels at the next edge.
+//!   While pins 9, 10 and 12 are outputs (7.8), both counters keep their values, but the drive still tracks
+//!   levels and direction.
+//! - The noise filter delays a new level until the level has lasted three clock periods, for each pin
+//!   separately. A shorter level is dropped. If the filter's setting changes while a level is delayed, that
+//!   level still takes effect at its old time.
 
 #[cfg(test)]
 mod tests;
@@ -40,20 +42,21 @@ const FILTER: u16 = 1 << 9;
 pub(super) struct Encoder {
     filter: Filter,
     decoding: Decoding,
-    /// Levels of the pins behind the filter.
+    /// Levels of the pins after the filter.
     a: bool,
     b: bool,
     index: bool,
-    /// The index is high, and A and B have not met the gate since it rose.
+    /// The index is high, and A and B have not been in the gated state since it rose.
     awaiting_gate: bool,
-    /// The last edge of A or B counted up, or would have.
+    /// The last edge of A or B was in the direction that counts up, even if that edge was not counted.
     up: bool,
     count: u16,
     index_count: i32,
 }
 
 impl Encoder {
-    /// After power-on: both counts are 0, open pins are low. Until it is configured, it only follows levels.
+    /// State after power-on: both counts are 0, open pins are low. Until `configure` is called, the encoder
+    /// only tracks levels.
     pub(super) fn new() -> Self {
         Self {
             filter: Filter::new(),
@@ -68,20 +71,19 @@ impl Encoder {
         }
     }
 
-    /// The drive is ready: a level that the filter still holds back was there before, and is no edge.
+    /// The drive is ready. A level that the filter still delays was present before, so it causes no edge.
     pub(super) fn flush_filter(&mut self) {
         self.timeout(Instant::NEVER);
     }
 
-    /// From `at` on it obeys these values of QuadratureEncoderConfiguration and
-    /// QuadratureEncoderMaxCount; `enabled` is bit 12 of PinFunctionAndPolarity, inverted. The counts
-    /// stay.
+    /// Applies these values of `QuadratureEncoderConfiguration` and `QuadratureEncoderMaxCount` from `at` on.
+    /// `enabled` is bit 12 of `PinFunctionAndPolarity`, inverted. The counts do not change.
     pub(super) fn configure(&mut self, at: Instant, configuration: u16, max_count: u16, enabled: bool) {
         self.timeout(at);
         self.decoding = Decoding::new(configuration, max_count, enabled);
     }
 
-    /// A pin has this level from `at` on. Edges of one instant count in the order of the calls.
+    /// Sets the level of a pin from `at` on. Edges of one instant are handled in the order of the calls.
     pub(super) fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
         self.timeout(at);
         let present = match channel {
@@ -94,27 +96,29 @@ impl Encoder {
         }
     }
 
-    /// Time at which the first level that is held back will have lasted long enough; [`Instant::NEVER`] if none is.
+    /// Time at which the first delayed level will pass the filter; [`Instant::NEVER`] if no level is delayed.
     pub(super) fn deadline(&self) -> Instant {
         self.filter.deadline()
     }
 
-    /// Lets in the levels that have lasted by `at`.
+    /// Applies the levels that have passed the filter by `at`.
     pub(super) fn timeout(&mut self, at: Instant) {
-        // An index that falls was high in the state that A and B leave at that instant.
+        // A falling index was high together with the state that A and B leave at the same instant.
         while let Some(channel) = self.filter.take(at, self.index) {
             self.change(channel);
         }
     }
 
-    /// Takes what a counter in hardware saw since the last time: `steps` quarter cycles, positive with A leading B,
-    /// after which A and B have these levels. The same as so many edges while the index keeps its level, but past the
-    /// filter. Levels to which the steps do not lead are taken over uncounted.
+    /// Adds what a hardware counter has seen since the last call: `steps` quarter cycles, positive if A leads
+    /// B, and the levels of A and B after them. The effect is the same as of that many edges while the index
+    /// keeps its level, but without the filter. If the steps do not lead to the levels `a` and `b`, the
+    /// levels are set without counting.
     pub(super) fn add_counts(&mut self, steps: i32, a: bool, b: bool) {
         self.filter.forget_a_and_b();
         let forward = steps > 0;
         let steps = steps.unsigned_abs();
-        // In one cycle A and B pass every state, so a waiting index pulse meets the gate in four edges.
+        // A and B pass through every state within one cycle, so a pending index pulse meets the gated state
+        // within four edges.
         for _ in 0..steps.min(4) {
             self.change(self.next(forward));
         }
@@ -127,32 +131,32 @@ impl Encoder {
         (self.a, self.b) = (a, b);
     }
 
-    /// QuadratureEncoderCount (7.14).
+    /// The value of `QuadratureEncoderCount` (7.14).
     pub(super) fn count(&self) -> u16 {
         self.count
     }
 
-    /// A write of QuadratureEncoderCount.
+    /// Applies a write of `QuadratureEncoderCount`.
     pub(super) fn set_count(&mut self, count: u16) {
         self.count = count;
     }
 
-    /// EncoderIndexCount (7.13); it wraps at 32 bits.
+    /// The value of `EncoderIndexCount` (7.13); it wraps at 32 bits.
     pub(super) fn index_count(&self) -> i32 {
         self.index_count
     }
 
-    /// A write of EncoderIndexCount.
+    /// Applies a write of `EncoderIndexCount`.
     pub(super) fn set_index_count(&mut self, count: i32) {
         self.index_count = count;
     }
 
-    /// The channel whose edge comes next if the shaft turns on, `forward` with A leading B.
+    /// The channel with the next edge if the shaft turns further; `forward` means that A leads B.
     fn next(&self, forward: bool) -> Channel {
         if (self.a == self.b) == forward { Channel::A } else { Channel::B }
     }
 
-    /// The other level of a channel takes effect.
+    /// Inverts the level of a channel after the filter, and counts the edge.
     fn change(&mut self, channel: Channel) {
         match channel {
             Channel::A => {
@@ -173,7 +177,7 @@ impl Encoder {
         }
     }
 
-    /// A quarter cycle, `forward` with A leading B at the pins.
+    /// Handles a quarter cycle; `forward` means that A leads B at the pins.
     fn count_edge(&mut self, forward: bool, counts: bool) {
         self.up = forward != self.decoding.swapped;
         if counts {
@@ -186,7 +190,8 @@ impl Encoder {
         }
     }
 
-    /// `edges` that count, in the direction of the last one: [`Encoder::count_edge`] so many times.
+    /// Counts `edges` edges in the direction of the last edge, like that many calls of
+    /// [`Encoder::count_edge`] with `counts` set.
     fn add(&mut self, edges: u32) {
         let (count, top) = (u32::from(self.count), u32::from(self.decoding.top));
         let before_wrap = match self.up {
@@ -203,7 +208,7 @@ impl Encoder {
         self.count = count as u16;
     }
 
-    /// The index pulse meets the gate.
+    /// Counts an index pulse at which A and B are in the gated state.
     fn index_event(&mut self) {
         self.awaiting_gate = false;
         self.index_count = self.index_count.wrapping_add(if self.up { 1 } else { -1 });
@@ -213,22 +218,22 @@ impl Encoder {
     }
 }
 
-/// Settings of the registers, made ready for edges.
+/// Settings from the registers, decoded for fast handling of edges.
 #[derive(Clone, Debug)]
 struct Decoding {
     enabled: bool,
     x4: bool,
     swapped: bool,
     gating: u16,
-    /// Time for which the filter wants a level to last; zero while it is off.
+    /// Time for which a level must last to pass the filter; zero while the filter is off.
     lasting: Duration,
-    /// Edges of pin A and of pin B count.
+    /// True if edges of pin A, and edges of pin B, are counted.
     counts_a: bool,
     counts_b: bool,
     /// An index event loads the counter.
     clears: bool,
     max_count: u16,
-    /// The greatest count: 0 comes after it on the way up, and before it on the way down.
+    /// The greatest count before the counter wraps: 0 follows it up, and it follows 0 down.
     top: u16,
 }
 
@@ -249,7 +254,7 @@ impl Decoding {
         }
     }
 
-    /// Returns whether the index is valid at these levels of the pins (7.11, two tables).
+    /// Returns true if the index is valid at these levels of the pins (7.11, two tables).
     fn gate(&self, pin_a: bool, pin_b: bool) -> bool {
         let (a, b) = if self.swapped { (pin_b, pin_a) } else { (pin_a, pin_b) };
         self.enabled
@@ -266,7 +271,7 @@ impl Decoding {
     }
 }
 
-/// Clocks of the noise filter, in the order of their codes (7.11).
+/// Clock frequencies of the noise filter in Hz, in the order of their codes (7.11).
 const FILTER_HZ: [u32; 8] =
     [40_000_000, 20_000_000, 10_000_000, 2_500_000, 1_250_000, 625_000, 312_500, 156_250];
 

@@ -9,7 +9,7 @@ use super::registers::io_port::{J2_2, J2_3, J2_4, J2_5, J2_9, J2_10, J2_12};
 use crate::counter::Channel;
 use crate::device::{Context, Duration, Instant, Pin};
 
-/// Step pulses that follow each other faster are lost: 250 kHz (7.8; MD3-25).
+/// Minimum time between two step pulses: 250 kHz. Faster pulses are lost (7.8; MD3-25).
 const STEP_INTERVAL: Duration = Duration::micros(4);
 
 impl Drive {
@@ -41,7 +41,7 @@ impl Drive {
         }
     }
 
-    /// A counter of a board has seen quarter cycles.
+    /// A hardware counter of a board has counted quarter cycles.
     pub(super) fn on_count(&mut self, steps: i32, a: bool, b: bool) {
         self.encoder.add_counts(steps, a, b);
         let channels = if a { J2_10 } else { 0 } | if b { J2_12 } else { 0 };
@@ -49,8 +49,8 @@ impl Drive {
         self.stale = true;
     }
 
-    /// Carries out the functions of pins 2 to 5 after a change of their levels, polarities or functions. A new polarity
-    /// is an edge if it changes whether the pin is active (MD3-19).
+    /// Runs the functions of pins 2 to 5 after a change of their levels, polarities or functions. A new
+    /// polarity is an edge if it changes the pin between active and inactive (MD3-19).
     pub(super) fn poll_inputs(&mut self, at: Instant, out: &mut dyn Context) {
         let active = self.pins.active(self.levels);
         let edges = active ^ self.active;
@@ -64,7 +64,7 @@ impl Drive {
         self.update_pin_3(edges & active, at, out);
         if moves {
             if lowered || edges & (J2_2 | J2_3) != 0 {
-                // The current comes or goes before a step is made.
+                // The current changes before a step is made.
                 self.update_current(at, out);
             }
             self.update_pins_4_and_5(edges, at, out);
@@ -85,13 +85,13 @@ impl Drive {
         }
     }
 
-    /// Takes over the present state of the inputs without an edge, INHIBIT included.
+    /// Stores the present state of the inputs without an edge, INHIBIT included.
     pub(super) fn latch_inputs(&mut self) {
         self.active = self.pins.active(self.levels);
         (self.inhibited, self.bus_inhibited) = self.inhibits();
     }
 
-    /// Returns whether INHIBIT and INHIBIT_MODBUS_MOTION are active.
+    /// Returns two flags: INHIBIT is active, and `INHIBIT_MODBUS_MOTION` is active.
     fn inhibits(&self) -> (bool, bool) {
         let active = self.active & J2_3 != 0;
         let is = |function| active && self.pins.pin_3 == function;
@@ -115,12 +115,13 @@ impl Drive {
         }
     }
 
-    /// Edges on pins 4 and 5: what a mode does with them while nothing moves (MD3-24).
+    /// Handles edges on pins 4 and 5. Moves, steps and home cycles start only if no motion is running
+    /// (MD3-24).
     fn update_pins_4_and_5(&mut self, edges: u16, at: Instant, out: &mut dyn Context) {
         let fell = |pin| edges & self.active & pin != 0;
         let rose = |pin| edges & !self.active & pin != 0;
         let (fell_4, rose_4, fell_5) = (fell(J2_4), rose(J2_4), fell(J2_5));
-        // Inactive is the sign of the register (MD3-20).
+        // While pin 5 is inactive, the sign of the register is the direction (MD3-20).
         let pin_5 = self.active & J2_5 != 0;
         match self.pins.mode {
             Mode::StepDirection if fell_4 => self.step(pin_5, at, out),
@@ -146,7 +147,7 @@ impl Drive {
         }
     }
 
-    /// A step pulse.
+    /// Handles a step pulse.
     fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Context) {
         if at >= self.next_step_allowed && self.can_step() {
             self.next_step_allowed = at + STEP_INTERVAL;

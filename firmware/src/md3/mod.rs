@@ -1,8 +1,8 @@
 //! US Digital MD3: a stepper drive with a motion controller, on RS-485 with Modbus RTU.
 //!
-//! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. Two products: the high
-//! current version, and the low current version of 1.8 A (7.2, 7.21). All of the guide is modelled
-//! but what `NOT_MODELLED` lists.
+//! Follows the *MD3 User Guide V1.7*; numbers like 7.15 are its sections. There are two products: the high
+//! current version, and the low current version of 1.8 A (7.2, 7.21). The model covers all of the guide
+//! except what `NOT_MODELLED` lists.
 
 mod current;
 mod drive;
@@ -45,7 +45,7 @@ const DIR: Pin = Pin(10);
 const RED: Pin = Pin(11);
 const GREEN: Pin = Pin(12);
 
-/// The pins that are inputs or may be, from the first one on, as their bits in IOPortData (7.9).
+/// Bits in `IOPortData` (7.9) of the pins that are always or sometimes inputs: element n belongs to `Pin(n)`.
 const PORT_BITS: [u16; 7] = [
     io_port::J2_2,
     io_port::J2_3,
@@ -55,7 +55,7 @@ const PORT_BITS: [u16; 7] = [
     io_port::J2_10,
     io_port::J2_12,
 ];
-/// Bytes of the EEPROM that hold the registers.
+/// Size of the EEPROM that holds the registers, in bytes.
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
@@ -100,7 +100,7 @@ static NOT_MODELLED: [&str; 14] = [
     "memory of where the first index began (7.13): a shaft that turns round on the index counts it again",
 ];
 
-/// The description that both versions share.
+/// Returns the description of one version. The versions differ only in the arguments.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
         kind,
@@ -120,7 +120,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
     }
 }
 
-/// Exceptions are 01 and 02 only (6.1, 6.2; MD3-1).
+/// The drive answers with exceptions 01 and 02 only (6.1, 6.2; MD3-1).
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER],
     broadcast: Some(0),
@@ -163,7 +163,7 @@ impl Md3 {
         Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new(version) }
     }
 
-    /// The frame that has come is over.
+    /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let character = self.receiver.timing().character;
         let Some(frame) = self.receiver.take() else { return };
@@ -181,19 +181,20 @@ impl Md3 {
             out.put(at, Output::Bytes { port: RS485, bytes: &reply });
         }
         if self.drive.serial_port() != setting {
-            // The reply leaves with the old line, the next frame comes with the new one (MODBUS-5).
+            // The reply still uses the old line settings; the next frame is received with the new ones
+            // (MODBUS-5).
             self.apply_line(at + character * reply.len() as u64, out);
         }
     }
 
-    /// From `from` on the line is what the registers ask for (7.22).
+    /// Sets the serial line to what `SerialPortConfiguration` selects (7.22), from `from` on.
     fn apply_line(&mut self, from: Instant, out: &mut dyn Context) {
         let line = registers::line(self.drive.serial_port());
         self.receiver.set_line(from, line);
         out.put(from, Output::Line { port: RS485, line });
     }
 
-    /// Characters; those that end before the drive listens are lost.
+    /// Receives characters. Characters that end before the drive starts to listen are lost.
     fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at <= *deaf_until) else {
             self.receiver.bytes(at, bytes);
@@ -239,7 +240,8 @@ impl Device for Md3 {
             Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
             Input::Count { steps, a, b, .. } => self.drive.on_count(steps, a, b),
             Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
-            // It has no such ports, and the motor's inputs are its outputs.
+            // The MD3 has no such ports and pins, and it sends plans and duties to its motor instead of
+            // receiving them.
             Input::RxError { .. }
             | Input::HostPresence { .. }
             | Input::Opened { .. }
@@ -295,7 +297,7 @@ impl Device for Md3 {
     }
 }
 
-/// The drive as its bus sees it during a request.
+/// Access to the drive's registers during a request from the bus.
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
@@ -314,7 +316,7 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn refresh(&mut self, _register: Reg) {
-        // Everything in the bank is brought up to date before a request.
+        // `serve` has refreshed the whole bank before the request.
     }
 
     fn written(&mut self, register: Reg) {

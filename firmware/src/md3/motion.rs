@@ -12,7 +12,7 @@ use crate::motion::Limits;
 /// Interval at which the flag is sampled (7.5; MD3-26).
 const FLAG_SAMPLE: Duration = Duration::micros(4);
 
-/// Present motion.
+/// The present motion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Motion {
     None,
@@ -25,33 +25,33 @@ pub(super) enum Motion {
 /// A jog.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Jog {
-    /// Pins 4 and 5 ask for it, not the bus.
+    /// True if pins 4 and 5 control the jog, false if the bus does.
     by_pins: bool,
-    /// Against the sign of Speed.
+    /// True if the direction is opposite to the sign of Speed.
     reversed: bool,
-    /// Speed that it ramps to and keeps.
+    /// Target speed of the ramp, kept after the ramp.
     speed: I24F8,
-    /// True while it slows down to standstill, where it ends.
+    /// True while the jog slows down to standstill, where it ends.
     is_ending: bool,
 }
 
-/// A part of a home cycle (7.8, figure 4).
+/// Phase of a home cycle (7.8, figure 4).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum HomePhase {
     PreOffset,
-    /// On the way to the flag or the index.
+    /// The motor moves until the flag or the index is active.
     Search,
-    /// The flag is active, and will be sampled.
+    /// The flag is active; the drive samples it at `sample`.
     FlagDetected {
         sample: Instant,
     },
-    /// Flag found: to a standstill.
+    /// The flag was found; the motor stops.
     Slowing,
     Offset,
 }
 
 impl Motion {
-    /// Bit in MotionControl (7.15).
+    /// The bit of this motion in `MotionControl` (7.15).
     pub(super) fn bit(self) -> u16 {
         match self {
             Self::None => 0,
@@ -64,8 +64,9 @@ impl Motion {
 }
 
 impl Drive {
-    /// A write of MotionControl (7.15): the fault first, then Disable, which is a level and forbids the
-    /// rest, then the first bit that is set (MD3-3). INHIBIT_MODBUS_MOTION leaves only Disable (7.8).
+    /// Applies a write of `MotionControl` (7.15). The drive first clears the fault, then applies Disable, a
+    /// level that forbids the other commands, and then only the first set bit of those (MD3-3). While
+    /// `INHIBIT_MODBUS_MOTION` is active, only Disable has an effect (7.8).
     pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         let has = |bit| word & bit != 0 && !self.bus_inhibited;
         let (clear, stop, decelerate) =
@@ -77,7 +78,7 @@ impl Drive {
             self.clear_fault(at);
         }
         let disabled = word & motion_control::DISABLE != 0;
-        // What pins ask for acts again when the drive is enabled.
+        // When the drive is enabled, levels of the pins and the endless modes may move the motor again.
         self.armed |= self.disabled && !disabled;
         self.disabled = disabled;
         if disabled || stop {
@@ -94,7 +95,7 @@ impl Drive {
         self.resume(at, out);
     }
 
-    /// A profile move, from standstill only; whether it moves.
+    /// Starts a profile move, from standstill only. Returns true if the motor moves.
     pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Context) -> bool {
         let steps = self.bank.get(Reg::MoveSteps) as i32;
         let steps = if reversed { steps.wrapping_neg() } else { steps };
@@ -102,7 +103,7 @@ impl Drive {
         self.can_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
     }
 
-    /// A move from standstill, as `motion`; whether that takes any time (MD3-7).
+    /// Starts a move from standstill as `motion`. Returns true if the move takes any time (MD3-7).
     fn start_profile(
         &mut self,
         motion: Motion,
@@ -119,7 +120,7 @@ impl Drive {
         moves
     }
 
-    /// A jog from standstill; one that runs ramps to the present speed (MD3-4).
+    /// Starts a jog from standstill. A running jog ramps to the present speed (MD3-4).
     fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
             Motion::Jog(jog) if !jog.is_ending => self.jog(jog.by_pins, jog.reversed, at, out),
@@ -127,7 +128,8 @@ impl Drive {
         }
     }
 
-    /// Starts a jog; without effect while another motion runs, and without an acceleration, which would take for ever.
+    /// Starts a jog, or changes the running jog. Has no effect while another motion runs, or if the
+    /// acceleration is 0, because the ramp would never end.
     fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Context) {
         let speed = self.jog_speed(reversed);
         let starts = self.motion == Motion::None && self.can_move() && speed != 0;
@@ -142,12 +144,12 @@ impl Drive {
         if reversed { -self.speed() } else { self.speed() }
     }
 
-    /// Direction that pins 4 and 5 ask for in the modes that jog, if any.
+    /// Direction in which pins 4 and 5 request a jog: true for reversed, `None` if they request none.
     fn jog_wanted(&self) -> Option<bool> {
         let (pin_4, pin_5) = (self.active & J2_4 != 0, self.active & J2_5 != 0);
         match (self.pins.mode, pin_4, pin_5) {
             (Mode::JogDirection, true, reversed) => Some(reversed),
-            // The direction that runs stays; from rest pin 4's.
+            // If both pins are active, a running jog keeps its direction; from standstill pin 4 decides.
             (Mode::JogEitherWay, true, true) => {
                 Some(matches!(self.motion, Motion::Jog(Jog { reversed: true, .. })))
             }
@@ -157,7 +159,7 @@ impl Drive {
         }
     }
 
-    /// Jogs as pins 4 and 5 ask for it, or no longer (MD3-22).
+    /// Starts, changes or ends the jog that pins 4 and 5 control (MD3-22).
     pub(super) fn jog_by_pins(&mut self, at: Instant, out: &mut dyn Context) {
         match (self.jog_wanted(), self.motion) {
             (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, is_ending: false, .. }))
@@ -172,7 +174,7 @@ impl Drive {
         }
     }
 
-    /// A home cycle, from standstill only (MD3-37); whether it moves.
+    /// Starts a home cycle, from standstill only (MD3-37). Returns true if the motor moves.
     pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let known = homing::mode(self.homing()).is_some();
         known
@@ -180,14 +182,15 @@ impl Drive {
             && (self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, at, out) || self.search_on(at, out))
     }
 
-    /// The move of an offset, as `phase` of a home cycle; whether that takes any time.
+    /// Starts the move by an offset, as `phase` of a home cycle. Returns true if the move takes any time.
     fn home_by(&mut self, phase: HomePhase, offset: Reg, at: Instant, out: &mut dyn Context) -> bool {
-        // SPEEDSEL does not matter here.
+        // SPEEDSEL does not affect this speed.
         let rates = Limits::even(magnitude(self.normal_speed()), self.acceleration());
         self.start_profile(Motion::Home(phase), self.bank.get(offset) as i32, rates, at, out)
     }
 
-    /// The search, or what follows it if there is nothing to search for; whether that takes any time.
+    /// Starts the search, or the home offset if the flag is already present. Returns true if the motion takes
+    /// any time.
     fn search_on(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let (speed, acceleration) = (magnitude(self.normal_speed()), self.acceleration());
         if speed == 0 || acceleration == 0 {
@@ -204,7 +207,7 @@ impl Drive {
         true
     }
 
-    /// Returns whether the flag that a home cycle searches for is present.
+    /// Returns true if the flag or index that a home cycle searches for is present.
     fn flag(&self) -> bool {
         match homing::mode(self.homing()) {
             // "Active high encoder index pulse on J2 pin 9" (MD3-27)
@@ -214,7 +217,8 @@ impl Drive {
         }
     }
 
-    /// Pin 2 or 9 has changed: an index is seen at once, the flag at the next sample.
+    /// Handles a change of pin 2 or 9 during a search. The drive sees an index at once, and the flag at the
+    /// next sample.
     pub(super) fn check_flag(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion != Motion::Home(HomePhase::Search) || !self.flag() {
             return;
@@ -238,15 +242,16 @@ impl Drive {
         self.motion = Motion::Home(HomePhase::Slowing);
     }
 
-    /// HomingConfiguration (7.5).
+    /// The value of `HomingConfiguration` (7.5).
     fn homing(&self) -> u16 {
         self.bank.word(Reg::HomingConfiguration)
     }
 
-    /// Time of the next work for the present motion.
+    /// Time at which the present motion needs [`Drive::motion_over`].
     pub(super) fn motion_due(&self) -> Instant {
         match self.motion {
-            // A jog goes on when its ramp has reached standstill: the speed may rise again (MD3-5).
+            // A jog continues after its ramp has reached standstill, because the speed may rise again
+            // (MD3-5).
             Motion::None | Motion::Jog(Jog { is_ending: false, .. }) | Motion::Home(HomePhase::Search) => {
                 Instant::NEVER
             }
@@ -290,14 +295,16 @@ impl Drive {
         self.resume(at, out);
     }
 
-    /// Moves as the levels of pins 4 and 5 or an endless mode ask for it, if nothing else moves (MD3-21).
+    /// Starts the motion that the levels of pins 4 and 5 or an endless mode request, if no motion is running
+    /// (MD3-21).
     pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.armed || self.motion != Motion::None {
             return;
         }
         match self.pins.mode {
             Mode::JogDirection | Mode::JogEitherWay => self.jog_by_pins(at, out),
-            // A part that takes no time is left out, lest the two follow each other for ever (MD3-23).
+            // A move or home cycle that takes no time is skipped; else the two could alternate without end
+            // (MD3-23).
             Mode::EndlessMoves => {
                 self.profile(false, at, out);
             }
@@ -308,7 +315,7 @@ impl Drive {
         }
     }
 
-    /// Pins 4 and 5 have another function than `before` (7.8).
+    /// Pins 4 and 5 have a new function; `before` is the old one (7.8).
     pub(super) fn mode_changed(&mut self, before: Mode, at: Instant, out: &mut dyn Context) {
         match before {
             same if same == self.pins.mode => {}
@@ -317,8 +324,8 @@ impl Drive {
         }
     }
 
-    /// Speed, AlternateSpeed or what selects them has changed: it counts at once in a jog, and not in a
-    /// profile move (7.17).
+    /// Speed, `AlternateSpeed` or the selection between them has changed. A jog changes its speed at once, a
+    /// running profile move does not (7.17).
     pub(super) fn speed_changed(&mut self, at: Instant, out: &mut dyn Context) {
         match self.motion {
             Motion::Jog(jog) if !jog.is_ending => {
@@ -330,15 +337,17 @@ impl Drive {
         }
     }
 
-    /// SPEEDSEL has changed in a profile move: by 7.8 this is ignored, by 7.18 the move becomes a jog (MD3-30).
+    /// SPEEDSEL has changed in a profile move: 7.8 says that the move ignores it, 7.18 that the move becomes
+    /// a jog (MD3-30). This function makes the jog.
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, is_ending: false });
         self.jog(false, false, at, out);
     }
 
-    /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): in a
-    /// profile move. A jog takes it for its next ramp, be it one that waited for an acceleration (MD3-6).
+    /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): this
+    /// applies to a profile move. A jog uses the new acceleration for its next ramp. A ramp that could not
+    /// start because the acceleration was 0 starts now (MD3-6).
     pub(super) fn acceleration_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion == Motion::Profile {
             self.stop(at, out);
@@ -347,7 +356,7 @@ impl Drive {
         self.speed_changed(at, out);
     }
 
-    /// Ends any motion with a ramp; bit 4 reads 1 until standstill (MD3-8).
+    /// Ends any motion with a ramp; bit 4 reads 1 until the motor stands still (MD3-8).
     fn decelerate(&mut self, at: Instant, out: &mut dyn Context) {
         self.armed = false;
         if self.motion != Motion::None {
@@ -355,7 +364,7 @@ impl Drive {
         }
     }
 
-    /// A ramp to standstill, as `motion`.
+    /// Ramps to standstill as `motion`; stops at once if no ramp is possible.
     fn slow_down(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         let acceleration = self.acceleration();
         if acceleration > 0 && self.motor.ramp_to(at, I24F8::ZERO, acceleration, out) {
@@ -371,7 +380,7 @@ impl Drive {
         self.halt(at, out);
     }
 
-    /// Stops at once, with the motor where it is.
+    /// Stops any motion at once, at the present position of the motor.
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion != Motion::None {
             self.motor.halt(at, out);
@@ -379,25 +388,25 @@ impl Drive {
         }
     }
 
-    /// A motion begins. The cutback ends before its first step: a load that needs the full current would else
-    /// hold the motor back (7.3).
+    /// Starts a motion. The cutback ends before the first step, because a load that needs the full current
+    /// would otherwise hold the motor back (7.3).
     fn start(&mut self, motion: Motion, at: Instant, out: &mut dyn Context) {
         self.enter(motion, at);
         self.update_current(at, out);
     }
 
-    /// A motion begins or ends: either way the cutback waits anew (7.3).
+    /// Changes the present motion. The cutback timeout restarts when a motion begins and when it ends (7.3).
     fn enter(&mut self, motion: Motion, at: Instant) {
         self.motion = motion;
         self.restart_cutback(at);
     }
 
-    /// Returns whether a command may start motion.
+    /// Returns true if a command may start a motion.
     pub(super) fn can_move(&self) -> bool {
         self.state == State::Ready && !self.fault && !self.disabled
     }
 
-    /// Returns whether steps may begin: a DC motor only jogs (7.2).
+    /// Returns true if a motion in steps may begin. A DC motor can only jog (7.2).
     pub(super) fn can_step(&self) -> bool {
         self.can_move() && self.motion == Motion::None && !self.motor.is_dc()
     }
@@ -407,12 +416,14 @@ impl Drive {
         self.bank.clamped_value(Reg::AccelDecel) as u32
     }
 
-    /// Speed (7.17) in steps/s, or in counts of a DC motor, with its sign; limited when it is used (MD3-38).
+    /// The value of Speed (7.17) in steps/s, or in counts of a DC motor, with its sign. The limits apply on
+    /// use, not on write (MD3-38).
     fn normal_speed(&self) -> I24F8 {
         self.in_range(self.bank.clamped_value(Reg::Speed) as i32)
     }
 
-    /// The speed that SPEEDSEL selects; the alternate one has the other one's sign (7.18).
+    /// The speed that SPEEDSEL selects. `AlternateSpeed` has no sign of its own and gets the sign of Speed
+    /// (7.18).
     fn speed(&self) -> I24F8 {
         if !self.alternate {
             return self.normal_speed();
@@ -421,13 +432,13 @@ impl Drive {
         self.in_range(if self.bank.get(Reg::Speed) < 0 { -speed } else { speed })
     }
 
-    /// A DC motor's duty has at most as many counts as its period.
+    /// Limits the speed of a DC motor to the counts of a PWM period.
     fn in_range(&self, speed: i32) -> I24F8 {
         let speed = match self.motor.pwm() {
             Some(pwm) => speed.min(pwm.range.get().cast_signed()).max(-pwm.range.get().cast_signed()),
             None => speed,
         };
-        // At most 40,000: it fits.
+        // The value is at most 40,000, so the shift does not overflow.
         I24F8::from_bits(speed << 8)
     }
 }

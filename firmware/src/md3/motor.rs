@@ -1,4 +1,4 @@
-//! The drive's side of the motor: steps along a plan while there is current, or a duty cycle.
+//! The drive's outputs to its motor: steps along a plan while there is current, or a duty cycle.
 
 use core::num::NonZeroU64;
 
@@ -9,27 +9,28 @@ use super::registers::Pwm;
 use crate::device::{Context, Instant, Output, Plan};
 use crate::motion::Limits;
 
-/// The duty cycle that means always on.
+/// Duty of a motor that is always on.
 const FULL: i32 = 1 << 16;
 
-/// A stepper motor, or the brush motor on its phase B.
+/// A stepper motor, or the brush motor on phase B.
 ///
-/// A plan runs on whether or not the motor follows it (7.8, INHIBIT): without current the motor stands still and the
-/// steps of that time are lost. For a brush motor the plan's speed is the duty in counts, and no steps are made (MD3-28).
+/// The plan continues even if the motor does not follow it (7.8, INHIBIT): without current the motor does not
+/// move, and the steps of that time are lost. For a brush motor the plan's speed is the duty in counts, and
+/// no steps are made (MD3-28).
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
     plan: Plan,
-    /// Steps made beside the plan since it was made.
+    /// Number of steps outside the plan since the plan was made.
     step_offset: i32,
-    /// Position of the motor while it does not follow the plan.
+    /// Position at which the motor stands while it does not follow the plan; `None` while it follows.
     held_position: Option<i32>,
     has_current: bool,
     pwm: Option<Pwm>,
     /// Duty of the brush motor, in 1/65536 of full on, signed.
     duty: i32,
-    /// The counts that it will have in the end.
+    /// Duty in counts at the end of the plan.
     target_counts: I24F8,
-    /// Start of the next period with another duty.
+    /// Start of the next PWM period with another duty.
     next_period: Instant,
 }
 
@@ -47,7 +48,7 @@ impl Motor {
         }
     }
 
-    /// Power comes.
+    /// Power-on: puts the first plan.
     pub(super) fn begin(&self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
     }
@@ -57,7 +58,7 @@ impl Motor {
         self.plan.end()
     }
 
-    /// Returns whether it is a brush motor.
+    /// Returns true if the motor is a brush motor.
     pub(super) fn is_dc(&self) -> bool {
         self.pwm.is_some()
     }
@@ -67,19 +68,19 @@ impl Motor {
         self.pwm
     }
 
-    /// Returns whether a brush motor is driven.
+    /// Returns true if a brush motor has a duty other than 0.
     pub(super) fn is_driven(&self) -> bool {
         self.duty != 0
     }
 
-    /// Sets a stepper (`None`), or a brush motor with these periods: its counts are of the new range from the next
-    /// period on. The drive has stopped the motor before.
+    /// Selects a stepper (`None`), or a brush motor with this PWM. Counts refer to the new range from the
+    /// next PWM period on. The caller has stopped the motor before a change of the motor type.
     pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Context) {
         self.pwm = pwm;
         self.update_output(at, out);
     }
 
-    /// Takes its current, or gives it again.
+    /// Switches the motor's current on or off.
     pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Context) {
         if self.has_current != on {
             self.has_current = on;
@@ -87,13 +88,13 @@ impl Motor {
         }
     }
 
-    /// From standstill `steps` steps.
+    /// Starts a profile move of `steps` steps from standstill.
     pub(super) fn profile(&mut self, at: Instant, steps: i32, rates: Limits, out: &mut dyn Context) {
         let from = self.planned(at);
         self.start(at, Plan::profile(at, from, steps, rates), out);
     }
 
-    /// A ramp to the signed `speed`, and on; whether that goes beyond this instant.
+    /// Ramps to the signed `speed` and keeps that speed. Returns true if the ramp takes any time.
     pub(super) fn ramp_to(
         &mut self,
         at: Instant,
@@ -115,7 +116,7 @@ impl Motor {
         self.start(at, Plan::at_rest(at, position), out);
     }
 
-    /// The plan has come to its end: so does a brush motor's duty, before its period is over.
+    /// The plan has ended. A brush motor gets the final duty now, before the end of the PWM period.
     pub(super) fn finish(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_duty(at, self.duty_of(self.target_counts.into()), out);
         self.schedule(at);
@@ -129,7 +130,7 @@ impl Motor {
         }
     }
 
-    /// A board has made so many steps more than planned.
+    /// A board has made `steps` more steps than the plan has.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.step_offset = self.step_offset.wrapping_add(steps);
     }
@@ -138,7 +139,7 @@ impl Motor {
         self.next_period
     }
 
-    /// A period of the PWM begins.
+    /// Sets the duty at the start of a PWM period.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.next_period <= at {
             let duty = self.duty_of(self.plan.speed_at(at));
@@ -160,7 +161,7 @@ impl Motor {
         self.schedule(at);
     }
 
-    /// Starts or stops following the plan, as current and motor type require.
+    /// Starts or stops to follow the plan, as the current and the motor type require.
     fn update_output(&mut self, at: Instant, out: &mut dyn Context) {
         let is_held = !self.has_current || self.pwm.is_some();
         let is_over = self.end() <= at;
@@ -188,7 +189,7 @@ impl Motor {
         self.schedule(at);
     }
 
-    /// Schedules the next change of duty: with a period, never within one (MD3-32).
+    /// Schedules the next change of the duty: at the start of a PWM period, never within one (MD3-32).
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
             Some(Pwm { period, .. })
@@ -201,7 +202,7 @@ impl Motor {
         };
     }
 
-    /// The duty of so many counts, in 1/65536 of full on.
+    /// The duty for `counts`, in 1/65536 of full on.
     fn duty_of(&self, counts: I48F16) -> i32 {
         let Some(Pwm { range, .. }) = self.pwm else { return 0 };
         let duty = counts.to_bits().unsigned_abs() / NonZeroU64::from(range);

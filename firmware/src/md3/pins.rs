@@ -9,58 +9,58 @@ use super::registers::pin_function;
 pub(super) enum Pin2 {
     /// The home sensor's flag.
     Flag,
-    /// LOWCURRENT: the cutback level, while it is active.
+    /// LOWCURRENT: while it is active, the motor gets the cutback current.
     LowCurrent,
-    /// SPEEDSEL: AlternateSpeed, while it is active.
+    /// SPEEDSEL: while it is active, `AlternateSpeed` applies.
     SpeedSelect,
-    /// "Invalid": nothing.
+    /// "Invalid": the pin has no effect.
     None,
 }
 
 /// Function of pin 3.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Pin3 {
-    /// INHIBIT: no current, while it is active.
+    /// INHIBIT: while it is active, the motor has no current.
     Inhibit,
-    /// HOME: a home cycle, when it becomes active.
+    /// HOME: a home cycle starts when it becomes active.
     Home,
-    /// INHIBIT_MODBUS_MOTION: the bus moves nothing, while it is active.
+    /// `INHIBIT_MODBUS_MOTION`: while it is active, the bus cannot start motion.
     InhibitModbus,
-    /// "Invalid": nothing.
+    /// "Invalid": the pin has no effect.
     None,
 }
 
-/// Functions of pins 4 and 5, in the order of the codes.
+/// Functions of pins 4 and 5, in the order of the codes. If pin 5 is the direction, active means reversed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Mode {
-    /// 0000: a step when 4 becomes active, in the direction of 5.
+    /// 0000: a step when pin 4 becomes active; pin 5 is the direction.
     StepDirection,
-    /// 0001: a profile move when 4 becomes active, in the direction of 5.
+    /// 0001: a profile move when pin 4 becomes active; pin 5 is the direction.
     MoveDirection,
-    /// 0010: a profile move when 4 becomes active, and back when it goes.
+    /// 0010: a profile move when pin 4 becomes active, the reversed move when pin 4 becomes inactive.
     MoveForwardBackward,
-    /// 0011: a profile move when 4 becomes active, a home cycle when it goes.
+    /// 0011: a profile move when pin 4 becomes active, a home cycle when pin 4 becomes inactive.
     MoveThenHome,
-    /// 0100: a profile move when 4 becomes active, the other way when 5 does.
+    /// 0100: a profile move when pin 4 becomes active, the reversed move when pin 5 becomes active.
     MoveEitherWay,
-    /// 0101: a profile move when 4 becomes active, a home cycle when 5 does.
+    /// 0101: a profile move when pin 4 becomes active, a home cycle when pin 5 becomes active.
     MoveOrHome,
-    /// 0110: a jog while 4 is active, in the direction of 5.
+    /// 0110: a jog while pin 4 is active; pin 5 is the direction.
     JogDirection,
-    /// 0111: a jog while 4 is active, the other way while 5 is.
+    /// 0111: a jog while pin 4 is active, a reversed jog while pin 5 is active.
     JogEitherWay,
-    /// 1000: profile moves forward and backward for ever.
+    /// 1000: profile moves forward and backward, endlessly.
     EndlessMoves,
-    /// 1001: a profile move and a home cycle for ever.
+    /// 1001: a profile move and a home cycle, endlessly.
     EndlessHomes,
-    /// 1111 and the codes that the manual does not print: nothing.
+    /// 1111 and the codes that the manual does not print: no function.
     None,
 }
 
-/// The functions of all four pins.
+/// The functions of J2 pins 2 to 5.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Pins {
-    /// Which inputs are active high, a bit each.
+    /// Bits of the inputs that are active high.
     polarity: u16,
     pub(super) pin_2: Pin2,
     pub(super) pin_3: Pin3,
@@ -71,7 +71,7 @@ impl Pins {
     /// The functions that PinFunctionAndPolarity and HomingConfiguration select, for a stepper or a DC motor.
     pub(super) fn new(function: u16, homing: u16, dc: bool) -> Self {
         let pin_2 = match (homing::mode(homing), function >> pin_function::PIN_2_AT & 3) {
-            // Homing by the flag uses the pin, whatever its function (MD3-18).
+            // While homing searches for the flag, pin 2 is the flag, whatever its function (MD3-18).
             (Some(Homing { by_index: false, .. }), _) => Pin2::Flag,
             (_, 0) => Pin2::LowCurrent,
             (_, 1) => Pin2::SpeedSelect,
@@ -86,7 +86,7 @@ impl Pins {
         let mode = match function >> pin_function::PINS_4_5_AT & 0xF {
             0b0110 => Mode::JogDirection,
             0b0111 => Mode::JogEitherWay,
-            // "0110 or 0111 are the only allowed options."
+            // A DC motor: "0110 or 0111 are the only allowed options."
             _ if dc => Mode::None,
             0b0000 => Mode::StepDirection,
             0b0001 => Mode::MoveDirection,
@@ -101,7 +101,8 @@ impl Pins {
         Self { polarity: function & INPUTS, pin_2, pin_3, mode }
     }
 
-    /// Which inputs are active at these levels, a bit each: low ones, unless the polarity is inverted.
+    /// Bits of the inputs that are active at these levels. An input is active low unless its polarity is
+    /// inverted.
     pub(super) fn active(&self, levels: u16) -> u16 {
         !(levels ^ self.polarity) & INPUTS
     }

@@ -1,4 +1,4 @@
-//! The register map of the MD3 (chapter 7), in its order and with its names.
+//! The register map of the MD3 in the order of chapter 7, with the manual's names.
 
 use core::num::NonZeroU32;
 
@@ -10,25 +10,25 @@ use crate::device::Duration;
 
 /// The factory value of [`Reg::SerialPortConfiguration`]: 9600 8E1.
 const FACTORY_SERIAL_PORT: u16 = 0x0021;
-/// The line it means.
+/// The serial line that [`FACTORY_SERIAL_PORT`] selects.
 pub(super) const FACTORY_LINE: Line = line(FACTORY_SERIAL_PORT);
 
 drivetwin_protocol::registers! {
-    /// Registers of the MD3 User Guide V1.7, chapter 7. A pair High/Low is one row.
+    /// Registers of the MD3 User Guide V1.7, chapter 7. A High/Low pair of registers is one row.
     pub enum Reg: HighFirst {
-        /// Address on the bus; others are refused.
+        /// Address on the bus. Values out of range are refused.
         DeviceAddress = rw(0x00, "7.1").reset(1).range(1, 247).saved(),
         /// Motor mode (bit 13), microstepping or PWM frequency (12:8), phase current code (7:0).
         MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved(),
         /// Cutback timeout in 0.1 s (15:8), cutback current code (7:0).
         CurrentCutbackSettings = rw(0x02, "7.3").saved(),
-        /// Delay after power-up beyond 2.5 s, in 10 ms.
+        /// Delay after power-up in addition to 2.5 s, in 10 ms.
         StartupDelay = rw(0x03, "7.4").clamped(0, 65_435).saved(),
         /// Speed divisor (7:5), direction (4), mode (3:1), home on startup (0).
         HomingConfiguration = rw(0x04, "7.5").saved(),
         /// Steps before the search for the home flag.
         PreHomeOffset = rw(0x05, "7.6").i32().saved(),
-        /// Steps after the home flag was found.
+        /// Steps after the home flag has been found.
         HomeOffset = rw(0x07, "7.7").i32().saved(),
         /// Encoder enable (12), functions of J2 pin 2 (11:10), 3 (9:8), 4/5 (7:4), polarities (3:0).
         PinFunctionAndPolarity = rw(0x09, "7.8").saved(),
@@ -39,11 +39,11 @@ drivetwin_protocol::registers! {
         /// Noise filter (9, 8:6), index gating (5:4), swap (3), mode (2:1), index enable (0).
         QuadratureEncoderConfiguration = rw(0x0c, "7.11").reset(0x0005).saved()
             .not_modelled("not modelled: edges closer than 62.5 ns, the tick of time; the filter's 75 and 150 ns are rounded up to ticks; the limit of 3.3 MHz"),
-        /// Count at which the encoder counter starts again.
+        /// Maximum of the encoder counter: the counter wraps to 0 after it.
         QuadratureEncoderMaxCount = rw(0x0d, "7.12").reset(0x0f9f).saved(),
-        /// Index pulses counted.
+        /// Number of index pulses counted.
         EncoderIndexCount = rw(0x0e, "7.13").i32(),
-        /// Encoder edges counted.
+        /// Number of encoder edges counted.
         QuadratureEncoderCount = rw(0x10, "7.14"),
         /// Fault (15), Disable (5), Decel-stop (4), Stop (3), Home (2), Jog (1), Move (0).
         MotionControl = rw(0x11, "7.15").saved_bits(0x0020),
@@ -51,30 +51,31 @@ drivetwin_protocol::registers! {
         MoveSteps = rw(0x12, "7.16").i32().reset(10_000).saved(),
         /// Microsteps per second; the sign is the direction of a jog.
         Speed = rw(0x14, "7.17").i32().clamped(-40_000, 40_000).reset(5_000).saved(),
-        /// Microsteps per second while J2 pin 2 selects it.
+        /// Microsteps per second while J2 pin 2 selects this speed.
         AlternateSpeed = rw(0x16, "7.18").u32().clamped(0, 40_000).reset(2_500).saved(),
-        /// Microsteps per second²; more than 2³¹ − 1 acts as that.
+        /// Microsteps per second²; values above 2³¹ − 1 act as 2³¹ − 1.
         AccelDecel = rw(0x18, "7.19").u32().clamped(0, 0x7FFF_FFFF).reset(10_000).saved(),
         /// CRC status (15:8), read from EEPROM (1), write to EEPROM (0).
         EEPROMControl = rw(0x1a, "7.20").reset(0x9a00),
-        /// Current type (15), product (14:8), version of the firmware (7:0), which a preset sets.
+        /// Current type (15), product (14:8), version of the firmware (7:0; a preset can change it).
         ProductInformation = ro(0x1b, "7.21").range(0xbd00, 0xbdff).reset(Version::HighCurrent.product()),
         /// Parity (5:4), stop bit (3), baud rate (2:0).
         SerialPortConfiguration = rw(0x1c, "7.22").reset(FACTORY_SERIAL_PORT as i64).saved(),
-        /// For the user.
+        /// Free for the user.
         UserRegister = rw(0x1d, "7.23").saved(),
-        /// Serial number, which a preset sets.
+        /// Serial number. A preset can change it.
         SerialNumber = ro(0x1e, "7.24").u32().reset(1).saved(),
-        /// 1: SPEEDSEL turns a running profile move into a jog, as 7.18 says; 0: it is ignored, as 7.8 says.
+        /// 1: SPEEDSEL turns a running profile move into a jog, as 7.18 says; 0: a running profile move
+        /// ignores SPEEDSEL, as 7.8 says.
         SpeedselJogsProfile = setting(0, "7.8").range(0, 1),
     }
 }
 
 /// Bits of [`Reg::MotionControl`] (7.15).
 pub mod motion_control {
-    /// The drive is in a fault; written as 1 clears it.
+    /// The drive is in a fault; writing 1 clears the fault.
     pub const FAULT: u16 = 1 << 15;
-    /// No motor current.
+    /// Switch the motor current off.
     pub const DISABLE: u16 = 1 << 5;
     /// Slow down to a stop.
     pub const DECEL_STOP: u16 = 1 << 4;
@@ -96,12 +97,12 @@ pub(super) mod eeprom_control {
     pub(in super::super) const WRITE: u16 = 1 << 0;
     /// CRC status: the image passed.
     pub(in super::super) const PASS: u16 = 0x9a00;
-    /// CRC status: it did not.
+    /// CRC status: the image failed.
     pub(in super::super) const FAIL: u16 = 0xf100;
 }
 
-/// The line that a value of [`Reg::SerialPortConfiguration`] means (7.22). Parity 3 is not in the
-/// table and acts as none; parity and stop bits are independent (MD3-9).
+/// The serial line that a value of [`Reg::SerialPortConfiguration`] selects (7.22). Parity code 3 is not in
+/// the table and acts as no parity; parity and stop bits are independent (MD3-9).
 #[must_use]
 pub const fn line(configuration: u16) -> Line {
     let baud = match configuration & 7 {
@@ -125,25 +126,25 @@ pub const fn line(configuration: u16) -> Line {
 
 /// Fields of [`Reg::MotorCurrentAndMicrostepping`] (7.2).
 pub(super) mod motor {
-    /// A DC motor on phase B.
+    /// A DC motor is connected to phase B.
     pub(in super::super) const DC: u16 = 1 << 13;
-    /// Place of the motor control parameter: microstepping, or frequency of the PWM.
+    /// Bit position of the motor control parameter: microstepping, or the PWM frequency.
     pub(in super::super) const PARAMETER_AT: u16 = 8;
 }
 
 /// Fields of [`Reg::HomingConfiguration`] (7.5).
 pub(super) mod homing {
-    /// A home cycle when the drive has started.
+    /// Run a home cycle after start-up.
     pub(in super::super) const ON_STARTUP: u16 = 1 << 0;
     /// The search goes backward.
     pub(in super::super) const BACKWARD: u16 = 1 << 4;
 
-    /// Home mode: what it searches for, and how it stops there.
+    /// Home mode: the target of the search, and the kind of stop there.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     pub(in super::super) struct Mode {
-        /// The index on J2 pin 9, not the flag on pin 2.
+        /// True for the index on J2 pin 9, false for the flag on pin 2.
         pub(in super::super) by_index: bool,
-        /// With a ramp, not at once.
+        /// True for a stop with a ramp, false for a stop at once.
         pub(in super::super) with_ramp: bool,
     }
 
@@ -159,7 +160,7 @@ pub(super) mod homing {
         Some(Mode { by_index, with_ramp })
     }
 
-    /// The search is so many times halved in speed.
+    /// Number of times that the speed of the search is halved.
     pub(in super::super) const fn divisor(configuration: u16) -> u16 {
         configuration >> 5 & 7
     }
@@ -167,18 +168,19 @@ pub(super) mod homing {
 
 /// Fields of [`Reg::PinFunctionAndPolarity`] (7.8).
 pub(super) mod pin_function {
-    /// J2 pins 9, 10 and 12 are outputs, not the encoder. The name of the bit says the opposite.
+    /// J2 pins 9, 10 and 12 are outputs, and no encoder inputs. The manual's name of the bit says the
+    /// opposite.
     pub(in super::super) const OUTPUTS: u16 = 1 << 12;
-    /// Place of the function of pin 2.
+    /// Bit position of the function of pin 2.
     pub(in super::super) const PIN_2_AT: u16 = 10;
-    /// Place of the function of pin 3.
+    /// Bit position of the function of pin 3.
     pub(in super::super) const PIN_3_AT: u16 = 8;
-    /// Place of the function of pins 4 and 5.
+    /// Bit position of the function of pins 4 and 5.
     pub(in super::super) const PINS_4_5_AT: u16 = 4;
 }
 
-/// Bits of [`Reg::IOPortData`] (7.9); those of pins 2 to 5 are also their places among the polarities
-/// of [`Reg::PinFunctionAndPolarity`].
+/// Bits of [`Reg::IOPortData`] (7.9). Pins 2 to 5 have the same bits in the polarities of
+/// [`Reg::PinFunctionAndPolarity`].
 pub(super) mod io_port {
     pub(in super::super) const J3_8: u16 = 1 << 7;
     pub(in super::super) const J2_9: u16 = 1 << 6;
@@ -194,7 +196,7 @@ pub(super) mod io_port {
     pub(in super::super) const GPIO: u16 = J2_9 | J2_10 | J2_12;
 }
 
-/// Which of the two current types a drive is (7.2, 7.21).
+/// The version of the drive, by its maximum current (7.2, 7.21).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Version {
     /// Up to 7 A.
@@ -212,14 +214,15 @@ impl Version {
         }
     }
 
-    /// Returns whether ProductInformation may be this: with another version of the firmware in its low byte.
+    /// Returns true if `ProductInformation` may have this value: any firmware version in the low byte is
+    /// allowed.
     pub(super) const fn is_product(self, value: i64) -> bool {
         value & !0xFF == self.product() & !0xFF
     }
 }
 
-/// Peak phase current in mA of a current code (7.2). The steps of the high current version change at
-/// 2 A. Codes beyond the table act as its last row (MD3-10).
+/// Peak phase current in mA of a current code (7.2). Above 2 A a step of the high current version is larger.
+/// Codes beyond the table act as its last row (MD3-10).
 pub(super) fn current_ma(version: Version, code: u16) -> u32 {
     let code = u32::from(code & 0xFF);
     match (version, code) {
@@ -230,7 +233,7 @@ pub(super) fn current_ma(version: Version, code: u16) -> u32 {
     }
 }
 
-/// The share of the peak current that a stepper's phases get, in percent: full step has 71 (7.2).
+/// Percentage of the peak current that a stepper's phases get: 71 at full step (7.2), else 100.
 pub(super) fn microstepping_percent(setting: u16) -> u32 {
     if setting & motor::DC == 0 && setting >> motor::PARAMETER_AT & 0x1F == 0 { 71 } else { 100 }
 }
@@ -243,13 +246,14 @@ pub(super) fn microsteps(setting: u16) -> u16 {
 /// PWM of a DC motor (7.2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Pwm {
-    /// A cycle.
+    /// Duration of a PWM cycle.
     pub(super) period: Duration,
-    /// Counts of the on time that are the whole cycle.
+    /// Number of counts in a whole cycle: the on time at full duty.
     pub(super) range: NonZeroU32,
 }
 
-/// The frequencies in Hz of the motor control parameter and their duty cycle steps (7.2).
+/// PWM frequencies in Hz, in the order of the motor control parameter, and the duty cycle steps of each
+/// (7.2).
 const PWM: [(u32, u32); 9] = [
     (500, 40_000),
     (1_000, 20_000),
@@ -262,8 +266,8 @@ const PWM: [(u32, u32); 9] = [
     (40_000, 2_000),
 ];
 
-/// PWM of a DC motor for `setting` of [`Reg::MotorCurrentAndMicrostepping`]; `None` for a stepper. Codes beyond the
-/// table act as its last row.
+/// PWM of a DC motor for `setting` of [`Reg::MotorCurrentAndMicrostepping`]; `None` for a stepper. Codes
+/// beyond the table act as its last row.
 pub(super) fn pwm(setting: u16) -> Option<Pwm> {
     if setting & motor::DC == 0 {
         return None;
@@ -273,7 +277,7 @@ pub(super) fn pwm(setting: u16) -> Option<Pwm> {
     Some(Pwm { period: Duration::from_ticks(ticks.into()), range: NonZeroU32::new(*range)? })
 }
 
-/// The rows of the low current version: it is another product (7.21).
+/// The rows of the low current version. Only `ProductInformation` differs (7.21).
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 static LOW_ROWS: [Row; Reg::ROWS.len()] = {
     let mut rows = Reg::ROWS;
@@ -281,5 +285,5 @@ static LOW_ROWS: [Row; Reg::ROWS.len()] = {
     rows[product] = rows[product].range(0x3d00, 0x3dff).reset(Version::LowCurrent.product());
     rows
 };
-/// The map of the low current version.
+/// The register map of the low current version.
 pub(super) static LOW_TABLE: Table = Reg::TABLE.with_rows(&LOW_ROWS);

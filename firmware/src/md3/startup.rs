@@ -1,26 +1,26 @@
-//! The MD3's two lights, and its start (sections 2, 4 and 7.20; MD3-13).
+//! The MD3's two lights, and its start-up (sections 2, 4 and 7.20; MD3-13).
 
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output};
 
-/// Built-in delay before the motor has current and the drive listens (7.4).
+/// Built-in delay before the drive supplies the motor and listens (7.4).
 const STARTUP: Duration = Duration::millis(2_500);
 /// A unit of the register StartupDelay (7.4).
 const STARTUP_UNIT: Duration = Duration::millis(10);
-/// Both lights flash twice when the EEPROM passed, inside the built-in delay.
+/// Duration of two flashes of both lights, if the EEPROM passed. They are part of the built-in delay.
 const GOOD_FLASHES: Duration = Duration::secs(1);
-/// The red light flashes ten times when it did not, before the built-in delay.
+/// Duration of ten flashes of the red light, if the EEPROM failed. The built-in delay follows them.
 const BAD_FLASHES: Duration = Duration::secs(5);
-/// A flash while starting, dark time included.
+/// Period of a flash during start-up, dark time included.
 const FLASH: Duration = Duration::millis(500);
-/// The bright part of any flash.
+/// Bright time of a flash or heartbeat.
 const BRIGHT: Duration = Duration::millis(250);
-/// Time that each light is on when they alternate.
+/// Time for which each light is on while the two alternate.
 const TURN: Duration = Duration::millis(500);
-/// Heartbeat, and flash of a fault (about 1.5 s by section 2).
+/// Period of the heartbeat, and of the flashes in a fault (about 1.5 s by section 2).
 const HEARTBEAT: Duration = Duration::millis(1_500);
 
-/// A drive that starts.
+/// State of a drive during start-up.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Startup {
     phase: Phase,
@@ -32,16 +32,16 @@ pub(super) struct Startup {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
-    /// Flashes that show whether the EEPROM was good.
+    /// Flashes that show if the EEPROM was good.
     Flashes,
-    /// Green has its first turn.
+    /// Green is on for the first time, before the lights alternate.
     Green,
     /// Green and red alternate.
     Alternate,
 }
 
 impl Startup {
-    /// Starts with an EEPROM that passed or did not, and the register StartupDelay.
+    /// Starts the first phase. `passed` is the result of the EEPROM, `delay` the register `StartupDelay`.
     pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Context) -> Self {
         let flashes = |pin| Output::Wave { pin, period: FLASH, high: BRIGHT };
         out.put(at, flashes(RED));
@@ -56,7 +56,7 @@ impl Startup {
         Self { phase: Phase::Flashes, due: at + flashing, ready }
     }
 
-    /// A phase is over: the next one, or `None` when the drive is ready.
+    /// Returns the next phase after the end of this one, or `None` when the drive is ready.
     pub(super) fn next(self, at: Instant, out: &mut dyn Context) -> Option<Self> {
         if at >= self.ready {
             return None;
@@ -79,18 +79,18 @@ impl Startup {
 /// States of the lights (section 2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Lights {
-    /// The next phase, see [`Startup`].
+    /// The lights show the start-up, see [`Startup`].
     Starting,
-    /// Green beats.
+    /// Green shows the heartbeat.
     Normal,
-    /// Green beats, red is on.
+    /// Green shows the heartbeat, red is on.
     Cutback,
     /// Red flashes.
     Fault,
 }
 
 impl Lights {
-    /// Shows `next` instead, without a break in a heartbeat that goes on.
+    /// Changes to `next`. A heartbeat that both states show continues without a break.
     pub(super) fn change(&mut self, next: Self, at: Instant, out: &mut dyn Context) {
         let beats = |lights| matches!(lights, Self::Normal | Self::Cutback);
         let wave = |pin| Output::Wave { pin, period: HEARTBEAT, high: BRIGHT };

@@ -1,4 +1,4 @@
-//! Alarms: what causes them, what they do, how they are cleared (p. 9).
+//! Alarms: their causes, their effects, and how they are cleared (p. 9).
 
 use super::drive::{Drive, State};
 use super::registers::{Pid, SUPPLY};
@@ -8,7 +8,7 @@ use super::{
 };
 use crate::device::{Context, Fault, Instant, Level, Output};
 
-/// Bits of the last word of MONITOR: CTRL_STATUS (p. 9), and above it status2.
+/// Bits of the last word of `MONITOR`: `CTRL_STATUS` (p. 9) in the low byte, status2 in the high byte.
 pub(super) mod status {
     pub(in crate::mdrobot) const ALARM: u16 = 1 << 0;
     pub(in crate::mdrobot) const CTRL_FAIL: u16 = 1 << 1;
@@ -22,53 +22,53 @@ pub(super) mod status {
     pub(in crate::mdrobot) const ENCODER_FAIL: u16 = 1 << 9;
 }
 
-/// A supply above this is OVER_VOLT, in 0.1 V.
+/// Greatest supply without `OVER_VOLT`, in 0.1 V.
 const MAX_SUPPLY: u16 = 600;
-/// The supply of `over_voltage`.
+/// Supply while the fault `over_voltage` is injected, in 0.1 V.
 const TOO_MUCH_SUPPLY: u16 = 610;
 
-/// Alarms that are latched, and injected causes.
+/// Latched alarms, and injected faults.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Alarms {
-    /// As in MONITOR, without bit 0.
+    /// Bits as in `MONITOR`, without bit 0.
     latched: u16,
-    /// A bit for each fault that is there.
+    /// A bit for each fault that is injected now.
     faults: u16,
-    /// The supply that VOLT_IN was made to show, in 0.1 V.
+    /// The supply that `VOLT_IN` shows, in 0.1 V, as a preset or the bench has set it.
     supply: u16,
-    /// ALARM was made low.
+    /// True while the ALARM pin is low.
     low: bool,
 }
 
 impl Alarms {
     pub(super) const NONE: Self = Self { latched: 0, faults: 0, supply: SUPPLY, low: false };
 
-    /// Returns whether the output is off because of one.
+    /// Returns true if an alarm is latched, so that the output is off.
     pub(super) fn any(self) -> bool {
         self.latched != 0
     }
 
-    /// CTRL_STATUS, and above it status2.
+    /// `CTRL_STATUS` in the low byte, status2 in the high byte.
     pub(super) fn status(self) -> u16 {
         if self.any() { self.latched | status::ALARM } else { 0 }
     }
 
-    /// VOLT_IN, in 0.1 V.
+    /// The value of `VOLT_IN`, in 0.1 V.
     pub(super) fn supply(self) -> u16 {
         if self.has(OVER_VOLTAGE) { TOO_MUCH_SUPPLY } else { self.supply }
     }
 
-    /// Returns whether a fault is injected.
+    /// Returns true if a fault is injected.
     fn has(self, fault: Fault) -> bool {
         self.faults & mask(fault) != 0
     }
 
-    /// The alarms of a fault that is there, or none.
+    /// The alarm bits `bits` if a fault is injected, else none.
     fn of(self, fault: Fault, bits: u16) -> u16 {
         if self.has(fault) { bits } else { 0 }
     }
 
-    /// Injected alarms that are active whatever the motor does (MDROBOT-32).
+    /// Alarms of the injected faults that are active independently of the motor (MDROBOT-32).
     fn immediate(self) -> u16 {
         let supply = if self.supply() > MAX_SUPPLY { status::OVER_VOLT } else { 0 };
         supply
@@ -85,7 +85,7 @@ const fn mask(fault: Fault) -> u16 {
 }
 
 impl Drive {
-    /// The cause of a fault comes or goes.
+    /// Injects or removes the cause of a fault.
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let faults = &mut self.alarms.faults;
         *faults = if on { *faults | mask(fault) } else { *faults & !mask(fault) };
@@ -100,23 +100,23 @@ impl Drive {
         self.check_alarms(at, out);
     }
 
-    /// The supply becomes another one, in 0.1 V.
+    /// Sets the supply, in 0.1 V.
     pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.alarms.supply = supply;
         self.supply_changed(at, out);
         self.check_alarms(at, out);
     }
 
-    /// Alarms that are true whatever the motor does.
+    /// Alarms that are active independently of the motor.
     fn immediate(&self) -> u16 {
         let halls = if self.servo.halls_are_broken() { status::HALL_FAIL } else { 0 };
         self.alarms.immediate() | halls
     }
 
-    /// Alarms that cannot be cleared: also those that the servo finds when the motor turns.
+    /// Alarms that cannot be cleared now, including those that the servo only finds while the motor turns.
     fn causes(&self) -> u16 {
         let alarms = self.alarms;
-        // A broken encoder is no alarm unless it is the sensor of speed.
+        // A broken encoder causes an alarm only if the encoder is the speed sensor.
         let encoder = match self.bank.word(Pid::ENC_PPR) {
             0 => 0,
             _ => alarms.of(ENCODER_FAIL, status::HALL_FAIL | status::ENCODER_FAIL),
@@ -127,7 +127,8 @@ impl Drive {
             | alarms.of(INVERSE_VELOCITY, status::INV_VEL)
     }
 
-    /// Raises the present alarms: at the end of the start, and after any change of their causes.
+    /// Raises the present alarms. It is called at the end of the start-up, and after any change of their
+    /// causes.
     pub(super) fn check_alarms(&mut self, at: Instant, out: &mut dyn Context) {
         let found = self.servo.alarms();
         if self.state == State::Ready {
@@ -135,7 +136,7 @@ impl Drive {
         }
     }
 
-    /// Latches alarms. One that is new switches the output off.
+    /// Latches alarms. A new alarm switches the output off.
     fn raise(&mut self, at: Instant, alarms: u16, out: &mut dyn Context) {
         if alarms & !self.alarms.latched == 0 {
             return;
@@ -145,7 +146,7 @@ impl Drive {
         self.update_alarm_pin(at, out);
     }
 
-    /// Clears the alarms whose cause is gone.
+    /// Clears the alarms that have no cause any more.
     pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) {
         let any = self.alarms.any();
         self.alarms.latched &= self.causes();
@@ -155,7 +156,7 @@ impl Drive {
         }
     }
 
-    /// ALARM is low while there is one, or while there is none with INV_ALARM (MDROBOT-26).
+    /// Sets the ALARM pin: low during an alarm, or with `INV_ALARM` low while there is no alarm (MDROBOT-26).
     pub(super) fn update_alarm_pin(&mut self, at: Instant, out: &mut dyn Context) {
         let low = self.state == State::Ready && self.alarms.any() != (self.bank.word(Pid::INV_ALARM) != 0);
         if low != self.alarms.low {

@@ -1,4 +1,4 @@
-//! The codes of COMMAND (p. 6): what each does, or why it does nothing.
+//! The codes of COMMAND (p. 6): the effect of each, or the reason why it has none.
 
 use drivetwin_protocol::registers::Register;
 
@@ -10,11 +10,11 @@ use crate::device::{CommandSpec, Context, Instant, Level, Output, Pin};
 /// Action of a code.
 #[derive(Clone, Copy, Debug)]
 enum Act {
-    /// The same as that PID with any word.
+    /// Acts like a write of any word to that PID.
     As(Pid),
-    /// The same as that PID with this value.
+    /// Acts like a write of that value to that PID.
     Set(Pid, i64),
-    /// Gives those PIDs their factory values again.
+    /// Restores the factory values of those PIDs.
     Erase(&'static [Pid]),
     /// Sets an output to a level.
     Switch(Pin, Level),
@@ -41,7 +41,7 @@ const fn known(
     (CommandSpec { code, name, section: page(code), doc, missing }, Nothing)
 }
 
-/// Page of the manual.
+/// The page of the manual that lists a code.
 const fn page(code: u16) -> &'static str {
     match code {
         ..32 => "p. 6",
@@ -50,7 +50,8 @@ const fn page(code: u16) -> &'static str {
     }
 }
 
-/// The rows of the manual, under the header's names where it has them, and two more that public clients use (MDROBOT-7).
+/// The codes of the manual, with the header's names where it has them, and two more that public clients use
+/// (MDROBOT-7).
 #[rustfmt::skip]
 const ROWS: [(CommandSpec, Act); 38] = [
     does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),
@@ -93,15 +94,15 @@ const ROWS: [(CommandSpec, Act); 38] = [
     does(72, "POSI_SD_OFF", "POSI_SD is 0", Erase(&[Pid::POSI_SD])),
 ];
 
-/// Commands as `describe` lists them.
+/// Descriptions of the commands, for `describe`.
 pub(super) static COMMANDS: [CommandSpec; ROWS.len()] = SPLIT.0;
 
-/// Actions as the drive uses them.
+/// Actions of the commands, for the drive.
 static ACTS: [(u16, Act); ROWS.len()] = SPLIT.1;
 
 const SPLIT: ([CommandSpec; ROWS.len()], [(u16, Act); ROWS.len()]) = split(ROWS);
 
-/// The rows apart, because a drive needs no text.
+/// Separates descriptions and actions, because a drive needs no text.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 const fn split<const N: usize>(rows: [(CommandSpec, Act); N]) -> ([CommandSpec; N], [(u16, Act); N]) {
     let mut commands = [CommandSpec { code: 0, name: "", section: "", doc: "", missing: "" }; N];
@@ -115,14 +116,16 @@ const fn split<const N: usize>(rows: [(CommandSpec, Act); N]) -> ([CommandSpec; 
 }
 
 impl Drive {
-    /// COMMAND was written. A code without a row does nothing (newer controllers have more).
+    /// Executes a code written to COMMAND. A code without a row does nothing (newer controllers have more
+    /// codes).
     pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Context) {
         let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else { return };
         match *act {
             As(pid) => self.written(at, pid, out),
             Set(pid, value) => self.set(at, pid, value, out),
             Erase(pids) => {
-                // All of them first, so that power lost in the first save leaves none of them erased, not one.
+                // All PIDs are set before the first save. If power is lost in that save, then no PID is
+                // erased, instead of one.
                 for &pid in pids {
                     self.bank.set(pid, Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset));
                 }

@@ -1,15 +1,15 @@
-//! An MD controller without its serial port: its PIDs, and what happens when one is written.
+//! An MD controller without its serial port: its PIDs, and the effect of a write.
 //!
-//! | file | what of the drive |
+//! | file | part of the drive |
 //! |---|---|
 //! | `registers` | the table of PIDs |
 //! | `command` | the codes of COMMAND |
-//! | `startup` | how it starts |
+//! | `startup` | the start-up |
 //! | `saved` | PIDs in the non-volatile memory |
 //! | `inputs` | the connectors: contacts, speed input |
-//! | `reference` | who commands, and what the motor is to do; functions |
+//! | `reference` | the source of commands, and the order to the motor; functions |
 //! | `alarm` | alarms, their causes and outputs |
-//! | `servo` | how the motor is made to do it |
+//! | `servo` | control of the motor according to the order |
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Bank, Register};
@@ -22,7 +22,7 @@ use super::servo::{Servo, Settings};
 use crate::device::{Boot, Context, Instant, Line, PresetError};
 use crate::motor::Parameters;
 
-/// The most that RPM_DATA shows, either way (p. 12; MDROBOT-18).
+/// Limit of `RPM_DATA` in both directions (p. 12; MDROBOT-18).
 const MOST_RPM: i32 = 5_000;
 /// Unit of MAX_LOAD and TQ_DATA, in mA.
 const MA_PER_UNIT: u32 = 100;
@@ -31,7 +31,7 @@ pub(super) const MOST_WORDS: usize = 9;
 /// Unit of VOLT_IN, in mV.
 const MV_PER_UNIT: u32 = 100;
 
-/// The internal motor: 0.06 V·s, which is 0.06 Nm for an ampere. HALL_TYPE selects its poles (MDROBOT-27).
+/// The built-in motor: 0.06 V·s, which is 0.06 Nm/A. `HALL_TYPE` selects its poles (MDROBOT-27).
 pub(super) const MOTOR: Parameters = Parameters {
     supply_mv: SUPPLY as u32 * MV_PER_UNIT,
     no_load_rpm: 3_820,
@@ -44,36 +44,36 @@ pub(super) const MOTOR: Parameters = Parameters {
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// Never powered.
+    /// The drive was never powered.
     Off,
-    /// Starting: no message is received yet.
+    /// During start-up the drive receives no message.
     Booting {
-        /// End of the start.
+        /// End of the start-up.
         due: Instant,
     },
     /// Normal operation, or an alarm.
     Ready,
 }
 
-/// The drive behind the serial port.
+/// An MD controller without its serial port.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     pub(super) state: State,
     pub(super) bank: Bank<Pid, { Pid::WORDS }>,
-    /// The address on which it answers: as it was saved when power came (MDROBOT-4).
+    /// The address on which the drive answers: the one that was saved at power-on (MDROBOT-4).
     pub(super) unit: u8,
     pub(super) alarms: Alarms,
     pub(super) inputs: Inputs,
     pub(super) reference: Reference,
     pub(super) servo: Servo,
-    /// Poles of the motor of its own: those of HALL_TYPE when power came.
+    /// Poles of the built-in motor, from `HALL_TYPE` at power-on.
     poles: u16,
-    /// True if the motor's parameters have changed since they were read last.
+    /// True if the motor's parameters have changed since the last [`Drive::new_motor`].
     other_motor: bool,
 }
 
 impl Drive {
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined, so that the value is built in place: a copy takes space on a board's stack.
     #[inline(always)]
     pub(super) fn new() -> Self {
         let bank = Bank::factory();
@@ -90,7 +90,7 @@ impl Drive {
         }
     }
 
-    /// Power comes: all inputs follow.
+    /// Handles power-on. The caller passes the state of all inputs afterwards.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.load(out);
         self.unit = (self.bank.word(Pid::CONTROLLER_ID) & 0xFF) as u8;
@@ -120,19 +120,19 @@ impl Drive {
         self.check_alarms(at, out);
     }
 
-    /// Carries out what is due before a character of this instant.
+    /// Handles deadlines that are due. It is called before a character of this instant.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if self.deadline() <= at {
             self.timeout(at, out);
         }
     }
 
-    /// The line that holds from the next power-on.
+    /// Settings of the serial line after the next power-on.
     pub(super) fn line(&self) -> Line {
         registers::line(self.bank.word(Pid::CONTROLLER_BAUD))
     }
 
-    /// [`MOTOR`], at the supply that there is.
+    /// Parameters of [`MOTOR`] at the present supply.
     pub(super) fn motor(&self) -> Parameters {
         let supply = u32::from(self.alarms.supply()).min(Parameters::MOST.supply_mv / MV_PER_UNIT);
         Parameters {
@@ -143,23 +143,23 @@ impl Drive {
         }
     }
 
-    /// The supply is another one.
+    /// Handles a change of the supply.
     pub(super) fn supply_changed(&mut self, at: Instant, out: &mut dyn Context) {
         self.other_motor = true;
         self.set_servo(at, out);
     }
 
-    /// The same, if it may have become another one since this was last asked.
+    /// Parameters as from [`Drive::motor`], if they may have changed since the last call.
     pub(super) fn new_motor(&mut self) -> Option<Parameters> {
         core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
 
-    /// Passes the settings to the servo.
+    /// Passes the settings from the registers to the servo.
     fn set_servo(&mut self, at: Instant, out: &mut dyn Context) {
         self.servo.set(at, servo_settings(&self.bank), out);
     }
 
-    /// A PID as it reads now; of more than four words the first four.
+    /// Present value of a PID. Of a PID with more than four words only the first four.
     pub(super) fn value(&self, at: Instant, pid: Pid) -> i64 {
         match pid {
             Pid::CTRL_STATUS => (self.alarms.status() & 0xFF).into(),
@@ -182,7 +182,7 @@ impl Drive {
         }
     }
 
-    /// The words of MONITOR, PNT_MAIN_DATA or PNT_MONITOR, and 0 behind them.
+    /// The words of `MONITOR`, `PNT_MAIN_DATA` or `PNT_MONITOR`, filled up with 0.
     pub(super) fn report(&self, at: Instant, pid: Pid) -> [u16; MOST_WORDS] {
         let (rpm, current) = (self.rpm(at).cast_unsigned(), self.current().cast_unsigned());
         let position = self.servo.position().cast_unsigned();
@@ -199,12 +199,12 @@ impl Drive {
         }
     }
 
-    /// RPM_DATA.
+    /// The value of `RPM_DATA`.
     fn rpm(&self, at: Instant) -> i16 {
         self.servo.rpm(at).clamp(-MOST_RPM, MOST_RPM) as i16
     }
 
-    /// TQ_DATA, in 0.1 A.
+    /// The value of `TQ_DATA`, in 0.1 A.
     fn current(&self) -> i16 {
         let (ma, unit) = (i64::from(self.servo.current()), i64::from(MA_PER_UNIT));
         let rounded = (ma + ma.signum() * unit / 2) / unit;
@@ -216,7 +216,7 @@ impl Drive {
         !self.reverses() && self.servo.error().is_some_and(|error| error.unsigned_abs() <= u64::from(window))
     }
 
-    /// Puts a live PID into the bank, because it is read.
+    /// Copies a live PID to the bank, because it is read.
     pub(super) fn refresh(&mut self, at: Instant, pid: Pid) {
         if matches!(pid, Pid::MONITOR | Pid::PNT_MAIN_DATA | Pid::PNT_MONITOR) {
             let (entries, row) = (Pid::ENTRIES, pid.row());
@@ -232,8 +232,8 @@ impl Drive {
         }
     }
 
-    /// Checks that a value that its row accepts may be written: with the key DH of ID and BAUDRATE is checked, and of
-    /// FUNC_CMD_TYPE only DL.
+    /// Checks a value that the row accepts already. For ID and BAUDRATE with the key, DH must be legal. For
+    /// `FUNC_CMD_TYPE` only DL is checked.
     pub(super) fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
         let legal = match pid {
             Pid::ID => unlocked(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
@@ -244,7 +244,7 @@ impl Drive {
         if legal { Ok(()) } else { Err(Exception::IllegalDataValue) }
     }
 
-    /// Carries out a written PID, in the order of the PIDs.
+    /// Applies a written PID. The cases are in the order of the PIDs.
     pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let value = self.bank.get(pid);
         match pid {
@@ -314,7 +314,7 @@ impl Drive {
                 self.bank.set(Pid::HIGH_SPEED_LIMIT, value >> 16);
                 self.set(at, Pid::LOW_SPEED_LIMIT, value & 0xFFFF, out);
             }
-            // They hold from the next power-on, are looked at when they are used, or do nothing.
+            // The other PIDs apply from the next power-on, are read when they are used, or have no effect.
             _ => {}
         }
         if Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.saved != 0) {
@@ -322,7 +322,7 @@ impl Drive {
         }
     }
 
-    /// Another PID than the one that was written takes a value.
+    /// Writes `value` to a PID as a consequence of another action.
     pub(super) fn set(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Context) {
         self.bank.set(pid, value);
         self.written(at, pid, out);
@@ -359,12 +359,12 @@ impl Drive {
     }
 }
 
-/// Poles of a motor, by HALL_TYPE.
+/// Poles of the motor that `HALL_TYPE` selects.
 fn hall_poles(bank: &Bank<Pid, { Pid::WORDS }>) -> u16 {
     registers::poles(bank.word(Pid::HALL_TYPE))
 }
 
-/// Settings of the servo (MDROBOT-8).
+/// Settings of the servo from the bank (MDROBOT-8).
 fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     let word = |pid| bank.word(pid);
     Settings {
@@ -381,17 +381,17 @@ fn servo_settings(bank: &Bank<Pid, { Pid::WORDS }>) -> Settings {
     }
 }
 
-/// DH of a value written to ID or BAUDRATE, if DL is the key (MDROBOT-5).
+/// The DH byte of a value written to ID or BAUDRATE, if the DL byte is the key (MDROBOT-5).
 fn unlocked(value: i64) -> Option<i64> {
     (value & 0xFF == registers::WRITE_CHECK).then_some(value >> 8 & 0xFF)
 }
 
-/// Value that a PID keeps of a written one: FUNC_CMD_TYPE only DL (p. 15) (MDROBOT-3).
+/// The value that a PID stores of a written one: `FUNC_CMD_TYPE` stores only DL (p. 15) (MDROBOT-3).
 pub(super) fn stored_value(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }
 
-/// Returns whether the row of a PID accepts a value.
+/// Returns true if the row of a PID accepts a value.
 fn accepts(pid: Pid, value: i64) -> bool {
     Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.accepts(value))
 }

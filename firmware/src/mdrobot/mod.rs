@@ -1,5 +1,5 @@
-//! An MD400 of the MDROBOT MD series: a controller of brushless motors, on RS-485 with Modbus RTU, with a connector for
-//! switches and analogue inputs (CTRL) and one for pulses.
+//! An MD400 of the MDROBOT MD series: a controller of brushless motors, on RS-485 with Modbus RTU. It has a
+//! connector for switches and analogue inputs (CTRL), and a connector for pulses.
 //!
 //! Follows *Modbus Protocol on the MD Controller*, V1.1; numbers like p. 6 are its pages.
 
@@ -56,7 +56,7 @@ const OVERLOAD: Fault = Fault(2);
 const HALL_FAIL: Fault = Fault(3);
 const ENCODER_FAIL: Fault = Fault(4);
 const INVERSE_VELOCITY: Fault = Fault(5);
-/// The motor's: its shaft is held.
+/// The motor's fault: its shaft is blocked.
 const STALL: Fault = Fault(6);
 const CTRL_FAIL: Fault = Fault(7);
 const REGEN_OVER_TEMPERATURE: Fault = Fault(8);
@@ -68,7 +68,7 @@ const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
     PinSpec::new(name, role, idle)
 }
 
-/// The limits of the model, with the reason of each.
+/// The limits of the model, each with its reason.
 static NOT_MODELLED: [&str; 9] = [
     "errors of the measured speed in the control loop: it goes by the shaft between two edges of its sensor",
     "a supply that rises while a motor gives current back, or sags under load: VOLT_IN is what the bench says, so braking \
@@ -87,7 +87,7 @@ static MD400: Spec = Spec {
     product: "MDROBOT MD400 brushless motor controller, 20 A",
     manual: "Modbus Protocol on the MD Controller V1.1",
     ports: &[PortSpec { name: "rs485", framing: Framing::Silence, line: Some(registers::FACTORY_LINE) }],
-    // A contact that is not wired is neither open nor closed: a missing limit switch permits motion.
+    // A contact that is not wired is neither open nor closed: without a limit switch the motor may move.
     pins: &[
         pin("INT_SPEED", Role::Input, Level::Float),
         pin("ALARM_RESET", Role::Input, Level::Float),
@@ -129,7 +129,8 @@ static MD400: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02 (MDROBOT-2).
+/// Exception 03 answers a quantity or value that is not allowed, exception 02 an address that does not exist
+/// or cannot be written (MDROBOT-2).
 static RULES: Rules = Rules {
     functions: &[READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER, WRITE_MULTIPLE_REGISTERS],
     broadcast: Some(0xFE),
@@ -148,7 +149,7 @@ pub fn mdrobot() -> DriveWithMotor<Mdrobot> {
     DriveWithMotor::new(Mdrobot::new())
 }
 
-/// An MD400, without a motor.
+/// An MD400 without its motor.
 #[derive(Clone, Debug)]
 pub struct Mdrobot {
     receiver: RtuReceiver,
@@ -156,13 +157,13 @@ pub struct Mdrobot {
 }
 
 impl Mdrobot {
-    // Where it will be: a copy takes room on a board's stack.
+    // Inlined, so that the value is built in place: a copy takes space on a board's stack.
     #[inline(always)]
     fn new() -> Self {
         Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new() }
     }
 
-    /// The frame that has come is over.
+    /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Some(frame) = self.receiver.take() else { return };
         let unit = self.drive.unit;
@@ -178,7 +179,7 @@ impl Mdrobot {
         }
     }
 
-    /// Characters; those that end before the drive listens are lost.
+    /// Receives characters. Characters that end before the drive starts to listen are lost.
     fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at < *deaf_until) else {
             self.receiver.bytes(at, bytes);
@@ -239,7 +240,8 @@ impl Device for Mdrobot {
             Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
-            // It has no such ports, and the motor's inputs are its outputs.
+            // The MD400 has no such ports and pins, and it sends the limit and the duty to its motor instead
+            // of receiving them.
             Input::RxError { .. }
             | Input::Millivolts { .. }
             | Input::HostPresence { .. }
@@ -290,7 +292,7 @@ impl Device for Mdrobot {
     }
 }
 
-/// The drive as its bus sees it during a request.
+/// Access to the drive's PIDs during a request from the bus.
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,

@@ -1,4 +1,5 @@
-//! The reference: the source that commands, and its order to the motor; the last command decides (p. 7, 12, 15).
+//! The reference: the source of commands, and the order to the motor.
+//! The last command decides (p. 7, 12, 15).
 
 mod functions;
 #[cfg(test)]
@@ -12,90 +13,90 @@ use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
 use crate::device::{Context, Instant};
 
-/// A slower shaft counts as standing for limit switches: at 3,000 rpm in 15 s it stops within a count of 12 a turn, and
-/// its last edge is no more than a sixth of a second old.
+/// A slower shaft counts as standing still for the limit switches. The ramp of 3,000 rpm in 15 s stops it
+/// within one count of 12 in a turn, and its last edge is at most a sixth of a second old.
 const TURNS_RPM: u32 = 30;
 
-/// The command in effect, and its source.
+/// The present command, and the source of commands.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
     source: Source,
-    /// The signal that starts what the connectors ask for, or a function, is ON.
+    /// True if the start signal of the connectors, or of a function, is ON.
     start: bool,
-    /// RUN/BRAKE is OFF.
+    /// True if RUN/BRAKE is OFF.
     brake: bool,
     command: Command,
-    /// The ways that limit switches forbade last, CCW and CW.
+    /// True for the directions, CCW and CW, that limit switches forbade at the last check.
     forbidden: [bool; 2],
-    /// The motor is brought to a stand before it turns back from a limit switch.
+    /// True while the drive stops the motor before it turns back from a limit switch.
     reverses: bool,
 }
 
-/// Source that may command.
+/// Source of commands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Source {
-    /// The bus, and not the CTRL connector.
+    /// True for the bus, false for the CTRL connector.
     bus: bool,
-    /// A function only, by its number in FUNC_CMD_TYPE.
+    /// If not `NONE`, only this function of `FUNC_CMD_TYPE` drives the motor.
     function: u16,
 }
 
 impl Source {
-    /// START/STOP, RUN/BRAKE, DIR and the speed input.
+    /// The source is START/STOP, RUN/BRAKE, DIR and the speed input.
     const CONNECTORS: Self = Self { bus: false, function: function::NONE };
-    /// The commands of the bus.
+    /// The source is the bus.
     const BUS: Self = Self { bus: true, function: function::NONE };
 
     fn of(bank: &Bank<Pid, { Pid::WORDS }>) -> Self {
         Self { bus: bank.word(Pid::UI_COM) == 1, function: bank.word(Pid::FUNC_CMD_TYPE) }
     }
 
-    /// Only a function drives (p. 15).
+    /// Returns true if only a function drives the motor (p. 15).
     fn is_function(self) -> bool {
         self.function != function::NONE
     }
 }
 
-/// Command to follow.
+/// The command that the motor follows.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Command {
     /// No command.
     Nothing(Release),
-    /// The connectors.
+    /// The signals of the connectors.
     Connectors {
-        /// START/STOP, or the step number, has come ON.
+        /// START/STOP, or the step number, has changed to ON.
         started: bool,
     },
     /// VEL_CMD, in rpm.
     Velocity(i16),
-    /// START_STOP at COM_TAR_SPEED.
+    /// The direction of `START_STOP`, at the speed `COM_TAR_SPEED`.
     StartStop,
-    /// OPEN_VEL_CMD.
+    /// `OPEN_VEL_CMD`, in 1/1023 of the supply.
     Open(i16),
-    /// TQ_CMD.
+    /// `TQ_CMD`, in 1/1023 of `MAX_LOAD`.
     Torque(i16),
-    /// A position, which the servo knows: it moves along when the position is cleared.
+    /// A position. The servo stores its count, because clearing the position also shifts the target.
     Position {
-        /// Largest speed, not negative.
+        /// Greatest speed in rpm, not negative.
         rpm: i32,
     },
-    /// A function that runs.
+    /// A running function.
     Function(Function),
 }
 
-/// State of the motor without a command.
+/// State of the motor without a command: a released motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Release {
-    /// Free.
+    /// The terminals are open.
     Free,
-    /// Shorted windings.
+    /// The windings are shorted.
     Brake,
-    /// As SLOW_DOWN and STOP_STATUS select.
+    /// The motor stops as `SLOW_DOWN` and `STOP_STATUS` select.
     Stop,
 }
 
 impl Reference {
-    /// Power has come: the connectors command.
+    /// State at power-on: the connectors are the source of commands.
     pub(super) const NONE: Self = Self {
         source: Source::CONNECTORS,
         start: false,
@@ -106,19 +107,19 @@ impl Reference {
     };
 }
 
-/// Verdict of the limit switches on an order.
+/// Decision of the limit switches about an order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Verdict {
-    /// Carried out.
+    /// The order is executed.
     Permits,
-    /// Back from the switch towards which the shaft turns: the shaft stops first.
+    /// The shaft turns towards an open switch, and the order turns it back: the shaft is stopped first.
     Reverses,
-    /// Dropped.
+    /// The order is dropped.
     Forbids,
 }
 
 impl Drive {
-    /// Carries out a written command of the bus, if it may be.
+    /// Applies a command written by the bus, if the drive allows it now.
     pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         match pid {
             Pid::UI_COM | Pid::FUNC_CMD_TYPE | Pid::FUNC_CMD => return self.reference_changed(at, out),
@@ -134,18 +135,18 @@ impl Drive {
         }
     }
 
-    /// Command of a PID other than of a position; `None` if it may not command now (MDROBOT-13).
+    /// The command of a PID that is not a position; `None` if the PID may not command now (MDROBOT-13).
     fn requested(&self, pid: Pid) -> Option<Command> {
         let drives = self.reference.source == Source::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
         let value = self.bank.get(pid) as i16;
-        // A dropped command stays dropped: there is no speed to be ramped to zero.
+        // After a dropped command, speed 0 has no effect, because there is no speed to ramp down.
         let dropped = matches!(self.reference.command, Command::Nothing(_));
         match pid {
             Pid::TQ_OFF => Some(Command::Nothing(Release::Free)),
             Pid::BRAKE => Some(Command::Nothing(Release::Brake)),
             Pid::START_STOP if drives && !armed => (!dropped).then_some(Command::Nothing(Release::Stop)),
-            // A speed drives; none ends only what START_STOP itself drives.
+            // A speed other than 0 drives. Speed 0 only ends a motion that `START_STOP` has started.
             Pid::START_STOP | Pid::COM_TAR_SPEED if armed => {
                 let turns = self.bank.word(Pid::COM_TAR_SPEED) != 0;
                 (turns || self.reference.command == Command::StartStop).then_some(Command::StartStop)
@@ -158,7 +159,7 @@ impl Drive {
         }
     }
 
-    /// A command of a position was written: low word, high word, and maybe a speed.
+    /// Applies a written position command: low word, high word, and possibly a speed.
     fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let words = self.bank.get(pid);
         let count = self.turned(words as i32);
@@ -174,7 +175,8 @@ impl Drive {
         }
     }
 
-    /// A register was written that selects the source of commands, or the meaning of a command or an input.
+    /// Applies a write of a register that selects the source of commands, or the meaning of a command or an
+    /// input.
     pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.update_source() {
             // A signal that is already ON does not start the new command.
@@ -185,7 +187,8 @@ impl Drive {
         self.update_order(at, out);
     }
 
-    /// The drive is ready: what the connectors ask for begins. A function waits until its signal comes (p. 17).
+    /// Handles the end of the start-up: a command of the connectors starts. A function waits until its signal
+    /// changes to ON (p. 17).
     pub(super) fn sources_ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.update_source();
         if self.reference.source.is_function() {
@@ -195,24 +198,24 @@ impl Drive {
         self.update_order(at, out);
     }
 
-    /// An alarm: nothing is followed any more, and the motor is free.
+    /// Handles an alarm: drops the command and releases the motor.
     pub(super) fn drop_reference(&mut self, at: Instant, out: &mut dyn Context) {
         self.reference.command = Command::Nothing(Release::Free);
         self.servo.order(at, Order::Free, out);
     }
 
-    /// The last alarm is cleared.
+    /// Handles the clearing of the last alarm.
     pub(super) fn alarms_cleared(&mut self, at: Instant, out: &mut dyn Context) {
         self.brake_dropped();
         self.update_order(at, out);
     }
 
-    /// Time of the next work for inputs or functions.
+    /// Time of the next deadline of the inputs or of a function.
     pub(super) fn sources_due(&self) -> Instant {
         self.inputs.due().min(self.function_due())
     }
 
-    /// Handles that time.
+    /// Handles the deadline of [`Drive::sources_due`].
     pub(super) fn sources_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let measured = self.inputs.timeout(at);
         if self.function_timeout(at) || measured {
@@ -220,8 +223,8 @@ impl Drive {
         }
     }
 
-    /// Updates the source that commands; returns whether it is another one. The motor stops, and waits for a command of
-    /// that source; a dropped command stays dropped (MDROBOT-12).
+    /// Updates the source of commands. Returns true if the source has changed. Then the motor stops and waits
+    /// for a command of the new source; a dropped command stays dropped (MDROBOT-12).
     fn update_source(&mut self) -> bool {
         let source = Source::of(&self.bank);
         let another = source != core::mem::replace(&mut self.reference.source, source);
@@ -236,14 +239,14 @@ impl Drive {
         another
     }
 
-    /// While the connectors command, RUN/BRAKE at OFF also brakes a released motor.
+    /// While the connectors are the source, RUN/BRAKE at OFF also brakes a released motor.
     fn brake_dropped(&mut self) {
         if self.is_braked() {
             self.set_release(Release::Brake);
         }
     }
 
-    /// Sets the state of a released motor, while the connectors command.
+    /// Sets the state of a released motor, if the connectors are the source.
     fn set_release(&mut self, release: Release) {
         let Reference { source: Source::CONNECTORS, command: Command::Nothing(left), .. } =
             &mut self.reference
@@ -253,7 +256,7 @@ impl Drive {
         *left = release;
     }
 
-    /// START/STOP, RUN/BRAKE, the step number or FUNC_CMD may have come or gone: what that starts and ends.
+    /// Handles a possible change of START/STOP, RUN/BRAKE, the step number or `FUNC_CMD`.
     pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;
@@ -274,7 +277,8 @@ impl Drive {
         match self.reference.source {
             source if source.is_function() && on => self.start_function(at, out),
             source if source.is_function() => self.release_function(),
-            // What TQ_OFF, BRAKE or an alarm has dropped begins again when the signal comes (MDROBOT-14).
+            // A command that `TQ_OFF`, BRAKE or an alarm has dropped starts again when the signal changes to
+            // ON (MDROBOT-14).
             Source::CONNECTORS if on || connectors => {
                 self.reference.command = Command::Connectors { started: on };
             }
@@ -282,7 +286,7 @@ impl Drive {
         }
     }
 
-    /// Returns whether the start signal of the connectors, or of a function, is ON.
+    /// Returns true if the start signal of the connectors, or of a function, is ON.
     fn start_signal(&self) -> bool {
         let source = self.reference.source;
         let contact = match self.step().filter(|_| !source.is_function()) {
@@ -293,12 +297,13 @@ impl Drive {
         !source.bus && contact || by_bus
     }
 
-    /// The motor does from now on what there is to follow.
+    /// Gives the motor the order of the present command.
     pub(super) fn update_order(&mut self, at: Instant, out: &mut dyn Context) {
         self.apply(at, self.ordered(), out);
     }
 
-    /// Orders that of the servo, unless nothing moves now or a limit switch forbids it.
+    /// Gives `order` to the servo, unless the drive is not ready, an alarm is active, or a limit switch
+    /// forbids the order.
     pub(super) fn apply(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         if self.state != State::Ready || self.alarms.any() {
             return;
@@ -307,7 +312,8 @@ impl Drive {
         self.reference.reverses = verdict == Verdict::Reverses;
         let order = match verdict {
             Verdict::Permits => order,
-            // A ramp from the present speed would lead on towards the switch, so the speed is controlled at 0.
+            // The ramp from the present speed would continue towards the switch, so the speed is controlled
+            // at 0.
             Verdict::Reverses => Order::Position { count: self.servo.target(), rpm: 0 },
             Verdict::Forbids => {
                 let release = if self.flag(Pid::LIMIT_STOP_COND) { Release::Brake } else { Release::Free };
@@ -318,20 +324,21 @@ impl Drive {
         self.servo.order(at, order, out);
     }
 
-    /// The shaft that is to turn back from a limit switch may stand by now.
+    /// Checks if a shaft that is to turn back from a limit switch stands still by now.
     pub(super) fn reverse_when_slow(&mut self, at: Instant, out: &mut dyn Context) {
         if self.reference.reverses {
             self.update_order(at, out);
         }
     }
 
-    /// The motor is brought to a stand before it turns back from a limit switch.
+    /// Returns true while the drive stops the motor before it turns back from a limit switch.
     pub(super) fn reverses(&self) -> bool {
         self.reference.reverses
     }
 
-    /// An open limit switch forbids an order that turns the motor towards it. When it opens it also stops a shaft that
-    /// an order of speed or position would still have to slow down; a later order of the way back is carried out (MDROBOT-23).
+    /// Checks an order against the limit switches. An open switch forbids an order that turns the motor
+    /// towards it. A switch that opens also stops a shaft that a speed or position order would still have to
+    /// slow down. A later order away from the switch is executed (MDROBOT-23).
     fn check_limits(&mut self, at: Instant, order: Order) -> Verdict {
         let now = [self.limit_forbids(1), self.limit_forbids(-1)];
         let before = core::mem::replace(&mut self.reference.forbidden, now);
@@ -342,13 +349,13 @@ impl Drive {
             rpm if rpm.unsigned_abs() < TURNS_RPM => 0,
             rpm => rpm,
         };
-        // Positive CCW.
+        // Directions of the order and of the shaft, positive CCW.
         let [way, shaft] = match order {
             Order::Free | Order::Brake => [0, 0],
             Order::Velocity(rpm) => [rpm, shaft],
-            // What pushes the other way brakes at once.
+            // Open loop and torque in the other direction brake the shaft at once.
             Order::Open(part) | Order::Torque(part) => [part.into(), 0],
-            // One that holds its position has no way to go.
+            // A position order within the window has no distance to go.
             Order::Position { count, .. } => match self.servo.distance_to(count) {
                 error if error.unsigned_abs() <= u64::from(self.bank.word(Pid::IN_POSITION).max(1)) => {
                     [0, shaft]
@@ -362,12 +369,12 @@ impl Drive {
             _ if !self.limit_forbids(shaft) => Verdict::Permits,
             _ if way == 0 || has_opened => Verdict::Forbids,
             Order::Velocity(_) => Verdict::Reverses,
-            // A position has no ramp.
+            // A position order has no ramp.
             _ => Verdict::Permits,
         }
     }
 
-    /// Order to the motor.
+    /// The order to the motor that follows from the present command.
     fn ordered(&self) -> Order {
         match self.reference.command {
             Command::Nothing(Release::Free) => Order::Free,
@@ -390,7 +397,7 @@ impl Drive {
         }
     }
 
-    /// Order of the connectors to the motor, a torque with TQ_CTRL 1 (MDROBOT-25).
+    /// The order of the connectors to the motor; a torque if `TQ_CTRL` is 1 (MDROBOT-25).
     fn connected(&self, started: bool) -> Order {
         if self.is_braked() {
             return Order::Brake;
@@ -400,35 +407,35 @@ impl Drive {
         }
         let input = self.speed_input();
         if self.flag(Pid::TQ_CTRL) {
-            // No more than full scale, which a word holds.
+            // The value is at most full scale, which fits in a word.
             Order::Torque(self.turned(input.of(OUTPUTS)) as i16)
         } else {
             self.velocity(input.of(self.full_speed()))
         }
     }
 
-    /// A velocity before INV_SIGN_CMD and MAX_RPM, in rpm.
+    /// The order for a speed in rpm, after `INV_SIGN_CMD` and limited by `MAX_RPM`.
     fn velocity(&self, rpm: i32) -> Order {
         let most = self.max_rpm();
         Order::Velocity(self.turned(rpm).min(most).max(-most))
     }
 
-    /// A position, and how fast it may be gone to before MAX_RPM.
+    /// The order for a position; its greatest speed `rpm` is limited by `MAX_RPM`.
     pub(super) fn position(&self, count: i32, rpm: i32) -> Order {
         Order::Position { count, rpm: rpm.min(self.max_rpm()) }
     }
 
-    /// `counts` from where the motor is, or as far as positions go.
+    /// The position `counts` away from the motor's present position, limited to the range of positions.
     pub(super) fn relative(&self, counts: i32) -> i32 {
         self.servo.position().saturating_add(counts)
     }
 
-    /// Reference with the sign that INV_SIGN_CMD gives it (MDROBOT-15).
+    /// The reference, with the opposite sign if `INV_SIGN_CMD` is 1 (MDROBOT-15).
     pub(super) fn turned(&self, reference: i32) -> i32 {
         if self.flag(Pid::INV_SIGN_CMD) { reference.saturating_neg() } else { reference }
     }
 
-    /// MAX_RPM as it acts.
+    /// The value of `MAX_RPM`, limited to its range.
     pub(super) fn full_speed(&self) -> u16 {
         self.bank.clamped_value(Pid::MAX_RPM) as u16
     }

@@ -1,232 +1,238 @@
-//! The PIDs of an MD controller, under their names without the header's `PID_`, in the order of their numbers.
+//! The PIDs of an MD controller, with the names of the manual's header without `PID_`, in the order of their
+//! numbers.
 
 use drivetwin_protocol::line::{Line, Parity};
 
-/// In place of a page, of what public clients of later controllers show (MDROBOT-10).
+/// Given instead of a page for what only public clients of later controllers show (MDROBOT-10).
 pub(super) const LATER: &str = "not in V1.1";
 
-/// The supply, in 0.1 V.
+/// Nominal supply, in 0.1 V.
 pub(super) const SUPPLY: u16 = 240;
 
 const POSITION_RAMP: &str = "kept, without effect: no public client shows how a move follows it";
 const MOTOR_2: &str = "an MD400 has one motor: what is motor 2's reads 0";
 
 drivetwin_protocol::registers! {
-    /// The objects that a PID names. Two words have the low one first.
+    /// The objects that a PID names. A value of two words has the low word first.
     #[allow(non_camel_case_types, reason = "the names are the manual's")]
     pub enum Pid: ObjectsLowFirst {
-        /// Version of the firmware, in tenths: 81 is 8.1. A preset sets it.
+        /// Version of the firmware, in tenths: 81 is 8.1. A preset can change it.
         VERSION = ro(1, "p. 6").u8().reset(81),
-        /// 0x55 restores the factory values of all that is saved but id and baud.
+        /// 0x55 restores the factory values of all saved PIDs; the id and the baud rate stay.
         DEFAULT_SET = wo(3, "p. 6"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         REQ_PID_DATA = known(4, "2.4"),
-        /// Any word: the motor is free.
+        /// Any word releases the motor.
         TQ_OFF = wo(5, "p. 6"),
-        /// Any word: the windings are shorted.
+        /// Any word shorts the windings.
         BRAKE = wo(6, "p. 6"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         ACK = known(7, "2.4"),
-        /// Command: see the table of commands.
+        /// Executes a command: see the table of commands.
         COMMAND = wo(10, "p. 6").u8(),
-        /// Any word: clears alarms whose cause is gone.
+        /// Any word clears the alarms that have no cause any more.
         ALARM_RESET = wo(12, "p. 7"),
-        /// Any word: the position is 0 here.
+        /// Any word sets the position to 0.
         POSI_RESET = wo(13, "p. 7"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         MAIN_BC_STATUS = known(14, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         MONITOR_BC_STATUS = known(15, "2.4"),
-        /// 1 turns every reference round.
+        /// 1 reverses the sign of every reference.
         INV_SIGN_CMD = rw(16, "p. 7").u8().range(0, 1).saved(),
-        /// 1: DIR and START/STOP are limit switches while the bus commands.
+        /// 1: DIR and START/STOP are limit switches while the bus is the source of commands.
         USE_LIMIT_SW = rw(17, "p. 7").u8().range(0, 1).reset(1).saved(),
-        /// Only in the header, and there INV_ALARM.
+        /// Named only in the manual's header, there as INV_ALARM.
         INV_ALARM_18 = known(18, "2.4"),
-        /// 1: ALARM is low while there is none.
+        /// 1: the ALARM pin is low while there is no alarm.
         INV_ALARM = rw(19, "p. 8").u8().range(0, 1).saved(),
-        /// Poles of the motor: 0 to 5 are 4, 8, 10, 12, 2, 6; above, twice the number.
+        /// Poles of the motor: codes 0 to 5 are 4, 8, 10, 12, 2, 6 poles; a higher code is half the number of
+        /// poles.
         HALL_TYPE = rw(21, "p. 8").u8().saved(),
-        /// At reference zero: 0 free, 1 speed control at zero, 2 electric brake, 3 free at once.
+        /// State at reference zero: 0 free, 1 speed control at zero, 2 electric brake, 3 free at once.
         STOP_STATUS = rw(24, "p. 8").u8().range(0, 3).saved(),
-        /// The speed input: 0 analogue or PWM, 1 joystick, 2 pulses, 3 RC, 5 seven steps.
+        /// Type of the speed input: 0 analogue or PWM, 1 joystick, 2 pulses, 3 RC, 5 seven steps.
         INPUT_TYPE = rw(25, "p. 8").u8().one_of(&[0, 1, 2, 3, 5]).saved(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         PRESET_SAVE = known(30, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         PRESET_RECALL = known(31, "2.4"),
-        /// A bit for each alarm: 0 any, 1 CTRL_FAIL, 2 OVER_VOLT, 3 OVER_TEMP, 4 OVER_LOAD, 5 HALL_FAIL, 6
-        /// INV_VEL, 7 STALL.
+        /// A bit for each alarm: 0 any alarm, 1 CTRL_FAIL, 2 OVER_VOLT, 3 OVER_TEMP, 4 OVER_LOAD, 5
+        /// HALL_FAIL, 6 INV_VEL, 7 STALL.
         CTRL_STATUS = ro(34, "p. 9").u8().live(),
-        /// 1: START/STOP is ON while high.
+        /// 1: START/STOP is ON while it is high.
         START_INV_SIGN = rw(36, "p. 9").u8().range(0, 1).saved(),
-        /// 1: RUN/BRAKE is ON while high.
+        /// 1: RUN/BRAKE is ON while it is high.
         RUN_INV_SIGN = rw(37, "p. 9").u8().range(0, 1).saved(),
-        /// Stop by an open limit switch: 0 free, 1 electric brake.
+        /// Reaction to an open limit switch: 0 free, 1 electric brake.
         LIMIT_STOP_COND = rw(40, "p. 9").u8().range(0, 1).saved(),
-        /// 1: the speed input is a torque.
+        /// 1: the speed input is a torque reference.
         TQ_CTRL = rw(44, "p. 10").u8().range(0, 1).saved(),
-        /// 1: Bluetooth.
+        /// 1 enables Bluetooth.
         BLUETOOTH = rw(45, "p. 10").u8().range(0, 1).saved().not_modelled("there is no radio"),
-        /// The CTRL connector: 0 INT_SPEED, 1 ALARM_RESET, 2 DIR, 3 RUN/BRAKE, 4 START/STOP, 5 ENC_B, 6
-        /// ENC_A.
+        /// Inputs of the CTRL connector: 0 INT_SPEED, 1 ALARM_RESET, 2 DIR, 3 RUN/BRAKE, 4 START/STOP, 5
+        /// ENC_B, 6 ENC_A.
         DI = ro(48, "p. 11").u8().live(),
-        /// 1 while the error of position is within IN_POSITION.
+        /// 1 while the position error is within IN_POSITION.
         IN_POSITION_OK = ro(49, "p. 11").u8().range(0, 1).live(),
-        /// A byte that reads as it was written, until power-off; clients keep a flag of theirs there.
+        /// A byte that reads back as written until power-off; clients store a flag of their own in it.
         TQ_RATIO = rw(66, LATER).u8().not_modelled("no public client shows what it scales"),
-        /// 1: the bus commands, 0: the CTRL connector.
+        /// Source of commands: 1 the bus, 0 the CTRL connector.
         UI_COM = rw(78, "p. 7").u8().range(0, 1),
-        /// 0 stop, 1 CCW, 2 CW, at COM_TAR_SPEED if that is not 0; 1 and 2 let the bus move the motor.
+        /// 0 stop, 1 CCW, 2 CW, at COM_TAR_SPEED if that is not 0. While it is 1 or 2, the bus may move the
+        /// motor.
         START_STOP = rw(100, "p. 12").u8().range(0, 2),
-        /// Velocity, in rpm, positive CCW.
+        /// Velocity reference in rpm, positive CCW.
         VEL_CMD = rw(130, "p. 12").i16(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         VEL_CMD2 = known(131, "2.4"),
-        /// 0xAA in DL; in DH the id from the next power-on, 1 to 253.
+        /// Sets the id after the next power-on: 0xAA in DL, the id 1 to 253 in DH.
         ID = wo(133, "p. 12"),
-        /// Output without control, in 1/1023 of the supply.
+        /// Output without speed control, in 1/1023 of the supply.
         OPEN_VEL_CMD = wo(134, "p. 12").i16().range(-1_023, 1_023),
-        /// 0xAA in DL; in DH from the next power-on: 1 to 5 are 9,600, 19,200, 38,400, 57,600, 115,200 baud.
+        /// Sets the baud rate after the next power-on: 0xAA in DL; in DH 1 to 5 for 9,600, 19,200, 38,400,
+        /// 57,600, 115,200 baud.
         BAUDRATE = wo(135, "p. 12"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         ECAN_BITRATE = known(137, "2.4"),
         /// Speed of the motor, in rpm.
         RPM_DATA = ro(138, "p. 12").i16().range(-5_000, 5_000).live(),
         /// Current of the motor, in 0.1 A, with the sign of its torque.
         TQ_DATA = ro(139, "p. 12").i16().live(),
-        /// Torque, in 1/1023 of MAX_LOAD.
+        /// Torque reference, in 1/1023 of MAX_LOAD.
         TQ_CMD = wo(140, "p. 12").i16().range(-1_023, 1_023),
         /// Supply, in 0.1 V.
         VOLT_IN = ro(143, "p. 13").reset(SUPPLY as i64).live(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         CCW_PHASE_OFFSET = known(146, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         CW_PHASE_OFFSET = known(147, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         RETURN_TYPE = known(149, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         TQ_PO = known(150, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         OVER_MODULATION = known(152, "2.4"),
-        /// Ramp up of a speed reference: 0 to 1,023 are 0 to 15 s for MAX_RPM.
+        /// Ramp up of a speed reference: 0 to 1,023 are 0 to 15 s from 0 to MAX_RPM.
         SLOW_START = rw(153, "p. 13").range(0, 1_023).saved(),
-        /// Ramp down of a speed reference: 0 to 1,023 are 0 to 15 s for MAX_RPM.
+        /// Ramp down of a speed reference: 0 to 1,023 are 0 to 15 s from MAX_RPM to 0.
         SLOW_DOWN = rw(154, "p. 13").range(0, 1_023).saved(),
-        /// Not 0: the speed under START/STOP, RUN/BRAKE and DIR, in rpm, in place of the speed input.
+        /// If not 0, the speed for START/STOP, RUN/BRAKE and DIR in rpm, used instead of the speed input.
         TAR_VEL = rw(155, "p. 13").range(0, 5_000).saved(),
-        /// Not 0: pulses of the encoder in a turn, which then is the sensor of speed.
+        /// If not 0, pulses of the encoder in a turn; the encoder is then the speed sensor.
         ENC_PPR = rw(156, "p. 14").saved(),
-        /// Below this the analogue input is zero, in 5/1023 V.
+        /// The analogue input counts as zero below this limit, in 5/1023 V.
         LOW_SPEED_LIMIT = rw(157, "p. 14").range(0, 512).saved(),
-        /// At this and above the analogue input is MAX_RPM, in 5/1023 V; 0 is not set.
+        /// The analogue input counts as MAX_RPM from this limit on, in 5/1023 V; 0 is not set.
         HIGH_SPEED_LIMIT = rw(158, "p. 14").range(512, 1_023).unset().saved(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         SLOW_START_DOWN = known(159, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         DEAD_ZONE = known(162, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         READ_ADDR = known(163, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         REQ_PID_DATA2 = known(164, "2.4"),
-        /// Gain of position: rpm a count of error.
+        /// Gain of position control: rpm for each count of error.
         PV_GAIN = rw(167, "p. 15").reset(20).saved(),
-        /// Proportional gain of speed.
+        /// Proportional gain of speed control.
         P_GAIN = rw(168, "p. 15").reset(6_000).saved(),
-        /// Integral gain of speed.
+        /// Integral gain of speed control.
         I_GAIN = rw(169, "p. 15").reset(6_000).saved(),
-        /// Error of position up to which IN_POSITION_OK is 1, in counts.
+        /// Greatest position error at which IN_POSITION_OK is 1, in counts.
         IN_POSITION = rw(171, "p. 11").saved(),
-        /// The most that POSI_CMD and INC_POSI_CMD go at, from the next one on, in rpm, within MAX_RPM.
+        /// Greatest speed of POSI_CMD and INC_POSI_CMD in rpm, limited by MAX_RPM; used from the next such
+        /// command on.
         TAR_POSI_VEL = rw(176, LATER).reset(5_000).saved(),
-        /// Slow start of a position: 0 to 1,023 are 0 to 15 s.
+        /// Ramp up of a position move: 0 to 1,023 are 0 to 15 s.
         POSI_SS = rw(178, LATER).range(0, 1_023).saved().not_modelled(POSITION_RAMP),
-        /// Slow down of a position: 0 to 1,023 are 0 to 15 s.
+        /// Ramp down of a position move: 0 to 1,023 are 0 to 15 s.
         POSI_SD = rw(179, LATER).range(0, 1_023).saved().not_modelled(POSITION_RAMP),
         /// Speed for START_STOP, in rpm.
         COM_TAR_SPEED = rw(180, "p. 15"),
-        /// The most that the motor may draw, in 0.1 A; the same as MAX_LOAD.
+        /// Current limit of the motor, in 0.1 A; the same value as MAX_LOAD.
         MAX_LOAD_181 = rw(181, "p. 15").reset(200).live(),
         /// The function that START/STOP and FUNC_CMD start: 0 none, 1 SPEED, 2 POSITION, 3 SPEED_MOMENTARY, 4
-        /// SPEED_ADD. DH is ignored, DL above 4 refused.
+        /// SPEED_ADD. DH is ignored; DL above 4 is refused.
         FUNC_CMD_TYPE = rw(183, "p. 15").saved(),
-        /// Not 0: ON, as START/STOP.
+        /// If not 0, the start signal is ON, as by START/STOP.
         FUNC_CMD = wo(184, "p. 16"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         MAIN_DATA = known(193, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         IO_MONITOR = known(194, "2.4"),
-        /// Speed in rpm, current in 0.1 A, output in 1/1023, position (low, high), status2 and CTRL_STATUS.
+        /// Speed in rpm, current in 0.1 A, output in 1/1023, position (low, high word), status2 and
+        /// CTRL_STATUS.
         MONITOR = ro(196, "2.4").words(6).live(),
         /// Position, in counts.
         POSI_DATA = ro(197, "2.4").i32().live(),
-        /// Only in the header, and there RPM_DATA.
+        /// Named only in the manual's header, there as RPM_DATA.
         RPM_DATA_198 = known(198, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         VEL_GAIN = known(202, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         VEL_GAIN2 = known(203, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         TYPE = known(205, "2.4"),
-        /// Speed in rpm, current in 0.1 A, position (low, high) of motor 1, the same of motor 2, and CTRL_STATUS of
-        /// both, that of motor 2 in DH.
+        /// Speed in rpm, current in 0.1 A and position (low, high word) of motor 1, the same of motor 2, and
+        /// CTRL_STATUS of both motors, with motor 2 in DH.
         PNT_MAIN_DATA = ro(210, LATER).words(9).live().not_modelled(MOTOR_2),
-        /// The most that the motor may draw, in 0.1 A.
+        /// Current limit of the motor, in 0.1 A.
         MAX_LOAD = rw(211, "p. 16").clamped(0, 200).reset(200).saved(),
-        /// Speed in rpm, position (low, high) of motor 1, the same of motor 2, and CTRL_STATUS of both, that of motor 2
-        /// in DH.
+        /// Speed in rpm and position (low, high word) of motor 1, the same of motor 2, and CTRL_STATUS of
+        /// both motors, with motor 2 in DH.
         PNT_MONITOR = ro(216, LATER).words(7).live().not_modelled(MOTOR_2),
-        /// Only in the header.
+        /// Named only in the manual's header.
         POSI_SET = known(217, "2.4"),
-        /// Goes to a position (low, high) at a speed in rpm.
+        /// Moves to a position (low, high word) at a speed in rpm.
         POSI_VEL_CMD = wo(219, "2.4").words(3),
-        /// Goes so many counts on (low, high) at a speed in rpm.
+        /// Moves by a number of counts (low, high word) at a speed in rpm.
         INC_POSI_VEL_CMD = wo(220, LATER).words(3),
-        /// The greatest speed, in rpm; full scale of inputs and ramps.
+        /// Greatest speed in rpm; full scale of inputs and ramps.
         MAX_RPM = rw(221, "p. 16").clamped(0, 5_000).reset(3_000).saved(),
-        /// LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT in one.
+        /// LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT in one PID.
         SPEED_LIMIT = rw(222, "p. 16").words(2).each(&[(0, 512), (512, 1_023)]).unset().live(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         STEP_INPUT = known(225, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         CURVE_PT = known(226, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         PRESET_DATA = known(227, "2.4"),
         /// Target of position control, in counts.
         TAR_POSI = ro(230, LATER).i32().live(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         VEL_GAIN_W = known(231, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         TIME = known(234, "2.4"),
-        /// Only in the header.
+        /// Named only in the manual's header.
         CAN_RESEND = known(238, "2.4"),
-        /// Functions of speed: rpm, run time in 0.1 s.
+        /// Parameters of the speed functions: rpm, run time in 0.1 s.
         FUNC_SPEED = rw(239, "p. 16").words(2).reset(10 << 16 | 1_000).saved(),
-        /// Only in the header.
+        /// Named only in the manual's header.
         PHASE_OFFSET = known(241, "2.4"),
-        /// Goes to a position.
+        /// Moves to a position, in counts.
         POSI_CMD = wo(243, "p. 16").i32(),
-        /// Goes so many counts on.
+        /// Moves by a number of counts.
         INC_POSI_CMD = wo(244, "p. 16").i32(),
-        /// Function POSITION: rpm, counts.
+        /// Parameters of the function POSITION: rpm, counts.
         FUNC_POSI = rw(250, "p. 17").words(2).reset(240 << 16 | 1_500).saved(),
 
-        /// The id that holds from the next power-on; set by ID.
+        /// The id after the next power-on; set by ID.
         CONTROLLER_ID = setting(0, "p. 12").u8().range(1, 253).reset(1).saved(),
-        /// The code of the baud rate that holds from the next power-on; set by BAUDRATE.
+        /// The code of the baud rate after the next power-on; set by BAUDRATE.
         CONTROLLER_BAUD = setting(1, "p. 12").u8().range(1, 5).reset(2).saved(),
-        /// The volume on the board, which is the speed input while INT_SPEED is ON, whatever INPUT_TYPE but 5:
-        /// as an analogue one, so that 1,023 is MAX_RPM.
+        /// Position of the volume on the board. While INT_SPEED is ON, the volume is the speed input for
+        /// every INPUT_TYPE but 5, evaluated as an analogue input: 1,023 is MAX_RPM.
         INT_VOLUME = setting(2, "p. 11").range(0, 1_023).saved(),
     }
 }
 
-/// Key that ID and BAUDRATE want in DL (2.4, ID_WRITE_CHK).
+/// Key that ID and BAUDRATE need in DL (2.4, `ID_WRITE_CHK`).
 pub(super) const WRITE_CHECK: i64 = 0xAA;
-/// Key that DEFAULT_SET wants (2.4, ID_DEFAULT_CHK).
+/// Key that `DEFAULT_SET` needs (2.4, `ID_DEFAULT_CHK`).
 pub(super) const DEFAULT_CHECK: u16 = 0x55;
 
-/// Numbers of FUNC_CMD_TYPE (p. 15).
+/// Values of `FUNC_CMD_TYPE` (p. 15).
 pub(super) mod function {
     pub(in crate::mdrobot) const NONE: u16 = 0;
     pub(in crate::mdrobot) const SPEED: u16 = 1;
@@ -235,7 +241,7 @@ pub(super) mod function {
     pub(in crate::mdrobot) const SPEED_ADD: u16 = 4;
 }
 
-/// The line of a code of BAUDRATE (p. 12; MDROBOT-1).
+/// Settings of the serial line for a code of BAUDRATE (p. 12; MDROBOT-1).
 pub(super) const fn line(code: u16) -> Line {
     let baud = match code {
         1 => 9_600,
@@ -247,10 +253,10 @@ pub(super) const fn line(code: u16) -> Line {
     Line::new(baud, 8, Parity::None, 1)
 }
 
-/// The line of a new controller.
+/// Settings of the serial line of a new controller.
 pub(super) const FACTORY_LINE: Line = line(2);
 
-/// Poles of the motor (p. 8).
+/// Poles of the motor for a value of `HALL_TYPE` (p. 8).
 pub(super) const fn poles(hall_type: u16) -> u16 {
     match hall_type {
         0 => 4,

@@ -1,4 +1,4 @@
-//! PIDs in the non-volatile memory: each is saved as it is written.
+//! PIDs in the non-volatile memory: each is saved when it is written.
 
 use drivetwin_protocol::registers::{Bank, Register, Space};
 
@@ -7,15 +7,16 @@ use super::registers::Pid;
 use crate::device::{Context, Instant, PresetError};
 use crate::memory::{self, Content};
 
-/// Bytes of one of the two copies.
+/// Size of one of the two copies, in bytes.
 const COPY: usize = memory::copy(Pid::SAVED_WORDS);
 
-/// PIDs of one word each that the first memories did not have: such a memory is still good.
+/// PIDs of one word each that the oldest memories do not have. A memory without them is still valid.
 const LATER: [Pid; 3] = [Pid::TAR_POSI_VEL, Pid::POSI_SS, Pid::POSI_SD];
 
 impl Drive {
-    /// Loads the saved values: the younger copy, or the one image of memories from before there were two, also where
-    /// its save was cut. Any other memory counts as new, since the drive cannot report a bad one (MDROBOT-6).
+    /// Loads the saved values: those of the newer copy. An older memory has one image instead of two copies;
+    /// it is loaded even if its last save was interrupted. Any other memory counts as new, because the drive
+    /// cannot report a bad one (MDROBOT-6).
     pub(super) fn load(&mut self, out: &dyn Context) {
         self.bank = Bank::factory();
         let later = LATER.map(Register::row);
@@ -29,7 +30,8 @@ impl Drive {
         } else if let Some(later) = [&[][..], &later].into_iter().find(|later| is_image(later)) {
             memory::load_without(Pid::ENTRIES, later, out.memory(), self.bank.words_mut());
         }
-        // A foreign memory may hold values that no write could have stored.
+        // The memory may come from elsewhere and hold values that no write could have stored. They become
+        // factory values.
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             let value = Pid::ENTRIES.value(self.bank.words(), row);
             let written = Pid::from_row(row)
@@ -40,12 +42,12 @@ impl Drive {
         }
     }
 
-    /// Saves all that is saved, at once.
+    /// Saves all values that are saved, at once.
     pub(super) fn save(&self, at: Instant, out: &mut dyn Context) {
         memory::save_copy::<COPY>(Pid::ENTRIES, self.bank.words(), at, out);
     }
 
-    /// Brings every PID that is saved to its factory value. Id, baud and the volume are no PIDs.
+    /// Restores the factory value of every saved PID. The id, the baud rate and the volume are no PIDs.
     pub(super) fn restore(&mut self) {
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             if entry.saved != 0 && entry.space == Space::Holding {
@@ -54,7 +56,7 @@ impl Drive {
         }
     }
 
-    /// A preset before power comes, as if written and saved.
+    /// Presets a value before power-on, with the same effect as a write and a save.
     pub(super) fn preset(
         &mut self,
         at: Instant,

@@ -1,29 +1,30 @@
 //! Plans of motion: the position and speed of an axis at any instant (PROJECT-7).
 //!
-//! A plan is a short list of segments of constant acceleration. All numbers are integers in units
-//! chosen so that nothing is ever rounded on the way: with *f* ticks in a second, speed *v* (steps/s)
-//! is `h = f·v`, acceleration *a* (steps/s²) is itself, and a step is [`STEP`] `= 2·f²` units of
-//! phase. *d* ticks into a segment that began with `h`
+//! A plan is a short list of segments of constant acceleration. All numbers are integers, in units chosen so
+//! that nothing is rounded within a segment. With *f* ticks in a second, the speed *v* (steps/s) is stored as
+//! `h = f·v`, the acceleration *a* (steps/s²) as it is, and a step is [`STEP`] `= 2·f²` units of phase. *d*
+//! ticks after the start of a segment that began with `h`:
 //!
 //! ```text
 //! phase grew by  d·(2h + a·d)          speed is  h + a·d
 //! ```
 //!
-//! Step *n* is made at the tick nearest to the instant when the phase reaches `n·STEP`. In half a tick
-//! the phase grows by the speed, so that is the first tick with `n·STEP < phase + speed`, or with
-//! `n·STEP = phase`: a step exactly on the vertex of a stop ramp, where the speed is 0, counts as
-//! made. The factory move of an MD3, 5000²/(2·10000) = 1250 steps of ramp, ends on one.
+//! Step *n* is made at the tick nearest to the instant when the phase reaches `n·STEP`. In half a tick the
+//! phase grows by the speed, so this is the first tick with `n·STEP < phase + speed`, or with
+//! `n·STEP = phase`. By the second condition a step exactly on the vertex of a stop ramp, where the speed is
+//! 0, counts as made. The factory move of an MD3 ends on such a step: its ramp has 5000²/(2·10000) = 1250
+//! steps.
 //!
-//! The exact motion changes its acceleration between two ticks. A segment begins at the first whole
-//! tick after that, with the phase and the speed which the exact motion has there; so nothing is lost
-//! at a seam. Only the end of a profile move is rounded, to the nearest tick, and its stop ramp is
-//! anchored there: it is the acceleration run backwards from the last step, so it lands on it
-//! whatever was rounded before.
+//! The exact motion changes its acceleration between two ticks. A segment begins at the first whole tick
+//! after the change, with the phase and the speed that the exact motion has there, so nothing is lost between
+//! two segments. Only the end of a profile move is rounded, to the nearest tick. Its stop ramp is computed
+//! backwards from the last step with the given acceleration. So it ends exactly on that step, whatever was
+//! rounded before.
 //!
 //! # Example: a trapezoid
 //!
-//! 5,000 steps at up to 2,000 steps/s with 10,000 steps/s², from position 0. *f* is 16,000,000 ticks/s, a step is
-//! 2·*f*² = 512·10¹² units of phase.
+//! 5,000 steps at up to 2,000 steps/s with 10,000 steps/s², from position 0. *f* is 16,000,000 ticks/s, so a
+//! step is 2·*f*² = 512·10¹² units of phase.
 //!
 //! | segment | ticks | acceleration | `start_speed` = f·v | `base` | steps |
 //! |---|---|---|---|---|---|
@@ -31,8 +32,8 @@
 //! | cruise, 4,600/2,000 = 2.3 s | 36,800,000 | 0 | 32·10⁹ | 200 | 4,600 |
 //! | stop ramp, 0.2 s | 3,200,000 | −10,000 | 32·10⁹ | 4,800 | 200 |
 //!
-//! At the end of the first ramp *d* = 3,200,000, so the phase grew by *d*·(0 + 10,000·*d*) = 102,400·10¹², which are 200
-//! steps exactly, and the speed is 10,000·*d* = 32·10⁹, which is 2,000 steps/s.
+//! At the end of the first ramp *d* = 3,200,000, so the phase has grown by *d*·(0 + 10,000·*d*) =
+//! 102,400·10¹², which is exactly 200 steps. The speed is 10,000·*d* = 32·10⁹, which is 2,000 steps/s.
 //!
 //! ```
 //! use drivetwin_firmware::device::{Instant, Plan};
@@ -52,9 +53,9 @@
 //! ```
 //! # Limits
 //!
-//! Speeds in 1/256 step/s up to [`MAX_SPEED`], accelerations in whole steps/s² up to 2³¹ − 1, any number of steps that
-//! 32 bits hold; larger values act as the limit. A plan that takes longer than 64 bits of ticks, 36,000 years, ends
-//! with them.
+//! Speeds are in 1/256 step/s up to [`MAX_SPEED`], accelerations in whole steps/s² up to 2³¹ − 1, any number
+//! of steps that fits in 32 bits. Larger values act as the limit. A plan that takes longer than 2⁶⁴ ticks,
+//! 36,000 years, ends there.
 
 mod segment;
 #[cfg(test)]
@@ -72,7 +73,7 @@ use super::search::first_true;
 /// Units of phase in a step: 2·f².
 pub(crate) const STEP: i64 = 2 * (TICKS_PER_SECOND * TICKS_PER_SECOND).cast_signed();
 
-/// The greatest speed of a plan, in steps/s: a tick for a pulse and one for the gap after it.
+/// The greatest speed of a plan, in steps/s: one tick for a pulse and one tick for the gap after it.
 pub const MAX_SPEED: u32 = (TICKS_PER_SECOND / 2) as u32;
 
 /// The greatest acceleration of a plan, in steps/s².
@@ -81,18 +82,18 @@ pub const MAX_ACCELERATION: u32 = i32::MAX as u32;
 /// Limits of a profile move. A value above a limit acts as the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
-    /// Steps per second at its beginning and at its end; above `max_speed` it acts as that.
+    /// Speed at the start and at the end, in steps/s; a value above `max_speed` acts as `max_speed`.
     pub start_speed: U24F8,
-    /// Steps per second, up to [`MAX_SPEED`].
+    /// Greatest speed in steps/s, up to [`MAX_SPEED`].
     pub max_speed: U24F8,
-    /// Steps per second² while it speeds up, up to [`MAX_ACCELERATION`].
+    /// Acceleration while speeding up in steps/s², up to [`MAX_ACCELERATION`].
     pub acceleration: u32,
-    /// Steps per second² while it slows down, up to [`MAX_ACCELERATION`].
+    /// Acceleration while slowing down in steps/s², up to [`MAX_ACCELERATION`].
     pub deceleration: u32,
 }
 
 impl Limits {
-    /// From standstill and to standstill, with one acceleration.
+    /// A move that starts and ends at standstill, with one acceleration.
     #[must_use]
     pub const fn even(speed: U24F8, acceleration: u32) -> Self {
         Self { start_speed: U24F8::ZERO, max_speed: speed, acceleration, deceleration: acceleration }
@@ -104,14 +105,14 @@ impl Limits {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Plan {
     start: Instant,
-    /// Up, cruise, down; or down, up, cruise (PROJECT-8).
+    /// Ramp up, cruise, ramp down; or ramp down, ramp up, cruise (PROJECT-8).
     segments: [Segment; 3],
-    /// Segments in use, at least one.
+    /// Number of segments in use, at least one.
     count: u8,
 }
 
 impl Plan {
-    /// Standing at `position`.
+    /// Standstill at `position`.
     #[must_use]
     #[inline(never)]
     pub fn at_rest(at: Instant, position: i32) -> Self {
@@ -127,9 +128,9 @@ impl Plan {
         Self { start, segments, count: (list.len() & 3) as u8 }
     }
 
-    /// From standstill at `from`, exactly `steps` steps: ramp up, cruise, ramp down; without a cruise
-    /// where the way is too short for the speed. It ends at the tick nearest to the exact end, which
-    /// is that of its last step. No speed or no acceleration is no motion.
+    /// A move from standstill at `from` by exactly `steps` steps: ramp up, cruise, ramp down. If the distance
+    /// is too short for the speed, there is no cruise. The move ends at the tick nearest to the exact end, at
+    /// which its last step is made. Without speed or acceleration the axis does not move.
     #[must_use]
     pub fn profile(at: Instant, from: i32, steps: i32, rates: Limits) -> Self {
         let speed = speed_units(rates.max_speed);
@@ -155,10 +156,11 @@ impl Plan {
         };
         let stop_ramp = |ticks| first.stop_ramp_to(distance.cast_signed(), ticks, down);
 
-        // Both ramps take (speed² − start²)·(1/a + 1/b) of the way.
+        // Both ramps take (speed² − start²)·(1/a + 1/b) of the distance.
         let ramps = change * u128::from(speed + start) * long(sum);
         if divided(ramps + long(product) - 1, product) > distance {
-            // As if one ramp did it all, with a·b/(a + b): way = t·(2·start + t·a·b/(a + b)).
+            // Computed like one ramp with the acceleration a·b/(a + b): distance = t·(2·start + t·a·b/(a +
+            // b)).
             let (start, distance) = (4 * u128::from(start) * long(sum), 4 * distance * long(sum));
             let half_ticks =
                 first_true(|t| u128::from(t) * (start + u128::from(t) * long(product)) > distance) - 1;
@@ -167,7 +169,7 @@ impl Plan {
             let up = Segment { ticks: end - stop, acceleration: up.get().cast_signed(), ..first };
             return Self::of(at, &[up, stop_ramp(stop)]);
         }
-        // way/2·speed, and what the ramps lose: (speed − start)²·(1/a + 1/b)/2·speed.
+        // The time is distance/(2·speed), plus what the ramps lose: (speed − start)²·(1/a + 1/b)/(2·speed).
         let whole = divided(distance, twice_speed);
         let part = distance - whole * long(twice_speed);
         let lost = part * long(product) + change * change * long(sum);
@@ -180,9 +182,10 @@ impl Plan {
         Self::of(at, &[up, cruise, stop_ramp(stop)])
     }
 
-    /// From what this plan does at `at`, a ramp to the signed `speed` in steps/s, and on at that speed
-    /// without end; to 0 it ends there. Against the present direction by way of standstill. No
-    /// acceleration is a halt. Limits are those of [`Limits`].
+    /// A plan that continues this plan's motion at `at`, ramps to the signed `speed` in steps/s, and keeps
+    /// that speed without end. If `speed` is 0, it ends at standstill. If `speed` has the opposite direction,
+    /// the axis first slows down to standstill. With acceleration 0 the axis stops at once. The limits are
+    /// those of [`Limits`].
     #[must_use]
     pub fn ramp_to(&self, at: Instant, speed: I24F8, acceleration: u32) -> Self {
         let (now, d) = self.segment_at(at);
@@ -208,9 +211,9 @@ impl Plan {
         Self::of(at, &[stop, up, cruise])
     }
 
-    /// As [`towards`](Self::ramp_to), of an axis that starts and stops at the speed `rates.start_speed`, or at `speed` if
-    /// that is less: from standstill it begins with it, and a ramp to standstill ends with it. `rates.max_speed` does not
-    /// matter.
+    /// As [`ramp_to`](Self::ramp_to), for an axis that starts and stops at the speed `rates.start_speed`, or
+    /// at `speed` if `speed` is less: a motion from standstill begins at this speed, and a ramp to standstill
+    /// ends at it. `rates.max_speed` has no effect.
     #[must_use]
     pub fn slew(&self, at: Instant, speed: I24F8, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
@@ -246,9 +249,10 @@ impl Plan {
         }
     }
 
-    /// A ramp to standstill that ends on a whole step, at least half a step from here. It begins late enough for that,
-    /// and ends at the speed `rates.start_speed`, or at the present one if that is less. A shaft that follows stays where
-    /// this ends; with [`slew`](Self::slew) it falls back by a part of a step.
+    /// A ramp to standstill that ends on a whole step, at least half a step from the position at `at`. The
+    /// ramp begins late enough for this. It ends at the speed `rates.start_speed`, or at the present speed if
+    /// that is less. A shaft that follows the plan stays where the plan ends; with [`slew`](Self::slew) it
+    /// would turn back by a part of a step.
     #[must_use]
     pub fn stop_on_step(&self, at: Instant, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
@@ -261,7 +265,7 @@ impl Plan {
         }
     }
 
-    /// Standing at the next whole step; until then at its speed at `at`.
+    /// Keeps the speed that the plan has at `at` until the next whole step, and stands still there.
     #[must_use]
     pub fn finish_step(&self, at: Instant) -> Self {
         let (now, d) = self.segment_at(at);
@@ -272,14 +276,14 @@ impl Plan {
         Self::of(at, &now.stop_on_step(now.start_speed, NonZero::<u32>::MIN, 1))
     }
 
-    /// Standing where this plan is at `at`.
+    /// Standstill at the plan's position at `at`.
     #[must_use]
     pub fn halt(&self, at: Instant) -> Self {
         Self::at_rest(at, self.position_at(at))
     }
 
-    /// The remainder of this plan from `at` on, starting at `position`. For a motor that had no current while its plan
-    /// ran on and now follows it again.
+    /// The remainder of this plan from `at` on, starting at `position`. For a motor that had no current while
+    /// its plan continued, and that now follows the plan again.
     #[must_use]
     pub fn continued_from(&self, at: Instant, position: i32) -> Self {
         let at = at.max(self.start);
@@ -306,7 +310,7 @@ impl Plan {
         rest
     }
 
-    /// The same, later by `late`.
+    /// The same plan, delayed by `late`.
     #[must_use]
     pub fn delayed(&self, late: Duration) -> Self {
         Self { start: self.start + late, ..*self }
@@ -318,27 +322,27 @@ impl Plan {
         self.start
     }
 
-    /// End of the motion; [`Instant::NEVER`] if it goes on without end.
+    /// End of the motion; [`Instant::NEVER`] if it does not end.
     #[must_use]
     #[inline(never)]
     pub fn end(&self) -> Instant {
         self.segments().iter().fold(self.start, |at, segment| at + Duration::from_ticks(segment.ticks))
     }
 
-    /// Segments, in order; one may be empty.
+    /// Segments, in order. A segment may have no ticks.
     #[must_use]
     pub fn segments(&self) -> &[Segment] {
         self.segments.get(..usize::from(self.count)).unwrap_or(&self.segments)
     }
 
-    /// Steps made at or before `at`, from the beginning of time.
+    /// Position at `at`: all steps made at or before `at` are counted.
     #[must_use]
     pub fn position_at(&self, at: Instant) -> i32 {
         let (segment, d) = self.segment_at(at);
         segment.position(d)
     }
 
-    /// The instant of the first step later than `after` that brings it to `position`; [`Instant::NEVER`] if none does.
+    /// Time of the first step after `after` that reaches `position`; [`Instant::NEVER`] if no step does.
     #[must_use]
     pub fn time_of(&self, after: Instant, position: i32) -> Instant {
         let (mut here, mut begin) = (self.position_at(after), self.start);
@@ -346,7 +350,7 @@ impl Plan {
             let end = begin + Duration::from_ticks(segment.ticks);
             if after < end {
                 if after < begin {
-                    // A step may be due at the seam.
+                    // A step may be due at the start of this segment.
                     let there = segment.position(0);
                     if here != there && there == position {
                         return begin;
@@ -374,8 +378,8 @@ impl Plan {
         I48F16::from_bits(if segment.reverse { -bits } else { bits })
     }
 
-    /// The segment in effect at `at`, and how many ticks it has run by then. After the last one a segment of
-    /// standstill.
+    /// The segment in effect at `at`, and its ticks that have passed by `at`. After the last segment this is
+    /// a segment at standstill.
     pub(crate) fn segment_at(&self, at: Instant) -> (Segment, u64) {
         let mut ticks = at.since(self.start).ticks();
         let mut last = Segment::default();
@@ -392,12 +396,12 @@ impl Plan {
 
 /// `speed` in steps/s in the unit of [`Segment::start_speed`].
 fn speed_units(speed: U24F8) -> u64 {
-    /// f / 2⁸: a whole number, so that a speed in 1/256 step/s is, too.
+    /// f / 2⁸. It is a whole number, so a speed in 1/256 step/s is a whole number of units.
     const UNIT: u64 = TICKS_PER_SECOND / 256;
     u64::from(speed.to_bits().min(MAX_SPEED << 8)) * UNIT
 }
 
-/// An acceleration as it acts.
+/// An acceleration, limited to [`MAX_ACCELERATION`]; `None` if it is 0.
 fn bounded(acceleration: u32) -> Option<NonZero<u32>> {
     NonZero::new(acceleration.min(MAX_ACCELERATION))
 }

@@ -1,7 +1,8 @@
-//! The one search of planning: the main loop may take its time, an interrupt never searches.
+//! The only search of planning. It may take time, so only the main loop uses it and an interrupt never does.
 
-/// The least number for which `predicate`, which then holds for every greater one: doubled until it does,
-/// then halved. No number tried is more than twice the answer.
+/// The least number for which `predicate` is true; `predicate` must be true for every greater number, too.
+/// The search first doubles a number until `predicate` is true, then halves the interval. No number tried is
+/// more than twice the answer.
 pub(super) fn first_true(mut predicate: impl FnMut(u64) -> bool) -> u64 {
     let (mut low, mut high) = (0, 1 << 62);
     while low < high {

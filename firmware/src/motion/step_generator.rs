@@ -1,14 +1,15 @@
-//! Step pulses on a board: what the interrupt of a step timer does, and how it is given a plan.
+//! Step pulses on a board: the work of the step timer's interrupt, and the hand-over of a plan to the
+//! interrupt.
 //!
-//! The interrupt owns a [`StepGenerator`]: at each instant that it has asked for it makes a pulse, or changes DIR
-//! before one, and returns its next instant. The next step is always known one step ahead, so the time needed to find
-//! it moves no edge.
+//! The interrupt owns a [`StepGenerator`]. At each instant that the generator has requested, it makes a
+//! pulse, or changes DIR before a pulse, and returns the next instant. The next step is always computed one
+//! step ahead, so the computing time does not move an edge.
 //!
-//! The main loop owns a [`PlanLoader`]. Planning takes time, and meanwhile the interrupt makes steps of the old plan.
-//! So a plan is late: steps of the old plan were made that the new one does not contain, or the first steps of the new
-//! one are missing. The loader counts them, for [`Input::StepsCorrection`](crate::device::Input::StepsCorrection). A
-//! plan that begins at standstill loses no step: it is delayed as a whole, and the drive's clock waits for that
-//! ([`shell`](crate::shell)).
+//! The main loop owns a [`PlanLoader`]. Planning takes time, and meanwhile the interrupt makes steps of the
+//! old plan. So a new plan starts late: steps of the old plan were made that the new plan does not contain,
+//! or the first steps of the new plan are missing. The loader counts this difference, for
+//! [`Input::StepsCorrection`](crate::device::Input::StepsCorrection). A plan that begins at standstill loses
+//! no step: the whole plan is delayed, and the drive's clock waits for the delay ([`shell`](crate::shell)).
 
 use core::mem;
 
@@ -16,29 +17,29 @@ use drivetwin_protocol::time::{Duration, Instant};
 
 use super::{Plan, Step, StepIterator};
 
-/// High time of STEP: this, or half the interval to the next step if that is shorter. A board's pulse may be longer by
-/// the time that finding the next step takes.
+/// High time of STEP. If half the interval to the next step is shorter, that applies. A board's pulse may be
+/// longer by the time needed to find the next step.
 pub const HIGH: Duration = Duration::micros(2);
-/// Set-up time of DIR before the first step of a reversal: this, or half the interval if that is shorter.
+/// Set-up time of DIR before the first step of a reversal. If half the interval is shorter, that applies.
 pub const SETUP: Duration = Duration::micros(5);
-/// Time by which DIR changes before a step without a plan, if it does. It is the pause between two such steps, so DIR
-/// may change at every step even if one comes every [`CYCLE`].
+/// Time from a change of DIR to a step without a plan. It is as long as the pause between two such steps, so
+/// DIR may change at every step even if there is a step every [`CYCLE`].
 pub const DIR_SETUP: Duration = Duration::micros(2);
-/// The least time between two steps without a plan: a pulse, and as long a pause.
+/// The least time between two steps without a plan: a pulse and a pause of the same length.
 pub const CYCLE: Duration = Duration::micros(4);
 
-/// Lead of a plan that is made later, ahead of the clock.
+/// Time from loading a delayed plan to its first step.
 const LEAD: Duration = Duration::micros(10);
 
 /// The outputs of an axis.
 pub trait StepDir {
-    /// STEP rises.
+    /// Sets STEP high.
     fn rise(&mut self);
 
-    /// STEP falls, once it has been high for [`HIGH`].
+    /// Sets STEP low, once it has been high for [`HIGH`].
     fn fall(&mut self);
 
-    /// DIR is high forward.
+    /// Sets DIR: high is forward.
     fn set_direction(&mut self, forward: bool);
 }
 
@@ -47,13 +48,14 @@ pub trait StepDir {
 pub struct StepGenerator<P> {
     pins: P,
     steps: StepIterator,
-    /// The next step of the plan; never if there is none.
+    /// The next step of the plan; at [`Instant::NEVER`] if there is none.
     next: Step,
     /// The level of DIR.
     forward: bool,
-    /// Time of the next work.
+    /// Time of the next call of [`StepGenerator::fire`].
     due: Instant,
-    /// The last step, as it was due, or what holds the next one without a plan as a step would.
+    /// Planned time of the last step. Before a step without a plan it may be a later time, which delays that
+    /// step like a preceding step would.
     last: Instant,
     /// Steps made along plans, signed; wraps.
     planned_steps: i32,
@@ -76,7 +78,8 @@ impl<P: StepDir> StepGenerator<P> {
         }
     }
 
-    /// Releases the pins, low, at standstill: another function uses them.
+    /// Notes that another function uses the pins from now on. The axis stands still, and STEP and DIR are
+    /// low.
     pub fn release(&mut self) {
         self.forward = false;
     }
@@ -87,7 +90,8 @@ impl<P: StepDir> StepGenerator<P> {
         self.due
     }
 
-    /// The timer has come: makes a pulse, or turns DIR before one. Returns when it must come again.
+    /// Handles an interrupt of the timer: makes a pulse, or changes DIR before one. Returns the time of the
+    /// next interrupt.
     #[inline]
     pub fn fire(&mut self) -> Instant {
         let planned = self.plan_is_next();
@@ -113,7 +117,7 @@ impl<P: StepDir> StepGenerator<P> {
         self.schedule()
     }
 
-    /// Steps without a plan from `now` on, signed, at most one every [`CYCLE`].
+    /// Makes steps without a plan from `now` on, signed, at most one every [`CYCLE`].
     pub fn step(&mut self, now: Instant, steps: i32) {
         let begins = self.unplanned_steps == 0;
         self.unplanned_steps = self.unplanned_steps.saturating_add(steps);
@@ -125,7 +129,7 @@ impl<P: StepDir> StepGenerator<P> {
         self.schedule();
     }
 
-    /// Returns whether the next step is one of the plan, or there is none.
+    /// Returns true if the next step belongs to the plan, or if there is no next step.
     fn plan_is_next(&self) -> bool {
         self.unplanned_steps == 0 || self.next.at <= self.last + CYCLE
     }
@@ -151,7 +155,7 @@ const fn sign(step: Step) -> i32 {
     if step.forward { 1 } else { -1 }
 }
 
-/// A step timer, as the loop sees it.
+/// A step timer as the main loop uses it.
 pub trait StepTimer {
     /// Pins of the axis.
     type Pins: StepDir;
@@ -159,12 +163,12 @@ pub trait StepTimer {
     /// The present time of the timer.
     fn now(&self) -> Instant;
 
-    /// Lends the stepper, with the time, while the interrupt is kept out, and sets the timer to what the
-    /// stepper wants then. `None` if it is lent already.
+    /// Calls `act` with the step generator and the present time while the interrupt is blocked, then sets the
+    /// timer to the generator's next instant. Returns `None` if the generator is in use already.
     fn with<R>(&mut self, act: impl FnOnce(&mut StepGenerator<Self::Pins>, Instant) -> R) -> Option<R>;
 }
 
-/// Gives an axis its plans.
+/// Loads the plans of an axis into its step generator.
 #[derive(Debug)]
 pub struct PlanLoader {
     plan: Plan,
@@ -182,12 +186,12 @@ pub struct HandOff {
     pub delay: Duration,
 }
 
-/// A plan on its way to the stepper.
+/// A plan that is being loaded into the step generator.
 #[derive(Debug)]
 struct PendingPlan {
     steps: StepIterator,
     next: Step,
-    /// Before `next`.
+    /// Position before the step `next`.
     position: i32,
 }
 
@@ -205,7 +209,7 @@ impl PlanLoader {
         Self { plan: Plan::at_rest(Instant::ZERO, 0), offset: 0, next }
     }
 
-    /// From now on the axis follows `plan`, of which it learns after its start.
+    /// Makes the axis follow `plan` from now on. The plan has already started when it is loaded.
     pub fn load(&mut self, timer: &mut impl StepTimer, plan: &Plan) -> HandOff {
         let start = plan.start();
         let offset = self.planned_steps(start).wrapping_sub(plan.position_at(start));
@@ -240,27 +244,27 @@ impl PlanLoader {
         hand_off
     }
 
-    /// The drive's time has waited so long, and the pulses have not: what they are ahead now slips with the
-    /// next plan.
+    /// The drive's time has waited for `delay`, but the pulses have continued. The steps that the pulses are
+    /// ahead are reported with the next plan.
     pub fn wait(&mut self, delay: Duration) {
         self.plan = self.plan.delayed(delay);
     }
 
-    /// Steps made by `at` if all went as planned.
+    /// Position of the pulses at `at` if every step was made as planned.
     fn planned_steps(&self, at: Instant) -> i32 {
         self.plan.position_at(at).wrapping_add(self.offset)
     }
 }
 
 impl PendingPlan {
-    /// Takes the part of `plan` after `after`.
+    /// Starts with the first step of `plan` after `after`.
     fn restart(&mut self, plan: &Plan, after: Instant) {
         self.steps.restart(plan, after);
         self.next = self.steps.next().unwrap_or(NO_STEP);
         self.position = plan.position_at(after);
     }
 
-    /// Leaves out the steps up to `now`.
+    /// Skips the steps up to `now`.
     fn skip(&mut self, now: Instant) {
         while self.next.at <= now {
             self.position = self.position.wrapping_add(sign(self.next));
@@ -268,7 +272,7 @@ impl PendingPlan {
         }
     }
 
-    /// Delays the whole plan if its first step would have been due by `now`. Returns the delay.
+    /// Delays the whole plan if its first step is due before [`LEAD`] after `now`. Returns the delay.
     fn delay(&mut self, now: Instant) -> Duration {
         let delay = (now + LEAD).since(self.next.at);
         if delay > Duration::ZERO {
@@ -287,7 +291,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Change of the pins, in order: a rise, with the instant, or the new DIR.
+    /// A change of the pins: a rise of STEP with the present level of DIR, or the new level of DIR.
     #[derive(Clone, Copy, PartialEq, Eq, Debug)]
     enum Seen {
         Rise(bool),
@@ -320,7 +324,7 @@ mod tests {
         }
     }
 
-    /// A timer whose clock the test moves; whoever looks at it finds it `pace` later.
+    /// A timer with a clock that the test sets. Each reading of the clock advances it by `pace`.
     struct Timer {
         now: core::cell::Cell<u64>,
         pace: u64,
@@ -334,7 +338,7 @@ mod tests {
             Self { now: 0.into(), pace, stepper: StepGenerator::new(Pins::default()), at: Vec::new() }
         }
 
-        /// The interrupt does what is due.
+        /// Runs the interrupt for everything that is due by `until`.
         fn run(&mut self, until: u64) {
             while self.stepper.due().ticks() <= until && self.stepper.due() != Instant::NEVER {
                 let due = self.stepper.due().ticks();
@@ -402,7 +406,7 @@ mod tests {
     fn dir_settles_before_a_step_without_a_plan_however_often_it_turns() {
         let mut timer = Timer::new(0);
         let mut expected = Vec::new();
-        // A step every 4 µs, each the other way.
+        // A step every 4 µs, each in the opposite direction of the one before.
         for n in 1..=1_000 {
             let (now, forward) = (64 * n, n % 2 == 1);
             timer.run(now - 1);
@@ -416,7 +420,7 @@ mod tests {
 
     #[test]
     fn a_plan_from_standstill_loses_nothing_by_being_late() {
-        // Its first step is due 0.1 ms after its start; the board learns of it 1 ms after that.
+        // The first step is due 0.1 ms after the plan's start; the board gets the plan 1 ms after the start.
         let mut timer = Timer::new(0);
         timer.now.set(16_000);
         let rates =
@@ -443,7 +447,7 @@ mod tests {
         let (mut start, mut position) = (Instant::ZERO, 0);
         for steps in [500, -500, 2, -2, 1] {
             let plan = Plan::profile(start, position, steps, rates);
-            // The board learns of each 1 ms late.
+            // The board gets each plan 1 ms late.
             timer.run(start.ticks() + 16_000);
             let HandOff { step_skew, delay } = loader.load(&mut timer, &plan);
             assert_eq!(step_skew, 0);
@@ -464,14 +468,14 @@ mod tests {
         let HandOff { delay, .. } = loader.load(&mut timer, &plan);
         let plan = plan.delayed(delay);
         timer.run(1_600_000);
-        // The drive's time waits for 1 ms: it believes to be where it was then.
+        // The drive's time waits for 1 ms, so the drive assumes the position of 1 ms ago.
         loader.wait(Duration::millis(1));
         let plan = plan.delayed(Duration::millis(1)).halt(at(1_600_000));
         assert_eq!(loader.load(&mut timer, &plan), HandOff { step_skew: 10, delay: Duration::ZERO });
     }
 
     proptest! {
-        /// Plans that come at once slip nothing.
+        /// Plans that are loaded without delay cause no deviation.
         #[test]
         fn nothing_slips_in_no_time(
             turns in proptest::collection::vec((0_u64..4_000_000, -20_000_i32..20_000), 1..12),
@@ -493,7 +497,7 @@ mod tests {
             prop_assert_eq!(timer.position(), plan.position_at(at(start + 4_000_000)));
         }
 
-        /// However late plans come, the pulses are where the plan says when what slipped is added.
+        /// However late plans are loaded, the pulses end at the plan's position plus the reported deviations.
         #[test]
         fn what_slips_is_told(
             turns in proptest::collection::vec((0_u64..4_000_000, -20_000_i32..20_000, 0_u64..40_000), 1..12),
@@ -503,7 +507,7 @@ mod tests {
             let mut loader = PlanLoader::new();
             let mut plan = Plan::at_rest(at(0), 0);
             let (mut start, mut step_skew) = (0, 0);
-            // In the end it stands.
+            // The last order is a stop.
             for (wait, speed, delay) in turns.into_iter().chain([(0, 0, 0)]) {
                 start = (start + wait).max(timer.now.get());
                 plan = plan.ramp_to(at(start), I24F8::from_num(speed), acceleration);

@@ -1,33 +1,37 @@
-//! The instants of a plan's steps, one after the other.
+//! The instants of a plan's steps, in order.
 //!
-//! Planning is for the main loop, iterating for an interrupt. [`StepIterator::new`] computes with wide arithmetic how
-//! many steps each segment of the plan makes, and when its first one is due. [`StepIterator::next`] then neither divides
-//! nor looks beyond a segment, because the number of steps that remain is known. From step to step it keeps the exact
-//! phase and speed, in the units of [the plan](super::plan): each step is exact, and errors do not accumulate.
+//! Planning runs in the main loop, iteration in an interrupt. [`StepIterator::new`] computes with wide
+//! arithmetic how many steps each segment of the plan makes, and when its first step is due.
+//! [`StepIterator::next`] then neither divides nor looks beyond a segment, because the number of remaining
+//! steps is known. It keeps the exact phase and speed from step to step, in the units of
+//! [the plan](super::plan). So each step is exact, and errors do not accumulate.
 //!
-//! In a ramp the next interval is extrapolated from the last two. The exact phase at the guessed tick shows whether the
-//! guess hits: the step belongs to the tick where less than half a tick's way is missing or too much. If it misses, the
-//! phase that is left, divided by the mean speed of a step in that interval, is the correction. Between the speeds *h*
-//! and *h'* that leaves (h' − h)/(h' + h) of the miss: at most 0.17 when there is another step between this one and
-//! standstill. There may not be for the first two steps of a ramp, and for the last one: those are known from
-//! [`StepIterator::new`].
+//! In a ramp the next interval is extrapolated from the last two. The exact phase at the guessed tick shows
+//! if the guess is right: the step belongs to the tick from which it is less than half a tick's distance
+//! away. If the guess is wrong, the correction is the remaining phase divided by the mean speed of a step in
+//! that interval. Between the speeds *h* and *h'* the correction leaves (h' − h)/(h' + h) of the error. This
+//! is at most 0.17 if there is another step between this step and standstill. There may be no such step for
+//! the first two steps of a ramp and for the last one; those are computed by [`StepIterator::new`].
 //!
 //! # Example
 //!
-//! A ramp from standstill with 10,000 steps/s². A step is 512·10¹² units of phase; at 16,000,000 ticks/s step 100 is due
-//! at √(2·100/10,000) s = 2,262,741.7 ticks.
+//! A ramp from standstill with 10,000 steps/s². A step is 512·10¹² units of phase. At 16,000,000 ticks/s step
+//! 100 is due at √(2·100/10,000) s = 2,262,741.7 ticks.
 //!
-//! 1. Steps 97, 98 and 99 were made at the ticks 2,228,542, 2,240,000 and 2,251,400. Corrected by where within their
-//!    ticks they were due, the last two intervals are 11,457.89 and 11,399.56 ticks. The next one should be shorter by
-//!    the same: 11,399.56 − 58.33 = 11,341.23. Step 99 was due 0.44 ticks before its tick, so the guess is
-//!    11,341.23 − 0.44, rounded: 11,341 ticks.
-//! 2. There the speed is 10,000·(2,251,400 + 11,341) = 22.627·10⁹, and 31.669·10⁹ units of phase are left: more than the
-//!    speed, which is what passes in half a tick. The guess is too early.
-//! 3. The correction is 31.669·10⁹ · 11,341/(512·10¹²) = 0.70 ticks, rounded 1. So the interval is 11,342 ticks: at tick
-//!    2,262,742 the phase is 13.586·10⁹ beyond the step, less than half a tick's way. Step 100 belongs to this tick.
-//! 4. It was due 13.586·10⁹ · 11,342/(512·10¹²) = 0.30 ticks earlier, which is kept for the next guess.
+//! 1. Steps 97, 98 and 99 were made at the ticks 2,228,542, 2,240,000 and 2,251,400. With the exact times of
+//!    these steps within their ticks, the last two intervals are 11,457.89 and 11,399.56 ticks. The next
+//!    interval should be shorter by the same difference: 11,399.56 − 58.33 = 11,341.23. Step 99 was due 0.44
+//!    ticks before its tick, so the guess is 11,341.23 − 0.44, rounded: 11,341 ticks.
+//! 2. At that tick the speed is 10,000·(2,251,400 + 11,341) = 22.627·10⁹, and 31.669·10⁹ units of phase are
+//!    left. This is more than the speed, which is the phase that passes in half a tick. So the guess is too
+//!    early.
+//! 3. The correction is 31.669·10⁹ · 11,341/(512·10¹²) = 0.70 ticks, rounded to 1. So the interval is 11,342
+//!    ticks: at tick 2,262,742 the phase is 13.586·10⁹ beyond the step, less than half a tick's distance.
+//!    Step 100 belongs to this tick.
+//! 4. Step 100 was due 13.586·10⁹ · 11,342/(512·10¹²) = 0.30 ticks earlier. This fraction is stored for the
+//!    next guess.
 //!
-//! The divisions by 512·10¹² are products with a constant.
+//! The divisions by 512·10¹² are computed as products with a constant.
 //!
 //! ```
 //! use drivetwin_firmware::device::{Instant, Plan};
@@ -40,8 +44,9 @@
 //! assert_eq!(ticks, [2_228_542, 2_240_000, 2_251_400, 2_262_742]);
 //! ```
 //!
-//! Small cores keep 32 bits of a product; one of 64 costs them 40 instructions. So what runs at every step of a fast
-//! ramp multiplies few bits at a time. Intervals too long for that leave time for more.
+//! Small cores compute 32 bits of a product at once; a product of 64 bits costs them 40 instructions. So the
+//! code that runs at every step of a fast ramp multiplies few bits at a time. Longer intervals leave time for
+//! wider products.
 
 use drivetwin_protocol::time::{Duration, Instant};
 use heapless::Deque;
@@ -60,9 +65,9 @@ pub struct Step {
     pub forward: bool,
 }
 
-/// Walks a plan: yields its steps in order, each as soon as the one before it has been taken.
+/// Yields the steps of a plan in order. The next step is computed only when it is requested.
 ///
-/// Limits are those of the plan: steps two ticks apart or more, intervals up to 2³² ticks (1/256
+/// The limits are those of the plan: at least two ticks between steps, intervals up to 2³² ticks (1/256
 /// step/s), any length.
 #[derive(Clone, Debug)]
 pub struct StepIterator {
@@ -70,19 +75,22 @@ pub struct StepIterator {
     others: StepRuns,
 }
 
-/// A plan has three segments and at most one standstill at the end of one.
+/// Runs of a plan: one for each of its three segments, and at most one for a step at standstill after a
+/// segment.
 type StepRuns = Deque<StepRun, 4>;
 
-/// Steps of a segment that follow each other in one way.
+/// Successive steps of a segment in one direction.
 #[derive(Clone, Copy, Debug)]
 struct StepRun {
     /// Tick of the first step.
     first: u64,
-    /// Tick from which the next one is counted: that of the last, were it not for the seam before the first.
+    /// Tick from which the next interval is counted: the tick of the last step. Before the first interval it
+    /// may be earlier than `first`, because a step cannot be made before its segment starts.
     base: u64,
-    /// Steps that are still to come in this lap.
+    /// Steps that remain in this lap.
     more: u32,
-    /// Laps after this one, of [`LAP_STEPS`] steps each: a small core counts 32 bits in fewer instructions.
+    /// Laps that follow this one, of [`LAP_STEPS`] steps each. Laps exist because a small core counts 32 bits
+    /// in fewer instructions.
     laps: u32,
     /// True if the position grows.
     forward: bool,
@@ -91,7 +99,7 @@ struct StepRun {
 
 const LAP_STEPS: u32 = u32::MAX;
 
-/// Intervals of the steps of a run.
+/// Intervals between the steps of a run.
 #[derive(Clone, Copy, Debug)]
 enum Intervals {
     Ramp(Ramp),
@@ -99,7 +107,8 @@ enum Intervals {
 }
 
 impl StepIterator {
-    /// An iterator over the steps of `plan`, from its first step later than `after`; one before the plan's start acts as that.
+    /// An iterator over the steps of `plan`, from the first step later than `after` on. An `after` before the
+    /// plan's start acts as the start.
     #[must_use]
     pub fn new(plan: &Plan, after: Instant) -> Self {
         let mut iterator = Self::done();
@@ -107,20 +116,20 @@ impl StepIterator {
         iterator
     }
 
-    /// Without any step.
+    /// An iterator without steps.
     #[must_use]
     pub const fn done() -> Self {
         Self { run: StepRun::single(0, true), others: StepRuns::new() }
     }
 
-    /// Drops its steps and continues with those of `plan`, as [`new`](Self::new). In place, because an iterator takes a
-    /// few hundred bytes and boards have small stacks.
+    /// Drops the remaining steps and continues with those of `plan`, as [`new`](Self::new) does. It works in
+    /// place, because an iterator takes a few hundred bytes and boards have small stacks.
     pub fn restart(&mut self, plan: &Plan, after: Instant) {
         self.run = StepRun::single(0, true);
         self.others.clear();
         let after = after.max(plan.start()).ticks();
         let mut end = plan.start().ticks();
-        // Where the last segment left the axis.
+        // Position of the axis at the end of the last segment.
         let mut position = 0;
         let mut segments = plan.segments().iter().filter(|segment| segment.ticks > 0).peekable();
         while let Some(segment) = segments.next() {
@@ -139,7 +148,7 @@ impl StepIterator {
         }
     }
 
-    /// Makes every step that is still to come later by `late`.
+    /// Delays all remaining steps by `late`.
     pub fn delay(&mut self, late: Duration) {
         for run in core::iter::once(&mut self.run).chain(&mut self.others) {
             run.first = run.first.saturating_add(late.ticks());
@@ -158,7 +167,7 @@ impl StepIterator {
 impl Iterator for StepIterator {
     type Item = Step;
 
-    // Always, because an interrupt asks for every step, and a call costs it ten instructions.
+    // Always inlined, because an interrupt calls this for every step, and a call costs it ten instructions.
     #[inline(always)]
     fn next(&mut self) -> Option<Step> {
         let run = &mut self.run;
@@ -175,23 +184,23 @@ impl Iterator for StepIterator {
     }
 }
 
-/// A segment, and from where on it is walked.
+/// A segment, and the tick after which its steps are taken.
 struct SegmentCursor<'a> {
     segment: &'a Segment,
     begin: u64,
-    /// Time that it has run then.
+    /// Ticks of the segment that have passed by then.
     since: u64,
-    /// Steps made by then, beyond its `from`.
+    /// Steps made by then beyond the segment's `base`.
     made: i64,
 }
 
 impl<'a> SegmentCursor<'a> {
-    /// The part of `segment`, which begins at the tick `begin`, later than `after`, and, if that is before
-    /// it, beyond `position`.
+    /// The part of `segment` later than `after`. The segment begins at the tick `begin`. If that is after
+    /// `after`, the part starts from `position`, the position at the end of the previous segment.
     fn of(segment: &'a Segment, begin: u64, after: u64, position: i32) -> Self {
         let since = after.saturating_sub(begin);
         let made = if after < begin {
-            // By the segment before this one; at the seam they differ by a step at most.
+            // `position` and `base` differ by a step at most.
             let steps = position.wrapping_sub(segment.base);
             i64::from(if segment.reverse { steps.wrapping_neg() } else { steps })
         } else {
@@ -200,8 +209,9 @@ impl<'a> SegmentCursor<'a> {
         Self { segment, begin, since, made }
     }
 
-    /// Appends the runs of this segment. If the axis stops after it, at `stop_position`, they include the step that is
-    /// made as it comes to a standstill. Returns the position then.
+    /// Appends the runs of this segment. If the axis stops after the segment, at `stop_position`, the runs
+    /// include the step that is made when the axis reaches standstill. Returns the position after the
+    /// segment.
     fn append_runs(&self, stop_position: Option<i32>, runs: &mut StepRuns) -> i32 {
         let Self { segment, begin, made, .. } = *self;
         let mut push = |run| {
@@ -217,7 +227,7 @@ impl<'a> SegmentCursor<'a> {
         let all = segment.steps_made(last);
         let position = segment.step(all);
         let mut steps = (all.cast_signed() - made).cast_unsigned();
-        // A run of its own: the step at the end, or the last one of a ramp down.
+        // A separate run: the step at standstill, or the last step of a ramp down.
         let closing = match stop_position {
             Some(stop_position) if stop_position != position => Some(end),
             _ if segment.acceleration < 0 && steps > 0 => {
@@ -237,7 +247,7 @@ impl<'a> SegmentCursor<'a> {
         stop_position.unwrap_or(position)
     }
 
-    /// The next step, and `others` after it.
+    /// A run of the next step and `others` steps after it.
     fn run(&self, others: u64) -> StepRun {
         let Self { segment, begin, since, made } = *self;
         let start = begin.saturating_add(since);
@@ -256,7 +266,7 @@ impl<'a> SegmentCursor<'a> {
 }
 
 impl StepRun {
-    /// Begins the next lap, if there is one.
+    /// Starts the next lap. Returns false if there is none.
     #[cold]
     fn begin_lap(&mut self) -> bool {
         let Some(laps) = self.laps.checked_sub(1) else { return false };
@@ -265,7 +275,7 @@ impl StepRun {
         true
     }
 
-    /// A single step.
+    /// A run of a single step.
     const fn single(tick: u64, forward: bool) -> Self {
         Self {
             first: tick,
@@ -278,33 +288,34 @@ impl StepRun {
     }
 }
 
-/// Motion of a segment at a tick, as seen from a step.
+/// Motion of a segment at a tick, relative to a step.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     /// Acceleration, in steps/s².
     acceleration: i32,
     /// Speed, in the unit of [`Segment::start_speed`].
     speed: i64,
-    /// Phase until the step.
+    /// Phase that remains until the step.
     phase_left: i64,
 }
 
 impl Motion {
-    /// The motion of `segment`, `d` ticks in, seen from the step that is the `n`th beyond its `from`.
+    /// The motion of `segment`, `d` ticks after its start, relative to the step that is the `n`th beyond its
+    /// `base`.
     fn of(segment: &Segment, d: u64, n: i64) -> Self {
-        // The difference is small; what 64 bits lose of both is the same.
+        // The difference is small, and 64 bits drop the same high bits of both terms.
         let phase_left = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
         Self { acceleration: segment.acceleration, speed: segment.speed(d), phase_left }
     }
 
-    /// `d` ticks later.
+    /// The motion `d` ticks later.
     #[inline]
     fn after(self, d: i64) -> Self {
         let speed = self.speed + i64::from(self.acceleration) * d;
         Self { speed, phase_left: self.phase_left - (self.speed + speed) * d, ..self }
     }
 
-    /// The same for a `d` up to [`Self::short_limit`], by products of 32 bits.
+    /// As [`Self::after`], for a `d` up to [`Self::short_limit`], with products of 32 bits.
     #[inline]
     fn after_short(self, d: u32) -> Self {
         let speed = self.speed + i64::from(self.acceleration * d.cast_signed());
@@ -312,12 +323,13 @@ impl Motion {
         let low = (sum as u32 & 0xFFFF) * d;
         let middle = (sum as u32 >> 16) * d;
         let high = ((sum >> 32) as u32).wrapping_mul(d);
-        // A negative sum wraps, and so does this.
+        // A negative sum wraps, and its product wraps the same way.
         let phase = ((u64::from(high) << 32) + u64::from(low)).wrapping_add(u64::from(middle) << 16);
         Self { speed, phase_left: self.phase_left - phase.cast_signed(), ..self }
     }
 
-    /// The longest `d` of 16 bits, 4 ms, after which speed has changed by 31 bits at most, 134 steps/s.
+    /// The longest `d` that has at most 16 bits (4 ms) and changes the speed by at most 31 bits (134
+    /// steps/s).
     fn short_limit(self) -> u32 {
         let change = i32::MAX.cast_unsigned();
         change.checked_div(self.acceleration.unsigned_abs()).unwrap_or(change).min(0xFFFF)
@@ -329,20 +341,21 @@ impl Motion {
         first_true(|d| !self.after(d.cast_signed()).is_early()).cast_signed()
     }
 
-    /// Returns whether this is before the tick of the step; false beyond standstill.
+    /// Returns true if this tick is before the tick of the step; false after standstill.
     fn is_early(self) -> bool {
         self.speed >= 0 && self.phase_left >= self.speed.max(1)
     }
 
-    /// Returns whether this is the tick of the step: it is not early here, and was a tick before, when half a tick's
-    /// way at that speed and half a tick's at this one were still to come.
+    /// Returns true if this is the tick of the step: less than half a tick's distance remains to the step, or
+    /// at most half a tick's distance has passed since the step.
     #[inline]
     fn is_nearest(self) -> bool {
-        // With p = phase_left: -speed <= p is -1 - p < speed, and p ^ -1 is -1 - p: one comparison for both signs.
+        // With p = phase_left, -speed <= p is the same as -1 - p < speed, and p ^ -1 is -1 - p. So one
+        // comparison covers both signs.
         (self.phase_left ^ (self.phase_left >> 63)) < self.speed
     }
 
-    /// Seen from the next step.
+    /// The same motion, relative to the next step.
     #[inline]
     fn next_step(self) -> Self {
         Self { phase_left: self.phase_left + STEP, ..self }
@@ -352,35 +365,35 @@ impl Motion {
 /// Steps of a ramp.
 #[derive(Clone, Copy, Debug)]
 struct Ramp {
-    /// At the tick of the last step, seen from the next one.
+    /// Motion at the tick of the last step, relative to the next step.
     motion: Motion,
-    /// The longest interval that [`Motion::after_short`] can do.
+    /// The longest interval for which [`Motion::after_short`] may be used.
     short_limit: u32,
     /// The last interval, in 1/64 tick.
     interval: i32,
-    /// Delay of the last step after its tick, in 1/64 tick.
+    /// Exact time of the last step minus its tick, in 1/64 tick.
     part: i32,
-    /// [`STEP`]: a Cortex-M3 has it from here in one instruction, and as a constant in four.
+    /// A copy of [`STEP`]: a Cortex-M3 loads it from here in one instruction, and as a constant in four.
     step: i64,
-    /// Guess of the next step, in ticks from the last one.
+    /// Guess of the next interval, in ticks.
     guess: i32,
 }
 
-/// Most attempts to find a step. The third one of the slowest ramps takes 12; in a ramp that has begun it is hardly
-/// ever more than one.
+/// Greatest number of attempts to find a step. The third step of the slowest ramps takes 12. Later steps of a
+/// ramp hardly ever take more than one.
 const MAX_TRIES: u32 = 16;
 
 impl Ramp {
-    /// From the tick of a step on.
+    /// A ramp from the tick of a step on.
     fn from(motion: Motion) -> Self {
         let second = motion.ticks() as i32;
-        // The interval before is taken as twice as long: the search for the third step then starts from half of the
-        // second, and the third is never far below that.
+        // The interval before the second step is set to twice the second interval. The search for the third
+        // step then starts from half the second interval, and the third interval is never far below that.
         Self {
             motion,
             step: STEP,
             short_limit: motion.short_limit(),
-            // Too much only where this was the last step.
+            // The product saturates only if there is no next step.
             interval: second.saturating_mul(128),
             part: 0,
             guess: second,
@@ -400,12 +413,12 @@ impl Ramp {
         self.search()
     }
 
-    /// On to the step in `d` ticks, where it is `there`.
+    /// Advances by `d` ticks to the next step, with the motion `there` at its tick. Returns `d`.
     #[inline]
     fn step(&mut self, d: u32, there: Motion) -> u32 {
         let part = ticks_64(there.phase_left, d);
         let interval = (d << 6).cast_signed() + part - self.part;
-        // In this order, because two of the longest intervals are beyond 32 bits.
+        // The order of operations matters, because the sum of two of the longest intervals exceeds 32 bits.
         self.guess = (interval + (interval - self.interval) + part + 32) >> 6;
         self.interval = interval;
         self.part = part;
@@ -413,13 +426,13 @@ impl Ramp {
         d
     }
 
-    /// The same as [`Self::next`], also if the guess misses or is beyond a short interval.
+    /// As [`Self::next`], but also for a wrong guess and for an interval beyond the short limit.
     #[cold]
     #[inline(never)]
     fn search(&mut self) -> u32 {
         let Self { motion, short_limit, .. } = *self;
         let after = |d| if d <= short_limit { motion.after_short(d) } else { motion.after(i64::from(d)) };
-        // Close to standstill they shrink less and less, but hardly to a half.
+        // Close to standstill the intervals shrink fastest, but hardly ever to less than a half.
         let mut d = self.guess.max(self.interval >> 7).cast_unsigned();
         let mut there = after(d);
         let (mut early, mut late) = (0, u32::MAX);
@@ -440,8 +453,8 @@ impl Ramp {
     }
 }
 
-/// The time in which `phase` passes at the speed of a step in `d` ticks, in 1/64 tick; for a phase
-/// that passes within a tick.
+/// The time in which `phase` passes at the mean speed of an interval of `d` ticks, in 1/64 tick. The phase
+/// must pass within a tick.
 #[inline]
 fn ticks_64(phase: i64, d: u32) -> i32 {
     /// 2³³ · 64 / STEP, in 2⁻²³.
@@ -450,7 +463,7 @@ fn ticks_64(phase: i64, d: u32) -> i32 {
     (high * RATE) >> 23
 }
 
-/// The same for any phase, in whole ticks.
+/// As [`ticks_64`], for any phase and in whole ticks.
 fn ticks(phase: i64, d: u32) -> i32 {
     /// 2⁴¹ / STEP, in 2⁻²⁰.
     const RATE: i64 = (1 << 61) / STEP;
@@ -458,24 +471,24 @@ fn ticks(phase: i64, d: u32) -> i32 {
     ((high * RATE + (1 << 19)) >> 20) as i32
 }
 
-/// Steps at one speed.
+/// Steps at a constant speed.
 #[derive(Clone, Copy, Debug)]
 struct Cruise {
     /// Whole ticks of an interval.
     whole: u32,
-    /// Phase that is left of a step after them.
+    /// Phase of a step that remains after the whole ticks.
     remainder: i64,
-    /// Phase of a tick.
+    /// Phase that passes in a tick.
     phase_per_tick: i64,
-    /// Phase from half a tick after the last step's tick to the step, `-phase_per_tick..0`.
+    /// Phase from half a tick after the last step's tick to the next step, `-phase_per_tick..0`.
     phase_left: i64,
 }
 
 impl Cruise {
     const STANDING: Self = Self { whole: 0, remainder: 0, phase_per_tick: 0, phase_left: 0 };
 
-    /// The ticks to the step from which `motion` is seen, and the steps after it. The step may be due
-    /// already: in a change of speed within one tick.
+    /// The ticks from `motion` to its step, and the steps after that step. The step may be due already, if
+    /// the speed changes within one tick.
     fn of(motion: Motion) -> (i64, Self) {
         let tick = (2 * motion.speed).max(1);
         let late = motion.phase_left - motion.speed;
@@ -512,7 +525,8 @@ mod tests {
         Instant::from_ticks(ticks)
     }
 
-    /// A plan's steps after `after` are the ticks at which its position changes: `most` of them, or all.
+    /// Checks that a plan's steps after `after` are at the ticks at which its position changes, for `most`
+    /// steps or for all.
     fn check(plan: &Plan, after: Instant, most: usize) {
         let (mut position, mut made) = (plan.position_at(after), 0);
         for step in StepIterator::new(plan, after).take(most) {
@@ -567,7 +581,7 @@ mod tests {
 
     #[test]
     fn a_phase_is_told_in_ticks_at_the_mean_speed_of_an_interval() {
-        // A thousand ticks to a step.
+        // An interval of a thousand ticks.
         let tick = STEP / 1_000;
         let tenths = [-16, -14, -6, -4, 0, 4, 6, 14, 16];
         assert_eq!(tenths.map(|n| ticks(tick * n / 10, 1_000)), [-2, -1, -1, 0, 0, 0, 1, 1, 2]);
@@ -575,10 +589,11 @@ mod tests {
         assert_eq!([-1, 1, 21, 61].map(|n| ticks_64(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
     }
 
-    /// The instant of a step from standstill at `a` steps/s², to the nearest 1/`ticks_64` tick: the way is a·t²/2.
+    /// The time of a step from standstill at `a` steps/s², in 1/`ticks_64` tick, rounded to the nearest: the
+    /// distance is a·t²/2.
     fn due(step: u64, a: u32, ticks_64: u64) -> u64 {
         let square = u128::from(ticks_64 * ticks_64 * step) * u128::from(STEP.cast_unsigned());
-        // To the nearest whole number by way of the root of four times as much, rounded down.
+        // The rounding uses the root of four times the square, rounded down.
         let twice = (4 * square / u128::from(a)).isqrt();
         twice.div_ceil(2) as u64
     }
@@ -587,7 +602,7 @@ mod tests {
     fn the_last_steps_of_a_ramp_are_those_of_its_mirror() {
         for a in 1..=3_000 {
             let plan = Plan::profile(at(0), 0, 8, Limits::even(U24F8::from_num(MAX_SPEED), a));
-            // Twice the way of 4 steps takes as long as 16 from standstill.
+            // The ramp up over 4 steps and the ramp down together take as long as 16 steps from standstill.
             let end = due(16, a, 1);
             let down = [3, 2, 1, 0].map(|n| at(end - due(n, a, 1)));
             assert!(StepIterator::new(&plan, at(0)).skip(4).map(|step| step.at).eq(down), "{a} steps/s²");
@@ -599,7 +614,8 @@ mod tests {
         for a in 1..=3_000 {
             let plan = Plan::profile(at(0), 0, 8, Limits::even(U24F8::from_num(MAX_SPEED), a));
             let mut iterator = StepIterator::new(&plan, at(0));
-            // From the third step before the end to the second, and on to the first: intervals of the ramp up.
+            // Intervals from the third step before the end to the second, and from the second to the first.
+            // They equal those of the ramp up.
             for (skipped, last, next) in [(4, 3, 2), (0, 2, 1)] {
                 iterator.nth(skipped);
                 let Intervals::Ramp(ramp) = iterator.run.intervals else { panic!("a ramp") };
@@ -625,7 +641,7 @@ mod tests {
                     continue;
                 }
                 let Intervals::Ramp(ramp) = &iterator.run.intervals else { panic!("a ramp") };
-                // Both are rounded, down or up.
+                // Both values are rounded, down or up.
                 let part = due(step, a, 64).cast_signed() - 64 * at.cast_signed();
                 assert!((i64::from(ramp.part) - part).abs() <= 1, "step {step}: {} for {part}", ramp.part);
                 let interval = due(step, a, 64) - due(step - 1, a, 64);
@@ -639,7 +655,8 @@ mod tests {
 
     #[test]
     fn the_factory_move_of_an_md3_is_walked_step_by_step() {
-        // 1250 steps and 0.5 s up at 10,000 steps/s², 1.5 s at 5,000 steps/s, and the ramp up seen from the end.
+        // 1250 steps in 0.5 s up at 10,000 steps/s², 1.5 s at 5,000 steps/s, and the ramp up mirrored at the
+        // end.
         let rates = Limits::even(U24F8::from_num(5_000), 10_000);
         for (steps, forward) in [(10_000, true), (-10_000, false)] {
             let plan = Plan::profile(at(0), 0, steps, rates);
@@ -660,7 +677,8 @@ mod tests {
             ..Limits::even(U24F8::from_num(4_000), 10_000)
         };
         let cruise = Plan::at_rest(at(0), 0).slew(at(0), I24F8::from_num(4_000), rates);
-        // At 250 ms it has made 1,000 steps. 400 ms from 4,000 steps/s down to 1,000 are another 1,000 steps.
+        // At 250 ms the axis has made 1,000 steps. 400 ms from 4,000 steps/s down to 1,000 steps/s take
+        // another 1,000 steps.
         let rates = Limits { start_speed: U24F8::from_num(1_000), ..rates };
         let back = cruise.slew(ms(250), I24F8::from_num(-500), rates);
         let turn =
@@ -670,7 +688,8 @@ mod tests {
 
     #[test]
     fn the_longest_interval_of_a_ramp_is_walked() {
-        // One step in 256 s. Just before the first it begins to speed up at 1 step/s²: the next one is √2 s later.
+        // One step takes 256 s. One tick before the first step the axis starts to speed up at 1 step/s²: the
+        // next step follows √2 s later.
         let creep = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::DELTA, MAX_ACCELERATION);
         let first = StepIterator::new(&creep, at(0)).next().unwrap().at;
         let turn = first - Duration::TICK;

@@ -1,33 +1,35 @@
-//! From what turns a motor to its acceleration.
+//! Computes the acceleration of a motor.
 //!
-//! With the winding's time constant of zero a motor at the voltage of a duty comes to its speed
-//! exponentially: with *full* the speed of the whole supply and *stall* the acceleration that the supply gives
-//! it at standstill
+//! The winding has no inductance. So at a constant duty the speed of a motor approaches its final value
+//! exponentially. With *full* for the speed at the whole supply voltage and *stall* for the acceleration that
+//! this voltage gives at standstill:
 //!
 //! ```text
 //! acceleration = stall·(duty − speed/full) − load − friction      time constant T = full/stall
 //! ```
 //!
-//! In a step of length *h* the mean of that is its value at the beginning times (1 − e⁻ˣ)/x, *x* = h/T. With
-//! e⁻ˣ = 1/(1 + x + x²/2) this needs no exponential, is right to x² and, whatever *x*, never beyond the
-//! final speed. Current and acceleration are proportional, so the limit of the current is one of the
-//! acceleration.
+//! In a step of length *h* the mean acceleration is its value at the beginning times (1 − e⁻ˣ)/x, with *x* =
+//! h/T. The code uses e⁻ˣ = 1/(1 + x + x²/2). This needs no exponential function, is exact up to x², and
+//! never exceeds the final speed for any *x*. Current and acceleration are proportional, so a limit of the
+//! current is a limit of the acceleration.
 //!
-//! What a load turns faster than *full* charges the supply through the diodes of the bridge, as the whole supply at the
-//! terminals would, whatever they are put to and may carry. So a load turns it no faster than *full* and as much more
-//! as it is stronger than the motor at standstill.
+//! If a load turns the shaft faster than *full*, the motor charges the supply through the diodes of the
+//! bridge, as if the whole supply voltage were at the terminals. The duty and the current limit have no
+//! effect on this. So the speed exceeds *full* at most by *full* times the ratio of the load to the motor's
+//! torque at standstill.
 
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::{FULL_DUTY, MotionInterval, Parameters};
 use crate::device::Duration;
 
-/// The longest step.
+/// The longest simulation step.
 const STEP: Duration = Duration::millis(1);
-/// The shortest step: a motor with a time constant of less than twice this reaches its speed in one step.
+/// The shortest simulation step. A motor with a time constant of less than twice this time reaches its speed
+/// in one step.
 const LEAST_STEP: Duration = Duration::micros(50);
 
-/// The most that a torque accelerates: steeper is nothing that turns.
+/// Greatest acceleration by a torque. No real shaft has a greater one.
 const MAX_ACCELERATION: i64 = 16 * MotionInterval::MAX_ACCELERATION;
 
 /// Connection of a motor's terminals.
@@ -35,48 +37,48 @@ const MAX_ACCELERATION: i64 = 16 * MotionInterval::MAX_ACCELERATION;
 pub(super) enum Terminals {
     /// A bridge without power.
     Dead,
-    /// A bridge that leaves them open.
+    /// A bridge that leaves the terminals open.
     Open,
-    /// A bridge that drives them.
+    /// A bridge that drives the terminals.
     Driven {
-        /// In 1/65536 of the supply; 0 shorts them.
+        /// Duty in 1/65536 of the supply voltage; 0 shorts the terminals.
         duty: i32,
         /// Current limit, in mA.
         limit_ma: u32,
     },
 }
 
-/// Constants that follow from the parameters, in the units of a [`MotionInterval`].
+/// Constants computed from the parameters, in the units of a [`MotionInterval`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Constants {
-    /// The speed at which the motor makes the voltage of the supply.
+    /// The speed at which the motor's own voltage is that of the supply.
     full: i64,
-    /// The acceleration of the supply at standstill, above 0 and bounded: a steeper motor reaches its speed within a
-    /// step anyhow.
+    /// Acceleration by the full supply voltage at standstill, above 0 and bounded. A motor with a greater
+    /// acceleration reaches its speed within one step anyway.
     pub(super) stall: i64,
-    /// The same without a bound: a limited current gives its part of this.
+    /// The same acceleration without a bound. A limited current gives a proportional part of it.
     torque: i64,
-    /// The current of the supply at standstill, in mA.
+    /// Current at the full supply voltage at standstill, in mA.
     pub(super) stall_ma: i64,
     friction: i64,
-    /// Torque of the load, against forward motion.
+    /// Deceleration of forward motion by the load.
     load: i64,
-    /// Friction and load as parts of `torque`, in parts of `stall`, so that a motor whose `stall` is bounded reaches
-    /// the right speed.
+    /// Friction and load scaled by `stall`/`torque`, so that a motor whose `stall` is bounded reaches the
+    /// right speed.
     pub(super) bounded_friction: i64,
     pub(super) bounded_load: i64,
     step: Duration,
-    /// The mean acceleration of a step, in 1/65536 of that at its beginning.
+    /// Mean acceleration of a step, in 1/65536 of the acceleration at its beginning.
     mean: i64,
 }
 
 impl Constants {
     pub(super) fn of(parameters: &Parameters) -> Self {
-        /// 60/2π in 1/65536: µN·m per mA of a motor with 1 mV per rpm.
+        /// 60/2π in 1/65536: torque in µN·m per mA of a motor with 1 mV per rpm.
         const TORQUE: u64 = 625_823;
-        /// A rpm in 2⁻⁶⁴ turns a tick.
+        /// 1 rpm in 2⁻⁶⁴ turns per tick.
         const RPM: u64 = (1 << 60) / (60 * TICKS_PER_SECOND / 16);
-        /// 10·2⁶⁴ / (2π·f²) in 1/16: µN·m at 1 g·cm² in 2⁻⁶⁴ turns a tick².
+        /// 10·2⁶⁴ / (2π·f²) in 1/16: acceleration by 1 µN·m at 1 g·cm², in 2⁻⁶⁴ turns per tick².
         const ACCELERATION: i64 = 1_834_932;
         let (least, most) = (Parameters::LEAST, Parameters::MOST);
         let supply = u64::from(parameters.supply_mv.clamp(least.supply_mv, most.supply_mv));
@@ -90,7 +92,7 @@ impl Constants {
             |unm: i64| ((unm * ACCELERATION / inertia) >> 4).clamp(-MAX_ACCELERATION, MAX_ACCELERATION);
 
         let stall_ma = (supply * 1_000).cast_signed() / resistance;
-        // Not by whole mA, of which some motors have few.
+        // Not computed from whole mA, because some motors draw only a few.
         let stall_unm =
             ((supply * TORQUE / rpm).cast_signed() * (supply * 1_000).cast_signed() / resistance) >> 16;
         let full = ((rpm * RPM) >> 8).cast_signed();
@@ -120,18 +122,18 @@ impl Constants {
         constants
     }
 
-    /// full/stall, in ticks, at least one.
+    /// The time constant full/stall in ticks, at least one.
     pub(super) fn time_constant_ticks(&self) -> i64 {
         (self.full << 8).checked_div(self.stall).unwrap_or(1).max(1)
     }
 
-    /// The same, up to half a second.
+    /// The time constant, at most half a second.
     fn time_constant(&self) -> Duration {
         const LONGEST: i64 = 1 << 23;
         Duration::from_ticks(self.time_constant_ticks().min(LONGEST).cast_unsigned())
     }
 
-    /// Next interval from `now`, and the current there, in mA.
+    /// The next interval from `now` on, and the current at its beginning, in mA.
     pub(super) fn next(
         &self,
         now: MotionInterval,
@@ -147,7 +149,8 @@ impl Constants {
         let regeneration =
             if matches!(terminals, Terminals::Dead) { 0 } else { self.regeneration(now.speed) };
         let part = |of: i64| most_ma.saturating_mul(of) / self.stall_ma.max(1);
-        // At full speed against the supply the current is twice that of standstill: a higher limit has no effect.
+        // At full speed against the supply the current is twice the standstill current. A higher limit has no
+        // effect.
         let bounded = part(self.stall).min(2 * self.stall);
         let drives =
             stronger_brake(drive_acceleration.min(bounded).max(-bounded), regeneration, regeneration);
@@ -182,8 +185,8 @@ impl Constants {
         (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
     }
 
-    /// The interval from `now` on in which the acceleration is constant. With undriven terminals and a motor that is
-    /// not faster than its supply it has no limit.
+    /// The interval from `now` on with a constant acceleration. It lasts one step at most, except if the
+    /// terminals are dead, or open while the motor is not faster than its supply would turn it.
     fn interval(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
         let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {
@@ -194,18 +197,19 @@ impl Constants {
         if steady { coasts } else { now.with(acceleration, self.step) }
     }
 
-    /// The acceleration of a duty at a speed, without limit, friction and load.
+    /// Acceleration by a duty at a speed, without current limit, friction and load.
     fn drive_acceleration(&self, duty: i32, speed: i64) -> i64 {
         let against = self.stall * (speed >> 16) / (self.full >> 16).max(1);
         ((self.stall * i64::from(duty.clamp(-FULL_DUTY, FULL_DUTY))) >> 16) - against
     }
 
-    /// Current for an acceleration by a duty, in mA.
+    /// Current in mA that gives an acceleration by a duty.
     fn current_for(&self, drive_acceleration: i64) -> i64 {
         ((2 * drive_acceleration).saturating_mul(self.stall_ma).div_euclid(self.stall.max(1)) + 1) >> 1
     }
 
-    /// The acceleration with which it charges its supply, against its speed: 0 unless it is faster than that makes it.
+    /// Acceleration by the current with which the motor charges its supply; it brakes. 0 unless the motor is
+    /// faster than the supply would turn it.
     fn regeneration(&self, speed: i64) -> i64 {
         let way = speed.signum() as i32;
         let drive_acceleration =
@@ -214,7 +218,8 @@ impl Constants {
     }
 }
 
-/// An acceleration, or a stronger one that brakes, where there is a charge: the way of that is the way that brakes.
+/// Returns `acceleration`, or `with_charge` if the motor charges its supply and `with_charge` brakes more.
+/// The sign of `regeneration` is the direction that brakes.
 fn stronger_brake(acceleration: i64, regeneration: i64, with_charge: i64) -> i64 {
     match regeneration.signum() {
         -1 => acceleration.min(with_charge),

@@ -1,4 +1,4 @@
-//! A drive and the motor that it turns, as one device.
+//! A drive and its motor as one device.
 
 use super::{AXIS, HALL_PINS, Motor, Parameters, Rotation};
 use crate::device::{
@@ -6,40 +6,41 @@ use crate::device::{
     Spec,
 };
 
-/// A drive that turns a motor.
+/// A drive with a simulated motor.
 pub trait MotorDrive: Device {
-    /// The pins of its Hall sensors, which the motor drives.
+    /// Input pins of the drive for the motor's Hall sensors.
     const HALLS: &'static [Pin];
-    /// The fault of its list that holds the motor's shaft.
+    /// The drive's fault that blocks the motor's shaft.
     const STALL: Option<Fault>;
 
-    /// The motor that its registers describe.
+    /// Parameters of the motor, from the registers of the drive.
     fn motor(&self) -> Parameters;
 
-    /// The same, if it may have become another one since this was last asked.
+    /// The parameters, if they may have changed since the last call of this function.
     fn new_motor(&mut self) -> Option<Parameters> {
         Some(self.motor())
     }
 }
 
-/// A drive with its motor, connected by wires with a delay of a tick. The signals stay inside, except the levels of the
-/// Hall sensors, which also appear at the drive's pins.
+/// A drive with its motor, connected by wires with a delay of one tick. The signals between them stay inside
+/// this device. Only the levels of the Hall sensors also appear at the drive's pins.
 ///
-/// With the motor [detached](Device::detach_motor) this is the drive alone: current limit and duty are outputs, and the
-/// feedback of a motor elsewhere is an input.
+/// If the motor is [detached](Device::detach_motor), this device is only the drive: current limit and duty
+/// are outputs, and the feedback of another motor is an input.
 #[derive(Clone, Debug)]
 pub struct DriveWithMotor<D> {
     drive: D,
     is_detached: bool,
     motor: Motor,
     wires: Wires,
-    /// Levels of the Hall sensors that have arrived, and which of their wires are pulled to ground outside: the drive
-    /// reads low there, whatever the sensor shows.
+    /// Levels of the Hall sensors that the drive has received, and true for each wire that is pulled to
+    /// ground from outside. The drive reads low on such a wire, whatever the sensor shows.
     halls: [bool; HALL_PINS.len()],
     pulled: [bool; HALL_PINS.len()],
 }
 
-/// Signals that are on their way. All were put at one instant, because earlier ones have arrived by then.
+/// Signals under way between drive and motor. All of them were put at the same instant, because earlier ones
+/// have already arrived.
 #[derive(Clone, Debug)]
 struct Wires {
     due: Instant,
@@ -48,7 +49,7 @@ struct Wires {
     halls: [Option<bool>; HALL_PINS.len()],
     draws: Option<i32>,
     rotation: Option<Rotation>,
-    /// The motor is another one.
+    /// True if the motor's parameters have changed.
     other_motor: bool,
 }
 
@@ -64,10 +65,10 @@ impl Wires {
     };
 }
 
-/// The drive's outputs: those that go to the motor, and all others.
+/// Receiver of the drive's outputs. Some go to the motor, all others outside.
 struct DriveOutputs<'a> {
     wires: &'a mut Wires,
-    /// All of them go elsewhere.
+    /// True if all outputs go outside.
     is_detached: bool,
     out: &'a mut dyn Context,
 }
@@ -87,7 +88,7 @@ impl Context for DriveOutputs<'_> {
     }
 }
 
-/// The motor's outputs: they go to the drive, and its Hall sensors outside, too.
+/// Receiver of the motor's outputs. They go to the drive. The Hall levels also go outside.
 struct MotorOutputs<'a> {
     wires: &'a mut Wires,
     halls: &'static [Pin],
@@ -119,8 +120,9 @@ impl Context for MotorOutputs<'_> {
 }
 
 impl<D: MotorDrive> DriveWithMotor<D> {
-    /// `drive` and the motor that its registers describe, at standstill.
-    // Where it will be: a copy of a drive takes kilobytes of a board's stack.
+    /// `drive` with the motor that its registers describe, at standstill.
+    // Inlined, so that the drive is built in its final place: a copy of a drive takes kilobytes of a board's
+    // stack.
     #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
@@ -128,7 +130,7 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         Self { drive, is_detached: false, motor, wires: Wires::EMPTY, halls, pulled }
     }
 
-    /// Delivers the signals that have arrived by `at`.
+    /// Passes on the signals that have arrived by `at`.
     fn deliver_signals(&mut self, at: Instant, out: &mut dyn Context) {
         if self.wires.due > at {
             return;
@@ -161,7 +163,7 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         }
     }
 
-    /// The wires are due, or the motor.
+    /// Handles a deadline of the wires or of the motor.
     #[inline(never)]
     fn advance_motor(&mut self, at: Instant, out: &mut dyn Context) {
         self.deliver_signals(at, out);
@@ -174,7 +176,8 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         does(&mut self.motor, &mut MotorOutputs { wires: &mut self.wires, halls: D::HALLS, out });
     }
 
-    /// Lets the drive do something; the motor becomes the one that its registers describe then.
+    /// Calls the drive with `does`. If the drive's registers then describe another motor, changes the motor's
+    /// parameters.
     fn with_drive<T>(
         &mut self,
         at: Instant,
@@ -191,7 +194,7 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         done
     }
 
-    /// The wire of a Hall sensor is pulled to ground outside, or released.
+    /// Handles a Hall sensor wire that is pulled to ground from outside, or released.
     #[inline(never)]
     fn pull(&mut self, at: Instant, pin: Pin, pulled: bool, out: &mut dyn Context) {
         let Some(place) = D::HALLS.iter().position(|hall| *hall == pin) else { return };
@@ -212,7 +215,7 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
         self.drive.spec()
     }
 
-    /// The motor had no power since it was last looked at, and turned on as it was.
+    /// Switches the power on. The motor had no power since its last call and coasted until now.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.wires = Wires::EMPTY;
         (self.halls, self.pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
@@ -225,7 +228,7 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         self.deliver_signals(at, out);
         match input {
-            // That of a motor elsewhere is held there.
+            // The shaft of a detached motor is blocked by that motor's own fault.
             Input::Fault { fault, .. } if D::STALL == Some(fault) && self.is_detached => {}
             Input::Fault { fault, on } if D::STALL == Some(fault) => {
                 let input = Input::Fault { fault: super::STALL, on };
@@ -234,7 +237,7 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
             Input::Edge { pin, high } if !self.is_detached && D::HALLS.contains(&pin) => {
                 self.pull(at, pin, !high, out);
             }
-            // Signals between drive and motor stay inside.
+            // Signals between drive and motor do not come from outside.
             Input::CurrentLimit { axis: AXIS, .. }
             | Input::Duty { axis: AXIS, .. }
             | Input::MotorCurrent { axis: AXIS, .. }

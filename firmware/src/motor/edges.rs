@@ -1,4 +1,4 @@
-//! The speed of a shaft by the edges of a sensor.
+//! Speed of a shaft, computed from the edges of a sensor.
 
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::I40F24;
@@ -6,19 +6,20 @@ use fixed::types::I40F24;
 use super::Feedback;
 use crate::device::{Duration, Instant};
 
-/// A speed is taken over a whole number of counts and at least this long, so that ticks do not show in it.
+/// Least time over which a speed is measured. A window has a whole number of counts. The minimum keeps the
+/// rounding to ticks out of the result.
 const MIN_WINDOW: Duration = Duration::millis(2);
-/// A shaft without an edge for so long counts as standing; ours, because the manuals do not specify it: 5 rpm with 12
-/// counts in a turn.
+/// Time without an edge after which a shaft counts as standing. Our choice, because the manuals do not
+/// specify it: 5 rpm with 12 counts per turn.
 const STILL_AFTER: Duration = Duration::secs(1);
-/// Counts without an edge after which the sensor's speed is no longer used: its wires are broken.
+/// Number of missed edges after which the sensor's speed is no longer used, because its wires must be broken.
 const MAX_MISSED: I40F24 = I40F24::lit("4");
-/// Time after power in which sensors report their levels one after another, which are no edges; ours, far below the
-/// time between two edges.
+/// Time after power-on in which sensors report their levels one after another. These changes do not count as
+/// edges. Our choice, far below the time between two edges.
 pub(crate) const SETTLE: Duration = Duration::micros(20);
-/// From an edge to the middle of its count.
+/// Distance from an edge to the middle of a count, in counts.
 const MIDDLE: I40F24 = I40F24::lit("0.5");
-/// A deviation below this part of the counts in a turn is that of ticks.
+/// A deviation of the counts per turn below 1/256 is a rounding to ticks and is ignored.
 const ROUNDING: i64 = 256;
 
 /// An edge of a sensor.
@@ -28,27 +29,28 @@ struct Edge {
     forward: bool,
 }
 
-/// Edges of a sensor on a shaft.
+/// Edges of a sensor on a shaft, and the speed measured from them.
 #[derive(Clone, Debug)]
 pub(crate) struct Edges {
-    /// The edge at which the present window began, and where the shaft was, in 2⁻³² turns.
+    /// Time of the edge at which the present window began, and the angle of the shaft there, in 2⁻³² turns.
     since: Instant,
     window_angle: Option<i64>,
-    /// Counts since.
+    /// Counts since the window began.
     counts: i32,
     last: Option<Edge>,
-    /// Angle of the shaft at the last edge, or when the motion began, and the part of a count from there back to the
-    /// edge behind it.
+    /// Angle of the shaft at a reference point: the last edge, or the start of the motion. `count_fraction`
+    /// is the distance in counts from the edge behind the shaft to this point.
     angle: Option<i64>,
     count_fraction: I40F24,
-    /// The last window that ended in the present direction: counts, forward or less than 0, and their time.
+    /// The last complete window in the present direction: its counts, negative if backward, and its duration.
     measured: Option<(i32, Duration)>,
-    /// Counts in a turn of the shaft, less than 0 if they go the other way; `None` until they are measured.
+    /// Measured counts per turn of the shaft, negative if the sensor counts in the other direction; `None`
+    /// until measured.
     per_turn: Option<i64>,
 }
 
 impl Edges {
-    /// No edge has come: the shaft is in the middle of a count.
+    /// State before the first edge. The shaft is in the middle of a count.
     pub(crate) const NONE: Self = Self {
         since: Instant::ZERO,
         window_angle: None,
@@ -60,7 +62,7 @@ impl Edges {
         per_turn: None,
     };
 
-    /// An edge came of a sensor that is to make `turn` of them in a turn.
+    /// Handles an edge of a sensor that nominally has `turn` edges per turn.
     pub(crate) fn edge(&mut self, at: Instant, forward: bool, turn: i64, feedback: &Feedback) {
         let continues = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
         self.last = Some(Edge { at, forward });
@@ -82,7 +84,7 @@ impl Edges {
         (self.since, self.window_angle, self.measured) = (at, self.angle, Some((counts, span)));
     }
 
-    /// Measures the counts in a turn: so many counts were so much of a turn, in 2⁻³² turns.
+    /// Measures the counts per turn: `counts` counts were made in `turned`, in 2⁻³² turns.
     fn measure(&mut self, counts: i32, turned: i64, turn: i64) {
         const MOST: i32 = 1 << 20;
         let twice = (i64::from(counts.clamp(-MOST, MOST)) << 33).checked_div(turned).unwrap_or(0);
@@ -93,22 +95,23 @@ impl Edges {
         }
     }
 
-    /// Counts in a turn of the shaft, less than 0 if they go the other way: as measured, or else `turn`. Never 0.
+    /// Counts per turn of the shaft, negative if the sensor counts in the other direction: the measured
+    /// number, or else `turn`. Never 0.
     pub(crate) fn per_turn(&self, turn: i64) -> i64 {
         self.per_turn.unwrap_or(turn.max(1))
     }
 
-    /// The sensor is another one, or read otherwise.
+    /// Forgets all edges, because the sensor or its evaluation has changed.
     pub(crate) fn reset(&mut self) {
         *self = Self::NONE;
     }
 
-    /// A motion begins.
+    /// Takes the present angle as the reference, at the start of a motion.
     pub(crate) fn begin(&mut self, at: Instant, turn: i64, feedback: &Feedback) {
         (self.count_fraction, self.angle) = (self.count_fraction_at(at, turn, feedback), feedback.angle(at));
     }
 
-    /// The part of a count from the edge behind the shaft to it, 0 to 1.
+    /// Distance in counts from the edge behind the shaft to the shaft, 0 to 1.
     fn count_fraction_at(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         self.count_fraction
             .saturating_add(self.since_edge(at, turn, feedback))
@@ -127,35 +130,37 @@ impl Edges {
         I40F24::from_num(counts.min(most).max(-most)) + MIDDLE - self.count_fraction_at(at, turn, feedback)
     }
 
-    /// Sets the speed to 0, whatever the last edges were.
+    /// Sets the measured speed to 0. The last edges no longer count.
     pub(crate) fn set_standstill(&mut self) {
         (self.last, self.measured) = (None, None);
     }
 
-    /// The last edge.
+    /// Time of the last edge.
     pub(crate) fn last(&self) -> Option<Instant> {
         self.last.map(|last| last.at)
     }
 
-    /// Returns whether the time since the last edge is so long that the shaft counts as standing.
+    /// Returns true if there was no edge for so long that the shaft counts as standing.
     pub(crate) fn is_silent(&self, at: Instant) -> bool {
         self.last().is_none_or(|last| at.since(last) >= STILL_AFTER)
     }
 
-    /// Counts that the shaft has made since the last edge, signed; 0 without a report of the shaft.
+    /// Counts made by the shaft since the last edge, signed; 0 without a report of the shaft.
     fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, turn, feedback))
     }
 
-    /// Counts that the shaft has made from an angle in 2⁻³² turns, signed; 0 without a report of the shaft.
+    /// Counts made by the shaft since it was at the angle `from`, in 2⁻³² turns, signed; 0 without a report
+    /// of the shaft.
     pub(crate) fn counts_from(&self, from: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         const MOST: i64 = 1 << 36;
         let turned = feedback.angle(at).map_or(0, |to| to.wrapping_sub(from).clamp(-MOST, MOST));
         I40F24::from_bits((turned >> 8).saturating_mul(self.per_turn(turn)))
     }
 
-    /// Speed of the shaft as this sensor reads it, in rpm, with so many counts in a turn, at most 2²⁴ either way:
-    /// by the motor's report, or by edges alone. A sensor that has missed counts reads 0.
+    /// Speed of the shaft in rpm as this sensor shows it, with nominally `turn` counts per turn, at most 2²⁴
+    /// in either direction. It is computed from the motor's report, or else from the edges alone. A sensor
+    /// that has missed counts shows 0.
     pub(crate) fn reading(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 24);
         let Some(rpm) = feedback.rpm(at) else {
@@ -167,18 +172,18 @@ impl Edges {
         scaled(rpm, self.per_turn(turn), turn).clamp(-MOST, MOST)
     }
 
-    /// A speed that this sensor reads, as the shaft's, either way.
+    /// Speed of the shaft for a speed that this sensor shows, in the same direction.
     pub(crate) fn of_shaft(&self, rpm: I40F24, turn: i64) -> I40F24 {
         scaled(rpm, turn, self.per_turn(turn).abs())
     }
 
-    /// A speed of the shaft, as this sensor reads it, either way.
+    /// Speed that this sensor shows for a speed of the shaft, in the same direction.
     pub(crate) fn of_sensor(&self, rpm: I40F24, turn: i64) -> I40F24 {
         scaled(rpm, self.per_turn(turn).abs(), turn)
     }
 
-    /// Speed by edges alone, in rpm, with so many in a turn: as measured last, and no faster than would already have
-    /// brought the next one.
+    /// Speed in rpm from the edges alone, with `turn` edges per turn. It is the last measured speed, but no
+    /// more than the speed at which the next edge would be due now.
     pub(crate) fn rpm(&self, at: Instant, turn: i64) -> i32 {
         let (Some(last), Some((counts, span))) = (self.last(), self.measured) else { return 0 };
         if self.is_silent(at) {
@@ -194,7 +199,7 @@ impl Edges {
     }
 }
 
-/// A speed in other counts: `to` for `from`.
+/// Converts a speed between two numbers of counts per turn: `rpm`·`to`/`from`.
 pub(crate) fn scaled(rpm: I40F24, to: i64, from: i64) -> I40F24 {
     if to == from {
         return rpm;

@@ -1,43 +1,46 @@
 //! Feedback of a motor to the control loop of its drive.
 //!
-//! A real drive estimates the state of the motor between two edges of its sensors. Here the motor is simulated in the
-//! same process, so it reports its [`Parameters`] and its [`Rotation`], and nothing is estimated. Position and speed
-//! are still read from the sensors ([`Edges`](super::Edges)): the loop controls their readings. A sensor without a
-//! report of the shaft, because its pins are driven from outside, gives the speed by its edges alone.
+//! A real drive estimates the state of the motor between two edges of its sensors. Here the motor is
+//! simulated in the same process. It reports its [`Parameters`] and its [`Rotation`], so the drive does not
+//! estimate them. The control loop still controls the position and the speed that the sensors show
+//! ([`Edges`](super::Edges)). If a sensor's pins are driven from outside, there is no report of the shaft.
+//! Then the speed comes from the edges alone.
 
 use fixed::types::I40F24;
 
 use super::{Parameters, Rotation};
 use crate::device::{Duration, Instant};
 
-/// The period of a control loop.
+/// Period of a control loop.
 pub(crate) const TICK: Duration = Duration::millis(1);
-/// The whole supply, as a duty.
+/// Duty of the whole supply voltage.
 pub(crate) const FULL_DUTY: i32 = 1 << 16;
-/// A move ends so near to the middle of a count, in counts: nearer, the least duty would push it to and fro; farther,
-/// little drift would be another count.
+/// Distance from the middle of a count, in counts, within which a move ends. With a smaller value the least
+/// duty would push the shaft to and fro. With a greater one a little drift would change the count.
 pub(crate) const NEAR: I40F24 = I40F24::lit("0.25");
-/// Torque that is this many times that of the supply at standstill acts like any more: nothing can turn against it.
+/// Upper limit of torques, as a multiple of the motor's torque at standstill. No motor can turn against such
+/// a torque, so a greater one has the same effect.
 const MOST_TORQUE: i64 = 4;
 
-/// A motor in the units of a control loop: torques and currents are the speeds in rpm that they cost.
+/// A motor in the units of a control loop. Torques and currents are expressed as the loss of speed, in rpm,
+/// that they cause.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct ControlModel {
-    /// Speed at the whole supply without any torque.
+    /// Speed at the whole supply voltage without any torque.
     full: I40F24,
-    /// Duty of a rpm.
+    /// Duty per rpm.
     per_rpm: I40F24,
-    /// Current of the whole supply at standstill, in mA.
+    /// Current at the whole supply voltage at standstill, in mA.
     stall_ma: i64,
-    /// Part of the way to its final speed that the motor makes in a [`TICK`], above 0.
+    /// Part of the difference to the final speed that the motor covers in a [`TICK`], above 0.
     pub(crate) gain: I40F24,
-    /// Inverse of that.
+    /// Inverse of `gain`.
     inverse: I40F24,
-    /// Time in which it comes within 1/e of its final speed, in ticks of the loop.
+    /// Time constant in ticks of the loop: the time in which the difference to the final speed falls to 1/e.
     pub(crate) slowness: I40F24,
-    /// Speed that friction costs.
+    /// Loss of speed by friction.
     pub(crate) friction: I40F24,
-    /// Speed that the load costs in forward motion.
+    /// Loss of speed by the load in forward motion.
     pub(crate) load: I40F24,
 }
 
@@ -65,14 +68,14 @@ impl ControlModel {
         }
     }
 
-    /// The speed that a current costs in the winding, at most twice that of the whole supply.
+    /// Loss of speed by a current in the winding, at most twice that of the current at standstill.
     pub(crate) fn speed_drop(&self, ma: i64) -> I40F24 {
         let most = 2 * self.stall_ma;
         self.full * ratio(ma.min(most).max(-most), self.stall_ma)
     }
 
-    /// The speed that load and friction cost a shaft that turns forward (1) or backward (−1); at rest (0) what they
-    /// cost at least, while friction holds.
+    /// Loss of speed by load and friction of a shaft that turns forward (1) or backward (−1). At rest (0)
+    /// only the part of the load that friction does not hold.
     pub(crate) fn torque(&self, way: i64) -> I40F24 {
         match way {
             0 => self.load - self.load.max(-self.friction).min(self.friction),
@@ -80,30 +83,31 @@ impl ControlModel {
         }
     }
 
-    /// Returns whether friction holds a shaft at rest without a current.
+    /// Returns true if friction holds a shaft at rest without a current.
     pub(crate) fn holds(&self) -> bool {
         self.load.abs() <= self.friction
     }
 
-    /// By how much a limit of the current, and so much of the supply as a duty, can slow down in a [`TICK`] a shaft
-    /// that turns that way, with what load and friction do, in rpm.
+    /// Greatest decrease of speed in a [`TICK`], in rpm, of a shaft that turns in the direction `way`. The
+    /// current limit `limit_ma`, the duty `most_duty`, load and friction determine it.
     pub(crate) fn max_deceleration(&self, limit_ma: u32, most_duty: i32, way: i64) -> I40F24 {
         let current = self.speed_drop(limit_ma.into()).min(self.rpm(most_duty));
         (current + self.torque(way) * way) * self.gain
     }
 
-    /// The duty of a speed without any current, far beyond the supply at most.
+    /// The duty at which the speed without current is `rpm`, limited far beyond the whole supply voltage.
     pub(crate) fn duty(&self, rpm: I40F24) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 30);
         rpm.saturating_mul(self.per_rpm).clamp(-MOST, MOST)
     }
 
-    /// The speed without any current of a duty.
+    /// The speed at a duty without current.
     pub(crate) fn rpm(&self, duty: i32) -> I40F24 {
         I40F24::from_bits((self.full.to_bits() * i64::from(duty)) >> 16)
     }
 
-    /// The duty that brings a shaft from one speed to another in a [`TICK`], far beyond the supply at most.
+    /// The duty that brings the speed from `rpm` to `wanted` in a [`TICK`], limited far beyond the whole
+    /// supply voltage.
     pub(crate) fn duty_to_reach(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
         let way = if rpm == 0 { wanted.signum() } else { rpm.signum() };
         let step = (wanted - rpm).saturating_mul(self.inverse);
@@ -111,35 +115,35 @@ impl ControlModel {
     }
 }
 
-/// Quotient of two numbers, of which the second is above 0.
+/// Quotient of two numbers. The second must be above 0.
 pub(crate) fn ratio(one: i64, other: i64) -> I40F24 {
     const MOST: i64 = 1 << 38;
     I40F24::from_bits((one.clamp(-MOST, MOST) << 24).checked_div(other).unwrap_or(0))
 }
 
-/// Reports of the motor of a drive.
+/// Reports from the motor of a drive.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Feedback {
-    /// The motor, or the one that the drive expects.
+    /// Model of the reported motor; before the first report, of the motor that the drive expects.
     pub(crate) motor: ControlModel,
-    /// The last report of its shaft.
+    /// The last report of the rotation, and its time.
     rotation: Option<(Instant, Rotation)>,
-    /// The current that it draws, in mA, signed as the duty.
+    /// Current of the motor in mA, with the sign of the duty.
     pub(crate) ma: i32,
 }
 
 impl Feedback {
-    /// No reports yet; the motor is as the drive expects it.
+    /// State without reports. The motor is the one that the drive expects.
     pub(crate) fn new(expected: &Parameters) -> Self {
         Self { motor: ControlModel::of(expected), rotation: None, ma: 0 }
     }
 
-    /// The motor reports how it turns from `at` on.
+    /// Stores a report: the motor's rotation from `at` on.
     pub(crate) fn turns(&mut self, at: Instant, rotation: Rotation) {
         self.rotation = Some((at, rotation));
     }
 
-    /// Returns whether a motor has reported a shaft.
+    /// Returns true if a motor has reported its rotation.
     pub(crate) fn is_reported(&self) -> bool {
         self.rotation.is_some()
     }
@@ -148,22 +152,22 @@ impl Feedback {
         self.rotation.map(|(since, rotation)| rotation.after(at.since(since)))
     }
 
-    /// Angle of the shaft, in 2⁻³² turns, if its motor reports it.
+    /// Angle of the shaft in 2⁻³² turns; `None` without a report.
     pub(crate) fn angle(&self, at: Instant) -> Option<i64> {
         self.now(at).map(|rotation| rotation.angle)
     }
 
-    /// Speed of the shaft, in rpm, if its motor reports it.
+    /// Speed of the shaft in rpm; `None` without a report.
     pub(crate) fn rpm(&self, at: Instant) -> Option<I40F24> {
         self.now(at).map(Rotation::rpm)
     }
 
-    /// Returns whether a limit of the current holds the motor back.
+    /// Returns true if the current limit reduces the motor's current.
     pub(crate) fn is_limited(&self, limit_ma: u32) -> bool {
         limit_ma > 0 && self.ma.unsigned_abs() >= limit_ma
     }
 
-    /// The duty that the terminals get of the `duty` they are put to: a limit of the current leaves less.
+    /// The effective duty at the terminals. While the current limit acts, this is less than `duty`.
     pub(crate) fn applied(&self, at: Instant, duty: i32, limit_ma: u32) -> i32 {
         if duty == 0 || limit_ma == 0 {
             return 0;

@@ -1,40 +1,41 @@
-//! A time in which a shaft has one acceleration.
+//! Motion of a shaft with constant acceleration.
 
 use super::{Kinematics, Rotation};
 use crate::device::{Duration, Instant};
 
-/// The greatest speed: 234,375 rpm. No motor is meant to come there; what a load turns without power, or a winding of
-/// so much resistance that it brakes nothing, gets no faster.
+/// The greatest speed: 234,375 rpm. No motor is meant to reach it. It limits the speed of a shaft that a load
+/// turns without power, or against a winding of so much resistance that it does not brake.
 pub(super) const MOST: i64 = 1 << 44;
 
-/// Motion of a shaft from an instant on. It never reverses inside: the speed ends at 0.
+/// Motion of a shaft from an instant on. The direction never reverses inside an interval: a decreasing speed
+/// ends at 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct MotionInterval {
     since: Instant,
-    /// In 2⁻³² turns; wraps.
+    /// Angle in 2⁻³² turns; wraps.
     pub(super) angle: i64,
-    /// In 2⁻⁵⁶ turns a tick.
+    /// Speed in 2⁻⁵⁶ turns per tick.
     pub(super) speed: i64,
-    /// In 2⁻⁶⁴ turns a tick².
+    /// Acceleration in 2⁻⁶⁴ turns per tick².
     acceleration: i64,
-    /// Length; without end only at standstill.
+    /// Duration; infinite only at standstill.
     length: Duration,
 }
 
 impl MotionInterval {
-    /// The longest one in which something moves. With it and [`Constants`](super::Constants)' limits nothing
-    /// here exceeds 63 bits.
+    /// The longest interval with motion. With this limit and those of [`Constants`](super::Constants) no
+    /// number here exceeds 63 bits.
     pub(super) const LONGEST: Duration = Duration::from_ticks(1 << 16);
     /// The greatest acceleration.
     pub(super) const MAX_ACCELERATION: i64 = 1 << 36;
 
-    /// Standing.
+    /// A shaft at rest.
     pub(super) fn at_rest(since: Instant, angle: i64) -> Self {
         Self { since, angle, speed: 0, acceleration: 0, length: Duration::FOREVER }
     }
 
-    /// The interval that begins here with that acceleration and lasts `length`, or until standstill or the greatest
-    /// speed.
+    /// The interval that starts in this state with the acceleration `acceleration`. It lasts `length`, or
+    /// until standstill or the greatest speed.
     pub(super) fn with(self, acceleration: i64, length: Duration) -> Self {
         let fastest = MOST * acceleration.signum();
         let acceleration = if self.speed == fastest {
@@ -51,17 +52,18 @@ impl MotionInterval {
         Self { length: length.min(Self::LONGEST).min(changes), ..lasting }
     }
 
-    /// Returns whether its acceleration is against its speed.
+    /// Returns true if the acceleration is against the speed.
     fn slows(&self) -> bool {
         self.speed.signum() * self.acceleration.signum() < 0
     }
 
-    /// Ticks until it has that speed.
+    /// Ticks until the shaft has the speed `speed`.
     fn ticks_to(&self, speed: i64) -> u64 {
         ((speed - self.speed).unsigned_abs() << 8).div_ceil(self.acceleration.unsigned_abs().max(1))
     }
 
-    /// Time of standstill if the acceleration lasts, also after the end; never if it does not slow down.
+    /// Time of standstill if the acceleration continues, also after the end of the interval; never if the
+    /// shaft does not slow down.
     pub(super) fn stop_time(&self) -> Instant {
         if self.slows() { self.since + Duration::from_ticks(self.ticks_to(0)) } else { Instant::NEVER }
     }
@@ -74,24 +76,25 @@ impl MotionInterval {
         self.since + self.length
     }
 
-    /// State at `at`, which is within the interval; from there on it is at rest, or continues [`with`](Self::with)
-    /// another acceleration.
+    /// State at `at`, which is within the interval. The result can be the start of the next interval
+    /// ([`with`](Self::with)).
     pub(super) fn at(&self, at: Instant) -> Self {
         let Rotation { angle, speed, .. } = self.rotation().after(at.since(self.since).min(self.length));
         Self { since: at, angle, speed, ..*self }
     }
 
-    /// Rotation at its beginning.
+    /// Rotation at the beginning of the interval.
     pub(super) fn rotation(&self) -> Rotation {
         Rotation { angle: self.angle, speed: self.speed, acceleration: self.acceleration }
     }
 
-    /// The speed at its end.
+    /// Speed at the end of the interval.
     pub(super) fn last_speed(&self) -> i64 {
         self.at(self.end()).speed
     }
 
-    /// State at `at`, however late, if the acceleration lasts until standstill or the greatest speed.
+    /// State at `at`, at any later time, if the acceleration continues until standstill or the greatest
+    /// speed.
     pub(super) fn extrapolated_to(&self, at: Instant) -> Self {
         let last = if self.slows() { 0 } else { MOST * self.acceleration.signum() };
         let passed = at.since(self.since).ticks();
@@ -108,7 +111,7 @@ impl MotionInterval {
         Self { since: at, angle: self.angle.wrapping_add(way as i64), speed, ..*self }
     }
 
-    /// Motion to compute with.
+    /// The motion in the form for computations.
     pub(super) fn kinematics(&self) -> Kinematics {
         Kinematics {
             since: self.since,
@@ -119,7 +122,7 @@ impl MotionInterval {
         }
     }
 
-    /// The angle at `at`, not after its end.
+    /// The angle at `at`, which is not after the end of the interval.
     pub(super) fn angle_at(&self, at: Instant) -> i64 {
         self.at(at).angle
     }

@@ -1,17 +1,18 @@
-//! Motors that are not there, and a drive that turns one.
+//! Simulated motors, and a drive together with its motor.
 //!
-//! A stepper motor follows the plans of its drive ([`stepper`]). What is on a shaft looks at it as a [`Rotor`],
-//! whatever turns it.
+//! A stepper motor follows the plans of its drive ([`stepper`]). Encoders and switches on a shaft read any
+//! kind of motor through [`Rotor`].
 //!
-//! A brush motor, and a brushless one whose drive commutates it as brushes do: its winding has a resistance and no
-//! inductance, its speed makes a voltage against the supply, its current a torque; friction of one size holds or brakes
-//! it, a load pulls at it, and what that turns faster than the supply would charges the supply. What is not modelled:
-//! inductance, iron, cogging, the supply's own resistance, warmth of the winding.
+//! The motor in this file is a brush motor, or a brushless one, which its drive commutates as brushes would.
+//! Its winding has a resistance and no inductance. Its speed makes a voltage against the supply, its current
+//! makes a torque. Friction of constant size holds or brakes the shaft, and a load pulls at the shaft. If the
+//! load turns the shaft faster than the supply would, the motor charges the supply. Not modelled: inductance,
+//! iron, cogging, the supply's own resistance, heating of the winding.
 //!
-//! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns a tick, an acceleration in
-//! 2⁻⁶⁴ turns a tick². A motor lives in intervals of constant acceleration (`interval`); inside one every
-//! edge of its sensors is found where it is. How the acceleration of a interval follows from what turns the
-//! motor is in `constants`.
+//! All numbers are integers. An angle is in 2⁻³² turns, a speed in 2⁻⁵⁶ turns per tick, an acceleration in
+//! 2⁻⁶⁴ turns per tick². The motion is a sequence of intervals of constant acceleration (`interval`). Inside
+//! an interval every edge of a sensor is at the tick at which the shaft crosses it. `constants` computes the
+//! acceleration of an interval.
 
 mod constants;
 mod drive_with_motor;
@@ -38,37 +39,39 @@ use crate::device::{
     Role, Shaft, Spec,
 };
 
-/// The only axis of a motor, and of the drive that has it.
+/// The only axis of a motor, and of the drive with this motor.
 pub(crate) const AXIS: Axis = Axis(0);
 
-/// Parameters of a brush motor, or of a brushless one, and its load. A value beyond a limit acts as the limit.
+/// Parameters of a brush motor, or of a brushless one, and its load. A value beyond a limit has the effect of
+/// the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Parameters {
     /// Supply voltage, in mV, 1 to 100,000.
     pub supply_mv: u32,
-    /// Speed at the full supply without load and friction, in rpm, 60 to 200,000: its torque constant.
+    /// Speed at the full supply voltage without load and friction, in rpm, 60 to 200,000. The torque constant
+    /// follows from it.
     pub no_load_rpm: u32,
     /// Resistance of the winding, in mΩ, 10 to 1,000,000.
     pub resistance_mohm: u32,
     /// Inertia of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
-    /// Torque against any motion, in µN·m, up to 100,000,000; also what holds it at rest.
+    /// Friction torque in µN·m, up to 100,000,000. It acts against any motion, and holds the shaft at rest.
     pub friction_unm: u32,
-    /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion; also at rest.
+    /// Load torque in µN·m, up to 100,000,000, positive if against forward motion. It also acts at rest.
     pub load_unm: i32,
-    /// Pulses of a Hall sensor in a turn, 1 to 1,000; of a brushless motor its pairs of poles.
+    /// Pulses of a Hall sensor per turn, 1 to 1,000. For a brushless motor this is its number of pole pairs.
     pub hall_pulses: u16,
-    /// Hall sensors: 2, a quarter of a pulse apart, or 3, a third of one (brushless).
+    /// Number of Hall sensors: 2, a quarter of a pulse apart, or 3, a third of a pulse apart (brushless).
     pub hall_sensors: u8,
-    /// Cycles of its encoder in a turn; 0 without one.
+    /// Cycles of the encoder per turn; 0 without an encoder.
     pub encoder_cycles: u16,
 }
 
 impl Parameters {
-    /// A motor of some 200 W at 24 V, without load. It is no product: its figures are ours, of the size that a drive
-    /// for 20 A is bought for. At 3,000 rpm they are 76 mN·m for an ampere, 48 A at standstill, which the drive has to
-    /// limit, 0.13 A of friction without load, and 3.4 ms to come to its speed: some ticks of a control loop that runs
-    /// every millisecond.
+    /// A motor of some 200 W at 24 V, without load. It is not a real product. We chose its values to suit a
+    /// drive for 20 A. At 3,000 rpm at no load they give 76 mN·m per ampere, 48 A at standstill, which the
+    /// drive must limit, 0.13 A of friction, and 3.4 ms to reach the speed. That is several ticks of a
+    /// control loop with a period of 1 ms.
     pub const NOMINAL: Self = Self {
         supply_mv: 24_000,
         no_load_rpm: 3_000,
@@ -81,7 +84,7 @@ impl Parameters {
         encoder_cycles: 0,
     };
 
-    /// The least of each.
+    /// The lowest value of each parameter.
     pub const LEAST: Self = Self {
         supply_mv: 1,
         no_load_rpm: 60,
@@ -94,7 +97,7 @@ impl Parameters {
         encoder_cycles: 0,
     };
 
-    /// The greatest of each.
+    /// The highest value of each parameter.
     pub const MOST: Self = Self {
         supply_mv: 100_000,
         no_load_rpm: 200_000,
@@ -115,27 +118,27 @@ impl Parameters {
         self.hall_sensors.clamp(Self::LEAST.hall_sensors, Self::MOST.hall_sensors)
     }
 
-    /// Returns whether it is a brushless motor: one with three Hall sensors.
+    /// Returns true for a brushless motor, that is, one with three Hall sensors.
     #[must_use]
     pub fn is_brushless(&self) -> bool {
         self.sensors() == 3
     }
 
-    /// The pins of its Hall sensors.
+    /// The pins of the motor's Hall sensors.
     fn hall_pins(&self) -> &'static [Pin] {
         HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
     }
 
-    /// Speed at the full supply without load and friction, in rpm, limited.
+    /// Speed at the full supply voltage without load and friction, in rpm, within its limits.
     fn full_rpm(&self) -> u32 {
         self.no_load_rpm.clamp(Self::LEAST.no_load_rpm, Self::MOST.no_load_rpm)
     }
 }
 
-/// Hall sensor A. While the motor turns forward it is before B: by a quarter of a pulse with two sensors, by a third
-/// with three.
+/// Hall sensor A. While the motor turns forward, A is ahead of B: by a quarter of a pulse with two sensors,
+/// by a third with three.
 pub const HALL_A: Pin = Pin(0);
-/// Hall sensor B, with three sensors a third of a pulse before C.
+/// Hall sensor B. With three sensors it is a third of a pulse ahead of C.
 pub const HALL_B: Pin = Pin(1);
 /// Channel A of the encoder.
 pub const ENCODER_A: Pin = Pin(2);
@@ -143,14 +146,14 @@ pub const ENCODER_A: Pin = Pin(2);
 pub const ENCODER_B: Pin = Pin(3);
 /// The encoder's index: high for a quarter of a cycle in each turn, while A and B are low.
 pub const ENCODER_I: Pin = Pin(4);
-/// Hall sensor C of three.
+/// Hall sensor C, of a motor with three sensors.
 pub const HALL_C: Pin = Pin(5);
 
-/// The Hall sensors, A first; two of them are A and B.
+/// Pins of the Hall sensors, A first. A motor with two sensors uses A and B.
 pub const HALL_PINS: &[Pin] = &[HALL_A, HALL_B, HALL_C];
 const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
 
-/// Blocked shaft.
+/// Fault of a blocked shaft.
 pub const STALL: Fault = Fault(0);
 
 const fn sensor(name: &'static str) -> PinSpec {
@@ -166,30 +169,32 @@ static MOTOR: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// A brush motor, or a brushless one. Its inputs are [`Input::CurrentLimit`] and [`Input::Duty`], whatever the axis.
+/// A brush motor, or a brushless one. Its inputs are [`Input::CurrentLimit`] and [`Input::Duty`]. The axis in
+/// these inputs is ignored.
 #[derive(Clone, Debug)]
 pub struct Motor {
     parameters: Parameters,
     constants: Constants,
-    /// Current limit, in mA; 0 while the terminals are open.
+    /// Current limit in mA; 0 while the terminals are open.
     limit_ma: u32,
-    /// In 1/65536 of the supply.
+    /// Duty in 1/65536 of the supply voltage.
     duty: i32,
     blocked: bool,
     interval: MotionInterval,
     halls: SensorTrack,
     encoder: SensorTrack,
-    /// The next edge of a sensor.
+    /// Time of the next edge of a sensor.
     edge: Instant,
-    /// Time of that edge, or of the end of the interval.
+    /// Time of the next edge or of the end of the interval, whichever is earlier.
     due: Instant,
     ma: i32,
-    /// The last report of its shaft, and its instant.
+    /// The last report of the rotation, and its time.
     reported: Option<(Instant, Rotation)>,
 }
 
 impl Motor {
-    /// A motor at standstill, with open terminals, in the middle between two edges of its Hall sensors.
+    /// A motor at standstill with open terminals. Its shaft is in the middle between two edges of the Hall
+    /// sensors.
     #[must_use]
     pub fn new(parameters: Parameters) -> Self {
         let halls = SensorTrack::halls(&parameters);
@@ -211,19 +216,19 @@ impl Motor {
         }
     }
 
-    /// Parameters.
+    /// Parameters of the motor.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// Rotation of its shaft at `at`, not after its next deadline.
+    /// Rotation of the shaft at `at`, which is not after the next deadline.
     #[must_use]
     pub fn rotation_at(&self, at: Instant) -> Rotation {
         self.interval.at(at).rotation()
     }
 
-    /// Changes the parameters, at the same count of its Hall sensors and as fast in turns.
+    /// Changes the parameters. The count of the Hall sensors and the speed in turns stay the same.
     pub fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
         if parameters == self.parameters {
             return;
@@ -246,7 +251,7 @@ impl Motor {
         self.update(at, out);
     }
 
-    /// Begins the next interval, where the present one is at `at`.
+    /// Starts the next interval at `at`, with the state of the present one.
     fn update(&mut self, at: Instant, out: &mut dyn Context) {
         let ma = self.next_interval(at, self.terminals());
         if ma != self.ma {
@@ -260,7 +265,7 @@ impl Motor {
         }
     }
 
-    /// Returns whether the last report is still right, up to the end of the present interval.
+    /// Returns true if the last report is still right, up to the end of the present interval.
     fn is_reported(&self, at: Instant, rotation: Rotation) -> bool {
         let Some((since, reported)) = self.reported else { return false };
         let end = self.interval.end();
@@ -279,7 +284,8 @@ impl Motor {
         }
     }
 
-    /// As [`Self::update`] with that at its terminals, and returns what the motor draws.
+    /// Starts the next interval as [`Self::update`] does, with the terminals connected as `terminals`.
+    /// Returns the current.
     fn next_interval(&mut self, at: Instant, terminals: Terminals) -> i32 {
         let now = self.interval.at(at);
         let now = if self.blocked { MotionInterval::at_rest(at, now.angle) } else { now };
@@ -289,13 +295,14 @@ impl Motor {
         ma
     }
 
-    /// Looks for the next edge of the present interval.
+    /// Computes the time of the next edge in the present interval.
     fn find_edge(&mut self, at: Instant) {
         self.edge = self.halls.next_edge(&self.interval, at).min(self.encoder.next_edge(&self.interval, at));
         self.due = self.edge.min(self.interval.end());
     }
 
-    /// Advances a motor without power from its last state to `at`: its sensors are off, so no edge is reported.
+    /// Advances a motor without power from its last state to `at`. No edges are reported, because the sensors
+    /// have no power.
     fn coast(&mut self, at: Instant) {
         (self.limit_ma, self.duty, self.ma) = (0, 0, 0);
         self.next_interval(self.interval.since(), Terminals::Dead);
@@ -304,7 +311,7 @@ impl Motor {
             self.interval = self.interval.extrapolated_to(stands);
             self.next_interval(stands, Terminals::Dead);
         }
-        // From there on friction holds it or the load turns it, and neither changes any more.
+        // From here on friction holds the shaft or the load turns it. Neither changes any more.
         self.interval = self.interval.extrapolated_to(at);
         self.next_interval(at, Terminals::Dead);
         let angle = self.interval.angle;
@@ -340,7 +347,7 @@ impl Device for Motor {
         &MOTOR
     }
 
-    /// Powers the sensors; the shaft stays as it is.
+    /// Switches the power of the sensors on. The motion of the shaft continues.
     fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
         self.coast(at);
         self.blocked = false;

@@ -6,20 +6,20 @@ use fixed::types::I40F24;
 use super::interval::{MOST, MotionInterval};
 use crate::device::Duration;
 
-/// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next report: while
-/// the shaft turns that comes 65,536 ticks (4 ms) later at most.
+/// Angle, speed and acceleration of a motor's shaft at an instant. The acceleration lasts until the next
+/// report. While the shaft turns, the next report follows after 65,536 ticks (4 ms) at most.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Rotation {
-    /// In 2⁻³² turns, forward; wraps.
+    /// Angle in 2⁻³² turns, forward; wraps.
     pub angle: i64,
-    /// In 2⁻⁵⁶ turns a tick, at most 2⁴⁴ either way.
+    /// Speed in 2⁻⁵⁶ turns per tick, at most 2⁴⁴ in either direction.
     pub speed: i64,
-    /// In 2⁻⁶⁴ turns a tick², at most 2³⁶ either way.
+    /// Acceleration in 2⁻⁶⁴ turns per tick², at most 2³⁶ in either direction.
     pub acceleration: i64,
 }
 
 impl Rotation {
-    /// The state a span later, at most 4 ms. A shaft that slows down ends at rest and does not turn round.
+    /// The state after `span`, which is 4 ms at most. A shaft that slows down stops and does not reverse.
     pub(super) fn after(self, span: Duration) -> Self {
         let moves = self.speed != 0 || self.acceleration != 0;
         let ticks = if moves { span.min(MotionInterval::LONGEST).ticks().cast_signed() } else { 0 };
@@ -33,8 +33,8 @@ impl Rotation {
         }
     }
 
-    /// Returns whether the difference to another rotation does not matter: the angle is the same to 2⁻²⁴ turns, the
-    /// speed to 0.001 rpm.
+    /// Returns true if the difference from `other` does not matter: the angles differ by 2⁻²⁴ turns at most,
+    /// the speeds by 0.001 rpm.
     pub(super) fn is_like(self, other: Self) -> bool {
         const ANGLE: u64 = 1 << 8;
         const SPEED: u64 = 1 << 16;
@@ -44,12 +44,12 @@ impl Rotation {
 
     /// The speed in rpm.
     pub(super) fn rpm(self) -> I40F24 {
-        // 2⁻⁵⁶ turns a tick are 60·f·2⁻³² of 2⁻²⁴ rpm.
+        // 2⁻⁵⁶ turns per tick are 60·f·2⁻³² times 2⁻²⁴ rpm.
         const RATE: i64 = (60 * TICKS_PER_SECOND).cast_signed();
         I40F24::from_bits(((self.speed >> 11) * RATE) >> 21)
     }
 
-    /// A report that is out of its range, from a trace, as one that is in it.
+    /// Limits a report, which may come from a trace, to the allowed range.
     #[must_use]
     pub fn limited(self) -> Self {
         Self {

@@ -1,46 +1,48 @@
-//! A rotor, as the sensors on its shaft see it.
+//! The interface between a motor and the sensors on its shaft.
 
 use crate::device::{Device, Instant};
 
-/// A motor as seen from its shaft: for encoders, switches and displays.
+/// A motor as seen from its shaft, for encoders, switches and displays.
 ///
-/// Angles are in 2⁻³² turns and wrap. Instants are from the last call of the device on and before
-/// [`until`](Self::until); in that time the shaft does not change its direction.
+/// Angles are in 2⁻³² turns and wrap. Instants passed to these functions are not before the last call of the
+/// device, and are before [`until`](Self::until). In this time the shaft does not reverse.
 pub trait Rotor: Device {
-    /// Time until which it turns as at present if nothing happens to it: one of its deadlines.
+    /// Time until which the present motion lasts if the motor gets no input. This is one of the motor's
+    /// deadlines.
     fn until(&self) -> Instant;
 
     /// Angle of the shaft.
     fn angle_at(&self, at: Instant) -> i64;
 
-    /// Returns whether the shaft is at an angle, or forward of it.
+    /// Returns true if the shaft is at `angle` or forward of it.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
         self.angle_at(at).wrapping_sub(angle) >= 0
     }
 
-    /// Present motion.
+    /// The present motion.
     fn kinematics(&self) -> Kinematics;
 
-    /// Returns whether it cannot follow its drive.
+    /// Returns true if the motor cannot follow its drive.
     fn stalled(&self) -> bool;
 
-    /// Current in mA, signed as a duty is.
+    /// Current in mA, with the sign of a duty.
     fn draws_ma(&self) -> i32;
 }
 
-/// Motion of a shaft from an instant on, to compute with where a tick more or less does not matter.
+/// Motion of a shaft from an instant on, for computations where an error of a tick does not matter.
 ///
-/// *d* ticks later it has made `d·(2·half_speed + half_acceleration·d)` of the `turn` parts of a turn.
+/// After *d* ticks the shaft has turned by `d·(2·half_speed + half_acceleration·d)` parts; `turn` parts are
+/// one turn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Kinematics {
-    /// From when on.
+    /// Start of this motion.
     pub since: Instant,
-    /// Angle then, in 2⁻³² turns.
+    /// Angle at the start, in 2⁻³² turns.
     pub angle: i64,
-    /// Half of its speed, in parts of a turn a tick, signed.
+    /// Half of the speed, in parts of a turn per tick, signed.
     pub half_speed: i64,
-    /// Half of its acceleration, in parts of a turn a tick².
+    /// Half of the acceleration, in parts of a turn per tick².
     pub half_acceleration: i64,
-    /// The parts of a turn.
+    /// Number of parts of a turn.
     pub turn: i128,
 }

@@ -1,4 +1,5 @@
-//! Levels of the sensors around a shaft: two a quarter of a period apart, or three a third of one.
+//! Levels of the sensors around a shaft: two sensors a quarter of a period apart, or three sensors a third
+//! apart.
 
 use fixed::types::I48F16;
 
@@ -6,22 +7,23 @@ use super::{MotionInterval, Parameters};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-/// Sensors on a shaft. A count lasts from an edge of any of them to the next one: four or six a period.
+/// Sensors on a shaft. A count lasts from an edge of any sensor to the next edge of any sensor. A period has
+/// four or six counts.
 ///
-/// Of two both are high in count 0, and going forward A changes first. Of three (A, B, C) are 101 in count 0, and
-/// going forward 100, 110, 010, 011, 001.
+/// With two sensors both are high in count 0, and in forward direction A changes first. With three sensors
+/// the levels of A, B, C are 101 in count 0, and then in forward direction 100, 110, 010, 011, 001.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct SensorTrack {
-    /// In a turn; 0 if there are no sensors.
+    /// Counts per turn; 0 if there are no sensors.
     counts: u32,
-    /// Three sensors, not two.
+    /// True with three sensors, false with two.
     three: bool,
-    /// The count that they show.
+    /// The count that the sensors show.
     at: i64,
 }
 
 impl SensorTrack {
-    /// Channels A and B of an encoder of so many cycles a turn, at count 0.
+    /// Channels A and B of an encoder with `cycles` cycles per turn, at count 0.
     pub(super) fn encoder(cycles: u16) -> Self {
         Self { counts: 4 * u32::from(cycles), three: false, at: 0 }
     }
@@ -36,17 +38,17 @@ impl SensorTrack {
         }
     }
 
-    /// These, at the count that `other` shows.
+    /// These sensors, at the count that `other` shows.
     pub(super) fn at_count_of(self, other: Self) -> Self {
         Self { at: other.at, ..self }
     }
 
-    /// The sensors at the count of `angle`.
+    /// These sensors, at the count of `angle`.
     pub(super) fn moved_to(self, angle: i64) -> Self {
         Self { at: self.count(angle), ..self }
     }
 
-    /// The angle in the middle of the count that they show.
+    /// The angle in the middle of the count that the sensors show.
     pub(super) fn middle(self) -> i64 {
         let turns = self.at.checked_div_euclid(self.counts.into()).unwrap_or(0);
         let part = self.at.checked_rem_euclid(self.counts.into()).unwrap_or(0);
@@ -61,14 +63,14 @@ impl SensorTrack {
         (angle >> 32).wrapping_mul(counts).wrapping_add((part * counts) >> 32)
     }
 
-    /// A speed in 2⁻⁵⁶ turns a tick in counts per second.
+    /// Speed in counts per second, for a speed in 2⁻⁵⁶ turns per tick.
     pub(super) fn counts_per_second(self, speed: i64) -> I48F16 {
-        /// 2⁻⁵⁶ turns a tick are f·2⁻⁴⁰ of 2⁻¹⁶ turns a second.
+        /// 2⁻⁵⁶ turns per tick are f·2⁻⁴⁰ times 2⁻¹⁶ turns per second.
         const RATE: i64 = TICKS_PER_SECOND.cast_signed() >> 10;
         I48F16::from_bits((((speed >> 14) * RATE) >> 16).saturating_mul(self.counts.into()))
     }
 
-    /// The first tick from `from` on at which the shaft is at another count than they show.
+    /// The first tick from `from` on at which the shaft is at another count than the sensors show.
     pub(super) fn next_edge(self, interval: &MotionInterval, from: Instant) -> Instant {
         let is_here = |at: Instant| self.count(interval.angle_at(at)) == self.at;
         if self.counts == 0 || is_here(interval.end()) {
@@ -82,13 +84,14 @@ impl SensorTrack {
         from + Duration::from_ticks(first)
     }
 
-    /// Goes on to the next count towards `angle`, if it is not there.
+    /// Moves the sensors to the next count in the direction of `angle`, unless they show the count of
+    /// `angle`.
     pub(super) fn step_towards(&mut self, angle: i64) {
         self.at = self.at.wrapping_add(self.count(angle).wrapping_sub(self.at).signum());
     }
 
-    /// Puts what sensor A, sensor B and sensor C or an index show, where there are pins for them and it is not what
-    /// they showed `before`. The index is high in the third count of every turn, where A and B are low.
+    /// Puts the levels of sensor A, sensor B, and sensor C or the index, at the pins in `pins`, as far as
+    /// they differ from `before`. The index is high in the third count of every turn, when A and B are low.
     pub(super) fn put_levels(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
         let before = before.map(Self::levels);
         let levels = self.levels().into_iter().enumerate();

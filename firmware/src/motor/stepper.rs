@@ -1,29 +1,31 @@
-//! A stepper motor.
+//! A simulated stepper motor.
 //!
-//! Its drive moves a field, the motor's shaft follows: between two steps, too, since the current of a drive goes from
-//! one microstep to the next smoothly enough. So while a plan runs the shaft is at the plan's exact phase. Where
-//! the field jumps, the shaft turns evenly within a millisecond at most: a step without a plan, and what the
-//! standstill of a ramp leaves between two steps.
+//! The drive moves a magnetic field, and the shaft follows it. The shaft also follows between two steps,
+//! because a drive changes its current smoothly enough from one microstep to the next. So while a plan runs,
+//! the shaft is at the plan's exact phase. If the field jumps, the shaft turns evenly to the new position
+//! within a millisecond at most. The field jumps at a step without a plan, and at the end of a ramp that
+//! stops between two steps.
 //!
-//! The torque of the motor is its holding torque times the share of the rated current, and falls evenly to nothing
-//! at the pull-out speed. Load, friction and what accelerates the inertia may not take more. Where they do the shaft is
-//! out of step, and stops. So it does when it is held, and when the current goes (BENCH-7).
+//! The torque of the motor is its holding torque times the share of the rated current. It falls linearly to
+//! zero at the pull-out speed. If load, friction and the acceleration of the inertia need more torque, the
+//! shaft loses step and stops. It also loses step when it is held, and when the current is switched off
+//! (BENCH-7).
 //!
-//! A shaft out of step is turned by its load. Friction resists that; so does the whole torque of a field that is slow,
-//! since it pulls back at every full step. The mean torque of a fast field is nothing. A field is slow if its torque
-//! takes the inertia from rest to its speed within two full steps, where its torque turns round. The speed of the load
-//! ends at the pull-out speed: there the motor generates as much as feeds its drive, and brakes through the diodes of
-//! the bridge.
+//! A shaft out of step is turned by its load. Friction resists the load. So does the whole torque of a slow
+//! field, because it pulls back at every full step. The mean torque of a fast field is zero. A field is slow
+//! if its torque accelerates the inertia from rest to the field's speed within two full steps, where the
+//! torque changes its sign. The load turns the shaft no faster than the pull-out speed. At this speed the
+//! motor generates enough to feed its drive, and brakes through the diodes of the bridge.
 //!
-//! A shaft that is out of step and at rest falls in with a slow field, if the torque suffices for load and friction, at
-//! the nearest place of the field's torque, which repeats every four full steps; a field at rest takes it downhill if
-//! it cannot take it uphill.
+//! A shaft that is out of step and at rest falls into step with a slow field, if the torque suffices for load
+//! and friction. It does so at the nearest position of the field's torque, which repeats every four full
+//! steps. A field at rest takes the shaft in the direction of the load if it cannot take it against the load.
 //!
-//! Not modelled: resonance, damping, the angle by which a load turns a shaft that is in step, the momentum of one that
-//! falls out of step, detent torque other than as friction.
+//! Not modelled: resonance, damping, the angle by which a load turns a shaft that is in step, the momentum of
+//! a shaft that loses step, detent torque other than as friction.
 //!
-//! All positions are phases of a plan, where a step of the drive has `STEP` units. So only the angle that is shown is
-//! rounded, and the origin when the size of a step changes.
+//! All positions are phases of a plan, in which a step of the drive has `STEP` units. Only the displayed
+//! angle is rounded, and the origin when the size of a step changes.
 
 use super::{Kinematics, Rotor, STALL};
 use crate::device::{AxisSpec, Boot, Context, Device, Duration, Input, Instant, Plan, PresetError, Spec};
@@ -32,41 +34,45 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// The longest time in which the shaft catches up with a field that has jumped.
 const CATCH_UP: Duration = Duration::millis(1);
-/// The longest interval, so that nothing here exceeds 127 bits, and no position wraps unseen.
+/// The longest interval. With this limit no number here exceeds 127 bits, and no position wraps unnoticed.
 const LONGEST: Duration = Duration::from_ticks(1 << 31);
-/// Smallest jump, in units of phase: the even way of catching up is a whole number of units a tick.
+/// The smallest difference that counts as a jump, in units of phase. Smaller ones occur because the speed of
+/// catching up is a whole number of units per tick.
 const NOTHING: i128 = 1 << 16;
-/// The field's torque repeats after so many full steps.
+/// Number of full steps after which the field's torque repeats.
 const PERIOD: i64 = 4;
-/// The fastest shaft, as [`MotionInterval::half_speed`], so that nothing here exceeds 127 bits.
+/// The greatest speed of the shaft, as [`MotionInterval::half_speed`]. With this limit no number here exceeds
+/// 127 bits.
 const FASTEST: i128 = 1 << 56;
-/// 2π/10 in 2⁻²⁴: µN·m at 1 g·cm² and 1 turn/s². Torques are in 1/256 µN·m.
+/// 2π/10 in 2⁻²⁴: torque in µN·m that accelerates 1 g·cm² by 1 turn/s². Torques are in 1/256 µN·m.
 const TORQUE: i128 = 10_541_437;
-/// More than any drive gives, in mA.
+/// More current than any drive gives, in mA.
 const MOST_MA: u32 = 1_000_000;
 
-/// Parameters of a stepper motor and its load. A value beyond a limit acts as the limit.
+/// Parameters of a stepper motor and its load. A value beyond a limit has the effect of the limit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct StepperParameters {
-    /// Full steps in a turn, 4 to 10,000.
+    /// Full steps per turn, 4 to 10,000.
     pub steps_per_rev: u16,
-    /// Torque that holds it at its rated current, in µN·m, up to 100,000,000; 0: with current it follows whatever the
-    /// load is.
+    /// Torque that holds the shaft at the rated current, in µN·m, up to 100,000,000. With 0 the shaft follows
+    /// under any load while there is current.
     pub holding_unm: u32,
-    /// Peak current of that torque, in mA, 1 to 100,000.
+    /// Rated peak current, which gives the holding torque, in mA, 1 to 100,000.
     pub rated_ma: u32,
-    /// The speed at which no torque is left, in rpm, 1 to 200,000; it falls evenly with the speed.
+    /// Pull-out speed, at which no torque is left, in rpm, 1 to 200,000. The torque falls linearly with the
+    /// speed.
     pub pull_out_rpm: u32,
     /// Inertia of rotor and load, in g·cm², 1 to 10,000,000.
     pub inertia_gcm2: u32,
-    /// Torque against any motion, in µN·m, up to 100,000,000: all that holds the shaft without current.
+    /// Friction torque against any motion, in µN·m, up to 100,000,000. Without current only friction holds
+    /// the shaft.
     pub friction_unm: u32,
-    /// Torque of the load, in µN·m, up to 100,000,000, positive against forward motion.
+    /// Load torque in µN·m, up to 100,000,000, positive if against forward motion.
     pub load_unm: i32,
 }
 
 impl StepperParameters {
-    /// 200 steps, and no load that it could not follow.
+    /// A motor of 200 steps that follows its drive under any load.
     pub const NOMINAL: Self = Self {
         steps_per_rev: 200,
         holding_unm: 0,
@@ -77,7 +83,7 @@ impl StepperParameters {
         load_unm: 0,
     };
 
-    /// The least of each.
+    /// The lowest value of each parameter.
     pub const LEAST: Self = Self {
         steps_per_rev: 4,
         holding_unm: 0,
@@ -88,7 +94,7 @@ impl StepperParameters {
         load_unm: -100_000_000,
     };
 
-    /// The greatest of each.
+    /// The highest value of each parameter.
     pub const MOST: Self = Self {
         steps_per_rev: 10_000,
         holding_unm: 100_000_000,
@@ -121,17 +127,17 @@ static STEPPER: Spec = Spec {
     ..Spec::EMPTY
 };
 
-/// Motion of the shaft from an instant on. It does not reverse inside.
+/// Motion of the shaft from an instant on. The shaft does not reverse inside an interval.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct MotionInterval {
     since: Instant,
     end: Instant,
     /// Phase at the beginning.
     from: i128,
-    /// Speed and acceleration as those of a [`Segment`](crate::motion::Segment), but signed.
+    /// Speed and acceleration in the units of a [`Segment`](crate::motion::Segment), but signed.
     half_speed: i64,
     half_acceleration: i64,
-    /// Part of `half_speed` that catches up with the field.
+    /// Part of `half_speed` with which the shaft catches up with the field.
     catch_up_until: i64,
 }
 
@@ -148,13 +154,13 @@ impl MotionInterval {
         self.from + d * (2 * i128::from(self.half_speed) + i128::from(self.half_acceleration) * d)
     }
 
-    /// Half of its speed, as [`Self::half_speed`].
+    /// Half of the speed at `at`, in the units of [`Self::half_speed`].
     fn speed_at(&self, at: Instant) -> i64 {
         let d = i128::from(at.min(self.end).since(self.since).ticks());
         (i128::from(self.half_speed) + i128::from(self.half_acceleration) * d).clamp(-FASTEST, FASTEST) as i64
     }
 
-    /// After how many ticks it would turn round, at the latest.
+    /// Upper limit of the ticks until the shaft would reverse.
     fn turns_round(&self) -> u64 {
         let against = self.half_speed.signum() * self.half_acceleration.signum() < 0;
         let ticks = self.half_speed.unsigned_abs().checked_div(self.half_acceleration.unsigned_abs());
@@ -162,37 +168,38 @@ impl MotionInterval {
     }
 }
 
-/// A stepper motor. Its inputs are [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`], whatever the axis.
+/// A stepper motor. Its inputs are [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`]. The axis in
+/// these inputs is ignored.
 #[derive(Clone, Debug)]
 pub struct StepperMotor {
     parameters: StepperParameters,
-    /// Steps of the drive in a full step.
+    /// Number of steps of the drive in a full step.
     microsteps: u16,
-    /// `None` from a drive that does not report it; then it is the rated one.
+    /// Current in mA; `None` if the drive does not report it. Then the rated current is assumed.
     current_ma: Option<u32>,
     blocked: bool,
     plan: Plan,
     /// Angle of phase 0, in 2⁻³² turns.
     origin: i64,
-    /// Position of the field, in whole steps of the drive from there.
+    /// Position of the field, in whole steps of the drive from phase 0.
     field: i64,
-    /// Position of the plan there.
+    /// Position of the plan when the field was at `field`.
     planned: i32,
-    /// Offset of the shaft from the field, in steps of the drive: some periods of its torque.
+    /// Offset of the shaft from the field, in steps of the drive: a number of periods of its torque.
     field_offset: i64,
-    /// Not following the field: held, turned by its load, or at rest.
+    /// True if the shaft does not follow the field: it is held, turned by its load, or at rest.
     is_loose: bool,
-    /// The drive keeps its field beside a shaft that does not follow, and so its whole torque.
+    /// True if the drive keeps its field near a shaft that does not follow, and so its whole torque.
     keeps_field: bool,
     /// Time of the last step without a plan.
     stepped: Instant,
-    /// Until when it catches up with the field.
+    /// Time until which the shaft catches up with the field.
     catch_up_until: Instant,
     interval: MotionInterval,
 }
 
 impl StepperMotor {
-    /// A motor at standstill at angle 0, at a drive of full steps.
+    /// A motor at standstill at angle 0, with a drive that makes full steps.
     #[must_use]
     pub fn new(parameters: StepperParameters) -> Self {
         Self {
@@ -213,7 +220,7 @@ impl StepperMotor {
         }
     }
 
-    /// From `at` on so many steps of the drive are a full step.
+    /// Sets the number of steps of the drive in a full step, from `at` on.
     pub fn set_microsteps(&mut self, at: Instant, microsteps: u16) {
         let (new, old) = (microsteps.max(1), self.microsteps);
         if new == old {
@@ -232,8 +239,8 @@ impl StepperMotor {
         self.next_interval(at, CATCH_UP);
     }
 
-    /// From `at` on it has another load, or is another motor. A motor with another number of full steps is in step
-    /// where this one is.
+    /// Sets new parameters of the motor and its load, from `at` on. If the number of full steps changes, the
+    /// new motor is in step where the shaft is now.
     pub fn load(&mut self, at: Instant, parameters: StepperParameters) {
         let parameters = parameters.bounded();
         if parameters == self.parameters {
@@ -249,7 +256,7 @@ impl StepperMotor {
         self.next_interval(at, CATCH_UP);
     }
 
-    /// From `at` on its drive keeps the field beside a shaft that does not follow, or no longer.
+    /// Sets whether the drive keeps the field near a shaft that does not follow, from `at` on.
     pub fn keep_field(&mut self, at: Instant, keeps: bool) {
         if self.keeps_field != keeps {
             self.keeps_field = keeps;
@@ -257,8 +264,8 @@ impl StepperMotor {
         }
     }
 
-    /// Moves the field to the shaft, as a drive does that knows where it is: a shaft that rests though nothing holds it
-    /// follows from there on, at the nearest place of the field's torque.
+    /// Moves the field to the shaft, as a drive does that knows the shaft's position. A shaft that rests
+    /// without being held then follows again, from the nearest position of the field's torque.
     pub fn resynchronise(&mut self, at: Instant) {
         if self.is_free() && self.interval.speed_at(at) == 0 {
             self.move_field(at);
@@ -268,7 +275,7 @@ impl StepperMotor {
         }
     }
 
-    /// Returns whether it does not follow, though it has current and is not held.
+    /// Returns true if the shaft does not follow though it has current and is not held.
     fn is_free(&self) -> bool {
         self.is_loose && self.can_follow()
     }
@@ -277,29 +284,30 @@ impl StepperMotor {
         !self.blocked && self.current_ma != Some(0)
     }
 
-    /// Returns whether its torque would turn it from rest.
+    /// Returns true if the motor's torque is enough to turn the shaft from rest.
     #[must_use]
     pub fn can_turn(&self, forward: bool) -> bool {
         self.overcomes(0, if forward { 1 } else { -1 })
     }
 
-    /// Returns whether it is where the field has it, not on its way there.
+    /// Returns true if the shaft is at the position of the field and does not have to catch up.
     #[must_use]
     pub fn is_in_step(&self, at: Instant) -> bool {
         !self.is_loose && self.catch_up_until <= at
     }
 
-    /// Steps of the drive in a turn.
+    /// Steps of the drive per turn.
     fn steps_per_rev(&self) -> i64 {
         i64::from(self.parameters.steps_per_rev) * i64::from(self.microsteps)
     }
 
-    /// Units of phase in a turn.
+    /// Units of phase per turn.
     fn turn(&self) -> i128 {
         i128::from(self.steps_per_rev()) * i128::from(STEP)
     }
 
-    /// The angle of a phase, rounded up: so where a step is at an edge of an encoder, the shaft is beyond it.
+    /// The angle of a phase, rounded up. So if a step is exactly at an edge of an encoder, the shaft has
+    /// passed the edge.
     fn angle_of(&self, phase: i128) -> i64 {
         let (parts, turn) = (phase << 32, self.turn());
         let down = parts.checked_div_euclid(turn).unwrap_or(0);
@@ -307,7 +315,7 @@ impl StepperMotor {
         self.origin.wrapping_add(down as i64).wrapping_add(i64::from(rest > 0))
     }
 
-    /// Brings the field to where the plan has it at `at`; whole turns go into the origin.
+    /// Moves the field to the plan's position at `at`. Adds whole turns to the origin.
     fn move_field(&mut self, at: Instant) {
         let position = self.plan.position_at(at);
         self.field += i64::from(position.wrapping_sub(self.planned));
@@ -321,8 +329,8 @@ impl StepperMotor {
         }
     }
 
-    /// Begins the next interval, where the present one is at `at`. With a jump of the field the shaft catches up
-    /// `within` that time.
+    /// Starts the next interval at `at`, with the state of the present one. If the field has jumped, the
+    /// shaft catches up in the time `within`.
     fn next_interval(&mut self, at: Instant, within: Duration) {
         let speed = self.loose_speed(at);
         self.move_field(at);
@@ -342,14 +350,15 @@ impl StepperMotor {
                     MotionInterval { end: next.end.min(at + Duration::from_ticks(ticks)), ..next };
                 return;
             }
-            // It tries once more.
+            // The shaft tries once more.
             (self.is_loose, self.catch_up_until) = (true, at + CATCH_UP);
         }
         self.interval = self.loose(at, shaft, speed, &field);
         self.follow_shaft(shaft);
     }
 
-    /// Speed of a shaft that does not follow, as [`MotionInterval::half_speed`]; 0 if it followed until now.
+    /// Speed of a shaft that does not follow, in the units of [`MotionInterval::half_speed`]; 0 if the shaft
+    /// followed until now.
     fn loose_speed(&self, at: Instant) -> i64 {
         let speed = self.interval.speed_at(at);
         let turned_round = self.interval.half_speed.signum() * speed.signum() < 0;
@@ -357,8 +366,8 @@ impl StepperMotor {
         if !self.is_loose || self.blocked || is_bound || turned_round { 0 } else { speed }
     }
 
-    /// Returns whether a shaft at rest falls in with the field. Then it belongs to the nearest place of the field's
-    /// torque.
+    /// Returns true if a shaft at rest falls into step with the field. Then sets its offset to the nearest
+    /// possible position of the field's torque.
     fn resynchronises(&mut self, shaft: i128, field: &Field) -> bool {
         let goes_on = MotionInterval {
             half_speed: field.half_speed,
@@ -381,10 +390,11 @@ impl StepperMotor {
         true
     }
 
-    /// Acceleration that brings a shaft from rest to the speed of the field within two full steps.
+    /// Motion with the field's speed and with the acceleration that reaches this speed from rest within two
+    /// full steps.
     fn starting(&self, field: &Field) -> MotionInterval {
         const TICKS: i128 = TICKS_PER_SECOND.cast_signed() as i128;
-        // v² = 2·a·s, for s of two full steps.
+        // v² = 2·a·s, where s is two full steps.
         let square = (i128::from(field.half_speed) * i128::from(field.half_speed))
             .checked_div(TICKS * TICKS)
             .unwrap_or(0);
@@ -398,13 +408,13 @@ impl StepperMotor {
         }
     }
 
-    /// Motion of a shaft that does not follow: by its load, against what resists that.
+    /// Motion of a shaft that does not follow the field: its load turns it, against all resisting torques.
     fn loose(&self, at: Instant, shaft: i128, speed: i64, field: &Field) -> MotionInterval {
         let mut end = field.end;
         if self.catch_up_until > at {
             end = end.min(self.catch_up_until);
         } else if self.can_follow() && field.half_acceleration != 0 {
-            // It may become slow enough.
+            // The field may become slow enough.
             end = end.min(at + CATCH_UP);
         }
         let StepperParameters { pull_out_rpm, load_unm, .. } = self.parameters;
@@ -438,7 +448,8 @@ impl StepperMotor {
         MotionInterval { end: end.min(at + Duration::from_ticks(lasts.min(LONGEST.ticks()))), ..next }
     }
 
-    /// Torque that resists a shaft that does not follow; `None`: any.
+    /// Torque that resists the motion of a shaft that does not follow; `None` if the shaft cannot be turned
+    /// at all.
     fn resists(&self, field: &Field) -> Option<i128> {
         let friction = i128::from(self.parameters.friction_unm) << 8;
         if !self.can_follow() {
@@ -452,7 +463,8 @@ impl StepperMotor {
         Some(if is_slow || self.keeps_field { friction + holds } else { friction })
     }
 
-    /// The field of a shaft that has left it is as good some turns further on: so that they never are far apart.
+    /// Moves the field by whole turns towards a shaft that does not follow, so that they never are far apart.
+    /// The field's torque stays the same.
     fn follow_shaft(&mut self, shaft: i128) {
         let steps = PERIOD * self.steps_per_rev();
         let away = shaft - i128::from(self.field) * i128::from(STEP);
@@ -460,13 +472,13 @@ impl StepperMotor {
         self.field += periods as i64 * steps;
     }
 
-    /// Stretch of the shaft from `shaft` if it follows the field.
+    /// The interval from `at` on of a shaft at the phase `shaft` that follows the field.
     fn following(&mut self, at: Instant, within: Duration, shaft: i128, field: &Field) -> MotionInterval {
         let target = i128::from(self.field + self.field_offset) * i128::from(STEP) + field.fraction;
         let gap = target - shaft;
         let still = i128::from(self.catch_up_until.since(at).ticks());
         let expected = 2 * i128::from(self.interval.catch_up_until) * still;
-        // A plan changes its acceleration between two ticks, and is seen at the next one.
+        // A plan may change its acceleration between two ticks; the motor gets this change at the next tick.
         let nothing = NOTHING + i128::from(self.interval.half_acceleration.unsigned_abs());
         if (gap - expected).abs() > nothing {
             self.catch_up_until = at + within;
@@ -495,7 +507,7 @@ impl StepperMotor {
         }
     }
 
-    /// Offset of the shaft from the field if it falls in at the nearest place.
+    /// Offset of the shaft from the field if the shaft falls into step at the nearest position.
     fn nearest_period(&self, shaft: i128) -> i64 {
         let steps = PERIOD * i64::from(self.microsteps);
         let period = i128::from(steps) * i128::from(STEP);
@@ -504,7 +516,7 @@ impl StepperMotor {
         (periods as i64).wrapping_mul(steps)
     }
 
-    /// Returns whether the torque at standstill suffices to turn the shaft from one phase to another.
+    /// Returns true if the torque at standstill is enough to turn the shaft from one phase to the other.
     fn overcomes(&self, from: i128, to: i128) -> bool {
         let way = (to - from).signum() as i64;
         self.fails_after(&MotionInterval {
@@ -513,7 +525,7 @@ impl StepperMotor {
         }) != Some(0)
     }
 
-    /// Turns in so many seconds, as [`MotionInterval::half_speed`].
+    /// The speed of `turns` turns in `seconds` seconds, in the units of [`MotionInterval::half_speed`].
     fn in_phase(&self, turns: i128, seconds: i128) -> i128 {
         let way = turns * i128::from(self.steps_per_rev()) * i128::from(TICKS_PER_SECOND);
         way.checked_div(seconds).unwrap_or(0)
@@ -526,13 +538,13 @@ impl StepperMotor {
         ((i128::from(holding_unm) * i128::from(ma)) << 8).checked_div(rated_ma.into()).unwrap_or(0)
     }
 
-    /// The torque that accelerates the inertia so.
+    /// The torque that gives the inertia this acceleration.
     fn accelerates(&self, half_acceleration: i64) -> i128 {
         let torque = i128::from(self.parameters.inertia_gcm2) * i128::from(half_acceleration) * TORQUE;
         torque.checked_div(i128::from(self.steps_per_rev()) << 16).unwrap_or(0)
     }
 
-    /// Acceleration of the inertia by a torque, rounded away from 0.
+    /// The acceleration of the inertia by a torque, rounded away from 0.
     fn accelerated_by(&self, torque: i128) -> i64 {
         let inertia = i128::from(self.parameters.inertia_gcm2) * TORQUE;
         let size =
@@ -540,7 +552,7 @@ impl StepperMotor {
         size.unwrap_or(0).min(FASTEST) as i64 * torque.signum() as i64
     }
 
-    /// After how many ticks of a interval the torque does not suffice.
+    /// Ticks after which the torque is not enough in `interval`; `None` if it is enough throughout.
     fn fails_after(&self, interval: &MotionInterval) -> Option<u64> {
         let StepperParameters { holding_unm, pull_out_rpm, friction_unm, load_unm, .. } = self.parameters;
         let MotionInterval { half_speed, half_acceleration, .. } = *interval;
@@ -551,14 +563,14 @@ impl StepperMotor {
         let (holds, load, friction) =
             (self.holds(), i128::from(load_unm) << 8, i128::from(friction_unm) << 8);
         if way == 0 {
-            // Friction helps to hold it.
+            // Friction also holds the shaft.
             return (load.abs() > holds + friction).then_some(0);
         }
         let left = holds - (self.accelerates(half_acceleration) + load + i128::from(way) * friction).abs();
         if left < 0 {
             return Some(0);
         }
-        // The speed at which no more torque is left than that.
+        // The speed at which exactly this torque is left.
         let fastest = (self.in_phase(pull_out_rpm.into(), 60) * left).checked_div(holds).unwrap_or(0);
         let headroom = fastest - i128::from(half_speed).abs();
         if headroom < 0 {
@@ -572,11 +584,11 @@ impl StepperMotor {
     }
 }
 
-/// Field of a plan from an instant on.
+/// Motion of a plan's field from an instant on.
 struct Field {
-    /// Phase beyond the plan's position there.
+    /// Phase beyond the plan's position at this instant.
     fraction: i128,
-    /// As of a [`MotionInterval`].
+    /// In the units of a [`MotionInterval`].
     half_speed: i64,
     half_acceleration: i64,
     /// End of this motion.
@@ -611,7 +623,7 @@ impl Rotor for StepperMotor {
         self.angle_of(self.interval.phase_at(at))
     }
 
-    // The comparison of angles without a division. A phase too large for the product is beyond the shaft.
+    // Compares angles without a division. An angle that is too large for the product is beyond the shaft.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
         let below = i128::from(angle.wrapping_sub(self.origin)) - 1;
         self.interval.phase_at(at) << 32 > below.saturating_mul(self.turn())
@@ -636,7 +648,7 @@ impl Device for StepperMotor {
         &STEPPER
     }
 
-    /// Without effect: the shaft stays where it is.
+    /// Does nothing. The shaft stays where it is.
     fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {}
 
     fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Context) {

@@ -1,4 +1,4 @@
-//! Effect of reading and writing each register.
+//! Effects of reading and writing each register.
 
 use drivetwin_protocol::registers::Register;
 
@@ -11,7 +11,7 @@ use crate::counter::Channel;
 use crate::device::{Context, Instant, PresetError};
 
 impl Adapter {
-    /// A register as it reads, with the counter up to date.
+    /// Present value of a register; the caller has updated the counter.
     pub(super) fn value(&self, at: Instant, reg: Reg) -> i64 {
         match reg {
             Reg::Mode => self.mode_register(),
@@ -26,7 +26,7 @@ impl Adapter {
         }
     }
 
-    /// The version of its firmware.
+    /// Version of the firmware.
     pub(super) fn firmware(&self) -> u8 {
         (self.bank.word(Reg::Firmware) & 0xFF) as u8
     }
@@ -42,8 +42,8 @@ impl Adapter {
         version
     }
 
-    /// Writes a value that the register's row accepts, and does what that means, in the list's order.
-    /// False if it is refused for another reason.
+    /// Writes a value that the register's row accepts, and applies it. The cases are in the order of the
+    /// list. Returns false if the drive refuses the write for another reason.
     pub(super) fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Context) -> bool {
         if reg == Reg::Command {
             return self.command(at, value, out);
@@ -72,13 +72,13 @@ impl Adapter {
             },
             Reg::IntervalRate => self.schedule(at),
             Reg::TimeStamp if value == 1 => self.clock.set_timestamp(at, 0),
-            // The others are looked at when they are used.
+            // The other registers are read when they are used.
             _ => {}
         }
         true
     }
 
-    /// Takes a register of the counter from the bank.
+    /// Applies a register of the counter from the bank.
     pub(super) fn configure_counter(&mut self, at: Instant, reg: Reg) {
         match reg {
             Reg::Mdr0 => self.counter.set_mdr0(self.bank.word(Reg::Mdr0) as u8),
@@ -92,7 +92,8 @@ impl Adapter {
         }
     }
 
-    /// COMMAND. False if it is refused: it is of another variant, or the motor cannot obey.
+    /// Executes COMMAND. Returns false if it is refused: this variant does not have the command, or the motor
+    /// cannot obey it.
     fn command(&mut self, at: Instant, value: i64, out: &mut dyn Context) -> bool {
         let order = match value {
             1 => {
@@ -133,7 +134,8 @@ impl Adapter {
         self.motor.order(at, order, &settings, out)
     }
 
-    /// Command 0: the motor drive ends, its streams too, and the port is as it was saved.
+    /// Command 0: ends the motor drive and the same streams as command 1, and restores the saved values of
+    /// the port.
     fn release_motor(&mut self, at: Instant, out: &mut dyn Context) {
         self.streams.end(stream::ENDED_BY_COMMAND);
         let stored = self.stored(out);
@@ -148,7 +150,7 @@ impl Adapter {
         }
     }
 
-    /// A register as it would read, past the bus.
+    /// Value that a read of a register would return now. The adapter does not change.
     pub(super) fn peek(&self, at: Instant, row: usize) -> i64 {
         let Some(reg) = Reg::from_row(row) else { return 0 };
         let mut copy = self.clone();
@@ -156,7 +158,7 @@ impl Adapter {
         copy.value(at, reg)
     }
 
-    /// Presets a register, past the bus.
+    /// Presets a register.
     pub(super) fn poke(
         &mut self,
         at: Instant,
@@ -180,7 +182,7 @@ impl Adapter {
         }
         self.catch_up(at, out);
         match reg {
-            // Only command 3 fills these in.
+            // Only command 3 writes these two.
             Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
             Reg::TimeStamp => self.clock.set_timestamp(at, value as u32),
             _ if !row.access.writes() => return Err(PresetError::ReadOnly),
@@ -192,7 +194,7 @@ impl Adapter {
     }
 }
 
-/// Value that a register keeps of a written one (QSB-9).
+/// The value that a register stores of a written one (QSB-9).
 fn stored_value(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,

@@ -1,6 +1,6 @@
-//! The adapter from reset to reset: its state and its events.
+//! The adapter between two resets: its state and its events.
 //!
-//! The other files add its functions.
+//! The other files add functions to it.
 
 use drivetwin_protocol::registers::{Bank, Entry};
 
@@ -16,28 +16,28 @@ use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
 use crate::memory::Save;
 
-/// From a reset to the banner; the list of commands does not specify it (QSB-6).
+/// Time from a reset to the banner; the list of commands does not specify it (QSB-6).
 const STARTUP: Duration = Duration::millis(50);
 
 /// State of the adapter, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// Never powered.
+    /// The adapter was never powered.
     Off,
-    /// Until the banner, which comes at that instant.
+    /// Start-up: the banner is sent at this instant.
     Starting(Instant),
     Ready,
 }
 
-/// Levels of the inputs, which outlast a reset.
+/// Levels of the inputs. They stay unchanged by a reset.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pins {
     pub(super) a: bool,
     b: bool,
     index: bool,
-    /// Voltage at A.
+    /// Voltage at A, in mV.
     pub(super) mv: i32,
-    /// DIO3 to DIO0.
+    /// Levels of DIO3 to DIO0, a bit each.
     pub(super) dio: u8,
 }
 
@@ -46,23 +46,23 @@ impl Pins {
     const OPEN: Self = Self { a: true, b: true, index: false, mv: LOGIC_HIGH_MV, dio: 0xF };
 }
 
-/// A QSB without the receiving half of its port.
+/// A QSB without the receiving part of its port.
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
     pub(super) variant: Variant,
     state: State,
-    /// No start-up delay.
+    /// True if there is no start-up delay.
     fast: bool,
     pub(super) pins: Pins,
-    /// The registers; DIG I/O holds the written value.
+    /// The registers; DIG I/O holds the value written last.
     pub(super) bank: Words,
     pub(super) clock: Clock,
     pub(super) serial: Serial,
     pub(super) counter: Ls7366r,
     pub(super) pwm: Pwm,
-    /// Lines of the port that it pulls low, a bit each; those of the motor drive are not among them.
+    /// Bits of the port's lines that the adapter pulls low, without those of the motor drive.
     pub(super) pulled: u8,
-    /// End of a trigger's pulse, which inverts DIO0.
+    /// End of a trigger's pulse; DIO0 is inverted during the pulse.
     pub(super) pulse: Option<Instant>,
     pub(super) streams: Streams,
     pub(super) motor: Motor,
@@ -90,14 +90,14 @@ impl Adapter {
         }
     }
 
-    /// Power comes.
+    /// Handles power-on.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         let serial = Serial::new(Instant::ZERO, boot.fast_line);
         *self = Self { motor: Motor::new(at), fast: boot.fast, serial, ..Self::new(self.variant) };
         self.start(at, out);
     }
 
-    /// A reset by the host, which cuts no save.
+    /// Handles a reset by the host. A running save is finished first.
     pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.has_run() {
             return;
@@ -119,7 +119,7 @@ impl Adapter {
         self.state = State::Starting(if self.fast { at } else { at + STARTUP });
     }
 
-    /// Ends the start if that is due.
+    /// Ends the start-up if it is due.
     pub(super) fn ready_if_due(&mut self, at: Instant, out: &mut dyn Context) {
         if let State::Starting(ready) = self.state
             && ready <= at
@@ -128,17 +128,17 @@ impl Adapter {
         }
     }
 
-    /// Returns whether it was ever powered.
+    /// Returns true if the adapter was ever powered.
     pub(super) fn has_run(&self) -> bool {
         self.state != State::Off
     }
 
-    /// Returns whether it has started.
+    /// Returns true if the start-up has ended.
     pub(super) fn is_ready(&self) -> bool {
         self.state == State::Ready
     }
 
-    /// The start is over.
+    /// Ends the start-up.
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.counter = Ls7366r::new(self.pins.a, self.pins.b, self.index_level());
@@ -186,7 +186,7 @@ impl Adapter {
         self.note_changes(at);
     }
 
-    /// A pin, or what a board has counted.
+    /// Handles an input of a pin, or the counts of a board's hardware counter.
     pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Edge { pin: A, high } => self.level(at, high),
@@ -215,25 +215,25 @@ impl Adapter {
         self.note_changes(at);
     }
 
-    /// A level at an input of the counter.
+    /// Passes a level at an input to the counter.
     pub(super) fn count(&mut self, at: Instant, channel: Channel, high: bool) {
         if self.is_ready() {
             self.counter.edge(at, channel, high);
         }
     }
 
-    /// The level of INDEX/.
+    /// The level of INDEX/, with the polarity of MDR1.
     pub(super) fn index_level(&self) -> bool {
         self.pins.index == (self.bank.word(Reg::Mdr1) & mdr1::INVERT_INDEX != 0)
     }
 
-    /// Returns whether events of the counter have an effect.
+    /// Returns true if events of the counter have an effect.
     fn watches_counter(&self) -> bool {
         let triggers = self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS != 0;
         self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
     }
 
-    /// Brings the counter up to date, and carries out the triggers of MDR1 (QSB-22).
+    /// Updates the counter, and executes the triggers of MDR1 (QSB-22).
     pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Context) {
         flush_filter(&mut self.counter, at);
         let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
@@ -245,13 +245,14 @@ impl Adapter {
         }
     }
 
-    /// Returns whether this variant has a row.
+    /// Returns true if this variant has a row.
     pub(super) fn has(&self, row: &Entry) -> bool {
         row.variants & self.variant.bit != 0
     }
 }
 
-/// Lets in the edges that have lasted by `at`. Once for all, since each copy takes a kilobyte of a board's flash.
+/// Applies the edges that have passed the counter's filter by `at`. Never inlined, because each copy takes a
+/// kilobyte of a board's flash.
 #[inline(never)]
 pub(super) fn flush_filter(counter: &mut Ls7366r, at: Instant) {
     counter.timeout(at);

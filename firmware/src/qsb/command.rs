@@ -1,9 +1,9 @@
-//! Commands as they come and responses as they leave, in ASCII.
+//! Received commands and sent responses, in ASCII.
 
 use drivetwin_protocol::text::TextLine;
 use heapless::Vec;
 
-/// The most characters of a line that are looked at.
+/// The number of characters of a line that are stored. Longer lines are no commands.
 pub(super) const LINE_CHARACTERS: usize = 16;
 
 /// Letter of a command.
@@ -11,23 +11,24 @@ pub(super) const LINE_CHARACTERS: usize = 16;
 pub(super) enum Verb {
     /// `R`
     Read,
-    /// `W` with these 32 bits.
+    /// `W` with this value of 32 bits.
     Write(u32),
     /// `S`
     Stream,
 }
 
-/// A line that is a command in form; whether its register exists is another question.
+/// A line in the form of a command. Its register may not exist.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Command {
     pub(super) verb: Verb,
     pub(super) register: u8,
 }
 
-/// Reads a line.
+/// Parses a line.
 ///
 /// # Errors
-/// It is no command: the register to show, as typed if it has two digits, else 0.
+/// The line is no command. The error is the register to show in the response: as typed if it has two digits,
+/// else 0.
 pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     let (letter, register, data) = match &*line.text {
         [letter, high, low, data @ ..] => (*letter, number(&[*high, *low]), data),
@@ -46,7 +47,7 @@ pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     }
 }
 
-/// The number of up to eight hexadecimal digits (QSB-3).
+/// The number of up to eight hexadecimal digits (QSB-3); `None` if there are more, or other characters.
 fn number(digits: &[u8]) -> Option<u32> {
     if digits.len() > 8 {
         return None;
@@ -72,7 +73,7 @@ pub(super) struct Response {
 }
 
 impl Response {
-    /// As it leaves under this EOR, with a time stamp if that asks for one (QSB-5).
+    /// Formats the response as EOR selects, with a time stamp if EOR has its bit set (QSB-5).
     pub(super) fn text(self, eor: u16, time_stamp: u32) -> Text {
         let mut text = Text { characters: Vec::new(), spaces: eor & eor::SPACES != 0 };
         text.put(self.letter);
@@ -92,13 +93,13 @@ impl Response {
     }
 }
 
-/// Banner of the variant of this letter when it has started, with that firmware.
+/// The banner that is sent after the start-up, with the variant's letter and the version of the firmware.
 pub(super) fn banner(letter: u8, firmware: u8) -> [u8; 12] {
     let (high, low) = (digit(firmware >> 4), digit(firmware));
     [b'Q', b'S', b'B', b'-', letter, b' ', b' ', high, low, b'!', b'\r', b'\n']
 }
 
-/// The characters of a response: 26 at most.
+/// Characters of a response, 26 at most.
 pub(super) struct Text {
     characters: Vec<u8, 26>,
     spaces: bool,
@@ -110,7 +111,7 @@ impl Text {
     }
 
     fn put(&mut self, character: u8) {
-        // There is room for the longest response.
+        // The longest response fits.
         let _ = self.characters.push(character);
     }
 
@@ -120,7 +121,7 @@ impl Text {
         }
     }
 
-    /// A field of so many digits, behind a space.
+    /// Appends a field with `digits` digits, after a space if spaces are on.
     fn field(&mut self, value: u32, digits: u32) {
         self.space();
         for place in (0..digits).rev() {

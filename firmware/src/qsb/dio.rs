@@ -6,33 +6,33 @@ use super::clock::TICK;
 use super::registers::{Reg, config};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
-/// The filter of the counter holds back no edge for longer.
+/// Time after which every delayed edge has passed the counter's filter.
 const FILTER: Duration = Duration::micros(1);
-/// DIO1 and DIO2, which the motor drive takes.
+/// DIO1 and DIO2, which the motor drive uses.
 const MOTOR_LINES: u8 = 0b0110;
-/// DIO2, the motor's direction.
+/// DIO2, the direction of the motor.
 const DIRECTION: u8 = 0b0100;
 /// All lines that a QSB may have.
 const LINES: u8 = 0b1111;
 
 impl Adapter {
-    /// The lines that the motor drive has taken.
+    /// The lines that the motor drive uses now.
     fn motor_lines(&self) -> u8 {
         if self.motor.is_active() { MOTOR_LINES } else { 0 }
     }
 
-    /// DIG I/O as it reads: the pins.
+    /// Value of DIG I/O when read: the levels of the pins.
     pub(super) fn port(&self, at: Instant) -> u8 {
         let outside = self.pins.dio | !self.variant.lines;
         let bits = outside & !self.pulled & LINES;
         if !self.motor.is_active() {
             return bits;
         }
-        // A step pulse is too short to be met (QSB-26).
+        // A step pulse is too short to be read (QSB-26).
         bits & !MOTOR_LINES | if self.motor.is_forward(at) { DIRECTION } else { 0 }
     }
 
-    /// A level from outside changes.
+    /// Handles a new level from outside.
     pub(super) fn line_edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let Some(n) = DIO.iter().position(|dio| *dio == pin) else { return };
         let line = 1 << n & self.variant.lines;
@@ -51,14 +51,15 @@ impl Adapter {
         }
     }
 
-    /// The count with the edges of A and B that have come by `at`, though the filter still holds them back (QSB-24).
+    /// The count, including the edges of A and B that have arrived by `at` but are still delayed by the
+    /// filter (QSB-24).
     fn count_with_edges(&self, at: Instant) -> u32 {
         let mut counter = self.counter.clone();
         flush_filter(&mut counter, at + FILTER);
         counter.cntr()
     }
 
-    /// Handles an event of the counter that MDR1 selects (QSB-25).
+    /// Executes a trigger: an event of the counter that MDR1 selects (QSB-25).
     pub(super) fn trigger(&mut self, at: Instant, out: &mut dyn Context) {
         const PULSE: u16 = config::PULSE | 1 << config::OUTPUTS;
         if self.bank.word(Reg::DigIOConfig) & PULSE != PULSE {
@@ -75,13 +76,13 @@ impl Adapter {
         self.pulse.unwrap_or(Instant::NEVER)
     }
 
-    /// The pulse of a trigger is over, or the port was written: the pin takes the written value.
+    /// Ends a trigger's pulse, because it is over or the port was written. The pin gets the written value.
     pub(super) fn end_pulse(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulse = None;
         self.update_port(at, out);
     }
 
-    /// Drives the outputs whose levels have changed; lines of the motor drive wait.
+    /// Drives the outputs that have a new level. Lines of the motor drive stay unchanged.
     pub(super) fn update_port(&mut self, at: Instant, out: &mut dyn Context) {
         let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
         let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
@@ -91,13 +92,13 @@ impl Adapter {
         self.put_lines(changed & !self.motor_lines(), at, out);
     }
 
-    /// The motor drive has given its lines back.
+    /// Drives DIO1 and DIO2 after the motor drive has released them.
     pub(super) fn on_motor_released(&mut self, at: Instant, out: &mut dyn Context) {
         self.update_port(at, out);
         self.put_lines(MOTOR_LINES, at, out);
     }
 
-    /// Lets all lines go, whatever they were (QSB-23).
+    /// Releases all lines, independently of their state (QSB-23).
     pub(super) fn release_port(&mut self, at: Instant, out: &mut dyn Context) {
         self.pulled = 0;
         self.put_lines(self.variant.lines, at, out);

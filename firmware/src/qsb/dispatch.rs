@@ -1,4 +1,4 @@
-//! Answers, and how they leave.
+//! Execution of commands, and their responses.
 
 use drivetwin_protocol::registers::{Entry, Register, Shape, Space};
 use drivetwin_protocol::text::TextLine;
@@ -10,7 +10,7 @@ use super::registers::Reg;
 use crate::device::{Context, Instant, LogEvent, Output};
 
 impl Adapter {
-    /// A line has come: carries out its command, and answers.
+    /// Executes the command of a received line, and sends the response.
     pub(super) fn execute(&mut self, at: Instant, line: &TextLine<LINE_CHARACTERS>, out: &mut dyn Context) {
         self.catch_up(at, out);
         let response = match command::parse(line) {
@@ -51,7 +51,7 @@ impl Adapter {
         Response { letter, register, data }
     }
 
-    /// The register of a command, if this variant has it and the letter may be used with it.
+    /// The register of a command, if this variant has it and the letter is allowed with it.
     fn find(&self, command: Command) -> Option<(Reg, &'static Entry)> {
         let (index, _) = Reg::ENTRIES.at(Space::Holding, u16::from(command.register))?;
         let row = Reg::ENTRIES.list.get(index)?;
@@ -63,7 +63,7 @@ impl Adapter {
         Reg::from_row(index).filter(|_| allowed && self.has(row)).map(|reg| (reg, row))
     }
 
-    /// The present value of a register leaves under this letter.
+    /// Sends the present value of a register with this letter.
     pub(super) fn send_value(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Context) {
         let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
         let data = self.value(at, reg) as u32;
@@ -75,13 +75,13 @@ impl Adapter {
         self.serial.send(at, text.as_bytes(), out);
     }
 
-    /// The rate of command A.
+    /// The code of the baud rate, as command A sets it.
     pub(super) fn rate(&self) -> u8 {
         self.bank.word(Reg::BaudRate) as u8
     }
 }
 
-/// The answer to an unknown command (QSB-2).
+/// The response to an unknown command (QSB-2).
 fn unsupported(register: u8) -> Response {
     Response { letter: b'x', register, data: 0 }
 }

@@ -1,15 +1,15 @@
-//! READ ENCODER in each MODE.
+//! The value of READ ENCODER in each MODE.
 
 use super::adapter::Adapter;
 use super::registers::Reg;
 use crate::counter::Channel;
 use crate::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV};
 
-/// The end of the analogue range.
+/// Voltage at full scale.
 const FULL_SCALE_MV: i32 = 5_000;
-/// A longer period is of a 12-bit encoder (250 Hz), a shorter one of a 10-bit encoder (1 kHz).
+/// A longer period is that of a 12-bit encoder (250 Hz), a shorter one that of a 10-bit encoder (1 kHz).
 const TWELVE_BIT: Duration = Duration::millis(2);
-/// Bit of MODE: the PWM encoder that is seen has 12 bits.
+/// Bit of MODE: the PWM encoder seen now has 12 bits.
 const PWM_RESOLUTION: i64 = 1 << 4;
 
 /// Bits 1:0 of MODE.
@@ -21,7 +21,7 @@ pub(super) enum Mode {
 }
 
 impl Mode {
-    /// Time of a measurement (INTERVAL RATE).
+    /// Duration of a measurement (INTERVAL RATE).
     pub(super) fn measurement(self) -> Duration {
         match self {
             Self::Quadrature | Self::Pwm => Duration::micros(100),
@@ -35,7 +35,7 @@ impl Mode {
 pub(super) struct Pwm {
     rose: Option<Instant>,
     fell: Option<Instant>,
-    /// On time and period of the last whole period.
+    /// On time and period of the last complete period.
     last_period: Option<(Duration, Duration)>,
 }
 
@@ -72,19 +72,19 @@ impl Adapter {
         }
     }
 
-    /// MODE as it reads.
+    /// Value of MODE when read.
     pub(super) fn mode_register(&self) -> i64 {
         let twelve_bit = if self.pwm.is_twelve_bit() { PWM_RESOLUTION } else { 0 };
         self.bank.get(Reg::Mode) & 3 | twelve_bit
     }
 
-    /// A voltage at A, whichever of its names was used (QSB-16).
+    /// Handles a voltage at A, under any of the pin's names (QSB-16).
     pub(super) fn voltage(&mut self, at: Instant, mv: i32) {
         self.pins.mv = mv;
         self.contact(at, mv > HIGH_MV);
     }
 
-    /// A level at A, whichever of its names was used.
+    /// Handles a level at A, under any of the pin's names.
     pub(super) fn level(&mut self, at: Instant, high: bool) {
         self.pins.mv = if high { LOGIC_HIGH_MV } else { 0 };
         self.contact(at, high);
@@ -101,7 +101,7 @@ impl Adapter {
         }
     }
 
-    /// The number that THRESHOLD looks at.
+    /// The value that is compared with THRESHOLD.
     pub(super) fn encoder_value(&self) -> u32 {
         match self.mode() {
             Mode::Quadrature => self.counter.cntr(),
@@ -113,7 +113,7 @@ impl Adapter {
         }
     }
 
-    /// READ ENCODER as it reads (QSB-15).
+    /// Value of READ ENCODER when read (QSB-15).
     pub(super) fn encoder_register(&self, at: Instant) -> u32 {
         let value = self.encoder_value();
         if self.mode() != Mode::Analogue {

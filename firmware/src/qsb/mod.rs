@@ -1,8 +1,8 @@
 //! US Digital QSB: an adapter from an encoder to a serial port, with an LS7366R inside.
 //!
-//! Follows the *QSB Command List* 1.28; words in capitals are the titles of its registers. Three variants:
-//! the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended encoder; the
-//! QSB-M as the QSB-S, with four digital lines, two of which may step a motor.
+//! Follows the *QSB Command List* 1.28; words in capitals are the titles of its registers. There are three
+//! variants: the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended
+//! encoder; the QSB-M like the QSB-S, with four digital lines, two of which may step a motor.
 
 mod access;
 mod adapter;
@@ -34,7 +34,7 @@ use crate::memory;
 
 const USB: Port = Port(0);
 const AXIS: Axis = Axis(0);
-/// Also where a PWM or analogue encoder goes.
+/// Channel A. A PWM or analogue encoder also connects here.
 const A: Pin = Pin(0);
 const B: Pin = Pin(1);
 const I: Pin = Pin(2);
@@ -42,7 +42,7 @@ const DIO0: Pin = Pin(3);
 const DIO1: Pin = Pin(4);
 const DIO2: Pin = Pin(5);
 const DIO3: Pin = Pin(6);
-/// The digital port, from bit 0 on.
+/// The lines of the digital port, from bit 0 on.
 const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
 
 /// Drops the characters of a command received so far (QSB-1).
@@ -58,7 +58,7 @@ const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
     PinSpec::new(name, role, idle)
 }
 
-/// All variants begin alike: those of the QSB-S, then DIO0 of the QSB-D, then the rest.
+/// Each variant has the first pins of this list: the QSB-S three, the QSB-D four, the QSB-M all.
 #[rustfmt::skip]
 static PINS: [PinSpec; 7] = [
     pin("A", Role::AnalogueOrDigital, Level::High),
@@ -74,7 +74,7 @@ static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, dif
 static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", M);
 static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", S);
 
-/// The limits of all variants, with the reason of each.
+/// The limits of the model for all variants, each with its reason.
 static NOT_MODELLED: [&str; 4] = [
     "DTR low does not hold it in reset: ports open and close, and opening one is the reset",
     "RTS: it means nothing to a QSB",
@@ -83,7 +83,7 @@ static NOT_MODELLED: [&str; 4] = [
     "noise of the analogue input and of a PWM encoder: a voltage and a duty are read exactly",
 ];
 
-/// The description that all variants share.
+/// Returns the description of one variant.
 const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Spec {
     let (pins, _) = PINS.split_at(DIO0.0 as usize + variant.lines.count_ones() as usize);
     Spec {
@@ -134,7 +134,7 @@ impl Qsb {
         Self { spec, lines: Lines::new(), adapter: Adapter::new(variant) }
     }
 
-    /// A character, or `None` for one with an error.
+    /// Handles a received character, or `None` for a character with an error.
     fn on_character(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
         self.adapter.ready_if_due(at, out);
         if !self.adapter.is_ready() {

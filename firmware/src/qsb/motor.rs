@@ -1,5 +1,5 @@
-//! The motor drive of a QSB-M: moves and jogs, as step pulses on DIO1 and their direction on DIO2
-//! (COMMAND 2 and 4 to 9, MD STEP RATE to MD STATUS).
+//! The motor drive of a QSB-M: moves and jogs, with step pulses on DIO1 and their direction on DIO2 (COMMAND
+//! 2 and 4 to 9, MD STEP RATE to MD STATUS).
 
 use fixed::types::{I24F8, U24F8};
 
@@ -10,13 +10,13 @@ use crate::motion::{Limits, SETUP, StepIterator};
 /// Orders of the motor's commands (COMMAND 4 to 9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
-    /// Slow down, and end what runs.
+    /// Slow down, and end the motion.
     Stop,
-    /// End what runs at once.
+    /// End the motion at once.
     Quit,
     /// Slow down, and keep the remaining steps.
     Pause,
-    /// Go on with it.
+    /// Continue the paused motion.
     Resume,
     /// Make MD MOVE STEPS.
     Move,
@@ -24,17 +24,17 @@ pub(super) enum Order {
     Jog,
 }
 
-/// The registers 0F to 12, as written. An order takes its parameters from them: a later write does not change a running
-/// motion. Below 16 steps/s a jog makes no steps, but continues.
+/// The registers 0F to 12, as written. An order reads its parameters from them; a later write does not change
+/// a running motion. A jog below 16 steps/s makes no steps, but counts as running.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
-    /// MD STEP RATE, in steps/s; used in steps of 16.
+    /// MD STEP RATE in steps/s, used in multiples of 16.
     pub(super) step_rate: u16,
-    /// MD ACCEL, in steps/s²; used in steps of 16.
+    /// MD ACCEL in steps/s², used in multiples of 16.
     pub(super) acceleration: u32,
     /// MD MOVE STEPS.
     pub(super) steps: i32,
-    /// MD JOG RATE, in steps/s; used in steps of 16, towards 0.
+    /// MD JOG RATE in steps/s, used in multiples of 16, rounded towards 0.
     pub(super) jog_rate: i32,
 }
 
@@ -57,25 +57,25 @@ mod status {
     pub(super) const ACTIVE: u8 = 1 << 4;
 }
 
-/// Motion that was ordered.
+/// A motion that was ordered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Motion {
-    /// To the position `end`.
+    /// A move to the position `end`.
     Move { end: i32, speed: U24F8 },
-    /// Without end; at speed 0 it makes no steps, but does not end.
+    /// A jog without end. At speed 0 it makes no steps, but does not end.
     Jog { speed: I24F8 },
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// DIO1 and DIO2 are not the motor's.
+    /// DIO1 and DIO2 do not belong to the motor drive.
     Inactive,
     Ready,
     Runs(Motion),
-    /// Slows down, and ends at standstill.
+    /// The motor slows down; the motion ends at standstill.
     Stops(Motion),
-    /// Slows down, and is paused at standstill; or continues there, with the acceleration of an order that came
-    /// meanwhile.
+    /// The motor slows down; at standstill the motion is paused. If an order to resume has arrived meanwhile,
+    /// the motion instead continues at standstill, with that order's acceleration.
     Pauses(Motion, Option<u32>),
     Paused(Motion),
 }
@@ -85,15 +85,15 @@ enum State {
 pub(super) struct Motor {
     state: State,
     plan: Plan,
-    /// Steps that a board made beside the plan since it was made.
+    /// Steps that a board has made outside the plan since the plan was made.
     step_offset: i32,
-    /// The level of DIO2 until `reversal_at`, and the other one from then on.
+    /// The level of DIO2 until `reversal_at`; from then on the opposite level.
     forward: bool,
     reversal_at: Instant,
 }
 
 impl Motor {
-    /// Inactive, at rest at position 0.
+    /// An inactive motor drive at standstill at position 0.
     pub(super) fn new(at: Instant) -> Self {
         Self {
             state: State::Inactive,
@@ -104,12 +104,12 @@ impl Motor {
         }
     }
 
-    /// Returns whether DIO1 and DIO2 are the motor's.
+    /// Returns true if DIO1 and DIO2 belong to the motor drive.
     pub(super) fn is_active(&self) -> bool {
         self.state != State::Inactive
     }
 
-    /// Takes DIO1 and DIO2, which are low until the first step (COMMAND 2).
+    /// Takes DIO1 and DIO2, and sets them low until the first step (COMMAND 2).
     pub(super) fn activate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_active() {
             return;
@@ -121,7 +121,7 @@ impl Motor {
         self.halt(at, out);
     }
 
-    /// Stops at once, and releases DIO1 and DIO2: the caller puts their levels next (COMMAND 0).
+    /// Stops at once, and releases DIO1 and DIO2. The caller then sets their levels (COMMAND 0).
     pub(super) fn deactivate(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_active() {
             self.halt(at, out);
@@ -129,9 +129,10 @@ impl Motor {
         }
     }
 
-    /// Carries out an order. Returns whether it was allowed. Stop, pause and resume without a motion do nothing and are
-    /// no error. Only an active motor starts, a move only while nothing else runs or is paused, a jog also in place of
-    /// another, even one that is paused or slowing down (QSB-27).
+    /// Executes an order. Returns true if the order is allowed. Stop, quit, pause and resume are always
+    /// allowed; without a motion they do nothing. A move and a jog need an active motor drive. A move is
+    /// allowed only while no motion runs or is paused. A jog may also replace another jog, even one that is
+    /// paused or slows down (QSB-27).
     pub(super) fn order(
         &mut self,
         at: Instant,
@@ -166,7 +167,7 @@ impl Motor {
                 self.slow_down(at, State::Pauses(motion, None), with.acceleration(), out);
             }
             (Order::Pause, State::Pauses(motion, _)) => self.state = State::Pauses(motion, None),
-            // A profile begins at standstill: a move that is to go on waits for that.
+            // A profile begins at standstill, so a resumed move waits until the motor stands still.
             (Order::Resume, State::Pauses(motion @ Motion::Move { .. }, _)) => {
                 self.state = State::Pauses(motion, Some(with.acceleration()));
             }
@@ -178,7 +179,7 @@ impl Motor {
         true
     }
 
-    /// MD STATUS (QSB-28).
+    /// Value of MD STATUS (QSB-28).
     pub(super) fn status(&self, at: Instant) -> u8 {
         let bits = match if self.over() <= at { self.next() } else { self.state } {
             State::Inactive => return status::READY,
@@ -192,7 +193,7 @@ impl Motor {
         status::ACTIVE | bits
     }
 
-    /// The level of DIO2: high from [`SETUP`] before a step forward to as long before one back.
+    /// The level of DIO2: high from [`SETUP`] before a step forward until [`SETUP`] before a step back.
     pub(super) fn is_forward(&self, at: Instant) -> bool {
         self.forward != (at >= self.reversal_at)
     }
@@ -202,7 +203,7 @@ impl Motor {
         self.reversal_at.min(self.over())
     }
 
-    /// Handles that time.
+    /// Handles the deadline.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.reverse(at);
         if self.over() <= at {
@@ -213,12 +214,12 @@ impl Motor {
         }
     }
 
-    /// A board has made so many steps more than planned.
+    /// A board has made `steps` more steps than the plan has.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.step_offset = self.step_offset.wrapping_add(steps);
     }
 
-    /// Motion that runs or is paused.
+    /// The motion that runs or is paused.
     fn motion(&self) -> Option<Motion> {
         match self.state {
             State::Inactive | State::Ready => None,
@@ -228,18 +229,18 @@ impl Motor {
         }
     }
 
-    /// End of the motion, if it ends.
+    /// End of the present motion; [`Instant::NEVER`] if it does not end by itself.
     fn over(&self) -> Instant {
         match self.state {
             State::Runs(Motion::Move { .. }) | State::Stops(_) | State::Pauses(..) => self.plan.end(),
-            // The ramp of a jog ends where it is to stand, too, and the jog goes on.
+            // The ramp of a jog also ends at speed 0, but the jog continues.
             State::Runs(Motion::Jog { .. }) | State::Inactive | State::Ready | State::Paused(_) => {
                 Instant::NEVER
             }
         }
     }
 
-    /// State after that.
+    /// State after [`Motor::over`].
     fn next(&self) -> State {
         match self.state {
             State::Pauses(motion, Some(_)) => State::Runs(motion),
@@ -248,7 +249,7 @@ impl Motor {
         }
     }
 
-    /// Begins a motion, or continues with it: a move is at standstill now.
+    /// Starts or continues a motion. Before a move the motor stands still.
     fn run(&mut self, at: Instant, motion: Motion, acceleration: u32, out: &mut dyn Context) {
         let from = self.position(at);
         let plan = match motion {
@@ -261,8 +262,8 @@ impl Motor {
         self.start_plan(at, plan, out);
     }
 
-    /// A ramp to standstill as `state`, a slowing one. A move never goes beyond its last step: where the
-    /// acceleration has become too small for that, the ramp stays as it was (QSB-29).
+    /// Ramps to standstill as `state`, one of the slowing states. A move never makes more than its last step:
+    /// if the new acceleration is too small for that, the old ramp is kept (QSB-29).
     fn slow_down(&mut self, at: Instant, state: State, acceleration: u32, out: &mut dyn Context) {
         self.state = state;
         let from = self.position(at);
@@ -282,7 +283,7 @@ impl Motor {
         self.start_plan(at, Plan::at_rest(at, position), out);
     }
 
-    /// Starts `plan`; if it is over already, its end is handled now.
+    /// Starts `plan`. If the plan has no duration, its end is handled now.
     fn start_plan(&mut self, at: Instant, plan: Plan, out: &mut dyn Context) {
         self.reverse(at);
         (self.plan, self.step_offset) = (plan, 0);
@@ -293,7 +294,7 @@ impl Motor {
         }
     }
 
-    /// Changes DIO2, if that is due.
+    /// Changes DIO2 if that is due.
     fn reverse(&mut self, at: Instant) {
         if self.reversal_at <= at {
             self.forward = !self.forward;
@@ -301,7 +302,8 @@ impl Motor {
         }
     }
 
-    /// Time at which DIO2 changes after `at`: [`SETUP`] before a step in the other direction, or at once (QSB-30).
+    /// Time of the next change of DIO2 after `at`: [`SETUP`] before a step in the other direction, or at once
+    /// (QSB-30).
     fn next_turn(&self, at: Instant) -> Instant {
         let same = self.plan.segments().iter().take_while(|segment| segment.reverse != self.forward);
         let end = same.fold(self.plan.start(), |at, segment| at + Duration::from_ticks(segment.ticks));

@@ -2,21 +2,21 @@
 
 use drivetwin_protocol::line::{Line, Parity};
 
-/// The factory's firmware.
+/// Factory value of the firmware's version.
 const FIRMWARE: i64 = 0x0E;
 
-/// Differences of the variants of the product, besides their registers.
+/// Properties of a variant of the product, besides its registers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Variant {
-    /// Bit in the rows of the registers.
+    /// Bit of the variant in the rows of the registers.
     pub(super) bit: u8,
-    /// Last letter of its name.
+    /// Last letter of the variant's name.
     pub(super) letter: u8,
-    /// Digit in VERSION.
+    /// Digit of the variant in VERSION.
     pub(super) digit: u8,
-    /// Lines of its digital port, a bit each.
+    /// Bits of the lines of its digital port.
     pub(super) lines: u8,
-    /// True if two of them may step a motor.
+    /// True if two of the lines may step a motor.
     pub(super) motor: bool,
 }
 
@@ -25,79 +25,81 @@ pub(super) const M: Variant = Variant { bit: 1 << 1, letter: b'M', digit: 1, lin
 pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lines: 0, motor: false };
 
 drivetwin_protocol::registers! {
-    /// Registers that the letters R, W and S name; the settings behind them a command or the maker sets.
+    /// Registers for the letters R, W and S, and after them settings that a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
-        /// Bits 1:0 what encoder is read: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4
-        /// reads 1 while a 12-bit PWM encoder is seen.
+        /// Bits 1:0 type of encoder: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4 reads 1 while
+        /// the signal is that of a 12-bit PWM encoder.
         Mode = rw(0x00, "MODE").u8().one_of(&[0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18]).saved(),
-        /// Reads the levels of DIO3 to DIO0, writes their open-drain outputs.
+        /// Reads the levels of DIO3 to DIO0; writes their open-drain outputs.
         DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D.bit | M.bit),
-        /// Bits 3:0 which edge captures, 1 the falling one; 7:4 that it does; 11:8 which pins are
-        /// outputs; 12 that a trigger makes a pulse on DIO0. A write lets all pins go high.
+        /// Bits 3:0 edge that captures, 1 for the falling edge; 7:4 enable captures; 11:8 pins that are
+        /// outputs; 12 a trigger makes a pulse on DIO0. A write releases all pins.
         DigIOConfig = rw(0x02, "DIG I/O CONFIG").range(0, 0x1FFF).saved().only(D.bit | M.bit)
             .not_modelled("not modelled: the motor's own steps do not capture"),
-        /// Bits 1:0 non-quadrature, x1, x2, x4; 3:2 free-running, single-cycle, range-limit, modulo-n;
-        /// 5:4 the index does nothing, loads CNTR, clears it, loads OTR; 6 synchronous index; 7 half the
+        /// Bits 1:0 non-quadrature, x1, x2, x4; 3:2 free-running, single-cycle, range-limit, modulo-n; 5:4
+        /// effect of the index: none, loads CNTR, clears CNTR, loads OTR; 6 synchronous index; 7 half the
         /// filter's clock.
         Mdr0 = rw(0x03, "MDR0").u8().reset(0x4F).saved(),
-        /// Bit 2 stops counting; 3 inverts the index; 7:4 trigger on overflow, underflow, match and
-        /// index, on which 4 captures, too; 8 counts down. Bits 1:0 read 0: the counter has 32 bits.
+        /// Bit 2 stops counting; 3 inverts the index; 7:4 select the triggers overflow, underflow, match and
+        /// index; bit 4 also captures the count at the index; 8 counts down. Bits 1:0 read 0: the counter has
+        /// 32 bits.
         Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved(),
-        /// The count at the last index or input edge that captured it.
+        /// The count at the last index or input edge that captured.
         Capture = ro(0x05, "CAPTURE").u32().streams(),
         /// Bits 7:0 CY, BW, CMP, IDX, CEN, PLS, U/D and S of the counter.
         Str = ro(0x06, "STR").u8().reset(0x0A).streams(),
-        /// The count now.
+        /// The present count.
         Otr = ro(0x07, "OTR").u32(),
-        /// Value that the counter loads and compares with.
+        /// Value that is loaded into the counter and compared with it.
         Dtr = rw(0x08, "DTR").u32().reset(0x1F3).saved(),
-        /// Clears 0 MDR0, 1 MDR1, 2 CNTR, 3 STR.
+        /// Clears a register: 0 MDR0, 1 MDR1, 2 CNTR, 3 STR.
         ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3),
-        /// 0 DTR to CNTR, 1 CNTR to OTR.
+        /// Copies a register: 0 DTR to CNTR, 1 CNTR to OTR.
         LoadReg = wo(0x0A, "LOAD REG").u8().range(0, 1),
-        /// Change of the encoder's value after which it is streamed again; 0 streams each.
+        /// Least change of the encoder's value for the next streamed value; 0 streams every value.
         Threshold = rw(0x0B, "THRESHOLD").saved(),
-        /// Time between two streamed values of the encoder, in 1/512 s: 0 as fast as it can, 0xFFFF
-        /// never. Also how long a trigger's pulse lasts.
+        /// Time between two streamed values of the encoder, in 1/512 s: 0 as fast as possible, 0xFFFF never.
+        /// Also the length of a trigger's pulse.
         IntervalRate = rw(0x0C, "INTERVAL RATE").reset(0xFFFF).saved(),
-        /// Counts 1/512 s; writing 1 clears it.
+        /// Time in 1/512 s; writing 1 sets it to 0.
         TimeStamp = rw(0x0D, "TIME STAMP").u32(),
         /// The encoder's value: a count, a PWM value, or the packet of the analogue input.
         ReadEncoder = ro(0x0E, "READ ENCODER").u32().streams(),
-        /// Steps/s of a move, used in steps of 16.
+        /// Speed of a move in steps/s, used in multiples of 16.
         MdStepRate = rw(0x0F, "MD STEP RATE").range(0x20, 0x32C8).reset(0x20).saved().only(M.bit),
-        /// Steps/s², used in steps of 16.
+        /// Acceleration in steps/s², used in multiples of 16.
         MdAccel = rw(0x10, "MD ACCEL").u32().range(0x40, 0x5_7E40).reset(100_000).saved().only(M.bit),
-        /// Steps of a move.
+        /// Number of steps of a move.
         MdMoveSteps = rw(0x11, "MD MOVE STEPS").i32().range(-0x7FFF_FFFF, 0x7FFF_FFFF).saved().only(M.bit),
-        /// Steps/s of a jog, used in steps of 16.
+        /// Speed of a jog in steps/s, used in multiples of 16.
         MdJogRate = rw(0x12, "MD JOG RATE").i32().range(-13_000, 13_000).reset(0x20).saved().only(M.bit),
         /// Bit 0 ready, 1 moving, 2 paused, 3 jogging, 4 the motor drive is active.
         MdStatus = ro(0x13, "MD STATUS").u8().reset(1).streams().only(M.bit),
-        /// Five digits of the serial number, one of the variant (0 D, 1 M, 2 S), two of the firmware.
+        /// Five digits of the serial number, one digit of the variant (0 D, 1 M, 2 S), two digits of the
+        /// firmware.
         Version = ro(0x14, "VERSION").u32(),
         /// Format of responses: bit 0 LF, 1 CR, 2 time stamp, 3 spaces between fields.
         Eor = rw(0x15, "EOR").u8().range(0, 0xF).reset(0xB).saved(),
-        /// 1 ends streams, 3 saves, x0A sets the baud rate. Of the QSB-M: 0 ends the motor drive, 2
-        /// begins it, 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
+        /// 1 ends streams, 3 saves, x0A sets the baud rate. QSB-M only: 0 ends the motor drive, 2 starts it,
+        /// 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
         Command = wo(0x16, "COMMAND").u32().one_of(&[
             0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 0x00A, 0x10A, 0x20A, 0x30A, 0x40A, 0x50A, 0x60A, 0x70A,
         ]),
-        /// Printed on the device: what VERSION begins with.
+        /// Serial number printed on the device; the first digits of VERSION.
         SerialNumber = setting(0, "VERSION").u32().range(0, 99_999).reset(1).saved(),
-        /// Which of the eight rates of command A is set.
+        /// Number of the baud rate that command A has set, one of eight.
         BaudRate = setting(1, "COMMAND A").u8().range(0, 7).reset(FACTORY_RATE as i64).saved(),
-        /// The motor drive is active after a reset, as command 3 saved it.
+        /// 1 if command 3 has saved an active motor drive, which is active again after a reset.
         MotorDrive = setting(2, "COMMAND 3").u8().range(0, 1).saved().only(M.bit),
-        /// Streams after a reset, as command 3 saved them: bits 0 DIG I/O, 1 CAPTURE, 2 STR, 3 READ ENCODER, 4 MD
-        /// STATUS.
+        /// Streams that command 3 has saved and that run again after a reset: bits 0 DIG I/O, 1 CAPTURE, 2
+        /// STR, 3 READ ENCODER, 4 MD STATUS.
         Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved(),
-        /// Version of the firmware: the two last digits of VERSION, in hexadecimal, and those of the banner.
+        /// Version of the firmware: the last two digits of VERSION in hexadecimal, and of the banner.
         Firmware = setting(4, "VERSION").u8().reset(FIRMWARE).saved(),
     }
 }
 
-/// Places in DIG I/O CONFIG of the bits of DIO0, and a bit.
+/// Positions of DIO0's bits in DIG I/O CONFIG, and the bit of the pulse.
 pub(super) mod config {
     pub(in crate::qsb) const FALLING: u16 = 0;
     pub(in crate::qsb) const CAPTURES: u16 = 4;
@@ -105,23 +107,23 @@ pub(super) mod config {
     pub(in crate::qsb) const PULSE: u16 = 1 << 12;
 }
 
-/// Bits of MDR1 that the counter does not have, or that are not for it.
+/// Bits of MDR1 that the counter does not have, or that have another effect here.
 pub(super) mod mdr1 {
-    /// The counter has 32 bits, whatever is written.
+    /// Width of the counter, which always has 32 bits.
     pub(in crate::qsb) const WIDTH: u16 = 0b11;
     pub(in crate::qsb) const INVERT_INDEX: u16 = 1 << 3;
-    /// Overflow, underflow, match and index, in the places of the counter's flags.
+    /// Overflow, underflow, match and index, in the bit positions of the counter's flags.
     pub(in crate::qsb) const TRIGGERS: u16 = 0xF0;
     pub(in crate::qsb) const COUNT_DOWN: u16 = 1 << 8;
 }
 
-/// The rate of a new QSB, one of those of command A.
+/// Code of the baud rate of a new QSB.
 const FACTORY_RATE: u8 = 6;
 
-/// The line of a new QSB.
+/// Settings of the serial line of a new QSB.
 pub(super) const FACTORY_LINE: Line = line(FACTORY_RATE);
 
-/// The line at a rate of command A, which go up to 7.
+/// Settings of the serial line for a code of command A, 0 to 7.
 pub(super) const fn line(rate: u8) -> Line {
     let baud = match rate {
         0 => 9_600,

@@ -1,4 +1,4 @@
-//! Values that outlast a reset: the parameters of command 3, and the baud rate (COMMAND).
+//! Values that a reset does not change: the parameters that command 3 saves, and the baud rate (COMMAND).
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -8,22 +8,22 @@ use super::{MEMORY, Words};
 use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save; the list does not give it (QSB-8).
+/// Duration of a save; the list does not give it (QSB-8).
 const SAVE: Duration = Duration::millis(10);
 
-/// Rows of one word each that the first memories did not have: such a memory is still good.
+/// Rows of one word each that the oldest memories do not have. A memory without them is still valid.
 const LATER: [Reg; 1] = [Reg::Firmware];
 
-/// Returns whether a memory is one of those.
+/// Returns true if a memory is valid but lacks the rows of [`LATER`].
 fn is_older(memory: &[u8]) -> bool {
     memory::content(memory, Reg::SAVED_WORDS - LATER.len()) == Content::Good
 }
 
 impl Adapter {
-    /// Values that were saved last; of a new or a bad memory the factory's.
+    /// The values that were saved last; the factory values if the memory is new or bad.
     pub(super) fn stored(&self, out: &dyn Context) -> Words {
         let mut words = Bank::factory();
-        // While a save runs its image is there, and only its check sum is not.
+        // While a save runs, its image is stored already, and only the check sum is missing.
         if self.save.is_some() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
             memory::load(Reg::ENTRIES, out.memory(), words.words_mut());
         } else if is_older(out.memory()) {
@@ -33,7 +33,7 @@ impl Adapter {
         words
     }
 
-    /// Command 3.
+    /// Executes command 3: saves the parameters.
     pub(super) fn save_parameters(&mut self, at: Instant, out: &mut dyn Context) {
         self.bank.set(Reg::Streams, i64::from(self.streams.running()));
         self.bank.set(Reg::MotorDrive, i64::from(self.motor.is_active()));
@@ -41,7 +41,7 @@ impl Adapter {
         self.store(at, &words, out);
     }
 
-    /// Command A: the rate, and nothing with it (QSB-7).
+    /// Executes command A: saves the baud rate and nothing else (QSB-7).
     pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Context) {
         self.bank.set(Reg::BaudRate, rate);
         let mut words = self.stored(out);
@@ -57,14 +57,14 @@ impl Adapter {
         self.save.map_or(Instant::NEVER, Save::due)
     }
 
-    /// Ends the save that runs.
+    /// Ends the running save.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
     }
 
-    /// A preset before power comes, as if saved.
+    /// Presets a value before power-on, with the same effect as a save.
     pub(super) fn preset(
         &self,
         at: Instant,

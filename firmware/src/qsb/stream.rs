@@ -1,4 +1,4 @@
-//! Registers that are sent again and again.
+//! Streams: registers that the adapter sends repeatedly.
 
 use drivetwin_protocol::registers::Register;
 
@@ -8,13 +8,13 @@ use crate::device::{Context, Instant};
 
 /// Streams, in the order of the bits of [`Reg::Streams`].
 const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
-/// The one that keeps time; the others wait for a change.
+/// The stream with an interval; the other streams send after a change.
 const ENCODER: u8 = bit(Reg::ReadEncoder);
-/// The counter's status, which is to be looked at whenever it may change.
+/// The stream of the counter's status, which must be compared after every event of the counter.
 pub(super) const STATUS: u8 = bit(Reg::Str);
 /// Streams that W160 and W161 end.
 pub(super) const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
-/// INTERVAL RATE: no output.
+/// Value of INTERVAL RATE that pauses the encoder's stream.
 const PAUSED: u16 = 0xFFFF;
 
 /// Bit in [`Reg::Streams`]; 0 for a register that does not stream.
@@ -29,19 +29,20 @@ const fn bit(reg: Reg) -> u8 {
     }
 }
 
-/// The streams that run.
+/// The running streams.
 #[derive(Clone, Debug)]
 pub(super) struct Streams {
     running: u8,
-    /// Value of each that was sent last; of READ ENCODER the one that THRESHOLD compares.
+    /// Value of each register that was sent last; of READ ENCODER the value that is compared with THRESHOLD.
     sent: [u32; STREAMS.len()],
-    /// Time since which one of the other streams differs from its last record; never, if none does.
+    /// Time since which a stream other than READ ENCODER differs from its last record; [`Instant::NEVER`] if
+    /// none differs.
     changed: Instant,
     /// Time of the last measurement of the encoder.
     measured: Instant,
     /// Time of the next measurement.
     next: Instant,
-    /// Streams that were served while others waited for the line.
+    /// Streams that were already served while others waited for the line.
     round_robin: u8,
 }
 
@@ -57,12 +58,12 @@ impl Streams {
         }
     }
 
-    /// Streams that run, as in [`Reg::Streams`].
+    /// Bits of the running streams, as in [`Reg::Streams`].
     pub(super) fn running(&self) -> u8 {
         self.running
     }
 
-    /// Ends some, as in [`Reg::Streams`].
+    /// Ends the streams with these bits, as in [`Reg::Streams`].
     pub(super) fn end(&mut self, streams: u8) {
         self.running &= !streams;
         if streams & ENCODER != 0 {
@@ -70,7 +71,7 @@ impl Streams {
         }
     }
 
-    /// Ends the one of a register, if it has one.
+    /// Ends the stream of a register, if it has one.
     pub(super) fn end_of(&mut self, reg: Reg) {
         self.end(bit(reg));
     }
@@ -89,7 +90,7 @@ impl Streams {
 }
 
 impl Adapter {
-    /// The streams that were saved, as if they had been asked for now (QSB-13).
+    /// Starts the saved streams, as if they were requested now (QSB-13).
     pub(super) fn resume_streams(&mut self, at: Instant) {
         let saved = self.bank.word(Reg::Streams) as u8;
         for reg in STREAMS.into_iter().filter(|reg| saved & bit(*reg) != 0) {
@@ -100,13 +101,13 @@ impl Adapter {
         }
     }
 
-    /// `S`: its answer is the first value.
+    /// Starts a stream. The response to `S` carries its first value.
     pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) {
         self.streams.running |= bit(reg);
         self.note_sent(at, reg);
     }
 
-    /// The present value of a register leaves.
+    /// Notes that the present value of a register is being sent.
     fn note_sent(&mut self, at: Instant, reg: Reg) {
         let value = self.comparison_value(at, reg);
         self.streams.set_sent(reg, value);
@@ -116,7 +117,7 @@ impl Adapter {
         }
     }
 
-    /// Value that decides whether a register has changed.
+    /// Value that is compared to detect a change of a register.
     fn comparison_value(&self, at: Instant, reg: Reg) -> u32 {
         if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
     }
@@ -137,13 +138,13 @@ impl Adapter {
         };
     }
 
-    /// Time at which there is a record to send and the line is free for it.
+    /// Time at which a record is ready and the line is free.
     pub(super) fn stream_due(&self) -> Instant {
         let due = self.streams.changed.min(self.streams.next);
         if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
     }
 
-    /// Sends one record if one is due. Those that wait for the line take turns, the lowest register first
+    /// Sends one record if one is due. Streams that wait for the line take turns, lowest register first
     /// (QSB-12).
     pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Context) {
         if at < self.serial.free_at() {
@@ -164,7 +165,7 @@ impl Adapter {
         }
     }
 
-    /// Notes whether a register differs from its last record.
+    /// Notes the time at which a register began to differ from its last record.
     pub(super) fn note_changes(&mut self, at: Instant) {
         self.streams.changed = match self.changed_streams(at) {
             0 => Instant::NEVER,
@@ -172,7 +173,7 @@ impl Adapter {
         };
     }
 
-    /// The registers that differ from their last record, without READ ENCODER.
+    /// Streams with a register that differs from its last record, without READ ENCODER.
     fn changed_streams(&self, at: Instant) -> u8 {
         let watched = self.streams.running & !ENCODER;
         if watched == 0 {
@@ -184,7 +185,7 @@ impl Adapter {
         STREAMS.into_iter().filter(changed).fold(0, |changed, reg| changed | bit(reg))
     }
 
-    /// Measures the encoder, and sends the value if it has gone far enough.
+    /// Measures the encoder, and sends the value if it has changed by THRESHOLD or more.
     fn measure(&mut self, at: Instant, out: &mut dyn Context) {
         let way = self.encoder_value().wrapping_sub(self.streams.sent(Reg::ReadEncoder));
         if way.cast_signed().unsigned_abs() >= u32::from(self.bank.word(Reg::Threshold)) {

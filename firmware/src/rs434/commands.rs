@@ -1,4 +1,4 @@
-//! Commands of the user program: start, stop, and its access to the drive (6.5, 6.9).
+//! Commands to the user program (start, stop), and the access of the program to the drive (6.5, 6.9).
 
 use core::slice;
 
@@ -12,7 +12,7 @@ use super::registers::{Reg, Word};
 use crate::device::{Context, Instant};
 
 impl Drive {
-    /// MODE_USER_PROGRAM was written: 3 is only kept (RS434-26).
+    /// Executes a written MODE_USER_PROGRAM. The value 3 is only stored (RS434-26).
     pub(super) fn command_program(&mut self, at: Instant, out: &mut dyn Context) {
         match self.bank.word(Reg::MODE_USER_PROGRAM) {
             1 => self.program.stop(),
@@ -21,7 +21,8 @@ impl Drive {
         }
     }
 
-    /// Starts the program, unless it runs, and remembers the registers that its end may bring back.
+    /// Starts the program, unless it already runs. Saves a copy of the registers, which the program's end may
+    /// restore.
     pub(super) fn start_program(&mut self, at: Instant, status: Status, out: &mut dyn Context) {
         if self.program.status() == Status::Running || self.state != State::Ready {
             return;
@@ -35,15 +36,15 @@ impl Drive {
         }
     }
 
-    /// Brings the program from the flash into the buffer.
+    /// Loads the program from the flash into the buffer.
     pub(super) fn load_program(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.program.load(out) {
             self.raise(at, error::PROGRAM_TEST, out);
         }
     }
 
-    /// Carries out the line of the program that is due, if one is. Returns whether it had an effect beyond the
-    /// registers it wrote.
+    /// Executes the program line that is due, if there is one. Returns true if it had an effect beyond the
+    /// registers that it wrote.
     pub(super) fn run_program(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         match program::run(at, &mut ProgramHost { drive: self, at, out }) {
             None | Some(Step::Next | Step::Delay(_)) => return false,
@@ -54,11 +55,12 @@ impl Drive {
         true
     }
 
-    /// CMD_FULL_STOP_PROGRAM: the registers are what they were before the start, and the motor stops (RS434-27).
+    /// Handles CMD_FULL_STOP_PROGRAM: restores the registers from before the start, and stops the motor
+    /// (RS434-27).
     fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Context) {
         let mode = self.bank.word(Reg::MODE_USER_PROGRAM);
         let offset = |reg: Reg| Reg::ENTRIES.offset(reg.row());
-        // 5004h to 5022h, which lie side by side in the bank.
+        // 5004h to 5022h, which are contiguous in the bank.
         let (first, end) = (offset(Reg::MODE_DEVICE), offset(Reg::ERROR));
         let words = self.bank.words_mut().iter_mut().zip(self.snapshot.words());
         for (word, before) in words.take(end).skip(first) {
@@ -69,14 +71,14 @@ impl Drive {
         self.brake();
     }
 
-    /// Handles a line that cannot be carried out, or a missing one (RS434-33).
+    /// Handles a program line that cannot be executed, or a missing one (RS434-33).
     fn program_failed(&mut self, at: Instant, out: &mut dyn Context) {
         self.raise(at, error::PROGRAM, out);
         self.stop();
     }
 }
 
-/// The drive as its program sees it during a line.
+/// The drive as the program uses it during a line.
 struct ProgramHost<'a> {
     drive: &'a mut Drive,
     at: Instant,
@@ -84,8 +86,8 @@ struct ProgramHost<'a> {
 }
 
 impl ProgramHost<'_> {
-    /// Writes words of one or two registers, all or none of them. One word of two is not judged. Whether they act
-    /// at once.
+    /// Writes words of one or two registers, all or none. A single word of a two-word register is not
+    /// checked. Returns true if a register has an immediate effect.
     fn write_all(&mut self, spans: &[(Word, &[u16])]) -> Result<bool, CannotWrite> {
         let entries = self.drive.model.entries();
         let mut is_permitted = true;

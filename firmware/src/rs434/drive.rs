@@ -1,16 +1,16 @@
-//! An RS 434544 or 434546 without its serial port: its registers, and what happens when one is written.
+//! An RS 434544 or 434546 without its serial port: its registers, and the effects of writes.
 //!
-//! | file | what of the drive |
+//! | file | contents |
 //! |---|---|
-//! | `registers` | their table, and what the models differ in |
-//! | `startup` | how it starts, factory reset, lights |
-//! | `errors` | ERROR |
+//! | `registers` | the register table, and the differences of the models |
+//! | `startup` | start, factory reset, lights |
+//! | `errors` | the register ERROR |
 //! | `inputs` | IN1, IN2, HARD_STOP |
-//! | `motion` | what starts and stops the motor |
+//! | `motion` | starts and stops of the motor |
 //! | `program` | the user program |
-//! | `commands` | what starts and stops it, and what it reaches |
+//! | `commands` | start and stop of the program, and its access to the drive |
 //! | `saved` | settings in the flash |
-//! | `servo` | how the motor is made to move |
+//! | `servo` | control of the motor |
 //! | `thermal` | temperatures |
 
 use drivetwin_protocol::modbus::pdu::Exception;
@@ -33,19 +33,19 @@ use crate::motor::Parameters;
 pub(super) enum State {
     /// Never powered.
     Off,
-    /// Powered: other inputs of this instant are still to come.
+    /// Power is on, but other inputs of the same instant may still follow.
     Waking {
         /// The instant of power-on.
         due: Instant,
     },
-    /// Resetting to the factory's values.
+    /// Resetting to the factory values.
     Clearing(Clearing),
-    /// Starting: no message is received yet.
+    /// Starting. No message is received yet.
     Booting {
         /// End of the start.
         due: Instant,
     },
-    /// Normal operation, or an error.
+    /// Normal operation, with or without an error.
     Ready,
 }
 
@@ -57,13 +57,13 @@ pub(super) type Words = Bank<Reg, { Reg::WORDS }>;
 pub(super) struct Drive {
     pub(super) model: Model,
     pub(super) state: State,
-    /// True without start-up delay.
+    /// True if there is no start-up delay.
     pub(super) fast: bool,
     /// State of the random numbers of TASK_COUNTER.
     random: u64,
     pub(super) bank: Words,
     pub(super) save: Option<Save>,
-    /// Time of the restart that FLAG_RESTART asked for.
+    /// Time of the restart requested by FLAG_RESTART.
     pub(super) restart_due: Instant,
 
     pub(super) errors: Errors,
@@ -72,17 +72,17 @@ pub(super) struct Drive {
 
     pub(super) inputs: Inputs,
     pub(super) servo: Servo,
-    /// The expected motor of the servo has changed.
+    /// True if the motor that the servo expects has changed.
     pub(super) other_motor: bool,
     pub(super) motion: Motion,
 
     pub(super) program: Program,
-    /// The registers at its start.
+    /// Copy of the registers at the start of the program.
     pub(super) snapshot: Words,
 }
 
 impl Drive {
-    // Where it will be: a copy takes 6 KB of a board's stack.
+    // Inlined, so that the drive is built in its final place: a copy takes 6 KB of a board's stack.
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Bank::of(model.entries());
@@ -107,7 +107,7 @@ impl Drive {
         }
     }
 
-    /// Power comes: all inputs follow.
+    /// Switches the power on. The caller then passes the states of all inputs.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         (self.fast, self.random) = (boot.fast, boot.seed);
         self.errors = Errors::NONE;
@@ -117,14 +117,14 @@ impl Drive {
         self.begin(at, out);
     }
 
-    /// Restarts: saves are finished, and inputs stay as they are.
+    /// Restarts the drive: finishes saves and keeps the states of the inputs.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         self.finish_save(at, out);
         self.program.finish_save(at, out);
         self.begin(at, out);
     }
 
-    /// Everything volatile is forgotten.
+    /// Resets all volatile state.
     fn begin(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Waking { due: at };
         self.errors.clear(u16::MAX);
@@ -142,7 +142,7 @@ impl Drive {
         self.update_halls(at);
     }
 
-    /// Next deadline of all but the program.
+    /// Next deadline of everything except the program.
     pub(super) fn deadline(&self) -> Instant {
         self.startup_due()
             .min(self.inputs.due())
@@ -152,7 +152,7 @@ impl Drive {
             .min(self.restart_due)
     }
 
-    /// Anything but the program is due.
+    /// Handles all deadlines up to `at`, except those of the program.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.startup_due() <= at {
             self.startup_timeout(at, out);
@@ -178,22 +178,23 @@ impl Drive {
         }
     }
 
-    /// The line settings from its next start on (6.4).
+    /// Line settings for the next start (6.4).
     pub(super) fn line(&self) -> Line {
         line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
     }
 
-    /// The address on which it answers from its next start on (6.4; RS434-3).
+    /// Bus address for the next start (6.4; RS434-3).
     pub(super) fn unit(&self) -> u8 {
         (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
     }
 
-    /// Delay of every reply from its next start on (6.4).
+    /// Delay of every reply from the next start on (6.4).
     pub(super) fn reply_delay(&self) -> Duration {
         Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
     }
 
-    /// A restart that FLAG_RESTART wants waits for `instant`: for the reply.
+    /// Delays a requested restart until `instant`, the end of the reply. Returns true if a restart is
+    /// requested.
     pub(super) fn restart_after(&mut self, instant: Instant) -> bool {
         let wanted = self.restart_due != Instant::NEVER;
         if wanted {
@@ -202,12 +203,12 @@ impl Drive {
         wanted
     }
 
-    /// The motor that the registers describe (RS434-12).
+    /// Parameters of the motor, from the registers (RS434-12).
     pub(super) fn motor(&self) -> Parameters {
         self.servo_settings().motor()
     }
 
-    /// The same, if it may have become another one since this was last asked.
+    /// The parameters, if they may have changed since the last call of this function.
     pub(super) fn new_motor(&mut self) -> Option<Parameters> {
         if !self.other_motor {
             return None;
@@ -216,14 +217,14 @@ impl Drive {
         Some(self.motor())
     }
 
-    /// The motor draws so many mA.
+    /// Handles a new motor current, in mA.
     pub(super) fn draws(&mut self, at: Instant, ma: i32) {
         let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
         self.thermal.draws(at, ma.unsigned_abs(), brakes);
         self.servo.draws(ma);
     }
 
-    /// A register as it reads now.
+    /// Value of a register at `at`.
     pub(super) fn value(&self, at: Instant, reg: Reg) -> i64 {
         match reg {
             Reg::IN1_bit => self.inputs.in1.closed.into(),
@@ -253,7 +254,7 @@ impl Drive {
         }
     }
 
-    /// A live register is read.
+    /// Reads a live register; a read of TASK_COUNTER changes it.
     pub(super) fn read(&mut self, at: Instant, reg: Reg) -> i64 {
         let value = self.value(at, reg);
         if reg == Reg::TASK_COUNTER {
@@ -262,20 +263,21 @@ impl Drive {
         value
     }
 
-    /// Puts a live register into the bank, because it is read.
+    /// Updates a live register in the bank, because it is read.
     pub(super) fn refresh(&mut self, at: Instant, reg: Reg) {
         let value = self.read(at, reg);
         self.bank.set(reg, value);
     }
 
-    /// Checks that a value that its row accepts may be written now: it is refused while the drive is busy.
+    /// Checks that a value accepted by its row may be written now. It may not while the drive is busy.
     pub(super) fn validate(&self, reg: Reg, value: i64) -> Result<(), Exception> {
-        // What runs is read from the flash (RS434-28).
+        // A running program is read from the flash (RS434-28).
         let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
         if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
     }
 
-    /// Carries out a written register, in the manual's order; returns whether it has an effect at once.
+    /// Executes a write of a register, in the manual's order. Returns true if the write has an immediate
+    /// effect.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> bool {
         match reg {
             Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
@@ -324,8 +326,8 @@ impl Drive {
                 self.bank.set(Reg::CMD_R, line.into());
             }
             _ => {
-                // The communication settings hold from the next start on; the others are looked at when they
-                // are used.
+                // Communication settings take effect at the next start. The drive reads the other registers
+                // when it needs them.
                 if let Some(register) = reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
                     *register = self.bank.word(reg);
                 }
@@ -335,19 +337,19 @@ impl Drive {
         true
     }
 
-    /// The value of a key register, which reads 0 again (RS434-2).
+    /// Value of a key register. Resets the register to 0 (RS434-2).
     fn take_unlock_key(&mut self, reg: Reg) -> i64 {
         let key = self.bank.get(reg);
         self.bank.set(reg, 0);
         key
     }
 
-    /// A value was outside the range of its row.
+    /// Called when a value was outside the range of its row.
     pub(super) fn on_out_of_range(&mut self) {
         self.errors.warn(error::OUT_OF_RANGE);
     }
 
-    /// A character had the wrong parity or another error (RS434-5).
+    /// Called when a character had a parity error or another error (RS434-5).
     pub(super) fn rx_error(&mut self) {
         self.errors.warn(error::PARITY);
     }
@@ -379,7 +381,7 @@ impl Drive {
         Ok(())
     }
 
-    /// Makes a register show something that was not measured.
+    /// Makes a register show an injected value instead of a measured one.
     fn inject(
         &mut self,
         at: Instant,
@@ -399,17 +401,18 @@ impl Drive {
         Ok(())
     }
 
-    /// Updates the state of the motion from the servo, and the lights.
+    /// Updates the state of the motion from the servo, then the lights.
     pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
         self.update_motion(at, out);
         self.update_lights(at, out);
     }
 }
 
-/// Difference of two random numbers: splitmix64 (Steele, Lea, Flood: *Fast Splittable Pseudorandom Number Generators*).
+/// Increment of the state of the random numbers: splitmix64 (Steele, Lea, Flood: *Fast Splittable
+/// Pseudorandom Number Generators*).
 const RANDOM_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// A number without a visible connection to `n`.
+/// A pseudo-random number computed from `n`.
 fn hash(n: u64) -> u64 {
     let n = (n ^ n >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let n = (n ^ n >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);

@@ -1,4 +1,4 @@
-//! The register ERROR: what raises its bits, which of them stop the motor, and what clears them (6.5).
+//! The register ERROR: causes of its bits, bits that stop the motor, and the clearing of bits (6.5).
 
 use core::ops::RangeInclusive;
 
@@ -26,7 +26,7 @@ pub(super) mod error {
     pub(in crate::rs434) const PARITY: u16 = 1 << 14;
     pub(in crate::rs434) const TOO_FEW_HALLS: u16 = 1 << 15;
 
-    /// These stop the motor.
+    /// Errors that stop the motor.
     pub(in crate::rs434) const STOPS: u16 = SUPPLY_VOLTAGE
         | SHORT_CIRCUIT
         | BRAKE_OVERHEAT
@@ -35,11 +35,12 @@ pub(super) mod error {
         | EMERGENCY_STOP
         | MCU_OVERHEAT
         | SWITCHES;
-    /// These stay until a restart. The others are warnings, and a write may clear them (RS434-23).
+    /// Errors that stay until a restart. All others are warnings, and a write can clear them (RS434-23).
     pub(in crate::rs434) const STAYS: u16 = STOPS | PROGRAM_TEST | SETTINGS;
 }
 
-/// Bits that each fault of the drive raises, in the order of [`Spec::faults`](crate::device::Spec::faults) (RS434-24).
+/// The bit that each fault of the drive sets, in the order of [`Spec::faults`](crate::device::Spec::faults)
+/// (RS434-24).
 const CAUSES: [u16; 8] = [
     error::SUPPLY_VOLTAGE,
     error::SHORT_CIRCUIT,
@@ -51,56 +52,56 @@ const CAUSES: [u16; 8] = [
     error::CURRENT_LIMIT,
 ];
 
-/// Within this range of its supply the drive works, in 0.1 V (3, power supply protection).
+/// Range of the supply voltage in which the drive works, in 0.1 V (3, power supply protection).
 const GOOD_SUPPLY: RangeInclusive<u16> = 80..=300;
 
-/// ERROR, and the injected values behind it.
+/// The register ERROR, and injected values that affect it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Errors {
-    /// ERROR.
+    /// Value of ERROR.
     bits: u16,
     /// Bits whose cause is injected.
     causes: u16,
-    /// Injected current for CURRENT_VALID, in mA.
+    /// Injected value of CURRENT_VALID, in mA.
     injected_ma: Option<u16>,
-    /// The supply that the drive measures, in 0.1 V.
+    /// Supply voltage that the drive measures, in 0.1 V.
     supply: u16,
 }
 
 impl Errors {
     pub(super) const NONE: Self = Self { bits: 0, causes: 0, injected_ma: None, supply: SUPPLY };
 
-    /// ERROR as it reads.
+    /// Value of ERROR for a read.
     pub(super) fn bits(self) -> u16 {
         self.bits
     }
 
-    /// Returns whether the motor must not move.
+    /// Returns true if an error forbids motion.
     pub(super) fn stop(self) -> bool {
         self.bits & error::STOPS != 0
     }
 
-    /// Returns whether the cause of this bit is injected.
+    /// Returns true if the cause of `bit` is injected.
     pub(super) fn has_cause(self, bit: u16) -> bool {
         self.causes & bit != 0
     }
 
-    /// Injected current for CURRENT_VALID, in mA.
+    /// Injected value of CURRENT_VALID, in mA.
     pub(super) fn injected_ma(self) -> Option<u16> {
         self.injected_ma
     }
 
-    /// Makes CURRENT_VALID show so many mA from now on.
+    /// Makes CURRENT_VALID read `ma` from now on.
     pub(super) fn inject_ma(&mut self, ma: u16) {
         self.injected_ma = Some(ma);
     }
 
-    /// The supply that the drive measures, in 0.1 V.
+    /// Supply voltage that the drive measures, in 0.1 V.
     pub(super) fn supply(self) -> u16 {
         self.supply
     }
 
-    /// Sets bits that do not stop the motor.
+    /// Sets bits of warnings, which do not stop the motor.
     pub(super) fn warn(&mut self, bits: u16) {
         self.bits |= bits;
     }
@@ -112,7 +113,7 @@ impl Errors {
 }
 
 impl Drive {
-    /// Sets bits of ERROR, and stops the motor if one of them does and was not there.
+    /// Sets bits of ERROR. Stops the motor if a newly set bit requires it.
     pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Context) {
         let new = errors & !self.errors.bits;
         self.errors.bits |= new;
@@ -121,13 +122,14 @@ impl Drive {
         }
     }
 
-    /// ERROR has been written: warnings go where it has a 0, and come back if they are still true.
+    /// Handles a write of ERROR: clears the warnings that are 0 in `word`. A warning whose cause remains is
+    /// set again.
     pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
         self.errors.clear(!(word | error::STAYS));
         self.check_errors(at, out);
     }
 
-    /// The cause of a fault comes or goes.
+    /// Sets or clears the cause of a fault.
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
         let causes = &mut self.errors.causes;
@@ -136,13 +138,13 @@ impl Drive {
         self.check_errors(at, out);
     }
 
-    /// The drive measures another supply, in 0.1 V.
+    /// Sets the measured supply voltage, in 0.1 V.
     pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
         self.errors.supply = supply;
         self.check_errors(at, out);
     }
 
-    /// Raises the present errors: at the end of the start, and after any change of their causes.
+    /// Sets the bits of the present errors. Called at the end of the start, and after any change of a cause.
     pub(super) fn check_errors(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready {
             return;

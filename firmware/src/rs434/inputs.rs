@@ -1,4 +1,4 @@
-//! The contacts IN1, IN2 and HARD_STOP, and what they ask for in the five ways of MODE_EXT_IN (6.1, 6.5).
+//! The contacts IN1, IN2 and HARD_STOP, and their functions in the five modes of MODE_EXT_IN (6.1, 6.5).
 
 use super::drive::{Drive, State};
 use super::errors::error;
@@ -7,26 +7,27 @@ use super::registers::Reg;
 use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2};
 use crate::device::{Context, Duration, Instant, Pin};
 
-/// A contact that bounces (6.1, Fig. 5).
+/// A contact, which is debounced (6.1, Fig. 5).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contact {
-    /// True while it is closed.
+    /// Present state: true while the contact is closed.
     pub(super) closed: bool,
-    /// Debounced state: closed for long enough, and not open for long enough since.
+    /// Debounced state. It becomes true after the contact was closed for long enough, and false after it was
+    /// open for long enough.
     on: bool,
-    /// Time at which the present state has lasted long enough.
+    /// Time at which the present state becomes the debounced state.
     pub(super) due: Instant,
 }
 
 impl Contact {
     const OPEN: Self = Self { closed: false, on: false, due: Instant::NEVER };
 
-    /// Accepts the present state.
+    /// Makes the present state the debounced state.
     fn accept(&mut self) {
         *self = Self { on: self.closed, due: Instant::NEVER, ..*self };
     }
 
-    /// Handles a change, which must last for `pressed` if it is closed now, for `waited` if open.
+    /// Handles a change. A closed contact must stay closed for `pressed`, an open one open for `waited`.
     fn change(&mut self, at: Instant, closed: bool, pressed: Duration, waited: Duration) {
         if closed == self.closed {
             return;
@@ -36,7 +37,7 @@ impl Contact {
         self.due = if closed == self.on { Instant::NEVER } else { at + lasts };
     }
 
-    /// Returns whether the debounced state changes now.
+    /// Updates the debounced state. Returns true if it changes now.
     fn timeout(&mut self, at: Instant) -> bool {
         let changes = self.due <= at;
         if changes {
@@ -46,25 +47,25 @@ impl Contact {
     }
 }
 
-/// The contacts of the drive, as they are.
+/// Present states of the drive's contacts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inputs {
     pub(super) in1: Contact,
     pub(super) in2: Contact,
-    /// The emergency stop is closed: the motor may move.
+    /// True while the emergency stop is closed: the motor may move.
     pub(super) hard_stop: bool,
-    /// CLR_FLASH is closed.
+    /// True while CLR_FLASH is closed.
     pub(super) clr_flash: bool,
-    /// The Hall sensors A and B are high; `None` before their first event.
+    /// True for each of the Hall sensors A and B that is high; `None` before its first event.
     halls: [Option<bool>; 2],
 }
 
 impl Inputs {
-    /// Without any wire.
+    /// States of inputs without any wire.
     pub(super) const OPEN: Self =
         Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false, halls: [None; 2] };
 
-    /// The drive starts: nothing is waited for.
+    /// Stops waiting for contacts, because the drive starts.
     pub(super) fn cancel_debounce(&mut self) {
         (self.in1.due, self.in2.due) = (Instant::NEVER, Instant::NEVER);
     }
@@ -75,7 +76,7 @@ impl Inputs {
 }
 
 impl Drive {
-    /// A contact or a Hall sensor has changed.
+    /// Handles a change of a contact or a Hall sensor.
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let closed = !high;
         match pin {
@@ -99,7 +100,8 @@ impl Drive {
         }
     }
 
-    /// Passes the present levels of the Hall sensors to the servo: after a restart no event brings them again.
+    /// Passes the present levels of the Hall sensors to the servo, because no event reports them after a
+    /// restart.
     pub(super) fn update_halls(&mut self, at: Instant) {
         let [a, b] = self.inputs.halls;
         for (is_a, high) in [(true, a), (false, b)] {
@@ -115,25 +117,25 @@ impl Drive {
         let contact = if pin == IN1 { &mut self.inputs.in1 } else { &mut self.inputs.in2 };
         contact.change(at, closed, pressed, waited);
         if self.state != State::Ready {
-            // When the drive is ready it takes them for what they are.
+            // A drive that becomes ready uses the states at that time.
             contact.due = Instant::NEVER;
         }
     }
 
-    /// The drive is ready: contacts are taken for what they are, and levels act.
+    /// Called when the drive is ready. Uses the present states of the contacts, and executes levels.
     pub(super) fn apply_inputs(&mut self, at: Instant, out: &mut dyn Context) {
         self.inputs.in1.accept();
         self.inputs.in2.accept();
         self.levels_act(at, out);
     }
 
-    /// A contact has lasted long enough.
+    /// Handles contacts whose state has lasted long enough.
     pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let (first, second) = (self.inputs.in1.timeout(at), self.inputs.in2.timeout(at));
         if (!first && !second) || !self.is_by_inputs() {
             return;
         }
-        // A pulse is over when its contact has opened (RS434-21).
+        // A pulse ends when its contact opens (RS434-21).
         let pulse_1 = first && !self.inputs.in1.on;
         let pulse_2 = second && !self.inputs.in2.on;
         match self.bank.word(Reg::MODE_EXT_IN) {
@@ -158,7 +160,8 @@ impl Drive {
         }
     }
 
-    /// Does what levels ask for: when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is written (RS434-22).
+    /// Executes the present levels. Called when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is
+    /// written (RS434-22).
     pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != State::Ready || !self.is_by_inputs() {
             return;
@@ -175,27 +178,28 @@ impl Drive {
         }
     }
 
-    /// Returns whether the inputs control the motor, and not the bus.
+    /// Returns true if the inputs control the motor, and not the bus.
     pub(super) fn is_by_inputs(&self) -> bool {
         self.bank.word(Reg::MODE_DEVICE) == 2
     }
 
-    /// Returns whether each input has its own direction: way 5.
+    /// Returns true if each input has a direction of its own: mode 5.
     pub(super) fn is_by_both(&self) -> bool {
         self.is_by_inputs() && self.bank.word(Reg::MODE_EXT_IN) == 5
     }
 
-    /// IN2 is the direction: closed is backward.
+    /// IN2 selects the direction: closed means backward.
     fn direction_by_level(&mut self, at: Instant, out: &mut dyn Context) {
         self.set_direction(at, if self.inputs.in2.on { 2 } else { 1 }, out);
     }
 
-    /// IN1 lets the motor run while it is closed.
+    /// The motor runs while IN1 is closed.
     fn run_by_level(&mut self, at: Instant, out: &mut dyn Context) {
         self.run(at, self.inputs.in1.on.then_some(Heading::Registers), out);
     }
 
-    /// IN1 lets it run forward, IN2 backward, both together not at all; to a position either of them.
+    /// IN1 makes the motor run forward, IN2 backward. With both closed the motor stops. For a move to a
+    /// position either input will do.
     fn run_by_both(&mut self, at: Instant, out: &mut dyn Context) {
         let heading = match (self.inputs.in1.on, self.inputs.in2.on) {
             (true, false) => Some(Heading::Forward),

@@ -1,7 +1,7 @@
-//! RS 434544 and RS 434546: controllers of brush motors, on RS-485 with Modbus RTU or ASCII, which also
-//! carry out a program of their user.
+//! RS 434544 and RS 434546: controllers of brush motors, on RS-485 with Modbus RTU or ASCII. They can also
+//! run a program of their user.
 //!
-//! Follows the *User Manual* of RS Stock No. 434544 and 434546; numbers like 6.5 are its sections.
+//! Follows the *User Manual* of RS Stock No. 434544 and 434546. Numbers like 6.5 are sections of this manual.
 
 mod commands;
 mod drive;
@@ -47,19 +47,20 @@ const CLR_FLASH: Pin = Pin(5);
 const RED: Pin = Pin(6);
 const GREEN: Pin = Pin(7);
 
-/// Lines of a user program (6.6).
+/// Number of lines of a user program (6.6).
 pub const LINES: usize = 1_024;
-/// Bytes of the settings, behind which the user program lies: its lines, low byte first, and their CRC.
+/// Bytes of the settings. The user program follows them in the memory: its lines, low byte first, and their
+/// CRC.
 const SETTINGS: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
-/// Bytes of the flash that hold settings and user program.
+/// Bytes of the flash, which holds the settings and the user program.
 pub const MEMORY: usize = SETTINGS + 4 * LINES + 2;
 
 const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
     PinSpec::new(name, role, idle)
 }
 
-// A contact to ground is closed while it is low (6.1). An unused contact is open; an unused emergency stop is closed,
-// or nothing would ever move (RS434-8).
+// A contact to ground is closed while its pin is low (6.1). An unused contact is open. Only an unused
+// emergency stop is closed, because otherwise nothing would ever move (RS434-8).
 #[rustfmt::skip]
 static PINS: [PinSpec; 8] = [
     pin("IN1", Role::Input, Level::High),
@@ -72,13 +73,13 @@ static PINS: [PinSpec; 8] = [
     pin("GREEN", Role::Led, Level::Low),
 ];
 
-/// The fault of [`Spec::faults`] that is the motor's: its shaft is held.
+/// The fault in [`Spec::faults`] that belongs to the motor: its shaft is blocked.
 const STALL: Fault = Fault(8);
 
 static RS434544: Spec = spec("rs434544", "RS 434544 brush motor controller, 20 A", Reg::TABLE);
 static RS434546: Spec = spec("rs434546", "RS 434546 brush motor controller, 40 A", &registers::TABLE_434546);
 
-/// The limits of both models, with the reason of each.
+/// Limits of the model, with reasons. They apply to both models of the drive.
 static NOT_MODELLED: [&str; 6] = [
     "the errors of a real control loop: the speed follows its ramp without a lag, and a load changes it only where current \
      or supply end",
@@ -93,7 +94,7 @@ static NOT_MODELLED: [&str; 6] = [
      does; the winding stays as it is",
 ];
 
-/// The description that both models share.
+/// The description, as far as both models share it.
 const fn spec(kind: &'static str, product: &'static str, registers: &'static Table) -> Spec {
     Spec {
         kind,
@@ -122,7 +123,8 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
     }
 }
 
-/// A quantity or a value that is not allowed is 03, an address that is not there or cannot be written 02 (RS434-1).
+/// A wrong quantity or value gets exception 03. An address that does not exist or cannot be written gets 02
+/// (RS434-1).
 static RULES: Rules = Rules {
     functions: &[
         READ_COILS,
@@ -156,7 +158,7 @@ pub fn rs434546() -> DriveWithMotor<Rs434> {
     DriveWithMotor::new(Rs434::of(Model::Rs434546))
 }
 
-/// Bus settings, as the registers were when the drive started (6.4).
+/// Bus settings from the registers at the start of the drive (6.4).
 #[derive(Clone, Copy, Debug)]
 struct BusSettings {
     /// SLAVE_ADDRESS_MODBUS.
@@ -169,15 +171,15 @@ struct BusSettings {
 #[derive(Clone, Debug)]
 pub struct Rs434 {
     serial: Serial,
-    /// `None` until the drive knows when it listens.
+    /// Bus settings; `None` until the time is known from which the drive receives.
     manners: Option<BusSettings>,
     drive: Drive,
-    /// Next deadline of all but the program.
+    /// Next deadline of everything except the program.
     due: Instant,
 }
 
 impl Rs434 {
-    // Where it will be: a copy takes 6 KB of a board's stack.
+    // Inlined, so that the drive is built in its final place: a copy takes 6 KB of a board's stack.
     #[inline(always)]
     fn of(model: Model) -> Self {
         Self {
@@ -188,15 +190,15 @@ impl Rs434 {
         }
     }
 
-    /// Starts, or starts again.
+    /// Starts or restarts the reception.
     fn start(&mut self, at: Instant, out: &mut dyn Context) {
         self.manners = None;
         self.serial.mute();
         self.after_event(at, out);
     }
 
-    /// After every event, except a line of the program that only calculates: updates the outputs, the start of
-    /// reception, and the deadlines.
+    /// Called after every event, except a program line that only calculates. Updates the outputs, the start
+    /// of reception, and the deadlines.
     fn after_event(&mut self, at: Instant, out: &mut dyn Context) {
         self.drive.update_outputs(at, out);
         if self.manners.is_none()
@@ -208,7 +210,7 @@ impl Rs434 {
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
 
-    /// Handles a deadline that is no line of the program.
+    /// Handles a deadline other than that of a program line.
     #[inline(never)]
     fn more_is_due(&mut self, at: Instant, out: &mut dyn Context) {
         self.drive.timeout(at, out);
@@ -223,7 +225,7 @@ impl Rs434 {
         }
     }
 
-    /// The message that has come is over.
+    /// Serves a message that has ended.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Self { serial, manners: Some(manners), drive, .. } = self else { return };
         let Some(message) = serial.take() else { return };
@@ -293,7 +295,7 @@ impl Device for Rs434 {
             Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
-            // It has no such ports, and the motor's inputs are its outputs.
+            // The drive has no such ports and inputs. Inputs of the motor are outputs of the drive.
             Input::HostPresence { .. }
             | Input::Opened { .. }
             | Input::Message { .. }
@@ -315,7 +317,7 @@ impl Device for Rs434 {
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        // Most often only the program is due.
+        // Usually only the program is due.
         if at >= self.due {
             self.more_is_due(at, out);
         }
@@ -342,7 +344,7 @@ impl Device for Rs434 {
     }
 }
 
-/// The drive as its bus sees it during a request.
+/// The drive as the server uses it during a request.
 struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,

@@ -1,4 +1,5 @@
-//! Starts and stops of the motor, and its motions: rotation, moves by OFFSET or to a position (6.2, 6.5).
+//! Starts and stops of the motor, and its motions: continuous rotation, and moves by OFFSET or to a position
+//! (6.2, 6.5).
 
 use super::drive::{Drive, State, Words};
 use super::errors::{Errors, error};
@@ -6,29 +7,29 @@ use super::registers::Reg;
 use super::servo::Settings;
 use crate::device::{Context, Instant};
 
-/// Which way a start goes.
+/// Direction of a start.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Heading {
-    /// As DIRECTION, or the sign of OFFSET, selects.
+    /// As selected by DIRECTION or by the sign of OFFSET.
     Registers,
-    /// Forward, as IN1 wants in way 5 of MODE_EXT_IN.
+    /// Forward, selected by IN1 in mode 5 of MODE_EXT_IN.
     Forward,
-    /// Backward, or by the negative OFFSET, as IN2 wants.
+    /// Backward, or by the negative OFFSET, selected by IN2.
     Backward,
 }
 
-/// Motion that was ordered.
+/// The motion that was started last.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Motion {
-    /// No motion, though it may still brake.
+    /// No motion, though the motor may still brake.
     None,
-    /// To rotate until it is stopped.
+    /// Rotation until a stop.
     Rotates,
-    /// A move, until it has arrived; one that was stopped, until another motion begins or OFFSET is written.
+    /// A move until its end. A stopped move, until another motion starts or OFFSET is written.
     Moves {
         /// Target.
         target: MoveTarget,
-        /// True once it was stopped on its way, also after it has come to rest.
+        /// True after the move was stopped on its way, also after it has come to rest.
         braking: bool,
     },
 }
@@ -36,17 +37,18 @@ pub(super) enum Motion {
 /// Target of a move.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum MoveTarget {
-    /// By OFFSET, which counts the remaining distance.
+    /// By OFFSET, which counts down the remaining distance.
     Offset,
-    /// By its negative.
+    /// By the negative OFFSET.
     MinusOffset,
     /// To TARGET_POSITION.
     Position,
 }
 
-/// Settings of the servo.
+/// Settings of the servo, from the registers.
 pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
-    // So a fault shows that limits and does not stop.
+    // The injected cause of CURRENT_LIMIT halves the limit, so that this fault has an effect though it does
+    // not stop the motor.
     let share = if errors.has_cause(error::CURRENT_LIMIT) { 2 } else { 1 };
     Settings {
         speed: bank.word(Reg::SPEED),
@@ -61,7 +63,7 @@ pub(super) fn settings(bank: &Words, errors: Errors) -> Settings {
 }
 
 impl Drive {
-    /// Passes the settings to the servo. Returns whether they have changed.
+    /// Passes the settings to the servo. Returns true if they have changed.
     pub(super) fn set_servo(&mut self, at: Instant, out: &mut dyn Context) -> bool {
         let settings = self.servo_settings();
         let changed = self.servo.set(at, settings, out);
@@ -73,7 +75,8 @@ impl Drive {
         settings(&self.bank, self.errors)
     }
 
-    /// Carries out written coils. Of several at once the strongest counts; all read 0 again (6.2) (RS434-6).
+    /// Executes written coils and resets them to 0. Of several at once only the strongest has an effect (6.2)
+    /// (RS434-6).
     pub(super) fn apply_coils(&mut self, at: Instant, out: &mut dyn Context) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;
@@ -93,7 +96,7 @@ impl Drive {
         }
     }
 
-    /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move runs.
+    /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move is in progress.
     pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) {
         if self.state != State::Ready || self.errors.stop() {
             return;
@@ -147,7 +150,8 @@ impl Drive {
             _ => Reg::TARGET_POSITION4,
         });
         self.bank.set(Reg::TARGET_POSITION, target);
-        // A way that is longer than any move never goes round the other side: the next start goes on.
+        // A distance beyond the range of a move is limited and does not wrap to the other direction. The next
+        // start continues.
         self.go(at, (target as i32).saturating_sub(self.servo.position()), MoveTarget::Position, out);
     }
 
@@ -159,7 +163,7 @@ impl Drive {
         }
     }
 
-    /// Lets the motor run, or stops it: what an input asks for as long as it is closed.
+    /// Runs the motor (`Some`) or stops it (`None`), as selected by an input level.
     pub(super) fn run(&mut self, at: Instant, heading: Option<Heading>, out: &mut dyn Context) {
         if heading.is_none_or(|heading| self.moves_against(heading)) {
             self.stop();
@@ -169,7 +173,7 @@ impl Drive {
         }
     }
 
-    /// Returns whether a move by OFFSET runs that is not the one of this heading.
+    /// Returns true if a move by OFFSET is in progress whose target is not that of this heading.
     fn moves_against(&self, heading: Heading) -> bool {
         let other = if heading == Heading::Backward { MoveTarget::Offset } else { MoveTarget::MinusOffset };
         matches!(self.motion, Motion::Moves { target, .. } if target == other)
@@ -183,8 +187,8 @@ impl Drive {
         }
     }
 
-    /// Stops the motor with DEC as it is now, which was perhaps not there when its move began. What is left of that
-    /// is not counted down any more.
+    /// Stops the motor with the present DEC, which may differ from the DEC of its move. The remaining
+    /// distance of the move is no longer counted down.
     pub(super) fn brake(&mut self) {
         self.motion = Motion::None;
         self.servo.brake();
@@ -203,25 +207,26 @@ impl Drive {
         };
     }
 
-    /// Returns whether DIRECTION is forward.
+    /// Returns true if DIRECTION is forward.
     pub(super) fn is_forward(&self) -> bool {
         self.bank.word(Reg::DIRECTION) != 2
     }
 
-    /// An input gives DIRECTION another value.
+    /// Sets DIRECTION to the value that an input selects.
     pub(super) fn set_direction(&mut self, at: Instant, direction: i64, out: &mut dyn Context) {
         self.bank.set(Reg::DIRECTION, direction);
         self.direction_changed(at, out);
     }
 
-    /// Continuous rotation follows DIRECTION at once, unless each input has its own direction.
+    /// Applies a new DIRECTION to continuous rotation at once, unless each input has a direction of its own.
     pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if self.motion == Motion::Rotates && !self.is_by_both() {
             self.rotate(at, Heading::Registers, out);
         }
     }
 
-    /// USE_HALL was written, and the servo does not know yet: what is left of a move can be counted only with two.
+    /// Called after USE_HALL was written and before the servo gets it. The remaining distance of a move needs
+    /// two sensors.
     pub(super) fn halls_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.motion, Motion::Moves { .. }) && self.has_too_few_halls() {
             if self.servo.direction() != 0 {
@@ -232,12 +237,13 @@ impl Drive {
         }
     }
 
-    /// Returns whether there are too few Hall sensors to know the place of a move (RS434-18).
+    /// Returns true if there are too few Hall sensors for a move (RS434-18).
     fn has_too_few_halls(&self) -> bool {
         self.bank.word(Reg::USE_HALL) < 2
     }
 
-    /// OFFSET: what is left of a move by it; what was written, or was left of the last one, otherwise (RS434-16).
+    /// Value of OFFSET. During a move by OFFSET and after its stop this is the remaining distance, otherwise
+    /// the value in the bank (RS434-16).
     pub(super) fn offset(&self) -> i64 {
         match self.motion {
             Motion::Moves { target: MoveTarget::Offset, .. } => self.servo.left().into(),
@@ -248,20 +254,22 @@ impl Drive {
         }
     }
 
-    /// OFFSET was written: a motor that stands goes on with it, and not with what was left of its last move.
+    /// Called after OFFSET was written. A motor at standstill then uses this value, and not the remaining
+    /// distance of its last move.
     pub(super) fn offset_written(&mut self) {
         if matches!(self.motion, Motion::Moves { .. }) && self.servo.direction() == 0 {
             self.motion = Motion::None;
         }
     }
 
-    /// A move is over, because another one takes its place or nobody can count: OFFSET keeps what is left.
+    /// Ends a move because another one replaces it or the distance can no longer be counted. OFFSET keeps the
+    /// remaining distance.
     fn move_over(&mut self) {
         self.bank.set(Reg::OFFSET, self.offset());
         self.motion = Motion::None;
     }
 
-    /// Takes the servo's errors, and the end of its move.
+    /// Takes errors and the end of a move from the servo.
     pub(super) fn update_motion(&mut self, at: Instant, out: &mut dyn Context) {
         let errors = self.servo.errors();
         if errors != 0 {
@@ -271,7 +279,7 @@ impl Drive {
             && self.servo.direction() == 0
         {
             self.bank.set(Reg::OFFSET, self.offset());
-            // A stopped shaft may still turn a little: the remaining distance of its move follows it.
+            // A stopped shaft may still turn a little, and the remaining distance changes with it.
             if !braking {
                 self.motion = Motion::None;
             }

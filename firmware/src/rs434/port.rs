@@ -15,7 +15,7 @@ enum Receivers {
 /// The serial port of the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Serial {
-    /// The time of a character.
+    /// Duration of a character.
     character: Duration,
     receiver_kind: Receivers,
     /// Time before which characters are lost.
@@ -33,8 +33,8 @@ impl Serial {
         Self { character: line.character(), receiver_kind, receives_from: Instant::ZERO }
     }
 
-    /// Power has come, or comes again: the line is `line`, and what had come of a message is forgotten. Characters
-    /// that end before `receives_from` are lost.
+    /// Starts the port at power-on or at a restart, with the line settings `line`. Drops an incomplete
+    /// message. Characters that end before `receives_from` are lost.
     pub(super) fn power_on(
         &mut self,
         at: Instant,
@@ -46,7 +46,7 @@ impl Serial {
         out.put(at, Output::Line { port: RS485, line });
     }
 
-    /// Drops the part of a message that has come, and all characters until [`power_on`](Self::power_on).
+    /// Drops an incomplete message, and all characters until the next [`power_on`](Self::power_on).
     pub(super) fn mute(&mut self) {
         self.receives_from = Instant::NEVER;
         match &mut self.receiver_kind {
@@ -55,8 +55,9 @@ impl Serial {
         }
     }
 
-    /// Characters that follow each other without a gap; `at` is the end of the first one. In ASCII none
-    /// follows a line feed. A message that is over before them is [taken](Self::take) first.
+    /// Handles received characters that follow each other without a gap; `at` is the end of the first one. In
+    /// ASCII a line feed is the last of them. If a message has ended before them, the caller must
+    /// [take](Self::take) it first.
     pub(super) fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let (first, received) = self.received(at, bytes);
         if received.len() < bytes.len() {
@@ -68,7 +69,7 @@ impl Serial {
         }
     }
 
-    /// A character with an error ended at `at`. Returns whether the drive received it.
+    /// Handles a character with an error that ended at `at`. Returns true if the drive was receiving.
     pub(super) fn rx_error(&mut self, at: Instant) -> bool {
         let is_receiving = at >= self.receives_from;
         if is_receiving {
@@ -80,7 +81,8 @@ impl Serial {
         is_receiving
     }
 
-    /// Characters that are received, of which the first ends at `at`, and the time at which that one ends.
+    /// Removes the characters that end before reception starts. Returns the end of the first remaining
+    /// character, and the remaining characters.
     fn received<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
         if at >= self.receives_from {
             return (at, bytes);
@@ -90,9 +92,8 @@ impl Serial {
         (at + self.character * missed, received)
     }
 
-    /// Time at which a message is over, should no more come: in RTU after a silence, in ASCII with its line feed
-    /// (RS434-4).
-    /// [`Instant::NEVER`] otherwise.
+    /// Time at which a message ends if no more characters follow: in RTU after a silence, in ASCII with its
+    /// line feed (RS434-4). [`Instant::NEVER`] if there is no message.
     pub(super) fn deadline(&self) -> Instant {
         match &self.receiver_kind {
             Receivers::Rtu(receiver) => receiver.deadline(),
@@ -100,16 +101,16 @@ impl Serial {
         }
     }
 
-    /// Returns whether a message is over at `at`, or before a character that ends then.
+    /// Returns true if a message has ended at `at`, or before a character that ends at `at`.
     pub(super) fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
     }
 
-    /// Takes the message that is complete, or that the line itself has ended: address and PDU, checked. `None` if there
-    /// is none: in ASCII an incomplete message still waits for the rest.
+    /// Takes the message that has ended, or whose end the line has detected: address and PDU, with the
+    /// checksum verified. `None` if there is none. In ASCII an incomplete message stays in the receiver.
     ///
     /// # Errors
-    /// Why it is no message.
+    /// The reason why the received characters are not a message.
     pub(super) fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         match &mut self.receiver_kind {
             Receivers::Rtu(receiver) => {
@@ -119,8 +120,8 @@ impl Serial {
         }
     }
 
-    /// Answers at `at`, when `delay` has passed: `body` is an address and a PDU. Returns when the answer has
-    /// left, if the port was sending nothing else.
+    /// Sends a reply `delay` after `at`; `body` is an address and a PDU. Returns the end of the reply, if the
+    /// port was not sending already.
     pub(super) fn reply(&self, at: Instant, delay: Duration, body: &Frame, out: &mut dyn Context) -> Instant {
         let at = at + delay;
         let length = match self.receiver_kind {
@@ -149,15 +150,16 @@ mod tests {
 
     const RTU: Line = Line::new(115_200, 8, Parity::Even, 1);
     const ASCII: Line = Line::new(9_600, 7, Parity::Even, 1);
-    /// A character of either, in ticks of 62.5 ns: 11 bits at 115,200 baud, 10 bits at 9,600.
+    /// Duration of a character in ticks of 62.5 ns: 11 bits at 115,200 baud, and 10 bits at 9,600.
     const RTU_CHARACTER: u64 = 1_528;
     const ASCII_CHARACTER: u64 = 16_667;
     const START: Instant = Instant::from_ticks(10_000_000);
 
-    /// Reads 5000h of slave 1, and its answer: the CRC is that of the specification's algorithm, done elsewhere.
+    /// Request to read 5000h of slave 1, and the same as an RTU frame. The CRC was computed by another
+    /// program.
     const BODY: [u8; 6] = [1, 3, 0x50, 0, 0, 1];
     const RTU_BODY: [u8; 8] = [1, 3, 0x50, 0, 0, 1, 0x95, 0x0A];
-    /// 01 + 03 + 50 + 00 + 00 + 01 = 55h, and 55h + ABh = 100h.
+    /// LRC: 01 + 03 + 50 + 00 + 00 + 01 = 55h, and 55h + ABh = 100h.
     const ASCII_BODY: &[u8] = b":010350000001AB\r\n";
 
     fn recorder() -> Recorder {
@@ -169,7 +171,7 @@ mod tests {
         })
     }
 
-    /// A port that hears since [`START`].
+    /// A port that receives from [`START`] on.
     fn powered(line: Line, out: &mut Recorder) -> Serial {
         let mut port = Serial::new(RTU);
         port.power_on(START, line, START, out);
@@ -182,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_message_is_heard_and_answered_in_either_framing() {
-        // 1.75 ms of silence, and the character in which nobody began to speak; or the line feed.
+        // RTU: 1.75 ms of silence and one more character. ASCII: the line feed.
         let silence = ticks(28_000 + RTU_CHARACTER);
         for (line, message, over, character) in [
             (RTU, &RTU_BODY[..], ticks(7 * RTU_CHARACTER) + silence, RTU_CHARACTER),
@@ -239,7 +241,7 @@ mod tests {
             let mut out = recorder();
             let mut port = powered(line, &mut out);
             let character = line.character();
-            // Of a burst all is lost that ends before, and a message follows.
+            // Characters that end before START are lost, and a message follows.
             let burst = [&[0x30, 0x31, 0x32][..], message].concat();
             let first = START - character * 3;
             for cut in 0..burst.len() {

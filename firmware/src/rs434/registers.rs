@@ -5,7 +5,7 @@ use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Space, Table,
 
 use super::LINES;
 
-/// Differences of the two models.
+/// The two models, which differ in a few registers and limits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Model {
     /// Up to 20 A.
@@ -14,11 +14,11 @@ pub(super) enum Model {
     Rs434546,
 }
 
-/// The supply of a drive on which nobody says another one, in 0.1 V: the rated 24 V (3).
+/// Supply voltage of a drive if none is configured, in 0.1 V: the rated 24 V (3).
 pub(super) const SUPPLY: u16 = 240;
 
 const LAST_LINE: i64 = LINES as i64 - 1;
-/// Reason why a version has no value of the manual (RS434-7).
+/// Reason why the manual has no value for a version (RS434-7).
 const NOT_KNOWN: &str = "the manual prints x";
 
 drivetwin_protocol::registers! {
@@ -29,25 +29,25 @@ drivetwin_protocol::registers! {
         IN1_bit = discrete(0x1000, "6.1").live(),
         /// 1 while the contact IN2 is closed, not debounced.
         IN2_bit = discrete(0x1001, "6.1").live(),
-        /// 1 while the contact HARD_STOP is closed, as operation wants it.
+        /// 1 while the contact HARD_STOP is closed, as required for operation.
         IN_HARD_STOP_bit = discrete(0x1002, "6.1").live(),
 
         /// 1 starts the motor with ACC; reads 0.
         START_bit = coil(0x2000, "6.2"),
-        /// 1 stops it with DEC; reads 0.
+        /// 1 stops the motor with DEC; reads 0.
         STOP_bit = coil(0x2001, "6.2"),
-        /// 1 stops it without a ramp; reads 0.
+        /// 1 stops the motor without a ramp; reads 0.
         HARD_STOP_bit = coil(0x2002, "6.2"),
         /// 1 makes CURRENT_POSITION 0; reads 0.
         CLR_POSITION_bit = coil(0x2003, "6.2"),
 
-        /// 0 the motor stands, 1 it turns forward, 2 backward.
+        /// 0 the motor stands, 1 it turns forward, 2 it turns backward.
         STATUS = input(0x3000, "6.3").range(0, 2).live(),
         /// Current from the supply to the motor, in mA; 0 while current flows back.
         CURRENT_VALID = input(0x3001, "6.3").live(),
         /// Speed of the motor, in rpm.
         SPEED_VALID = input(0x3002, "6.3").live(),
-        /// Edges of the Hall sensors, forward less backward.
+        /// Edges of the Hall sensors, forward minus backward.
         CURRENT_POSITION = input(0x3003, "6.3").i32().live(),
         /// Temperature of the processor, in 0.1 °C.
         TEMPERATURE_MCU = input(0x3005, "6.3").reset(250).live(),
@@ -55,61 +55,63 @@ drivetwin_protocol::registers! {
         TEMPERATURE_MOSFET = input(0x3006, "6.3").reset(250).live(),
         /// Temperature of the brake circuit, in 0.1 °C.
         TEMPERATURE_BRAKE = input(0x3007, "6.3").reset(250).live(),
-        /// Another random number at each read.
+        /// A new random number at each read.
         TASK_COUNTER = input(0x3008, "6.3").live(),
-        /// 1 stopped by the bus, 2 started by the bus, 3 started by power-on, 4 runs, 5 ended by END,
-        /// 6 by ENDF, 7 by an error.
+        /// 1 stopped by the bus, 2 started by the bus, 3 started by power-on, 4 running, 5 ended by END, 6
+        /// ended by ENDF, 7 ended by an error.
         STATUS_USER_PROGRAM = input(0x3009, "6.3").range(1, 7).reset(1).live(),
 
-        /// Address on the bus; 0 obeys broadcasts and answers nothing. Holds after a save and a restart.
+        /// Address on the bus; with 0 the drive obeys broadcasts and answers nothing. Takes effect after a
+        /// save and a restart.
         SLAVE_ADDRESS_MODBUS = rw(0x5000, "6.4").range(0, 247).reset(1).saved(),
-        /// 1 ASCII 7E1, 2 ASCII 7O1, 3 RTU 8E1, 4 RTU 8O1, 5 RTU 8N2. Holds after a save and a restart.
+        /// 1 ASCII 7E1, 2 ASCII 7O1, 3 RTU 8E1, 4 RTU 8O1, 5 RTU 8N2. Takes effect after a save and a
+        /// restart.
         TYPE_MODBUS = rw(0x5001, "6.4").range(1, 5).reset(3).saved(),
         /// 0 to 10: 600, 1,200, 2,400, 4,800, 9,600, 14,400, 19,200, 38,400, 57,600, 115,200, 128,000 baud.
-        /// Holds after a save and a restart.
+        /// Takes effect after a save and a restart.
         BITRATE_MODBUS = rw(0x5002, "6.4").range(0, 10).reset(9).saved(),
-        /// Delay of every reply, in ms. Holds after a save and a restart.
+        /// Delay of every reply, in ms. Takes effect after a save and a restart.
         TIMEOUT_BROADCAST_MODBUS = rw(0x5003, "6.4").saved(),
 
-        /// 1 the bus starts the motor, 2 the inputs do.
+        /// 1 the bus starts the motor, 2 the inputs start it.
         MODE_DEVICE = rw(0x5004, "6.5").range(1, 2).reset(1).saved(),
-        /// 1 stops the user program, 2 starts it, 3, saved, starts it at power-on.
+        /// 1 stops the user program, 2 starts it; 3, if saved, starts it at power-on.
         MODE_USER_PROGRAM = rw(0x5005, "6.5").range(1, 3).reset(1).saved(),
-        /// 1 continuous rotation, 2 by OFFSET, 3 to the position POSITION_N.
+        /// 1 continuous rotation, 2 a move by OFFSET, 3 a move to the position selected by POSITION_N.
         MODE_ROTATION = rw(0x5006, "6.5").range(1, 3).reset(1).saved(),
         /// Function of IN1 and IN2, 1 to 5.
         MODE_EXT_IN = rw(0x5007, "6.5").range(1, 5).reset(1).saved(),
-        /// To which of the four positions.
+        /// Number of the position for a move to a position.
         POSITION_N = rw(0x5008, "6.5").range(1, 4).reset(1).saved(),
-        /// The most that the motor may draw, in mA.
+        /// Current limit of the motor, in mA.
         REF_CURRENT = rw(0x5009, "6.5").range(1_000, 20_000).reset(20_000).saved(),
-        /// Speed of the motor at its full voltage, in rpm.
+        /// Speed of the motor at full voltage, in rpm.
         RATED_SPEED = rw(0x500A, "6.5").range(1_000, 15_000).reset(3_000).saved(),
         /// Speed setpoint, in rpm.
         SPEED = rw(0x500B, "6.5").range(30, 15_000).reset(1_000).saved(),
-        /// Acceleration: 10 is 100 rps², 1,000 is 5,000 rps², linear between.
+        /// Acceleration: 10 is 100 rps², 1,000 is 5,000 rps², linear between them.
         ACC = rw(0x500C, "6.5").range(10, 1_000).reset(100).saved(),
         /// Deceleration, in the unit of ACC.
         DEC = rw(0x500D, "6.5").range(10, 1_000).reset(100).saved(),
         /// 1 forward, 2 backward.
         DIRECTION = rw(0x500E, "6.5").range(1, 2).reset(1).saved(),
-        /// Pulses of one Hall sensor in a turn.
+        /// Pulses of one Hall sensor per turn.
         PULSES_PER_REVOLUTION = rw(0x500F, "6.5").range(1, 12).reset(4).saved(),
-        /// Number of Hall sensors.
+        /// Number of Hall sensors used.
         USE_HALL = rw(0x5010, "6.5").range(0, 2).reset(2).saved(),
-        /// The motor's terminals while it stands: 0 open, 1 closed.
+        /// The motor's terminals at standstill: 0 open, 1 closed.
         MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved(),
-        /// Counts by which the point moves where a move stops, along the motion.
+        /// Counts by which the stopping point of a move is shifted in the direction of the motion.
         OFFSET_COMPENSATION = rw(0x5012, "6.5").i16().saved(),
         /// Time for which a contact must be closed for a pulse, in ms.
         PRESSED_INPUTS_EXTERN = rw(0x5013, "6.1").reset(10).saved(),
-        /// Time for which it must be open behind one, in ms.
+        /// Time for which a contact must be open after a pulse, in ms.
         WAITED_INPUTS_EXTERN = rw(0x5014, "6.1").reset(10).saved(),
-        /// Counts to go; counts down to 0 as they are gone.
+        /// Remaining distance of a move, in counts; counts down to 0 during the move.
         OFFSET = rw(0x5015, "6.5").i32().saved().live(),
-        /// Not 0: what every start copies to OFFSET.
+        /// If not 0, every start copies this value to OFFSET.
         OFFSET_CONST = rw(0x5017, "6.5").i32().saved(),
-        /// Target of a move to a position: the start copies one of the four.
+        /// Target of a move to a position; the start copies one of the four positions here.
         TARGET_POSITION = rw(0x5019, "6.5").i32().saved(),
         /// Position 1.
         TARGET_POSITION1 = rw(0x501B, "6.5").i32().saved(),
@@ -123,18 +125,18 @@ drivetwin_protocol::registers! {
         ERROR = rw(0x5023, "6.5").live(),
         /// 0x37FA saves 5000h to 5020h; reads 0.
         FLAG_SAVE_INI = rw(0x5024, "6.5").one_of(&[0, key::SAVE]),
-        /// 0x8426 saves the user program from the buffer, 0x9346 brings it back there; reads 0.
+        /// 0x8426 saves the user program from the buffer, 0x9346 loads it into the buffer; reads 0.
         FLAG_SAVE_USER_PROGRAM = rw(0x5025, "6.5").one_of(&[0, key::SAVE_PROGRAM, key::LOAD_PROGRAM]),
-        /// 0x95AF restarts; reads 0.
+        /// 0x95AF restarts the drive; reads 0.
         FLAG_RESTART = rw(0x5026, "6.5").one_of(&[0, key::RESTART]),
 
-        /// Moves CMD_W to this line of the buffer.
+        /// Number of a line: copies CMD_W to this line of the buffer.
         WRITE_CMD = rw(0x6000, "6.6").range(0, LAST_LINE),
-        /// An instruction for WRITE_CMD: the command, then its data.
+        /// Instruction for WRITE_CMD: the command, then its data.
         CMD_W = rw(0x6001, "6.6").u32(),
-        /// Moves this line of the buffer to CMD_R.
+        /// Number of a line: copies this line of the buffer to CMD_R.
         READ_CMD = rw(0x6003, "6.6").range(0, LAST_LINE),
-        /// The instruction that READ_CMD brought: the command, then its data.
+        /// Instruction read by READ_CMD: the command, then its data.
         CMD_R = rw(0x6004, "6.6").u32(),
 
         /// Register of the user program: its uAdrSysReg 0, the low word of a pair with BX_REG.
@@ -149,7 +151,7 @@ drivetwin_protocol::registers! {
         EX_REG = rw(0x7004, "6.7").live(),
         /// Register of the user program: its uAdrSysReg 5, the low word of a pair with GX_REG.
         FX_REG = rw(0x7005, "6.7").live(),
-        /// The line that the user program is at.
+        /// Line number at which the user program is.
         PC_REG = ro(0x7006, "6.7").live(),
         /// Register of the user program: its uAdrSysReg 6, the low word of a pair with HX_REG.
         GX_REG = rw(0x7007, "6.7").live(),
@@ -162,20 +164,20 @@ drivetwin_protocol::registers! {
 
         /// Driver type: 1001 is the RS 434544, 1002 the RS 434546.
         HW_MAJOR = input(0x8001, "6.8").reset(1_001),
-        /// Hardware version, which a preset sets.
+        /// Hardware version, set by a preset.
         HW_MINOR = input(0x8002, "6.8").reset(1).not_modelled(NOT_KNOWN),
-        /// Software identifier, which a preset sets.
+        /// Software identifier, set by a preset.
         FW_MAJOR = input(0x8003, "6.8").reset(1).not_modelled(NOT_KNOWN),
-        /// Software version, which a preset sets.
+        /// Software version, set by a preset.
         FW_MINOR = input(0x8004, "6.8").reset(1).not_modelled(NOT_KNOWN),
 
-        /// The supply that the drive measures, in 0.1 V: below 8 V and above 30 V it stops the motor. `supply_v` of a
-        /// bench motor sets it at each power-on.
+        /// Supply voltage that the drive measures, in 0.1 V: below 8 V and above 30 V it stops the motor.
+        /// `supply_v` of a bench motor sets it at each power-on.
         SUPPLY = setting(0, "3").range(0, 1_000).reset(SUPPLY as i64).live(),
     }
 }
 
-/// Keys of the key registers (6.5).
+/// Values that the key registers accept (6.5).
 pub(super) mod key {
     pub(in crate::rs434) const SAVE: i64 = 0x37FA;
     pub(in crate::rs434) const SAVE_PROGRAM: i64 = 0x8426;
@@ -183,10 +185,10 @@ pub(super) mod key {
     pub(in crate::rs434) const RESTART: i64 = 0x95AF;
 }
 
-/// The versions that a preset sets: they stay as they are whatever becomes of the settings (HOST-21).
+/// The versions that a preset can set. A reset or a load of the settings does not change them (HOST-21).
 pub(super) const VERSIONS: [Reg; 3] = [Reg::HW_MINOR, Reg::FW_MAJOR, Reg::FW_MINOR];
 
-/// The rows of the RS 434546.
+/// Rows of the RS 434546.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 const ROWS_434546: [Row; Reg::ROWS.len()] = {
     let mut rows = Reg::ROWS;
@@ -197,7 +199,7 @@ const ROWS_434546: [Row; Reg::ROWS.len()] = {
     rows
 };
 
-/// The map of the RS 434546.
+/// Register map of the RS 434546.
 pub(super) static TABLE_434546: Table = {
     static ROWS: [Row; Reg::ROWS.len()] = ROWS_434546;
     static LIST: [Entry; Reg::ROWS.len()] = entries(&ROWS_434546);
@@ -205,7 +207,7 @@ pub(super) static TABLE_434546: Table = {
     Table { rows: &ROWS, entries: &ENTRIES }
 };
 
-/// The row of each word of the bank.
+/// Index of the row of each word of the bank.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 static ROW_AT: [u8; Reg::WORDS] = {
     let mut rows = [0; Reg::WORDS];
@@ -221,24 +223,24 @@ static ROW_AT: [u8; Reg::WORDS] = {
     rows
 };
 
-/// A word of the map.
+/// A word of the register map.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Word {
-    /// The register that it belongs to.
+    /// The register with this word.
     pub(super) reg: Reg,
-    /// Place in the bank.
+    /// Index in the bank.
     pub(super) offset: usize,
 }
 
 impl Word {
-    /// Register at an address, if there is one.
+    /// The word at an address; `None` if there is no readable word.
     pub(super) fn at(space: Space, address: u16) -> Option<Self> {
         let offset = Reg::ENTRIES.readable(space, address, 1)?.start;
         let row = ROW_AT.get(offset).copied().map(usize::from)?;
         Some(Self { reg: Reg::from_row(row)?, offset })
     }
 
-    /// The word of its register's value.
+    /// The part of `value`, a value of the register, that this word holds.
     pub(super) fn of(self, value: i64) -> u16 {
         let is_first = self.offset == Reg::ENTRIES.offset(self.reg.row());
         if is_first { value as u16 } else { (value >> 16) as u16 }
@@ -248,7 +250,7 @@ impl Word {
         Reg::ENTRIES.list.get(self.reg.row())
     }
 
-    /// Returns whether it is to be updated before it is read.
+    /// Returns true if the register must be updated before it is read.
     pub(super) fn is_live(self) -> bool {
         self.entry().is_some_and(|entry| entry.live)
     }
@@ -259,7 +261,7 @@ impl Word {
 }
 
 impl Reg {
-    /// Which of AX to JX it is; PC_REG lies between them and is none.
+    /// Index of a register from AX to JX. PC_REG, which is between them, is not one of them.
     pub(super) fn system(self) -> Option<usize> {
         let n = (self as usize).checked_sub(Self::AX_REG as usize)?;
         match self {
@@ -272,12 +274,12 @@ impl Reg {
 }
 
 impl Model {
-    /// The most that the motor may draw, in mA (3): REF_CURRENT of a new drive.
+    /// Rated current of the motor, in mA (3): the factory value of REF_CURRENT.
     pub(super) fn rated_ma(self) -> u16 {
         self.entries().list.get(Reg::REF_CURRENT.row()).map_or(0, |entry| entry.reset as u16)
     }
 
-    /// Current that counts as a short circuit, in mA (3).
+    /// Least current that counts as a short circuit, in mA (3).
     pub(super) fn short_ma(self) -> u32 {
         match self {
             Self::Rs434544 => 30_000,
@@ -294,7 +296,7 @@ impl Model {
     }
 }
 
-/// The line of a new drive (6).
+/// Factory settings of the serial line (6).
 pub(super) const FACTORY_LINE: Line = line(factory(Reg::TYPE_MODBUS), factory(Reg::BITRATE_MODBUS));
 
 /// The factory value of a register.
@@ -303,7 +305,7 @@ const fn factory(reg: Reg) -> u16 {
     Reg::ROWS[reg as usize].entry.reset as u16
 }
 
-/// The line of a TYPE_MODBUS and a BITRATE_MODBUS (6.4).
+/// Settings of the serial line for values of TYPE_MODBUS and BITRATE_MODBUS (6.4).
 pub(super) const fn line(kind: u16, bitrate: u16) -> Line {
     let baud = match bitrate {
         0 => 600,

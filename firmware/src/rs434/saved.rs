@@ -1,4 +1,4 @@
-//! The settings in the flash: the registers 5000h to 5020h (6.5).
+//! Settings in the flash: the registers 5000h to 5020h (6.5).
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -8,11 +8,12 @@ use super::registers::{Reg, VERSIONS};
 use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Time of a save, of the settings or of the user program; the manual does not give it (RS434-11).
+/// Duration of a save, of the settings or of the user program. The manual does not specify it (RS434-11).
 pub(super) const SAVE: Duration = Duration::millis(10);
 
 impl Drive {
-    /// Loads the settings, those of a new drive or of a bad flash from the factory. Whether the flash was good.
+    /// Loads the settings. Uses the factory values if the flash is new or bad. Returns false if the flash is
+    /// bad.
     pub(super) fn load_settings(&mut self, out: &dyn Context) -> bool {
         let entries = self.model.entries();
         let versions = VERSIONS.map(|reg| self.bank.get(reg));
@@ -23,7 +24,7 @@ impl Drive {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
-            // From another model, or foreign.
+            // The settings may come from another model or another device.
             for (row, entry) in entries.list.iter().enumerate() {
                 if !entry.accepts(entries.value(self.bank.words(), row)) {
                     entries.put(self.bank.words_mut(), row, entry.reset);
@@ -33,14 +34,14 @@ impl Drive {
         content != Content::Bad
     }
 
-    /// Begins to save the settings; one that runs begins again.
+    /// Starts to save the settings. A save in progress starts again.
     pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Context) {
         self.refresh(at, Reg::OFFSET);
         let (entries, words) = (self.model.entries(), self.bank.words());
         self.save = Some(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
     }
 
-    /// Brings the settings back to those of the factory, also in the flash (7).
+    /// Resets the settings to the factory values, also in the flash (7).
     pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Context) {
         memory::reset(self.model.entries(), self.bank.words_mut());
         self.set_servo(at, out);
@@ -51,14 +52,14 @@ impl Drive {
         self.save.map_or(Instant::NEVER, Save::due)
     }
 
-    /// Ends the save that runs.
+    /// Finishes the save in progress, if there is one.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
     }
 
-    /// A preset before power comes, as if saved.
+    /// Presets a register before power-on, as if the value had been saved.
     pub(super) fn preset(
         &mut self,
         at: Instant,

@@ -1,4 +1,4 @@
-//! Start of the drive, its reset to the factory's values, and its two lights (4, 7).
+//! Start of the drive, reset to the factory values, and the two lights (4, 7).
 
 use super::drive::{Drive, State};
 use super::program::Status;
@@ -6,24 +6,24 @@ use super::registers::Reg;
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
-/// From power-on to the first character that is received (RS434-9).
+/// Time from power-on to the first received character (RS434-9).
 const BOOT: Duration = Duration::millis(500);
-/// Time for which CLR_FLASH must be closed (7; RS434-10).
+/// Time for which CLR_FLASH must be closed for a reset (7; RS434-10).
 const RESET: Duration = Duration::secs(5);
-/// Time that each light is on meanwhile.
+/// Time for which each light is on in turn during this time.
 const TURN: Duration = Duration::millis(250);
 
-/// CLR_FLASH is closed.
+/// State while CLR_FLASH is closed at the start.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Clearing {
-    /// Time at which the other light comes on.
+    /// Time at which the lights change.
     pub(super) next: Instant,
-    /// Time at which the settings are the factory's.
+    /// Time of the reset to the factory values.
     over: Instant,
     red: bool,
 }
 
-/// Which lights are on.
+/// State of the two lights; true is on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Lights {
     red: bool,
@@ -35,7 +35,7 @@ impl Lights {
 }
 
 impl Drive {
-    /// Begins the start, after the pins of the instant of power-on have come.
+    /// Starts the drive, after the inputs of the instant of power-on were received.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
         if self.state != (State::Waking { due: at }) {
             return;
@@ -55,7 +55,7 @@ impl Drive {
         }
     }
 
-    /// CLR_FLASH was opened too early.
+    /// Handles a change of CLR_FLASH: if it opens too early, there is no reset.
     pub(super) fn clr_flash_changed(&mut self, at: Instant, out: &mut dyn Context) {
         if matches!(self.state, State::Clearing(_)) && !self.inputs.clr_flash {
             self.boot(at, out);
@@ -71,7 +71,7 @@ impl Drive {
         }
     }
 
-    /// Carries out the next step of the start.
+    /// Executes the next step of the start.
     pub(super) fn startup_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         match self.state {
             State::Off | State::Ready => {}
@@ -88,7 +88,7 @@ impl Drive {
         }
     }
 
-    /// Ends the start: faults show, contacts and levels act, and a program may begin.
+    /// Ends the start: reports errors, executes the inputs, and starts the program if it is selected.
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;
         self.check_errors(at, out);
@@ -98,7 +98,7 @@ impl Drive {
         }
     }
 
-    /// Updates the lights: green when it is ready, red when an error keeps the motor from moving.
+    /// Updates the lights: green when the drive is ready, red when an error stops the motor.
     pub(super) fn update_lights(&mut self, at: Instant, out: &mut dyn Context) {
         let lights = match self.state {
             State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,

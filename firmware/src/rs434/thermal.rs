@@ -1,21 +1,22 @@
-//! Temperatures of the drive: it warms with the square of the motor's current, and no motor warms it to its limits.
+//! Temperatures of the drive. They rise with the square of the motor's current. No motor current alone
+//! reaches the limits.
 //!
-//! The manual prints neither limits nor times. Each part follows its end temperature with a time constant of about a
-//! minute, in steps of a second, computed on demand.
+//! The manual specifies neither limits nor times. Each part approaches its final temperature with a time
+//! constant of about a minute, in steps of a second. The steps are computed when a temperature is needed.
 
 use crate::device::{Duration, Instant};
 
 const STEP: Duration = Duration::secs(1);
-/// After so many steps nothing is left of how it began.
+/// Number of steps after which the initial temperature has no more influence.
 const MOST_STEPS: u64 = 2_048;
-/// In a step a part goes this power of two of the way to its end temperature.
+/// In each step the difference to the final temperature decreases by 1/2⁶.
 const DIVISOR: u32 = 6;
-/// At rest, in 0.1 °C.
+/// Temperature at rest, in 0.1 °C.
 const AMBIENT: u16 = 250;
-/// Temperature rise of the power circuit at the rated current, in 0.1 °C; of the processor next to it a quarter of
-/// that.
+/// Temperature rise of the power circuit at the rated current, in 0.1 °C. The processor next to it has a
+/// quarter of this rise.
 const POWER_RISE: u32 = 400;
-/// Temperature rise of the brake circuit while a motor feeds the rated current back, in 0.1 °C.
+/// Temperature rise of the brake circuit while a motor feeds back the rated current, in 0.1 °C.
 const BRAKE_RISE: u32 = 500;
 
 /// A part of the drive whose temperature is a register (6.3).
@@ -29,7 +30,7 @@ pub(super) enum Part {
     Brake,
 }
 
-/// A body that warms, in 1/65536 of 0.1 °C above [`AMBIENT`].
+/// A part that gets warm. Temperatures are in 1/65536 of 0.1 °C above [`AMBIENT`].
 #[derive(Clone, Copy, Debug)]
 struct Body {
     rise: u32,
@@ -49,7 +50,7 @@ impl Body {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Thermal {
     rated_ma: u32,
-    /// End of the time already computed.
+    /// Time up to which the temperatures are computed.
     since: Instant,
     power: Body,
     brake: Body,
@@ -58,13 +59,13 @@ pub(super) struct Thermal {
 }
 
 impl Thermal {
-    /// Parts that have been at rest.
+    /// Parts at rest.
     pub(super) fn new(at: Instant, rated_ma: u16) -> Self {
         let rated_ma = u32::from(rated_ma);
         Self { rated_ma, since: at, power: Body::COLD, brake: Body::COLD, injected: [None; 3] }
     }
 
-    /// From `at` on the motor draws `ma`, which come back from it while it `brakes`.
+    /// Sets the motor current from `at` on. While the motor `brakes`, it feeds this current back.
     pub(super) fn draws(&mut self, at: Instant, ma: u32, brakes: bool) {
         self.catch_up(at);
         let ma = u64::from(ma.min(self.rated_ma));
@@ -73,7 +74,7 @@ impl Thermal {
         self.brake.end = if brakes { square * BRAKE_RISE } else { 0 };
     }
 
-    /// The temperature of a part, in 0.1 °C.
+    /// Temperature of a part, in 0.1 °C.
     pub(super) fn temperature(&self, at: Instant, part: Part) -> u16 {
         let [mcu, power, brake] = self.injected;
         let mut now = *self;
@@ -86,7 +87,7 @@ impl Thermal {
         injected.unwrap_or(AMBIENT + (rise >> 16) as u16)
     }
 
-    /// Gives a part this temperature, in 0.1 °C, from now on.
+    /// Injects a temperature of a part, in 0.1 °C, from now on.
     pub(super) fn inject(&mut self, part: Part, temperature: u16) {
         let [mcu, power, brake] = &mut self.injected;
         let injected = match part {
@@ -97,7 +98,7 @@ impl Thermal {
         *injected = Some(temperature);
     }
 
-    /// Returns whether a part is so hot that the motor must stop.
+    /// Returns true if a part is so hot that the motor must stop.
     pub(super) fn is_too_hot(&self, at: Instant, part: Part) -> bool {
         let limit = match part {
             Part::Mcu => 850,
@@ -137,14 +138,14 @@ mod tests {
     fn the_rated_current_warms_it_and_stays_below_the_limits() {
         let mut thermal = Thermal::new(Instant::ZERO, 20_000);
         thermal.draws(Instant::ZERO, 20_000, true);
-        // 63 % of the way after the time constant of 64 steps.
+        // 63 % of the final rise after the time constant of 64 steps.
         let [_, power, brake] = parts(&thermal, 64.secs().into());
         assert!((500..=506).contains(&power), "{power}");
         assert!((563..=570).contains(&brake), "{brake}");
         let end = parts(&thermal, 10_000.secs().into());
         assert_eq!(end, [349, 649, 749]);
         assert!(!thermal.is_too_hot(10_000.secs().into(), Part::Mcu));
-        // Half the current is a quarter of the heat.
+        // Half of the current gives a quarter of the heat.
         thermal.draws(10_000.secs().into(), 10_000, false);
         assert_eq!(parts(&thermal, 20_000.secs().into()), [275, 350, 250]);
     }

@@ -1,11 +1,11 @@
-//! Test equipment for anything that implements [`Device`](crate::device::Device): records of its outputs, a
-//! memory, and a clock. It needs `std` and may panic: only tests switch the feature `testing` on.
+//! Test equipment for any [`Device`](crate::device::Device): recorders of its outputs, a memory, and a clock.
+//! It needs `std` and may panic. Only tests enable the feature `testing`.
 //!
 //! | type | use |
 //! |---|---|
-//! | [`Fixture`] | a device, the record of its outputs, and the time |
-//! | [`Recorder`] | outputs by kind, each with its instant |
-//! | [`Transcript`] | outputs as lines of text, in the order in which they were put |
+//! | [`Fixture`] | a device, the record of its outputs, and the current time |
+//! | [`Recorder`] | outputs by kind, each with its timestamp |
+//! | [`Transcript`] | outputs as text lines, in the order in which they were put |
 #![allow(
     clippy::panic,
     clippy::unwrap_used,
@@ -26,14 +26,15 @@ pub use fixture::Fixture;
 pub use recorder::{Recorder, Rule, Treatment};
 pub use transcript::Transcript;
 
-/// Carries out a store in `memory`, up to `left` bytes in all.
+/// Writes a store into `memory`, as long as power lasts. `left` is the number of bytes that can still be
+/// written.
 fn store(memory: &mut [u8], left: &mut usize, offset: u16, bytes: &[u8]) {
     let count = bytes.len().min(*left);
     memory[usize::from(offset)..][..bytes.len()][..count].copy_from_slice(&bytes[..count]);
     *left -= count;
 }
 
-/// A memory that is new: all `0xFF`.
+/// A new memory: all bytes are `0xFF`.
 fn new_memory(size: usize) -> Vec<u8> {
     std::vec![0xFF; size]
 }

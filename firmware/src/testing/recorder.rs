@@ -1,4 +1,4 @@
-//! Outputs by kind.
+//! Records of outputs, by kind.
 
 use std::vec::Vec;
 
@@ -11,59 +11,61 @@ use crate::motor::Parameters;
 /// Treatment of an output by a [`Recorder`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Treatment {
-    /// Recorded.
+    /// The output is recorded.
     Keep,
-    /// Not recorded; a store is carried out in the memory all the same.
+    /// The output is not recorded, but a store is still written into the memory.
     Ignore,
-    /// The device must not put it: the test fails.
+    /// The device must not put this output; the test fails.
     Refuse,
 }
 
-/// Treatment of each output.
+/// A function that decides the treatment of each output.
 pub type Rule = fn(&Output<'_>) -> Treatment;
 
-/// A sink that keeps what a device puts, by kind and with its instant, and carries stores out in its memory.
+/// Records the outputs of a device, by kind and with their timestamps, and writes stores into its memory.
 ///
-/// A [`Rule`] decides which outputs the device may put: one that is [refused](Treatment::Refuse) panics.
+/// A [`Rule`] decides which outputs the device may put. An output that is [refused](Treatment::Refuse)
+/// panics.
 #[derive(Clone, Debug)]
 pub struct Recorder {
     /// Non-volatile memory.
     pub memory: Vec<u8>,
-    /// Bytes that the memory still takes before power is lost; `usize::MAX` from the beginning.
+    /// Number of bytes that can be stored before power is lost; `usize::MAX` at first.
     pub bytes_left: usize,
-    /// Treatment of each output.
+    /// Rule for the treatment of each output.
     pub rule: Rule,
-    /// [`Output::Bytes`].
+    /// Records of [`Output::Bytes`].
     pub bytes: Vec<(Instant, Port, Vec<u8>)>,
-    /// [`Output::Message`].
+    /// Records of [`Output::Message`].
     pub messages: Vec<(Instant, Port, Link, Vec<u8>)>,
-    /// [`Output::Close`].
+    /// Records of [`Output::Close`].
     pub closed: Vec<(Instant, Port, Link)>,
-    /// [`Output::Line`].
+    /// Records of [`Output::Line`].
     pub lines: Vec<(Instant, Port, Line)>,
-    /// [`Output::Level`].
+    /// Records of [`Output::Level`].
     pub levels: Vec<(Instant, Pin, Level)>,
-    /// [`Output::Wave`]: period, and time at a high level.
+    /// Records of [`Output::Wave`]: period and high time.
     pub waves: Vec<(Instant, Pin, Duration, Duration)>,
-    /// [`Output::Plan`].
+    /// Records of [`Output::Plan`].
     pub plans: Vec<(Instant, Axis, Plan)>,
-    /// [`Output::Step`].
+    /// Records of [`Output::Step`].
     pub steps: Vec<(Instant, Axis, i32)>,
-    /// [`Output::CurrentLimit`], in mA.
+    /// Records of [`Output::CurrentLimit`], in mA.
     pub currents: Vec<(Instant, Axis, u32)>,
-    /// [`Output::Duty`], in 1/65536.
+    /// Records of [`Output::Duty`], in 1/65536.
     pub duties: Vec<(Instant, Axis, i32)>,
-    /// [`Output::MotorCurrent`], in mA.
+    /// Records of [`Output::MotorCurrent`], in mA.
     pub draws: Vec<(Instant, Axis, i32)>,
-    /// [`Output::Motor`].
+    /// Records of [`Output::Motor`].
     pub motors: Vec<(Instant, Axis, Parameters)>,
-    /// [`Output::Rotation`].
+    /// Records of [`Output::Rotation`].
     pub rotations: Vec<(Instant, Axis, Rotation)>,
-    /// [`Output::Store`]: offset and bytes, also those for which `bytes_left` was too small.
+    /// Records of [`Output::Store`]: offset and bytes, also bytes that were not written because power was
+    /// lost.
     pub stores: Vec<(Instant, u16, Vec<u8>)>,
-    /// [`Output::Log`].
+    /// Records of [`Output::Log`].
     pub notes: Vec<(Instant, LogEvent)>,
-    /// Steps since the last plan.
+    /// Steps put since the last plan.
     beside: i32,
 }
 
@@ -75,13 +77,13 @@ impl Default for Recorder {
 }
 
 impl Recorder {
-    /// A recorder with a new memory of that many bytes, which keeps everything.
+    /// A recorder of all outputs with a new memory of `size` bytes.
     #[must_use]
     pub fn new(size: usize) -> Self {
         Self::with_memory(new_memory(size))
     }
 
-    /// A recorder with this memory, which keeps everything.
+    /// A recorder of all outputs with the memory `memory`.
     #[must_use]
     pub fn with_memory(memory: Vec<u8>) -> Self {
         Self {
@@ -107,58 +109,58 @@ impl Recorder {
         }
     }
 
-    /// The same, with this rule.
+    /// The same recorder, with the rule `rule`.
     #[must_use]
     pub fn ruled(mut self, rule: Rule) -> Self {
         self.rule = rule;
         self
     }
 
-    /// The same, but it keeps nothing except its memory.
+    /// The same recorder, which records nothing and only keeps its memory.
     #[must_use]
     pub fn memory_only(self) -> Self {
         self.ruled(|_| Treatment::Ignore)
     }
 
-    /// Forgets all outputs; memory and rule stay.
+    /// Deletes the records of all outputs. Memory and rule are kept.
     pub fn clear(&mut self) {
         let memory = core::mem::take(&mut self.memory);
         *self = Self { bytes_left: self.bytes_left, rule: self.rule, ..Self::with_memory(memory) };
     }
 
-    /// The notes without their instants.
+    /// The notes without their timestamps.
     #[must_use]
     pub fn noted(&self) -> Vec<LogEvent> {
         self.notes.iter().map(|(_, note)| *note).collect()
     }
 
-    /// Offset and length of each store, with its instant.
+    /// Offset and length of each store, with its timestamp.
     #[must_use]
     pub fn stored(&self) -> Vec<(Instant, u16, usize)> {
         self.stores.iter().map(|(at, offset, bytes)| (*at, *offset, bytes.len())).collect()
     }
 
-    /// Bytes put at a port, with their instants.
+    /// Bytes put at a port, with their timestamps.
     #[must_use]
     pub fn sent(&self, port: Port) -> Vec<(Instant, Vec<u8>)> {
         let of_port = self.bytes.iter().filter(|(_, known, _)| *known == port);
         of_port.map(|(at, _, bytes)| (*at, bytes.clone())).collect()
     }
 
-    /// The last level of a pin; `None` if the device has put none.
+    /// The last level of a pin; `None` if the device has put no level.
     #[must_use]
     pub fn level(&self, pin: Pin) -> Option<Level> {
         self.levels.iter().rfind(|(_, known, _)| *known == pin).map(|(_, _, level)| *level)
     }
 
-    /// The last plan; it fails before the first one.
+    /// The last plan. Panics if there is none.
     #[must_use]
     #[track_caller]
     pub fn plan(&self) -> Plan {
         self.plans.last().expect("the device has put no plan").2
     }
 
-    /// Steps since the last plan.
+    /// Steps put since the last plan.
     #[must_use]
     pub fn steps_since_plan(&self) -> i32 {
         self.beside

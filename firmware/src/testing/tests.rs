@@ -16,7 +16,7 @@ const LATER: Instant = Instant::from_ticks(7);
 const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
 const NOTE: LogEvent = LogEvent::Dropped { port: Port(1), why: DropReason::Crc };
 
-/// One output of each kind.
+/// Puts one output of each kind.
 fn put_all(out: &mut dyn Context) {
     let (axis, pin, port, link) = (Axis(0), Pin(3), Port(1), Link(2));
     let plan = Plan::at_rest(AT, 40);
@@ -158,7 +158,7 @@ fn a_transcript_keeps_the_order() {
 static SPEC: Spec =
     Spec { memory: 2, faults: &["HOT", "COLD"], registers: Reg::TABLE, variant: u8::MAX, ..Spec::EMPTY };
 
-/// A device that puts as a store each thing that it is told, and wants to be woken a millisecond after power comes.
+/// A device that puts a store with a code for each input, and has a deadline 1 ms after power-on.
 #[derive(Default)]
 struct Told {
     due: Option<Instant>,
@@ -230,7 +230,7 @@ drivetwin_protocol::registers! {
 }
 
 impl Fixture<Told> {
-    /// What it was told, and at which tick.
+    /// The codes of the inputs so far, each with its time in ticks.
     fn told(&mut self) -> Vec<(u64, u8)> {
         core::mem::take(&mut self.out.stores).iter().map(|(at, _, bytes)| (at.ticks(), bytes[0])).collect()
     }

@@ -1,4 +1,4 @@
-//! Outputs as text.
+//! Records of outputs as text.
 
 use std::format;
 use std::string::String;
@@ -7,34 +7,35 @@ use std::vec::Vec;
 use super::{new_memory, store};
 use crate::device::{Context, Instant, Line, Output};
 
-/// A sink that keeps all outputs as text, in the order in which they were put, and carries stores out in its memory: to
-/// compare two runs.
+/// Records all outputs as text, in the order in which they were put, and writes stores into its memory. Used
+/// to compare two runs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Transcript {
     /// Non-volatile memory.
     pub memory: Vec<u8>,
-    /// Instant in ticks and output.
+    /// Each output as text: its timestamp in ticks and the output.
     pub outputs: Vec<String>,
-    /// Settings of the serial line that was put last.
+    /// The last settings of a serial line that were put.
     pub line: Option<Line>,
-    /// Notes are left out: they count what a drive ignores, which depends on how bytes are split.
+    /// True if notes are left out. Notes count frames that a drive ignores, which depends on how the bytes
+    /// are split.
     pub without_notes: bool,
 }
 
 impl Transcript {
-    /// A transcript of all outputs, with a new memory of that many bytes.
+    /// A transcript of all outputs, with a new memory of `size` bytes.
     #[must_use]
     pub fn new(size: usize) -> Self {
         Self::with_memory(new_memory(size))
     }
 
-    /// A transcript of all outputs, with this memory.
+    /// A transcript of all outputs, with the memory `memory`.
     #[must_use]
     pub fn with_memory(memory: Vec<u8>) -> Self {
         Self { memory, outputs: Vec::new(), line: None, without_notes: false }
     }
 
-    /// The same, without notes.
+    /// The same transcript, without notes.
     #[must_use]
     pub fn without_notes(mut self) -> Self {
         self.without_notes = true;

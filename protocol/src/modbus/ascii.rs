@@ -1,5 +1,5 @@
-//! ASCII framing: a colon begins a message, a line feed ends it, and between them two hexadecimal digits
-//! stand for each byte (serial 2.5.2).
+//! ASCII framing: a colon begins a message and a line feed ends it. Between them each byte is two hexadecimal
+//! digits (serial 2.5.2).
 //!
 //! ```
 //! use drivetwin_protocol::line::{Line, Parity};
@@ -24,31 +24,32 @@ use super::{DropReason, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
-/// The longest message: colon, address, function, 252 bytes and LRC in two digits each, CR, LF.
+/// The longest message: a colon, then address, function, 252 bytes and LRC in two digits each, then CR and
+/// LF.
 pub const MESSAGE_CHARACTERS: usize = 513;
 
-/// A message as it is on the line.
+/// A message with all its characters, as sent on the line.
 pub type Message = heapless::Vec<u8, MESSAGE_CHARACTERS>;
 
-/// Address, function, 252 bytes, LRC.
+/// Bytes of the longest message: address, function, 252 bytes, LRC.
 const MAX_BYTES: usize = FRAME_BYTES - 1;
 
-/// The longest silence inside a message.
+/// The longest silence between two characters of a message.
 const MAX_GAP: Duration = Duration::secs(1);
 
-/// Returns whether a line carries ASCII: 7 data bits are too few for RTU.
+/// Returns true if a line uses ASCII framing, that is, has 7 data bits. RTU needs 8.
 #[must_use]
 pub const fn is_on(line: Line) -> bool {
     line.data == 7
 }
 
-/// The LRC of `bytes` (serial 2.5.2.2): what makes their sum 0.
+/// The LRC of `bytes` (serial 2.5.2.2): the byte that makes the sum of all bytes 0.
 #[must_use]
 pub fn lrc(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0_u8, |sum, &byte| sum.wrapping_sub(byte))
 }
 
-/// The message of a body: an address and a PDU, of at most 254 bytes together; what is longer is cut.
+/// The message of a body: an address and a PDU, together at most 254 bytes. A longer body is truncated.
 #[must_use]
 pub fn encode(body: &[u8]) -> Message {
     let body = body.get(..MAX_BYTES - 1).unwrap_or(body);
@@ -61,7 +62,7 @@ pub fn encode(body: &[u8]) -> Message {
     message
 }
 
-/// The body of a message, if that is well formed and its LRC holds.
+/// The body of a message; `None` if the message is malformed or its LRC does not match.
 #[must_use]
 pub fn decode(message: &[u8]) -> Option<Frame> {
     let digits = message.strip_prefix(b":")?.strip_suffix(b"\r\n")?;
@@ -74,7 +75,7 @@ pub fn decode(message: &[u8]) -> Option<Frame> {
     (sum == lrc(&body) && message.len() <= MESSAGE_CHARACTERS).then_some(body)
 }
 
-/// The message of an address and a PDU of at most 253 bytes; what is longer is cut.
+/// The message of an address and a PDU of at most 253 bytes. A longer PDU is truncated.
 #[must_use]
 pub fn frame(unit: u8, pdu: &[u8]) -> Message {
     let mut body = Frame::new();
@@ -97,12 +98,13 @@ pub fn write(unit: u8, address: u16, value: u16) -> Message {
     frame(unit, &[WRITE_SINGLE_REGISTER, a, b, c, d])
 }
 
-/// The character of a digit below 16.
+/// The hexadecimal character of a digit below 16.
 const fn character(digit: u8) -> u8 {
     if digit < 10 { b'0' + digit } else { b'A' + (digit - 10) }
 }
 
-/// The digit of a character. Lower case is understood though the specification knows only upper case.
+/// The value of a hexadecimal character. Lower case is accepted, though the specification has only upper
+/// case.
 const fn digit(character: u8) -> Option<u8> {
     match character {
         b'0'..=b'9' => Some(character - b'0'),
@@ -112,30 +114,30 @@ const fn digit(character: u8) -> Option<u8> {
     }
 }
 
-/// State of a receiver: the part of a message that has come.
+/// State of a receiver.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// No colon yet.
+    /// No colon received yet.
     Idle,
-    /// Digits, and the first of two.
+    /// Receiving digits. The value is the first digit of a pair while the second is missing.
     Receiving(Option<u8>),
-    /// Digits and a CR: an LF is to follow.
+    /// Received digits and a CR. An LF must follow.
     Ending,
-    /// A message that is dropped with its LF.
+    /// The message has an error. The receiver drops it at its LF.
     Bad(DropReason),
-    /// A complete message, with the reason why it is dropped, if any.
+    /// The message has ended. The value is the reason why it is dropped, if any.
     Over(Option<DropReason>),
 }
 
-/// The receiving half of a slave: characters in, bodies of messages out.
+/// Receiver of a slave: takes characters and returns the bodies of messages.
 ///
-/// A stamp is the end of a character; a message ends with its LF. The receiver holds one message until it is
-/// [taken](Self::take) and ignores characters meanwhile, so characters that are passed together end with an LF at the
-/// latest.
+/// Timestamps are the ends of characters. A message ends with its LF. The receiver holds one message until
+/// the caller [takes](Self::take) it, and ignores all characters until then. So the caller must pass no
+/// characters after an LF in the same call.
 #[derive(Clone, Debug)]
 pub struct AsciiReceiver {
     character: Duration,
-    /// Without the LRC when it is over.
+    /// Body of the message; after the end of the message without the LRC.
     body: Frame,
     state: State,
     /// End of the last character.
@@ -149,7 +151,7 @@ impl AsciiReceiver {
         Self { character: line.character(), body: Frame::new(), state: State::Idle, last: Instant::ZERO }
     }
 
-    /// Characters that follow each other without a gap; `at` is the end of the first one.
+    /// Handles received characters that follow each other without a gap; `at` is the end of the first one.
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let mut end = at;
         for &byte in bytes {
@@ -158,12 +160,12 @@ impl AsciiReceiver {
         }
     }
 
-    /// A character with an error ended at `at`.
+    /// Handles a character with an error that ended at `at`.
     pub fn rx_error(&mut self, at: Instant) {
         self.on_character(at, None);
     }
 
-    /// A character ended at `at`.
+    /// Handles a character that ended at `at`; `None` is a character with an error.
     fn on_character(&mut self, at: Instant, character: Option<u8>) {
         let silence = (at - self.character).since(self.last);
         let state = match self.state {
@@ -189,7 +191,8 @@ impl AsciiReceiver {
         self.last = at;
     }
 
-    /// Another character where a digit belongs, behind the first one of two or not.
+    /// Handles a character between the colon and the CR. `high` is the first digit of a pair if `character`
+    /// is the second.
     fn digit(&mut self, high: Option<u8>, character: u8) -> State {
         let Some(digit) = digit(character) else { return State::Bad(DropReason::RxError) };
         let Some(high) = high else { return State::Receiving(Some(digit)) };
@@ -200,7 +203,7 @@ impl AsciiReceiver {
         State::Receiving(None)
     }
 
-    /// Takes the LRC off. Why the message is none, if so.
+    /// Removes the LRC from the body and checks it. Returns the reason if the message is invalid.
     fn check_lrc(&mut self) -> Option<DropReason> {
         match self.body.pop() {
             None => Some(DropReason::Length),
@@ -208,7 +211,7 @@ impl AsciiReceiver {
         }
     }
 
-    /// Time at which a message is over; [`Instant::NEVER`] while none is.
+    /// End of the received message; [`Instant::NEVER`] if no message has ended.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         match self.state {
@@ -217,16 +220,16 @@ impl AsciiReceiver {
         }
     }
 
-    /// Returns whether a message is over at `at`.
+    /// Returns true if a message has ended at `at` or before.
     #[must_use]
     pub fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
     }
 
-    /// Takes the body of a message, an address and a PDU; `None` while no message is complete.
+    /// Takes the body of the received message, an address and a PDU; `None` while no message is complete.
     ///
     /// # Errors
-    /// Why it is no message.
+    /// The reason why the received characters are not a message.
     pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let State::Over(bad) = self.state else { return None };
         self.clear();
@@ -239,8 +242,8 @@ impl AsciiReceiver {
     }
 }
 
-/// Scans the front of a burst: everything up to an LF is one message, valid or not. Characters without a colon start no
-/// message.
+/// Finds a message at the front of a burst: everything up to an LF is one message, valid or not. Without a
+/// colon no message has begun.
 #[must_use]
 pub fn scan(burst: &[u8]) -> Scan {
     if let Some(end) = burst.iter().position(|&character| character == b'\n') {
@@ -265,11 +268,12 @@ mod tests {
     const CHARACTER: u64 = 16_667;
     const START: Instant = Instant::from_ticks(1_000_000);
 
-    /// Reads 2 registers at 006Bh of slave 11h. 11 + 03 + 00 + 6B + 00 + 02 = 81h, and 81h + 7Fh = 100h.
+    /// Reads 2 registers from 006Bh of slave 11h. LRC: 11 + 03 + 00 + 6B + 00 + 02 = 81h, and 81h + 7Fh =
+    /// 100h.
     const REQUEST: &[u8] = b":1103006B00027F\r\n";
     const BODY: &[u8] = &[0x11, 3, 0, 0x6B, 0, 2];
 
-    /// Result of a receiver for characters that come together.
+    /// Result of a new receiver that gets all `characters` in one call.
     fn received(characters: &[u8]) -> Option<Result<Vec<u8>, DropReason>> {
         let mut receiver = AsciiReceiver::new(LINE);
         receiver.bytes(START, characters);
@@ -282,7 +286,7 @@ mod tests {
         assert_eq!(encode(BODY)[..], *REQUEST);
         assert_eq!(frame(0x11, &BODY[1..])[..], *REQUEST);
         assert_eq!(read(0x11, 0x6B, 2)[..], *REQUEST);
-        // 01 + 06 + 50 + 0B + 03 + E8 = 14Dh, and 4Dh + B3h = 100h.
+        // LRC: 01 + 06 + 50 + 0B + 03 + E8 = 14Dh, and 4Dh + B3h = 100h.
         assert_eq!(write(1, 0x500B, 1_000)[..], *b":0106500B03E8B3\r\n");
         assert_eq!(decode(REQUEST).as_deref(), Some(BODY));
         assert_eq!(received(REQUEST), Some(Ok(BODY.to_vec())));
@@ -326,7 +330,7 @@ mod tests {
             assert_eq!(received(message), Some(Err(why)), "{}", message.escape_ascii());
             assert_eq!(decode(message), None, "{}", message.escape_ascii());
         }
-        // One byte, and its LRC, is judged by who knows addresses and functions.
+        // A body of one byte with its LRC is a valid message here. The server checks addresses and functions.
         assert_eq!(received(b":01FF\r\n"), Some(Ok([1].to_vec())));
     }
 
@@ -389,7 +393,7 @@ mod tests {
         assert_eq!(scan(&endless), Scan::Invalid(513), "an LF would make it 514 characters");
     }
 
-    /// Characters among which those that mean something are frequent.
+    /// Random characters, mostly those that have a meaning in a message.
     fn characters(most: usize) -> impl Strategy<Value = Vec<u8>> {
         let any_of = prop_oneof![
             8 => prop::sample::select(&b"0123456789ABCDEFabcdef"[..]),

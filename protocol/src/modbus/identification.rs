@@ -1,46 +1,50 @@
-//! Read device identification, function 43 with 14 behind it (application 6.21).
+//! Read device identification: function 43 with MEI type 14 (application 6.21).
 
 use super::Reply;
 use super::pdu::{ENCAPSULATED_INTERFACE, Exception, PDU_BYTES};
 
-/// MEI type, behind the function code.
+/// MEI type, the byte after the function code.
 const READ_DEVICE_IDENTIFICATION: u8 = 14;
 
-/// Bit of a conformity level: single objects can be read.
+/// Bit of the conformity level: the device also answers requests for single objects.
 pub const SINGLE_OBJECTS: u8 = 0x80;
 
-/// An object: its identifier, and its value of at most 244 bytes; what is longer is cut.
+/// An object: its identifier and its value of at most 244 bytes. A longer value is truncated.
 pub type Object<'a> = (u8, &'a [u8]);
 
-/// A conformity level: basic and regular objects, streamed.
+/// Conformity level: basic and regular objects, streamed.
 pub const REGULAR: u8 = 2;
 
-/// Codes of a request: a stream of a category and the ones below it, or a single object.
+/// Codes of a request: 1 to 3 stream the objects of a category and of the categories below it, 4 reads a
+/// single object.
 const BASIC: u8 = 1;
 const SINGLE: u8 = 4;
 
-/// More objects follow.
+/// Value of the field "more follows": the device has more objects than fit into this reply.
 const MORE_FOLLOWS: u8 = 0xFF;
 
-/// More follows, next object, number of objects: known at the end.
+/// Bytes of the fields "more follows", "next object" and "number of objects". They are known after the
+/// objects are written.
 const OUTCOME_BYTES: usize = 3;
 
-/// Function, type, code and conformity stand before that.
+/// Bytes before the objects: function, type, code and conformity, then the outcome fields.
 const HEAD_BYTES: usize = 4 + OUTCOME_BYTES;
 
-/// No object is divided, so none is longer than a reply has room for it, its identifier and its length.
+/// Longest value. A reply does not divide an object, so an object must fit with its identifier and its
+/// length.
 const VALUE_BYTES: usize = PDU_BYTES - HEAD_BYTES - 2;
 
-/// Answers the request `pdu`: appends the PDU of the reply to `reply`, with as many of `objects`, in the order of their
-/// identifiers, as it has room for.
+/// Answers the request `pdu`: appends the PDU of the reply to `reply`. `objects` are in ascending order of
+/// their identifiers; the reply has as many of them as fit.
 ///
-/// `conformity` is 1 for a device with basic objects (0 to 2), [`REGULAR`] with regular (to 0x7F), 3 with extended
-/// ones, and [`SINGLE_OBJECTS`] where it gives single ones. A higher category than it has is answered with what it has;
-/// a stream from an object that it does not know starts from the first one.
+/// `conformity` is 1 for a device with basic objects (0 to 2), [`REGULAR`] with regular objects (to 0x7F), 3
+/// with extended objects. [`SINGLE_OBJECTS`] is added if the device answers requests for single objects. A
+/// request for a higher category than the device has gets the categories that it has. A stream from an
+/// unknown object starts at the first object.
 ///
 /// # Errors
-/// [`Exception::IllegalFunction`] for another type than 14, [`Exception::IllegalDataAddress`] for a single object
-/// that it does not have, [`Exception::IllegalDataValue`] for another length or code.
+/// [`Exception::IllegalFunction`] for a type other than 14, [`Exception::IllegalDataAddress`] for a single
+/// object that the device does not have, [`Exception::IllegalDataValue`] for a wrong length or code.
 pub fn answer(
     pdu: &[u8],
     conformity: u8,
@@ -110,7 +114,7 @@ mod tests {
         (6, b"MDI 3.0.0.9"),
     ];
 
-    /// Behind what the framing has put into the reply.
+    /// Answer to a request, without the byte (7) that the framing wrote into the reply before.
     fn ask(pdu: &[u8], conformity: u8, objects: &[Object<'_>]) -> Result<Vec<u8>, Exception> {
         let mut reply = Frame::from_slice(&[7]).unwrap();
         answer(pdu, conformity, objects, &mut reply)?;
@@ -118,7 +122,7 @@ mod tests {
         Ok(reply.strip_prefix(&[7]).unwrap().to_vec())
     }
 
-    /// A reply: what its head says, and objects with their lengths.
+    /// An expected reply: the bytes before the objects, and the objects with their lengths.
     fn reply(head: [u8; 7], objects: &[Object<'_>]) -> Result<Vec<u8>, Exception> {
         let mut reply = head.to_vec();
         for (id, value) in objects {
@@ -134,7 +138,7 @@ mod tests {
             &[(0, b"Company identification"), (1, b"Product code XX"), (2, b"V2.11")];
         let mut expected = Vec::from([0x2B, 0x0E, 1, 1, 0, 0, 3, 0, 0x16]);
         expected.extend(b"Company identification");
-        // The specification counts 0Dh where its text has 15 characters.
+        // The specification has length 0Dh here, but its text has 15 characters.
         expected.extend([1, 0x0F]);
         expected.extend(b"Product code XX");
         expected.extend([2, 5]);
@@ -207,7 +211,7 @@ mod tests {
                 assert_eq!(ask(&[43, 14, 1, 1], 1, objects), reply([43, 14, 1, 1, 0, 0, 2], &objects[1..]));
             }
         }
-        // One that fits into no reply is cut, or a client would ask for it for ever.
+        // An object that fits into no reply is truncated. Otherwise a client would ask for it forever.
         let objects: &[Object<'_>] = &[(0, &long), (1, b"a")];
         let cut: &[Object<'_>] = &[(0, &long[..244])];
         assert_eq!(ask(&[43, 14, 1, 0], 1, objects), reply([43, 14, 1, 1, 0xFF, 1, 1], cut));

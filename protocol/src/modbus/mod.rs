@@ -1,10 +1,11 @@
-//! Modbus as a slave uses it.
+//! Modbus, the slave's side.
 //!
 //! Sources: *MODBUS Application Protocol Specification V1.1b3* ("application") and *MODBUS over
 //! Serial Line V1.02* ("serial").
 //!
-//! [`pdu`] parses requests, [`rtu`] and [`ascii`] frame them on a serial line, [`tcp`] on a connection, [`server`]
-//! answers them from a register map by the rules of a drive's manual, [`identification`] reports the product.
+//! [`pdu`] parses requests. [`rtu`] and [`ascii`] frame them on a serial line, [`tcp`] on a TCP connection.
+//! [`server`] answers them from a register map by the rules of a drive's manual. [`identification`] reports
+//! the product.
 
 pub mod ascii;
 pub mod identification;
@@ -21,59 +22,62 @@ pub const FRAME_BYTES: usize = 256;
 /// A frame of a serial line.
 pub type Frame = heapless::Vec<u8, FRAME_BYTES>;
 
-/// Buffer of a reply, whatever carries it: a [`Frame`] or a [`tcp::Adu`].
+/// Buffer for a reply: a [`Frame`] on a serial line or a [`tcp::Adu`] on a TCP connection.
 pub type Reply = heapless::VecView<u8>;
 
-/// Reason why a slave is silent.
+/// Reason why a slave does not answer a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DropReason {
-    /// The check sum does not hold.
+    /// The checksum does not match.
     Crc,
     /// A silence of more than 1.5 characters inside the frame; in ASCII of more than a second.
     Gap,
-    /// Longer than any frame, or not the length that its function requires; in ASCII an odd number of digits.
+    /// The frame is longer than any frame may be, or has not the length that its function requires; in ASCII
+    /// also an odd number of digits.
     Length,
     /// A character with an error; in ASCII also one that is not allowed in a message.
     RxError,
-    /// For another slave.
+    /// The frame is addressed to another slave.
     Address,
-    /// The drive is starting and has no ears.
+    /// The drive is starting up and receives nothing yet.
     Starting,
 }
 
-/// Result of [`scan`]: the frame at the front of a burst of characters. For a host, where the gaps between characters
-/// are unknown.
+/// Result of [`scan`]: the frame at the front of a burst of characters. A host uses it, because a host does
+/// not know the gaps between the characters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Scan {
-    /// A whole frame of that many bytes, which go to the drives together.
+    /// The first bytes, this many, are a whole frame. The bench passes them to the drives together.
     Complete(usize),
-    /// The rest is still to come.
+    /// The frame is not complete yet.
     Incomplete,
-    /// Perhaps whole, or as long as a frame and none: silence decides.
+    /// The bytes may be a whole frame, or have the length of a frame but no valid CRC. Only the following
+    /// silence decides.
     Ambiguous,
-    /// Length of a front that can become no frame any more.
+    /// The first bytes, this many, can no longer become a frame.
     Invalid(usize),
 }
 
-/// Frames that may come on a line.
+/// Senders whose frames may be received on a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Expect {
-    /// Those of a master.
+    /// Only the master: requests.
     Requests,
-    /// Those of slaves.
+    /// Only slaves: replies.
     Replies,
-    /// Those of a master and of slaves.
+    /// The master and slaves: requests and replies.
     Both,
 }
 
-/// Scans a burst on `line` for a frame at its front, by the framing of the line. More characters may follow.
+/// Scans the front of `burst` for a frame, with the framing of `line`. More characters may follow.
 #[must_use]
 pub fn scan(line: Line, burst: &[u8], expect: Expect) -> Scan {
     if ascii::is_on(line) { ascii::scan(burst) } else { rtu::scan(burst, expect) }
 }
 
-/// Bytes of a burst that go to the drives together when silence has ended it and [`scan`] has found no frame.
+/// Number of bytes of `burst` that go to the drives together after silence has ended the burst and [`scan`]
+/// has found no frame.
 #[must_use]
 pub fn ended(line: Line, burst: &[u8], expect: Expect) -> usize {
     if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, expect) }

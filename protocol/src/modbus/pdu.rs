@@ -1,4 +1,4 @@
-//! Requests and exceptions, whatever frame carries them (application, chapters 4 to 7).
+//! Requests and exceptions, the same in every framing (application, chapters 4 to 7).
 
 /// Read coils.
 pub const READ_COILS: u8 = 1;
@@ -19,7 +19,7 @@ pub const WRITE_MULTIPLE_REGISTERS: u8 = 16;
 /// Encapsulated interface transport: the next byte selects the interface.
 pub const ENCAPSULATED_INTERFACE: u8 = 43;
 
-/// The longest PDU, whatever carries it (application 4.1).
+/// The longest PDU, the same in every framing (application 4.1).
 pub const PDU_BYTES: usize = 253;
 
 /// The bit of a reply's function code that marks an exception.
@@ -36,7 +36,7 @@ pub enum Exception {
     IllegalDataAddress = 2,
     /// A value in the request is not allowed.
     IllegalDataValue = 3,
-    /// An error occurred while it was carried out.
+    /// An error occurred while the slave executed the request.
     ServerDeviceFailure = 4,
 }
 
@@ -48,45 +48,45 @@ impl Exception {
     }
 }
 
-/// A request, read but not judged.
+/// A parsed request. Its addresses and values are not checked yet.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Request<'a> {
     /// Functions 1 to 4: `count` addresses from `first`.
     Read {
-        /// Which of the four.
+        /// Function code, 1 to 4.
         function: u8,
         /// The lowest address.
         first: u16,
         /// Number of registers or bits.
         count: u16,
     },
-    /// Functions 5 and 6: one coil (`0xFF00` or `0x0000`) or register.
+    /// Functions 5 and 6: one coil (value `0xFF00` or `0x0000`) or one register.
     WriteSingle {
-        /// Which of the two.
+        /// Function code, 5 or 6.
         function: u8,
         /// Address of the register or coil.
         address: u16,
         /// The word to write.
         value: u16,
     },
-    /// Functions 15 and 16: `count` coils, packed, or registers, high byte first.
+    /// Functions 15 and 16: `count` coils, packed into bytes, or `count` registers, high byte first.
     WriteMultiple {
-        /// Which of the two.
+        /// Function code, 15 or 16.
         function: u8,
         /// The lowest address.
         first: u16,
         /// Number of registers or bits.
         count: u16,
-        /// Bytes behind the byte count.
+        /// Bytes after the byte count.
         values: &'a [u8],
-        /// The byte count.
+        /// Byte count that the request states.
         bytes: u8,
     },
     /// Any other function.
     Other {
         /// Function code.
         function: u8,
-        /// Bytes behind the function code.
+        /// Bytes after the function code.
         data: &'a [u8],
     },
 }

@@ -1,4 +1,4 @@
-//! RTU framing: silence ends a frame, a CRC protects it (serial 2.5.1).
+//! RTU framing: a silence ends each frame, a CRC protects it (serial 2.5.1).
 //!
 //! ```
 //! use drivetwin_protocol::line::{Line, Parity};
@@ -30,7 +30,7 @@ use super::{DropReason, Expect, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
-/// 512 bytes, or with the feature `large-crc-table` 8 KiB for twice the speed (PROJECT-10).
+/// Table of the CRC: 512 bytes, or 8 KiB at twice the speed with the feature `large-crc-table` (PROJECT-10).
 #[cfg(not(feature = "large-crc-table"))]
 type Table = crc::Table<1>;
 #[cfg(feature = "large-crc-table")]
@@ -38,27 +38,27 @@ type Table = crc::Table<16>;
 
 static CRC: Crc<u16, Table> = Crc::<u16, Table>::new(&CRC_16_MODBUS);
 
-/// The CRC of `bytes` (serial 2.5.1.2); its low byte goes first on the wire.
+/// The CRC of `bytes` (serial 2.5.1.2). A frame contains its low byte first.
 #[must_use]
 pub fn crc(bytes: &[u8]) -> u16 {
     CRC.checksum(bytes)
 }
 
-/// A frame without its CRC, if the CRC holds.
+/// The frame without its CRC; `None` if the CRC does not match.
 #[must_use]
 pub fn verify_crc(frame: &[u8]) -> Option<&[u8]> {
     let (body, sum) = frame.split_last_chunk::<2>()?;
     (crc(body) == u16::from_le_bytes(*sum)).then_some(body)
 }
 
-/// Appends the CRC of `frame`; no effect without room for it.
+/// Appends the CRC of `frame`. Does nothing if `frame` has no room for the CRC.
 pub fn append_crc(frame: &mut Frame) {
     let sum = crc(frame);
-    // Replies are at most 253 bytes long before this.
+    // A reply has at most 254 bytes here, so the CRC has room.
     let _ = frame.extend_from_slice(&sum.to_le_bytes());
 }
 
-/// The frame of an address and a PDU of at most 253 bytes; what is longer is cut.
+/// The frame of an address and a PDU of at most 253 bytes. A longer PDU is truncated.
 #[must_use]
 pub fn frame(unit: u8, pdu: &[u8]) -> Frame {
     let mut frame = Frame::new();
@@ -82,10 +82,10 @@ pub fn write(unit: u8, address: u16, value: u16) -> Frame {
     frame(unit, &[WRITE_SINGLE_REGISTER, a, b, c, d])
 }
 
-/// The silences of a line.
+/// Durations of a serial line that decide where a frame ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Timing {
-    /// A character.
+    /// Duration of a character.
     pub character: Duration,
     /// The longest silence inside a frame.
     pub t1_5: Duration,
@@ -94,7 +94,8 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// 1.5 and 3.5 characters, rounded up; above 19,200 baud 750 µs and 1.75 ms (serial 2.5.1.1; MODBUS-1).
+    /// Silences of 1.5 and 3.5 characters, rounded up; above 19,200 baud 750 µs and 1.75 ms (serial 2.5.1.1;
+    /// MODBUS-1).
     #[must_use]
     pub const fn of(line: Line) -> Self {
         let character = line.character();
@@ -105,26 +106,27 @@ impl Timing {
     }
 }
 
-/// `n` halves of a span, rounded up.
+/// `n` halves of `span`, rounded up to a tick.
 const fn half_times(span: Duration, n: u64) -> Duration {
     Duration::from_ticks((span.ticks() * n).div_ceil(2))
 }
 
-/// State of a receiver: the part of a frame that has come.
+/// State of a receiver.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// Silence on the line.
+    /// The line is silent.
     Idle,
-    /// A frame that may still be good.
+    /// Characters of a frame were received, without an error so far.
     Receiving,
-    /// A frame that is over when the line falls silent, and then dropped.
+    /// The frame received now has an error. The receiver drops it when silence ends it.
     Bad(DropReason),
 }
 
-/// The receiving half of a slave: characters in, frames out.
+/// Receiver of a slave: takes characters and returns frames.
 ///
-/// A stamp is the *end* of a character. That a character began within 3.5 characters of the last
-/// one is known only when it ends, one character later: that is the [`deadline`](Self::deadline) (PROJECT-3).
+/// Timestamps are the *ends* of characters. A character that began within 3.5 characters of the previous one
+/// is known only when it ends, one character later. So the [`deadline`](Self::deadline) is 4.5 characters
+/// after the last character (PROJECT-3).
 #[derive(Clone, Debug)]
 pub struct RtuReceiver {
     timing: Timing,
@@ -132,7 +134,7 @@ pub struct RtuReceiver {
     state: State,
     /// End of the last character.
     last: Instant,
-    /// Time at which the frame is over, should no more come; never on a silent line.
+    /// Time at which the frame ends if no more characters follow; never on a silent line.
     over: Instant,
 }
 
@@ -149,8 +151,8 @@ impl RtuReceiver {
         }
     }
 
-    /// From the next character after `at` on the line is `line`. A frame that would be complete earlier with the new
-    /// silences is complete at `at`.
+    /// Changes the settings of the serial line from the next character after `at` on. If a frame would have
+    /// ended before `at` with the new silences, it ends at `at`.
     pub fn set_line(&mut self, at: Instant, line: Line) {
         self.timing = Timing::of(line);
         if self.state != State::Idle {
@@ -159,15 +161,16 @@ impl RtuReceiver {
         }
     }
 
-    /// The silences it keeps.
+    /// The silences of the present line settings.
     #[must_use]
     pub const fn timing(&self) -> Timing {
         self.timing
     }
 
-    /// Characters that follow each other without a gap; `at` is the end of the first one.
+    /// Handles received characters that follow each other without a gap; `at` is the end of the first one.
     ///
-    /// A frame that the silence before them ends is taken first: see [`is_over`](Self::is_over).
+    /// If the silence before these characters ended a frame, the caller must first take this frame: see
+    /// [`is_over`](Self::is_over).
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let Some(others) = bytes.len().checked_sub(1) else { return };
         self.character_began(at);
@@ -177,14 +180,14 @@ impl RtuReceiver {
         self.restart_silence(at + self.timing.character * others as u64);
     }
 
-    /// A character with an error ended at `at`.
+    /// Handles a character with an error that ended at `at`.
     pub fn rx_error(&mut self, at: Instant) {
         self.character_began(at);
         self.state = State::Bad(DropReason::RxError);
         self.restart_silence(at);
     }
 
-    /// A character ended at `at`: what its distance from the last one means.
+    /// Updates the state for a character that ended at `at`, by the silence before it.
     fn character_began(&mut self, at: Instant) {
         match self.state {
             State::Idle => {
@@ -198,28 +201,28 @@ impl RtuReceiver {
         }
     }
 
-    /// The last character ended at `last`: from then on the line may be silent.
+    /// Starts the silence anew after the last character, which ended at `last`.
     fn restart_silence(&mut self, last: Instant) {
         self.last = last;
         self.over = last + self.timing.t3_5 + self.timing.character;
     }
 
-    /// Time at which a frame is over, should no more come; [`Instant::NEVER`] on a silent line.
+    /// Time at which the frame ends if no more characters follow; [`Instant::NEVER`] on a silent line.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.over
     }
 
-    /// Returns whether a frame is over at `at`, or before a character that ends then.
+    /// Returns true if the frame has ended at `at`, or before a character that ends at `at`.
     #[must_use]
     pub fn is_over(&self, at: Instant) -> bool {
         self.deadline() <= at
     }
 
-    /// Ends the frame and returns it, CRC included and unchecked; `None` on a silent line.
+    /// Ends the frame and returns it with its CRC, which is not checked; `None` on a silent line.
     ///
     /// # Errors
-    /// Why it is no frame.
+    /// The reason why the received characters are not a frame.
     pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let state = self.state;
         self.clear();
@@ -237,16 +240,17 @@ impl RtuReceiver {
     }
 }
 
-/// Scans the front of a burst that may still grow. Reads may split it anywhere.
+/// Finds a frame at the front of a burst that may still grow. The caller's reads may split the burst
+/// anywhere.
 ///
-/// A CRC alone does not end a frame, because the CRC of a prefix may match by chance. A frame is complete if its CRC
-/// matches at the longest length that its function may have, or at a shorter one with another complete frame right
-/// behind it (PROJECT-4).
+/// A matching CRC alone does not end a frame, because the CRC of a prefix may match by chance. A frame is
+/// complete if its CRC matches at the longest length that its function may have. It is also complete if its
+/// CRC matches at a shorter length and another complete frame follows directly (PROJECT-4).
 ///
 /// # Example
 ///
-/// A write of two registers (function 0x10) to slave 0x30. As a request it has 7 + 4 + 2 = 13 bytes, as a reply 8. Its
-/// first 8 bytes happen to end with their own CRC, `10 E3`:
+/// A write of two registers (function 0x10) to slave 0x30. A request has 7 + 4 + 2 = 13 bytes, a reply 8. By
+/// chance bytes 7 and 8 of this request, `04 E3`, are the CRC of its first 6 bytes, low byte first:
 ///
 /// ```
 /// use drivetwin_protocol::modbus::{Expect, Scan, rtu};
@@ -258,7 +262,7 @@ impl RtuReceiver {
 /// // With slaves on the line these 8 bytes may be a reply: silence decides, or the bytes that follow.
 /// assert_eq!(rtu::scan(&burst[..8], Expect::Both), Scan::Ambiguous);
 /// assert_eq!(rtu::scan(&burst, Expect::Both), Scan::Complete(13));
-/// // 13 bytes with a wrong CRC: the next frame behind them shows that they are none.
+/// // 13 bytes with a wrong CRC: the frame directly after them shows that they are not a frame.
 /// let mut wrong = burst.to_vec();
 /// wrong[12] ^= 1;
 /// wrong.extend(rtu::read(1, 0, 2));
@@ -283,8 +287,10 @@ pub fn scan(burst: &[u8], expect: Expect) -> Scan {
     }
 }
 
-/// Bytes of a burst that go to the drives together when silence has ended it and [`scan`] has found no frame: all of it
-/// if its CRC matches; else up to where a CRC matches before another frame; else all of it, as on a line.
+/// Number of bytes of `burst` that go to the drives together after silence has ended the burst and [`scan`]
+/// has found no frame. This is the whole burst if its CRC matches. Otherwise the bytes up to the first
+/// matching CRC that is directly before another frame. Otherwise the longest known length of the function
+/// with a matching CRC. Otherwise the whole burst, as on a real serial line.
 #[must_use]
 pub fn ended(burst: &[u8], expect: Expect) -> usize {
     let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && verify_crc(frame).is_some();
@@ -301,28 +307,28 @@ pub fn ended(burst: &[u8], expect: Expect) -> usize {
     before_next_frame.or_else(known).unwrap_or(burst.len())
 }
 
-/// Returns whether there are `length` bytes and the CRC at their end holds.
+/// Returns true if `burst` has at least `length` bytes and these end with a matching CRC.
 fn holds(burst: &[u8], length: usize) -> bool {
     burst.get(..length).is_some_and(|frame| verify_crc(frame).is_some())
 }
 
-/// Bytes behind the first `length`.
+/// Bytes after the first `length`.
 fn after(burst: &[u8], length: usize) -> &[u8] {
     burst.get(length..).unwrap_or_default()
 }
 
-/// Returns whether a burst begins with a whole frame of a function that has a length.
+/// Returns true if `burst` begins with a whole frame of a function of known length.
 fn starts_with_frame(burst: &[u8], expect: Expect) -> bool {
     let Some(&function) = burst.get(1) else { return false };
     let lengths = lengths(burst, function, expect);
     !matches!(lengths, Lengths::Any) && lengths.into_iter().any(|length| holds(burst, length))
 }
 
-/// Address, function, CRC.
+/// The shortest frame: address, function, CRC.
 const MIN_BYTES: usize = 4;
 
-/// Functions whose requests have a known length, and that no drive on a serial line implements (application 6.7 to
-/// 6.18).
+/// Functions whose requests have a known length and that no drive on a serial line implements (application
+/// 6.7 to 6.18).
 const READ_EXCEPTION_STATUS: u8 = 7;
 const GET_EVENT_COUNTER: u8 = 11;
 const GET_EVENT_LOG: u8 = 12;
@@ -333,15 +339,15 @@ const MASK_WRITE_REGISTER: u8 = 22;
 const READ_AND_WRITE: u8 = 23;
 const READ_FIFO: u8 = 24;
 
-/// The interface of function 43 that reads the identification (application 6.21).
+/// MEI type of function 43 that reads the identification (application 6.21).
 const IDENTIFICATION: u8 = 14;
 
 /// Lengths that a frame may have.
 #[derive(Clone, Copy)]
 enum Lengths {
-    /// Lengths of a request and of a reply.
+    /// The length of a request and the length of a reply.
     Known([Option<usize>; 2]),
-    /// Any.
+    /// Any length.
     Any,
 }
 
@@ -353,7 +359,7 @@ impl Lengths {
         }
     }
 
-    /// From the shortest one up.
+    /// The lengths in ascending order.
     fn into_iter(self) -> impl Iterator<Item = usize> + Clone {
         let (mut known, any) = match self {
             Self::Known(lengths) => (lengths, None),
@@ -366,7 +372,8 @@ impl Lengths {
 
 /// Possible lengths of a frame of `function`, as far as `burst` determines them (application 6.1 to 6.21).
 fn lengths(burst: &[u8], function: u8, expect: Expect) -> Lengths {
-    // Address, function, a fixed part, as many bytes as its byte count, CRC. No count exceeds the longest frame.
+    // Length of a frame with a byte count at `at`: bytes up to the count, the counted bytes, CRC; at most the
+    // longest frame.
     let counted = |at: usize| match burst.get(at) {
         Some(&count) => (at + 1 + usize::from(count) + 2).min(FRAME_BYTES),
         None => FRAME_BYTES,
@@ -381,7 +388,7 @@ fn lengths(burst: &[u8], function: u8, expect: Expect) -> Lengths {
         _ if function & EXCEPTION_BIT != 0 && expect != Expect::Requests => {
             return Lengths::Known([Some(5), None]);
         }
-        // Requests of the specification's other functions. The drives refuse most of them.
+        // Requests of other functions of the specification. The drives refuse most of them.
         READ_EXCEPTION_STATUS | GET_EVENT_COUNTER | GET_EVENT_LOG | REPORT_SERVER_ID
             if expect == Expect::Requests =>
         {
@@ -433,7 +440,7 @@ mod tests {
         assert_eq!(frame(1, &[0x5A; 254]), frame(1, &[0x5A; 253]));
     }
 
-    /// A request, and when its first character ends.
+    /// A request, and the time at which its first character ends.
     const REQUEST: [u8; 8] = [0x11, 0x03, 0x00, 0x6B, 0x00, 0x03, 0x76, 0x87];
     const START: Instant = Instant::from_ticks(1_000_000);
     /// 11 bits at 9,600 baud, and 1.5 and 3.5 characters, in ticks of 62.5 ns.
@@ -521,7 +528,7 @@ mod tests {
         receiver.set_line(START, fast);
         assert_eq!((receiver.timing(), receiver.deadline()), (Timing::of(fast), Instant::NEVER));
         receiver.bytes(START, &REQUEST[..1]);
-        // 11 bits at 38,400 baud, and 1.75 ms above 19,200.
+        // 11 bits at 38,400 baud; the silence is 1.75 ms above 19,200 baud.
         let over = START + Duration::micros(1_750) + Duration::from_ticks(4_583);
         assert_eq!(receiver.deadline(), over);
     }
@@ -532,7 +539,7 @@ mod tests {
         let mut receiver = RtuReceiver::new(slow);
         let end = Instant::from(Duration::millis(100));
         receiver.bytes(end, &[1]);
-        // 3.5 and 1 characters of 9.17 ms at 1,200 baud, of 1.15 ms at 9,600.
+        // 3.5 + 1 characters: a character takes 9.17 ms at 1,200 baud and 1.15 ms at 9,600.
         let changes = end + Duration::millis(20);
         assert!(!receiver.is_over(changes));
         receiver.set_line(changes, LINE);
@@ -562,7 +569,7 @@ mod tests {
         assert_eq!(scan(&[], Requests), Scan::Incomplete);
         let two: Vec<u8> = request.iter().chain(&request).copied().collect();
         assert_eq!(scan(&two, Requests), Scan::Complete(8));
-        // A reply of function 3 has its length in its third byte.
+        // A reply of function 3 has its byte count in its third byte.
         let reply = frame(1, &[3, 6, 0, 1, 0, 2, 0, 3]);
         assert_eq!(scan(&reply, Replies), Scan::Complete(11));
         assert_eq!(scan(&reply, Both), Scan::Complete(11));
@@ -571,7 +578,7 @@ mod tests {
         assert_eq!(scan(&frame(1, &[16, 0, 1, 0, 1]), Replies), Scan::Complete(8));
     }
 
-    /// A request of function 16 to an RS 434544, whose first eight bytes hold a CRC by chance.
+    /// A request of function 16 to an RS 434544. By chance its first eight bytes end with a matching CRC.
     const BY_CHANCE: [u8; 13] =
         [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
 
@@ -590,7 +597,7 @@ mod tests {
         assert_eq!(ended(&BY_CHANCE[..8], Both), 8);
         assert_eq!(scan(&BY_CHANCE[..12], Both), Scan::Ambiguous);
         assert_eq!(scan(&BY_CHANCE, Both), Scan::Complete(13));
-        // A request right behind tells that it was a reply.
+        // The request directly after these 8 bytes shows that they were a reply.
         let both: Vec<u8> = BY_CHANCE[..8].iter().chain(&read(7, 0, 1)).copied().collect();
         assert_eq!(scan(&both, Both), Scan::Complete(8));
     }
@@ -663,7 +670,7 @@ mod tests {
 
     #[test]
     fn where_slaves_are_heard_a_function_that_no_drive_knows_may_have_any_length() {
-        // Requests of 6.7 to 6.21 that have a length, and a function that is not listed.
+        // Requests of known length (application 6.7 to 6.21), and a function that is not listed.
         let requests: [&[u8]; 10] = [
             &[7],
             &[11],
@@ -692,8 +699,8 @@ mod tests {
         assert_eq!(scan(&frame(1, &[0xC1, 1]), Requests), Scan::Ambiguous, "no master says it");
     }
 
-    /// Frames that a host cuts out of a stream which it reads in pieces of these lengths, and behind which the line is
-    /// silent.
+    /// Frames that a host finds in `stream`. The host reads the stream in pieces of the lengths `reads`; the
+    /// line is silent after the last piece.
     fn frames(stream: &[u8], reads: &[usize], expect: Expect) -> Vec<Vec<u8>> {
         let (mut waiting, mut frames) = (Vec::new(), Vec::new());
         let mut sizes = reads.iter().copied().cycle();
@@ -716,7 +723,8 @@ mod tests {
         frames
     }
 
-    /// A request whose first `length` bytes hold a CRC, made of one by another value at `place` and one behind it.
+    /// A variant of `request` whose first `length` bytes end with a matching CRC. Tries all values of the
+    /// word at `place`; `None` if none fits.
     fn by_chance(request: &[u8], place: usize, length: usize) -> Option<Vec<u8>> {
         let body = request.get(..request.len() - 2)?;
         (0..=u16::MAX).find_map(|value| {
@@ -726,7 +734,7 @@ mod tests {
         })
     }
 
-    /// A valid request of a function that the specification lists, or of one that it does not.
+    /// A valid request of a function that the specification lists, or of one that it does not list.
     fn request() -> impl Strategy<Value = Vec<u8>> {
         let pdu = prop_oneof![
             (1_u8..=6, any::<[u8; 4]>()).prop_map(|(function, data)| { [&[function][..], &data].concat() }),
@@ -773,7 +781,8 @@ mod tests {
             let bits = values.len() as u16 * 8;
             let [high, low] = bits.to_be_bytes();
             let fifteen = frame(unit, &[&[15, first, 0, high, low, values.len() as u8][..], values].concat());
-            // With the low byte of the first address, and its first value, the first eight bytes hold a CRC.
+            // Choose the low byte of the first address and of the first value so that the first eight bytes
+            // end with a matching CRC.
             for request in [sixteen, fifteen] {
                 let chance = (0..=u8::MAX).find_map(|low| {
                     let mut request = request.to_vec();
@@ -782,7 +791,7 @@ mod tests {
                     request[7] = sum[1];
                     (request[6] == sum[0]).then(|| frame(unit, &request[1..request.len() - 2]).to_vec())
                 });
-                // One of 256 addresses fits on average; where none does there is no such request.
+                // On average one of 256 addresses fits. If none fits, there is no such request.
                 let Some(request) = chance else { continue };
                 prop_assert!(verify_crc(&request[..8]).is_some() && verify_crc(&request).is_some());
                 for expect in [Requests, Both] {

@@ -1,8 +1,8 @@
-//! The answering half of a slave: a register map and the rules of a manual in, replies out.
+//! Server of a slave: answers requests from a register map and the rules of a manual.
 //!
-//! The checks are in the order of the specification (application, figures 9 to 21): function, structure, address,
-//! value, execution, each for the whole request before the next. A refused request changes nothing; a write of several
-//! registers is all or nothing (MODBUS-4).
+//! The server checks a request in the order of the specification (application, figures 9 to 21): function,
+//! structure, address, value, execution. Each check covers the whole request before the next check begins. A
+//! refused request changes nothing. A write of several registers is all or nothing (MODBUS-4).
 
 use core::marker::PhantomData;
 
@@ -14,85 +14,90 @@ use super::tcp::{self, Adu};
 use super::{DropReason, Frame, Reply, rtu};
 use crate::registers::{Entries, Register, Shape, Space};
 
-/// Rules of a manual for its bus.
+/// Rules that a manual states for its bus.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
-    /// The functions it knows; others are [`Exception::IllegalFunction`].
+    /// Functions that the drive knows; other functions get [`Exception::IllegalFunction`].
     pub functions: &'static [u8],
-    /// The address that every slave obeys and none answers (MODBUS-3).
+    /// The address that every slave obeys and no slave answers (MODBUS-3).
     pub broadcast: Option<u8>,
-    /// Words that one read may cover.
+    /// The most words in one read.
     pub max_read: u16,
-    /// Words that one write may cover.
+    /// The most words in one write.
     pub max_written: u16,
-    /// Bits that a read or a write may cover for each word: 16, which take the same room, unless a manual specifies
-    /// another number.
+    /// Number of bits that count as one word in these two limits. Usually 16, because 16 bits fill the room
+    /// of a word. A manual may specify another number.
     pub bits_per_word: u16,
-    /// True if a write may bring a part of a value of several words.
+    /// True if a write may change only some of the words of a value.
     pub partial_writes: bool,
-    /// For a quantity of 0 or beyond the most, one that is not that of an object, a part of a value where that
-    /// cannot be written, a byte count that does not match, and a coil's value that is neither on nor off.
+    /// Exception for a wrong quantity or byte count:
+    /// - a quantity of 0, above the limit, or not that of the object;
+    /// - a write of a part of a value that must be written whole;
+    /// - a byte count that does not match the quantity;
+    /// - a coil value that is neither on nor off.
     pub bad_quantity: Exception,
-    /// For a value outside the range of its row.
+    /// Exception for a value outside the range of its row.
     pub bad_value: Exception,
-    /// For a write to what can only be read.
+    /// Exception for a write to a register that can only be read.
     pub read_only: Exception,
 }
 
-/// A drive as its bus sees it: for the time of one request.
+/// A drive as the server uses it while it serves one request.
 pub trait RequestHandler {
-    /// Registers of the map.
+    /// Registers of the drive's map.
     type Register: Register;
 
-    /// The words of its bank.
+    /// The words of the drive's bank.
     fn words(&self) -> &[u16];
 
-    /// The words of its bank, to be written.
+    /// The words of the drive's bank, writable.
     fn words_mut(&mut self) -> &mut [u16];
 
-    /// Brings a live register up to date, before it is read.
+    /// Updates a live register in the bank, before it is read.
     fn refresh(&mut self, register: Self::Register);
 
-    /// Carries out a write: the register, or a half of it, has a new value in the bank.
+    /// Executes a write. The bank already has the new value of the register, or of a part of it.
     fn written(&mut self, register: Self::Register);
 
-    /// The register map for the bus; variants of a product may return one with other limits.
+    /// The register map that the bus uses. Variants of a product may return a map with other limits.
     fn entries(&self) -> &'static Entries {
         Self::Register::ENTRIES
     }
 
-    /// Checks that a value that its row accepts may be written now.
+    /// Checks that `value` may be written now. Its row has already accepted it.
     ///
     /// # Errors
-    /// The exception that refuses it.
+    /// The exception with which the server refuses the request.
     fn validate(&self, _register: Self::Register, _value: i64) -> Result<(), Exception> {
         Ok(())
     }
 
-    /// Carries out all that a write brings, where its values are judged together or make others than they are: its
-    /// rows accept each, [`validate`](Self::validate) too. Nothing is stored by the server then, and
-    /// [`written`](Self::written) is not called; `None` leaves both to the server.
+    /// Executes a whole write request. A drive implements this if it must check the values together, or if it
+    /// stores other values than the request has. Before this call the rows and [`validate`](Self::validate)
+    /// have accepted each value. If the drive returns `Some`, the server stores nothing and does not call
+    /// [`written`](Self::written). If the drive returns `None`, the server does both.
     ///
     /// # Errors
-    /// The exception that refuses it; nothing has changed then.
+    /// The exception with which the server refuses the request; then nothing has changed.
     fn write_multiple(&mut self, _values: &Values<'_, Self::Register>) -> Option<Result<(), Exception>> {
         None
     }
 
-    /// A value outside the range of its row was refused.
+    /// Called after a value outside the range of its row was refused.
     fn on_out_of_range(&mut self, _register: Self::Register, _value: i64) {}
 
-    /// Returns whether a register is present now, of those that only some variants have or that are optional; one that
-    /// is not is [`Exception::IllegalDataAddress`].
+    /// Returns true if the drive has `register` now. Only registers that are optional, or that only some
+    /// variants have, may be missing. A missing register gets [`Exception::IllegalDataAddress`].
     fn is_present(&self, _register: Self::Register) -> bool {
         true
     }
 
-    /// Carries out a request whose function the [`Rules`] list and this server does not implement. Appends the reply's
-    /// PDU to `reply`: its function code first, at most 253 bytes.
+    /// Executes a request whose function is in the [`Rules`] and not implemented by this server. Appends the
+    /// PDU of the reply to `reply`: first the function code, at most 253 bytes in all.
     ///
     /// # Errors
-    /// The exception that refuses it; bytes already appended to `reply` are dropped then.
+    /// The exception with which the server refuses the request. The server then removes the bytes that were
+    /// already appended to `reply`.
     fn custom_function(&mut self, _pdu: &[u8], _reply: &mut Reply) -> Result<(), Exception> {
         Err(Exception::IllegalFunction)
     }
@@ -105,13 +110,14 @@ pub struct Values<'a, R> {
     space: Space,
     first: u16,
     count: u16,
-    /// As functions 15 and 16 bring them: bits of coils from the lowest one up, words with the high byte first.
+    /// Values in the form of functions 15 and 16: coils as bits, lowest bit first; words with the high byte
+    /// first.
     bytes: &'a [u8],
     registers: PhantomData<R>,
 }
 
 impl<R: Register> Values<'_, R> {
-    /// The registers that it brings whole and their values, in the order of their addresses.
+    /// The registers that the request writes as a whole, and their values, in the order of their addresses.
     pub fn iter(&self) -> impl Iterator<Item = (R, i64)> + '_ {
         self.spans().flatten().filter_map(|span| {
             let shape = self.entries.list.get(span.row)?.shape;
@@ -120,13 +126,14 @@ impl<R: Register> Values<'_, R> {
         })
     }
 
-    /// The value that the request writes to a register; `None` if it writes none, or a part of it.
+    /// The value that the request writes to `register`; `None` if it writes none, or only a part of the
+    /// register.
     #[must_use]
     pub fn get(&self, register: R) -> Option<i64> {
         self.iter().find_map(|(brought, value)| (brought.row() == register.row()).then_some(value))
     }
 
-    /// The spans of the request, one for each row it touches.
+    /// The spans of the request, one for each row that it writes.
     fn spans(&self) -> Spans {
         Spans { entries: self.entries, space: self.space, address: self.first, left: self.count, offset: 0 }
     }
@@ -146,24 +153,24 @@ impl<R: Register> Values<'_, R> {
     }
 }
 
-/// Outcome of a frame.
+/// Result of serving a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Outcome {
-    /// Carried out, or refused; `reply` holds the answer unless it was a broadcast.
+    /// The request was executed or refused. `reply` has the answer, unless the request was a broadcast.
     Served {
-        /// The address it was for.
+        /// The address in the request.
         unit: u8,
         /// Function code.
         function: u8,
-        /// Exception that refused it.
+        /// Exception of a refused request.
         refused: Option<Exception>,
     },
-    /// Ignored.
+    /// The frame was ignored.
     Dropped(DropReason),
 }
 
-/// Carries out one RTU frame for the slave `unit`. `reply` then holds the reply; it is empty after a broadcast and
-/// after a dropped frame.
+/// Serves one RTU frame for the slave `unit` and writes the reply into `reply`. `reply` is empty after a
+/// broadcast and after a dropped frame.
 ///
 /// ```
 /// use drivetwin_protocol::modbus::pdu::Exception;
@@ -245,8 +252,8 @@ pub fn serve_rtu<M: RequestHandler>(
     outcome
 }
 
-/// Carries out the body of a serial frame, an address and a PDU, for the slave `unit`. `reply` then holds the body of
-/// the reply; it is empty after a broadcast and after a dropped frame (MODBUS-2).
+/// Serves the body of a serial frame, an address and a PDU, for the slave `unit`. Writes the body of the
+/// reply into `reply`, which is empty after a broadcast and after a dropped frame (MODBUS-2).
 pub fn serve_serial<M: RequestHandler>(
     body: &[u8],
     unit: u8,
@@ -279,9 +286,9 @@ pub fn serve_serial<M: RequestHandler>(
     Outcome::Served { unit: address, function, refused }
 }
 
-/// Carries out a whole ADU of a connection, whatever its unit, and leaves the reply in `reply`, which stays empty only
-/// if `adu` is not an ADU. A client waits for its reply: a length that a serial line would drop is refused with the
-/// rules' `bad_quantity`, and there is no broadcast (MDRIVE-5).
+/// Serves a whole ADU of a connection, for any unit, and writes the reply into `reply`. `reply` is empty only
+/// if `adu` is not an ADU. A client always waits for its reply. So a request of a wrong length, which a
+/// serial line would drop, is refused with the rules' `bad_quantity`, and there is no broadcast (MDRIVE-5).
 pub fn serve_tcp<M: RequestHandler>(adu: &[u8], rules: &Rules, handler: &mut M, reply: &mut Adu) -> Outcome {
     reply.clear();
     let Some((header, pdu @ &[function, ..])) = tcp::parse(adu) else {
@@ -299,8 +306,8 @@ pub fn serve_tcp<M: RequestHandler>(adu: &[u8], rules: &Rules, handler: &mut M, 
     Outcome::Served { unit: header.unit, function, refused }
 }
 
-/// Refuses a whole ADU of a connection, whatever its request, and leaves the exception in `reply`, which stays empty
-/// only if `adu` is not an ADU.
+/// Refuses a whole ADU of a connection, for any request, and writes the exception into `reply`. `reply` is
+/// empty only if `adu` is not an ADU.
 pub fn refuse_tcp(adu: &[u8], exception: Exception, reply: &mut Adu) -> Outcome {
     reply.clear();
     let Some((header, &[function, ..])) = tcp::parse(adu) else {
@@ -312,7 +319,7 @@ pub fn refuse_tcp(adu: &[u8], exception: Exception, reply: &mut Adu) -> Outcome 
     Outcome::Served { unit: header.unit, function, refused: Some(exception) }
 }
 
-/// Puts an exception in place of all that is behind the first `head` bytes of `reply`.
+/// Replaces everything after the first `head` bytes of `reply` by an exception.
 fn refuse(function: u8, exception: Exception, head: usize, reply: &mut Reply) {
     reply.truncate(head);
     let _ = reply.extend_from_slice(&[function | EXCEPTION_BIT, exception.code()]);
@@ -330,7 +337,7 @@ impl From<Exception> for Refusal {
     }
 }
 
-/// Carries out a request and appends the reply's PDU to `reply`.
+/// Executes a request and appends the PDU of the reply to `reply`.
 fn serve<M: RequestHandler>(
     pdu: &[u8],
     rules: &Rules,
@@ -372,7 +379,7 @@ fn serve<M: RequestHandler>(
     Ok(())
 }
 
-/// Functions 1 to 4.
+/// Serves functions 1 to 4.
 fn read<M: RequestHandler>(
     function: u8,
     first: u16,
@@ -394,7 +401,7 @@ fn read<M: RequestHandler>(
     };
     let entries = handler.entries();
     let range = entries.readable(space, first, count).ok_or_else(|| {
-        // Of an object that can be read only the quantity is wrong.
+        // If a readable object has this address, only the quantity is wrong.
         let row = entries.at(space, first).and_then(|(row, _)| entries.list.get(row));
         let object = row.is_some_and(|row| entries.layout.objects && row.access.reads());
         if object { rules.bad_quantity } else { Exception::IllegalDataAddress }
@@ -428,13 +435,14 @@ fn read<M: RequestHandler>(
     Ok(())
 }
 
-/// Returns whether the drive has each of these rows now.
+/// Returns true if the drive has all these rows now.
 fn all_present<M: RequestHandler>(mut rows: impl Iterator<Item = usize>, handler: &M) -> bool {
     rows.all(|row| M::Register::from_row(row).is_some_and(|register| handler.is_present(register)))
 }
 
-/// Functions 5, 6, 15 and 16: checks all addresses, then all values, then whether they may be written now; then stores
-/// everything and calls `written` for each register, unless the drive handles the whole write itself.
+/// Serves functions 5, 6, 15 and 16. Checks all addresses, then all values, then whether each may be written
+/// now. Then stores all values and calls `written` for each register, unless the drive executes the whole
+/// write itself.
 fn write<M: RequestHandler>(
     space: Space,
     first: u16,
@@ -464,7 +472,7 @@ fn write<M: RequestHandler>(
     let mut permitted = Ok(());
     for span in values.spans().flatten() {
         let row = entries.list.get(span.row).ok_or(Exception::IllegalDataAddress)?;
-        // Halves are judged when the value is used (MODBUS-6).
+        // A part of a value is checked later, when the drive uses the value (MODBUS-6).
         if span.words != row.shape.words() {
             continue;
         }
@@ -495,18 +503,18 @@ fn write<M: RequestHandler>(
     Ok(())
 }
 
-/// Part of a write for one row.
+/// Part of a write request that goes to one row.
 struct Span {
     row: usize,
-    /// The first word of the row that it brings, in bus order.
+    /// First word of the row that the request writes, in bus order.
     first: u16,
     /// Number of words.
     words: u16,
-    /// Offset in the request at which they begin, in words.
+    /// Word of the request at which this part begins.
     offset: usize,
 }
 
-/// The parts of a write, one for each row it touches.
+/// Iterator over the parts of a write request, one for each row.
 struct Spans {
     entries: &'static Entries,
     space: Space,
@@ -527,13 +535,13 @@ impl Iterator for Spans {
             return Some(Err(Exception::IllegalDataAddress));
         };
         let room = self.entries.list.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
-        // Of an object the whole quantity is meant for this row, be it right or wrong.
+        // In a map of objects the whole quantity is meant for this row. The caller checks if it is right.
         let words = if self.entries.layout.objects { self.left } else { room.min(self.left) };
         let span = Span { row, first, words, offset: self.offset };
         self.offset += usize::from(words);
         self.left -= words;
         self.address = self.address.wrapping_add(words);
-        // Past the last address there is nothing, not address 0.
+        // Addresses end at 65,535; they do not continue at 0.
         if self.left > 0 && self.address < words {
             self.left = 0;
             return Some(Err(Exception::IllegalDataAddress));

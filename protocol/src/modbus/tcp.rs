@@ -1,32 +1,32 @@
-//! TCP framing: a header with the length precedes each PDU (application 4.1; FB 3.2.1 of the MDrive).
+//! TCP framing: a header with the length precedes each PDU (application 4.1; FB 3.2.1 of the MDrive manual).
 
 use core::fmt;
 
 use super::pdu::{PDU_BYTES, READ_HOLDING_REGISTERS};
 
-/// The MBAP header: transaction, protocol and length in two bytes each, and the unit.
+/// The MBAP header: transaction, protocol and length of two bytes each, and one byte for the unit.
 pub const HEADER_BYTES: usize = 7;
 
 /// The longest ADU (application 4.1): 260 bytes.
 pub const ADU_BYTES: usize = HEADER_BYTES + PDU_BYTES;
 
-/// A request or a reply as it is on a connection.
+/// A request or a reply with its header, as sent on a connection.
 pub type Adu = heapless::Vec<u8, ADU_BYTES>;
 
-/// Bytes up to the length, which does not count them.
+/// Bytes up to the end of the length field. The length counts only the bytes after them.
 const LENGTH_END: usize = 6;
 
-/// Header without protocol and length: a server copies both fields into its reply.
+/// The header fields that a server copies into its reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
-    /// Number of the request; its reply has the same.
+    /// Number of the request. Its reply has the same number.
     pub transaction: u16,
     /// Address of the slave behind a gateway.
     pub unit: u8,
 }
 
-/// The header and the PDU of a whole ADU; `None` of anything else.
+/// The header and the PDU of a whole ADU; `None` if `adu` is not exactly one ADU.
 #[must_use]
 pub fn parse(adu: &[u8]) -> Option<(Header, &[u8])> {
     if adu_length(adu) != Ok(adu.len()) {
@@ -36,14 +36,15 @@ pub fn parse(adu: &[u8]) -> Option<(Header, &[u8])> {
     Some((Header { transaction: u16::from_be_bytes([a, b]), unit }, pdu))
 }
 
-/// Puts a header into `adu` in place of all that is there; a PDU is to follow, and [`set_length`].
+/// Replaces the contents of `adu` by a header with length 0. The caller then appends a PDU and calls
+/// [`set_length`].
 pub fn begin(adu: &mut Adu, header: Header) {
     adu.clear();
     let [a, b] = header.transaction.to_be_bytes();
     let _ = adu.extend_from_slice(&[a, b, 0, 0, 0, 0, header.unit]);
 }
 
-/// Writes the length of what follows it.
+/// Writes the number of the bytes after the length field into this field.
 pub fn set_length(adu: &mut Adu) {
     let length = (adu.len().saturating_sub(LENGTH_END) & 0xFFFF) as u16;
     if let Some(field) = adu.get_mut(LENGTH_END - 2..LENGTH_END) {
@@ -51,7 +52,7 @@ pub fn set_length(adu: &mut Adu) {
     }
 }
 
-/// The ADU of a header and a PDU of at most 253 bytes; what is longer is cut.
+/// The ADU of a header and a PDU of at most 253 bytes. A longer PDU is truncated.
 #[must_use]
 pub fn frame(header: Header, pdu: &[u8]) -> Adu {
     let mut adu = Adu::new();
@@ -68,7 +69,7 @@ pub fn read(header: Header, first: u16, count: u16) -> Adu {
     frame(header, &[READ_HOLDING_REGISTERS, a, b, c, d])
 }
 
-/// Reason why the rest of a connection has no meaning: the beginning of the next ADU is unknown.
+/// Reason why a connection cannot be read any further: the start of the next ADU is unknown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Broken {
@@ -89,7 +90,8 @@ impl fmt::Display for Broken {
 
 impl core::error::Error for Broken {}
 
-/// Bytes of the whole ADU, or of the header up to its length field while `front` is shorter than that.
+/// Length of the whole ADU in bytes. If `front` ends before the length field is complete, the length up to
+/// the end of that field.
 fn adu_length(front: &[u8]) -> Result<usize, Broken> {
     if front.iter().skip(2).take(2).any(|&byte| byte != 0) {
         return Err(Broken::Protocol);
@@ -101,7 +103,7 @@ fn adu_length(front: &[u8]) -> Result<usize, Broken> {
     }
 }
 
-/// The receiving half of a connection: segments in, whole ADUs out, however they were cut.
+/// Receiver of a connection: takes segments and returns whole ADUs, wherever TCP split them.
 ///
 /// ```
 /// use drivetwin_protocol::modbus::tcp::{self, Broken, Header, Splitter};
@@ -126,7 +128,7 @@ fn adu_length(front: &[u8]) -> Result<usize, Broken> {
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Splitter {
-    /// The front of an ADU, or all of one that has been handed over. A header that is none stays here.
+    /// The first part of an ADU, or a whole ADU that was already returned. An invalid header stays here.
     buffer: Adu,
 }
 
@@ -137,11 +139,11 @@ impl Splitter {
         Self { buffer: Adu::new() }
     }
 
-    /// The next whole ADU, taken off the front of `segment`; `None` when the segment is used up. An ADU that
-    /// lies in it whole is not copied.
+    /// Removes the next whole ADU from the front of `segment` and returns it; `None` when the segment is used
+    /// up. An ADU that is completely in the segment is not copied.
     ///
     /// # Errors
-    /// As soon as a header is invalid, and from then on: close the connection.
+    /// A header is invalid. All later calls fail, too: close the connection.
     pub fn next<'a, 'b: 'a>(&'a mut self, segment: &mut &'b [u8]) -> Result<Option<&'a [u8]>, Broken> {
         if adu_length(&self.buffer) == Ok(self.buffer.len()) {
             self.buffer.clear();
@@ -174,11 +176,12 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Reads the maximum velocity of an MDrive (FB 4.2.4) in transaction 1234h as unit 5: 6 bytes follow.
+    /// Reads the maximum velocity of an MDrive (FB 4.2.4): transaction 1234h, unit 5. 6 bytes follow the
+    /// length.
     const REQUEST: &[u8] = &[0x12, 0x34, 0, 0, 0, 6, 5, 3, 0x00, 0x8B, 0x00, 0x02];
     const HEADER: Header = Header { transaction: 0x1234, unit: 5 };
 
-    /// Feeds segments; what came out, and what broke it.
+    /// Passes segments to the splitter. Returns the ADUs, and the error if there was one.
     fn split<'a>(
         splitter: &mut Splitter,
         segments: impl IntoIterator<Item = &'a [u8]>,
@@ -212,7 +215,7 @@ mod tests {
     #[test]
     fn the_longest_adu_has_260_bytes() {
         let longest = frame(HEADER, &[0x5A; 253]);
-        // 254 = FEh bytes follow: the unit and 253.
+        // 254 = FEh bytes follow the length: the unit and 253 bytes of PDU.
         assert_eq!((longest.len(), &longest[..7]), (260, &[0x12, 0x34, 0, 0, 0, 0xFE, 5][..]));
         assert_eq!(frame(HEADER, &[0x5A; 300]), longest);
         assert_eq!(parse(&longest), Some((HEADER, &[0x5A; 253][..])));
@@ -253,7 +256,7 @@ mod tests {
             assert_eq!(split(&mut splitter, [last]), (Vec::new(), Some(broken)), "{bytes:?}");
             assert_eq!(split(&mut splitter, [REQUEST]), (Vec::new(), Some(broken)), "for good");
             assert_eq!(splitter.next(&mut &[][..]), Err(broken), "for good");
-            // Behind a good one in the same segment.
+            // The invalid header comes after a valid ADU in the same segment.
             let together = [REQUEST, bytes, REQUEST].concat();
             let mut splitter = Splitter::new();
             assert_eq!(split(&mut splitter, [&together[..]]), (Vec::from([REQUEST.to_vec()]), Some(broken)));
@@ -281,7 +284,7 @@ mod tests {
         assert!(size_of::<Splitter>() <= 300);
     }
 
-    /// Segments of a stream: as long as `lengths` say, again and again.
+    /// Divides a stream into segments whose lengths repeat `lengths`.
     fn segments<'a>(mut stream: &'a [u8], lengths: &[usize]) -> Vec<&'a [u8]> {
         let mut segments = Vec::new();
         for &length in lengths.iter().cycle() {
@@ -335,7 +338,7 @@ mod tests {
         }
     }
 
-    /// Returns whether no ADU begins like this, byte by byte.
+    /// Returns true if no ADU can begin with `front`. Checks byte by byte.
     fn refused(front: &[u8]) -> bool {
         (0..front.len()).any(|place| match place {
             2..=4 => front[place] != 0,

@@ -1,35 +1,35 @@
-//! CNTR and its clocks.
+//! CNTR and its counting.
 
 use super::status::{BW, CMP, CY};
 
-/// Behaviour of CNTR at its ends (MDR0 bits 3:2).
+/// Behaviour of CNTR at the ends of its range (MDR0 bits 3:2).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Cycle {
-    /// Goes on from the other end.
+    /// Wraps to the other end.
     Free,
-    /// As [`Cycle::Free`], and stops there.
+    /// As [`Cycle::Free`], but stops after the wrap.
     Single,
     /// Stays between 0 and DTR.
     Range,
-    /// 0 comes after DTR on the way up, DTR after 0 on the way down.
+    /// Wraps from DTR to 0 while counting up, and from 0 to DTR while counting down.
     Modulo,
 }
 
-/// A reason not to count.
+/// A reason for not counting.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Halt(u8);
 
 impl Halt {
     /// CNT_EN is low.
     pub(super) const PIN: Self = Self(1);
-    /// Bit 2 of MDR1.
+    /// Bit 2 of MDR1 is set.
     pub(super) const MDR1: Self = Self(2);
-    /// A single cycle is over.
+    /// A single cycle has ended.
     const CYCLE: Self = Self(4);
 }
 
-/// CNTR, and the registers that control how it counts. Limits are compared for equality, so a count beyond DTR goes on
-/// to the end of the counter (QSB-18).
+/// CNTR, and the registers that control how it counts. Limits are compared for equality, so a count beyond
+/// DTR continues to the end of the counter's range (QSB-18).
 #[derive(Clone, Debug)]
 pub(super) struct Count {
     /// CNTR.
@@ -39,7 +39,7 @@ pub(super) struct Count {
     /// The greatest value of the counter's width.
     top: u32,
     cycle: Cycle,
-    /// All [`Halt`]s there are.
+    /// Bits of all present [`Halt`]s.
     halts: u8,
 }
 
@@ -52,7 +52,7 @@ impl Count {
         self.value
     }
 
-    /// CNTR is loaded or reset, and counts again after a single cycle.
+    /// Loads or resets CNTR. If a single cycle has ended, counting starts again.
     pub(super) fn load(&mut self, value: u32) {
         self.value = value;
         self.set_halt(Halt::CYCLE, false);
@@ -91,7 +91,7 @@ impl Count {
         self.halts != 0
     }
 
-    /// A count. Returns its flags (figures 8 to 11; QSB-17).
+    /// Counts once, up or down. Returns the flags of this count (figures 8 to 11; QSB-17).
     #[inline]
     pub(super) fn clock(&mut self, up: bool) -> u8 {
         if self.is_halted() {
@@ -137,7 +137,7 @@ impl Count {
         if before == 0 || self.value == 0 { BW } else { 0 }
     }
 
-    /// [`Count::clock`] that many times, in no time. Returns all their flags.
+    /// Same as `clocks` calls of [`Count::clock`], in constant time. Returns the flags of all calls.
     pub(super) fn clocks(&mut self, clocks: u32, up: bool) -> u8 {
         if self.is_halted() || clocks == 0 {
             0
@@ -158,7 +158,7 @@ impl Count {
                 self.set_halt(Halt::CYCLE, over);
                 self.value = self.value.wrapping_add(clocks) & self.top;
                 let carries = clocks >= to_top;
-                // From DTR it is a whole turn to DTR.
+                // If CNTR equals DTR, the next match is the whole range of the counter away.
                 let compares = clocks > to_limit.wrapping_sub(1) & self.top;
                 (if carries { CY } else { 0 }) | (if compares { CMP } else { 0 })
             }

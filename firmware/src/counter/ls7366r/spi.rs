@@ -5,9 +5,10 @@ mod tests;
 
 use super::Ls7366r;
 
-/// A transmission, from SS/ low on: an instruction and its data. Dropping it is SS/ high, which ends it.
+/// A transmission while SS/ is low: an instruction and its data. Dropping it sets SS/ high and ends the
+/// transmission.
 ///
-/// Bring the counter up to date with [`Ls7366r::timeout`] before.
+/// Call [`Ls7366r::timeout`] before, so that the counter is up to date.
 #[derive(Debug)]
 pub struct Transmission<'a> {
     counter: &'a mut Ls7366r,
@@ -17,15 +18,15 @@ pub struct Transmission<'a> {
 #[derive(Debug)]
 enum Stage {
     Instruction,
-    /// Data to be sent, from the highest byte on.
+    /// Data still to be sent, highest byte first.
     Read(u32),
-    /// Data received so far, and the number of bytes to come.
+    /// The register, the data received so far, and the number of bytes still to come.
     Write(Register, u32, u8),
-    /// Complete: no more is taken before SS/ goes high.
+    /// Complete: further bytes have no effect until SS/ is high.
     Over,
 }
 
-/// A register that IR selects (bits 5:3).
+/// A register that bits 5:3 of the instruction select.
 #[derive(Clone, Copy, Debug)]
 enum Register {
     None,
@@ -52,14 +53,14 @@ impl Register {
 }
 
 impl<'a> Transmission<'a> {
-    /// SS/ goes low.
+    /// Starts a transmission: SS/ becomes low.
     #[must_use]
     pub fn new(counter: &'a mut Ls7366r) -> Self {
         Self { counter, stage: Stage::Instruction }
     }
 
-    /// Transfers a byte of MOSI and returns that of MISO: 0 where the chip sends nothing. A write takes effect with its
-    /// last byte.
+    /// Transfers a byte of MOSI, and returns the byte of MISO: 0 if the chip sends nothing. A write takes
+    /// effect with its last byte.
     pub fn exchange(&mut self, mosi: u8) -> u8 {
         match &mut self.stage {
             Stage::Instruction => {
@@ -88,7 +89,7 @@ impl<'a> Transmission<'a> {
         }
     }
 
-    /// Table 1.
+    /// Executes an instruction of table 1.
     fn obey(&mut self, instruction: u8) -> Stage {
         let counter = &mut *self.counter;
         let register = Register::of(instruction);

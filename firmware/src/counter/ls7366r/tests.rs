@@ -1,4 +1,4 @@
-//! The figures and tables of the data sheet as scripts.
+//! Tests of the figures and tables of the data sheet.
 
 mod model;
 
@@ -11,7 +11,7 @@ use super::super::Channel::{self, A, B, Index};
 use super::status::{BW, CEN, CMP, CY, IDX, PLS, S, UP};
 use super::{Instant, Ls7366r};
 
-/// MDR0, typed from its table once more.
+/// Fields of MDR0, typed here again from its table.
 const NON_QUADRATURE: u8 = 0b00;
 const X1: u8 = 0b01;
 const X2: u8 = 0b10;
@@ -25,30 +25,30 @@ const LOAD_OTR: u8 = 0b11 << 4;
 const SYNCHRONOUS: u8 = 1 << 6;
 const HALF_CLOCK: u8 = 1 << 7;
 
-/// MDR1.
+/// Fields of MDR1.
 const BYTES_3: u8 = 0b01;
 const BYTES_2: u8 = 0b10;
 const BYTES_1: u8 = 0b11;
 const DISABLE: u8 = 1 << 2;
 
-/// Levels of A and B, one quarter cycle after the other while A leads B.
+/// Levels of A and B in successive quarter cycles while A leads B.
 const CYCLE: [(bool, bool); 4] = [(false, false), (true, false), (true, true), (false, true)];
 
 fn tick(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
 }
 
-/// A counter on its shaft, long enough between two edges for every filter.
+/// A counter that is turned by a shaft. The time between two edges is long enough for every filter.
 #[derive(Clone)]
 struct Shaft {
     counter: Ls7366r,
     now: u64,
-    /// Quarter cycles from where it began.
+    /// Quarter cycles since the start, signed.
     quarter: i32,
 }
 
 impl Shaft {
-    /// A and B low, INDEX/ high.
+    /// A shaft with A and B low and INDEX/ high.
     fn new(mdr0: u8, mdr1: u8, dtr: u32) -> Self {
         let mut counter = Ls7366r::new(false, false, true);
         counter.set_mdr0(mdr0);
@@ -86,7 +86,7 @@ impl Shaft {
         CYCLE[self.quarter.rem_euclid(4) as usize]
     }
 
-    /// A rising edge of A with B at this level, and the fall of A.
+    /// Makes a rising and a falling edge of A, with B at the level `up`.
     fn clock(&mut self, up: bool) {
         self.edge(B, up);
         self.edge(A, true);
@@ -102,7 +102,7 @@ impl Shaft {
         (self.counter.cntr(), self.counter.take_events())
     }
 
-    /// CNTR and the flags of each of so many quarter cycles.
+    /// CNTR and the events after each of `quarters` quarter cycles.
     fn turns(&mut self, quarters: i32) -> Vec<(u32, u8)> {
         let turn = |_| {
             self.turn(quarters.signum());
@@ -111,7 +111,7 @@ impl Shaft {
         (0..quarters.unsigned_abs()).map(turn).collect()
     }
 
-    /// CNTR and the flags of each of so many clocks in non-quadrature mode.
+    /// CNTR and the events after each of `clocks` clocks in non-quadrature mode.
     fn clocks(&mut self, clocks: u32, up: bool) -> Vec<(u32, u8)> {
         let clock = |_| {
             self.clock(up);
@@ -136,7 +136,7 @@ fn power_up() {
     assert_eq!([counter.dtr(), counter.cntr(), counter.otr(), counter.at_index()], [0; 4]);
     assert_eq!(counter.status(), PLS | CEN);
     assert!(!counter.lflag());
-    // Direction input B, in the non-quadrature mode of MDR0 = 0.
+    // B is the direction input in the non-quadrature mode of MDR0 = 0.
     assert_eq!(Ls7366r::new(true, true, true).status(), PLS | CEN | UP);
 }
 
@@ -250,7 +250,7 @@ fn a_stopped_single_cycle_goes_on_by_reset_load_and_another_mode() {
         shaft.turn(-1);
         assert_eq!(shaft.counter.cntr(), before.wrapping_sub(1));
     }
-    // Clearing the flags does not.
+    // Clearing the flags does not start the counter again.
     let mut shaft = stopped;
     shaft.turn(-5);
     shaft.counter.clear_status();
@@ -421,7 +421,7 @@ fn a_synchronous_index_meets_a_and_b_both_high_or_both_low() {
         let expected = if phase % 2 == 0 { (70, IDX) } else { (phase as u32, 0) };
         assert_eq!(shaft.seen(), expected);
     }
-    // The edge that meets it is counted first; it acts again when it has left and comes back.
+    // The edge that makes A and B equal is counted first. INDEX/ acts again after A and B have differed.
     let mut shaft = Shaft::new(X4 | RESET_CNTR | SYNCHRONOUS, 0, 70).at(50);
     shaft.turn(1);
     shaft.edge(Index, false);
@@ -447,7 +447,7 @@ fn a_and_b_count_before_an_index_of_the_same_instant() {
         counter.edge(tick(100), Index, false);
         counter.edge(tick(100), B, true);
         counter.edge(tick(100), A, true);
-        // Both up: A before B in a quadrature mode.
+        // Both are high now: A before B in a quadrature mode.
         counter.timeout(tick(101));
         counter.timeout(tick(102));
         assert_eq!((counter.cntr(), counter.at_index()), (0, counted));
@@ -478,7 +478,7 @@ fn reversed_the_same_edges_count_the_other_way() {
 fn the_filter_drops_pulses_shorter_than_two_clocks() {
     for (mdr0, least) in [(X4, 2), (X4 | HALF_CLOCK, 3)] {
         for width in 0..6 {
-            // From 0 up to 1 and back, down and back, and an index.
+            // A pulse of A counts from 0 to 1 and back, a pulse of B down and back, a pulse of INDEX/ acts.
             for (channel, event) in [(A, CMP | BW), (B, BW | CY), (Index, IDX)] {
                 let mut counter = Shaft::new(mdr0, 0, 1).counter;
                 let rest = channel == Index;
@@ -509,7 +509,7 @@ fn without_quadrature_a_and_b_are_not_filtered() {
     assert_eq!(counter.take_events(), IDX);
 }
 
-/// A pulse of A or B is two clocks of the filter; edges follow each other at half of that.
+/// A pulse of A or B lasts two clocks of the filter; edges of A and B alternate at half of that time.
 #[test]
 fn no_edge_is_lost_at_the_speed_that_the_filter_takes() {
     for (mdr0, pulse) in [(X4, 2), (X4 | HALF_CLOCK, 4)] {
@@ -532,7 +532,7 @@ fn a_level_held_back_comes_when_due_though_the_filter_changes() {
     assert_eq!(counter.deadline(), tick(103));
     counter.edge(tick(100), B, true);
     counter.timeout(tick(1_000));
-    // B was first.
+    // The edge of B took effect first.
     assert_eq!(counter.cntr(), u32::MAX - 1);
 }
 
@@ -554,7 +554,7 @@ fn steps_take_levels_over_to_which_they_do_not_lead() {
     assert_eq!(counter.cntr(), 1);
 }
 
-/// The same turn as steps at once and as edges: everything that they can change.
+/// Checks that steps at once have the same effect on all state as the same turn by edges.
 fn check_steps(shaft: &Shaft, quarters: i32) -> Result<(), TestCaseError> {
     let (mut by_edges, mut at_once) = (shaft.clone(), shaft.clone());
     by_edges.turn(quarters);
@@ -565,7 +565,7 @@ fn check_steps(shaft: &Shaft, quarters: i32) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Every MDR0 but for the filter, at the edges of every count mode.
+/// Every MDR0 except for the filter bit, at the limits of every count mode.
 #[test]
 fn steps_at_once_are_so_many_edges() {
     for mdr0 in 0..HALF_CLOCK {
@@ -584,7 +584,7 @@ fn steps_at_once_are_so_many_edges() {
     }
 }
 
-/// By arithmetic: 2,000 · 1,073,741 is 1,647 short of 2³¹ − 1.
+/// Checked by arithmetic: 2,000 · 1,073,741 is 1,647 short of 2³¹ − 1.
 #[test]
 fn any_number_of_steps_takes_no_time() {
     let mut shaft = Shaft::new(X4 | MODULO_N, 0, 1_999);
@@ -596,7 +596,7 @@ fn any_number_of_steps_takes_no_time() {
     };
     assert_eq!(steps(X4 | MODULO_N, 1_999, i32::MAX), (1_647, CMP));
     assert_eq!(steps(X4 | MODULO_N, 1_999, i32::MIN), (1_999, BW));
-    // A DTR of all ones makes it free: 1,999 − 2³¹.
+    // A DTR of all ones makes the counter free-running: 1,999 − 2³¹.
     assert_eq!(steps(X4 | MODULO_N, u32::MAX, i32::MIN), (0x8000_07CF, BW));
     assert_eq!(steps(X4 | RANGE_LIMIT, 1_999, i32::MIN), (0x7CF, 0));
     assert_eq!(steps(X4 | RANGE_LIMIT, 2_999, i32::MAX), (2_999, CMP));

@@ -1,4 +1,4 @@
-//! The statements of 7.11 to 7.14 as scripts, then random ones against a slow and plain model.
+//! The statements of 7.11 to 7.14 as tests, then random events compared with a slow and plain model.
 
 use std::format;
 use std::string::String;
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::Channel::{A, B, Index};
 use super::{Channel, Encoder, Instant};
 
-/// The columns of 7.11, typed once more.
+/// The fields in the columns of 7.11, typed here again from the manual.
 const ENABLE_INDEX: u16 = 0x001;
 const X2_INDEX: u16 = 0b00 << 1;
 const X2_MAX: u16 = 0b01 << 1;
@@ -22,19 +22,19 @@ const FILTER: u16 = 0x200;
 /// Levels of A and B.
 type State = (bool, bool);
 
-/// One quarter cycle after the other while A leads B.
+/// The states of A and B in successive quarter cycles while A leads B.
 const UP: [State; 4] = [(false, false), (true, false), (true, true), (false, true)];
 
 fn tick(ticks: u64) -> Instant {
     Instant::from_ticks(ticks)
 }
 
-/// An encoder on its shaft, a tick between two edges.
+/// An encoder that is turned by a shaft, with one tick between two edges.
 #[derive(Clone)]
 struct Shaft {
     encoder: Encoder,
     now: u64,
-    /// Quarter cycles from where it began.
+    /// Quarter cycles since the start, signed.
     quarter: i32,
 }
 
@@ -45,7 +45,7 @@ impl Shaft {
         Self { encoder, now: 0, quarter: 0 }
     }
 
-    /// At one of the four states of A and B, reached going up.
+    /// A shaft at one of the four states of A and B, reached while counting up.
     fn at_state(configuration: u16, max_count: u16, a: bool, b: bool) -> Self {
         let mut shaft = Self::new(configuration, max_count);
         shaft.turn(4 + UP.iter().position(|state| *state == (a, b)).unwrap() as i32);
@@ -109,7 +109,7 @@ fn x2_counts_the_edges_of_a_in_the_direction_b_tells() {
     assert_eq!(up, [1, 1, 2, 2, 3, 3, 4, 4]);
     let down: Vec<u16> = (0..8).map(|_| shaft.turn(-1)).collect();
     assert_eq!(down, [4, 3, 3, 2, 2, 1, 1, 0]);
-    // A alone, to and fro while B is high.
+    // Only A changes, twice, while B is high.
     shaft.turn(2);
     shaft.edge(A, false);
     assert_eq!(shaft.encoder.count(), 2);
@@ -121,7 +121,7 @@ fn x2_counts_the_edges_of_a_in_the_direction_b_tells() {
 fn swapped_inputs_count_the_other_way() {
     assert_eq!(Shaft::new(X4_INDEX | SWPAB, 0).turn(-5), 5);
     assert_eq!(Shaft::new(X4_INDEX | SWPAB, 0).turn(5), 0xFFFB);
-    // With x2, it is pin 12 whose edges count.
+    // With x2, the edges of pin 12 are counted.
     let mut shaft = Shaft::new(X2_INDEX | SWPAB, 0);
     let counts: Vec<u16> = (0..5).map(|_| shaft.turn(-1)).collect();
     assert_eq!(counts, [1, 1, 2, 2, 3]);
@@ -209,7 +209,7 @@ fn index_gating() {
                 shaft.index_pulse();
                 let expected = if valid.contains(&(a, b)) { 1 } else { 0 };
                 assert_eq!(shaft.encoder.index_count(), expected, "{configuration:#x} {a} {b}");
-                // Swapped, the gate's A is pin 12; what went up went down.
+                // With swapped inputs the gate's A is pin 12, and the direction is reversed.
                 let mut shaft = Shaft::at_state(configuration | SWPAB, 1_999, a, b);
                 shaft.index_pulse();
                 let expected = if valid.contains(&(b, a)) { -1 } else { 0 };
@@ -264,7 +264,7 @@ fn a_wide_index_pulse_clears_once_when_a_and_b_get_there() {
     shaft.turn(101);
     shaft.edge(Index, true);
     assert_eq!(shaft.counts(), (101, 0));
-    // The edge that meets the gate is counted, then cleared.
+    // The edge that leads into the gated state is counted first, then the count is cleared.
     shaft.turn(1);
     assert_eq!(shaft.counts(), (0, 1));
     shaft.turn(4);
@@ -334,14 +334,14 @@ fn a_new_configuration_shows_with_the_next_edge() {
     shaft.edge(Index, true);
     shaft.encoder.configure(tick(shaft.now), X4_INDEX | ENABLE_INDEX | 1 << 4, 5, true);
     assert_eq!(shaft.counts(), (1, 0));
-    // It has left the gate with the next edge, and comes back with the one after it.
+    // The next edge leaves the new gated state, the one after it enters it again.
     shaft.turn(1);
     assert_eq!(shaft.counts(), (2, 0));
     shaft.turn(-1);
     assert_eq!(shaft.counts(), (5, -1));
 }
 
-/// 7.8, bit 12: the pins are outputs.
+/// 7.8, bit 12 makes the pins outputs.
 #[test]
 fn disabled_it_follows_levels_and_counts_nothing() {
     let mut shaft = Shaft::new(X4_INDEX, 1_999);
@@ -376,7 +376,7 @@ fn the_filter_ignores_pulses_shorter_than_three_periods() {
         let mut encoder = Encoder::new();
         encoder.configure(tick(0), X4_INDEX | FILTER | frequency << 6, 0, true);
         assert_eq!(encoder.deadline(), Instant::NEVER);
-        // Too short by a tick.
+        // This pulse is too short by one tick.
         encoder.edge(tick(1_000), A, true);
         assert_eq!(encoder.deadline(), tick(1_000 + ticks));
         encoder.timeout(tick(1_000 + ticks - 1));
@@ -384,13 +384,13 @@ fn the_filter_ignores_pulses_shorter_than_three_periods() {
         assert_eq!(encoder.deadline(), Instant::NEVER);
         encoder.timeout(tick(1_000 + ticks));
         assert_eq!(encoder.count(), 0, "{frequency}");
-        // It takes effect when it has lasted.
+        // This level takes effect after it has lasted long enough.
         encoder.edge(tick(2_000), A, true);
         encoder.timeout(tick(2_000 + ticks - 1));
         assert_eq!(encoder.count(), 0, "{frequency}");
         encoder.timeout(tick(2_000 + ticks));
         assert_eq!((encoder.count(), encoder.deadline()), (1, Instant::NEVER), "{frequency}");
-        // It is over when it has just lasted, and the edge comes before the deadline.
+        // This pulse lasts just long enough; its end is passed to the encoder before the timeout.
         encoder.edge(tick(3_000), B, true);
         encoder.edge(tick(3_000 + ticks), B, false);
         assert_eq!((encoder.count(), encoder.deadline()), (2, tick(3_000 + 2 * ticks)), "{frequency}");
@@ -408,7 +408,7 @@ fn the_filter_looks_at_each_pin_by_itself() {
     encoder.edge(tick(110), B, true);
     encoder.edge(tick(112), B, false);
     encoder.edge(tick(113), B, true);
-    // A level told again does not last longer for it.
+    // Setting the same level again does not restart its time.
     encoder.edge(tick(119), A, true);
     assert_eq!(encoder.deadline(), tick(120));
     encoder.timeout(tick(120));
@@ -421,7 +421,7 @@ fn the_filter_looks_at_each_pin_by_itself() {
 
 #[test]
 fn levels_due_at_one_instant_come_in_the_order_a_b_index() {
-    // B before A would count down; the index before B would meet the first or second gate.
+    // B before A would count down. The index before B would be valid at gate 0 or 1.
     for (gating, index_count) in [(0, 0), (1, 0), (2, 0), (3, 1)] {
         let mut encoder = Encoder::new();
         encoder.configure(tick(0), X4_INDEX | gating << 4 | FILTER | 3 << 6, 1_999, true);
@@ -474,7 +474,7 @@ fn a_level_held_back_comes_when_due_though_the_filter_changes() {
     assert_eq!(encoder.count(), 0xFFFF);
     encoder.timeout(tick(408));
     assert_eq!(encoder.count(), 0xFFFE);
-    // What was due before the change is counted as before it.
+    // A level that is due before the change uses the old configuration.
     encoder.configure(tick(500), X4_INDEX | FILTER, 1_999, true);
     encoder.edge(tick(600), A, false);
     encoder.configure(tick(602), X4_INDEX, 1_999, false);
@@ -501,12 +501,12 @@ fn a_count_takes_levels_over_to_which_its_steps_do_not_lead() {
     assert_eq!(encoder.count(), 1);
 }
 
-/// Everything that an edge can change.
+/// Text of all state that an edge can change.
 fn state(shaft: &Shaft) -> String {
     format!("{:?}", shaft.encoder)
 }
 
-/// The same turn as one count and as edges.
+/// Checks that one count of `quarters` has the same effect as that many edges.
 fn check_count(shaft: &Shaft, quarters: i32) -> Result<(), TestCaseError> {
     let (mut by_edges, mut at_once) = (shaft.clone(), shaft.clone());
     by_edges.turn(quarters);
@@ -538,7 +538,7 @@ fn a_count_is_so_many_edges() {
     }
 }
 
-/// What happens to an encoder.
+/// An event for an encoder and its model.
 #[derive(Clone, Copy, Debug)]
 enum Event {
     Configure { configuration: u16, max_count: u16, enabled: bool },
@@ -554,11 +554,11 @@ struct Input {
     since: u64,
     /// Ticks that the level must last.
     lasting: u64,
-    /// The level behind the filter.
+    /// The level after the filter.
     seen: bool,
 }
 
-/// What was behind the filter after an edge.
+/// Levels after the filter, stored after each edge.
 #[derive(Clone, Copy)]
 struct Moment {
     a: bool,
@@ -577,14 +577,14 @@ impl Moment {
     }
 }
 
-/// Both counts after each event, found by looking at every tick and back at the whole history.
+/// Both counts after each event. The model computes them tick by tick from the whole history.
 struct Model {
     configuration: u16,
     max_count: i64,
     enabled: bool,
     inputs: [Input; 3],
     history: Vec<Moment>,
-    /// The place in `history` after which the last index pulse that was counted began.
+    /// Index in `history` of the last moment before the index pulse that was counted last.
     counted: Option<usize>,
     position: i64,
     index_count: i64,
@@ -634,9 +634,9 @@ impl Model {
         }
     }
 
-    /// Lets in what has lasted.
+    /// Applies the levels that have lasted long enough.
     fn look(&mut self, now: u64) {
-        // An index that falls does so before A and B.
+        // A falling index is applied before A and B.
         let order = if self.inputs[2].seen { [2, 0, 1] } else { [0, 1, 2] };
         for place in order {
             let input = &mut self.inputs[place];
@@ -652,7 +652,7 @@ impl Model {
         }
     }
 
-    /// How the last edge of A or B turned, by the names they had then.
+    /// Returns true if the last edge of A or B counted up, with the swapping that applied at that edge.
     fn up(&self) -> bool {
         let turns = self.history.windows(2).rev().map(|pair| {
             let swapped = pair[1].swapped;
@@ -702,7 +702,7 @@ impl Model {
     }
 }
 
-/// Counts near which something happens.
+/// Counts near the values at which the counter wraps or clears.
 fn some_count() -> impl Strategy<Value = u16> {
     prop_oneof![3 => 0..6_u16, 1 => 0xFFFC..=0xFFFF_u16, 1 => any::<u16>()]
 }
@@ -723,7 +723,7 @@ fn some_event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// Ticks since the event before.
+/// Ticks since the previous event.
 fn some_gap() -> impl Strategy<Value = u64> {
     prop_oneof![4 => 0..4_u64, 2 => 0..50_u64, 1 => 0..400_u64]
 }
@@ -731,7 +731,7 @@ fn some_gap() -> impl Strategy<Value = u64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
-    /// However late its timeouts are.
+    /// The encoder counts like the model, even if its timeouts are called late.
     #[test]
     fn it_counts_what_the_model_counts(
         first in (some_configuration(), some_count()),
@@ -750,10 +750,10 @@ proptest! {
         for (((at, event), expected), late) in events.iter().zip(expected).zip(late) {
             let at = tick(*at);
             if matches!(event, Event::Position(_) | Event::IndexCount(_)) {
-                // A write does not say when it is.
+                // A write has no time argument, so the timeout comes first.
                 encoder.timeout(at);
             }
-            // One for each pin.
+            // Each of the three pins may have one pending level.
             for _ in 0..3 {
                 if !late && encoder.deadline() < at {
                     encoder.timeout(encoder.deadline());
@@ -790,7 +790,8 @@ proptest! {
     }
 }
 
-/// The largest counts, by arithmetic: 2³¹ is 0 modulo 4, 2¹⁶ and 2,000 · 1,073,741 is 1,648 short of it.
+/// The largest counts, checked by arithmetic: 2³¹ is 0 modulo 4 and modulo 2¹⁶, and 1,648 modulo 2,000 (2,000
+/// · 1,073,741 + 1,648).
 #[test]
 fn a_count_of_any_size_takes_no_time() {
     let mut encoder = Encoder::new();

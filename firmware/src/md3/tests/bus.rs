@@ -1,4 +1,4 @@
-//! What crosses the RS-485 line, and when (chapter 6, 7.22).
+//! Requests and replies on the RS-485 line, and their times (chapter 6, 7.22).
 
 use super::*;
 

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// 16 kHz, 5,000 counts (code 5).
+/// A drive with a DC motor, PWM of 16 kHz and 5,000 counts (code 5).
 fn dc_motor() -> Fixture<Md3> {
     let mut dut = ready();
     dut.preset(Reg::MotorCurrentAndMicrostepping, 0x250a);
@@ -14,12 +14,12 @@ fn half_the_counts_are_half_the_duty() {
     let mut dut = dc_motor();
     dut.preset(Reg::Speed, 2_500);
     dut.preset(Reg::MotionControl, JOG);
-    // 10,000 counts/s: after 0.125 s 1,250 counts, a quarter.
+    // The ramp has 10,000 counts/s: 1,250 counts, a quarter of the range, after 0.125 s.
     dut.run_until(125.millis());
     assert_eq!(dut.duty(), 16_384);
     dut.run_until(1.secs());
     assert_eq!(dut.out.duties.last().unwrap(), &(Instant::from(250.millis()), AXIS, 32_768));
-    // A period is 1,000 ticks, and a duty holds for a whole one.
+    // A period is 1,000 ticks; the duty changes only at the start of a period.
     assert!(dut.out.duties.iter().all(|(at, ..)| at.ticks() % 1_000 == 0));
     assert_eq!(dut.out.duties.len(), 4_000, "16 kHz for a quarter of a second");
     assert_eq!((dut.control(), dut.busy(), dut.position()), (JOG, true, 0));
@@ -32,7 +32,7 @@ fn half_the_counts_are_half_the_duty() {
 
 #[test]
 fn the_ranges_jump() {
-    // 7.2, the column of the DC motor.
+    // Ranges from 7.2, the column of the DC motor.
     for (code, range) in [
         (0, 40_000),
         (1, 20_000),
@@ -119,7 +119,7 @@ fn inhibit_takes_the_duty_while_the_ramp_goes_on() {
     assert_eq!(dut.duty(), 0);
     dut.pin(3, true);
     dut.run_until(251.millis());
-    // 2,510 of 5,000 counts.
+    // The ramp has continued to 2,510 of 5,000 counts.
     assert_eq!(dut.duty(), 32_899);
 }
 
@@ -133,7 +133,7 @@ fn counts_are_of_the_range_that_holds() {
     dut.preset(Reg::MotorCurrentAndMicrostepping, 0x230a); // 5 kHz, 16,000 counts
     dut.run_until(2.secs());
     assert_eq!(dut.duty(), 20_480);
-    // It slows down from 5,000 counts, which more than fill a period of 2,000.
+    // The ramp starts at 5,000 counts, which is more than the range of 2,000 counts: full duty at first.
     dut.preset(Reg::MotionControl, DECEL_STOP);
     dut.preset(Reg::MotorCurrentAndMicrostepping, 0x280a); // 40 kHz
     dut.run_until(2_001.millis());
@@ -142,7 +142,7 @@ fn counts_are_of_the_range_that_holds() {
     assert_eq!(dut.duty(), 32_768);
     dut.run_until(2_500.millis());
     assert_eq!((dut.control(), dut.duty()), (0, 0));
-    // Another current changes nothing.
+    // A new current code does not change the jog.
     dut.preset(Reg::MotionControl, JOG);
     dut.run_until(4.secs());
     let duty = dut.out.duties.last().copied();

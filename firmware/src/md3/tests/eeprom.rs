@@ -50,7 +50,7 @@ fn power_lost_anywhere_in_a_save_leaves_the_old_the_new_or_a_bad_memory() {
             other => panic!("{other:x?} after {cut} bytes"),
         }
     }
-    // Until the first byte differs it is the old one, with the last it is the new one.
+    // The memory is the old one until a changed byte is written, and the new one only after the last byte.
     assert!(seen[0] > 1 && seen[1] > 1 && seen[2] == 1, "{seen:?}");
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A drive that homes at 1,000 steps/s, with ramps of a millisecond and half a step.
+/// A drive that homes at 1,000 steps/s; a ramp takes 1 ms and covers half a step.
 fn dut(configuration: i64) -> Fixture<Md3> {
     let mut dut = ready();
     dut.preset(Reg::Speed, 1_000);
@@ -18,14 +18,14 @@ fn mode_0_stops_at_the_sample_that_sees_the_flag() {
     dut.run_until(1.secs());
     assert_eq!((dut.control(), dut.speed().to_num::<i32>(), dut.busy()), (HOME, 1_000, true));
     let position = dut.position();
-    // Samples are at multiples of 4 µs (64 ticks): this pulse fits between two of them.
+    // The drive samples at multiples of 4 µs (64 ticks). This pulse lies between two samples.
     dut.now += Duration::TICK;
     dut.pin(2, false);
     dut.now += Duration::from_ticks(62);
     dut.pin(2, true);
     dut.wait(1.micros());
     assert_eq!(dut.control(), HOME);
-    // This one is there at the next sample.
+    // This pulse lasts until the next sample.
     dut.now = Instant::from(1_001.millis()) + Duration::TICK;
     dut.pin(2, false);
     dut.run_until(Instant::from(1_001.millis()) + 4.micros() - Duration::TICK);
@@ -41,7 +41,7 @@ fn mode_1_stops_with_a_ramp() {
     dut.preset(Reg::AccelDecel, 10_000);
     dut.preset(Reg::MotionControl, HOME);
     dut.run_until(1.secs());
-    // The sample is at this very instant.
+    // The drive samples at exactly this instant.
     dut.pin(2, false);
     let position = dut.position();
     dut.wait(100.millis() - Duration::TICK);
@@ -58,7 +58,7 @@ fn offsets_go_at_the_undivided_speed_and_the_search_slower_and_backward() {
     dut.preset(Reg::PreHomeOffset, 500);
     dut.preset(Reg::HomeOffset, 200);
     dut.preset(Reg::MotionControl, HOME);
-    // 500 steps at 1,000/s and two ramps of 1 ms, each half lost.
+    // 500 steps at 1,000 steps/s take 0.5 s, and each of the two ramps of 1 ms adds 0.5 ms.
     dut.run_until(501.millis() - Duration::TICK);
     assert_eq!((dut.position(), dut.control()), (499, HOME));
     dut.run_until(501.millis());
@@ -106,7 +106,7 @@ fn modes_2_and_3_search_for_a_high_index() {
         dut.preset(Reg::MotionControl, HOME);
         dut.run_until(1.secs());
         dut.preset(Reg::CurrentCutbackSettings, 0x0005);
-        dut.pin(2, false); // LOWCURRENT in this mode, no flag
+        dut.pin(2, false); // pin 2 is LOWCURRENT in this mode and not the flag
         dut.now += Duration::TICK;
         let position = dut.position();
         dut.pin(9, true);

@@ -35,7 +35,7 @@ fn pins_are_where_their_names_say() {
     assert_eq!(names(&[encoder.index.unwrap(), encoder.a, encoder.b]), ["J2.9", "J2.10", "J2.12"]);
 }
 
-/// A drive whose pins 4 and 5 are in `mode`; a move of 100 steps takes it 0.2 s.
+/// A drive with pins 4 and 5 in `mode`; a move of 100 steps takes 0.2 s.
 fn in_mode(mode: i64) -> Fixture<Md3> {
     let mut dut = ready();
     dut.preset(Reg::MoveSteps, 100);
@@ -43,7 +43,7 @@ fn in_mode(mode: i64) -> Fixture<Md3> {
     dut
 }
 
-/// A pin goes low and up again.
+/// Sets a pin low and high again.
 fn pulse(dut: &mut Fixture<Md3>, pin: u8) {
     dut.pin(pin, false);
     dut.pin(pin, true);
@@ -60,14 +60,14 @@ fn mode_0000_makes_a_step_at_each_falling_edge() {
     dut.pin(5, false);
     pulse(&mut dut, 4);
     assert_eq!(dut.position(), 249);
-    // A tick too fast, and again in time.
+    // A pulse that comes one tick too early is lost; the next one is in time.
     dut.wait(4.micros() - Duration::TICK);
     pulse(&mut dut, 4);
     assert_eq!(dut.position(), 249);
     dut.wait(Duration::TICK);
     pulse(&mut dut, 4);
     assert_eq!(dut.position(), 248);
-    // A move begins where the steps have come to.
+    // A move starts at the position after the steps.
     dut.preset(Reg::MotionControl, MOVE);
     dut.wait(1.secs());
     assert_eq!(dut.position(), 348);
@@ -148,7 +148,7 @@ fn mode_0110_jogs_while_pin_4_is_low() {
     assert_eq!((dut.control(), dut.busy()), (JOG, true));
     dut.run_until(2_500.millis());
     assert_eq!((dut.control(), dut.busy()), (0, false));
-    // Low again before it stands: it goes on.
+    // Pin 4 becomes active again before the motor stands still: the jog continues.
     dut.pin(4, false);
     dut.run_until(3.secs());
     dut.pin(4, true);
@@ -164,7 +164,7 @@ fn mode_0111_jogs_either_way() {
     dut.pin(5, false);
     dut.run_until(1.secs());
     assert_eq!(dut.speed().to_num::<i32>(), -5_000);
-    dut.pin(4, false); // both low: the direction that runs stays
+    dut.pin(4, false); // both low: the running direction continues
     dut.run_until(2.secs());
     assert_eq!(dut.speed().to_num::<i32>(), -5_000);
     dut.pin(5, true);
@@ -186,7 +186,7 @@ fn a_stop_ends_a_jog_of_the_pins_until_the_next_edge() {
     }
     dut.run_until(2.secs());
     assert_eq!(dut.control(), 0);
-    // Nor do they take over a jog of the bus.
+    // Pins 4 and 5 also do not take over a jog that the bus has started.
     dut.pin(5, false);
     dut.preset(Reg::MotionControl, STOP);
     dut.preset(Reg::MotionControl, JOG);
@@ -213,7 +213,7 @@ fn mode_1000_goes_forward_and_backward_for_ever() {
     }
     let busy: Vec<_> = dut.out.levels.iter().filter(|(_, pin, _)| *pin == BUSY).collect();
     assert_eq!(busy.len(), 2, "no pause between the moves");
-    // Stopped while it goes back: the sign stays.
+    // A stop during a backward move keeps the sign.
     dut.preset(Reg::PinFunctionAndPolarity, 0);
     assert_eq!((dut.control(), dut.get(Reg::MoveSteps)), (0, -100));
 }
@@ -266,10 +266,10 @@ fn an_endless_mode_that_is_saved_starts_by_itself() {
 fn a_new_polarity_is_an_edge() {
     let mut dut = in_mode(0b0001);
     dut.wait(1.millis());
-    // An open pin 4 is high: now that is active.
+    // An open pin 4 is high, and with this polarity high is active.
     dut.preset(Reg::PinFunctionAndPolarity, 0b0001 << 4 | 0b0010);
     assert_eq!(dut.control(), MOVE);
-    // And pin 3 inhibits.
+    // Pin 3 becomes active, too: INHIBIT.
     dut.preset(Reg::PinFunctionAndPolarity, 0b0001 << 4 | 0b0110);
     assert_eq!(dut.current(), 0);
 }
@@ -303,7 +303,7 @@ fn speedsel_selects_the_alternate_speed_with_the_sign_of_speed() {
     dut.run_until(6.secs());
     assert_eq!(dut.speed().to_num::<i32>(), -40_000);
     dut.preset(Reg::MotionControl, STOP);
-    // A profile move takes what is selected when it begins (7.8).
+    // A profile move uses the speed that is selected when the move begins (7.8).
     dut.preset(Reg::AlternateSpeed, 1_000);
     dut.preset(Reg::MotionControl, MOVE);
     dut.wait(1.secs());
@@ -384,7 +384,7 @@ fn a_disabled_drive_moves_for_no_pin_until_it_is_enabled() {
 
 #[test]
 fn what_pins_ask_for_in_a_ramp_down_is_done_when_it_stands() {
-    // An endless mode that is written while a jog of the pins, or a Decel-stop, slows down.
+    // An endless mode is selected while a jog of the pins, or a Decel-stop, slows down.
     for by_pins in [true, false] {
         let mut dut = in_mode(0b0110);
         if by_pins {
@@ -399,7 +399,7 @@ fn what_pins_ask_for_in_a_ramp_down_is_done_when_it_stands() {
         dut.run_until(1_500.millis());
         assert_eq!(dut.control(), MOVE);
     }
-    // A pin that becomes active after a Decel-stop.
+    // A pin becomes active after a Decel-stop.
     let mut dut = in_mode(0b0110);
     dut.preset(Reg::MotionControl, JOG);
     dut.run_until(1.secs());
@@ -446,20 +446,20 @@ fn an_endless_mode_without_a_way_looks_at_offsets_and_at_the_index() {
 
 #[test]
 fn one_write_changes_several_pins_in_their_order() {
-    // Open pins are high: an inverted polarity makes them active.
+    // Open pins are high, so an inverted polarity makes them active.
     let write = |dut: &mut Fixture<Md3>, value| {
         dut.wait(1.millis());
         dut.preset(Reg::PinFunctionAndPolarity, value);
     };
     let mut dut = in_mode(0);
-    write(&mut dut, 0b0110); // INHIBIT and a step: no step
+    write(&mut dut, 0b0110); // INHIBIT and a step in one write: no step is made
     assert_eq!((dut.position(), dut.current()), (0, 0));
     let mut dut = in_mode(0);
     write(&mut dut, 0b0100);
-    write(&mut dut, 0b0010); // INHIBIT goes, and a step
+    write(&mut dut, 0b0010); // INHIBIT ends and a step follows in one write
     assert_eq!((dut.position(), dut.current()), (1, 1_000));
     let mut dut = in_mode(0);
     dut.input(Instant::from(1.millis()), Input::Fault { fault: Fault(1), on: true });
-    write(&mut dut, 2 << 8 | 0b0110); // INHIBIT_MODBUS_MOTION clears a fault, and a step
+    write(&mut dut, 2 << 8 | 0b0110); // INHIBIT_MODBUS_MOTION clears the fault, then a step is made
     assert_eq!((dut.position(), dut.control()), (1, 0));
 }

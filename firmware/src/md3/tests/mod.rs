@@ -1,4 +1,4 @@
-//! Scripts with times: what the guide says happens, and when.
+//! Tests that run a drive in virtual time and compare its behaviour and its times with the guide.
 
 mod bus;
 mod dc;
@@ -26,13 +26,13 @@ use crate::testing::{Fixture, Treatment};
 
 /// A character of 9600 8E1: 11 bits, 18,333⅓ ticks.
 const CHARACTER: Duration = Duration::from_ticks(18_333);
-/// From the end of a request to its reply: 3.5 characters (64,165.5 ticks, rounded up), and the one
-/// in which nobody began to speak.
+/// Time from the end of a request to its reply: 3.5 characters (64,165.5 ticks, rounded up), and one more
+/// character in which no other sender started.
 const JUDGEMENT: Duration = Duration::from_ticks(64_166 + 18_333);
 
 const AXIS: Axis = Axis(0);
 
-/// A drive without power, with this memory.
+/// A drive without power, with this content of its memory.
 fn off(memory: Vec<u8>) -> Fixture<Md3> {
     Fixture::with_memory(Md3::new(), memory).ruled(|output| match output {
         Output::Bytes { .. }
@@ -49,7 +49,7 @@ fn off(memory: Vec<u8>) -> Fixture<Md3> {
     })
 }
 
-/// A new drive that gets power at 0.
+/// A new drive that is powered on at 0.
 fn booting() -> Fixture<Md3> {
     off(vec![0xFF; MEMORY]).booting()
 }
@@ -60,14 +60,14 @@ fn ready() -> Fixture<Md3> {
 }
 
 impl Fixture<Md3> {
-    /// Puts a frame on the line from now on; returns the end of its last character.
+    /// Sends a frame to the drive from now on; returns the end of its last character.
     fn hear(&mut self, frame: &[u8]) -> Instant {
         let first = self.now + CHARACTER;
         self.input(first, Input::Bytes { port: Port(0), bytes: frame });
         first + CHARACTER * (frame.len() as u64 - 1)
     }
 
-    /// A frame, and the reply that leaves for it; time goes on to the end of the reply.
+    /// Sends a frame and returns the drive's reply; advances the time to the end of the reply.
     fn ask(&mut self, frame: &[u8]) -> Frame {
         let before = self.out.bytes.len();
         let end = self.hear(frame);
@@ -89,26 +89,26 @@ impl Fixture<Md3> {
         assert_eq!(self.ask(&frame), frame);
     }
 
-    /// Presets a register, which acts as a write over the bus does, now.
+    /// Presets a register now, with the same effect as a write over the bus.
     fn preset(&mut self, reg: Reg, value: i64) {
         self.run_until(self.now);
         self.set(reg, value);
         self.run_until(self.now);
     }
 
-    /// MotionControl as it reads.
+    /// Present value of `MotionControl`.
     fn control(&self) -> i64 {
         self.get(Reg::MotionControl)
     }
 
-    /// A pin of J2 changes, by its number.
+    /// Sets the level of pin `number` of J2.
     fn pin(&mut self, number: u8, high: bool) {
         let names = [2, 3, 4, 5, 9, 10, 12];
         let place = names.iter().position(|name| *name == number).unwrap() as u8;
         self.edge(Pin(place), high);
     }
 
-    /// Frames with the instant at which they leave.
+    /// Frames that the drive has sent, with their times.
     fn sent(&self) -> Vec<(Instant, Frame)> {
         let sent = self.out.bytes.iter();
         sent.map(|(at, _, bytes)| (*at, Frame::from_slice(bytes).unwrap())).collect()
@@ -122,12 +122,12 @@ impl Fixture<Md3> {
         self.out.plan().speed_at(self.now)
     }
 
-    /// Peak current in mA, now.
+    /// Present peak current in mA.
     fn current(&self) -> u32 {
         self.out.currents.last().unwrap().2
     }
 
-    /// Duty in 1/65536, now.
+    /// Present duty in 1/65536.
     fn duty(&self) -> i32 {
         self.out.duties.last().unwrap().2
     }

@@ -1,4 +1,4 @@
-//! Moves, jogs and stops by the bus (7.15 to 7.19).
+//! Moves, jogs and stops that the bus commands (7.15 to 7.19).
 
 use super::*;
 
@@ -83,7 +83,7 @@ fn without_acceleration_a_jog_goes_on_and_stops_at_once() {
     dut.write(0x15, 2_000);
     assert_eq!(dut.speed(), 5_000);
     dut.write(0x19, 10_000);
-    dut.write(0x11, 2); // now it takes the speed
+    dut.write(0x11, 2); // now the jog takes the new speed
     dut.run_until(2.secs());
     assert_eq!(dut.speed(), 2_000);
     dut.write(0x19, 0);
@@ -97,7 +97,7 @@ fn a_jog_turns_round_by_way_of_standstill() {
     let mut dut = ready();
     dut.write(0x11, 2);
     dut.run_until(1.secs());
-    dut.write(0x14, 0xFFFF); // between the two writes the drive sees -60,536, which acts as -40,000
+    dut.write(0x14, 0xFFFF); // after this write the drive sees -60,536, which acts as -40,000
     dut.write(0x15, 0xEC78); // -5000
     dut.run_until(10.secs());
     assert_eq!(dut.speed(), -5_000);
@@ -149,7 +149,7 @@ fn only_a_new_speed_begins_a_new_ramp() {
     dut.preset(Reg::Speed, 40_000);
     dut.preset(Reg::MotionControl, JOG);
     dut.run_until(1.secs());
-    // A jog takes a new acceleration for its next ramp, and these are no reason for one.
+    // A jog uses a new acceleration for its next ramp; none of these writes starts a ramp.
     dut.preset(Reg::AccelDecel, 1_000_000);
     dut.preset(Reg::AlternateSpeed, 100);
     dut.preset(Reg::MotorCurrentAndMicrostepping, 0x0314);

@@ -1,4 +1,4 @@
-//! Faults, cutback, inhibit and what the motor gets (7.2, 7.3, 7.8, 7.15).
+//! Faults, cutback, INHIBIT and the motor's current (7.2, 7.3, 7.8, 7.15).
 
 use super::*;
 
@@ -35,7 +35,7 @@ fn other_faults_are_cleared_by_a_write_that_may_move_at_once() {
 fn the_manuals_currents() {
     use super::super::registers::Version::{HighCurrent, LowCurrent};
     use super::super::registers::current_ma;
-    // 7.2, in mA; what is beyond a column acts as its last row.
+    // Currents from 7.2, in mA. Codes beyond a column act as its last row.
     let high = [
         0, 100, 200, 300, 400, 500, 600, 700, 800, 900, 1_000, 1_100, 1_200, 1_300, 1_400, 1_500, 1_600,
         1_700, 1_800, 1_900, 2_000, 2_500, 3_000, 3_500, 4_000, 4_500, 5_000, 5_500, 6_000, 6_500, 7_000,
@@ -71,11 +71,11 @@ fn cutback_comes_when_nothing_was_asked_for_as_long() {
     assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low));
     dut.run_until(500.millis());
     assert_eq!((dut.current(), dut.level("D5")), (500, Level::High));
-    // A change of an input gives the current back.
+    // A change of an input restores the current.
     dut.run_until(1.secs());
     dut.pin(5, false);
     assert_eq!((dut.current(), dut.level("D5")), (1_000, Level::Low));
-    // A motion has it until its end, and the time begins anew there.
+    // A motion has the full current until its end, and the timeout restarts at the end.
     dut.run_until(2.secs());
     assert_eq!(dut.current(), 500);
     dut.preset(Reg::MotionControl, MOVE);
@@ -84,7 +84,7 @@ fn cutback_comes_when_nothing_was_asked_for_as_long() {
     assert_eq!(dut.current(), 1_000);
     dut.run_until(5.secs());
     assert_eq!(dut.current(), 500);
-    // Other writes do not count, a write of 0x11 does.
+    // A write to another register does not end the cutback; a write to 0x11 does.
     dut.preset(Reg::UserRegister, 1);
     assert_eq!(dut.current(), 500);
     dut.preset(Reg::MotionControl, 0);
@@ -115,7 +115,7 @@ fn a_current_of_0_moves_nothing() {
     dut.preset(Reg::HomingConfiguration, 2 << 1);
     dut.preset(Reg::MotionControl, MOVE);
     dut.run_until(1.secs());
-    dut.pin(2, false); // LOWCURRENT, at level 0
+    dut.pin(2, false); // LOWCURRENT, with a cutback current of 0
     dut.run_until(1_500.millis());
     assert_eq!((dut.current(), dut.position(), dut.control()), (0, 3_750, MOVE));
     dut.pin(2, true);
@@ -148,9 +148,9 @@ fn inhibit_lets_the_profile_run_on_without_the_motor() {
     dut.run_until(2_500.millis() - Duration::TICK);
     assert_eq!(dut.control(), MOVE);
     dut.run_until(2_500.millis());
-    // What would have been made in half a second is lost.
+    // The steps of the half second without current are lost.
     assert_eq!((dut.control(), dut.position()), (0, 7_500));
-    // Begun and ended without current: no step.
+    // A move that begins and ends without current makes no step.
     dut.pin(3, false);
     dut.preset(Reg::MotionControl, MOVE);
     dut.run_until(10.secs());

@@ -1,4 +1,4 @@
-//! How a drive starts (sections 2, 4, 7.4, 7.20).
+//! Start-up of a drive (sections 2, 4, 7.4, 7.20).
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn it_is_deaf_for_two_and_a_half_seconds() {
     let mut dut = booting();
     dut.run_until(1.secs());
     assert!(dut.ask(&rtu::read(1, 0, 1)).is_empty());
-    // The last character that is lost ends with the delay.
+    // The drive still loses a character that ends at the same time as the delay.
     dut.now = Instant::from(2_500.millis()) - CHARACTER;
     assert!(dut.ask(&rtu::read(1, 0, 1)).is_empty());
     let mut dut = booting();
@@ -58,7 +58,7 @@ fn a_bad_eeprom_flashes_red_and_starts_with_the_defaults() {
     let garbage: Vec<u8> = (0..MEMORY).map(|n| n as u8).collect();
     let mut dut = off(garbage.clone());
     dut.power_on(Boot::default());
-    // Ten flashes in five seconds, then the built-in delay.
+    // The lights flash ten times in five seconds, then the built-in delay starts.
     assert_eq!(dut.out.waves, [(Instant::ZERO, RED, FLASH.0, FLASH.1)]);
     dut.run_until(Instant::from(7_500.millis()) - Duration::TICK);
     assert_eq!(dut.out.currents.len(), 1);
@@ -88,11 +88,11 @@ fn what_pins_are_told_in_the_instant_of_a_fast_start_is_no_edge() {
     }
     dut.run_until(Instant::ZERO);
     assert_eq!((dut.get(Reg::QuadratureEncoderCount), dut.get(Reg::EncoderIndexCount)), (0, 0));
-    // The flag is there already: only the offset is left of the home cycle, and pin 4 began no move.
+    // The flag is active already, so only the offset of the home cycle is left. Pin 4 started no move.
     assert_eq!(dut.control(), HOME);
     dut.run_until(1.secs());
     assert_eq!((dut.control(), dut.position()), (0, 50));
-    // Back to A = B = 0, where the index is valid: MaxCount.
+    // A and B return to 0, where the index is valid: the count becomes `MaxCount`.
     dut.pin(10, false);
     assert_eq!((dut.get(Reg::QuadratureEncoderCount), dut.get(Reg::EncoderIndexCount)), (0x0f9f, -1));
 }

@@ -6,22 +6,22 @@ use crate::mdrobot::{ALARM_RESET, DIR, INT_SPEED, RUN_BRAKE, START_STOP};
 /// Contact at an input of CTRL.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Contact {
-    /// No contact.
+    /// No contact is wired.
     Unwired,
-    /// A contact that is open, or a high level.
+    /// The contact is open, or its level is high.
     Open,
-    /// A contact that is closed to ground.
+    /// The contact is closed to ground.
     Closed,
 }
 
 impl Contact {
-    /// Returns whether it is ON: closed, or open where it is inverted.
+    /// Returns true if the contact is ON: closed, or open if it is inverted.
     pub(super) fn is_on(self, inverted: bool) -> bool {
         self == if inverted { Self::Open } else { Self::Closed }
     }
 }
 
-/// The contacts as they are.
+/// Present states of the contacts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contacts {
     pub(super) int_speed: Contact,
@@ -52,7 +52,7 @@ impl Contacts {
         }
     }
 
-    /// DI (p. 11): 1 is closed to ground, of the encoder high (MDROBOT-22).
+    /// The value of DI (p. 11): 1 is a closed contact, or a high encoder channel (MDROBOT-22).
     pub(super) fn bits(self, enc_a: bool, enc_b: bool) -> u8 {
         let contacts = [self.int_speed, self.alarm_reset, self.dir, self.run_brake, self.start_stop];
         let bits = contacts.map(|contact| contact == Contact::Closed).into_iter().chain([enc_b, enc_a]);

@@ -1,4 +1,5 @@
-//! The connectors: contacts of CTRL, SPEED_IN, PULSE_IN, and what they ask for (p. 8 to 11, 13, 14).
+//! The connectors: contacts of CTRL, `SPEED_IN`, `PULSE_IN`, and the speed that they request (p. 8 to 11, 13,
+//! 14).
 
 mod contacts;
 mod pulse_in;
@@ -23,7 +24,7 @@ mod input_type {
     pub(super) const STEPS: u16 = 5;
 }
 
-/// The greatest step number: full scale.
+/// The greatest step number, which selects full scale.
 const STEPS: u16 = 7;
 
 /// State of the connectors.
@@ -35,16 +36,16 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    /// Without any wire.
+    /// State without any wire.
     pub(super) const REST: Self =
         Self { contacts: Contacts::UNWIRED, speed_in: SpeedIn::GROUND, pulse_in: PulseIn::SILENT };
 
-    /// End of the present measurement.
+    /// Time at which the present measurement times out.
     pub(super) fn due(&self) -> Instant {
         self.speed_in.due.min(self.pulse_in.due)
     }
 
-    /// Returns whether a measurement has ended.
+    /// Returns true if a measurement has timed out.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let speed_in = self.speed_in.timeout(at);
         self.pulse_in.timeout(at) || speed_in
@@ -52,7 +53,7 @@ impl Inputs {
 }
 
 impl Drive {
-    /// A contact, a sensor or a pulse input has another level.
+    /// Handles a new level of a contact, a sensor or a pulse input.
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let sensor = match pin {
             SPEED_IN => {
@@ -62,7 +63,7 @@ impl Drive {
                 return;
             }
             PULSE_IN => {
-                // Pulses are counted where they begin, and those of RC measured where they end.
+                // The rate of pulses is measured at rising edges, the width of RC pulses at falling edges.
                 let of_interest = high != (self.bank.word(Pid::INPUT_TYPE) == input_type::RC);
                 if self.inputs.pulse_in.edge(at, high) && of_interest {
                     self.update_order(at, out);
@@ -79,12 +80,12 @@ impl Drive {
         self.servo.edge(at, sensor, high);
     }
 
-    /// Leaves a contact open and without a wire.
+    /// Handles a contact that is no longer wired.
     pub(super) fn opened(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.contact(at, pin, Contact::Unwired, out);
     }
 
-    /// SPEED_IN has another voltage.
+    /// Handles a new voltage at `SPEED_IN`.
     pub(super) fn voltage(&mut self, at: Instant, mv: i32, out: &mut dyn Context) {
         self.inputs.speed_in.voltage(mv);
         self.update_order(at, out);
@@ -103,28 +104,29 @@ impl Drive {
         self.update_order(at, out);
     }
 
-    /// DI.
+    /// The value of DI.
     pub(super) fn digital_inputs(&self) -> u8 {
         let [enc_a, enc_b] = self.servo.encoder_levels();
         self.inputs.contacts.bits(enc_a, enc_b)
     }
 
-    /// START/STOP as START_INV_SIGN has it.
+    /// Returns true if START/STOP is ON, with the polarity of `START_INV_SIGN`.
     pub(super) fn start_contact(&self) -> bool {
         self.inputs.contacts.start_stop.is_on(self.flag(Pid::START_INV_SIGN))
     }
 
-    /// RUN/BRAKE as RUN_INV_SIGN has it. One that is not wired is as open (MDROBOT-21).
+    /// Returns true if RUN/BRAKE is ON, with the polarity of `RUN_INV_SIGN`. A contact that is not wired
+    /// counts as open (MDROBOT-21).
     fn run_contact(&self) -> bool {
         (self.inputs.contacts.run_brake == Contact::Closed) != self.flag(Pid::RUN_INV_SIGN)
     }
 
-    /// DIR: ON is CW.
+    /// Returns true if DIR is ON, which means CW.
     fn is_clockwise(&self) -> bool {
         self.inputs.contacts.dir.is_on(false)
     }
 
-    /// The step number, 0 to 7, while contacts select the speed (p. 10).
+    /// The step number, 0 to 7; `None` unless contacts select the speed (p. 10).
     pub(super) fn step(&self) -> Option<u16> {
         let step = || {
             let bit = |on: bool, n: u16| u16::from(on) << n;
@@ -135,22 +137,23 @@ impl Drive {
         (self.bank.word(Pid::INPUT_TYPE) == input_type::STEPS).then(step)
     }
 
-    /// RUN/BRAKE asks for the electric brake: of steps it is a bit of the number.
+    /// Returns true if RUN/BRAKE requests the electric brake. With steps, RUN/BRAKE is a bit of the step
+    /// number instead.
     pub(super) fn is_braked(&self) -> bool {
         self.step().is_none() && !self.run_contact()
     }
 
-    /// Returns whether a limit switch keeps the motor from turning `way`, positive CCW (p. 7; DIR permits CW,
-    /// START/STOP CCW).
+    /// Returns true if a limit switch forbids motion in the direction `way`, positive CCW (p. 7; DIR permits
+    /// CW, START/STOP CCW).
     pub(super) fn limit_forbids(&self, way: i32) -> bool {
         let Contacts { start_stop, dir, .. } = self.inputs.contacts;
         let switch = if way > 0 { start_stop } else { dir };
         way != 0 && self.flag(Pid::USE_LIMIT_SW) && switch == Contact::Open
     }
 
-    /// Speed that the connectors ask for, positive CCW (MDROBOT-24).
+    /// Speed that the connectors request, positive CCW (MDROBOT-24).
     pub(super) fn speed_input(&self) -> Ratio {
-        // Those that know two ways need no DIR.
+        // Inputs with two directions of their own do not use DIR.
         let one_way = |share: Ratio| if self.is_clockwise() { -share } else { share };
         let Inputs { speed_in, pulse_in, .. } = self.inputs;
         if let Some(step) = self.step() {
@@ -171,7 +174,7 @@ impl Drive {
         }
     }
 
-    /// Speed that a voltage asks for between LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT (p. 14; MDROBOT-9).
+    /// Speed that a voltage requests, between `LOW_SPEED_LIMIT` and `HIGH_SPEED_LIMIT` (p. 14; MDROBOT-9).
     fn analogue(&self, digit: u16) -> Ratio {
         let high = match self.bank.word(Pid::HIGH_SPEED_LIMIT) {
             0 => FULL_SCALE,
@@ -180,7 +183,7 @@ impl Drive {
         speed_in::analogue(digit, self.bank.word(Pid::LOW_SPEED_LIMIT), high)
     }
 
-    /// Returns whether a register of one bit is 1.
+    /// Returns true if a register of one bit is 1.
     pub(super) fn flag(&self, pid: Pid) -> bool {
         self.bank.word(pid) == 1
     }

@@ -1,18 +1,19 @@
-//! PULSE_IN: how many pulses, or how wide they are (p. 10).
+//! `PULSE_IN`: measures the rate of pulses, or their width (p. 10).
 
 use super::Ratio;
 use crate::device::{Duration, Instant};
 
-/// Pulses are counted for so long at least.
+/// Minimum time for which pulses are counted.
 const GATE: Duration = Duration::millis(1);
-/// RC pulses come faster than 250 Hz, counted ones faster still: when none has come for so long there are none.
+/// RC pulses are faster than 250 Hz, and counted pulses are faster still. After this time without a pulse the
+/// input counts as without pulses.
 const SLOWEST: Duration = Duration::millis(4);
 
-/// Pulses in a second for standstill and for full scale.
+/// Pulses per second at standstill and at full scale.
 const LEAST_RATE: u64 = 5_000;
 const GREATEST_RATE: u64 = 500_000;
 
-/// Widths of an RC pulse: full scale backward, the middle, full scale forward.
+/// Widths of an RC pulse: full scale backward, and the range of the middle.
 const RC_LEAST: Duration = Duration::micros(1_050);
 const RC_MIDDLE: (Duration, Duration) = (Duration::micros(1_400), Duration::micros(1_600));
 
@@ -21,14 +22,14 @@ const RC_MIDDLE: (Duration, Duration) = (Duration::micros(1_400), Duration::micr
 pub(super) struct PulseIn {
     /// Start of the last pulse.
     rose: Option<Instant>,
-    /// Length of a pulse.
+    /// Width of the last pulse.
     width: Option<Duration>,
-    /// Start of counting, and pulses since.
+    /// Start of the present count, and pulses since then.
     gate: Instant,
     count: u32,
-    /// Pulses that were counted, and in what time.
+    /// Pulses of the last finished count, and its duration.
     counted: (u32, Duration),
-    /// Time at which pulses count as gone.
+    /// Time at which the input counts as without pulses.
     pub(super) due: Instant,
 }
 
@@ -43,7 +44,7 @@ impl PulseIn {
         due: Instant::NEVER,
     };
 
-    /// Handles an edge; returns whether there is a new measurement.
+    /// Handles an edge. Returns true if there is a new measurement.
     pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
         if !high {
             self.width = self.rose.map(|rose| at.since(rose));
@@ -63,7 +64,7 @@ impl PulseIn {
         whole
     }
 
-    /// Returns whether pulses are gone.
+    /// Returns true if the pulses have just timed out.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let silent = self.due <= at;
         if silent {
@@ -72,17 +73,17 @@ impl PulseIn {
         silent
     }
 
-    /// Speed by the rate of the pulses.
+    /// Speed that the rate of the pulses requests.
     pub(super) fn rate(self) -> Ratio {
         let (count, span) = self.counted;
-        // Both sides of the fraction times the time in ticks.
+        // Both sides of the fraction are multiplied by the time in ticks.
         let ticks = span.ticks();
         let pulses = Duration::secs(count.into()).ticks();
         let above = pulses.saturating_sub(LEAST_RATE.saturating_mul(ticks));
         Ratio::new(above.cast_signed(), (GREATEST_RATE - LEAST_RATE).saturating_mul(ticks).cast_signed())
     }
 
-    /// Speed by the width of the pulses, as of a radio control.
+    /// Speed that the width of the pulses requests, as from a radio control.
     pub(super) fn rc(self) -> Ratio {
         let Some(width) = self.width else { return Ratio::NONE };
         let (first, last) = RC_MIDDLE;

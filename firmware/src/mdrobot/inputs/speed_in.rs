@@ -3,40 +3,40 @@
 use super::Ratio;
 use crate::device::{Duration, Instant};
 
-/// Measurement of 5 V, with 10 bits.
+/// Result of a measurement of 5 V, with 10 bits.
 pub(super) const FULL_SCALE: u16 = 1_023;
 const FULL_SCALE_MV: i32 = 5_000;
 
-/// A joystick is in the middle from 2 V to 3 V: 409.2 to 613.8.
+/// The middle range of a joystick is 2 V to 3 V: 409.2 to 613.8.
 const MIDDLE: core::ops::RangeInclusive<u16> = 409..=614;
 
-/// Pulses are faster than 5 kHz: a level that lasts for longer is a voltage.
+/// Pulses are faster than 5 kHz. A level that lasts longer is a voltage.
 const SLOWEST: Duration = Duration::micros(200);
 
 /// Measurement at SPEED_IN.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpeedIn {
-    /// 0 to [`FULL_SCALE`].
+    /// Measured value, 0 to [`FULL_SCALE`].
     pub(super) digit: u16,
     high: bool,
-    /// Last rise, and the length of the high level then.
+    /// Time of the last rising edge, and length of the last high level after one.
     rose: Option<Instant>,
     on: Option<Duration>,
-    /// Time at which the level has lasted too long to be of a pulse.
+    /// Time at which the present level has lasted too long for a pulse.
     pub(super) due: Instant,
 }
 
 impl SpeedIn {
-    /// 0 V.
+    /// State at 0 V.
     pub(super) const GROUND: Self = Self { digit: 0, high: false, rose: None, on: None, due: Instant::NEVER };
 
-    /// A voltage comes.
+    /// Handles a voltage.
     pub(super) fn voltage(&mut self, mv: i32) {
         let digit = mv.clamp(0, FULL_SCALE_MV) * i32::from(FULL_SCALE) / FULL_SCALE_MV;
         *self = Self { digit: digit as u16, ..Self::GROUND };
     }
 
-    /// Handles an edge; returns whether there is a new measurement.
+    /// Handles an edge. Returns true if there is a new measurement.
     pub(super) fn edge(&mut self, at: Instant, high: bool) -> bool {
         (self.high, self.due) = (high, at + SLOWEST);
         if !high {
@@ -52,7 +52,7 @@ impl SpeedIn {
         pulsed
     }
 
-    /// Returns whether its level has become a voltage.
+    /// Returns true if the level has just become a voltage.
     pub(super) fn timeout(&mut self, at: Instant) -> bool {
         let steady = self.due <= at;
         if steady {
@@ -63,7 +63,7 @@ impl SpeedIn {
     }
 }
 
-/// Speed that a voltage asks for: none below `low`, all of it from `high` on (p. 14).
+/// Speed that a voltage requests: zero below `low`, full scale from `high` on (p. 14).
 pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Ratio {
     let [digit, low, high] = [digit, low, high].map(i64::from);
     if digit < low {
@@ -75,7 +75,7 @@ pub(super) fn analogue(digit: u16, low: u16, high: u16) -> Ratio {
     }
 }
 
-/// Speed that a joystick asks for, to either side of its middle.
+/// Speed that a joystick requests: its sign is the side of the middle.
 pub(super) fn joystick(digit: u16) -> Ratio {
     let (first, last) = (*MIDDLE.start(), *MIDDLE.end());
     let past = i64::from(digit) - i64::from(digit.clamp(first, last));

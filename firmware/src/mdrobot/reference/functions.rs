@@ -8,31 +8,31 @@ use crate::mdrobot::registers::{Pid, function};
 /// Unit of the run time in FUNC_SPEED.
 const RUN_TIME: Duration = Duration::millis(100);
 
-/// A function that runs.
+/// A running function.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Function {
-    /// SPEED: turns until its time is over, whatever the signal does.
+    /// SPEED: turns until its time has passed, independently of the signal.
     Speed {
-        /// Positive CCW.
+        /// Speed in rpm, positive CCW.
         rpm: i32,
-        /// End of that.
+        /// End of the run time.
         until: Instant,
     },
-    /// POSITION: goes so far, and stays there.
+    /// POSITION: moves by a number of counts, and holds the position.
     Position {
-        /// Largest speed, not negative.
+        /// Greatest speed in rpm, not negative.
         rpm: i32,
     },
     /// SPEED_MOMENTARY: turns while the signal is ON.
     Momentary {
-        /// Positive CCW.
+        /// Speed in rpm, positive CCW.
         rpm: i32,
     },
-    /// SPEED_ADD: turns until both its time is over and the signal OFF.
+    /// `SPEED_ADD`: turns until its time has passed and the signal is OFF.
     Add {
-        /// Positive CCW.
+        /// Speed in rpm, positive CCW.
         rpm: i32,
-        /// End of its time; [`Instant::NEVER`] once it is over.
+        /// End of the run time; [`Instant::NEVER`] once it has passed.
         until: Instant,
     },
 }
@@ -44,9 +44,10 @@ impl Function {
 }
 
 impl Drive {
-    /// The signal has come: the function that FUNC_CMD_TYPE names begins.
+    /// The signal has changed to ON: starts the function that `FUNC_CMD_TYPE` selects.
     pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Context) {
-        // While one of speed runs it ignores the signal; one of position goes on from where the motor is.
+        // A running speed function ignores the signal; a position function starts again from the motor's
+        // position.
         if matches!(self.reference.command, Command::Function(running) if !running.is_position()) {
             return;
         }
@@ -68,7 +69,7 @@ impl Drive {
         self.reference.command = Command::Function(begun);
     }
 
-    /// The signal has gone.
+    /// The signal has changed to OFF.
     pub(super) fn release_function(&mut self) {
         if let Command::Function(Function::Momentary { .. } | Function::Add { until: Instant::NEVER, .. }) =
             self.reference.command
@@ -77,7 +78,7 @@ impl Drive {
         }
     }
 
-    /// End of the function that runs.
+    /// End of the running function.
     pub(super) fn function_due(&self) -> Instant {
         match self.reference.command {
             Command::Function(Function::Speed { until, .. } | Function::Add { until, .. }) => until,
@@ -85,7 +86,7 @@ impl Drive {
         }
     }
 
-    /// Handles that time; returns whether the order to the motor changes.
+    /// Handles the deadline of [`Drive::function_due`]. Returns true if the order to the motor changes.
     pub(super) fn function_timeout(&mut self, at: Instant) -> bool {
         if self.function_due() > at {
             return false;
@@ -98,7 +99,7 @@ impl Drive {
         true
     }
 
-    /// A PID of two words, signed.
+    /// The two words of a PID as signed numbers.
     fn two_words(&self, pid: Pid) -> (i16, i16) {
         let words = self.bank.get(pid);
         (words as i16, (words >> 16) as i16)

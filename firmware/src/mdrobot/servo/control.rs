@@ -1,4 +1,4 @@
-//! Control laws of each tick, by which an order becomes a duty.
+//! Control laws of each tick: they compute a duty from the order.
 
 use fixed::types::I40F24;
 
@@ -6,13 +6,14 @@ use super::watch::ControlSample;
 use super::{FULL_DUTY, OUTPUTS, Order, Servo, Settings, TICK, ramp};
 use crate::device::{Context, Duration, Instant};
 
-/// The loop is 14 to 24 ms behind a ramp with the gains of the factory, and looks so far ahead, in ms.
+/// The speed loop uses the reference this many ms ahead, because the motor follows a ramp 14 to 24 ms late
+/// with the factory gains.
 const LOOKAHEAD_MS: I40F24 = I40F24::lit("8");
-/// Longest time that a motor may be behind a ramp.
+/// Longest time for which a motor may still follow after a ramp has ended.
 const MAX_TRAIL: Duration = Duration::millis(200);
 
 impl Servo {
-    /// Puts the terminals as the order wants them.
+    /// Sets the terminals as the order requires.
     pub(super) fn tick(&mut self, at: Instant, out: &mut dyn Context) {
         self.next = at + TICK;
         let (setpoint, wanted) = match self.order {
@@ -36,7 +37,7 @@ impl Servo {
                 return self.check_faults(at, duty, None);
             }
             Order::Torque(torque) => {
-                // With all of the supply, and the limit of the current where it is to be.
+                // The duty is the whole supply, and the current limit sets the torque.
                 self.terminals(at, i32::from(torque.signum()) * FULL_DUTY, self.allowed(), out);
                 return self.check_faults(at, self.applied_duty(at), None);
             }
@@ -57,8 +58,8 @@ impl Servo {
         self.check_faults(at, output, Some((wanted, emf)));
     }
 
-    /// Returns whether the speed reference is 0 for good, and the motor is released: if so, whether it is shorted
-    /// (MDROBOT-17).
+    /// If the speed reference is 0 for good and the motor is to be released, returns true for shorted and
+    /// false for open terminals (MDROBOT-17).
     pub(super) fn is_over(&self, at: Instant) -> Option<bool> {
         if self.goal() != Some(0) {
             return None;
@@ -71,20 +72,21 @@ impl Servo {
         }
     }
 
-    /// Returns whether the motor is still behind the end of a ramp to 0.
+    /// Returns true if the motor has not yet reached standstill after a ramp to 0.
     fn trails(&self, at: Instant) -> bool {
         self.settings.slow_down > 0
             && at.since(self.setpoint_since) < MAX_TRAIL
             && self.reading(at).round() != 0
     }
 
-    /// The speed to which the ramp goes, in rpm.
+    /// The speed in rpm at which the ramp ends; `None` without speed control.
     pub(super) fn goal(&self) -> Option<i32> {
         let most = i32::from(self.settings.max_rpm);
         if let Order::Velocity(rpm) = self.order { Some(rpm.clamp(-most, most)) } else { None }
     }
 
-    /// Current limit while it controls the motor, in mA: MAX_LOAD, or its share in torque control.
+    /// Current limit while the servo controls the motor, in mA: `MAX_LOAD`, or a part of it in torque
+    /// control.
     pub(super) fn allowed(&self) -> u32 {
         let Order::Torque(torque) = self.order else { return self.limit() };
         let part =
@@ -92,7 +94,7 @@ impl Servo {
         u32::try_from(part).unwrap_or(u32::MAX)
     }
 
-    /// Looks for faults.
+    /// Checks for faults.
     fn check_faults(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
         let sample = ControlSample {
             ma: self.current(),

@@ -1,11 +1,11 @@
-//! An encoder: two channels a quarter of a cycle apart, A before B while the motor turns forward.
+//! An encoder: two channels with a quarter of a cycle between them, A before B while the motor turns forward.
 
 /// State of an encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
     /// Channels A and B: high until their first event, like their idle wires.
     levels: [bool; 2],
-    /// True while its wires are broken.
+    /// True while the encoder's wires are broken.
     cut: bool,
 }
 
@@ -13,7 +13,8 @@ impl Encoder {
     /// State before the first edge.
     pub(super) const NEW: Self = Self { levels: [true; 2], cut: false };
 
-    /// A level of channel A, or else B. Returns the direction if it is an edge: forward or not.
+    /// Sets the level of channel A, or else B. If this is an edge, returns true for forward and false for
+    /// backward.
     pub(super) fn edge(&mut self, a: bool, high: bool) -> Option<bool> {
         let [was_a, was_b] = self.levels;
         let (was, other) = if a { (was_a, was_b) } else { (was_b, was_a) };
@@ -21,12 +22,12 @@ impl Encoder {
         (was != high && !self.cut).then_some((high == other) != a)
     }
 
-    /// The levels of channels A and B, on whole wires.
+    /// The levels of channels A and B, even while the wires are broken.
     pub(super) fn levels(&self) -> [bool; 2] {
         self.levels
     }
 
-    /// Breaks its wires, which then read high, or mends them.
+    /// Breaks the wires, so that edges have no effect, or repairs them.
     pub(super) fn cut(&mut self, cut: bool) {
         self.cut = cut;
     }

@@ -1,18 +1,19 @@
-//! Three Hall sensors, a third of a period apart: what they count, and states that they cannot have.
+//! Three Hall sensors, a third of a period apart: their count, and impossible codes.
 
 use crate::device::Instant;
 use crate::motor::SETTLE;
 
-/// HU, HV and HW, the highest bit first, forward through a period, as the motor's wheel shows them.
+/// Codes of HU, HV and HW, with HU as the highest bit, in the order of a period while the motor turns
+/// forward.
 const FORWARD: [u8; 6] = [0b101, 0b100, 0b110, 0b010, 0b011, 0b001];
 
-/// State of an impossible code.
+/// State of an impossible code, all sensors high or all low.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum InvalidCode {
     None,
-    /// Present since then.
+    /// An impossible code is present since this time.
     Since(Instant),
-    /// Present for too long.
+    /// An impossible code has been present for too long.
     Broken,
 }
 
@@ -21,14 +22,14 @@ enum InvalidCode {
 pub(super) struct Halls {
     /// HU, HV and HW: high until their first event, like their idle wires.
     levels: [bool; 3],
-    /// Time of the first level at power-on: the others follow, and are no edges.
+    /// Time of the first level after power-on. Levels shortly after it are initial levels and no edges.
     first_level_at: Option<Instant>,
-    /// The wire of HU is broken.
+    /// True while the wire of HU is broken.
     cut: bool,
-    /// Place in a period of the last possible code.
+    /// Index in [`FORWARD`] of the last possible code.
     place: Option<i8>,
     invalid: InvalidCode,
-    /// Edges, forward less backward.
+    /// Count of edges: forward edges minus backward edges.
     count: i64,
 }
 
@@ -43,7 +44,7 @@ impl Halls {
         count: 0,
     };
 
-    /// A level of a sensor. Returns the counts forward.
+    /// Sets the level of a sensor. Returns the counts made, positive forward.
     pub(super) fn edge(&mut self, at: Instant, sensor: u8, high: bool) -> i8 {
         if let Some(level) = self.levels.get_mut(usize::from(sensor)) {
             *level = high;
@@ -52,7 +53,8 @@ impl Halls {
         self.read(at)
     }
 
-    /// The wire of HU breaks, and reads high, or is whole again. How many counts forward that is.
+    /// Breaks the wire of HU, which then reads high, or repairs it. Returns the counts made, positive
+    /// forward.
     pub(super) fn cut(&mut self, at: Instant, cut: bool) -> i8 {
         if cut == self.cut {
             return 0;
@@ -77,7 +79,7 @@ impl Halls {
             return 0;
         }
         let made = match (place - before).rem_euclid(6) {
-            // Half a period is as far forward as backward.
+            // Half a period has no direction.
             3 => 0,
             made @ 0..3 => made,
             made => made - 6,
@@ -86,7 +88,8 @@ impl Halls {
         made
     }
 
-    /// Time at which an impossible code will have lasted too long; never if there is none, or it has.
+    /// Time at which an impossible code will have lasted too long; [`Instant::NEVER`] if there is no such
+    /// code, or if its time has passed.
     pub(super) fn deadline(&self) -> Instant {
         match self.invalid {
             InvalidCode::Since(since) => since + SETTLE,
@@ -94,19 +97,19 @@ impl Halls {
         }
     }
 
-    /// Looks whether it has.
+    /// Marks the sensors as broken if an impossible code has lasted too long.
     pub(super) fn check_code(&mut self, at: Instant) {
         if self.deadline() <= at {
             self.invalid = InvalidCode::Broken;
         }
     }
 
-    /// Returns whether they have had an impossible code for too long.
+    /// Returns true if an impossible code has lasted too long.
     pub(super) fn are_broken(&self) -> bool {
         self.invalid == InvalidCode::Broken
     }
 
-    /// Edges, forward less backward.
+    /// Count of edges: forward edges minus backward edges.
     pub(super) fn count(&self) -> i64 {
         self.count
     }

@@ -1,9 +1,9 @@
 //! The servo: control of velocity, position and torque, ramps, and the readings of the sensors.
 //!
-//! While the drive controls the motor its servo runs every millisecond ([`control`]). Velocity and position are held by
-//! a speed loop ([`pi`]), whose reference comes from a [`ramp`] or from the distance that is left ([`position`]). Its
-//! feedback is the motor's report ([`Feedback`]), as the speed sensor reads it ([`Edges`], [`halls`], [`encoder`]).
-//! [`watch`] detects faults.
+//! While the drive controls the motor, the servo runs every millisecond ([`control`]). A speed loop ([`pi`])
+//! holds velocity and position. Its reference is a [`ramp`], or follows from the remaining distance
+//! ([`position`]). Its feedback is the motor's report ([`Feedback`]), as the speed sensor reads it
+//! ([`Edges`], [`halls`], [`encoder`]). [`watch`] detects faults.
 
 mod control;
 mod encoder;
@@ -26,39 +26,40 @@ use crate::device::{Context, Instant, Output, Rotation};
 use crate::mdrobot::drive::MOTOR;
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK};
 
-/// The whole supply as an output, and MAX_LOAD as a torque, in registers (p. 12).
+/// Register value of the whole supply as an output, and of `MAX_LOAD` as a torque (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;
 
 /// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Order {
-    /// Open terminals.
+    /// The terminals are open.
     Free,
-    /// Shorted windings.
+    /// The windings are shorted.
     Brake,
-    /// Turn at so many rpm, positive CCW, by SLOW_START and SLOW_DOWN; at 0 as STOP_STATUS selects.
+    /// Turn at this speed in rpm, positive CCW, with the ramps of `SLOW_START` and `SLOW_DOWN`; at 0 as
+    /// `STOP_STATUS` selects.
     Velocity(i32),
-    /// Go to that count and hold it, at most at so many rpm, not negative.
+    /// Go to a count and hold it, with a limited speed.
     Position {
         /// Target, in counts.
         count: i32,
-        /// Largest speed.
+        /// Greatest speed in rpm, not negative.
         rpm: i32,
     },
-    /// An output of so many 1/1023 of the supply.
+    /// Output in 1/1023 of the supply, without speed control.
     Open(i16),
-    /// A torque of so many 1/1023 of MAX_LOAD.
+    /// Torque in 1/1023 of `MAX_LOAD`.
     Torque(i16),
 }
 
 /// Settings from the registers.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
-    /// MAX_RPM as it acts.
+    /// `MAX_RPM`, limited to its range.
     pub(super) max_rpm: u16,
-    /// MAX_LOAD as it acts, in mA.
+    /// `MAX_LOAD`, limited to its range, in mA.
     pub(super) limit_ma: u32,
-    /// PV_GAIN, rpm a count.
+    /// `PV_GAIN`, in rpm for each count.
     pub(super) pv_gain: u16,
     /// P_GAIN.
     pub(super) p_gain: u16,
@@ -70,7 +71,7 @@ pub(super) struct Settings {
     pub(super) slow_down: u16,
     /// STOP_STATUS, 0 to 3.
     pub(super) stop_status: u16,
-    /// Poles of the motor, by HALL_TYPE.
+    /// Poles of the motor, from `HALL_TYPE`.
     pub(super) poles: u16,
     /// ENC_PPR; 0 without an encoder.
     pub(super) enc_ppr: u16,
@@ -92,7 +93,7 @@ impl Settings {
         enc_ppr: 0,
     };
 
-    /// Counts of the Hall sensors in a turn: the edges of three in each pair of poles.
+    /// Counts of the Hall sensors in a turn: the edges of three sensors for each pair of poles.
     fn counts(&self) -> i64 {
         3 * i64::from(self.poles.max(1))
     }
@@ -119,20 +120,20 @@ pub(super) enum Sensor {
     EncoderB,
 }
 
-/// The drive's half of the motor.
+/// The drive's control of the motor.
 #[derive(Clone, Debug)]
 pub(super) struct Servo {
     settings: Settings,
     order: Order,
-    /// Next control tick; never while the motor is not controlled.
+    /// Time of the next control tick; [`Instant::NEVER`] while the servo does not control the motor.
     next: Instant,
-    /// The reference of the speed in rpm, on its ramp.
+    /// The speed reference on its ramp, in rpm.
     setpoint: I40F24,
-    /// Last time at which it was not 0.
+    /// Last time at which `setpoint` was not 0.
     setpoint_since: Instant,
     pi: Pi,
     feedback: Feedback,
-    /// Requested duty; the current limit may leave less of it.
+    /// Requested duty. The current limit may reduce it.
     duty: i32,
     /// Current limit, in mA: 0 while the terminals are open.
     limit_out_ma: u32,
@@ -143,7 +144,7 @@ pub(super) struct Servo {
     hall_edges: Edges,
     /// Edges of the encoder.
     encoder_edges: Edges,
-    /// Count of the Hall sensors at position 0.
+    /// Count of the Hall sensors that is position 0.
     zero: i64,
     target: i32,
     faults: FaultMonitor,
@@ -152,7 +153,7 @@ pub(super) struct Servo {
 }
 
 impl Servo {
-    /// A motor at standstill, its terminals open.
+    /// A servo for a motor at standstill with open terminals.
     pub(super) fn new(settings: Settings) -> Self {
         Self {
             settings,
@@ -176,8 +177,8 @@ impl Servo {
         }
     }
 
-    /// Power has come: puts the state of the terminals. Everything is reset, the position, too; only the motor's
-    /// feedback stays.
+    /// Handles power-on: puts the state of the terminals. Everything is reset, including the position; only
+    /// the motor's feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self { feedback, ..Self::new(settings) };
@@ -185,7 +186,7 @@ impl Servo {
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_out_ma });
     }
 
-    /// Registers have been written: all of them hold at once.
+    /// Applies new settings of the registers, all at once.
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.settings, settings);
         if settings == before {
@@ -194,8 +195,8 @@ impl Servo {
         match self.order {
             Order::Brake => self.release(at, true, out),
             Order::Velocity(_) if !self.is_controlling() => {
-                // A motor released at 0 may have to be held there now; a coasting one is not controlled again for any
-                // other change.
+                // A motor released at speed 0 may have to be held there with the new settings. A coasting
+                // motor is controlled again only if `STOP_STATUS` has changed.
                 let is_other = settings.stop_status != before.stop_status;
                 if is_other || self.goal() != Some(0) {
                     self.start_control(at, out);
@@ -206,13 +207,13 @@ impl Servo {
         }
     }
 
-    /// Last order.
+    /// The last order.
     #[cfg(test)]
     pub(super) fn ordered(&self) -> Order {
         self.order
     }
 
-    /// Gives an order; the same order once more changes nothing.
+    /// Executes an order. Repeating the same order changes nothing.
     pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
         let before = core::mem::replace(&mut self.order, order);
         if order == before {
@@ -230,12 +231,12 @@ impl Servo {
         }
     }
 
-    /// Next control tick.
+    /// Time of the next control tick, or of the check of an impossible Hall code.
     pub(super) fn deadline(&self) -> Instant {
         self.next.min(self.halls.deadline())
     }
 
-    /// Carries out a control tick.
+    /// Executes a control tick if one is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.halls.check_code(at);
         if at >= self.next {
@@ -244,7 +245,7 @@ impl Servo {
         }
     }
 
-    /// The motor is controlled from now on, from the speed that it has.
+    /// Starts to control the motor, from its present speed.
     fn start_control(&mut self, at: Instant, out: &mut dyn Context) {
         let duty = if self.is_controlling() && self.limit_out_ma > 0 {
             self.applied_duty(at)
@@ -263,7 +264,7 @@ impl Servo {
         self.terminals(at, duty.round().to_num(), self.limit(), out);
     }
 
-    /// The motor is left alone, its terminals open or shorted.
+    /// Stops controlling the motor and opens or shorts its terminals.
     fn release(&mut self, at: Instant, shorted: bool, out: &mut dyn Context) {
         if self.reading(at).round() == 0 {
             self.hall_edges.set_standstill();
@@ -273,7 +274,7 @@ impl Servo {
         self.terminals(at, 0, if shorted { self.limit() } else { 0 }, out);
     }
 
-    /// Puts the terminals so, if they are not.
+    /// Sets the terminals if duty or current limit have changed.
     fn terminals(&mut self, at: Instant, duty: i32, limit_out_ma: u32, out: &mut dyn Context) {
         if (duty, limit_out_ma) == (self.duty, self.limit_out_ma) {
             return;
@@ -292,7 +293,7 @@ impl Servo {
         out.put(at, Output::Duty { axis: AXIS, duty: if self.swapped { -self.duty } else { self.duty } });
     }
 
-    /// Returns whether it controls the motor.
+    /// Returns true if the servo controls the motor.
     fn is_controlling(&self) -> bool {
         self.next != Instant::NEVER
     }

@@ -1,4 +1,4 @@
-//! The loop of the speed: P_GAIN and I_GAIN (p. 15; MDROBOT-30).
+//! The speed loop: `P_GAIN` and `I_GAIN` (p. 15; MDROBOT-30).
 
 use fixed::types::I40F24;
 
@@ -8,39 +8,41 @@ use crate::motor::ratio;
 /// The whole supply, as a duty.
 pub(super) const FULL: I40F24 = I40F24::const_from_int(FULL_DUTY as i64);
 
-/// Proportional gain of one of P_GAIN: duty for a speed error, in parts of the duty that makes as much back-EMF; 2 for
-/// the 6,000 of the factory.
+/// Proportional gain for a `P_GAIN` of 1: duty for a speed error, relative to the duty with a back-EMF of
+/// that speed. The factory value 6,000 gives 2.
 const P: I40F24 = I40F24::lit("0.000333333");
-/// Integral gain of one of I_GAIN, a ms: 70 a second for the 6,000 of the factory.
+/// Integral gain per ms for an `I_GAIN` of 1. The factory value 6,000 gives 70 per second.
 const I: I40F24 = I40F24::lit("0.0000116667");
 
-/// The part of a limit of the current by which the loop asks for more: so the limit, and no rounding, holds it.
+/// The loop requests 1/64 more than the current limit allows, so that the limit, and not rounding, sets the
+/// current.
 const HEADROOM_DIVISOR: i64 = 64;
 
-/// The speed loop. All values are duties: a speed is the duty that makes as much back-EMF.
+/// The speed loop. All values are duties: a speed is the duty with a back-EMF of that speed.
 #[derive(Clone, Debug)]
 pub(super) struct Pi {
     integral: I40F24,
 }
 
 impl Pi {
-    /// With nothing gathered.
+    /// State with an integral of 0.
     pub(super) const NEW: Self = Self { integral: I40F24::ZERO };
 
-    /// Continues from that output.
+    /// Continues from the output `output`.
     pub(super) fn begin(&mut self, output: I40F24) {
         self.integral = output.clamp(-FULL, FULL);
     }
 
-    /// Returns the output for the next ms, and the duty that the motor gets of it. The motor has a back-EMF of `emf`,
-    /// and the current limit allows no more than `headroom` beyond it.
+    /// Returns the output for the next ms, and the duty that the motor gets. The motor has a back-EMF of
+    /// `emf`, and the current limit allows a duty up to `headroom` above and below it.
     ///
-    /// `gain` is the part of the change to its final speed that the motor makes in a ms. A continuous loop would react
-    /// to an error that shrinks during the ms; this loop reduces its proportional part accordingly, so that the fastest
-    /// motor does not oscillate.
+    /// `gain` is the part of the change to its final speed that the motor makes in a ms. A continuous loop
+    /// would react to an error that shrinks during the ms. This loop reduces its proportional part
+    /// accordingly, so that the fastest motor does not oscillate.
     ///
-    /// While the limit is active the integral gathers no more than the applied duty, which prevents an overshoot.
-    /// Exception: at standstill it grows on, until the motor breaks loose or a fault is raised.
+    /// While the limit is active, the integral does not grow beyond the applied duty, which prevents an
+    /// overshoot. At standstill the integral continues to grow, until the motor starts to turn or a fault is
+    /// raised.
     pub(super) fn step(
         &mut self,
         error: I40F24,

@@ -5,18 +5,19 @@ use fixed::types::I40F24;
 use super::{FULL_DUTY, NEAR, Order, Servo};
 use crate::device::Instant;
 
-/// At a larger distance no motor is so fast that it would have to brake, in counts.
+/// Beyond this distance in counts, no motor is fast enough to have to brake.
 const FAR: i64 = 1 << 24;
-/// The part of what MAX_LOAD can brake that a move takes; the loop of the speed keeps the rest.
+/// A move uses the deceleration that `MAX_LOAD` allows, divided by this. The rest is for the speed loop.
 const BRAKE_DIVISOR: i64 = 2;
-/// The loop of the speed with the gains of the factory is behind its reference by this part of a second at least.
+/// With the factory gains the speed loop lags behind its reference by at least 1/40 s.
 const LAG_PER_S: i64 = 40;
-/// And by this part of the motor's time constant: a heavy motor would swing about its target.
+/// The lag is also at least the motor's time constant divided by this. Without this term a heavy motor
+/// would oscillate around its target.
 const LAG_PART: i64 = 2;
 
 impl Servo {
-    /// The speed to go for, in rpm: PV_GAIN for each count that is left, at most `most`, and no more than MAX_LOAD can
-    /// brake on that way.
+    /// The speed reference in rpm: `PV_GAIN` for each remaining count, at most `most`, and at most the speed
+    /// from which `MAX_LOAD` can brake within the distance.
     pub(super) fn setpoint_to_target(&self, at: Instant, most: i32) -> I40F24 {
         const TICKS_PER_S: i64 = 1_000;
         let (turn, motor) = (self.settings.counts(), &self.feedback.motor);
@@ -27,7 +28,7 @@ impl Servo {
         let sign = left.to_bits().signum();
         let brakes =
             motor.max_deceleration(self.settings.limit_ma, FULL_DUTY, sign) / BRAKE_DIVISOR * TICKS_PER_S;
-        // v² = 2·a·(s − v·t), with 60 rpm for a turn in a second.
+        // v² = 2·a·(s − v·t), where 60 rpm are one turn per second.
         let brakes = self.hall_edges.of_sensor(brakes, turn).max(I40F24::ONE).to_num::<i64>();
         let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
         let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
@@ -40,22 +41,22 @@ impl Servo {
         left.saturating_mul(self.settings.pv_gain.into()).min(most).max(-most)
     }
 
-    /// Counts to the target.
+    /// Distance to the target in counts.
     pub(super) fn distance(&self) -> i64 {
         self.distance_to(self.target)
     }
 
-    /// Counts from where the motor is to a position.
+    /// Distance from the motor's position to `position`, in counts.
     pub(in crate::mdrobot) fn distance_to(&self, position: i32) -> i64 {
         self.zero + i64::from(position) - self.halls.count()
     }
 
-    /// Counts of the Hall sensors, CCW less CW; further than positions go it stays at the last one.
+    /// Position in counts of the Hall sensors, positive CCW, limited to the range of positions.
     pub(in crate::mdrobot) fn position(&self) -> i32 {
         of_position(self.halls.count() - self.zero)
     }
 
-    /// The position is 0 here; a position that is held moves along.
+    /// Sets the present position to 0. The target of position control is shifted by the same amount.
     pub(in crate::mdrobot) fn clear_position(&mut self) {
         self.target = of_position(self.distance());
         self.zero = self.halls.count();
@@ -64,18 +65,18 @@ impl Servo {
         }
     }
 
-    /// Target of position control, or the last one, in counts; it moves along when the position is cleared.
+    /// Present or last target of position control, in counts. Clearing the position shifts it.
     pub(in crate::mdrobot) fn target(&self) -> i32 {
         self.target
     }
 
-    /// The error of position control, in counts; `None` unless it controls the position.
+    /// Position error in counts; `None` if the order is no position.
     pub(in crate::mdrobot) fn error(&self) -> Option<i64> {
         matches!(self.order, Order::Position { .. }).then(|| self.distance())
     }
 }
 
-/// Counts as a position, or as far as positions go.
+/// Counts as a position, limited to the range of positions.
 fn of_position(counts: i64) -> i32 {
     counts.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }

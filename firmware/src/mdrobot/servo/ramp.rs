@@ -1,20 +1,21 @@
-//! SLOW_START and SLOW_DOWN (p. 13; MDROBOT-16): how the reference of the speed gets where it is to be.
+//! `SLOW_START` and `SLOW_DOWN` (p. 13; MDROBOT-16): ramps of the speed reference.
 
 use fixed::types::I40F24;
 
-/// Longest ramps of SLOW_START and SLOW_DOWN from 0 to MAX_RPM, in ms.
+/// Longest time of a ramp between 0 and `MAX_RPM`, in ms.
 const LONGEST_MS: i64 = 15_000;
-/// Their greatest value.
+/// Greatest value of `SLOW_START` and `SLOW_DOWN`.
 const GREATEST: i64 = 1_023;
 
-/// The change of the speed in a ms, in rpm, that such a value gives; `None` without a ramp.
+/// The change of the speed in a ms, in rpm, for a value of `SLOW_START` or `SLOW_DOWN`; `None` without a
+/// ramp.
 pub(super) fn rate(slow: u16, max_rpm: u16) -> Option<I40F24> {
     let rate = ((i64::from(max_rpm) * GREATEST) << 24).checked_div(LONGEST_MS * i64::from(slow))?;
     Some(I40F24::from_bits(rate.max(1)))
 }
 
-/// The speed a ms after it was `setpoint`, on the way to `target`: its magnitude changes by `up` and `down`, and it
-/// turns round at 0.
+/// The speed reference one ms after `setpoint`, on the way to `target`. Its magnitude rises at most by `up`
+/// and falls at most by `down`; it changes its sign only at 0.
 pub(super) fn next(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
     let turns_round = setpoint.signum() * target.signum() < 0;
     let (slows, aim) =
@@ -23,7 +24,7 @@ pub(super) fn next(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: O
         Some(rate) => setpoint + (aim - setpoint).min(rate).max(-rate),
         None => aim,
     };
-    // What comes to 0 at once turns round in the same ms.
+    // Without a ramp down, the reference reaches 0 at once and changes its sign in the same ms.
     if turns_round && next == 0 && down.is_none() { self::next(next, target, up, down) } else { next }
 }
 
@@ -31,7 +32,7 @@ pub(super) fn next(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: O
 mod tests {
     use super::*;
 
-    /// Speeds of so many ms, rounded.
+    /// The rounded reference after `ms` milliseconds.
     fn paces(from: i32, to: i32, up: u16, down: u16, ms: usize) -> i32 {
         let (up, down) = (rate(up, 3_000), rate(down, 3_000));
         let mut setpoint = I40F24::from_num(from);
@@ -45,14 +46,14 @@ mod tests {
     fn the_greatest_takes_15_s_for_max_rpm_and_others_their_part_of_it() {
         assert_eq!(paces(0, 3_000, 1_023, 0, 7_500), 1_500);
         assert_eq!(paces(0, 3_000, 1_023, 0, 15_001), 3_000);
-        // 341 is a third: 5 s.
+        // 341 is a third of 1,023, so the ramp takes 5 s.
         assert_eq!(paces(3_000, 0, 0, 341, 2_500), 1_500);
         assert_eq!(paces(0, -600, 341, 0, 500), -300);
     }
 
     #[test]
     fn a_reversal_goes_down_by_the_one_and_up_by_the_other() {
-        // 600 rpm are 1 s down and 3 s up.
+        // 600 rpm take 1 s down and 3 s up.
         assert_eq!(paces(600, -600, 1_023, 341, 500), 300);
         assert_eq!(paces(600, -600, 1_023, 341, 1_001 + 1_500), -300);
         assert_eq!(paces(600, -600, 0, 341, 1_003), -600);

@@ -1,4 +1,4 @@
-//! Readings of the sensors and the motor: speed, and the effect of the duty.
+//! Readings of the sensors and the motor: speed, current, and the applied duty.
 
 use fixed::types::I40F24;
 
@@ -6,7 +6,7 @@ use super::{ControlModel, Edges, FULL_DUTY, OUTPUTS, Parameters, Rotation, Senso
 use crate::device::{Context, Instant};
 
 impl Servo {
-    /// A level of a sensor.
+    /// Handles a level of a sensor.
     pub(in crate::mdrobot) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
         match sensor {
             Sensor::Hall(place) => {
@@ -21,7 +21,7 @@ impl Servo {
         }
     }
 
-    /// The Hall sensors made so many counts.
+    /// Handles counts that the Hall sensors made, positive forward.
     fn counted(&mut self, at: Instant, counts: i8) {
         for _ in 0..counts.unsigned_abs() {
             self.hall_edges.edge(at, counts > 0, self.settings.counts(), &self.feedback);
@@ -32,22 +32,22 @@ impl Servo {
         }
     }
 
-    /// The motor draws so many mA.
+    /// The motor reports its current, in mA.
     pub(in crate::mdrobot) fn draws(&mut self, ma: i32) {
         self.feedback.ma = ma;
     }
 
-    /// The motor is this one.
+    /// The motor reports its parameters.
     pub(in crate::mdrobot) fn motor(&mut self, parameters: &Parameters) {
         self.feedback.motor = ControlModel::of(parameters);
     }
 
-    /// The motor turns like this from now on.
+    /// The motor reports its rotation from now on.
     pub(in crate::mdrobot) fn turned(&mut self, at: Instant, rotation: Rotation) {
         self.feedback.turns(at, rotation);
     }
 
-    /// Two wires of the motor are swapped: the duty turns it the other way.
+    /// Swaps two wires of the motor, which reverses the direction of the duty, or restores them.
     pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Context) {
         if swapped != self.swapped {
             self.swapped = swapped;
@@ -55,14 +55,15 @@ impl Servo {
         }
     }
 
-    /// The wire of a Hall sensor, or those of the encoder, are broken: the drive reads high there.
+    /// Breaks or repairs the wire of a Hall sensor, and the wires of the encoder. The drive reads high from a
+    /// broken wire.
     pub(in crate::mdrobot) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
         self.encoder.cut(encoder);
         let counts = self.halls.cut(at, halls);
         self.counted(at, counts);
     }
 
-    /// Channels A and B of the encoder, whether its wires are broken or not.
+    /// Levels of channels A and B of the encoder, even while its wires are broken.
     pub(in crate::mdrobot) fn encoder_levels(&self) -> [bool; 2] {
         self.encoder.levels()
     }
@@ -72,48 +73,49 @@ impl Servo {
         if self.settings.enc_ppr > 0 { &self.encoder_edges } else { &self.hall_edges }
     }
 
-    /// Speed that this sensor reads at any instant, in rpm.
+    /// Speed in rpm that the speed sensor reads, also between two edges.
     pub(super) fn reading(&self, at: Instant) -> I40F24 {
         self.speed().reading(at, self.settings.turn(), &self.feedback)
     }
 
-    /// A speed that it reads, as the duty of the back-EMF at that speed.
+    /// The duty with a back-EMF of the speed `rpm` that the sensor reads.
     pub(super) fn duty_of(&self, rpm: I40F24) -> I40F24 {
         self.feedback.motor.duty(self.speed().of_shaft(rpm, self.settings.turn()))
     }
 
-    /// The back-EMF at present, as a duty.
+    /// Present back-EMF, as a duty.
     pub(super) fn back_emf(&self, at: Instant) -> I40F24 {
         self.duty_of(self.reading(at))
     }
 
-    /// Speed by the edges of its sensor, in rpm, positive CCW, not limited.
+    /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
     pub(in crate::mdrobot) fn rpm(&self, at: Instant) -> i32 {
         self.speed().rpm(at, self.settings.turn())
     }
 
-    /// Current in mA, with the sign of the output that it comes from.
+    /// Current in mA. Its sign refers to the direction of the output.
     pub(in crate::mdrobot) fn current(&self) -> i32 {
         if self.swapped { self.feedback.ma.saturating_neg() } else { self.feedback.ma }
     }
 
-    /// The output as far as the limit of the current lets it, in 1/1023 of the supply.
+    /// The output in 1/1023 of the supply, reduced by the current limit.
     pub(in crate::mdrobot) fn output(&self, at: Instant) -> i16 {
         (self.applied_duty(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
     }
 
-    /// The same as a duty.
+    /// The output as a duty, reduced by the current limit.
     pub(super) fn applied_duty(&self, at: Instant) -> I40F24 {
         let sign = if self.swapped { -1 } else { 1 };
         I40F24::from_num(sign * self.feedback.applied(at, sign * self.duty, self.limit_out_ma))
     }
 
-    /// Alarms that have come up since it was asked last, bits of [`status`](crate::mdrobot::alarm::status).
+    /// Returns the alarms that have occurred since the last call, as bits of
+    /// [`status`](crate::mdrobot::alarm::status).
     pub(in crate::mdrobot) fn alarms(&mut self) -> u16 {
         core::mem::take(&mut self.alarms)
     }
 
-    /// Returns whether the Hall sensors have an impossible code.
+    /// Returns true if the Hall sensors have had an impossible code for too long.
     pub(in crate::mdrobot) fn halls_are_broken(&self) -> bool {
         self.halls.are_broken()
     }

@@ -1,4 +1,4 @@
-//! Fault detection of a motor that is driven (p. 9; MDROBOT-31).
+//! Fault detection while the servo controls the motor (p. 9; MDROBOT-31).
 
 use fixed::types::I40F24;
 
@@ -12,7 +12,7 @@ const CTRL_FAIL: Duration = Duration::secs(3);
 const INV_VEL: Duration = Duration::millis(500);
 const ENCODER: Duration = Duration::millis(600);
 
-/// A mistake that shrank by this part since it began is being corrected.
+/// An error that shrank by 1/16 since its timer started counts as improving.
 const IMPROVED_DIVISOR: i64 = 16;
 
 /// A condition that is a fault if it lasts (on-delay).
@@ -22,7 +22,7 @@ struct OnDelay(Option<Instant>);
 impl OnDelay {
     const NOT: Self = Self(None);
 
-    /// Returns whether the condition has lasted for `span`.
+    /// Returns true if the condition `so` has been true for `span`.
     fn has_lasted(&mut self, so: bool, at: Instant, span: Duration) -> bool {
         self.0 = so.then(|| self.0.unwrap_or(at));
         self.0.is_some_and(|since| at.since(since) >= span)
@@ -33,14 +33,15 @@ impl OnDelay {
 #[derive(Clone, Copy, Debug)]
 struct PersistentError {
     wrong: OnDelay,
-    /// By how much it was wrong when it began.
+    /// The size of the error when its timer started.
     first: I40F24,
 }
 
 impl PersistentError {
     const NOT: Self = Self { wrong: OnDelay::NOT, first: I40F24::ZERO };
 
-    /// Returns whether the error has lasted for `span`, is now `by`, and has not improved in that time.
+    /// Returns true if the error has lasted for `span` and has not improved in that time; `by` is its present
+    /// size.
     fn persists(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
         let by_now = by.unwrap_or(I40F24::ZERO);
         if self.wrong.0.is_none() {
@@ -62,26 +63,26 @@ impl PersistentError {
 pub(super) struct ControlSample {
     /// Current in mA.
     pub(super) ma: i32,
-    /// MAX_LOAD.
+    /// `MAX_LOAD` in mA.
     pub(super) limit_ma: u32,
-    /// The reference of the output, as a duty; the current limit may leave less of it.
+    /// The requested output, as a duty. The current limit may reduce it.
     pub(super) wanted: I40F24,
-    /// The speed that it is to have and the one that its sensor reads, as duties; none without control of the speed.
+    /// Reference and reading of the speed, as duties; `None` without speed control.
     pub(super) speeds: Option<(I40F24, I40F24)>,
-    /// By the speed sensor.
+    /// Speed from the edges of the speed sensor, in rpm.
     pub(super) rpm: i32,
-    /// The last edge of a Hall sensor.
+    /// Time of the last edge of a Hall sensor.
     pub(super) hall: Option<Instant>,
 }
 
-/// Conditions that may become faults, and their times.
+/// Conditions that become faults if they last.
 #[derive(Clone, Debug)]
 pub(super) struct FaultMonitor {
     load: OnDelay,
     standstill: OnDelay,
     deviation: PersistentError,
     inverse: PersistentError,
-    /// Since the last edge of the encoder: the first edge of a Hall sensor, and its count.
+    /// Time and count of the first edge of a Hall sensor after the last edge of the encoder.
     since_encoder_edge: Option<(Instant, i64)>,
 }
 
@@ -95,7 +96,7 @@ impl FaultMonitor {
         since_encoder_edge: None,
     };
 
-    /// Takes the readings of a control tick; returns the fault bits.
+    /// Checks the readings of a control tick. Returns the bits of new faults.
     pub(super) fn update(&mut self, at: Instant, sample: ControlSample) -> u16 {
         let mut alarms = 0;
         if self.load.has_lasted(sample.ma != 0 && sample.ma.unsigned_abs() >= sample.limit_ma, at, OVER_LOAD)
@@ -106,7 +107,7 @@ impl FaultMonitor {
         if self.standstill.has_lasted(sample.wanted.abs() > FULL / 2, at, STALL) && !moved {
             alarms |= status::STALL;
         }
-        // A reference of 0 has no half.
+        // A deviation of half the reference has no meaning at reference 0.
         let off = sample.speeds.filter(|(wanted, _)| *wanted != 0).and_then(|(wanted, speed)| {
             let off = (wanted - speed).abs();
             (off > wanted.abs() / 2).then_some(off)
@@ -123,13 +124,14 @@ impl FaultMonitor {
         alarms
     }
 
-    /// The encoder made an edge.
+    /// Handles an edge of the encoder.
     pub(super) fn encoder_edge(&mut self) {
         self.since_encoder_edge = None;
     }
 
-    /// The Hall sensors made an edge: their `count`, of which `turn` are a turn, in which the encoder makes `edges`.
-    /// Returns the alarms of an encoder without edges for the time `ENCODER` and for a rotation of two of its edges.
+    /// Handles an edge of a Hall sensor. `count` is the present count, `turn` the Hall counts in a turn,
+    /// `edges` the encoder's edges in a turn. Returns the alarms of an encoder that made no edge for the time
+    /// `ENCODER` and for a rotation of two of its edges.
     pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: i64, edges: i64) -> u16 {
         let (since, first) = *self.since_encoder_edge.get_or_insert((at, count));
         let missed = count.abs_diff(first).saturating_mul(edges.unsigned_abs());

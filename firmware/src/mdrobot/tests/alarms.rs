@@ -1,4 +1,4 @@
-//! Alarms: their causes, what they do, and how they go (p. 9).
+//! Alarms: their causes, their effects, and how they are cleared (p. 9).
 
 use super::super::ALARM_RESET;
 use super::*;
@@ -38,7 +38,7 @@ fn what_is_there_at_once() {
         dut.wait(8.secs());
         assert_eq!(dut.rpm(), 0, "{fault}");
 
-        // While its cause is there it cannot be cleared, and commands are only kept.
+        // While the cause is present, the alarm cannot be cleared, and a command is only stored.
         dut.write(12, 0);
         dut.write(10, 8);
         dut.write(130, 500);
@@ -83,7 +83,7 @@ fn power_clears_one_and_a_cause_that_stays_brings_it_back() {
     dut.fault("over_temperature", true);
     dut.cycle();
     assert_eq!((dut.read(34), dut.alarm()), (0, false));
-    // What is around the drive is told anew, here before it is ready.
+    // The test sets the fault again after power-on, here before the drive is ready.
     let mut dut = Dut::booting();
     dut.fault("over_temperature", true);
     assert!(!dut.alarm());
@@ -207,7 +207,7 @@ fn an_encoder_that_nobody_looks_at_holds_no_alarm() {
 
 #[test]
 fn a_hall_state_that_cannot_be_is_an_alarm_as_long_as_it_lasts() {
-    // From power-on, while the drive starts: it shows when it is ready.
+    // The code is impossible from power-on on, so the alarm is raised when the drive is ready.
     let mut dut = Dut::new();
     dut.drive.detach_motor();
     dut.power_on(Boot::default());

@@ -94,7 +94,7 @@ fn others_are_echoed_and_do_nothing() {
     assert_eq!(dut.try_write(10, 0x102), [0x86, 3]);
 }
 
-/// Pages 6 and 7, typed, and the two that V1.1 does not have (MDROBOT-10).
+/// The codes of pages 6 and 7, typed here again, and the two that V1.1 does not have (MDROBOT-10).
 #[test]
 fn the_table_has_every_row_of_the_manual() {
     let codes: Vec<u16> = Dut::new().drive.spec().commands.iter().map(|command| command.code).collect();

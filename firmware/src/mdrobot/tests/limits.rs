@@ -1,12 +1,13 @@
-//! Limit switches and a shaft that turns (MDROBOT-23).
+//! Limit switches while the shaft turns (MDROBOT-23).
 
 use super::super::{DIR, START_STOP};
 use super::*;
 
-/// Each switch, the way that it permits, and the other switch.
+/// For each switch: the direction that it permits, and the other switch.
 const WAYS: [(Pin, i16, Pin); 2] = [(START_STOP, 1, DIR), (DIR, -1, START_STOP)];
 
-/// A motor that turns `way` at 1,500 rpm between two closed switches, and slows down in 7.5 s from there.
+/// A motor that turns in direction `way` at 1,500 rpm with both switches closed. Its ramp down from there
+/// takes 7.5 s.
 fn turning(way: i16) -> Dut {
     let mut dut = Dut::armed();
     dut.contact(DIR, true);
@@ -29,7 +30,7 @@ fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
         |dut, way| dut.write(130, (way * -1_500).cast_unsigned()),
         |dut, _| dut.write(130, 0),
         |dut, _| dut.write(100, 0),
-        // A position that lies behind.
+        // A position in the opposite direction.
         |dut, way| dut.write_words(244, if way > 0 { &[0xFF00, 0xFFFF] } else { &[0x0100, 0] }),
     ];
     for (switch, way, _) in WAYS {
@@ -42,7 +43,7 @@ fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
             assert!(rpm > 200, "{which}: {rpm} rpm");
             dut.contact(switch, false);
             assert_eq!(output(&mut dut), 0, "{which}");
-            // Shorted windings stop it at once, and nothing turns it after that.
+            // The shorted windings stop the shaft at once, and nothing turns it afterwards.
             dut.wait(500.millis());
             let position = dut.get(Pid::POSI_DATA);
             dut.wait(20.secs());
@@ -106,7 +107,7 @@ fn the_way_back_brakes_a_shaft_that_turns_on() {
             dut.wait(100.millis());
             let from = dut.get(Pid::POSI_DATA);
             order(&mut dut, way);
-            // SLOW_DOWN, 7.5 s from 1,500 rpm, would lead 94 turns on.
+            // With `SLOW_DOWN`, 7.5 s from 1,500 rpm, the shaft would turn 94 turns further.
             dut.wait(1.secs());
             let on = i64::from(way) * (dut.get(Pid::POSI_DATA) - from);
             assert!(on < 12 * 3, "{which}: {on} counts on");
@@ -126,7 +127,7 @@ fn a_motor_comes_back_out_of_an_open_one() {
         dut.contact(switch, false);
         dut.wait(1.secs());
         let position = dut.get(Pid::POSI_DATA);
-        // Slowly, and with everything that a master writes meanwhile.
+        // The way back is slow, and the master writes other registers meanwhile.
         dut.write(130, (way * -100).cast_unsigned());
         for _ in 0..20 {
             dut.wait(100.millis());

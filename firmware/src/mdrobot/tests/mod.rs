@@ -1,4 +1,5 @@
-//! Scripts with times: what the manual and the decisions say happens, and when.
+//! Tests that run a drive in virtual time and compare its behaviour and its times with the manual and the
+//! decisions.
 
 mod alarms;
 mod bus;
@@ -26,12 +27,12 @@ use crate::testing::{Fixture, Treatment};
 /// A character of 19,200 8N1: 10 bits, 8,333.3 ticks.
 const CHARACTER: Duration = Duration::from_ticks(8_333);
 
-/// What it speaks on.
+/// Settings of a serial line of the drive.
 const fn line(baud: u32) -> Line {
     Line::new(baud, 8, Parity::None, 1)
 }
 
-/// A drive with its motor, and the id that it is spoken to by.
+/// A drive with its motor, and the id that the tests use for it.
 struct Dut {
     fixture: Fixture<DriveWithMotor<Mdrobot>>,
     id: u8,
@@ -52,12 +53,12 @@ impl DerefMut for Dut {
 }
 
 impl Dut {
-    /// A drive without power, with this memory.
+    /// A drive without power, with this content of its memory.
     fn off(memory: Vec<u8>) -> Self {
         let fixture = Fixture::with_memory(mdrobot(), memory).ruled(|output| match output {
-            // Those of the motor's sensors.
+            // Levels of the motor's sensors.
             Output::Level { pin: HU | HV | HW, .. } => Treatment::Ignore,
-            // For a motor elsewhere.
+            // Outputs for an external motor.
             Output::Duty { .. } | Output::CurrentLimit { .. } => Treatment::Ignore,
             Output::Bytes { .. }
             | Output::Level { .. }
@@ -73,7 +74,7 @@ impl Dut {
         Self::off(vec![0xFF; MEMORY])
     }
 
-    /// A new drive that gets power at 0.
+    /// A new drive that is powered on at 0.
     fn booting() -> Self {
         let mut dut = Self::new();
         dut.power_on(Boot::default());
@@ -87,7 +88,7 @@ impl Dut {
         dut
     }
 
-    /// A new drive that the bus may move, ready at 0.
+    /// A new drive that is ready at 0 and executes motion commands of the bus.
     fn armed() -> Self {
         let mut dut = Self::ready();
         dut.write(78, 1);
@@ -95,13 +96,14 @@ impl Dut {
         dut
     }
 
-    /// Power goes, and comes again 1 s later; what it did before is forgotten.
+    /// Switches power off, and on again 1 s later. Earlier outputs are cleared from the record.
     fn cycle(&mut self) {
         self.out.clear();
         self.fixture.cycle();
     }
 
-    /// A frame from now on, ended by the line, and the reply that leaves for it; time goes on to its end.
+    /// Sends a frame, ends it by an idle line, and returns the drive's reply; advances the time to the end of
+    /// the reply.
     fn ask(&mut self, frame: &[u8]) -> Vec<u8> {
         let before = self.out.bytes.len();
         let first = self.now + CHARACTER;
@@ -112,37 +114,37 @@ impl Dut {
         reply
     }
 
-    /// A PDU to the drive, and that of the reply; empty if there is none.
+    /// Sends a PDU to the drive and returns the PDU of the reply; empty if there is no reply.
     fn pdu(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.ask(&rtu::frame(self.id, pdu));
         rtu::verify_crc(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
     }
 
-    /// Function 3, and the words that it brings.
+    /// Reads words by function 3.
     fn read_words(&mut self, pid: u8, quantity: u8) -> Vec<u16> {
         let reply = self.pdu(&[3, 0, pid, 0, quantity]);
         assert_eq!(reply[..2], [3, 2 * quantity], "PID {pid}");
         reply[2..].as_chunks::<2>().0.iter().map(|word| u16::from_be_bytes(*word)).collect()
     }
 
-    /// Function 3 of one word.
+    /// Reads one word by function 3.
     fn read(&mut self, pid: u8) -> u16 {
         self.read_words(pid, 1)[0]
     }
 
-    /// Function 6, which is echoed.
+    /// Writes a word by function 6; the drive must accept it.
     fn write(&mut self, pid: u8, value: u16) {
         let [high, low] = value.to_be_bytes();
         assert_eq!(self.try_write(pid, value), [6, 0, pid, high, low], "PID {pid} = {value}");
     }
 
-    /// Function 6, and its reply.
+    /// Writes a word by function 6 and returns the reply.
     fn try_write(&mut self, pid: u8, value: u16) -> Vec<u8> {
         let [high, low] = value.to_be_bytes();
         self.pdu(&[6, 0, pid, high, low])
     }
 
-    /// Function 16, and its reply.
+    /// Writes words by function 16 and returns the reply.
     fn try_write_words(&mut self, pid: u8, words: &[u16]) -> Vec<u8> {
         let count = words.len() as u8;
         let mut pdu = vec![16, 0, pid, 0, count, 2 * count];
@@ -150,28 +152,28 @@ impl Dut {
         self.pdu(&pdu)
     }
 
-    /// Function 16, which is accepted.
+    /// Writes words by function 16; the drive must accept them.
     fn write_words(&mut self, pid: u8, words: &[u16]) {
         let reply = self.try_write_words(pid, words);
         assert_eq!(reply, [16, 0, pid, 0, words.len() as u8], "PID {pid} = {words:?}");
     }
 
-    /// A contact is closed to ground, or opened, now.
+    /// Closes a contact to ground, or opens it, now.
     fn contact(&mut self, pin: Pin, closed: bool) {
         self.edge(pin, !closed);
     }
 
-    /// What an output shows; `rest` if it was never driven.
+    /// Present level of an output; `rest` if the drive has not driven it yet.
     fn level(&self, pin: Pin, rest: Level) -> Level {
         self.out.level(pin).unwrap_or(rest)
     }
 
-    /// Whether ALARM shows one.
+    /// Returns true if the ALARM pin shows an alarm.
     fn alarm(&self) -> bool {
         self.level(ALARM, Level::High) == Level::Low
     }
 
-    /// RPM_DATA.
+    /// Present value of `RPM_DATA`.
     fn rpm(&self) -> i64 {
         self.get(Pid::RPM_DATA)
     }

@@ -1,8 +1,8 @@
-//! What a power cycle leaves, id and baud, presets.
+//! Values after a power cycle, id and baud rate, presets.
 
 use super::*;
 
-/// PIDs of one word that are saved, with a value that is not the factory's.
+/// Saved PIDs of one word, each with a value that is not the factory's.
 const SAVED: [(u8, u16); 21] = [
     (16, 1),
     (17, 0),
@@ -27,7 +27,7 @@ const SAVED: [(u8, u16); 21] = [
     (221, 900),
 ];
 
-/// And what a new drive has there.
+/// The factory value of a PID of [`SAVED`].
 fn factory(pid: u8) -> u16 {
     match pid {
         17 => 1,
@@ -88,14 +88,14 @@ fn saves_take_turns_between_two_copies_and_no_time() {
     assert_eq!(dut.get(Pid::PV_GAIN), 9);
 }
 
-/// PV_GAIN and the id that a drive with that memory wakes up with.
+/// `PV_GAIN` and the id of a drive that starts with this memory.
 fn loaded(memory: &[u8]) -> [i64; 2] {
     let mut dut = Dut::off(memory.to_vec());
     dut.power_on_fast();
     [Pid::PV_GAIN, Pid::CONTROLLER_ID].map(|pid| dut.get(pid))
 }
 
-/// The count of the saves wraps meanwhile.
+/// The counter of the saves wraps during this test.
 #[test]
 fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new_values() {
     let mut dut = Dut::ready();
@@ -103,7 +103,7 @@ fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new_values() {
     for n in 0..300 {
         let before = dut.out.memory.clone();
         dut.out.stores.clear();
-        // The second is close to the end of the copy.
+        // The id is stored close to the end of the copy.
         let (pid, value, new) = match n % 2 {
             0 => (Pid::PV_GAIN, 0xFFFF - n * 0x99, [0xFFFF - n * 0x99, old[1]]),
             _ => (Pid::ID, (2 + n % 251) << 8 | 0xAA, [old[0], 2 + n % 251]),
@@ -115,7 +115,7 @@ fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new_values() {
             let mut memory = before.clone();
             memory[stored.start..end].copy_from_slice(&dut.out.memory[stored.start..end]);
             assert_eq!(loaded(&memory), old, "save {n}, {} of {length} bytes", end - stored.start);
-            // And a save after that one, which is cut there or at its last byte but one.
+            // The next save replaces the broken copy, not the good one.
             let mut next = Dut::off(memory);
             next.power_on_fast();
             next.set(Pid::MAX_RPM, 400 + n);
@@ -132,7 +132,7 @@ fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new_values() {
     }
 }
 
-/// CMD 29 brings two PIDs back.
+/// CMD 29 restores the factory values of two PIDs.
 #[test]
 fn power_lost_in_a_command_of_two_pids_leaves_neither_or_both() {
     let mut dut = Dut::ready();
@@ -148,12 +148,12 @@ fn power_lost_in_a_command_of_two_pids_leaves_neither_or_both() {
         [dut.read(157), dut.read(158)]
     };
     assert_eq!(limits(&before), [5, 600]);
-    // The second store goes over the other copy.
+    // The second save replaces the other copy.
     before[first.clone()].copy_from_slice(&dut.out.memory[first]);
     assert_eq!(limits(&before), [0, 0]);
 }
 
-/// The memory of a drive at commit 681fd38, and where power is lost in the first save after it.
+/// A memory written at commit 681fd38 has one image. Power is lost at each byte of the first save after it.
 #[test]
 fn a_memory_of_one_image_is_left_alone_by_the_first_save() {
     let image = include_bytes!("../../../../tests/recordings/681fd38/mdrobot.nv");
@@ -176,7 +176,8 @@ fn a_memory_of_one_image_is_left_alone_by_the_first_save() {
     assert_eq!(loaded(&dut.out.memory), [34, 7]);
 }
 
-/// A memory of one image whose check sum is still the wrong one: power was lost in the 10 ms that a save took then.
+/// A memory of one image with an invalid check sum: power was lost in the 10 ms that a save took at that
+/// time.
 #[test]
 fn an_image_whose_save_did_not_end_is_loaded() {
     let mut memory = include_bytes!("../../../../tests/recordings/681fd38/mdrobot.nv").to_vec();
@@ -287,13 +288,13 @@ fn presets_with_power_act_as_writes() {
     assert_eq!((dut.read(211), dut.read(157), dut.read(158)), (44, 3, 700));
 }
 
-/// Puts a check sum that holds under a copy.
+/// Puts a valid check sum at the end of a copy.
 fn sign(copy: &mut [u8]) {
     let (summed, [sum @ .., _]) = copy.split_last_chunk_mut::<3>().unwrap();
     sum.copy_from_slice(&rtu::crc(summed).to_be_bytes());
 }
 
-/// The copy that a new drive saves, which is the second one.
+/// The copy that a new drive saves first, which is the second one.
 fn saved(pid: Pid, value: i64) -> Vec<u8> {
     let mut dut = Dut::ready();
     dut.set(pid, value);
@@ -303,7 +304,7 @@ fn saved(pid: Pid, value: i64) -> Vec<u8> {
 #[test]
 fn a_memory_of_somebody_else_brings_no_function_that_is_none() {
     let [one, other] = [0, 3].map(|number| saved(Pid::FUNC_CMD_TYPE, number));
-    // The low byte, behind the high one.
+    // The low byte, after the high one.
     let place = (0..one.len()).find(|&place| one[place] != other[place]).unwrap();
     for (number, brought) in [(0x0004_u16, 4), (0x0005, 0), (0x0104, 0), (0xFFFF, 0)] {
         let mut copy = one.clone();
@@ -319,7 +320,7 @@ fn a_memory_of_somebody_else_brings_no_function_that_is_none() {
 fn a_memory_of_somebody_else_brings_what_may_be() {
     let mut dut = Dut::ready();
     dut.set(Pid::PV_GAIN, 7);
-    // TQ_CTRL, BLUETOOTH and all before it become 0xFFFF.
+    // All PIDs up to `TQ_CTRL` and BLUETOOTH become 0xFFFF.
     let copy = &mut dut.out.memory[MEMORY / 2..];
     copy[1..23].fill(0xFF);
     sign(copy);
@@ -328,24 +329,24 @@ fn a_memory_of_somebody_else_brings_what_may_be() {
     assert_eq!(dut.read(167), 7);
 }
 
-/// A memory of one image with 31 words, before TAR_POSI_VEL, POSI_SS and POSI_SD: COM_TAR_SPEED and the gains are
-/// found, and the three have their factory values.
+/// A memory of one image with 31 words, from before `TAR_POSI_VEL`, `POSI_SS` and `POSI_SD` existed:
+/// `COM_TAR_SPEED` and the gains are found, and the three PIDs have their factory values.
 #[test]
 fn a_memory_without_the_later_pids_is_good() {
     let mut words = [0_u16; 31];
     words[1] = 1;
-    // The 18th is PV_GAIN, the 24th MAX_RPM, the last but one the address.
+    // Word 18 is `PV_GAIN`, word 24 `MAX_RPM`, the last but one the address.
     (words[17], words[18], words[19], words[22], words[23]) = (25, 5_000, 4_000, 150, 2_000);
     (words[24], words[25], words[26], words[27], words[28], words[29]) = (1_000, 10, 1_500, 240, 1, 2);
     let mut memory: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
     memory.extend(drivetwin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
-    // The file ends there.
+    // The old memory ends there.
     memory.resize(MEMORY, 0xFF);
     let mut dut = Dut::off(memory);
     dut.power_on_fast();
     assert_eq!([167, 168, 169, 211, 221].map(|pid| dut.read(pid)), [25, 5_000, 4_000, 150, 2_000]);
     assert_eq!([176, 178, 179].map(|pid| dut.read(pid)), [5_000, 0, 0]);
-    // It is kept as one with them from the next save on.
+    // From the next save on, the memory holds these PIDs, too.
     dut.write(178, 7);
     dut.cycle();
     assert_eq!([167, 178, 221].map(|pid| dut.read(pid)), [25, 7, 2_000]);

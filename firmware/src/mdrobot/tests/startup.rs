@@ -1,9 +1,9 @@
-//! The start: 300 ms deaf, nothing moves.
+//! Start-up: for 300 ms the drive receives nothing and does not move.
 
 use super::super::{DIR, RUN_BRAKE, SPEED_IN, START_STOP};
 use super::*;
 
-/// Reads VERSION; the CRC is that of the specification's algorithm, done elsewhere.
+/// A request to read VERSION; its CRC was computed elsewhere by the algorithm of the specification.
 const ASK: [u8; 8] = [1, 3, 0, 1, 0, 1, 0xD5, 0xCA];
 
 #[test]
@@ -21,7 +21,8 @@ fn it_hears_what_ends_300_ms_after_power_on() {
 
 #[test]
 fn a_frame_behind_what_was_lost_is_answered_however_it_comes() {
-    // Three characters of noise, of which the last ends just before the drive listens, and a frame at once.
+    // Three characters of noise and a frame without a gap. The last character of noise ends just before the
+    // drive listens.
     let burst = [&[0x55, 0xAA, 0x55][..], &ASK].concat();
     let first = Instant::from(300.millis()) - Duration::TICK - CHARACTER * 2;
     for cut in 0..=burst.len() {
@@ -63,7 +64,7 @@ fn without_a_delay_it_waits_for_what_is_told_in_the_same_instant() {
     let mut dut = Dut::new();
     dut.set(Pid::TAR_VEL, 500);
     dut.power_on(Boot { fast: true, ..Boot::default() });
-    // Told before the first deadline, DIR last.
+    // The inputs arrive before the first deadline, DIR last.
     for pin in [START_STOP, RUN_BRAKE, DIR] {
         dut.contact(pin, true);
     }

@@ -110,7 +110,7 @@ fn a_slew_turns_round_at_its_start_speed() {
     let back = slew.slew(Instant::from(500.millis()), I24F8::from_num(-3_000), SLEW);
     let turn = Instant::from(1_300.millis());
     assert_eq!((back.position_at(turn), back.speed_at(turn)), (4_100, I48F16::from_num(-1_000)));
-    // 200 ms at 2,000 steps/s on average, then at 3,000.
+    // 200 ms at 2,000 steps/s on average, then at 3,000 steps/s.
     assert_eq!(back.position_at(Instant::from(1_500.millis())), 3_700);
     assert_eq!(back.position_at(Instant::from(2_500.millis())), 700);
     let slower = back.slew(Instant::from(2_500.millis()), I24F8::from_num(-2_000), SLEW);
@@ -146,7 +146,7 @@ fn a_position_is_reached_once_around_or_never() {
         I24F8::from_num(8_000_000),
         Limits { start_speed: U24F8::MAX, ..SLEW },
     );
-    // Two ticks a step.
+    // One step every two ticks.
     assert_eq!(slew.time_of(at(0), 100), at(200));
     assert_eq!(slew.time_of(at(200), 100), at(200 + (2 << 32)));
     assert_eq!(slew.time_of(at(200), 99), at(200 + (2 << 32) - 2));
@@ -163,7 +163,8 @@ fn a_position_is_reached_once_around_or_never() {
 fn a_reversal_goes_by_way_of_standstill() {
     let jog = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(5_000), 10_000);
     let back = jog.ramp_to(Instant::from(1_000.millis()), I24F8::from_num(-5_000), 10_000);
-    // 1250 + 2500 forward, 1250 more to stop, then back: 1250 in the ramp, 5000 a second.
+    // 1250 + 2500 steps forward, 1250 steps more to stop, then back: 1250 steps in the ramp, 5000 steps per
+    // second.
     assert_eq!(back.position_at(Instant::from(1_500.millis())), 5_000);
     assert_eq!(back.speed_at(Instant::from(1_500.millis())), 0);
     assert_eq!(back.position_at(Instant::from(2_000.millis())), 3_750);
@@ -171,7 +172,7 @@ fn a_reversal_goes_by_way_of_standstill() {
     assert_eq!(back.speed_at(Instant::from(3_000.millis())), -5_000);
 }
 
-/// The tick nearest to sqrt(n·S/a), found without the plan's arithmetic.
+/// The tick nearest to sqrt(n·S/a), computed without the plan's arithmetic.
 fn nearest_root(n: u128, a: u128) -> u64 {
     let square = 2 * 16_000_000_u128.pow(2) * n;
     let (mut low, mut high) = (0_u128, 1_u128 << 50);
@@ -205,7 +206,7 @@ proptest! {
         let end = plan.end().ticks();
         prop_assert_eq!(plan.position_at(plan.end()), steps);
         let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
-        // The seams between segments, where rounding could show.
+        // Transitions between segments, where rounding could show.
         let mut seam = 0;
         for segment in plan.segments() {
             seam += segment.ticks;
@@ -215,7 +216,8 @@ proptest! {
         let positions: Vec<i64> =
             instants.iter().map(|&t| i64::from(plan.position_at(at(t))) * i64::from(steps.signum())).collect();
         prop_assert!(positions.is_sorted(), "{:?} at {:?}", positions, instants);
-        // Its mirror: as many steps before the end as after the beginning, to half a tick each.
+        // In the mirrored plan as many steps are left before the end as the plan has made after the start, to
+        // half a tick each.
         prop_assert_eq!(mirror.end(), plan.end());
         for t in instants {
             let passed = i64::from(plan.position_at(at(t)).unsigned_abs());
@@ -238,7 +240,7 @@ proptest! {
             let next = plan.ramp_to(at(now), I24F8::from_num(speed), acceleration);
             prop_assert_eq!(next.position_at(at(now)), plan.position_at(at(now)));
             prop_assert_eq!(next.speed_at(at(now)), plan.speed_at(at(now)));
-            // At 40,000 steps/s two ticks never hold two steps.
+            // At 40,000 steps/s there are never two steps in two ticks.
             let mut seam = now;
             for segment in next.segments() {
                 seam = seam.saturating_add(segment.ticks);
@@ -264,7 +266,7 @@ proptest! {
             let first_true = I48F16::from_num(speed.unsigned_abs().min(start));
             let mut seam = now;
             for segment in next.segments().iter().filter(|segment| segment.ticks > 0) {
-                // Within a ramp no speed is below the start speed but where it was before.
+                // Within a ramp no speed is below the start speed, unless it was below it before.
                 let slowest = next.speed_at(at(seam)).abs().min(next.speed_at(at(seam + segment.ticks.min(1 << 40) - 1)).abs());
                 prop_assert!(slowest + I48F16::DELTA >= first_true.min(plan.speed_at(at(now)).abs()) || speed == 0);
                 seam = seam.saturating_add(segment.ticks);
@@ -275,7 +277,8 @@ proptest! {
         }
     }
 
-    /// A stop on a step beside the way by hand: v·t until the ramp, (v² − v0²)/2a of ramp, and the end on a whole step.
+    /// Compares a stop on a step with a distance computed by hand: v·t until the ramp, (v² − v0²)/2a in the
+    /// ramp, and the end on a whole step.
     #[test]
     fn a_stop_on_a_step_ends_on_one_and_no_later_than_it_must(
         speed in 1_u32..2_000_000, share in 0_u32..1_000, up in 91_u32..2_000_000_000, down in 91_u32..2_000_000_000,
@@ -311,16 +314,16 @@ proptest! {
         let rounding = 1e-6 * (1.0 + ramp);
         prop_assert!((first_true - rounding..=first_true + 1.0 + rounding).contains(&way), "{} steps, not {}", way, first_true);
 
-        // It goes on as the slew did until the ramp, and never faster.
+        // The motion continues at the slew's speed until the ramp, and is never faster.
         let seconds = stop.end().since(now).ticks() as f64 / 16e6;
         let takes = if finishes { way / speed } else {
             (way - ramp) / speed + (speed - f64::from(start)).max(0.0) / f64::from(down)
         };
         prop_assert!((seconds - takes).abs() < 1e-7 + 1e-6 * takes, "{} s, not {}", seconds, takes);
-        // A shaft that follows stays at the end: the plan's phase is a whole step there.
+        // A shaft that follows the plan stays at its end, because the phase there is a whole step.
         let (last, d) = (stop.segments().last().unwrap(), stop.segments().last().unwrap().ticks);
         prop_assert_eq!((last.phase(d)) % i128::from(STEP), 0);
-        // In its ramp it may be stopped again.
+        // In its ramp the motion can be stopped again, with the same end.
         let [cruise, ramp] = stop.segments() else { panic!("{stop:?}") };
         let later = cruise.ticks + again;
         if !finishes && again < ramp.ticks / 2 && first_true > 8.0 {
@@ -366,7 +369,7 @@ proptest! {
             let when = at(100 + when % (plan.end().ticks() - 99));
             plan = plan.ramp_to(when, I24F8::from_bits(speed), up);
         }
-        // Half of the time close to a seam.
+        // Half of the cases are close to a transition between segments.
         let seam = plan.segments().iter().take(seam).map(|segment| segment.ticks.min(1 << 40)).sum::<u64>();
         let length = (plan.end().ticks() - plan.start().ticks()).min(1 << 41);
         let passed = if inside % 2 == 0 { seam } else { (inside / 2) % (length + 2) };

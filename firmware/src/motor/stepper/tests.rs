@@ -11,7 +11,7 @@ use crate::testing::{Recorder, Treatment};
 
 const AXIS: Axis = Axis(0);
 
-/// A stepper motor puts nothing.
+/// A recorder that refuses all outputs, because a stepper motor puts none.
 fn nothing() -> Recorder {
     Recorder::default().ruled(|_| Treatment::Refuse)
 }
@@ -41,7 +41,7 @@ fn wake_until(motor: &mut StepperMotor, at: Instant) {
     }
 }
 
-/// Turns at an instant, behind all that is due by then.
+/// Turns of the shaft at `at`, after all deadlines up to `at`.
 fn turns(motor: &mut StepperMotor, at: Instant) -> f64 {
     wake_until(motor, at);
     if motor.deadline() == at {
@@ -56,7 +56,7 @@ fn assert_turns(motor: &mut StepperMotor, at: Instant, expected: f64) {
     assert!((got - expected).abs() < 1e-9, "{got} turns at {at:?}, not {expected}");
 }
 
-/// 200 full steps of 8, 1,600 steps of the drive in a turn.
+/// A motor of 200 full steps with 8 steps of the drive each: 1,600 steps of the drive per turn.
 fn motor(parameters: StepperParameters) -> StepperMotor {
     let mut motor = StepperMotor::new(parameters);
     motor.set_microsteps(Instant::ZERO, 8);
@@ -70,7 +70,7 @@ fn the_shaft_is_between_the_steps() {
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 10_000, rates));
     for us in (0..2_700_000).step_by(777) {
         let t = us as f64 * 1e-6;
-        // Half a second up, a second and a half at 5,000 steps/s, half a second down.
+        // 0.5 s of acceleration, 1.5 s at 5,000 steps/s, 0.5 s of deceleration.
         let steps = if t < 0.5 {
             5_000.0 * t * t
         } else if t < 2.0 {
@@ -82,7 +82,7 @@ fn the_shaft_is_between_the_steps() {
         };
         assert_turns(&mut motor, at_us(us), steps / 1_600.0);
     }
-    // 6.25 turns, to the last bit.
+    // 6.25 turns exactly.
     assert_eq!(motor.angle_at(at_us(2_700_000)), 25 << 30);
 }
 
@@ -93,7 +93,7 @@ fn a_step_without_a_plan_takes_the_time_since_the_last_one_and_a_millisecond_at_
     for (us, steps) in [(10_000, 0.0), (10_250, 0.25), (11_000, 1.0), (12_000, 1.0)] {
         assert_turns(&mut motor, at_us(us), steps / 1_600.0);
     }
-    // 0.4 ms behind the one before, which has been made by 0.4.
+    // The second step is 0.4 ms after the first, of which 0.4 has been made by then.
     step(&mut motor, at_us(20_000), 1);
     step(&mut motor, at_us(20_400), 1);
     for (us, steps) in [(20_400, 1.4), (20_600, 2.2), (20_800, 3.0), (21_500, 3.0)] {
@@ -109,7 +109,8 @@ fn what_a_ramp_leaves_between_two_steps_is_turned_back_in_a_millisecond() {
     let mut motor = motor(StepperParameters::NOMINAL);
     let jog = Plan::at_rest(Instant::ZERO, 0).ramp_to(Instant::ZERO, I24F8::from_num(1_000), 10_000);
     plan(&mut motor, Instant::ZERO, &jog);
-    // 100 ms up are 50 steps; 150.25 steps at 200.25 ms, 200.25 where it stands.
+    // 100 ms of acceleration are 50 steps. The plan is at 150.25 steps at 200.25 ms and stops at 200.25
+    // steps.
     let stops = at_us(200_250);
     plan(&mut motor, stops, &jog.ramp_to(stops, I24F8::ZERO, 10_000));
     assert_turns(&mut motor, at_us(300_249), (200.25 - 0.5 * 10_000.0 * 1e-12) / 1_600.0);
@@ -122,14 +123,15 @@ fn what_a_ramp_leaves_between_two_steps_is_turned_back_in_a_millisecond() {
 fn power_comes_and_the_shaft_is_where_it_was() {
     let mut motor = motor(StepperParameters::NOMINAL);
     step(&mut motor, at_us(1_000), 3);
-    // A drive begins to count at 0 again.
+    // A drive counts from 0 again after power-on.
     plan(&mut motor, at_us(5_000), &Plan::at_rest(at_us(5_000), 0));
     assert_turns(&mut motor, at_us(9_000), 3.0 / 1_600.0);
     step(&mut motor, at_us(10_000), 1);
     assert_turns(&mut motor, at_us(11_000), 4.0 / 1_600.0);
 }
 
-/// However many units of phase a turn has: 200 full steps of 8, and the most that there are.
+/// The result does not depend on the number of units of phase per turn: 200 full steps of 8, and the greatest
+/// possible number.
 #[test]
 fn the_shaft_is_short_of_any_angle_that_is_far() {
     for (steps_per_rev, microsteps) in [(200, 8), (StepperParameters::MOST.steps_per_rev, u16::MAX)] {
@@ -153,7 +155,8 @@ fn another_size_of_a_step_holds_from_where_the_shaft_is() {
     assert_turns(&mut motor, at_us(11_000), 4.0 / 1_600.0 + 2.0 / 200.0);
 }
 
-/// By hand, at 0.5 A of 1 A, that is 200,000 µN·m; 600 rpm are 16,000 steps/s of 1,600 in a turn.
+/// Computed by hand for 0.5 A of 1 A, which gives 200,000 µN·m. 600 rpm are 16,000 steps/s at 1,600 steps per
+/// turn.
 const LOADED: StepperParameters = StepperParameters {
     holding_unm: 400_000,
     rated_ma: 1_000,
@@ -170,12 +173,12 @@ fn loaded() -> StepperMotor {
     motor
 }
 
-/// A ramp of 8,000 steps/s², which is 5 turns/s² = 31.416 rad/s², with 10⁻⁴ kg·m² 3,141.59 µN·m.
+/// A ramp of 8,000 steps/s². This is 5 turns/s² = 31.416 rad/s². It needs 3,141.59 µN·m with 10⁻⁴ kg·m².
 fn ramp(at: Instant, speed: i32) -> Plan {
     Plan::at_rest(at, 0).ramp_to(at, I24F8::from_num(speed), 8_000)
 }
 
-/// When it stalls first.
+/// Time of the first stall before `until`.
 fn stalls(motor: &mut StepperMotor, until: Instant) -> Option<Instant> {
     while motor.deadline() < until {
         let due = motor.deadline();
@@ -190,23 +193,25 @@ fn stalls(motor: &mut StepperMotor, until: Instant) -> Option<Instant> {
 
 #[test]
 fn the_torque_fails_at_the_speed_where_it_does() {
-    // 53,141.59 of 200,000 µN·m are left at 16,000·(1 − 0.265708) = 11,748.673 steps/s, which takes 1.468584 s.
+    // The ramp needs 53,141.59 of 200,000 µN·m. The motor has this torque up to 16,000·(1 − 0.265708) =
+    // 11,748.673 steps/s, which takes 1.468584 s.
     let mut motor = loaded();
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 15_000));
     let at = stalls(&mut motor, at_us(5_000_000)).unwrap();
     assert!(at.ticks().abs_diff(23_497_345) <= 2, "{at:?}");
-    // There it stops: 8,000/2·1.468584² steps, and a tick's way.
+    // There the shaft stops, after 8,000/2·1.468584² steps, within a tick.
     let stops = turns(&mut motor, at);
     assert!((stops * 1_600.0 - 4_000.0 * 1.468_584_07 * 1.468_584_07).abs() < 0.001, "{stops}");
-    // The load is 10,000 µN·m more than friction: 100 rad/s² turn it back, up to 600 rpm.
+    // The load exceeds friction by 10,000 µN·m. It turns the shaft back with 100 rad/s², up to 600 rpm.
     let slides = slid(100.0, 10.0, 4.0 - 1.468_584_07);
     assert!((turns(&mut motor, at_us(4_000_000)) - stops + slides).abs() < 1e-4);
 }
 
 #[test]
 fn backward_the_load_helps_and_a_cruise_needs_less() {
-    // −3,141.59 + 30,000 − 20,000 µN·m are 6,858.41: good for 16,000·(1 − 0.034292) = 15,451.3 steps/s. Then the cruise
-    // needs 10,000: good for 15,200. Forward they are 53,141.59 up to 11,748.7, and 50,000 up to 12,000.
+    // The backward ramp needs −3,141.59 + 30,000 − 20,000 = 6,858.41 µN·m, which the motor has up to
+    // 16,000·(1 − 0.034292) = 15,451.3 steps/s. After the ramp it needs 10,000, which it has up to 15,200.
+    // Forward it needs 53,141.59, up to 11,748.7, and then 50,000, up to 12,000.
     let ends = |speed: f64| (speed / 8_000.0 * 16e6) as u64;
     for (speed, fails) in [
         (-15_190, None),
@@ -226,19 +231,19 @@ fn backward_the_load_helps_and_a_cruise_needs_less() {
 
 #[test]
 fn less_current_stalls_at_once() {
-    // 0.12 A hold 48,000 µN·m, less than load and friction.
+    // 0.12 A hold 48,000 µN·m, which is less than load and friction together.
     let mut motor = loaded();
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 4_000));
     tell(&mut motor, at_us(2_000_000), Input::CurrentLimit { axis: AXIS, ma: 120 });
     assert!(motor.stalled());
-    // 4,000 steps/s are more than two full steps of 48,000 µN·m give 10⁻⁴ kg·m²: 7.77 rad/s, 1,978 steps/s. So the
-    // field has no mean torque, and the load turns the shaft back.
+    // 48,000 µN·m bring 10⁻⁴ kg·m² to 7.77 rad/s, or 1,978 steps/s, within two full steps. The field is
+    // faster: 4,000 steps/s. So its mean torque is zero, and the load turns the shaft back.
     let stops = turns(&mut motor, at_us(2_000_000));
     let back = stops - turns(&mut motor, at_us(3_000_000));
     assert!((back - slid(100.0, 10.0, 1.0)).abs() < 1e-4, "{back}");
 }
 
-/// Turns that so many rad/s² make in so many seconds, up to so many turns/s.
+/// Turns made in `seconds` with an acceleration of `rad_per_s2`, at most `fastest` turns/s.
 fn slid(rad_per_s2: f64, fastest: f64, seconds: f64) -> f64 {
     let by = rad_per_s2 / (2.0 * core::f64::consts::PI);
     let speeds_up = fastest / by;
@@ -247,20 +252,22 @@ fn slid(rad_per_s2: f64, fastest: f64, seconds: f64) -> f64 {
 
 #[test]
 fn it_falls_in_whole_periods_from_where_it_should_be() {
-    // Friction holds this load where it stalls.
+    // Friction holds this load where the shaft stalls.
     let parameters = StepperParameters { friction_unm: 30_000, load_unm: 20_000, ..LOADED };
     let mut motor = motor(parameters);
     tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
     let rates = Limits::even(U24F8::from_num(15_000), 8_000);
     let end = Plan::profile(Instant::ZERO, 0, 30_000, rates).end();
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 30_000, rates));
-    // It stalls after 8,626.957 steps (above), and stands until the field has slowed down to v, with which two full
-    // steps of 200,000·(1 − v/16,000) − 50,000 µN·m take 10⁻⁴ kg·m² along: 3,023.7 steps/s, 378 ms before the end.
+    // The shaft stalls after 8,626.957 steps (as above). It rests until the field has slowed down to a speed
+    // v to which 200,000·(1 − v/16,000) − 50,000 µN·m accelerate 10⁻⁴ kg·m² within two full steps: 3,023.7
+    // steps/s, 378 ms before the end.
     let falls_in = Instant::from_ticks(end.ticks() - 378 * 16_000);
     let stands = turns(&mut motor, Instant::from_ticks(falls_in.ticks() - 2 * 16_000)) * 1_600.0;
     assert!((stands - 8_626.957).abs() < 0.002, "{stands}");
     assert!(motor.stalled());
-    // 571.4 steps before the end the field is at 29,428.6: 20,800 steps, 650 periods of four full steps, from 8,628.6.
+    // 571.4 steps before the end the field is at 29,428.6. The shaft falls into step 20,800 steps (650
+    // periods of four full steps) behind, at 8,628.6.
     turns(&mut motor, falls_in + Duration::millis(2));
     assert!(!motor.stalled());
     assert_turns(&mut motor, end, (30_000.0 - 20_800.0) / 1_600.0);
@@ -275,7 +282,7 @@ fn a_held_shaft_stands_until_it_is_let_go() {
     step(&mut motor, at_us(1_000), 15);
     assert_turns(&mut motor, at_us(5_000), 0.0);
     assert!(motor.stalled());
-    // 15 steps are less than half a period away, 17 more.
+    // A period is 32 steps. 15 steps are less than half a period, 17 are more.
     tell(&mut motor, at_us(6_000), Input::Fault { fault: STALL, on: false });
     assert_turns(&mut motor, at_us(7_000), 15.0 / 1_600.0);
     tell(&mut motor, at_us(8_000), Input::Fault { fault: STALL, on: true });
@@ -294,12 +301,13 @@ fn a_motor_that_follows_whatever_its_load_is_does_not_without_current() {
     assert!(!motor.stalled());
     let slides = slid(100.0, 10.0, 0.09) * 1_600.0;
     assert!((turns(&mut motor, at_us(100_000)) * 1_600.0 - 4.0 - slides).abs() < 1e-3);
-    // 103.1 steps: the nearest of every 32 beyond 4.
+    // The shaft is at 103.1 steps. The nearest position is a multiple of 32 from 4.
     tell(&mut motor, at_us(100_000), Input::CurrentLimit { axis: AXIS, ma: 1 });
     assert_turns(&mut motor, at_us(101_000), 100.0 / 1_600.0);
 }
 
-/// What lets a shaft at rest go, and what holds it then, in µN·m, of a motor of 400,000 at 1 A with friction of 20,000.
+/// Currents in mA (`None`: not reported), each with the load in µN·m that a shaft at rest just holds. The
+/// motor has 400,000 µN·m at 1 A and friction of 20,000.
 const RELEASES: &[(Option<u32>, i32)] =
     &[(None, 420_000), (Some(1_000), 420_000), (Some(500), 220_000), (Some(50), 40_000), (Some(0), 20_000)];
 
@@ -319,11 +327,11 @@ fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
                 tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma });
             }
             motor.load(at_us(1_000), StepperParameters { load_unm, ..LOADED });
-            // µN·m by 10⁻⁴ kg·m² are 0.01 rad/s²; of a step/s² 1/256.
+            // 1 µN·m accelerates 10⁻⁴ kg·m² by 0.01 rad/s². A step/s² is about 1/256 rad/s².
             let by = f64::from(load_unm.abs() - holds) * 0.01;
             let slides = if turns_it { slid(by, 10.0, 1.0) } else { 0.0 };
             let turned = -f64::from(load_unm.signum()) * turns(&mut motor, at_us(1_001_000));
-            // Accelerations are whole steps/s².
+            // Accelerations are rounded to whole steps/s².
             assert!((turned - slides).abs() <= 0.5 / 1_600.0, "{ma:?} {load_unm}: {turned}, not {slides}");
             assert_eq!(motor.stalled(), turns_it && ma != Some(0));
         }
@@ -335,15 +343,15 @@ fn current_brakes_a_shaft_and_holds_it() {
     for way in [1, -1] {
         let mut motor = motor(StepperParameters { load_unm: way * 30_000, ..LOADED });
         tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
-        // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake by 900: 0.2222 rad in 22.2
-        // ms.
+        // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake with 900 rad/s²:
+        // 0.2222 rad in 22.2 ms.
         tell(&mut motor, at_us(200_000), Input::CurrentLimit { axis: AXIS, ma: 250 });
         assert!(motor.stalled());
         let stops = turns(&mut motor, at_us(222_300)) * 1_600.0;
         let slid = -f64::from(way) * 2.222_222 / (2.0 * core::f64::consts::PI) * 1_600.0;
         assert!((stops - slid).abs() < 2.0, "{stops}, not {slid}");
         assert!(!motor.stalled());
-        // From there to a multiple of four full steps, and then it follows.
+        // The shaft moves to the nearest multiple of four full steps, and then follows.
         let near = (slid / 32.0).round() * 32.0;
         assert_turns(&mut motor, at_us(230_000), near / 1_600.0);
         step(&mut motor, at_us(300_000), way);
@@ -373,7 +381,8 @@ fn a_load_never_turns_a_shaft_faster_than_pull_out() {
 fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
     let mut motor = motor(StepperParameters { load_unm: -30_000, ..LOADED });
     tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
-    // 2 rad at 20 rad/s; friction alone brakes by 200 rad/s², with a load of 20,000 µN·m against it by 400.
+    // The shaft is at 2 rad with 20 rad/s. Friction alone brakes with 200 rad/s², friction and a load of
+    // 20,000 µN·m against the motion with 400.
     let rad = 1.0 / (2.0 * core::f64::consts::PI);
     for (load_unm, stops) in [(0, 2.0 + 1.0), (20_000, 2.0 + 0.5)] {
         let mut motor = motor.clone();
@@ -386,8 +395,8 @@ fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
 
 #[test]
 fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
-    // Forward 200,000 µN·m of 500 mA do not move 190,000 and friction; a field that runs away from the shaft does not
-    // hold them, either.
+    // 200,000 µN·m (500 mA) cannot move 190,000 µN·m and friction forward. A field that runs away from the
+    // shaft cannot hold them, either.
     for keeps in [false, true] {
         let mut motor = motor(StepperParameters { load_unm: 190_000, ..LOADED });
         tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
@@ -410,8 +419,8 @@ fn other_full_steps_begin_where_the_shaft_is() {
 }
 
 proptest! {
-    /// Whatever its drive does, the shaft never jumps, does not turn round inside a interval, is where its angle is
-    /// compared, and stands at a whole step of its drive in the end.
+    /// For any orders of its drive, the shaft never jumps, does not reverse inside an interval, agrees with
+    /// the comparison of its angle, and stops at a whole step of its drive.
     #[test]
     fn the_shaft_never_jumps(
         orders in proptest::collection::vec((1_u64..3_000_000, -20_000..20_000_i32, 0..4_u8), 1..12),
@@ -432,7 +441,7 @@ proptest! {
                 instants.sort_unstable();
                 seen.clear();
                 seen.extend(instants.iter().map(|&n| motor.angle_at(now + Duration::from_ticks(n))));
-                // A tick of 40,000 steps/s and of a step caught up with in a tick.
+                // The distance in one tick at 40,000 steps/s, and of a step caught up with in one tick.
                 prop_assert!((seen[0] - last).abs() < (1 << 32) / 1_600 * 2, "{:?} {} {}", now, seen[0], last);
                 prop_assert!(seen.is_sorted() || seen.is_sorted_by(|a, b| a >= b), "{:?}", seen);
                 for &n in &instants {
@@ -509,8 +518,8 @@ fn anything() -> impl Strategy<Value = Happens> {
 }
 
 proptest! {
-    /// Whatever happens, and to whatever motor: the shaft does not jump, wakes are no storm, and its load turns it no
-    /// faster than the pull-out speed.
+    /// For any motor and any sequence of events the shaft does not jump, deadlines are not too frequent, and
+    /// the load turns the shaft no faster than the pull-out speed.
     #[test]
     fn anything_turns_it_evenly(all in proptest::collection::vec((0_u64..400_000_000, anything()), 1..40)) {
         let mut motor = motor(LOADED);
@@ -550,7 +559,7 @@ proptest! {
                 motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut nothing());
             }
             prop_assert!(motor.deadline() > now);
-            // A plan's phase is between two steps of the one that it takes over.
+            // The phase of a new plan is between two steps of the plan before it.
             prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "{:?}: it jumps by {}", happens, motor.angle_at(now) - before);
         }
     }

@@ -12,7 +12,8 @@ use crate::testing::{Recorder, Treatment};
 
 const AXIS: Axis = Axis(0);
 
-/// Levels, currents and rotations: a motor puts nothing else, but for its parameters.
+/// A recorder of levels, currents and rotations. It ignores the motor's parameters and refuses all other
+/// outputs.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Level { .. } | Output::MotorCurrent { .. } | Output::Rotation { .. } => Treatment::Keep,
@@ -21,7 +22,7 @@ fn recorder() -> Recorder {
     })
 }
 
-/// A motor that has had power for no time.
+/// A motor just after power-on.
 fn motor(parameters: Parameters) -> Motor {
     let mut motor = Motor::new(parameters);
     motor.power_on(Instant::ZERO, Boot::default(), &mut recorder());
@@ -44,7 +45,7 @@ fn held(on: bool) -> Input<'static> {
     Input::Fault { fault: STALL, on }
 }
 
-/// Edges of its Hall sensors in a turn.
+/// Counts of the Hall sensors per turn.
 fn counts(parameters: &Parameters) -> f64 {
     2.0 * f64::from(parameters.hall_sensors) * f64::from(parameters.hall_pulses)
 }
@@ -55,7 +56,8 @@ fn turns_per_second(motor: &Motor, at: Instant) -> f64 {
 
 #[test]
 fn a_small_current_turns_the_lightest_of_motors_too() {
-    // It would be at its speed in 8 µs, but for 20 mA: 0.161 N·m/A of it on 20 g·cm² are 256 turns/s².
+    // With more current it would reach its speed in 8 µs. 20 mA at 0.161 N·m/A accelerate 20 g·cm² by 256
+    // turns/s².
     let light = Parameters {
         supply_mv: 23_362,
         no_load_rpm: 1_387,
@@ -72,8 +74,8 @@ fn a_small_current_turns_the_lightest_of_motors_too() {
     assert_eq!(out.draws, [(at_ms(0), AXIS, 20)]);
 }
 
-/// A drive knows where the shaft is at any instant, and a steady shaft reports no more than 4 ms want: 250 times a
-/// second.
+/// A drive can compute the angle of the shaft at any instant. A shaft at steady speed reports only every 4
+/// ms, or 250 times a second.
 #[test]
 fn reports_tell_where_the_shaft_is() {
     let load = |load_unm, friction_unm| Parameters { load_unm, friction_unm, ..Parameters::NOMINAL };
@@ -87,7 +89,7 @@ fn reports_tell_where_the_shaft_is() {
         motor.input(at_ms(0), duty(drive), &mut out);
         motor.input(at_ms(0), current(ma), &mut out);
         for n in 0..4_000_u64 {
-            // Let go it coasts; a load turns it round.
+            // Without current the motor coasts, and a load reverses it.
             if n == 2_000 {
                 out.rotations.drain(..out.rotations.len() - 1);
                 motor.input(at_ms(1_000), current(0), &mut out);
@@ -98,7 +100,8 @@ fn reports_tell_where_the_shaft_is() {
             let (told, is) = (report.after(at.since(since)), motor.rotation_at(at));
             assert!(told.is_like(is), "{told:?} is not {is:?} at {at:?}");
             if n == 1_999 {
-                // The heavy one is still on its way; the speed of the lightest is rounded in each of its 50 µs.
+                // The heavy motor still accelerates. The speed of the lightest one is rounded in each step of
+                // 50 µs.
                 let most = if (100..10_000).contains(&parameters.inertia_gcm2) { 130 } else { 1_000 };
                 let late = out.rotations.iter().filter(|(at, ..)| *at >= at_ms(500)).count();
                 assert!(late <= most, "{late} reports in half a second of {parameters:?}");
@@ -121,7 +124,8 @@ fn at_full_duty_it_comes_to_its_no_load_speed_but_for_friction() {
 
 #[test]
 fn friction_holds_what_is_not_stronger() {
-    // 24 V·60/(2π·3,000) is 76.394 mN·m/A: 10 mN·m are 130.9 mA, at 48 A for 65,536 a duty of 178.7.
+    // The torque constant is 24 V·60/(2π·3,000) = 76.394 mN·m/A. So 10 mN·m are 130.9 mA. At 48 A for 65,536
+    // this is a duty of 178.7.
     for (drive, turns) in [(178, false), (179, true), (-178, false), (-179, true)] {
         let (mut motor, mut out) = (motor(Parameters::NOMINAL), recorder());
         motor.input(at_ms(0), duty(drive), &mut out);
@@ -136,18 +140,18 @@ fn a_load_turns_open_terminals_and_is_braked_by_shorted_ones() {
     motor.input(at_ms(0), held(true), &mut out);
     motor.input(at_ms(0), held(false), &mut out);
     advance(&mut motor, at_ms(100), core::iter::empty(), &mut out);
-    // 40 mN·m on 400 g·cm² are 1,000 rad/s².
+    // 40 mN·m accelerate 400 g·cm² by 1,000 rad/s².
     assert!((turns_per_second(&motor, at_ms(100)) - 100.0 / TAU).abs() < 0.001);
     motor.input(at_ms(100), current(20_000), &mut out);
     advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
-    // 40 mN·m are 523.6 mA and, in 0.5 Ω, 261.8 mV: 32.725 rpm.
+    // 40 mN·m are 523.6 mA. In 0.5 Ω this is 261.8 mV, or 32.725 rpm.
     assert!((turns_per_second(&motor, at_ms(1_000)) - 32.725 / 60.0).abs() < 0.001);
     assert_eq!(motor.shaft(at_ms(1_000), AXIS).unwrap().ma, -524);
 }
 
 #[test]
 fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
-    // Whatever it is put to, and may carry: 990 mN·m are 12.959 A and, in 0.5 Ω, 6.48 V more than 24 V.
+    // Duty and current limit have no effect. 990 mN·m are 12.959 A and, in 0.5 Ω, 6.48 V more than 24 V.
     for (way, limit, drive) in [(1, 0, 0), (-1, 0, 0), (1, 1_000, 0), (-1, 1_000, 65_536), (1, 1_000, 65_536)]
     {
         let (mut motor, mut out) =
@@ -162,7 +166,8 @@ fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
         let ma = motor.shaft(at_ms(500), AXIS).unwrap().ma;
         assert!((ma + 12_959 * way).abs() < 10, "{ma}");
     }
-    // Without power there is nothing to be charged: as fast as anything is, and braked when it comes.
+    // Without power the motor charges nothing. It reaches the greatest speed, and is braked when power
+    // returns.
     let mut motor = motor(Parameters { load_unm: -1_000_000, ..Parameters::NOMINAL });
     motor.input(at_ms(0), held(true), &mut recorder());
     motor.input(at_ms(0), held(false), &mut recorder());
@@ -174,7 +179,7 @@ fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
 
 #[test]
 fn nothing_turns_faster_than_the_fastest() {
-    // A winding that brakes nothing.
+    // A winding of so much resistance that it does not brake.
     let parameters = Parameters { load_unm: -100_000_000, resistance_mohm: 1_000_000, ..Parameters::NOMINAL };
     let mut motor = motor(parameters);
     motor.input(at_ms(0), current(1), &mut recorder());
@@ -183,7 +188,7 @@ fn nothing_turns_faster_than_the_fastest() {
         assert!(turns_per_second(&motor, at) <= 3_906.25);
     }
     assert_eq!(turns_per_second(&motor, at_ms(199)), 3_906.25);
-    // Nor does one that is 3,906 times as fast as its supply when power comes.
+    // A motor is 3,906 times as fast as its supply would turn it when power returns. It is braked, too.
     let slow =
         Parameters { no_load_rpm: 60, resistance_mohm: 10, load_unm: -1_000_000, ..Parameters::NOMINAL };
     let mut motor = super::Motor::new(slow);
@@ -229,7 +234,8 @@ fn without_power_it_coasts() {
     motor.input(at_ms(0), current(20_000), &mut out);
     advance(&mut motor, at_ms(1_000), core::iter::empty(), &mut out);
     let fast = turns_per_second(&motor, at_ms(1_000));
-    // 10 mN·m on 400 g·cm² are 250 rad/s², 39.79 rps², and up to 1 ms of it was not looked at.
+    // 10 mN·m on 400 g·cm² are 250 rad/s², or 39.79 turns/s². Up to 1 ms of this is before the motor's last
+    // step.
     let slower = turns_per_second(&motor, at_ms(1_500));
     assert!((fast - slower - 19.89).abs() < 0.05, "{fast} {slower}");
     motor.power_on(at_ms(1_500), Boot::default(), &mut out);
@@ -249,13 +255,13 @@ fn without_power_it_coasts_however_long() {
         motor
     };
     let day = Instant::from(Duration::secs(86_400));
-    // Nothing brakes it: 25 turns a second.
+    // No torque brakes the motor: 25 turns a second.
     let motor = spun(0, 0);
     let made = f64::from(
         motor.shaft(day, AXIS).unwrap().position - motor.shaft(at_ms(1_000), AXIS).unwrap().position,
     );
     assert!((made / (86_399.0 * 25.0 * 16.0) - 1.0).abs() < 1e-6, "{made}");
-    // A load pulls it, or turns it round first: 234,375 rpm is as fast as anything is.
+    // A load accelerates the shaft, or first reverses it, up to the greatest speed of 234,375 rpm.
     for load in [-200_000, 200_000] {
         let mut motor = spun(load, 10_000);
         for at in [day, Instant::from(Duration::from_ticks(1 << 60))] {
@@ -285,7 +291,7 @@ fn digit(level: Level) -> char {
     if level == Level::High { '1' } else { '0' }
 }
 
-/// What Hall sensors of a motor show while it is turned, each after the other, as long as a turn takes.
+/// States of a motor's Hall sensors in sequence while the motor turns for 100 ms.
 fn shown(parameters: Parameters, drive: i32) -> Vec<String> {
     let (mut motor, mut out) = (Motor::new(parameters), recorder());
     motor.power_on(Instant::ZERO, Boot::default(), &mut out);
@@ -297,7 +303,7 @@ fn shown(parameters: Parameters, drive: i32) -> Vec<String> {
     let mut shown = Vec::new();
     for (at, pin, level) in out.levels {
         levels[pins.iter().position(|of| *of == pin).unwrap()] = Some(level);
-        // At the beginning the sensors tell their levels one after the other.
+        // At the start the sensors report their levels one after another.
         if at > Instant::ZERO || pin == pins[usize::from(parameters.hall_sensors) - 1] {
             shown.push(levels.into_iter().flatten().map(digit).collect());
         }
@@ -317,7 +323,7 @@ fn hall_sensors_go_through_their_states_one_by_one() {
                 assert_eq!(state, expected, "{drive}: {shown:?}");
             }
         }
-        // Backward from the first one.
+        // Backward the sequence starts with the same state and is reversed.
         three[1..].reverse();
         two[1..].reverse();
     }
@@ -336,7 +342,7 @@ fn another_motor_is_at_the_same_count() {
         assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     }
     assert_eq!(out.levels.len(), edges);
-    // With another sensor more it is also there, and tells what each of them shows.
+    // With one more sensor the count is still the same, and each sensor reports its level.
     motor.set_parameters(at_ms(300), Parameters { hall_sensors: 3, ..Parameters::NOMINAL }, &mut out);
     assert_eq!(motor.shaft(at_ms(300), AXIS).unwrap().position, before);
     let states = ["101", "100", "110", "010", "011", "001"];

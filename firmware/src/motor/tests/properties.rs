@@ -1,10 +1,10 @@
-//! Any motor, beside what its equations say.
+//! Compares random motors with a numerical solution of their equations.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// The same motor in SI units and floating point, 10 µs by 10 µs after Runge and Kutta.
+/// The same motor in SI units and floating point, computed in steps of 10 µs by the Runge-Kutta method.
 struct Reference {
     parameters: Parameters,
     duty: f64,
@@ -18,14 +18,14 @@ impl Reference {
         Self { parameters, duty: 0.0, limit: 0.0, turns: 0.0, speed: 0.0 }
     }
 
-    /// rad/s² at a speed in rad/s, while it turns in the direction `way`.
+    /// Acceleration in rad/s² at a speed in rad/s. `way` is the direction of the motion.
     fn acceleration(&self, speed: f64, way: f64) -> f64 {
         let p = &self.parameters;
         let k = f64::from(p.supply_mv) * 1e-3 / (f64::from(p.no_load_rpm) * TAU / 60.0);
         let volts = self.duty * f64::from(p.supply_mv) * 1e-3 - k * speed;
         let through = |volts: f64| volts / (f64::from(p.resistance_mohm) * 1e-3);
         let current = through(volts).clamp(-self.limit, self.limit);
-        // What is faster than its supply charges that.
+        // A motor that is faster than its supply would turn it charges the supply.
         let charge = through(k * speed.abs() - f64::from(p.supply_mv) * 1e-3).max(0.0);
         let current = match speed {
             _ if charge == 0.0 => current,
@@ -59,7 +59,7 @@ impl Reference {
     }
 }
 
-/// Motors from a toy to a washing machine's.
+/// Parameters of motors from a toy to a washing machine.
 fn parameters() -> impl Strategy<Value = Parameters> {
     let load = -60_000..60_000_i32;
     let halls = (1..13_u16, 2..4_u8);
@@ -79,7 +79,7 @@ fn parameters() -> impl Strategy<Value = Parameters> {
         })
 }
 
-/// Milliseconds, the duty and the limit of the current in them.
+/// A sequence of times in ms, each with a duty and a current limit.
 fn script() -> impl Strategy<Value = Vec<(u64, i32, u32)>> {
     let duty = prop_oneof![Just(0), -65_536..65_537_i32];
     proptest::collection::vec((1..200_u64, duty, prop_oneof![Just(0), Just(40_000), 1..40_000_u32]), 1..6)
@@ -88,7 +88,8 @@ fn script() -> impl Strategy<Value = Vec<(u64, i32, u32)>> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 500, ..ProptestConfig::default() })]
 
-    /// Speed within 1 % of the fastest so far, way within 1 % of what it would be at that.
+    /// The speed is right within 1 % of the fastest speed so far, and the distance within 1 % of the distance
+    /// at that speed.
     #[test]
     fn a_motor_turns_as_its_equations_say(parameters in parameters(), script in script()) {
         let (mut reference, mut out) = (Reference::new(parameters), recorder());
@@ -124,8 +125,8 @@ proptest! {
                 let (before, here) = (place(due - Duration::TICK), place(due));
                 let mut out = recorder();
                 motor.timeout(due, &mut out);
-                // Of two both sensors are high in count 0, and A leads; of three each is high for half of a pulse
-                // from where it rises, a third of one behind the last.
+                // With two sensors both are high in count 0, and A leads. With three, each is high for half
+                // of a pulse, and rises a third of a pulse after the one before it.
                 let (of, high): (i64, &[_]) = match parameters.hall_sensors {
                     2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
                     _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),
@@ -141,7 +142,8 @@ proptest! {
         }
     }
 
-    /// But for what charges the supply, because it is faster than that would turn it.
+    /// Exception: the current that charges the supply, when the motor is faster than the supply would turn
+    /// it.
     #[test]
     fn it_never_draws_more_than_the_bridge_carries(parameters in parameters(), script in script()) {
         let (mut motor, mut ms) = (motor(parameters), 0);
@@ -160,7 +162,8 @@ proptest! {
         }
     }
 
-    /// What nobody looks at coasts as what is looked at all the time, as long as it charges no supply.
+    /// A motor that is not polled coasts like one that is polled all the time, as long as it does not charge
+    /// its supply.
     #[test]
     fn it_coasts_in_one_go_as_stretch_by_stretch(
         parameters in parameters(), spun in -65_536..65_537_i32, ms in 1..3_000_u64,

@@ -1,4 +1,5 @@
-//! Scripts with times: half of acceleration times time squared, computed by hand.
+//! Tests of moves and jogs in virtual time. The expected positions are half of acceleration times time
+//! squared, computed by hand.
 #![allow(clippy::float_arithmetic, reason = "the model of the state knows neither plans nor ticks")]
 
 use std::vec;
@@ -10,10 +11,10 @@ use proptest::prelude::*;
 use super::*;
 use crate::testing::{Recorder, Treatment};
 
-/// To 2,000 steps/s in 0.2 s and 200 steps.
+/// The ramp to 2,000 steps/s takes 0.2 s and 200 steps.
 const RATES: Settings = Settings { step_rate: 2_000, acceleration: 10_000, steps: 2_000, jog_rate: 2_000 };
 
-/// Levels and plans: a motor does nothing else.
+/// Keeps levels and plans. A motor may put no other outputs.
 fn recorder() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Level { .. } | Output::Plan { axis: AXIS, .. } => Treatment::Keep,
@@ -27,7 +28,7 @@ impl Recorder {
         plan.map_or(0, |(.., plan)| plan.position_at(at))
     }
 
-    /// All steps up to `until`, as walked.
+    /// All steps up to `until`, as the step iterator yields them.
     fn walked(&self, until: Instant) -> Vec<crate::motion::Step> {
         let mut steps = Vec::new();
         for (n, (from, _, plan)) in self.plans.iter().enumerate() {
@@ -38,7 +39,7 @@ impl Recorder {
     }
 }
 
-/// A motor, its out, and what time it is.
+/// A motor drive, the record of its outputs, and the present time.
 struct Dut {
     motor: Motor,
     out: Recorder,
@@ -47,7 +48,7 @@ struct Dut {
 }
 
 impl Dut {
-    /// Active from the beginning.
+    /// A motor drive that is active from the start.
     fn new() -> Self {
         let mut dut = Self::inactive();
         dut.motor.activate(dut.now, &mut dut.out);
@@ -87,7 +88,7 @@ impl Dut {
         self.out.position_at(self.now)
     }
 
-    /// Asserts the position and MD STATUS then, and that the status was another just before.
+    /// Asserts the position and MD STATUS at `at`, and that the status was different one tick earlier.
     fn becomes(&mut self, at: impl Into<Instant>, position: i32, status: u8) {
         let at = at.into();
         self.run_until(at - Duration::TICK);
@@ -136,7 +137,7 @@ fn a_move_is_a_trapezoid() {
         dut.is(100, 50 * sign, 0x12);
         dut.is(200, 200 * sign, 0x12);
         dut.is(700, 1_200 * sign, 0x12);
-        // 2,000 steps at 2,000 a second, and half of each ramp.
+        // 2,000 steps at 2,000 steps/s, plus half the time of each ramp.
         dut.becomes(1_200.millis(), steps, 0x11);
         let made = dut.out.walked(Instant::NEVER);
         assert_eq!(made.len(), 2_000);
@@ -203,7 +204,7 @@ fn a_paused_move_makes_the_steps_that_are_left() {
     dut.order_at(700, Order::Pause);
     dut.is(800, 1_200 + 150, 0x12);
     dut.becomes(900.millis(), 1_400, 0x14);
-    // The rate of the move itself holds, and the acceleration of now: to 2,000 steps/s in 0.05 s.
+    // The move keeps its own rate but uses the new acceleration: 2,000 steps/s in 0.05 s.
     dut.settings = Settings { step_rate: 500, acceleration: 40_000, steps: 7, jog_rate: 32 };
     dut.order_at(2_000, Order::Resume);
     assert_eq!(dut.status(), 0x12);
@@ -237,7 +238,8 @@ fn a_move_never_goes_beyond_its_last_step() {
     for (order, status) in [(Order::Pause, 0x14), (Order::Stop, 0x11)] {
         let mut dut = Dut::new();
         dut.order_at(0, Order::Move);
-        // Still 1,000 steps/s, and 50 steps: at 64 steps/s² they would be 7,812.
+        // The motor still has 1,000 steps/s and 50 steps left. At 64 steps/s² the ramp would need 7,812
+        // steps.
         dut.is(1_100, 1_950, 0x12);
         dut.settings.acceleration = 64;
         dut.order_at(1_100, order);
@@ -263,13 +265,13 @@ fn a_jog_goes_on_until_it_is_stopped() {
 fn a_jog_ramps_to_another_rate() {
     let mut dut = Dut::new();
     dut.order_at(0, Order::Jog);
-    // A rate that is only written changes nothing.
+    // A new rate has no effect before the next order.
     dut.settings.jog_rate = 1_008;
     dut.is(1_000, 1_800, 0x18);
-    // 992 steps/s less in 0.0992 s, 149.1968 steps; then 1,008 for 0.9008 s.
+    // 992 steps/s less takes 0.0992 s and 149.1968 steps; then 1,008 steps/s for 0.9008 s.
     dut.order_at(1_000, Order::Jog);
     dut.is(2_000, 1_800 + 149 + 908, 0x18);
-    // Stands after 0.1008 s and 50.8 steps, then 50 back in 0.1 s.
+    // The motor stands still after 0.1008 s and 50.8 steps, then makes 50 steps back in 0.1 s.
     dut.settings.jog_rate = -2_000;
     dut.order_at(2_000, Order::Jog);
     let turned = dut.now + 100_800.micros();
@@ -278,7 +280,7 @@ fn a_jog_ramps_to_another_rate() {
     assert!((2_857 + 50..=2_857 + 51).contains(&furthest), "{furthest}");
     dut.run_until(turned + 100.millis());
     assert_eq!((dut.position(), dut.status()), (furthest - 50, 0x18));
-    // To 0: it stands, and still jogs.
+    // At rate 0 the motor stands still, but the jog continues.
     dut.run_until(turned + 1_200.millis());
     dut.settings.jog_rate = 0;
     assert!(dut.order(Order::Jog));
@@ -296,7 +298,7 @@ fn a_paused_jog_goes_on_at_its_own_rate() {
     dut.settings.jog_rate = -32;
     dut.settings.acceleration = 20_000;
     dut.order_at(2_000, Order::Resume);
-    // 0.1 s and 100 steps of ramp
+    // The ramp takes 0.1 s and 100 steps.
     dut.is(3_000, 2_000 + 100 + 1_800, 0x18);
 }
 
@@ -323,7 +325,7 @@ fn another_jog_ends_the_pause_of_a_jog() {
 
 #[test]
 fn a_stop_ends_what_is_paused_or_slows_down() {
-    // While it slows down to the pause, and in the pause.
+    // One stop while the motor slows down to the pause, one stop in the pause.
     for ms in [800, 1_500] {
         let mut dut = Dut::new();
         dut.order_at(0, Order::Move);
@@ -332,7 +334,7 @@ fn a_stop_ends_what_is_paused_or_slows_down() {
         dut.is(1_500, 1_400, 0x11);
         dut.order_at(1_600, Order::Resume);
         dut.is(2_000, 1_400, 0x11);
-        // A move counts from where it stands.
+        // A new move starts at the present position.
         dut.order_at(2_000, Order::Move);
         dut.is(3_200, 3_400, 0x11);
     }
@@ -361,7 +363,7 @@ fn quit_stands_at_once() {
 
 #[test]
 fn what_may_be_ordered_when() {
-    // Whether a move and a jog may; the others always may.
+    // For a move and for a jog: true if it is allowed. The other orders are always allowed.
     let moves = (0, Order::Move);
     let jogs = (0, Order::Jog);
     let paused = (700, Order::Pause);
@@ -372,7 +374,7 @@ fn what_may_be_ordered_when() {
         (vec![moves, paused], 800, false, false),
         (vec![moves, paused], 1_500, false, false),
         (vec![moves, stopped], 800, false, false),
-        // At the very instant of its end it is over.
+        // The motion ends at exactly this instant, so it is over.
         (vec![moves, stopped], 900, true, true),
         (vec![jogs], 700, false, true),
         (vec![jogs, paused], 1_500, false, true),
@@ -384,7 +386,7 @@ fn what_may_be_ordered_when() {
                 dut.order_at(*ms, *order);
             }
             dut.run_until(Instant::from(ms.millis()) - Duration::TICK);
-            // An input comes before a deadline of the same instant.
+            // An input is handled before a deadline of the same instant.
             dut.now += Duration::TICK;
             let may = match order {
                 Order::Move => may_move,
@@ -404,11 +406,12 @@ fn what_may_be_ordered_when() {
 fn the_direction_changes_5_us_before_the_first_step() {
     let mut dut = Dut::new();
     dut.order_at(0, Order::Jog);
-    // The first step after sqrt(2/10,000) s = 226,274.2 ticks
+    // The first step is due after sqrt(2/10,000) s = 226,274.2 ticks.
     let turn = Instant::from_ticks(226_274) - 5.micros();
     assert_eq!(dut.motor.deadline(), turn);
     assert!(!dut.motor.is_forward(turn - Duration::TICK) && dut.motor.is_forward(turn));
-    // Stands after 0.2 s, and as long after that the first step back.
+    // The motor stands still after 0.2 s. The first step back follows after the same time as the first step
+    // forward.
     dut.settings.jog_rate = -2_000;
     dut.order_at(1_000, Order::Jog);
     let turn = turn + 1_200.millis();
@@ -418,7 +421,7 @@ fn the_direction_changes_5_us_before_the_first_step() {
     dut.run_until(turn);
     assert!(!dut.motor.is_forward(dut.now));
     assert_eq!(dut.motor.deadline(), Instant::NEVER);
-    // Active anew, it is low whatever it was.
+    // After a new activation DIO2 is low, whatever it was before.
     dut.settings.jog_rate = 2_000;
     assert!(dut.order(Order::Jog));
     dut.run_until(5.secs());
@@ -453,21 +456,21 @@ fn steps_that_a_board_has_slipped_count() {
     assert_eq!((plan.position_at(dut.now), plan.position_at(Instant::NEVER)), (1_403, 2_000));
 }
 
-/// What a motor should do, in seconds and steps, without plans and ticks.
+/// Expected behaviour of a motor, in seconds and steps, without plans and ticks.
 #[derive(Debug)]
 struct Model {
     now: f64,
     position: f64,
     speed: f64,
     doing: Doing,
-    /// Where a move ends, or how fast a jog is.
+    /// End position of a move, or speed of a jog.
     goal: f64,
     jogs: bool,
-    /// How fast a move is.
+    /// Speed of a move.
     rate: f64,
-    /// How long it accelerates by how much.
+    /// Remaining ramps: durations and accelerations.
     ramps: Vec<(f64, f64)>,
-    /// How far the position may be beside: each turn forgets a part of a step.
+    /// Tolerance of the position in steps: each reversal drops a part of a step.
     doubt: i32,
 }
 
@@ -477,7 +480,7 @@ enum Doing {
     Running,
     Stopping,
     Pausing,
-    /// With that acceleration.
+    /// Resumes at standstill with this acceleration.
     Resuming(f64),
     Pause,
 }
@@ -492,7 +495,7 @@ impl Model {
         }
     }
 
-    /// When what it does ends by itself.
+    /// Time at which the present motion ends by itself.
     fn ends(&self) -> f64 {
         let rests = matches!(self.doing, Doing::Nothing | Doing::Pause);
         if rests || (self.jogs && self.doing == Doing::Running) {
@@ -516,7 +519,7 @@ impl Model {
         }
     }
 
-    /// Goes on to `until`; at each end it is where the motor says that it was then.
+    /// Advances to `until`. At the end of each motion the model takes over the position of the motor.
     fn run_until(&mut self, until: f64, out: &Recorder) -> Result<(), TestCaseError> {
         while self.ends() <= until {
             let end = self.ends();
@@ -545,7 +548,7 @@ impl Model {
         Ok(())
     }
 
-    /// Runs towards its goal.
+    /// Starts the motion towards the goal.
     fn go(&mut self, acceleration: f64) {
         self.doing = Doing::Running;
         if self.jogs {
@@ -570,13 +573,13 @@ impl Model {
     fn slow(&mut self, doing: Doing, acceleration: f64) {
         self.doing = doing;
         let beyond = self.speed.powi(2) / 2.0 / acceleration - (self.goal - self.position).abs();
-        // On the last step or beyond it anything that moves is on its own last ramp.
+        // At the last step or beyond it, a moving motor is in its last ramp already.
         if self.jogs || beyond < 0.5 {
             self.ramps = vec![(self.speed.abs() / acceleration, -self.speed.signum() * acceleration)];
         }
     }
 
-    /// An order; `false` if it may not be. `None` if rounding decides what happens.
+    /// Handles an order. Returns `false` if it is not allowed, and `None` if rounding decides the outcome.
     fn order(&mut self, order: Order, with: &Settings) -> Option<bool> {
         let acceleration = f64::from(with.acceleration & !15);
         let doing = self.doing;
@@ -646,7 +649,7 @@ proptest! {
         };
         let mut now = 0.0;
         for (wait, order, settings) in orders {
-            // Never so close to an end that rounding decides which comes first.
+            // Orders are never so close to the end of a motion that rounding decides their sequence.
             now += wait as f64 / 1_000.0 + 2e-4;
             while (model.ends() - now).abs() < 1e-4 {
                 now += 2e-4;
@@ -717,7 +720,7 @@ proptest! {
                 expected.push((step.at - 5.micros(), forward));
             }
         }
-        // The last change may be ahead of its step.
+        // DIO2 may have changed already for a step that is still to come.
         prop_assert!(told.starts_with(&expected), "{:?} {:?}", told, expected);
         prop_assert!(told.len() <= expected.len() + 1);
     }

@@ -16,7 +16,7 @@ fn inputs_read_their_pins_and_outputs_are_open_drains() {
     dut.pin(DIO0, false);
     assert_eq!(dut.ask("R01"), "r 01 00000004 !");
     dut.pin(DIO0, true);
-    // A write of the configuration lets all go.
+    // A write of the configuration releases all lines.
     dut.write("W02F00");
     assert_eq!(dut.ask("R01"), "r 01 0000000D !");
     assert_eq!(dut.level(DIO3), Level::Float);
@@ -59,13 +59,13 @@ fn an_input_captures_the_edge_that_it_is_set_to() {
     assert_eq!(dut.ask("R05"), "r 05 00000004 !");
     dut.pin(DIO3, true);
     assert_eq!(dut.ask("R05"), "r 05 00000008 !");
-    // In every MODE.
+    // The capture works in every MODE.
     dut.write("W0002");
     dut.turn(4);
     dut.pin(DIO0, false);
     assert_eq!(dut.ask("R05"), "r 05 0000000C !");
     dut.pin(DIO0, true);
-    // Not while it is an output.
+    // An output does not capture.
     dut.write("W02191");
     dut.turn(4);
     dut.pin(DIO0, false);
@@ -74,7 +74,7 @@ fn an_input_captures_the_edge_that_it_is_set_to() {
 
 #[test]
 fn the_index_captures_the_count_before_it_acts() {
-    // Example 5.2, on the factory's MDR0 and on one whose index resets.
+    // Example 5.2, with the factory's MDR0 and with an MDR0 that resets by the index.
     for (mdr0, after) in [("W034F", 8), ("W0323", 0)] {
         let mut dut = Dut::ready(Qsb::s());
         dut.write(mdr0);
@@ -94,7 +94,7 @@ fn the_index_captures_the_count_before_it_acts() {
     }
 }
 
-/// A QSB-M whose counter is about to meet DTR, with a trigger on a match.
+/// A QSB-M with a counter that is about to match DTR, and a trigger on a match.
 fn about_to_match(interval: &str) -> Dut {
     let mut dut = Dut::ready(Qsb::m());
     for command in ["W0343", "W084", "W0420", "W021100"] {
@@ -111,7 +111,7 @@ fn a_trigger_makes_a_pulse_on_dio0() {
     dut.run_until(100.millis());
     dut.turn(4);
     dut.wait(10.millis());
-    // The fourth edge is 4 µs after the beginning; the filter holds it back two ticks.
+    // The fourth edge is made 4 µs after the start; the filter delays it by two ticks.
     let begin = Instant::from(100.millis()) + 4.micros() + Duration::from_ticks(2);
     assert_eq!(dut.levels(DIO0, from), [(begin, Level::Low), (begin + TICK * 2, Level::Float)]);
 }
@@ -121,7 +121,7 @@ fn a_board_that_counts_triggers_once_for_many_steps() {
     let mut dut = about_to_match("2");
     dut.write("W081F4");
     let from = dut.out.levels.len();
-    // 250 cycles, from and to A and B both high.
+    // 250 cycles, starting and ending with A and B both high.
     dut.input(100.millis().into(), Input::Count { encoder: Encoder(0), steps: 1_000, a: true, b: true });
     assert_eq!(dut.ask("R0E"), "r 0E 000003E8 !");
     // CMP, CEN and U/D.
@@ -225,7 +225,7 @@ fn edges_that_the_filter_holds_back_count_before_a_capture() {
     dut.write("W0343");
     dut.write("W02010");
     dut.turn(3);
-    // The fourth edge is B rising. DIO0 rises at that very instant.
+    // The fourth edge is B rising. DIO0 rises at the same instant.
     dut.pin(DIO0, false);
     let (port, at) = (dut.ask("R0E"), dut.now);
     assert_eq!(port, "r 0E 00000003 !");

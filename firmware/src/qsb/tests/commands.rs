@@ -16,7 +16,7 @@ fn an_answer_waits_for_what_is_still_leaving() {
     dut.wait(10.millis());
     dut.hear(b"R00\rR08\rR03\r");
     let texts = dut.texts();
-    // A command is 4 characters, an answer 17: each leaves behind the one before.
+    // A command has 4 characters, a response 17; each response starts when the previous one has been sent.
     let first = Instant::from(10.millis()) + dut.character * 4;
     let answer = dut.character * 17;
     assert_eq!(

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Periods of a PWM encoder, in ns: on time and period.
+/// Makes `count` periods of a PWM encoder with this on time and period.
 fn periods(dut: &mut Dut, pin: Pin, on: Duration, period: Duration, count: usize) {
     for _ in 0..count {
         dut.pin(pin, true);
@@ -15,7 +15,7 @@ fn periods(dut: &mut Dut, pin: Pin, on: Duration, period: Duration, count: usize
 
 #[test]
 fn a_pwm_encoder_reads_by_the_formula_of_its_data_sheet() {
-    // MA3: x = on × 1026 / period - 1 with 10 bits, × 4098 with 12 bits; by hand.
+    // MA3: x = on × 1026 / period - 1 with 10 bits, × 4098 with 12 bits; computed by hand.
     for (on, period, mode, value) in [
         (1_u64, 1_026_u64, 0x01, 0),
         (513, 1_026, 0x01, 512),
@@ -87,7 +87,7 @@ fn an_analogue_encoder_reads_10_bits_of_5_volts() {
         dut.write("W0002");
         dut.volts(A, mv);
         dut.run_until(50.millis());
-        // 50 ms are 100 units of 500 µs; no digital lines.
+        // 50 ms are 100 units of 500 µs; the QSB-S has no digital lines.
         let packet = 100 << 16 | 0xF << 12 | value;
         assert_eq!(dut.get(Reg::ReadEncoder), packet, "{mv} mV");
     }
@@ -103,7 +103,7 @@ fn the_packet_has_its_own_stamp_and_the_digital_lines() {
     dut.run_until(Duration::micros(999_999));
     dut.write("W0D1");
     assert_eq!(dut.get(Reg::ReadEncoder) >> 16, 0x7D1, "W0D1 leaves it");
-    // It wraps after 65,536 × 500 µs.
+    // The timestamp wraps after 65,536 × 500 µs.
     dut.run_until(32_768.millis());
     assert_eq!(dut.get(Reg::ReadEncoder), 0x0000_A200);
     dut.run_until(32_768.millis() - 1.micros() + Duration::millis(40));
@@ -121,7 +121,7 @@ fn a_level_is_0_or_5_volts_and_a_voltage_is_a_level() {
     assert_eq!(dut.get(Reg::ReadEncoder) & 0x3FF, 1_023);
     dut.pin(A, false);
     assert_eq!(dut.get(Reg::ReadEncoder) & 0x3FF, 0);
-    // The counter sees A all the while: B high, A falls and rises.
+    // The counter also counts edges of A in this mode: B is high, A falls and rises.
     dut.write("W0343");
     dut.write("W0000");
     dut.write("W092");

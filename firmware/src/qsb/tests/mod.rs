@@ -1,4 +1,5 @@
-//! Scripts with times: what the list says happens, and when.
+//! Tests that run an adapter in virtual time and compare its behaviour and its times with the list of
+//! commands.
 
 mod capture;
 mod commands;
@@ -25,12 +26,12 @@ use crate::testing::{Fixture, Treatment};
 /// 1/512 s.
 const TICK: Duration = Duration::from_ticks(31_250);
 
-/// An adapter, and who types at it.
+/// An adapter, and a host that types commands.
 struct Dut {
     fixture: Fixture<Qsb>,
     /// Time of a character of the host.
     character: Duration,
-    /// Texts that a test has seen.
+    /// Number of texts that the test has read.
     seen: usize,
 }
 
@@ -64,7 +65,7 @@ impl Dut {
         Self { fixture, character: Duration::from_ticks(694), seen: 0 }
     }
 
-    /// A new adapter that is ready at 0; its banner has not left yet.
+    /// A new adapter that is ready at 0. It is still sending its banner.
     fn ready(drive: Qsb) -> Self {
         let mut dut = Self::off(drive);
         dut.power_on(Boot { fast: true, ..Boot::default() });
@@ -78,7 +79,7 @@ impl Dut {
         self.seen = self.out.bytes.len();
     }
 
-    /// Texts with the instants at which they begin to leave.
+    /// All texts sent, with the times of their first characters.
     fn sent(&self) -> Vec<(Instant, String)> {
         let sent = self.out.bytes.iter();
         sent.map(|(at, _, bytes)| (*at, String::from_utf8(bytes.clone()).unwrap())).collect()
@@ -102,7 +103,7 @@ impl Dut {
         self.hear(b"\r");
     }
 
-    /// Types a command, and returns its answer without CR LF when that has left.
+    /// Types a command, waits until the response has been sent, and returns it without CR LF.
     fn ask(&mut self, command: &str) -> String {
         self.seen = self.out.bytes.len();
         self.hear(command.as_bytes());
@@ -116,13 +117,13 @@ impl Dut {
         text.strip_suffix("\r\n").unwrap().to_string()
     }
 
-    /// A write that is taken.
+    /// Types a write that the adapter must accept.
     fn write(&mut self, command: &str) {
         let answer = self.ask(command);
         assert!(answer.starts_with("w "), "{command}: {answer}");
     }
 
-    /// The texts that have left since the last look, without CR LF.
+    /// The texts sent since the last call, without CR LF.
     fn texts(&mut self) -> Vec<(Instant, String)> {
         let texts = self.sent();
         let texts = texts[self.seen..].iter().map(|(at, text)| (*at, text.trim_end().to_string())).collect();
@@ -130,18 +131,18 @@ impl Dut {
         texts
     }
 
-    /// A level at a pin, now.
+    /// Sets a level at a pin, now.
     fn pin(&mut self, pin: Pin, high: bool) {
         self.edge(pin, high);
     }
 
-    /// A voltage at a pin, now.
+    /// Puts a voltage at a pin, now.
     fn volts(&mut self, pin: Pin, mv: i32) {
         self.feed(Input::Millivolts { pin, mv });
     }
 
-    /// Quarter cycles of a quadrature encoder, 1 µs each, from A and B both high; a multiple of four, or
-    /// the levels are others afterwards. Positive: A leads.
+    /// Makes quarter cycles of a quadrature encoder, 1 µs each, starting with A and B both high. Positive
+    /// means that A leads. After a multiple of four quarters both are high again.
     fn turn(&mut self, quarters: i32) {
         let (first, second) = if quarters > 0 { (A, B) } else { (B, A) };
         for n in 0..quarters.unsigned_abs() {
@@ -156,14 +157,14 @@ impl Dut {
         self.out.level(pin).unwrap()
     }
 
-    /// Levels that a pin took from the place `from` in all levels on.
+    /// Levels that a pin took, beginning with index `from` of all recorded levels.
     fn levels(&self, pin: Pin, from: usize) -> Vec<(Instant, Level)> {
         let levels = self.out.levels[from..].iter();
         levels.filter(|(_, of, _)| *of == pin).map(|(at, _, level)| (*at, *level)).collect()
     }
 }
 
-/// The instant of a tick of an adapter that got power at 0.
+/// The instant of tick `n` of an adapter that was powered on at 0.
 fn tick(n: u64) -> Instant {
     Instant::ZERO + TICK * n
 }

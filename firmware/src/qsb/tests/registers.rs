@@ -1,8 +1,8 @@
-//! Registers: factory values, which variant has them, what a write does.
+//! Registers: factory values, the registers of each variant, effects of writes.
 
 use super::*;
 
-/// Registers of the list as a new QSB-M reads them.
+/// Factory values of the registers, as a new QSB-M reads them.
 const FACTORY: [(&str, u32); 18] = [
     ("00", 0),
     ("01", 0xF),
@@ -70,7 +70,7 @@ fn writes_read_back() {
     let mut dut = Dut::ready(Qsb::m());
     for (write, read, value) in [
         ("W0001", "R00", "r 00 00000001 !"),
-        // Bits 2 and 3 mean nothing, bit 4 is read only.
+        // Bits 2 and 3 have no meaning, bit 4 is read only.
         ("W0012", "R00", "r 00 00000002 !"),
         ("W000C", "R00", "r 00 00000000 !"),
         ("W0010", "R00", "r 00 00000000 !"),
@@ -114,7 +114,7 @@ fn quadrature_counts_in_both_directions() {
     let mut dut = Dut::ready(Qsb::s());
     dut.turn(8);
     assert_eq!(dut.ask("R0E"), "r 0E 00000008 !");
-    // MDR0 4F is modulo DTR + 1 = 500.
+    // MDR0 4F is modulo-n with DTR + 1 = 500 values.
     dut.turn(-12);
     assert_eq!(dut.ask("R0E"), "r 0E 000001F0 !");
     assert_eq!(dut.ask("R06"), "r 06 00000049 !", "BW, CEN and S; down");
@@ -129,7 +129,7 @@ fn quadrature_counts_in_both_directions() {
 
 #[test]
 fn presetting_works_while_counting_down() {
-    // Example 11.1: wrong in firmware 11 and before.
+    // Example 11.1: firmware 11 and older did this wrong.
     let mut dut = Dut::ready(Qsb::m());
     dut.write("W0343");
     dut.write("W04100");
@@ -170,7 +170,7 @@ fn the_time_stamp_counts_1_512_s() {
     dut.command_at(tick(4), "R0D");
     let numbers: Vec<_> = dut.texts().into_iter().map(|(_, text)| text).collect();
     assert_eq!(numbers, ["r 0D 00000002 !", "r 0D 00000004 !"]);
-    // Only 1 clears it, and only its number.
+    // Only the value 1 clears TIME STAMP. The phase of the clock does not change.
     dut.command_at(tick(5) + TICK - Duration::TICK * 10, "W0D1");
     dut.run_until(tick(6));
     assert_eq!(dut.get(Reg::TimeStamp), 1);

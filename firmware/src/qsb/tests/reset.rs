@@ -1,4 +1,4 @@
-//! Start, banner, reset.
+//! Start-up, banner, reset.
 
 use super::*;
 
@@ -95,7 +95,7 @@ fn edges_before_the_banner_are_not_counted() {
         }
         dut.run_until(100.millis());
         assert_eq!(dut.ask("R0E"), "r 0E 00000000 !");
-        // U/D follows B until the counter counts.
+        // The bit U/D follows B until the counter counts.
         assert_eq!(dut.ask("R06"), "r 06 00000008 !");
     }
 }

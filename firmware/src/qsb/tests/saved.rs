@@ -1,9 +1,9 @@
-//! What outlasts a reset.
+//! Values that a reset does not change.
 
 use super::*;
 
 impl Dut {
-    /// Power off and on, with nothing connected; ready at once.
+    /// Switches power off and on, with nothing connected; the adapter is ready at once.
     fn cycle(&mut self) {
         self.wait(1.secs());
         self.power_on(Boot { fast: true, ..Boot::default() });
@@ -87,7 +87,7 @@ fn a_rate_saves_itself_and_nothing_else() {
     dut.write("W0C7");
     dut.write("W163");
     dut.write("W0C8");
-    // The save has not ended: its image is what is kept.
+    // The save has not ended, but its values are kept.
     dut.write("W1640A");
     dut.character = Duration::from_ticks(1_389);
     dut.cycle();
@@ -110,7 +110,7 @@ fn streams_wake_up_after_the_banner() {
     dut.pin(DIO0, false);
     dut.run_until(power + 101.millis());
     let texts = dut.texts();
-    // The banner comes in tick 25 (48.8 ms); from there on an interval of 16.
+    // The banner is sent within tick 25 (48.8 ms); the interval of 16 ticks starts there.
     assert_eq!(
         texts,
         [
@@ -142,7 +142,7 @@ fn command_0_ends_the_motor_drive_and_brings_the_saved_port_back() {
     dut.write("W163");
     dut.wait(20.millis());
     dut.write("W162");
-    // DIO1 and DIO2 are the motor's: step low, direction low.
+    // DIO1 and DIO2 belong to the motor drive: step low, direction low.
     assert_eq!(dut.ask("R01"), "r 01 00000009 !");
     dut.write("W02F00");
     dut.write("W010");
@@ -226,7 +226,7 @@ fn presets_before_power_are_saved() {
     assert_eq!(dut.ask("R13"), "r 13 00000011 !");
 }
 
-/// A memory of before there was Firmware, whose image is a word shorter.
+/// A memory from before the register Firmware existed; its image is one word shorter.
 #[test]
 fn an_older_memory_is_still_good() {
     let mut dut = Dut::off(Qsb::m());
@@ -238,7 +238,7 @@ fn an_older_memory_is_still_good() {
     dut.out.memory[image..image + 2].copy_from_slice(&sum);
     dut.power_on(Boot { fast: true, ..Boot::default() });
     assert_eq!((dut.ask("R14").as_str(), dut.ask("R0C").as_str()), ("r 14 1234510E !", "r 0C 00000007 !"));
-    // It can have a preset.
+    // This memory accepts a preset.
     assert_eq!(dut.try_set(Reg::Firmware, 0x10), Ok(()));
     assert_eq!(dut.ask("R14"), "r 14 12345110 !");
 }
@@ -250,7 +250,7 @@ fn a_bad_memory_is_that_of_a_new_adapter_and_refuses_presets() {
     assert_eq!(dut.try_set(Reg::IntervalRate, 7), Err(PresetError::BadMemory));
     dut.power_on(Boot { fast: true, ..Boot::default() });
     assert_eq!(dut.ask("R03"), "r 03 0000004F !");
-    // A rate is saved with the factory's values.
+    // Command A saves the baud rate together with the factory values.
     dut.write("W0C7");
     dut.write("W1660A");
     dut.cycle();

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A dut whose answers have time stamps, and no more is leaving.
+/// An adapter with time stamps in its responses and with a free line.
 fn stamped(drive: Qsb) -> Dut {
     let mut dut = Dut::ready(drive);
     dut.write("W15F");
@@ -46,7 +46,7 @@ fn no_interval_gives_one_record_behind_the_other() {
     let begun = dut.texts().last().unwrap().0;
     dut.run_until(begun + 10.millis());
     let texts = dut.texts();
-    // 12 characters without CR and LF: 520 µs, more than the 100 µs of a measurement.
+    // A record has 12 characters without CR and LF: 520 µs, more than the 100 µs of a measurement.
     assert_eq!(texts.len(), 19);
     for (n, (at, text)) in (1_u64..).zip(texts) {
         assert_eq!((at, text), (begun + dut.character * 12 * n, "s0E00000000!".into()));
@@ -79,7 +79,7 @@ fn an_interval_of_ffff_pauses_and_a_new_one_counts_from_the_last_record() {
     dut.texts();
     dut.run_until(tick(161));
     assert_eq!(dut.texts(), [(tick(160), "s 0E 00000000 000000A0 !".into())]);
-    // An interval that is over already ends with the next tick.
+    // If the new interval has passed already, the next record is sent at the next tick.
     dut.command_at(tick(165) + 10.micros(), "W0C1");
     dut.texts();
     dut.run_until(tick(167));
@@ -109,7 +109,7 @@ fn a_threshold_compares_with_the_value_sent_last() {
     assert_eq!(dut.texts(), [], "the next look is an interval later");
     dut.run_until(tick(20));
     assert_eq!(dut.texts(), [(tick(20), "s 0E 00000008 !".into())]);
-    // Across 0, and downward.
+    // The count passes 0 downward.
     dut.turn(-16);
     dut.run_until(tick(25));
     assert_eq!(dut.texts(), [(tick(25), "s 0E FFFFFFF8 !".into())]);
@@ -169,7 +169,7 @@ fn the_port_streams_its_changes_at_once() {
         [(Instant::from(5.millis()), "s 01 00000005 !".into())],
         "one instant, one record"
     );
-    // While a record leaves (17 characters, 737 µs) the line is busy.
+    // The line is busy while a record is sent (17 characters, 737 µs).
     dut.pin(DIO1, true);
     dut.wait(100.micros());
     dut.pin(DIO3, true);
@@ -179,7 +179,7 @@ fn the_port_streams_its_changes_at_once() {
         dut.texts(),
         [(Instant::from(6.millis()), "s 01 00000007 !".into()), (free, "s 01 0000000F !".into())]
     );
-    // What has gone back by then is no change.
+    // A change that is undone before the line is free is not sent.
     dut.run_until(10.millis());
     dut.pin(DIO0, false);
     dut.wait(100.micros());
@@ -200,7 +200,7 @@ fn the_counters_status_streams() {
     assert_eq!(dut.texts(), [], "up as before");
     dut.pin(A, true);
     dut.run_until(10.millis());
-    // Down, ends at 0: a borrow. The filter takes two clocks of 24 MHz, two ticks.
+    // The count goes down and reaches 0: a borrow. The filter takes two clocks of 24 MHz, two ticks.
     let at = Instant::from(6.millis()) + Duration::from_ticks(2);
     assert_eq!(dut.texts(), [(at, "s 06 00000049 !".into())]);
 }
@@ -248,13 +248,14 @@ fn a_slow_line_measures_when_it_is_free() {
     assert!(texts.len() > 30);
     for pair in texts.windows(2) {
         let ((before, _), (at, text)) = (&pair[0], &pair[1]);
-        // 26 characters, 27 ms: more than a tick. Each is measured when the last one has left.
+        // A record has 26 characters, 27 ms: more than a tick. Each is measured when the previous one has
+        // been sent.
         assert_eq!(*at, *before + dut.character * 26);
         let number = at.ticks() / 31_250;
         assert_eq!(*text, std::format!("s 0E 00000000 {number:08X} !\r\n"));
     }
     dut.texts();
-    // An answer goes between two records, and the value is the newest.
+    // A response is sent between two records, and the next record has the newest value.
     dut.hear(b"R08\r");
     dut.turn(4);
     dut.wait(100.millis());
@@ -291,7 +292,7 @@ fn what_changes_faster_than_the_line_leaves_room_for_the_others() {
     dut.ask("S01");
     dut.command_at(tick(16), "S0E");
     dut.texts();
-    // A record takes 17 characters of 43.4 µs: DIO0 changes twice meanwhile.
+    // A record takes 17 characters of 43.4 µs each; DIO0 changes twice meanwhile.
     let mut low = false;
     while dut.now < Instant::ZERO + 100.millis() {
         low = !low;

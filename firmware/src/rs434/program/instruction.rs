@@ -1,6 +1,6 @@
-//! The lines of a program: their fields, and the table of commands (6.9).
+//! Lines of a program: their fields, and the table of commands (6.9).
 
-/// A line of a program (fig. 9). What its command does not use may hold anything.
+/// A line of a program (fig. 9). Fields that its command does not use may have any value.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct Instruction(pub u32);
 
@@ -22,19 +22,19 @@ impl Instruction {
         (self.0 & Self::COMMAND) as u8
     }
 
-    /// bTypeJmp: of a jump relative to its own line, of a shift to the right.
+    /// bTypeJmp: for a jump, relative to its own line; for a shift, to the right.
     #[must_use]
     pub const fn type_jmp(self) -> bool {
         self.0 & Self::TYPE_JMP != 0
     }
 
-    /// uAdrSysReg, 0 to 15. There are ten: AX, BX, CX, DX, EX, FX, GX, HX, IX, JX.
+    /// uAdrSysReg, 0 to 15. Valid are 0 to 9: AX, BX, CX, DX, EX, FX, GX, HX, IX, JX.
     #[must_use]
     pub const fn register(self) -> u8 {
         ((self.0 & Self::REGISTER) >> 8) as u8
     }
 
-    /// uTypeModbusReg, 0 to 15: 0 discrete inputs, 1 coils, 2 inputs, 3 holding registers; there are no others.
+    /// uTypeModbusReg, 0 to 15. Valid are 0 discrete inputs, 1 coils, 2 input registers, 3 holding registers.
     #[must_use]
     pub const fn space(self) -> u8 {
         ((self.0 & Self::SPACE) >> 12) as u8
@@ -46,7 +46,7 @@ impl Instruction {
         (self.0 >> 16) as u16
     }
 
-    /// Command of uCmd; `None` if there is no such command.
+    /// Command for the value of uCmd; `None` if there is no such command.
     #[must_use]
     pub fn command(self) -> Option<Opcode> {
         COMMANDS.get(usize::from(self.code())).copied()
@@ -56,27 +56,27 @@ impl Instruction {
 /// Operation of a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Operation {
-    /// END: the program is over; the motor and all registers stay as they are.
+    /// END: ends the program. The motor continues, and all registers keep their values.
     Stop,
-    /// ENDF: it is over; the motor stops, and registers return to what they were.
+    /// ENDF: ends the program, stops the motor, and restores the registers from before the start.
     FullStop,
-    /// The next line comes after some ms.
+    /// Waits for a number of ms before the next line.
     Delay,
-    /// Goes on elsewhere.
+    /// Continues at another line.
     Jump,
-    /// PARI: the same if two values are equal: AX and BX or, of 32 bits, the pairs of GX and IX.
+    /// PARI: jumps if two values are equal: AX and BX, or with 32 bits the pairs of GX and IX.
     JumpEqual,
-    /// NOPARI: if they are not.
+    /// NOPARI: jumps if the values are not equal.
     JumpUnequal,
-    /// MORE: if the first one is greater, without a sign.
+    /// MORE: jumps if the first value is greater, unsigned.
     JumpGreater,
-    /// LESS: if it is less, without a sign.
+    /// LESS: jumps if the first value is less, unsigned.
     JumpLess,
-    /// Goes on elsewhere, until [`Return`](Self::Return).
+    /// Continues at another line until [`Return`](Self::Return).
     Call,
-    /// Goes on behind the last [`Call`](Self::Call).
+    /// Continues after the last [`Call`](Self::Call).
     Return,
-    /// Carries out the next lines several times.
+    /// Executes the next lines several times.
     For,
     /// D = S2.
     Move,
@@ -94,43 +94,44 @@ pub enum Operation {
     Or,
     /// D = S1 ^ S2.
     Xor,
-    /// D = S1 << S2, or >>.
+    /// D = S1 << S2, or D = S1 >> S2.
     Shift,
     /// D = !D.
     Not,
 }
 
-/// Fields that a command uses. Of two operands the first one is S1 and D, the second one S2.
+/// Fields that a command uses. Of two operands the first one is S1 and D, the second one is S2.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum OperandForm {
-    /// None.
+    /// No field.
     NoOperand,
-    /// bTypeJmp and uData: a line, or how many lines further on.
+    /// bTypeJmp and uData: a line number, or a distance in lines.
     Target,
-    /// uData: ms.
+    /// uData: a time in ms.
     Time,
-    /// uData: a line.
+    /// uData: a line number.
     Subroutine,
-    /// uData: how many lines in its high byte, how often in its low one.
+    /// uData: number of lines in the high byte, number of rounds in the low byte.
     Loop,
-    /// uAdrSysReg.
+    /// uAdrSysReg: a system register.
     Register,
-    /// uTypeModbusReg and uData.
+    /// uTypeModbusReg and uData: a register of the bus.
     Modbus,
-    /// uAdrSysReg, and a constant: uData, or of 32 bits the next line.
+    /// System register in uAdrSysReg, constant in uData, or with 32 bits in the next line.
     RegisterConstant,
-    /// uAdrSysReg; uTypeModbusReg and uData.
+    /// System register in uAdrSysReg, register of the bus in uTypeModbusReg and uData.
     RegisterModbus,
-    /// uTypeModbusReg and uData; a constant on the next line.
+    /// Register of the bus in uTypeModbusReg and uData, constant in the next line.
     ModbusConstant,
-    /// uTypeModbusReg and uData; uAdrSysReg.
+    /// Register of the bus in uTypeModbusReg and uData, system register in uAdrSysReg.
     ModbusRegister,
-    /// uAdrSysReg; uData is a system register, too. A [`Move`](Operation::Move) goes the other way, from the
-    /// first to the second.
+    /// System registers in uAdrSysReg and in uData. A [`Move`](Operation::Move) has the opposite direction,
+    /// from the first to the second.
     RegisterRegister,
-    /// uAdrSysReg; uData, and bTypeJmp, which is to the right.
+    /// System register in uAdrSysReg, number of bits in uData, direction in bTypeJmp (1 is right).
     RegisterShift,
-    /// uTypeModbusReg and uData; a constant on the next line, and bTypeJmp, which is to the right.
+    /// Register of the bus in uTypeModbusReg and uData, number of bits in the next line, direction in
+    /// bTypeJmp (1 is right).
     ModbusShift,
 }
 
@@ -139,14 +140,14 @@ pub enum OperandForm {
 pub struct Opcode {
     /// Operation.
     pub operation: Operation,
-    /// True with 32 bits, which lie in two registers, the low half in the first one.
+    /// True for 32 bits, which are in two registers, the low half in the first one.
     pub wide: bool,
-    /// With what.
+    /// Form of its operands.
     pub form: OperandForm,
 }
 
 impl Opcode {
-    /// Lines that it takes, its constant included: 1 or 2 (RS434-31).
+    /// Number of lines, including the constant: 1 or 2 (RS434-31).
     #[must_use]
     pub const fn lines(self) -> u16 {
         match self.form {
@@ -156,7 +157,7 @@ impl Opcode {
         }
     }
 
-    /// Bits of its first line that mean something; the others may hold anything.
+    /// Bits of the first line that have a meaning. The others may have any value.
     #[must_use]
     pub const fn used(self) -> u32 {
         use Instruction as I;
@@ -176,17 +177,17 @@ impl Opcode {
     }
 }
 
-/// A command of 16 bits, or one without data, under the manual's name without CMD_.
+/// A 16-bit command, or one without data, under its name in the manual without CMD_.
 const fn word(name: &'static str, operation: Operation, form: OperandForm) -> (&'static str, Opcode) {
     (name, Opcode { operation, wide: false, form })
 }
 
-/// A command of 32 bits.
+/// A 32-bit command, under its name in the manual without CMD_.
 const fn pair(name: &'static str, operation: Operation, form: OperandForm) -> (&'static str, Opcode) {
     (name, Opcode { operation, wide: true, form })
 }
 
-/// Number of commands; the code of each is its place.
+/// Number of commands. The code of a command is its index.
 const COUNT: usize = 0x67;
 
 #[rustfmt::skip]
@@ -307,7 +308,7 @@ const TABLE: [(&str, Opcode); COUNT] = {
     ]
 };
 
-/// Commands by their codes. No board needs more of the table.
+/// Commands by their codes: the part of the table that boards need.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub static COMMANDS: [Opcode; COUNT] = {
     let mut commands = [TABLE[0].1; COUNT];
@@ -319,7 +320,7 @@ pub static COMMANDS: [Opcode; COUNT] = {
     commands
 };
 
-/// The manual's name of each code, without CMD_, in lower case.
+/// Name of each code in the manual, without CMD_, in lower case.
 #[expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 pub static MNEMONICS: [&str; COUNT] = {
     let mut mnemonics = [""; COUNT];
@@ -331,7 +332,7 @@ pub static MNEMONICS: [&str; COUNT] = {
     mnemonics
 };
 
-/// The code of a mnemonic.
+/// The code of a mnemonic; `None` if there is no such mnemonic.
 #[must_use]
 pub fn code(mnemonic: &str) -> Option<u8> {
     MNEMONICS.iter().position(|known| *known == mnemonic).map(|code| code as u8)

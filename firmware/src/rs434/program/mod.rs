@@ -1,10 +1,9 @@
-//! The program of the user: the buffer through which it comes, the flash in which it lies, and its state (6.6,
-//! 6.9).
+//! The user program: the buffer for its transfer, the flash that stores it, and its state (6.6, 6.9).
 //!
-//! | file | what of it |
+//! | file | contents |
 //! |---|---|
-//! | [`instruction`] | fields of a line, the table of commands |
-//! | `vm` | what a line does |
+//! | [`instruction`] | fields of a line, and the table of commands |
+//! | `vm` | execution of a line |
 
 pub mod instruction;
 #[cfg(test)]
@@ -19,14 +18,14 @@ use super::{LINES, SETTINGS};
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
-/// Time of a line; that of a DELAY is longer (RS434-25).
+/// Duration of a line. A DELAY takes longer (RS434-25).
 pub(super) const LINE: Duration = Duration::micros(100);
 
-/// Bytes of all lines, which lie behind the settings. Their CRC lies behind them, high byte first.
+/// Bytes of all lines. They follow the settings in the flash. After them comes their CRC, high byte first.
 const BYTES: usize = 4 * LINES;
 
-/// The last bytes of a drive's memory with a program in it: its lines, followed by zeros up to the last one. Of more
-/// than [`LINES`] the first ones count.
+/// The end of a drive's memory with a program: the lines, zeros up to the last possible line, and the CRC. Of
+/// more than [`LINES`] lines only the first ones are used.
 #[must_use]
 pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
     let mut image = [0; BYTES + 2];
@@ -39,15 +38,15 @@ pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
     image
 }
 
-/// State of the program, as STATUS_USER_PROGRAM shows it (6.3).
+/// State of the program, as read in STATUS_USER_PROGRAM (6.3).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u16)]
 pub(super) enum Status {
-    /// Not run since power-on, or stopped by the bus.
+    /// Not started since power-on, or stopped by the bus.
     Stopped = 1,
-    /// The bus has started it: its first line comes when a line's time is over.
+    /// Started by the bus. The first line is executed after the duration of a line.
     StartedByBus = 2,
-    /// Power-on has started it, likewise.
+    /// Started by power-on. The first line is executed after the duration of a line.
     StartedByPower = 3,
     /// Running.
     Running = 4,
@@ -55,29 +54,29 @@ pub(super) enum Status {
     Ended = 5,
     /// Ended at CMD_FULL_STOP_PROGRAM.
     FullyEnded = 6,
-    /// Ended at a line that cannot be carried out.
+    /// Ended at a line that cannot be executed.
     Failed = 7,
 }
 
 /// The buffer, the flash and the state of the program.
 #[derive(Clone, Debug)]
 pub(super) struct Program {
-    /// Registers of the program.
+    /// Registers and stacks of the program.
     pub(super) vm: Vm,
     status: Status,
     /// Time of the next line.
     line_due: Instant,
-    /// Content of the flash, once a save that runs is over.
+    /// State of the flash after the save in progress, if there is one.
     flash: Content,
     save: Option<Save>,
-    /// AX to JX at the start, to which CMD_FULL_STOP_PROGRAM returns.
+    /// AX to JX at the start. CMD_FULL_STOP_PROGRAM restores them.
     before: [u16; REGISTERS],
-    /// Lines, low byte first, as they go into the flash.
+    /// Lines in the form of the flash, low byte first.
     buffer: [[u8; 4]; LINES],
 }
 
 impl Program {
-    // Where it will be: a copy takes 6 KB of a board's stack.
+    // Inlined, so that the program is built in its final place: a copy takes 6 KB of a board's stack.
     #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
@@ -91,10 +90,10 @@ impl Program {
         }
     }
 
-    /// Power comes: registers, stacks and the buffer are empty. Whether the flash holds a program, be it that of
-    /// a new drive, which ends at once (ERROR bit 7 if not).
+    /// Resets registers, stacks and the buffer at power-on. Returns true if the flash holds a program; the
+    /// one of a new drive ends at once. If it returns false, the caller sets ERROR bit 7.
     pub(super) fn power_on(&mut self, out: &dyn Context) -> bool {
-        // Not by way of `new`, which would need the stack of a board for the buffer.
+        // `new` is not used here, because its copy of the buffer would need a board's stack.
         self.vm = Vm::new();
         self.buffer.fill([0; 4]);
         (self.status, self.line_due, self.save) = (Status::Stopped, Instant::NEVER, None);
@@ -105,13 +104,13 @@ impl Program {
         self.status
     }
 
-    /// Returns whether lines are carried out, or will be.
+    /// Returns true if lines are executed now or will be.
     pub(super) fn is_running(&self) -> bool {
         matches!(self.status, Status::StartedByBus | Status::StartedByPower | Status::Running)
     }
 
-    /// Starts at line 0; `status` is one of the two started states. Fails at once if the flash is bad. Without effect
-    /// while it is [`Status::Running`]. The system registers stay as they are.
+    /// Starts at line 0. `status` is one of the two started states. Fails at once if the flash is bad. Does
+    /// nothing while the status is [`Status::Running`]. The system registers keep their values.
     pub(super) fn start(&mut self, at: Instant, status: Status) {
         if self.status == Status::Running {
             return;
@@ -124,40 +123,41 @@ impl Program {
         };
     }
 
-    /// The bus stops it; also leaves the state of one that has ended.
+    /// Stops the program by order of the bus. A program that has ended also becomes stopped.
     pub(super) fn stop(&mut self) {
         self.end(Status::Stopped);
     }
 
-    /// WRITE_CMD.
+    /// Executes WRITE_CMD: stores a line in the buffer.
     pub(super) fn write_line(&mut self, address: u16, line: u32) {
         if let Some(place) = self.buffer.get_mut(usize::from(address)) {
             *place = line.to_le_bytes();
         }
     }
 
-    /// READ_CMD.
+    /// Executes READ_CMD: returns a line of the buffer.
     pub(super) fn read_line(&self, address: u16) -> u32 {
         self.buffer.get(usize::from(address)).map_or(0, |&line| u32::from_le_bytes(line))
     }
 
-    /// Begins to store the buffer in the flash: a CRC that is certainly wrong, the lines, and when the time of a
-    /// save is over the right one. Not while lines are carried out.
+    /// Starts to store the buffer in the flash: a wrong CRC, the lines, and after the duration of a save the
+    /// right CRC. Must not be called while the program runs.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) {
         let save = Save::of_bytes(self.buffer.as_flattened(), SETTINGS as u16, at, SAVE, out);
         (self.flash, self.save) = (Content::Good, Some(save));
     }
 
-    /// Ends a save that runs: its time is over, or a restart waits for it.
+    /// Finishes the save in progress, at the end of its duration or before a restart.
     pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
         if let Some(save) = self.save.take() {
             save.finish(at, out);
         }
     }
 
-    /// Brings the flash into the buffer; whether it holds a program (ERROR bit 7 if not).
+    /// Copies the flash into the buffer. Returns true if the flash holds a program; otherwise the caller sets
+    /// ERROR bit 7.
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
-        // The lines of a save that runs are there already.
+        // During a save the lines are already in the flash.
         if self.save.is_none() {
             self.check_flash(out);
         }
@@ -174,42 +174,42 @@ impl Program {
         true
     }
 
-    /// Time of the next line: see [`run`].
+    /// Time of the next line, for [`run`].
     pub(super) fn line_due(&self) -> Instant {
         self.line_due
     }
 
-    /// End of a save: see [`finish_save`](Self::finish_save).
+    /// End of the save, for [`finish_save`](Self::finish_save).
     pub(super) fn save_due(&self) -> Instant {
         self.save.map_or(Instant::NEVER, Save::due)
     }
 
-    /// Looks at the flash; whether it passes.
+    /// Checks the flash. Returns true if it is not bad.
     fn check_flash(&mut self, out: &dyn Context) -> bool {
         self.flash = memory::content(out.memory().get(SETTINGS..).unwrap_or(&[]), BYTES / 2);
         self.flash != Content::Bad
     }
 
-    /// Returns whether there was never a save.
+    /// Returns true if no program was ever saved.
     fn is_new(&self) -> bool {
         self.flash == Content::New
     }
 
-    /// No line is carried out any more.
+    /// Ends the execution of lines.
     fn end(&mut self, status: Status) {
         (self.status, self.line_due) = (status, Instant::NEVER);
     }
 }
 
-/// Carries out the line that is due, if one is. The drive does the rest: at [`Step::FullEnd`] it restores its registers
-/// from before the start and stops the motor, AX to JX are restored here; at [`Step::Error`] it sets ERROR bit 8 and
-/// stops the motor.
+/// Executes the line that is due, if there is one. The drive does the rest. At [`Step::FullEnd`] the drive
+/// restores its registers from before the start and stops the motor; AX to JX are restored here. At
+/// [`Step::Error`] the drive sets ERROR bit 8 and stops the motor.
 pub(super) fn run(at: Instant, host: &mut impl Host) -> Option<Step> {
     let program = host.program();
     if program.line_due > at {
         return None;
     }
-    // Before the line: it may stop its own program, or restart the drive.
+    // These are set before the execution, because the line may stop its own program or restart the drive.
     (program.status, program.line_due) = (Status::Running, at + LINE);
     let step = vm::step(host);
     let program = host.program();

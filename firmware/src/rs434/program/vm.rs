@@ -10,43 +10,43 @@ use crate::rs434::{LINES, SETTINGS};
 /// The system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
 
-/// Registers of a program, besides the drive's.
+/// Registers and stacks of a program, in addition to the drive's registers.
 #[derive(Clone, Debug)]
 pub(in crate::rs434) struct Vm {
-    /// AX, BX … JX.
+    /// AX, BX to JX.
     pub(in crate::rs434) registers: [u16; REGISTERS],
-    /// The line that is being carried out: PC_REG.
+    /// The line in execution: PC_REG.
     pub(in crate::rs434) line: u16,
-    /// Next line, if no round of a loop ends there.
+    /// The next line, unless a loop continues with its first line.
     next: u16,
     calls: Vec<Call, 16>,
-    /// Loops of all subroutines, the innermost last.
+    /// Loops of all subroutines, the innermost one last.
     loops: Vec<Loop, 8>,
-    /// Number of them that belong to callers.
+    /// Number of loops that belong to callers.
     caller_loops: usize,
 }
 
-/// A subroutine that has been called.
+/// A subroutine call that has not returned.
 #[derive(Clone, Copy, Debug)]
 struct Call {
-    /// Line at which its caller goes on.
+    /// Line after the call, at which the caller continues.
     return_line: u16,
-    /// Value of [`Vm::caller_loops`] there.
+    /// Value of [`Vm::caller_loops`] in the caller.
     caller_loops: usize,
 }
 
-/// A FOR that is not finished.
+/// A FOR loop that is not finished.
 #[derive(Clone, Copy, Debug)]
 struct Loop {
     /// First line.
     start: u16,
     /// Number of lines.
     length: u16,
-    /// Rounds to go, this one included.
+    /// Rounds left, including the present one.
     rounds_left: u16,
 }
 
-/// Everything a program can reach: the drive, with the program in it.
+/// Everything that a program can access: the drive, with the program in it.
 pub(in crate::rs434) trait Host {
     /// The program, with its registers.
     fn program(&mut self) -> &mut Program;
@@ -54,44 +54,45 @@ pub(in crate::rs434) trait Host {
     /// The drive's flash.
     fn memory(&self) -> &[u8];
 
-    /// A register of the bus or, `wide`, two of them; `None` if there is none to read.
+    /// Value of one register of the bus, or of two if `wide`; `None` if there is no register to read.
     fn read(&mut self, space: Space, first: u16, wide: bool) -> Option<u32>;
 
-    /// Writes registers of the bus, as the bus would: one or two. A value out of range is a warning of the drive's
-    /// (ERROR bit 13) and no error. The last thing that a line does. Whether it acts at once.
+    /// Writes one or two registers in the same way as the bus. A value out of range is only a warning of the
+    /// drive (ERROR bit 13), not an error. This is the last action of a line. Returns true if the write has
+    /// an immediate effect.
     ///
     /// # Errors
-    /// One of them cannot be written; nothing was.
+    /// A register cannot be written; then nothing was written.
     fn write(&mut self, space: Space, first: u16, words: &[u16]) -> Result<bool, CannotWrite>;
 }
 
-/// There is no such register, or it cannot be written, at all or now.
+/// The register does not exist, or cannot be written at all or at present.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) struct CannotWrite;
 
-/// Result of a line.
+/// Result of executing a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) enum Step {
-    /// The next line, in a line's time.
+    /// Continue with the next line after the duration of a line.
     Next,
-    /// Likewise, and a register was written that acts at once.
+    /// Like `Next`, after a write of a register with an immediate effect.
     Acted,
-    /// The next line, in so many ms.
+    /// Continue with the next line after this number of ms.
     Delay(u16),
-    /// CMD_STOP_PROGRAM.
+    /// The program ends by CMD_STOP_PROGRAM.
     End,
-    /// CMD_FULL_STOP_PROGRAM.
+    /// The program ends by CMD_FULL_STOP_PROGRAM.
     FullEnd,
-    /// The line cannot be carried out.
+    /// The line cannot be executed.
     Error,
 }
 
-/// Carries out the next line.
+/// Executes the next line.
 pub(super) fn step(host: &mut impl Host) -> Step {
     execute(host).unwrap_or(Step::Error)
 }
 
-/// `None` where it cannot be carried out.
+/// Executes the next line; `None` if that is not possible.
 fn execute(host: &mut impl Host) -> Option<Step> {
     let line = host.program().vm.next_pc();
     let instruction = Instruction(fetch(host, line)?);
@@ -99,7 +100,7 @@ fn execute(host: &mut impl Host) -> Option<Step> {
     vm.line = line;
     vm.next = line + 1;
     let Some(command) = instruction.command() else {
-        // A new flash, all ones, is a program that ends at once.
+        // A new flash, in which all bits are 1, is a program that ends at once.
         return host.program().is_new().then_some(Step::End);
     };
     let Opcode { operation, wide, form } = command;
@@ -142,13 +143,13 @@ fn execute(host: &mut impl Host) -> Option<Step> {
     host.program().vm.change(changed, command, instruction, second)
 }
 
-/// A line of the flash; `None` past the last one.
+/// A line of the flash; `None` after the last one.
 fn fetch(host: &impl Host, line: u16) -> Option<u32> {
     let place = SETTINGS + 4 * usize::from(existing(line)?);
     host.memory().get(place..place + 4)?.first_chunk().copied().map(u32::from_le_bytes)
 }
 
-/// uCMD_DATA, the line behind this one; of 16 bits its low half.
+/// Value of uCMD_DATA, the line after this one. A 16-bit command uses its low half.
 fn constant(host: &mut impl Host, wide: bool) -> Option<u32> {
     let line = host.program().vm.next;
     let constant = fetch(host, line)?;
@@ -156,7 +157,7 @@ fn constant(host: &mut impl Host, wide: bool) -> Option<u32> {
     Some(if wide { constant } else { constant & 0xFFFF })
 }
 
-/// The space that uTypeModbusReg means.
+/// The address space for a value of uTypeModbusReg.
 fn space(number: u8) -> Option<Space> {
     match number {
         0 => Some(Space::Discrete),
@@ -167,7 +168,7 @@ fn space(number: u8) -> Option<Space> {
     }
 }
 
-/// Carries out a command on a register of the bus, or on two, with a second operand.
+/// Executes a command on one or two registers of the bus, with a second operand.
 #[inline(never)]
 fn change(
     host: &mut impl Host,
@@ -184,13 +185,13 @@ fn change(
         _ => calculate(operation, instruction, host.read(space, address, wide)?, second)?,
     };
     let words = split(result);
-    // A bit is set by whatever is not 0.
+    // Any value other than 0 sets a bit.
     let words = if bits { words.map(|word| u16::from(word != 0)) } else { words };
     let acted = host.write(space, address, words.get(..if wide { 2 } else { 1 })?).ok()?;
     Some(if acted { Step::Acted } else { Step::Next })
 }
 
-/// D of S1 and S2; of 16 bits its low half counts (RS434-32).
+/// D as a function of S1 and S2. A 16-bit command uses only the low half (RS434-32).
 fn calculate(operation: Operation, instruction: Instruction, first: u32, second: u32) -> Option<u32> {
     Some(match operation {
         Operation::Add => first.wrapping_add(second),
@@ -227,15 +228,15 @@ impl Vm {
         }
     }
 
-    /// Goes to line 0; the system registers stay.
+    /// Goes to line 0. The system registers keep their values.
     pub(super) fn rewind(&mut self) {
         (self.line, self.next, self.caller_loops) = (0, 0, 0);
         self.calls.clear();
         self.loops.clear();
     }
 
-    /// The next line. Where a round of a loop ends it is the first one of the next round; a loop that it does not
-    /// lie in is over.
+    /// The next line. At the end of a round this is the first line of the loop, if there are rounds left. A
+    /// loop whose body does not contain the next line ends.
     fn next_pc(&mut self) -> u16 {
         while self.loops.len() > self.caller_loops
             && let Some(innermost) = self.loops.last_mut()
@@ -254,7 +255,7 @@ impl Vm {
         self.next
     }
 
-    /// The value of a system register, or of a pair of them.
+    /// Value of a system register, or of a pair of them.
     fn get(&self, number: u16, wide: bool) -> Option<u32> {
         let number = usize::from(number);
         if wide {
@@ -264,7 +265,7 @@ impl Vm {
         }
     }
 
-    /// Carries out a command on a system register, or on a pair of them, with a second operand.
+    /// Executes a command on a system register, or on a pair of them, with a second operand.
     fn change(
         &mut self,
         number: u16,
@@ -285,7 +286,7 @@ impl Vm {
         Some(Step::Next)
     }
 
-    /// Returns whether a jump is taken.
+    /// Returns true if the jump is taken.
     fn jumps(&self, jump: Operation, wide: bool) -> bool {
         let [ax, bx, _, _, _, _, gx, hx, ix, jx] = self.registers;
         let (first, second) = if wide { (join(gx, hx), join(ix, jx)) } else { (ax.into(), bx.into()) };
@@ -298,7 +299,7 @@ impl Vm {
         }
     }
 
-    /// Target of a jump (RS434-29).
+    /// Target line of a jump (RS434-29).
     fn target(&self, instruction: Instruction) -> Option<u16> {
         let data = instruction.data();
         if instruction.type_jmp() {
@@ -308,7 +309,7 @@ impl Vm {
         }
     }
 
-    /// CMD_CALL.
+    /// Executes CMD_CALL.
     fn call(&mut self, subroutine: u16) -> Option<Step> {
         let subroutine = existing(subroutine)?;
         self.calls.push(Call { return_line: self.next, caller_loops: self.caller_loops }).ok()?;
@@ -316,7 +317,7 @@ impl Vm {
         Some(Step::Next)
     }
 
-    /// CMD_RETURN: loops of the subroutine are over.
+    /// Executes CMD_RETURN, which also ends the loops of the subroutine.
     fn ret(&mut self) -> Option<Step> {
         let Call { return_line, caller_loops } = self.calls.pop()?;
         self.loops.truncate(self.caller_loops);
@@ -324,7 +325,7 @@ impl Vm {
         Some(Step::Next)
     }
 
-    /// CMD_FOR: the high byte is the number of lines, the low one the number of rounds (RS434-30).
+    /// Executes CMD_FOR: the high byte is the number of lines, the low byte the number of rounds (RS434-30).
     fn repeat(&mut self, data: u16) -> Option<Step> {
         let [length, rounds] = data.to_be_bytes().map(u16::from);
         match (length, rounds) {
@@ -336,7 +337,7 @@ impl Vm {
     }
 }
 
-/// A line that a jump may go to.
+/// Returns `line` if there is such a line.
 fn existing(line: u16) -> Option<u16> {
     (usize::from(line) < LINES).then_some(line)
 }

@@ -1,33 +1,35 @@
-//! Counts of the edges of the Hall sensors.
+//! Counter of the edges of the Hall sensors.
 
 use crate::device::Instant;
 use crate::motor::SETTLE;
 
-/// An edge of a Hall sensor to the level that it had: one was missed.
+/// An edge to the level that the sensor already had. An edge was missed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct NoEdge;
 
-/// Counts the edges.
+/// Counter of the edges.
 #[derive(Clone, Debug)]
 pub(super) struct Counter {
-    /// Sensors A and B, as far as they are known: one that reports no level after power is high, as its wire rests.
+    /// Levels of sensors A and B, as far as known. A sensor that reports no level after power-on is high,
+    /// like its open wire.
     halls: [Option<bool>; 2],
-    /// Instant at which power came.
+    /// Time of power-on.
     since: Instant,
-    /// Edges since power came, forward less backward.
+    /// Edges since power-on, forward minus backward.
     count: i64,
     /// The count at which CURRENT_POSITION is 0.
     zero: i64,
 }
 
 impl Counter {
-    /// Power comes: nothing counted, nothing known.
+    /// State at power-on: no counts, and no known levels.
     pub(super) const fn new(since: Instant) -> Self {
         Self { halls: [None; 2], since, count: 0, zero: 0 }
     }
 
-    /// A sensor changed: A, or else B. Returns the direction in which it was counted, if at all. With less than two
-    /// `sensors` in use that is the direction in which the motor is, or was, driven.
+    /// Handles a change of sensor A (`a`) or B. Returns the direction in which the edge was counted, if it
+    /// was counted. With fewer than two `sensors` in use this is the direction in which the motor is or was
+    /// driven.
     pub(super) fn edge(
         &mut self,
         at: Instant,
@@ -55,17 +57,17 @@ impl Counter {
         Ok(Some(forward))
     }
 
-    /// Counts since power came.
+    /// Counts since power-on.
     pub(super) fn count(&self) -> i64 {
         self.count
     }
 
-    /// CURRENT_POSITION, which wraps.
+    /// Value of CURRENT_POSITION, which wraps.
     pub(super) fn position(&self) -> i32 {
         (self.count - self.zero) as i32
     }
 
-    /// CURRENT_POSITION is 0 here.
+    /// Makes CURRENT_POSITION 0 at the present count.
     pub(super) fn clear_position(&mut self) {
         self.zero = self.count;
     }

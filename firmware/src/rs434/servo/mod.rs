@@ -1,13 +1,13 @@
-//! The servo: ramps, moves, and the counts of its Hall sensors.
+//! The servo: ramps, moves, and the counts of the Hall sensors.
 //!
-//! While something moves, the servo runs every millisecond ([`TICK`]). The registers ([`Settings`]) and the way that is
-//! left give the speed that the motor is to have at the next tick ([`Limits`]); what the motor reports ([`Feedback`]),
-//! as its Hall sensors read it ([`Edges`]), gives the duty that brings it there. Speeds are in counts per tick,
-//! accelerations in those per tick.
+//! While the motor moves, the servo runs every millisecond ([`TICK`]). From the registers ([`Settings`]) and
+//! the remaining distance it computes the speed that the motor must have at the next tick ([`Limits`]). From
+//! the motor's reports ([`Feedback`]), as the Hall sensors show them ([`Edges`]), it computes the duty for
+//! this speed. Speeds are in counts per tick, accelerations in counts per tick².
 //!
-//! There is no plan with a clock of its own: the reference grows from tick to tick, never far from the speed of the
-//! motor, and a move is braked by the way that is left. So a motor that is held back is waited for, and nothing winds
-//! up meanwhile (RS434-13).
+//! The servo does not follow a plan in time. The speed reference changes from tick to tick and stays near the
+//! motor's speed, and a move is braked according to the remaining distance. So if something holds the motor
+//! back, the servo waits, and no error accumulates meanwhile (RS434-13).
 
 mod count;
 mod held_back;
@@ -27,23 +27,25 @@ use super::errors::error;
 use crate::device::{Context, Instant, Output, Rotation};
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
 
-/// The most and the least duty that is not 0: 0.98 and 0.01 of the supply (3).
+/// The greatest duty, and the least one other than 0: 0.98 and 0.01 of the supply (3).
 const MAX_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
 const MIN_DUTY: i32 = FULL_DUTY / 100 + 1;
 
-/// The way in counts that shorted terminals may still let pass at the end of a move.
+/// Distance in counts that the motor may coast with shorted terminals at the end of a move.
 const MAX_COAST: I40F24 = I40F24::lit("0.03125");
-/// A slower shaft counts as standing, in rpm: a motor without friction never comes to rest.
+/// Speed in rpm below which the shaft counts as standing. Without friction a motor never comes completely to
+/// rest.
 const STANDSTILL_RPM: I40F24 = I40F24::lit("0.002");
-/// The part of its full speed at which a shaft that its load pulls is as good as standing.
+/// A shaft that its load pulls counts as standing below this fraction (1/128) of its full speed.
 const PULLED_DIVISOR: i64 = 128;
 
-/// Largest distance of the setpoint from the motor's speed, in ticks of its ramp. Without it the setpoint would run
-/// away from a blocked motor, which would jump when it is released.
+/// Largest difference between setpoint and motor speed, in ticks of the ramp. Without this limit the setpoint
+/// would keep growing while the motor is blocked, and the motor would jump when it is released.
 const MAX_LEAD_TICKS: i64 = 4;
-/// Ticks in which the push of a shaft that is held grows by the whole supply.
+/// Number of ticks in which the additional duty for a shaft that does not move grows to the whole supply.
 const BREAKAWAY_TICKS: i64 = 64;
-/// Counts that the shaft turns, in which this part of them has to come: else a wire is broken.
+/// The Hall wires are checked each time the shaft has turned by this number of counts. If less than
+/// 1/`MIN_COUNTED` of them were counted, a wire is broken.
 const CHECK_COUNTS: I40F24 = I40F24::lit("16");
 const MIN_COUNTED: i64 = 4;
 
@@ -52,64 +54,66 @@ const MIN_COUNTED: i64 = 4;
 enum Order {
     /// No motion: the motor is at rest, or is turned from outside.
     None,
-    /// Turn on and on.
+    /// Continuous rotation.
     Rotate { forward: bool },
-    /// To the middle of that count.
+    /// A move to the middle of the count `count`.
     Move { count: i64, rates: Limits },
-    /// To standstill; how it slows down if it was a move.
+    /// A stop with a ramp. `rates` are those of the stopped move, if it was a move.
     Stop { rates: Option<Limits> },
-    /// To standstill with shorted terminals.
+    /// A stop with shorted terminals.
     Halt,
 }
 
-/// End of a move.
+/// Target of a move.
 #[derive(Clone, Copy, Debug)]
 struct Goal {
     count: i64,
-    /// Which way it goes there: 1 forward, −1 backward.
+    /// Direction of the move: 1 forward, −1 backward.
     sign: i64,
 }
 
 impl Goal {
-    /// Counts that are left at `count`: none beyond it, by the compensation or for want of brakes.
+    /// Counts left at `count`. 0 beyond the target, where the motor may be because of the compensation or
+    /// because it cannot brake enough.
     fn left(self, count: i64) -> i32 {
         let left = self.count - count;
         if left.signum() == self.sign { left.clamp(i32::MIN.into(), i32::MAX.into()) as i32 } else { 0 }
     }
 }
 
-/// The drive's half of the motor.
+/// Control of the motor by the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Servo {
     settings: Settings,
     feedback: Feedback,
     order: Order,
     next: Instant,
-    /// The reference of the speed.
+    /// The speed reference.
     setpoint: I40F24,
-    /// 1 forward, −1 backward: what moves, or did.
+    /// Direction of the present or the last motion: 1 forward, −1 backward.
     direction: i8,
     duty: i32,
-    /// Duty that was left out because there is none between 0 and the least: the next ticks make up for it.
+    /// Duty left out because no duty between 0 and the least is possible. The next ticks add it.
     owed: I40F24,
-    /// Speed by which a shaft that does not move is pushed harder than its load and friction ask for: it is held.
+    /// Additional speed reference for a shaft that does not move although load and friction are compensated.
     breakaway: I40F24,
-    /// Limit of the current at the terminals, in mA: 0 while they are open.
+    /// Current limit at the terminals, in mA; 0 while the terminals are open.
     limit_ma: u32,
     held_back: HeldBack,
     counter: Counter,
     edges: Edges,
-    /// Angle of the shaft, in 2⁻³² turns, and count of its edges from which they are compared.
+    /// Reference for the check of the Hall wires: angle of the shaft in 2⁻³² turns, and the count at this
+    /// angle.
     compared: Option<(i64, i64)>,
-    /// Goal of the present move, or of one that was stopped on its way.
+    /// Target of the present move, or of a move that was stopped on its way.
     goal: Option<Goal>,
-    /// Counts left of the last move.
+    /// Remaining counts of the last move.
     left: i32,
     errors: u16,
 }
 
 impl Servo {
-    /// A motor at standstill, its terminals as MODE_COIL selects.
+    /// A motor at standstill. Its terminals are as MODE_COIL selects.
     pub(super) fn new(at: Instant, settings: Settings) -> Self {
         Self {
             settings,
@@ -132,7 +136,8 @@ impl Servo {
         }
     }
 
-    /// Power has come, or comes again: puts the state of the terminals. The motor's feedback stays.
+    /// Resets the servo at power-on or at a restart, and puts the state of the terminals. The motor's
+    /// feedback is kept.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         let feedback = self.feedback;
         *self = Self::new(at, settings);
@@ -143,9 +148,9 @@ impl Servo {
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_ma });
     }
 
-    /// Registers have been written. A move keeps the speed and the ramps that it began with; all else changes at once:
-    /// continuous rotation, the sensors, the current limit, and the terminals of a motor at rest. Returns whether
-    /// anything has changed (RS434-15).
+    /// Applies new register values. A move keeps the speed and the ramps with which it began. All other
+    /// settings take effect at once: those of continuous rotation, the sensors, the current limit, and the
+    /// terminals of a motor at rest. Returns true if anything has changed (RS434-15).
     pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
         if settings == self.settings {
             return false;
@@ -157,12 +162,12 @@ impl Servo {
         }
         let (to, from) = (settings.counts(), before.counts());
         if to != from || settings.halls != before.halls {
-            // The motor that the drive brings becomes another one, at another angle.
+            // The drive's internal motor changes too, and is then at another angle.
             self.edges.reset();
             self.compared = None;
         }
         if settings.halls != before.halls {
-            // Open loop goes on from the speed that it had, and so does the loop that begins.
+            // Open loop continues with the present speed, and so does a newly started closed loop.
             self.setpoint = if before.has_sensors() { scaled(speed, to, from) } else { self.speed_at(at) };
         } else if to != from {
             self.setpoint = scaled(self.setpoint, to, from);
@@ -176,15 +181,16 @@ impl Servo {
         true
     }
 
-    /// Continuous rotation, or the other way by way of standstill.
+    /// Starts continuous rotation. A motor that turns the other way is first brought to standstill.
     pub(super) fn rotate(&mut self, at: Instant, forward: bool, out: &mut dyn Context) {
         self.goal = None;
         self.start(at, Order::Rotate { forward }, if forward { 1 } else { -1 }, out);
     }
 
-    /// A move by `counts` from the present position, with two Hall sensors. It stops `compensation` counts further
-    /// along the motion, but never behind its beginning; the remaining distance is counted to `counts` itself. Without
-    /// a distance there is no motion, and no remaining distance (RS434-17).
+    /// Starts a move by `counts` from the present position, with two Hall sensors. The move stops
+    /// `compensation` counts further in the direction of the motion, but never behind its start. The
+    /// remaining distance is counted to `counts` itself. If no distance is left there is no motion, and no
+    /// remaining distance (RS434-17).
     pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Context) {
         let sign = i64::from(counts.signum());
         let distance = i64::from(counts) + sign * i64::from(compensation);
@@ -203,7 +209,7 @@ impl Servo {
         self.start(at, Order::Move { count, rates }, sign as i8, out);
     }
 
-    /// To standstill with DEC; a move with the DEC that it began with.
+    /// Stops with DEC. A move stops with the DEC with which it began.
     pub(super) fn stop(&mut self) {
         match self.order {
             Order::Rotate { .. } => self.order = Order::Stop { rates: None },
@@ -212,7 +218,7 @@ impl Servo {
         }
     }
 
-    /// To standstill with DEC as it is now, whatever a move began with.
+    /// Stops with the present DEC, also a move.
     pub(super) fn brake(&mut self) {
         self.stop();
         if let Order::Stop { rates } = &mut self.order {
@@ -220,7 +226,7 @@ impl Servo {
         }
     }
 
-    /// To standstill without a ramp.
+    /// Stops without a ramp.
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.is_moving() {
             return;
@@ -229,7 +235,7 @@ impl Servo {
         self.apply(at, 0, out);
     }
 
-    /// Starts an order, with a tick at once if nothing moves yet.
+    /// Starts an order. If the motor is at rest, also runs the first tick.
     fn start(&mut self, at: Instant, order: Order, direction: i8, out: &mut dyn Context) {
         let moved = self.is_moving();
         self.order = order;
@@ -246,11 +252,11 @@ impl Servo {
         self.tick(at, out);
     }
 
-    /// A Hall sensor changed: A, or else B.
+    /// Handles a change of Hall sensor A (`a`) or B.
     pub(super) fn edge(&mut self, at: Instant, a: bool, high: bool) {
         match self.counter.edge(at, a, high, self.settings.halls, self.direction > 0) {
             Ok(Some(forward)) => {
-                // A single sensor gives no direction, so it cannot be connected the wrong way round.
+                // A single sensor shows no direction, so swapped wires cannot give it a wrong one.
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
                 let turn = self.settings.counts();
                 self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
@@ -263,28 +269,28 @@ impl Servo {
         }
     }
 
-    /// The motor draws so many mA.
+    /// Handles a new motor current, in mA.
     pub(super) fn draws(&mut self, ma: i32) {
         self.feedback.ma = ma;
     }
 
-    /// The motor is this one.
+    /// Handles new parameters of the motor.
     pub(super) fn motor(&mut self, parameters: &Parameters) {
         self.feedback.motor = ControlModel::of(parameters);
     }
 
-    /// The motor turns like this from now on.
+    /// Handles a report of the motor's rotation.
     pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
         self.feedback.turns(at, rotation);
         self.compared.get_or_insert((rotation.angle, self.counter.count()));
     }
 
-    /// Instant of the next tick.
+    /// Time of the next tick.
     pub(super) fn deadline(&self) -> Instant {
         self.next
     }
 
-    /// The next tick may be due.
+    /// Runs the next tick if it is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if at >= self.next {
             self.tick(at, out);
@@ -305,12 +311,12 @@ impl Servo {
         }
     }
 
-    /// Direction in which a current at its limit pushes the motor; 0 below the limit.
+    /// Direction of the torque of a current at its limit; 0 below the limit.
     fn limited_direction(&self) -> i32 {
         if self.feedback.is_limited(self.limit_ma) { self.feedback.ma.signum() } else { 0 }
     }
 
-    /// With shorted terminals, until the motor is at rest or as slow as its load lets it (RS434-20).
+    /// Brakes with shorted terminals, until the motor is at rest or as slow as its load permits (RS434-20).
     fn brake_short(&mut self, at: Instant, out: &mut dyn Context) {
         self.setpoint = self.speed_at(at);
         let rpm = self.feedback.rpm(at).unwrap_or(self.shaft_rpm(self.setpoint));
@@ -322,7 +328,7 @@ impl Servo {
         }
     }
 
-    /// Without sensors: the duty follows the ramp, and the motor turns as its load lets it.
+    /// A tick without sensors: the duty follows the ramp, and the speed depends on the load.
     fn open_loop(&mut self, at: Instant, out: &mut dyn Context) {
         let (target, rates) = self.target(at, I40F24::ZERO);
         self.setpoint = rates.ramped(self.setpoint, target);
@@ -333,14 +339,14 @@ impl Servo {
         let full = self.settings.of_rpm(self.settings.rated);
         let duty = (self.setpoint * i64::from(FULL_DUTY)).checked_div(full).unwrap_or(I40F24::ZERO);
         let duty = match possible(duty) {
-            // However slow it is to be, it is to turn.
+            // The motor must turn, even if the requested speed is below that of the least duty.
             0 if self.setpoint == target => MIN_DUTY * i32::from(self.direction),
             duty => duty,
         };
         self.apply(at, duty, out);
     }
 
-    /// With sensors.
+    /// A tick with sensors.
     fn closed_loop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_miswired(at) {
             self.errors |= error::HALL;
@@ -354,7 +360,7 @@ impl Servo {
             return self.apply(at, 0, out);
         }
         let (target, rates) = self.target(at, speed);
-        // The setpoint waits for a motor that is held back.
+        // The setpoint waits if the motor is held back.
         let band = rates.up.max(rates.down) * MAX_LEAD_TICKS;
         let setpoint = self.setpoint.min(speed + band).max(speed - band);
         self.setpoint = rates.ramped(setpoint, target);
@@ -365,13 +371,14 @@ impl Servo {
         self.breakaway =
             if is_stuck { (self.breakaway + full / BREAKAWAY_TICKS).min(2 * full) } else { I40F24::ZERO };
         let breakaway = motor.duty(self.breakaway * i64::from(self.direction));
-        // At the end of a stop nothing is owed: shorted terminals end it.
+        // At the end of a stop the left-out duty is dropped, because shorted terminals end the motion.
         let ends = self.setpoint == 0 && target == 0 && motor.holds();
         let owed = if ends { I40F24::ZERO } else { self.owed };
         let wanted =
             motor.duty_to_reach(self.shaft_rpm(speed), self.shaft_rpm(self.setpoint)) + breakaway + owed;
         let wanted = if ends && wanted.signum() == speed.signum() { I40F24::ZERO } else { wanted };
-        // What one sensor reads goes the commanded way: pushed against that, the shaft would turn round unseen.
+        // The direction of a single sensor is assumed to be the commanded one. A duty against it could
+        // reverse the shaft unnoticed.
         let against = wanted.signum() * i64::from(self.direction) < 0;
         let wanted = if self.settings.halls == 1 && against { I40F24::ZERO } else { wanted };
         let duty = possible(wanted);
@@ -379,8 +386,8 @@ impl Servo {
         self.apply(at, duty, out);
     }
 
-    /// Returns whether edges of the Hall sensors do not go with the shaft: one of their wires is broken or they are
-    /// swapped.
+    /// Returns true if the edges of the Hall sensors do not match the rotation of the shaft: a wire is
+    /// broken, or the wires are swapped.
     fn is_miswired(&mut self, at: Instant) -> bool {
         let (turn, count) = (self.settings.counts(), self.counter.count());
         if self.edges.per_turn(turn) < 0 {
@@ -395,11 +402,11 @@ impl Servo {
         }
         self.compared = Some((angle, count));
         let made = I40F24::from_num((count - counted).clamp(-FAR, FAR)).abs();
-        // What one sensor counts follows the commanded direction, to and fro.
+        // With one sensor the count follows the commanded direction, so it can go up and down.
         if self.settings.halls == 1 { made == 0 } else { made * MIN_COUNTED < turned }
     }
 
-    /// By how much at most the current can slow the motor down in a tick, with what load and friction do.
+    /// Greatest decrease of speed per tick by the current limit, with the effects of load and friction.
     fn max_deceleration(&self) -> I40F24 {
         let turn = self.settings.counts();
         let rpm =
@@ -408,20 +415,20 @@ impl Servo {
         scaled(rpm, turn, RPM).max(I40F24::DELTA)
     }
 
-    /// The speed as the Hall sensors read it.
+    /// Speed as the Hall sensors show it.
     fn speed_at(&self, at: Instant) -> I40F24 {
         let turn = self.settings.counts();
         let speed = scaled(self.edges.reading(at, turn, &self.feedback), turn, RPM);
         if self.settings.halls == 1 { speed.abs() * i64::from(self.direction) } else { speed }
     }
 
-    /// A speed that the Hall sensors read, as the shaft's in rpm.
+    /// Speed of the shaft in rpm, for a speed that the Hall sensors show.
     fn shaft_rpm(&self, speed: I40F24) -> I40F24 {
         let turn = self.settings.counts();
         self.edges.of_shaft(scaled(speed, RPM, turn), turn)
     }
 
-    /// The speed to go for, and the ramps to it.
+    /// The target speed, and the ramps to reach it.
     fn target(&self, at: Instant, speed: I40F24) -> (I40F24, Limits) {
         let rates = self.settings.rates();
         match self.order {
@@ -435,13 +442,14 @@ impl Servo {
         }
     }
 
-    /// Distance from the shaft to the middle of that count, limited to [`FAR`].
+    /// Distance from the shaft to the middle of the count `count`, limited to [`FAR`].
     fn distance_to(&self, at: Instant, count: i64) -> I40F24 {
         let turn = self.settings.counts();
         self.edges.distance(count - self.counter.count(), FAR, at, turn, &self.feedback)
     }
 
-    /// Returns whether a move is so near its end and so slow that shorted terminals end it in its count.
+    /// Returns true if a move is so slow and so near its end that it ends on its count with shorted
+    /// terminals.
     fn coasts_to_target(&self, at: Instant, speed: I40F24) -> bool {
         let Order::Move { count, .. } = self.order else { return false };
         let motor = &self.feedback.motor;
@@ -449,7 +457,7 @@ impl Servo {
         motor.holds() && slides <= MAX_COAST && self.distance_to(at, count).abs() <= NEAR
     }
 
-    /// Returns whether the order is done, at that speed.
+    /// Returns true if the order is complete at this speed.
     fn has_arrived(&self, at: Instant, speed: I40F24) -> bool {
         let motor = &self.feedback.motor;
         let slow = if motor.holds() { STANDSTILL_RPM } else { motor.rpm(FULL_DUTY) / PULLED_DIVISOR };
@@ -476,7 +484,7 @@ impl Servo {
         self.order != Order::None
     }
 
-    /// Updates the direction to that of the setpoint, if there is one.
+    /// Sets the direction to that of the setpoint, unless the setpoint is 0.
     fn update_direction(&mut self) {
         if self.setpoint != 0 {
             self.direction = if self.setpoint > 0 { 1 } else { -1 };
@@ -490,7 +498,7 @@ impl Servo {
         }
     }
 
-    /// Opens or closes the terminals, by motion and MODE_COIL.
+    /// Opens or closes the terminals, depending on the motion and on MODE_COIL.
     fn terminals(&mut self, at: Instant, out: &mut dyn Context) {
         let closed = self.is_moving() || self.settings.closed;
         let ma = if closed { self.settings.limit_ma } else { 0 };
@@ -500,27 +508,28 @@ impl Servo {
         }
     }
 
-    /// Direction of motion: 0 none, 1 forward, −1 backward. Braking is motion.
+    /// Direction of motion: 0 none, 1 forward, −1 backward. Braking counts as motion.
     pub(super) fn direction(&self) -> i8 {
         if self.is_moving() { self.direction } else { 0 }
     }
 
-    /// Edges counted, forward less backward; wraps.
+    /// Counted edges, forward minus backward; wraps.
     pub(super) fn position(&self) -> i32 {
         self.counter.position()
     }
 
-    /// CLR_POSITION: it is 0 here. A move that runs ends where it would have.
+    /// Executes CLR_POSITION: makes the position 0 at the present count. The end of a move in progress stays
+    /// the same.
     pub(super) fn clear_position(&mut self) {
         self.counter.clear_position();
     }
 
-    /// Counts that are left of the last move, also of one that was stopped; 0 of one that has arrived.
+    /// Remaining counts of the last move, also of a stopped one; 0 after a completed move.
     pub(super) fn left(&self) -> i32 {
         self.left
     }
 
-    /// SPEED_VALID, in rpm: measured, or without sensors the one that the duty would give.
+    /// SPEED_VALID in rpm: the measured speed, or without sensors the speed that the duty should give.
     pub(super) fn speed(&self, at: Instant) -> u16 {
         if self.settings.has_sensors() {
             self.edges.rpm(at, self.settings.counts()).unsigned_abs().min(u16::MAX.into()) as u16
@@ -530,21 +539,21 @@ impl Servo {
         }
     }
 
-    /// CURRENT_VALID, in mA, rounded: what the supply gives, which is the motor's current during the part of the
-    /// time that is the duty; 0 when the current flows back.
+    /// CURRENT_VALID in mA, rounded: the current from the supply, which is the motor's current times the
+    /// duty; 0 while the current flows back.
     pub(super) fn current(&self, at: Instant) -> u16 {
         let duty = self.feedback.applied(at, self.duty, self.limit_ma);
         let given = (i64::from(self.feedback.ma) * i64::from(duty) + (1 << 15)) >> 16;
         given.clamp(0, u16::MAX.into()) as u16
     }
 
-    /// Bits of ERROR that have come up since it was asked last.
+    /// Bits of ERROR set since the last call of this function.
     pub(super) fn errors(&mut self) -> u16 {
         core::mem::take(&mut self.errors)
     }
 }
 
-/// The nearest duty that there is (3).
+/// The nearest possible duty (3).
 fn possible(duty: I40F24) -> i32 {
     let size = duty.abs().min(MAX_DUTY.into()).round().to_num::<i32>();
     let size = if size < MIN_DUTY / 2 { 0 } else { size.max(MIN_DUTY) };

@@ -1,16 +1,16 @@
-//! Settings of a motion: as registers (6.5), and in the servo's units.
+//! Settings of a motion: register values (6.5), and the same in the servo's units.
 
 use fixed::types::I40F24;
 
 use super::path::Limits;
 use crate::motor::Parameters;
 
-/// Ticks of the servo in a second.
+/// Ticks of the servo per second.
 const TICKS_PER_SECOND: i64 = 1_000;
-/// The speed in rpm of a turn a tick.
+/// The speed of one turn per tick, in rpm.
 pub(super) const RPM: i64 = 60 * TICKS_PER_SECOND;
 
-/// Settings of a motion (6.5).
+/// Settings of a motion, from the registers (6.5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) struct Settings {
     /// SPEED, in rpm.
@@ -19,7 +19,7 @@ pub(in crate::rs434) struct Settings {
     pub(in crate::rs434) acc: u16,
     /// DEC, as the register holds it.
     pub(in crate::rs434) dec: u16,
-    /// RATED_SPEED, in rpm: MAX_SPEED of the manual (RS434-19).
+    /// RATED_SPEED in rpm: the MAX_SPEED of the manual (RS434-19).
     pub(in crate::rs434) rated: u16,
     /// PULSES_PER_REVOLUTION.
     pub(in crate::rs434) pulses: u16,
@@ -27,32 +27,32 @@ pub(in crate::rs434) struct Settings {
     pub(in crate::rs434) halls: u16,
     /// REF_CURRENT, in mA.
     pub(in crate::rs434) limit_ma: u32,
-    /// MODE_COIL: the terminals are closed while the motor stands.
+    /// MODE_COIL: true if the terminals are closed while the motor stands.
     pub(in crate::rs434) closed: bool,
 }
 
 impl Settings {
-    /// The motor that the registers describe.
+    /// Parameters of the motor, from the registers.
     pub(in crate::rs434) fn motor(&self) -> Parameters {
         Parameters { no_load_rpm: self.rated.into(), hall_pulses: self.pulses, ..Parameters::NOMINAL }
     }
 
-    /// Counts in a turn.
+    /// Counts per turn.
     pub(super) fn counts(&self) -> i64 {
         2 * i64::from(self.pulses.max(1)) * i64::from(self.halls.max(1))
     }
 
-    /// Returns whether sensors give the motor's position.
+    /// Returns true if sensors give the motor's position.
     pub(super) fn has_sensors(&self) -> bool {
         self.halls > 0
     }
 
-    /// Counts in a tick.
+    /// A speed in rpm converted to counts per tick.
     pub(super) fn of_rpm(&self, rpm: u16) -> I40F24 {
         I40F24::from_bits(((i64::from(rpm) * self.counts()) << 24) / RPM)
     }
 
-    /// ACC or DEC: 10 is 100 rps², 1,000 is 5,000 rps² (6.5; RS434-14).
+    /// ACC or DEC converted to counts per tick²: 10 is 100 rps², 1,000 is 5,000 rps² (6.5; RS434-14).
     fn of_ramp(&self, ramp: u16) -> I40F24 {
         let over = i64::from(ramp) - 10;
         let rps2_times_990 = 100 * 990 + over * (5_000 - 100);
@@ -60,7 +60,7 @@ impl Settings {
         I40F24::from_bits(bits.max(1))
     }
 
-    /// Ramps and speeds.
+    /// Speed and ramps in counts and ticks.
     pub(super) fn rates(&self) -> Limits {
         Limits { speed: self.of_rpm(self.speed), up: self.of_ramp(self.acc), down: self.of_ramp(self.dec) }
     }

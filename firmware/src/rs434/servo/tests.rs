@@ -16,7 +16,7 @@ const HELD: Fault = Fault(0);
 
 static EMPTY: Spec = Spec { kind: "servo", ..Spec::EMPTY };
 
-/// What a test tells a drive that is nothing but a servo.
+/// Commands of a test to a drive that consists of a servo only.
 mod tell {
     pub(super) const ROTATE: usize = 0;
     pub(super) const GO: usize = 1;
@@ -26,7 +26,7 @@ mod tell {
     pub(super) const COMPENSATION: usize = 5;
 }
 
-/// And asks it.
+/// Values that a test reads from this drive.
 mod ask {
     pub(super) const DIRECTION: usize = 0;
     pub(super) const POSITION: usize = 1;
@@ -36,14 +36,14 @@ mod ask {
     pub(super) const ERRORS: usize = 5;
 }
 
-/// A drive that is nothing but a servo.
+/// A drive that consists of a servo only.
 #[derive(Clone)]
 struct Bare {
     settings: Settings,
     motor: Parameters,
     compensation: i16,
     errors: u16,
-    /// The wires of its Hall sensors are swapped.
+    /// True if the wires of its Hall sensors are swapped.
     swapped: bool,
     servo: Option<Servo>,
 }
@@ -136,7 +136,7 @@ const FACTORY: Settings = Settings {
     closed: false,
 };
 
-/// Levels of the Hall sensors: all else stays inside.
+/// A recorder of the levels of the Hall sensors. All other outputs must stay inside.
 fn levels_only() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Level { .. } => Treatment::Keep,
@@ -144,7 +144,7 @@ fn levels_only() -> Recorder {
     })
 }
 
-/// Edges of Hall sensor A.
+/// A recorder of the edges of Hall sensor A.
 fn edges_of_a() -> Recorder {
     Recorder::default().ruled(|output| match output {
         Output::Level { pin, .. } if *pin == HALLS[0] => Treatment::Keep,
@@ -152,7 +152,7 @@ fn edges_of_a() -> Recorder {
     })
 }
 
-/// A servo with its motor, and a clock.
+/// A servo with its motor, and the current time.
 struct Bench {
     rig: DriveWithMotor<Bare>,
     now: Instant,
@@ -164,13 +164,13 @@ impl Bench {
         Self::with(settings, Parameters::NOMINAL)
     }
 
-    /// With another friction, load or inertia.
+    /// A bench with another friction, load or inertia of the motor.
     fn with(settings: Settings, motor: Parameters) -> Self {
         let motor = Parameters { no_load_rpm: settings.rated.into(), hall_pulses: settings.pulses, ..motor };
         Self::on(settings, motor)
     }
 
-    /// With a motor that the settings need not describe.
+    /// A bench with a motor that may differ from the one in the settings.
     fn on(settings: Settings, motor: Parameters) -> Self {
         Self::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: false, servo: None })
     }
@@ -204,7 +204,7 @@ impl Bench {
         advance(&mut self.rig, self.now, core::iter::empty(), &mut self.edges);
     }
 
-    /// Until it stands; how long that took.
+    /// Runs until the motor stands. Returns the duration.
     fn finish(&mut self) -> Duration {
         let begin = self.now;
         while self.ask(ask::DIRECTION) != 0 {
@@ -215,7 +215,7 @@ impl Bench {
     }
 }
 
-/// The time of a move in ms, by the formulas of uniform acceleration.
+/// Duration of a move in ms, by the formulas of uniform acceleration.
 fn ideal_ms(settings: &Settings, counts: f64) -> f64 {
     let ramp = |register: u16| 100.0 + (f64::from(register) - 10.0) * 4_900.0 / 990.0;
     let (a, b) = (ramp(settings.acc), ramp(settings.dec));
@@ -230,7 +230,7 @@ fn ideal_ms(settings: &Settings, counts: f64) -> f64 {
     seconds * 1_000.0
 }
 
-/// Settings, and a move that takes some seconds at most.
+/// Settings, and a move that takes a few seconds at most.
 fn moves() -> impl Strategy<Value = (Settings, i32)> {
     let ramp = || prop_oneof![Just(10_u16), Just(1_000), 10..1_001_u16];
     let speed = prop_oneof![Just(30_u16), Just(15_000), 30..15_001_u16, 30..300_u16];
@@ -255,8 +255,8 @@ fn moves() -> impl Strategy<Value = (Settings, i32)> {
     })
 }
 
-/// Friction and load in percent of the torque that REF_CURRENT gives: together half of it at most, because the
-/// ramps want some, too.
+/// Friction and load in percent of the torque at REF_CURRENT. Together they are 50 % at most, because the
+/// ramps need torque, too.
 fn burdens() -> impl Strategy<Value = (u32, i32)> {
     (0..51_u32).prop_flat_map(|friction| {
         let rest = 50 - friction.cast_signed();
@@ -273,7 +273,7 @@ fn torque(settings: &Settings, ma: u32) -> u32 {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 100, ..ProptestConfig::default() })]
 
-    /// A millisecond more between two looks at the clock, or many: the same outputs at the same instants.
+    /// The outputs and their timestamps do not depend on the times between two calls.
     #[test]
     fn being_called_late_changes_nothing((settings, counts) in moves(), pauses in proptest::collection::vec(1..400_000_u64, 1..50)) {
         let run = |pauses: &[u64]| {
@@ -288,7 +288,8 @@ proptest! {
         prop_assert_eq!(run(&pauses), run(&[pauses.iter().sum()]));
     }
 
-    /// Whatever it is told meanwhile: it stands at last, where its Hall sensors say, and without an error of theirs.
+    /// After any commands the motor comes to rest, at the position of its Hall sensors and without a Hall
+    /// error.
     #[test]
     fn it_counts_what_the_shaft_turns(
         (settings, _) in moves(), halls in 0..3_u16,
@@ -312,8 +313,8 @@ proptest! {
         let made = i64::from(bench.shaft().position - begin);
         match halls {
             0 => prop_assert_eq!(bench.ask(ask::POSITION), 0),
-            // Which way it turned while it was pushed through standstill one sensor does not tell; how often it
-            // passed an edge of that one it does.
+            // A single sensor does not show the direction of a shaft that is pushed through standstill. It
+            // only shows the number of edges.
             1 => {
                 let (edges, position) = (bench.edges.levels.len() as i64, bench.ask(ask::POSITION));
                 prop_assert!(position.abs() <= edges && (edges - position) % 2 == 0, "{} {}", edges, position);
@@ -327,7 +328,7 @@ proptest! {
     fn a_move_ends_on_its_count((settings, counts) in moves(), (friction, load) in burdens()) {
         let most = torque(&settings, settings.limit_ma) / 100;
         let motor = Parameters { friction_unm: friction * most, load_unm: load * most.cast_signed(), ..Parameters::NOMINAL };
-        // A load that friction does not hold turns the motor before the move and after it.
+        // A load that friction does not hold turns the motor before and after the move.
         let mut bench = Bench::with(settings, motor);
         let (before, shaft) = (bench.ask(ask::POSITION), bench.shaft().position);
         bench.feed(tell::GO, counts.into());
@@ -340,7 +341,7 @@ proptest! {
 
 #[test]
 fn a_move_takes_the_time_of_its_ramps() {
-    // rated, SPEED, ACC, DEC, pulses, counts
+    // Columns: rated, SPEED, ACC, DEC, pulses, counts.
     for (rated, speed, acc, dec, pulses, counts) in [
         (3_000, 1_000, 100, 100, 4, 1_000),
         (3_000, 1_000, 100, 1_000, 4, -1_000),
@@ -348,7 +349,7 @@ fn a_move_takes_the_time_of_its_ramps() {
         (3_000, 2_000, 400, 10, 12, 5_000),
         (1_000, 900, 1_000, 100, 12, 1_000),
         (15_000, 9_000, 200, 10, 1, 10_000),
-        // As fast as 0.98 of the supply turns it, less what friction takes.
+        // Limited to the speed at 0.98 of the supply, less the loss by friction.
         (3_000, 15_000, 100, 100, 4, 5_000),
     ] {
         let settings = Settings { rated, speed, acc, dec, pulses, ..FACTORY };
@@ -365,7 +366,7 @@ fn a_move_takes_the_time_of_its_ramps() {
 fn rotation_follows_speed_and_direction_at_once() {
     let mut bench = Bench::new(FACTORY);
     bench.feed(tell::ROTATE, 1);
-    // ACC 100 is 545.5 rps²: 1,000 rpm after 30.6 ms.
+    // ACC 100 is 545.5 rps². The motor reaches 1,000 rpm after 30.6 ms.
     bench.run(Duration::millis(100));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (1_000, 1));
     bench.feed(tell::SPEED, 2_000);
@@ -377,7 +378,7 @@ fn rotation_follows_speed_and_direction_at_once() {
     bench.run(Duration::millis(170));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::DIRECTION)), (2_000, -1));
     bench.feed(tell::STOP, 0);
-    // 61.1 ms, and a look or two until it is sure.
+    // 61.1 ms for the ramp, and a few ticks until standstill is detected.
     assert!(bench.finish() <= Duration::millis(66));
     assert_eq!((bench.ask(ask::SPEED), bench.ask(ask::ERRORS)), (0, 0));
 }
@@ -441,7 +442,7 @@ fn the_longest_moves_go_where_their_sign_says() {
     }
 }
 
-/// Turns that way for a while, brakes, and is told to go on by so many counts meanwhile.
+/// A bench that turns in the direction `way`, brakes, and gets a move by `counts` while it brakes.
 fn told_while_it_brakes(settings: Settings, way: i64, counts: i64) -> Bench {
     let mut bench = Bench::new(settings);
     bench.feed(tell::ROTATE, way);
@@ -456,7 +457,7 @@ fn told_while_it_brakes(settings: Settings, way: i64, counts: i64) -> Bench {
 #[test]
 fn what_is_left_of_a_move_does_not_depend_on_what_turns_now() {
     for way in [1, -1] {
-        // It has to turn round first; or it goes too far and comes back.
+        // The motor must reverse first; or it goes too far and returns.
         for counts in [-100 * way, 3 * way] {
             let mut bench = told_while_it_brakes(Settings { speed: 2_000, ..FACTORY }, way, counts);
             let goal = bench.ask(ask::POSITION) + counts;
@@ -480,9 +481,9 @@ fn a_move_that_cannot_stop_in_time_is_warned_of() {
     const BRAKING: i64 = 1 << 12;
     let fast = Settings { speed: 2_000, ..FACTORY };
     let weak = Settings { limit_ma: 1_000, dec: 1_000, ..fast };
-    // 2,000 rpm are 33.3 rps; with DEC 100, 545.5 rps², that is a turn, 16 counts.
-    // With DEC 1,000, 5,000 rps², that is 0.11 turns, 1.8 counts. But 1 A gives 76.4 mN·m, with friction
-    // 86.4 on 400 g·cm² are 344 rps²: 1.6 turns, 26 counts.
+    // 2,000 rpm are 33.3 rps. With DEC 100 (545.5 rps²) the braking distance is a turn, or 16 counts. With
+    // DEC 1,000 (5,000 rps²) it would be 0.11 turns, or 1.8 counts. But 1 A gives 76.4 mN·m, with friction
+    // 86.4. On 400 g·cm² this is 344 rps²: 1.6 turns, or 26 counts.
     for (settings, counts, warned) in [
         (fast, 4, true),
         (fast, 25, false),
@@ -500,7 +501,7 @@ fn a_move_that_cannot_stop_in_time_is_warned_of() {
                 bench.run(TICK);
                 farthest = farthest.max((bench.ask(ask::POSITION) - goal) * way * counts.signum());
             }
-            // What it was warned of comes to pass, and the move ends on its count all the same.
+            // If there was a warning, the motor overshoots. The move still ends on its count.
             assert_eq!((farthest > 0, bench.ask(ask::POSITION)), (warned, goal), "{counts} {way}");
         }
     }
@@ -531,7 +532,7 @@ fn a_halt_takes_no_ramp() {
     bench.feed(tell::ROTATE, 1);
     bench.run(Duration::millis(200));
     bench.feed(tell::HALT, 0);
-    // 16.7 rps at 100 rps² would take 167 ms.
+    // The ramp from 16.7 rps at 100 rps² would take 167 ms.
     assert!(bench.finish() < Duration::millis(20));
     assert_eq!(bench.shaft().duty, 0);
 }
@@ -542,7 +543,7 @@ fn terminals_of_what_stands_are_as_mode_coil_says() {
         let load = Parameters { load_unm: -50_000, ..Parameters::NOMINAL };
         let mut bench = Bench::with(Settings { closed, ..FACTORY }, load);
         bench.run(Duration::millis(100));
-        // Shorted ones brake to 32.7 rpm, 8.7 counts/s.
+        // Shorted terminals brake the shaft to 32.7 rpm, or 8.7 counts/s.
         assert_eq!(bench.shaft().speed > 20, turns);
     }
 }
@@ -565,7 +566,7 @@ fn without_sensors_no_speed_is_too_slow_for_the_least_duty() {
         let mut bench = Bench::new(Settings { halls: 0, speed: 30, rated: 15_000, ..FACTORY });
         bench.feed(tell::ROTATE, way);
         bench.run(Duration::millis(500));
-        // 0.01 of 65,536, and not less; 30 rpm would be 0.002.
+        // The least duty is 0.01 of 65,536; 30 rpm would need 0.002.
         assert_eq!((bench.ask(ask::DIRECTION), bench.shaft().duty), (way, duty));
         assert_eq!(bench.ask(ask::SPEED), 150);
         bench.feed(tell::STOP, 0);
@@ -576,7 +577,8 @@ fn without_sensors_no_speed_is_too_slow_for_the_least_duty() {
 
 #[test]
 fn the_current_is_what_the_supply_gives() {
-    // A load against the motion is driven by the supply, one with it feeds the current back.
+    // With a load against the motion the supply gives current, with a load in its direction the current flows
+    // back.
     for (load_unm, supplied) in [(200_000, true), (-200_000, false)] {
         for way in [1, -1] {
             let load = Parameters { load_unm: load_unm * way, ..Parameters::NOMINAL };
@@ -587,7 +589,7 @@ fn the_current_is_what_the_supply_gives() {
             let given = (f64::from(ma) * f64::from(duty) / 65_536.0).round();
             assert!(ma.abs() > 2_000 && (given > 0.0) == supplied, "{ma} mA, duty {duty}");
             assert_eq!(bench.ask(ask::CURRENT), given.max(0.0) as i64);
-            // Shorted terminals carry a current that no supply gives.
+            // The current of shorted terminals does not come from the supply.
             bench.feed(tell::HALT, 0);
             bench.run(Duration::micros(100));
             assert!(bench.shaft().ma.abs() > 1_000);
@@ -616,10 +618,10 @@ fn swapped_hall_wires_are_an_error() {
         let mut bench =
             Bench::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: true, servo: None });
         bench.feed(tell::ROTATE, way);
-        // Some counts of 16 a turn.
+        // A few counts, with 16 per turn.
         bench.run(Duration::millis(if speed == 30 { 2_000 } else { 200 }));
         assert_eq!(bench.ask(ask::ERRORS), 0x10, "{speed} rpm");
-        // Until the drive stops it, it counts backward.
+        // The position counts backward until the drive stops the motor.
         assert_eq!(bench.ask(ask::POSITION).signum(), -way);
     }
 }
@@ -647,7 +649,7 @@ fn what_stands_wants_nothing() {
     assert_eq!(bench.rig.deadline(), Instant::NEVER);
 }
 
-/// A motor that the registers need not describe, ready to start from rest.
+/// A motor that may differ from the one in the registers, ready to start from rest.
 fn on_another(settings: Settings, motor: Parameters) -> Bench {
     let mut bench = Bench::on(settings, motor);
     bench.run(Duration::millis(500));
@@ -656,7 +658,7 @@ fn on_another(settings: Settings, motor: Parameters) -> Bench {
 
 #[test]
 fn a_heavy_motor_that_was_learnt_wrongly_is_waited_for() {
-    // Its current is at its limit from the start, so the drive learns little of it.
+    // The current is at its limit from the start.
     let heavy = Parameters {
         no_load_rpm: 4_315,
         hall_pulses: 10,
@@ -689,7 +691,8 @@ fn any_motor_comes_to_its_speed() {
                     for (halls, speed, acc) in
                         [(2, 300, 100), (1, 300, 100), (2, 1_000, 10), (2, 1_000, 1_000)]
                     {
-                        // By the counts of the registers: at full duty, and at the least one.
+                        // The greatest and the least speed as the registers count it: at full duty, and at
+                        // the least duty.
                         let full = f64::from(no_load_rpm) * f64::from(hall_pulses) / f64::from(pulses);
                         if !(0.015 * full..0.95 * full).contains(&f64::from(speed)) {
                             continue;
@@ -731,7 +734,7 @@ proptest! {
             goal += counts;
             bench.feed(tell::GO, counts);
             bench.finish();
-            // What it slides on would show.
+            // Coasting after the end would show here.
             bench.run(Duration::secs(1));
             prop_assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (goal, 0));
             prop_assert_eq!(i64::from(bench.shaft().position - begin), goal);

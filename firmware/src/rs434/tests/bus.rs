@@ -1,4 +1,4 @@
-//! Functions, exceptions, addresses (6, 6.1 to 6.8).
+//! Tests of functions, exceptions and addresses (6, 6.1 to 6.8).
 
 use super::*;
 
@@ -9,9 +9,9 @@ fn the_four_spaces_are_read_by_their_functions() {
     assert_eq!(dut.pdu(&[2, 0x10, 0, 0, 3]), [2, 1, 0b100]);
     assert_eq!(dut.pdu(&[1, 0x20, 0, 0, 4]), [1, 1, 0]);
     assert_eq!(dut.pdu(&[4, 0x80, 1, 0, 1]), [4, 2, 0x03, 0xE9]); // 1001
-    // 1, RTU 8E1, 115,200, no delay.
+    // Address 1, RTU 8E1, 115,200 baud, no delay.
     assert_eq!(dut.pdu(&[3, 0x50, 0, 0, 4]), [3, 8, 0, 1, 0, 3, 0, 9, 0, 0]);
-    // In another space there is nothing.
+    // The same addresses do not exist in another space.
     assert_eq!(dut.pdu(&[3, 0x10, 0, 0, 1]), [0x83, 2]);
     assert_eq!(dut.pdu(&[4, 0x50, 0, 0, 1]), [0x84, 2]);
     assert_eq!(dut.pdu(&[1, 0x10, 0, 0, 1]), [0x81, 2]);
@@ -23,7 +23,7 @@ fn the_whole_of_5000h_is_read_at_once() {
     let mut dut = ready();
     let reply = dut.pdu(&[3, 0x50, 0, 0, 0x27]);
     assert_eq!(reply[..2], [3, 2 * 0x27]);
-    // The defaults, in their order: those of the line are printed (6), the others ours.
+    // The factory values in order. The manual prints those of the bus (6); the others are our choice.
     let mut words = [0; 0x27];
     words[..0x15]
         .copy_from_slice(&[1, 3, 9, 0, 1, 1, 1, 1, 1, 20_000, 3_000, 1_000, 100, 100, 1, 4, 2, 0, 0, 10, 10]);
@@ -57,7 +57,7 @@ fn what_is_refused_changes_nothing() {
     assert_eq!(dut.try_write(0x7006, 1), [0x86, 2]); // PC_REG
     assert_eq!(dut.try_write(0x5027, 1), [0x86, 2]);
     assert_eq!(dut.get(Reg::ERROR), 0);
-    // One value out of range, and nothing is written: bit 13.
+    // If one value is out of range, nothing is written: bit 13.
     assert_eq!(dut.try_write_all(0x500B, &[2_000, 1_001]), [0x90, 3]);
     assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::ERROR)), (1_000, 1 << 13));
     dut.write(0x5023, 0);
@@ -70,12 +70,12 @@ fn what_is_refused_changes_nothing() {
 #[test]
 fn addresses_go_before_values_and_values_before_what_cannot_be_now() {
     let mut dut = ready();
-    // 5024h = 37FBh is a wrong key, and behind 5026h there is nothing.
+    // 37FBh is a wrong key in 5024h, and there is no register after 5026h.
     assert_eq!(dut.try_write_all(0x5024, &[0x37FB, 0, 0, 0]), [0x90, 2]);
-    // FX_REG may hold anything, and PC_REG cannot be written.
+    // FX_REG accepts any value, but PC_REG cannot be written.
     assert_eq!(dut.try_write_all(0x7005, &[1, 1]), [0x90, 2]);
     assert_eq!(dut.get(Reg::ERROR), 0, "no value was looked at");
-    // A program that stays where it is: 8426h has to wait, but 1 is a wrong key.
+    // A program that jumps to itself: 8426h is refused while it runs, but 1 is a wrong key.
     dut.set(Reg::CMD_W, 0x85);
     dut.set(Reg::WRITE_CMD, 0);
     dut.set(Reg::FLAG_SAVE_USER_PROGRAM, 0x8426);
@@ -122,7 +122,7 @@ fn every_reply_waits_for_the_timeout() {
     let sent = dut.now + CHARACTER * 8;
     assert_eq!(dut.read(0x500B), 1_000);
     assert_eq!(dut.out.sent(Port(0))[0].0, sent + 100.millis());
-    // Another one holds from the next start on.
+    // A new value takes effect at the next start.
     dut.write(0x5003, 200);
     let sent = dut.now + CHARACTER * 8;
     assert_eq!(dut.read(0x5003), 200);
@@ -134,7 +134,7 @@ fn the_reply_leaves_after_the_silence() {
     let mut dut = ready();
     let first = dut.now + CHARACTER;
     dut.input(first, Input::Bytes { port: Port(0), bytes: &rtu::read(1, 0x500B, 1) });
-    // 1.75 ms above 19,200 baud, behind a character in which nobody began to speak.
+    // 1.75 ms of silence above 19,200 baud, and one more character.
     let last = first + CHARACTER * 7;
     let silence = last + 1_750.micros() + CHARACTER;
     dut.run_until(silence - Duration::TICK);
@@ -149,11 +149,11 @@ fn in_ascii_it_answers_in_ascii() {
     let mut dut = saved(&[(Reg::TYPE_MODBUS, 1), (Reg::BITRATE_MODBUS, 5)]);
     let line = dut.out.lines.last().unwrap().2;
     assert_eq!((line.baud, line.data, line.stop), (14_400, 7, 1));
-    // 01 + 03 + 50 + 0B + 01 = 60h, LRC A0h.
+    // The sum 01 + 03 + 50 + 0B + 01 is 60h, so the LRC is A0h.
     let at = dut.now + line.character();
     dut.input(at, Input::Bytes { port: Port(0), bytes: b":0103500B0001A0\r\n" });
     dut.run_until(at + 1.secs());
-    // 01 + 03 + 02 + 03 + E8 = F1h, LRC 0Fh.
+    // The sum 01 + 03 + 02 + 03 + E8 is F1h, so the LRC is 0Fh.
     assert_eq!(dut.out.sent(Port(0)), [(at + line.character() * 16, b":01030203E80F\r\n".to_vec())]);
 }
 

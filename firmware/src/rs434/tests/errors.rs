@@ -1,8 +1,8 @@
-//! The register ERROR (6.5).
+//! Tests of the register ERROR (6.5).
 
 use super::*;
 
-/// A fault, its bit, and whether it stops the motor.
+/// A fault, its bit, and true if it stops the motor.
 const FAULTS: [(&str, u16, bool); 8] = [
     ("supply_voltage", 0, true),
     ("short_circuit", 1, true),

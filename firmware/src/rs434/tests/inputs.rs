@@ -1,14 +1,14 @@
-//! IN1 and IN2 in the five ways of MODE_EXT_IN, and their debouncing (6.1, 6.5).
+//! Tests of IN1 and IN2 in the five modes of MODE_EXT_IN, and of debouncing (6.1, 6.5).
 
 use super::*;
 
-/// A drive that its inputs control.
+/// A drive controlled by its inputs.
 fn by_inputs(way: i64) -> Fixture<DriveWithMotor<Rs434>> {
     saved(&[(Reg::MODE_DEVICE, 2), (Reg::MODE_EXT_IN, way)])
 }
 
 impl Fixture<DriveWithMotor<Rs434>> {
-    /// STATUS a while later.
+    /// Value of STATUS 500 ms later.
     fn does(&mut self) -> i64 {
         self.wait(500.millis());
         self.get(Reg::STATUS)
@@ -37,10 +37,10 @@ fn a_pulse_starts_at_its_end_and_the_next_one_stops() {
 #[test]
 fn what_bounces_is_one_pulse_or_none() {
     let mut dut = by_inputs(1);
-    // Closed for too short.
+    // Closed for too short a time.
     dut.pulse(IN1, 9.millis(), LONG);
     assert_eq!(dut.does(), 0);
-    // Open for too short in between: one pulse.
+    // Open for too short a time between two closures: this is one pulse.
     dut.pulse(IN1, LONG, 9.millis());
     dut.pulse(IN1, LONG, LONG);
     assert_eq!(dut.does(), 1);
@@ -137,7 +137,7 @@ fn each_input_moves_the_offset_its_way() {
         dut.contact(pin, false);
         dut.wait(LONG);
     }
-    // What is left of a move that was let go, the same input goes on with.
+    // A released move is continued by the same input.
     dut.set(Reg::OFFSET_CONST, 0);
     dut.set(Reg::OFFSET, 1_000);
     dut.pulse(IN2, 500.millis(), 1.secs());
@@ -205,12 +205,12 @@ fn in_way_5_the_inputs_alone_are_the_direction() {
     let mut dut = by_inputs(5);
     dut.contact(IN2, true);
     assert_eq!(dut.does(), 2);
-    // SPEED, ACC, DEC and DIRECTION, which is what it was.
+    // Writes SPEED, ACC, DEC, and DIRECTION with its present value.
     assert_eq!(dut.try_write_all(0x500B, &[1_500, 100, 100, 1])[0], 16);
     assert_eq!(dut.does(), 2);
     let rpm = dut.get(Reg::SPEED_VALID);
     assert!((1_400..=1_600).contains(&rpm), "SPEED is followed: {rpm} rpm");
-    // The bus takes over a motor that turns, and with it DIRECTION.
+    // The bus takes over a running motor. A written DIRECTION then takes effect.
     dut.write(0x5004, 1);
     assert_eq!(dut.does(), 2);
     dut.write(0x500E, 1);
@@ -239,7 +239,7 @@ fn inputs_that_change_together_turn_a_move_round() {
     dut.wait(10.millis());
     let position = dut.get(Reg::CURRENT_POSITION);
     assert!(0 < position && position < 1_000);
-    // What is left of it goes the other way.
+    // The remaining distance is made in the other direction.
     assert_eq!(dut.get(Reg::OFFSET), 1_000 - position);
     dut.wait(10.secs());
     assert_eq!(dut.get(Reg::CURRENT_POSITION), position - (1_000 - position));
@@ -254,7 +254,7 @@ fn each_input_moves_to_the_position() {
     dut.contact(IN1, true);
     dut.wait(500.millis());
     assert_eq!(dut.get(Reg::STATUS), 1);
-    // A change-over changes nothing.
+    // The motion does not change when the other input takes over.
     dut.contact(IN1, false);
     dut.contact(IN2, true);
     dut.wait(10.secs());

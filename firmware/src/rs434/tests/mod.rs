@@ -1,4 +1,4 @@
-//! Scripts with times: what the manual says happens, and when.
+//! Tests of the whole drive over time: the behaviour that the manual specifies, and its times.
 
 mod bus;
 mod errors;
@@ -21,7 +21,7 @@ use crate::device::{
 use crate::motor::DriveWithMotor;
 use crate::testing::{Fixture, Treatment};
 
-/// A character of 115,200 8E1: 11 bits, 1,527.8 ticks.
+/// Duration of a character at 115,200 8E1: 11 bits, 1,527.8 ticks.
 const CHARACTER: Duration = Duration::from_ticks(1_528);
 
 /// A new drive with its motor, without power.
@@ -36,17 +36,17 @@ fn without_power() -> Fixture<DriveWithMotor<Rs434>> {
     })
 }
 
-/// A new drive that gets power at 0.
+/// A new drive, powered on at time 0.
 fn booting() -> Fixture<DriveWithMotor<Rs434>> {
     without_power().booting()
 }
 
-/// A new drive that is ready at 0.
+/// A new drive that is ready at time 0.
 fn ready() -> Fixture<DriveWithMotor<Rs434>> {
     without_power().ready()
 }
 
-/// A drive that is ready at 0 with these values saved before.
+/// A drive that is ready at time 0 and had these values saved before.
 fn saved(values: &[(Reg, i64)]) -> Fixture<DriveWithMotor<Rs434>> {
     let mut dut = without_power();
     for (reg, value) in values {
@@ -56,7 +56,7 @@ fn saved(values: &[(Reg, i64)]) -> Fixture<DriveWithMotor<Rs434>> {
 }
 
 impl Fixture<DriveWithMotor<Rs434>> {
-    /// A frame from now on, ended by the line, and the reply that leaves for it; time goes on to its end.
+    /// Sends a frame, ends it by an idle line, and returns the reply. Time advances to the end of the reply.
     fn ask(&mut self, frame: &[u8]) -> Vec<u8> {
         let before = self.out.bytes.len();
         let first = self.now + CHARACTER;
@@ -67,13 +67,13 @@ impl Fixture<DriveWithMotor<Rs434>> {
         reply
     }
 
-    /// A PDU to address 1, and that of the reply; empty if there is none.
+    /// Sends a PDU to address 1. Returns the PDU of the reply; empty if there is no reply.
     fn pdu(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.ask(&rtu::frame(1, pdu));
         rtu::verify_crc(&reply).map_or(Vec::new(), |body| body[1..].to_vec())
     }
 
-    /// Function 3 of one register.
+    /// Reads one register with function 3.
     fn read(&mut self, address: u16) -> u16 {
         let [high, low] = address.to_be_bytes();
         match self.pdu(&[3, high, low, 0, 1])[..] {
@@ -82,17 +82,17 @@ impl Fixture<DriveWithMotor<Rs434>> {
         }
     }
 
-    /// Function 6, which is accepted.
+    /// Writes one register with function 6, which must succeed.
     fn write(&mut self, address: u16, value: u16) {
         assert_eq!(self.try_write(address, value)[0], 6, "{address:04X}h = {value}");
     }
 
-    /// Function 6, and its reply.
+    /// Writes one register with function 6. Returns the reply.
     fn try_write(&mut self, address: u16, value: u16) -> Vec<u8> {
         self.pdu(&[&[6][..], &address.to_be_bytes(), &value.to_be_bytes()].concat())
     }
 
-    /// Function 16, and its reply.
+    /// Writes registers with function 16. Returns the reply.
     fn try_write_all(&mut self, first: u16, words: &[u16]) -> Vec<u8> {
         let count = words.len() as u16;
         let mut pdu = [&[16][..], &first.to_be_bytes(), &count.to_be_bytes(), &[2 * count as u8]].concat();
@@ -100,18 +100,18 @@ impl Fixture<DriveWithMotor<Rs434>> {
         self.pdu(&pdu)
     }
 
-    /// Function 5 with 1, which is accepted.
+    /// Sets a coil to 1 with function 5, which must succeed.
     fn coil(&mut self, address: u16) {
         let pdu = [&[5][..], &address.to_be_bytes(), &[0xFF, 0]].concat();
         assert_eq!(self.pdu(&pdu), pdu);
     }
 
-    /// A contact closes or opens, now.
+    /// Closes or opens a contact, now.
     fn contact(&mut self, pin: Pin, closed: bool) {
         self.edge(pin, !closed);
     }
 
-    /// A contact is closed for the first time and then open for the second.
+    /// Closes a contact for the time `closed`, and then opens it for the time `open`.
     fn pulse(&mut self, pin: Pin, closed: Duration, open: Duration) {
         self.contact(pin, true);
         self.wait(closed);
@@ -119,7 +119,7 @@ impl Fixture<DriveWithMotor<Rs434>> {
         self.wait(open);
     }
 
-    /// Whether a light is on.
+    /// Returns true if a light is on.
     fn light(&self, pin: Pin) -> bool {
         self.out.level(pin) == Some(Level::High)
     }

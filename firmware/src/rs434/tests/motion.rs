@@ -1,9 +1,9 @@
-//! What starts and stops the motor, and where it ends (6.2, 6.3, 6.5).
+//! Tests of starts, stops and end positions of the motor (6.2, 6.3, 6.5).
 
 use super::*;
 
 impl Fixture<DriveWithMotor<Rs434>> {
-    /// Time goes on until the motor stands.
+    /// Runs until the motor stands.
     fn stand(&mut self) {
         for _ in 0..600_000 {
             if self.get(Reg::STATUS) == 0 {
@@ -18,7 +18,7 @@ impl Fixture<DriveWithMotor<Rs434>> {
         self.get(Reg::CURRENT_POSITION)
     }
 
-    /// The most that STATUS and SPEED_VALID tell of a motor that turns for a while.
+    /// STATUS and SPEED_VALID of the motor 1 s later.
     fn turns(&mut self) -> (i64, i64) {
         self.wait(1.secs());
         (self.get(Reg::STATUS), self.get(Reg::SPEED_VALID))
@@ -52,14 +52,14 @@ fn start_rotates_and_stop_stops() {
 #[test]
 fn of_several_coils_the_strongest_counts() {
     let mut dut = ready();
-    // START and STOP.
+    // START and STOP together.
     assert_eq!(dut.pdu(&[15, 0x20, 0, 0, 4, 1, 0b0011]), [15, 0x20, 0, 0, 4]);
     dut.wait(100.millis());
     assert_eq!(dut.get(Reg::STATUS), 0);
     dut.coil(0x2000);
     dut.wait(1.secs());
     assert!(dut.position() > 0);
-    // START, HARD_STOP and CLR_POSITION.
+    // START, HARD_STOP and CLR_POSITION together.
     assert_eq!(dut.pdu(&[15, 0x20, 0, 0, 4, 1, 0b1101]), [15, 0x20, 0, 0, 4]);
     assert_eq!(dut.pdu(&[1, 0x20, 0, 0, 4]), [1, 1, 0]);
     dut.stand();
@@ -80,18 +80,18 @@ fn a_0_in_a_coil_does_nothing() {
 #[test]
 fn an_offset_is_counted_down_and_ends_on_its_count() {
     let mut dut = saved(&[(Reg::MODE_ROTATION, 2), (Reg::OFFSET, -500)]);
-    // DIRECTION does not matter.
+    // DIRECTION has no effect on a move by OFFSET.
     dut.coil(0x2000);
     dut.wait(300.millis());
     let (left, gone) = (dut.get(Reg::OFFSET), dut.position());
     assert!(-500 < left && left < 0);
     assert_eq!((left + gone, dut.get(Reg::STATUS)), (-500, 2));
-    // Neither another START nor another OFFSET matters to what runs.
+    // Another START and another OFFSET have no effect on a move in progress.
     dut.coil(0x2000);
     dut.set(Reg::OFFSET, 9_999);
     dut.stand();
     assert_eq!((dut.position(), dut.get(Reg::OFFSET)), (-500, 0));
-    // 0 is no motion.
+    // An OFFSET of 0 gives no motion.
     dut.coil(0x2000);
     assert_eq!(dut.get(Reg::STATUS), 0);
 }
@@ -140,12 +140,12 @@ fn an_offset_written_at_rest_takes_the_place_of_what_was_left() {
     dut.coil(0x2001);
     dut.stand();
     let left = dut.get(Reg::OFFSET);
-    // One half of it.
+    // Writes only the high half of OFFSET.
     dut.write(0x5016, 0);
     assert_eq!(dut.get(Reg::OFFSET), left & 0xFFFF);
     assert_eq!(dut.try_write_all(0x5015, &[40, 0])[0], 16);
     let before = dut.position();
-    // Sensors that nobody needs just now are no error.
+    // Missing sensors are no error while no move needs them.
     dut.write(0x5010, 1);
     dut.write(0x5010, 2);
     dut.coil(0x2000);
@@ -186,7 +186,7 @@ fn positions_are_reached_from_anywhere() {
     for (n, target) in [(1, 300), (2, -100), (4, 40), (3, 1), (3, 1)] {
         dut.write(0x5008, n);
         dut.coil(0x2000);
-        // What the move began with, it keeps.
+        // The move keeps the values with which it began.
         dut.write(0x5008, 2);
         dut.set(Reg::TARGET_POSITION4, 40);
         assert_eq!(dut.get(Reg::TARGET_POSITION), target);
@@ -249,7 +249,7 @@ fn a_move_that_loses_its_hall_sensors_stops() {
         dut.wait(1.secs());
         assert_eq!((dut.get(Reg::STATUS), dut.get(Reg::ERROR)), (0, 1 << 15), "USE_HALL {halls}");
         assert_eq!(dut.get(Reg::OFFSET), left, "nobody counts any more");
-        // With its sensors it goes on.
+        // With its sensors the move can continue.
         dut.set(Reg::USE_HALL, 2);
         dut.write(0x5023, 0);
         dut.coil(0x2000);
@@ -327,7 +327,7 @@ fn an_open_emergency_stop_stops_at_once() {
     let position = dut.position();
     dut.contact(HARD_STOP, false);
     dut.stand();
-    // With DEC = 10, 100 rps², 1,000 rpm would take 22 counts of 16 a turn, and 167 ms.
+    // With DEC = 10 (100 rps²) a stop from 1,000 rpm would take 22 counts, with 16 per turn, and 167 ms.
     assert!(dut.position() - position < 22, "{}", dut.position() - position);
     assert_eq!(dut.get(Reg::ERROR), 1 << 5);
 }
@@ -359,7 +359,7 @@ fn the_motor_warms_the_drive_a_little() {
 
 #[test]
 fn a_program_that_ends_leaves_the_motor_turning_and_one_that_ends_fully_stops_it() {
-    // START, wait, and the end.
+    // START, a delay, and the end.
     let lines = |end| [0x0001_0001, 0x2000_1002, 0x01F4_0004, end];
     let load = |dut: &mut Fixture<DriveWithMotor<Rs434>>, lines: [u32; 4]| {
         let image = super::super::program::image(lines);
@@ -430,7 +430,7 @@ fn a_full_stop_brakes_with_the_deceleration_that_was() {
     dut.set(Reg::MODE_USER_PROGRAM, 2);
     dut.wait(401.millis());
     assert_eq!((dut.get(Reg::STATUS_USER_PROGRAM), dut.get(Reg::DEC), dut.get(Reg::STATUS)), (6, 100, 1));
-    // 1,000 rpm are gone in 31 ms with DEC = 100, 545 rps²; with 10, 100 rps², in 167 ms.
+    // A stop from 1,000 rpm takes 31 ms with DEC = 100 (545 rps²), and 167 ms with DEC = 10 (100 rps²).
     dut.wait(60.millis());
     assert_eq!(dut.get(Reg::STATUS), 0);
 }

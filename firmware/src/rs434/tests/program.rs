@@ -1,8 +1,8 @@
-//! The user program as the drive runs it (6.5, 6.6, 6.9).
+//! Tests of the user program in the drive (6.5, 6.6, 6.9).
 
 use super::*;
 
-/// A line: code, the bit of the jumps, system register, space, data (Fig. 9).
+/// A line: code, bTypeJmp, system register, space, data (Fig. 9).
 fn line(code: u32, relative: u32, register: u32, space: u32, data: u16) -> u32 {
     code | relative << 7 | register << 8 | space << 12 | u32::from(data) << 16
 }
@@ -12,12 +12,12 @@ const FULL_END: u32 = 0x0D;
 const HOLDING: u32 = 3;
 const COIL: u32 = 1;
 
-/// AX … = constant.
+/// A line that sets a system register (0 is AX) to a constant.
 fn set(register: u32, constant: u16) -> u32 {
     line(0x01, 0, register, 0, constant)
 }
 
-/// A register of the bus = AX ….
+/// A line that copies a system register (0 is AX) to a register of the bus.
 fn put(space: u32, address: u16, register: u32) -> u32 {
     line(0x02, 0, register, space, address)
 }
@@ -26,11 +26,11 @@ fn delay(ms: u16) -> u32 {
     line(0x04, 0, 0, 0, ms)
 }
 
-/// To itself, for ever.
+/// A line that jumps to itself forever.
 const STAY: u32 = 0x05 | 1 << 7;
 
 impl Fixture<DriveWithMotor<Rs434>> {
-    /// Loads a program over the bus and saves it.
+    /// Writes a program over the bus and saves it.
     fn load(&mut self, lines: &[u32]) {
         for (n, line) in (0..).zip(lines) {
             let reply = self.try_write_all(0x6000, &[n, *line as u16, (*line >> 16) as u16]);
@@ -61,7 +61,7 @@ fn it_starts_runs_and_ends() {
     dut.run_until(start + 100.micros());
     assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::AX_REG)), (4, 0, 7));
     dut.run_until(start + 200.micros());
-    // 7 rpm is out of range: a warning, and it goes on.
+    // 7 rpm is out of range. This is a warning, and the program continues.
     assert_eq!((dut.status(), dut.get(Reg::ERROR), dut.get(Reg::SPEED)), (4, 1 << 13, 1_000));
     dut.run_until(start + 400.micros());
     assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::PC_REG), dut.status()), (3_000, 3, 4));
@@ -79,7 +79,8 @@ fn a_full_stop_brings_the_registers_back() {
     dut.start();
     dut.wait(5.millis());
     assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::AX_REG)), (3_000, 3_000));
-    // What the master writes meanwhile returns, too; the line, ERROR and the buffer stay.
+    // A value that the master writes during the program is restored, too. The bus settings, ERROR and the
+    // buffer are not restored.
     dut.set(Reg::TARGET_POSITION4, 45);
     dut.set(Reg::TIMEOUT_BROADCAST_MODBUS, 6);
     assert_eq!(dut.try_set(Reg::SPEED, 1), Err(PresetError::OutOfRange));
@@ -94,13 +95,13 @@ fn a_full_stop_brings_the_registers_back() {
 #[test]
 fn a_line_that_cannot_be_carried_out_is_bit_8() {
     let bad = [
-        line(0x67, 0, 0, 0, 0),            // no command
+        line(0x67, 0, 0, 0, 0),            // no such command
         put(HOLDING, 0x7006, 0),           // PC_REG
-        put(2, 0x3000, 0),                 // an input register
-        put(HOLDING, 0x5027, 0),           // nothing
-        line(0x13, 0, 0, HOLDING, 0x5026), // the second word is nothing
-        line(0x03, 0, 0, HOLDING, 0x1000), // nothing there
-        line(0x05, 0, 0, 0, 1_024),        // behind the last line
+        put(2, 0x3000, 0),                 // input register
+        put(HOLDING, 0x5027, 0),           // no register
+        line(0x13, 0, 0, HOLDING, 0x5026), // no second register
+        line(0x03, 0, 0, HOLDING, 0x1000), // no such register
+        line(0x05, 0, 0, 0, 1_024),        // after the last line
     ];
     for line in bad {
         let mut dut = ready();
@@ -140,7 +141,8 @@ fn it_reads_what_the_bus_reads() {
 #[test]
 fn a_wide_write_needs_both_registers_whatever_the_value() {
     let mut dut = ready();
-    // POSITION_N = 9 is out of range, REF_CURRENT = 2,000 is not: neither is written, and it goes on.
+    // POSITION_N = 9 is out of range, REF_CURRENT = 2,000 is not. Neither is written, and the program
+    // continues.
     dut.load(&[set(0, 9), set(1, 2_000), line(0x13, 0, 0, HOLDING, 0x5008), END]);
     dut.start();
     dut.wait(1.millis());
@@ -160,7 +162,7 @@ fn the_bus_stops_it_and_what_runs_cannot_be_changed() {
     dut.start();
     dut.wait(1.millis());
     assert_eq!((dut.status(), dut.read(0x7006)), (4, 1));
-    // The buffer is not the program.
+    // A write to the buffer does not change the running program.
     let reply = dut.try_write_all(0x6000, &[1, 0, 0]);
     assert_eq!(reply[0], 16);
     let stores = dut.out.stores.clone();
@@ -204,7 +206,7 @@ fn a_saved_3_starts_with_the_power() {
     assert_eq!((dut.status(), dut.read(0x5005)), (3, 3));
     dut.wait(1.millis());
     assert_eq!((dut.status(), dut.get(Reg::AX_REG)), (4, 1));
-    // A saved 2 does not.
+    // A saved 2 does not start the program.
     dut.write(0x5005, 2);
     dut.write(0x5024, 0x37FA);
     dut.wait(10.millis());
@@ -241,7 +243,7 @@ fn a_bad_flash_is_bit_7_and_starts_nothing() {
 
 #[test]
 fn it_may_stop_save_and_restart_its_own_drive() {
-    // 5005h = 1.
+    // Writes 5005h = 1.
     let mut dut = ready();
     dut.load(&[set(0, 1), put(HOLDING, 0x5005, 0), set(1, 1), STAY]);
     dut.start();
@@ -250,13 +252,13 @@ fn it_may_stop_save_and_restart_its_own_drive() {
     assert_eq!((dut.get(Reg::PC_REG), dut.get(Reg::AX_REG)), (1, 1), "they stay as they were");
     dut.start();
     assert_eq!((dut.status(), dut.get(Reg::PC_REG)), (2, 0));
-    // 5004h = 1 and 5005h = 1 by one line.
+    // Writes 5004h = 1 and 5005h = 1 with one line.
     dut.write(0x5005, 1);
     dut.load(&[set(0, 1), set(1, 1), line(0x13, 0, 0, HOLDING, 0x5004), set(1, 2), STAY]);
     dut.start();
     dut.wait(1.secs());
     assert_eq!((dut.status(), dut.get(Reg::PC_REG), dut.get(Reg::BX_REG)), (1, 2, 1));
-    // 5024h = 37FAh, 5026h = 95AFh.
+    // Writes 5024h = 37FAh, then 5026h = 95AFh.
     let mut dut = ready();
     dut.load(&[set(0, 0x37FA), put(HOLDING, 0x5024, 0), set(0, 0x95AF), put(HOLDING, 0x5026, 0), STAY]);
     dut.set(Reg::SPEED, 2_000);

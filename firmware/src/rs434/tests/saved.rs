@@ -1,4 +1,4 @@
-//! Settings in the flash, presets (6.5).
+//! Tests of the settings in the flash, and of presets (6.5).
 
 use super::*;
 

@@ -1,8 +1,8 @@
-//! Power-on, restart, reset to the factory, lights (4, 6.5, 7).
+//! Tests of power-on, restart, reset to the factory values, and lights (4, 6.5, 7).
 
 use super::*;
 
-/// Lights as they changed: when, red or green, on.
+/// Changes of the lights: time in ms, "red" or "green", true for on.
 fn lights(dut: &Fixture<DriveWithMotor<Rs434>>) -> Vec<(u64, &'static str, bool)> {
     let name = |pin| if pin == RED { "red" } else { "green" };
     let lit = dut.out.levels.iter().filter(|(_, pin, _)| [RED, GREEN].contains(pin));
@@ -15,7 +15,7 @@ fn it_is_deaf_for_half_a_second() {
     dut.run_until(200.millis());
     assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
     assert_eq!(dut.out.noted(), [LogEvent::Dropped { port: Port(0), why: DropReason::Starting }]);
-    // The last character that is lost ends with the start.
+    // A character that ends exactly at the end of the start is the last one that is lost.
     dut.run_until(Instant::from(500.millis()) - CHARACTER);
     assert!(dut.ask(&rtu::read(1, 0x500B, 1)).is_empty());
     let mut dut = booting();
@@ -69,7 +69,7 @@ fn the_line_changes_with_a_save_and_a_restart() {
     assert_eq!(dut.try_write_all(0x5000, &[7, 4, 4, 0])[0], 16);
     dut.write(0x5024, 0x37FA);
     dut.write(0x5026, 0x95AF);
-    // The save takes its time; the restart does not wait for it and finishes it.
+    // The save is not complete at the restart, which finishes it.
     dut.wait(1.millis());
     let line = dut.out.lines.last().unwrap().2;
     assert_eq!((line.baud, line.bits()), (9_600, 11));
@@ -103,7 +103,7 @@ fn clr_flash_for_five_seconds_is_the_factory() {
     dut.run_until(5_500.millis());
     assert_eq!((dut.light(RED), dut.light(GREEN)), (false, true));
     assert_eq!(dut.out.memory[SETTINGS..], program, "the program stays");
-    // Now it is open: the next start is like any other.
+    // The contact is open at the next start, so there is no reset.
     dut.cycle();
     assert_eq!((dut.get(Reg::SPEED), dut.get(Reg::ERROR)), (1_000, 1 << 7));
 }
@@ -137,7 +137,7 @@ fn clr_flash_that_opens_earlier_changes_nothing() {
     dut.wait(1.millis());
     assert!(dut.light(GREEN));
     assert_eq!(dut.read(0x500B), 5_000);
-    // In operation it does nothing.
+    // During operation the contact has no effect.
     dut.contact(CLR_FLASH, true);
     dut.wait(6.secs());
     assert_eq!(dut.read(0x500B), 5_000);

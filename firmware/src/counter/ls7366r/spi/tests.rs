@@ -1,11 +1,11 @@
-//! Table 1, every instruction of it.
+//! Every instruction of table 1.
 
 use std::vec::Vec;
 
 use super::super::{Channel, Instant, Ls7366r};
 use super::Transmission;
 
-/// Sends bytes while SS/ is low. Returns what came.
+/// Sends bytes while SS/ is low. Returns the bytes received.
 fn send(counter: &mut Ls7366r, bytes: &[u8]) -> Vec<u8> {
     let mut transmission = Transmission::new(counter);
     bytes.iter().map(|byte| transmission.exchange(*byte)).collect()
@@ -20,7 +20,7 @@ const OLD: Registers = Registers {
     str: 0b0001_1110, // IDX, CEN, PLS, U/D
 };
 
-/// All that an instruction can change.
+/// All registers that an instruction can change.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Registers {
     mdr0: u8,
@@ -64,7 +64,7 @@ fn old() -> Ls7366r {
 #[test]
 fn every_instruction() {
     for instruction in 0..=0xFF_u8 {
-        // What comes behind the instruction, and what the registers are then.
+        // Bytes received after the instruction, and the registers afterwards.
         let (miso, new): ([u8; 5], _) = match instruction & 0b1111_1000 {
             0x08 => ([0; 5], Registers { mdr0: 0, ..OLD }),
             0x10 => ([0; 5], Registers { mdr1: 0, ..OLD }),
@@ -114,7 +114,7 @@ fn data_has_as_many_bytes_as_the_counter() {
 #[test]
 fn there_is_one_instruction_while_ss_is_low() {
     let mut counter = old();
-    // Clear STR, write MDR0 and read CNTR, each of them once too often.
+    // Clear STR, write MDR0 and read CNTR, each followed by bytes that must have no effect.
     assert_eq!(send(&mut counter, &[0x30, 0x20, 0x60, 0]), [0; 4]);
     assert_eq!(send(&mut counter, &[0x88, 0x03, 0x20, 0x60, 0]), [0; 5]);
     assert_eq!(send(&mut counter, &[0x60, 0x20, 0x88, 0, 0, 0x20, 0]), [0, 0x55, 0x66, 0x77, 0x88, 0, 0]);

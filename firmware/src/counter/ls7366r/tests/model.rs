@@ -1,4 +1,4 @@
-//! Random scripts against a slow and plain model, and steps at once against edges.
+//! Random events compared with a slow and plain model, and steps at once compared with edges.
 
 use std::vec::Vec;
 
@@ -13,11 +13,11 @@ struct Input {
     since: u64,
     /// Ticks that the level must last.
     lasting: u64,
-    /// The level behind the filter.
+    /// The level after the filter.
     seen: bool,
 }
 
-/// What happens to a counter.
+/// An event for a counter and its model.
 #[derive(Clone, Copy, Debug)]
 enum Event {
     Edge(Channel, bool),
@@ -32,7 +32,7 @@ enum Event {
     Enabled(bool),
 }
 
-/// CNTR, OTR, CNTR at the index, STR and what happened, after each event, found by looking at every tick.
+/// CNTR, OTR, CNTR at the index, STR and the events, after each event. The model computes them tick by tick.
 struct Model {
     mdr0: u8,
     mdr1: u8,
@@ -134,7 +134,7 @@ impl Model {
         self.latched | if self.up { UP } else { 0 } | if self.counting() { CEN } else { 0 }
     }
 
-    /// Lets in what has lasted.
+    /// Applies the levels that have lasted long enough.
     fn look(&mut self, now: u64) {
         for place in 0..3 {
             let input = self.inputs[place];
@@ -219,7 +219,7 @@ impl Model {
     }
 }
 
-/// Counts near which something happens.
+/// Counts near the values at which the counter wraps or matches.
 fn some_count() -> impl Strategy<Value = u32> {
     prop_oneof![
         3 => 0..6_u32,
@@ -247,7 +247,7 @@ fn some_event() -> impl Strategy<Value = Event> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
-    /// However late its timeouts are.
+    /// The counter counts like the model, even if its timeouts are called late.
     #[test]
     fn it_counts_what_the_model_counts(
         first in (any::<u8>(), any::<u8>(), some_count(), some_count()),

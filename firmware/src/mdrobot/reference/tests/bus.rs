@@ -1,8 +1,8 @@
-//! Commands of the bus (MDROBOT-12 to MDROBOT-18).
+//! Commands from the bus (MDROBOT-12 to MDROBOT-18).
 
 use super::*;
 
-/// Counts in the low words, a speed in the third.
+/// The value of a position command: counts in the two low words, a speed in the third.
 fn at_speed(count: i32, rpm: i16) -> i64 {
     i64::from(rpm.cast_unsigned()) << 32 | i64::from(count.cast_unsigned())
 }
@@ -65,7 +65,7 @@ fn without_a_speed_start_stop_arms_and_no_more() {
     dut.set(Pid::COM_TAR_SPEED, 0);
     dut.set(Pid::START_STOP, 2);
     assert_eq!(dut.order(), Order::Velocity(500));
-    // TAR_VEL is no source for it (MDROBOT-13).
+    // `TAR_VEL` is not used as its speed (MDROBOT-13).
     dut.set(Pid::TAR_VEL, 900);
     dut.set(Pid::START_STOP, 1);
     assert_eq!(dut.order(), Order::Velocity(500));

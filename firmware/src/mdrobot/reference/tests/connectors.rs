@@ -50,7 +50,7 @@ fn start_stop_starts_run_brake_brakes_and_dir_turns() {
 
 #[test]
 fn start_stop_and_run_brake_may_be_turned_round() {
-    // Closed, open, not wired; as they are, and turned round.
+    // A closed, an open and an unwired contact, each with both polarities.
     for (contact, on) in [(Some(false), [true, false]), (Some(true), [false, true]), (None, [false, false])] {
         for inverted in [0, 1] {
             let mut dut = Dut::connected();
@@ -135,7 +135,7 @@ fn an_alarm_is_cleared_by_its_contact_and_start_stop_has_to_be_off() {
     dut.open(ALARM_RESET);
     assert_ne!(dut.get(Pid::CTRL_STATUS), 0, "the cause is there");
     dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
-    // What comes during an alarm starts nothing.
+    // A signal that changes to ON during an alarm starts nothing.
     dut.open(START_STOP);
     dut.close(START_STOP);
     dut.close(ALARM_RESET);
@@ -221,7 +221,8 @@ fn seven_steps() {
     dut.set(Pid::MAX_RPM, 400);
     dut.set(Pid::INPUT_TYPE, 5);
     dut.set(Pid::TAR_VEL, 123);
-    // Floors of sevenths (MDROBOT-24), in the manual's order: INT_SPEED, RUN/BRAKE, START/STOP.
+    // Speeds are sevenths, rounded down (MDROBOT-24). The manual's order of the bits is INT_SPEED, RUN/BRAKE,
+    // START/STOP.
     for (step, rpm) in [0, 57, 114, 171, 228, 285, 342, 400].into_iter().enumerate() {
         for (bit, pin) in [INT_SPEED, RUN_BRAKE, START_STOP].into_iter().enumerate() {
             dut.edge(pin, step >> bit & 1 == 0);

@@ -2,12 +2,12 @@
 
 use super::*;
 
-/// 800 rpm for 0.5 s.
+/// `FUNC_SPEED` for 800 rpm during 0.5 s.
 const SPEED: i64 = 5 << 16 | 800;
 const TICK: Duration = Duration::TICK;
 
 impl Dut {
-    /// A drive with a function, which START/STOP or FUNC_CMD may start.
+    /// A drive with a function that START/STOP or `FUNC_CMD` may start.
     fn of_function(number: i64) -> Self {
         let mut dut = Self::ready();
         dut.set(Pid::FUNC_SPEED, SPEED);
@@ -16,7 +16,7 @@ impl Dut {
         dut
     }
 
-    /// The signal, by the contact or by the bus.
+    /// Sets the start signal, by the bus or by the contact.
     fn signal(&mut self, by_bus: bool, on: bool) {
         if by_bus {
             self.set(Pid::FUNC_CMD, if on { 0x0100 } else { 0 });
@@ -69,7 +69,7 @@ fn speed_momentary_runs_while_on() {
 #[test]
 fn speed_add_runs_until_time_and_signal_are_over() {
     for by_bus in [false, true] {
-        // OFF first.
+        // The signal changes to OFF before the time has passed.
         let mut dut = Dut::of_function(4);
         dut.signal(by_bus, true);
         dut.wait(100.millis());
@@ -78,13 +78,13 @@ fn speed_add_runs_until_time_and_signal_are_over() {
         assert_eq!(dut.order(), RUNS);
         dut.wait(TICK);
         assert_eq!(dut.order(), STANDS);
-        // Time first.
+        // The time passes before the signal changes to OFF.
         dut.signal(by_bus, true);
         dut.wait(2.secs());
         assert_eq!(dut.order(), RUNS);
         dut.signal(by_bus, false);
         assert_eq!(dut.order(), STANDS);
-        // ON again in between does not lengthen its time.
+        // Changing to ON again in between does not extend the run time.
         dut.signal(by_bus, true);
         dut.wait(300.millis());
         dut.signal(by_bus, false);

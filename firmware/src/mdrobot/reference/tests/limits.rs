@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Everything that the bus may ask for, one way and the other.
+/// All motion commands of the bus, with a value for each direction.
 const COMMANDS: [(Pid, [i64; 2]); 5] = [
     (Pid::VEL_CMD, [500, -500]),
     (Pid::OPEN_VEL_CMD, [300, -300]),
@@ -12,7 +12,7 @@ const COMMANDS: [(Pid, [i64; 2]); 5] = [
 ];
 
 impl Dut {
-    /// Armed, with both switches closed.
+    /// A drive that the bus may move, with both switches closed.
     fn limited() -> Self {
         let mut dut = Self::armed();
         dut.close(DIR);

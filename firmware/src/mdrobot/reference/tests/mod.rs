@@ -1,6 +1,8 @@
-//! Scripts with times: what the manual and the decisions say of who commands and of what is asked for.
+//! Tests of the source of commands and of the orders to the motor, as the manual and the decisions define
+//! them.
 //!
-//! There is no motor, and nobody wakes the servo: what counts is what it is ordered.
+//! There is no motor, and no test calls the servo's timeout: the tests compare the orders that the servo
+//! gets.
 
 mod bus;
 mod connectors;
@@ -19,11 +21,11 @@ use crate::mdrobot::{
     START_STOP,
 };
 
-/// A drive without a motor, and what time it is.
+/// A drive without a motor, and the present time.
 struct Dut {
     drive: Drive,
     now: Instant,
-    /// Hall edges forward so far.
+    /// Count of the Hall edges so far, positive forward.
     counts: i32,
 }
 
@@ -35,7 +37,7 @@ impl Dut {
         dut
     }
 
-    /// A new drive that has got power at 0.
+    /// A new drive that was powered on at 0.
     fn starting(fast: bool) -> Self {
         let mut dut = Self { drive: Drive::new(), now: Instant::ZERO, counts: 0 };
         dut.drive.power_on(Instant::ZERO, Boot { fast, ..Boot::default() }, &mut NullContext);
@@ -43,13 +45,13 @@ impl Dut {
         dut
     }
 
-    /// Its start is over.
+    /// Ends the start-up.
     fn start(&mut self) {
         self.now = self.drive.startup_due();
         self.drive.timeout(self.now, &mut NullContext);
     }
 
-    /// One that the bus commands, and that it lets move.
+    /// A drive with the bus as source of commands, which may move the motor.
     fn armed() -> Self {
         let mut dut = Self::ready();
         dut.set(Pid::UI_COM, 1);
@@ -57,14 +59,14 @@ impl Dut {
         dut
     }
 
-    /// One that the connectors command, with RUN/BRAKE closed.
+    /// A drive with the connectors as source of commands and RUN/BRAKE closed.
     fn connected() -> Self {
         let mut dut = Self::ready();
         dut.close(RUN_BRAKE);
         dut
     }
 
-    /// Time goes on; what the inputs and functions want to be woken for comes in time.
+    /// Advances the time. Deadlines of inputs and functions are handled in time.
     fn wait(&mut self, span: Duration) {
         let end = self.now + span;
         while self.drive.sources_due() <= end {
@@ -75,7 +77,7 @@ impl Dut {
         self.now = end;
     }
 
-    /// A write that the bus may make.
+    /// Writes a value that the bus may write.
     fn set(&mut self, pid: Pid, value: i64) {
         self.drive.poke(self.now, pid, value, &mut NullContext).unwrap();
     }
@@ -88,17 +90,17 @@ impl Dut {
         self.drive.edge(self.now, pin, high, &mut NullContext);
     }
 
-    /// A contact closes to ground.
+    /// Closes a contact to ground.
     fn close(&mut self, pin: Pin) {
         self.edge(pin, false);
     }
 
-    /// A contact opens.
+    /// Opens a contact.
     fn open(&mut self, pin: Pin) {
         self.edge(pin, true);
     }
 
-    /// A wire is taken off.
+    /// Removes a wire.
     fn unwire(&mut self, pin: Pin) {
         self.drive.opened(self.now, pin, &mut NullContext);
     }
@@ -107,7 +109,7 @@ impl Dut {
         self.drive.voltage(self.now, mv, &mut NullContext);
     }
 
-    /// Pulses of a width, one after the other.
+    /// Puts successive pulses of a width at a pin.
     fn pulses(&mut self, pin: Pin, count: u32, width: Duration, period: Duration) {
         for _ in 0..count {
             self.edge(pin, true);
@@ -117,7 +119,7 @@ impl Dut {
         }
     }
 
-    /// The shaft is so many counts further on, 1 ms for each.
+    /// Turns the shaft by a number of counts, 1 ms for each.
     fn turn(&mut self, counts: i32) {
         for _ in 0..counts.unsigned_abs() {
             self.counts += counts.signum();
@@ -126,7 +128,8 @@ impl Dut {
         }
     }
 
-    /// The three Hall sensors as they are, in the order in which they come forward.
+    /// Sets the three Hall sensors to the code of the present count. `FORWARD` lists the codes in forward
+    /// order.
     fn halls(&mut self) {
         const FORWARD: [[bool; 3]; 6] = [
             [true, false, true],
@@ -142,7 +145,7 @@ impl Dut {
         }
     }
 
-    /// What the servo was ordered last.
+    /// The last order to the servo.
     fn order(&self) -> Order {
         self.drive.servo.ordered()
     }

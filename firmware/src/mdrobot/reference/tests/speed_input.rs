@@ -1,9 +1,9 @@
-//! SPEED_IN, PULSE_IN and what takes their place (p. 10, 13, 14; MDROBOT-24, MDROBOT-25).
+//! `SPEED_IN`, `PULSE_IN` and the inputs that replace them (p. 10, 13, 14; MDROBOT-24, MDROBOT-25).
 
 use super::*;
 
 impl Dut {
-    /// A motor that the connectors run.
+    /// A motor that runs with the connectors as source of commands.
     fn running(input_type: i64) -> Self {
         let mut dut = Self::connected();
         dut.set(Pid::INPUT_TYPE, input_type);
@@ -42,7 +42,7 @@ fn the_limits_are_where_the_voltage_begins_and_ends() {
     for (digit, rpm) in
         [(0, 0), (199, 0), (200, 0), (201, 5), (500, 1_500), (799, 2_995), (800, 3_000), (1_023, 3_000)]
     {
-        // The voltage in the middle of a digit.
+        // The voltage in the middle of a measured value.
         dut.volts((digit * 10_000 + 5_000) / 2_046);
         assert_eq!(dut.rpm(), rpm, "{digit}");
     }
@@ -80,7 +80,7 @@ fn fast_pulses_at_speed_in_count_by_their_duty() {
     dut.wait(25.micros());
     dut.edge(SPEED_IN, true);
     assert_eq!(dut.rpm(), 767 * 3_000 / 1_023, "three quarters");
-    // It stays high: 5 V.
+    // The level stays high, so it counts as 5 V.
     dut.wait(200.micros() - Duration::TICK);
     assert_eq!(dut.rpm(), 767 * 3_000 / 1_023);
     dut.wait(Duration::TICK);
@@ -108,12 +108,12 @@ fn slow_pulses_at_speed_in_are_levels() {
 
 #[test]
 fn pulses_are_linear_from_5_to_500_thousand_a_second() {
-    // Ticks of 1/16 µs between pulses: 16,000,000 a second of them.
+    // Period of the pulses in ticks of 1/16 µs; there are 16,000,000 ticks in a second.
     for (period, rpm) in [(8_000, 0), (3_200, 0), (1_600, 30), (64, 1_484), (32, 3_000), (16, 3_000)] {
         let mut dut = Dut::running(2);
         let period = Duration::from_ticks(period);
         dut.pulses(PULSE_IN, (2.millis() / period) as u32 + 1, Duration::from_ticks(8), period);
-        // (16,000,000 / 1,600 - 5,000) / 495,000 of 3,000 is 30.3, and so on.
+        // (16,000,000 / 1,600 - 5,000) / 495,000 of 3,000 is 30.3; the other rows follow the same formula.
         assert_eq!(dut.rpm(), rpm, "{period:?}");
     }
 }
@@ -123,7 +123,7 @@ fn pulses_that_cease_are_zero() {
     let mut dut = Dut::running(2);
     dut.pulses(PULSE_IN, 1_001, 1.micros(), 4.micros());
     assert_eq!(dut.rpm(), 1_484);
-    // The last one began 4 µs ago.
+    // The last pulse began 4 µs ago.
     dut.wait(3_996.micros() - Duration::TICK);
     assert_eq!(dut.rpm(), 1_484);
     dut.wait(Duration::TICK);
@@ -151,7 +151,7 @@ fn pulses_of_a_radio_control_count_by_their_width() {
         dut.pulses(PULSE_IN, 2, width.micros(), 3.millis());
         assert_eq!(dut.rpm(), rpm, "{width}");
     }
-    // The last one began 3 ms ago.
+    // The last pulse began 3 ms ago.
     dut.wait(1.millis() - Duration::TICK);
     assert_eq!(dut.rpm(), 3_000);
     dut.wait(Duration::TICK);

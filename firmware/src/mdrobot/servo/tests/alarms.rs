@@ -1,8 +1,8 @@
-//! What is wrong with a motor, and what is not.
+//! Conditions of a motor that are faults, and conditions that are not.
 
 use super::*;
 
-/// When which alarm comes, in ms, within a time.
+/// The first alarm within `most` ms: its time in ms and its bits.
 fn alarm(bench: &mut Bench, most: u64) -> Option<(u64, u16)> {
     (0..most).find_map(|ms| {
         bench.run_ms(1);
@@ -22,7 +22,7 @@ fn a_shaft_that_is_held_is_a_stall() {
         let mut bench = turning(Settings::FACTORY, MOTOR, rpm);
         bench.hold(true);
         assert_alarm(&mut bench, 990, 3_500, status::STALL);
-        // All that 20 A may be: 6 of 24 V.
+        // The output for 20 A in the winding, which is 6 of 24 V.
         assert!((bench.servo.output(bench.now).abs() - 256).abs() <= 10, "{}", bench.servo.output(bench.now));
     }
     let mut bench = Bench::new(Settings::FACTORY, MOTOR);
@@ -50,7 +50,7 @@ fn a_current_at_max_load_is_an_overload() {
 
 #[test]
 fn a_speed_that_does_not_come_is_a_failure_of_control() {
-    // 0.5 A are 0.03 Nm, of which 0.01 Nm is friction: too little for a load of 0.019 Nm on a great wheel.
+    // 0.5 A are 0.03 Nm, of which 0.01 Nm is friction: too little to accelerate a large inertia in time.
     let settings = Settings { limit_ma: 500, ..Settings::FACTORY };
     let mut bench = Bench::new(settings, Parameters { inertia_gcm2: 100_000, ..MOTOR });
     bench.order(Order::Velocity(2_000));
@@ -59,7 +59,7 @@ fn a_speed_that_does_not_come_is_a_failure_of_control() {
 
 #[test]
 fn a_reference_of_zero_is_no_failure_of_control() {
-    // 0.5 A against a load of 1 A: it turns, and faster and faster.
+    // 0.5 A against a load of 1 A: the load turns the shaft faster and faster.
     let settings = Settings { limit_ma: 500, stop_status: 1, ..Settings::FACTORY };
     let mut bench = Bench::new(settings, Parameters { inertia_gcm2: 100_000, ..MOTOR });
     bench.order(Order::Velocity(0));
@@ -75,14 +75,14 @@ fn swapped_wires_turn_it_against_its_reference() {
         bench.servo.swap(bench.now, true, &mut Wires(&mut bench.wires));
         bench.order(Order::Velocity(rpm));
         assert_alarm(&mut bench, 500, 700, status::INV_VEL);
-        // The loop pushes the wrong way, and more and more.
+        // The loop accelerates the shaft more and more in the wrong direction.
         let sign = rpm.signum();
         assert!(bench.real_rpm() * f64::from(sign) < -300.0 && bench.rpm() * sign < -300);
         bench.order(Order::Free);
         bench.run_ms(1);
         assert_eq!((bench.servo.current(), bench.servo.output(bench.now)), (0, 0));
     }
-    // And while it turns.
+    // The wires are swapped while the motor turns.
     let mut bench = turning(Settings::FACTORY, MOTOR, 1_000);
     bench.servo.swap(bench.now, true, &mut Wires(&mut bench.wires));
     assert_alarm(&mut bench, 500, 900, status::INV_VEL);
@@ -91,7 +91,8 @@ fn swapped_wires_turn_it_against_its_reference() {
 #[test]
 fn a_reversal_or_a_stop_is_no_alarm_however_long_it_takes() {
     for (settings, motor) in motors() {
-        // 0.5 A are 0.03 Nm: on 10⁻³ kg·m² 3,000 rpm take 12 s with 0.005 Nm of friction. More friction it cannot move.
+        // 0.5 A are 0.03 Nm: on 10⁻³ kg·m² 3,000 rpm take 12 s with 0.005 Nm of friction. More friction would
+        // hold the shaft.
         for (limit_ma, slow, seconds) in [(20_000, 0, 6), (20_000, 1_023, 20), (3_000, 100, 6), (500, 0, 40)]
         {
             if motor.friction_unm > 30_000 && limit_ma == 500 {
@@ -105,7 +106,7 @@ fn a_reversal_or_a_stop_is_no_alarm_however_long_it_takes() {
                 bench.set(|now| *now = settings);
                 bench.order(Order::Velocity(target));
                 bench.run_ms(1_000 * seconds);
-                // A current at its limit for 4 s is what it is.
+                // A current at its limit for 4 s is a real overload, so that alarm is allowed.
                 let alarms = bench.alarms & !status::OVER_LOAD;
                 assert_eq!(alarms, 0, "{target}, {limit_ma} mA, {motor:?}");
                 assert!((bench.real_rpm() - f64::from(target)).abs() < 20.0, "{}", bench.real_rpm());
@@ -118,9 +119,10 @@ fn a_reversal_or_a_stop_is_no_alarm_however_long_it_takes() {
 fn a_broken_hall_sensor_is_noticed() {
     let mut bench = turning(Settings::FACTORY, MOTOR, 300);
     bench.servo.cut(bench.now, true, false);
-    // All three are high once in a period, 1/600 min.
+    // All three sensors are high once in a period, 1/600 min.
     assert_alarm(&mut bench, 0, 101, status::HALL_FAIL);
-    // They are told as broken in every ms while it lasts: 1 is high for half of a period of 10 ms, in a sixth all are.
+    // The sensors are reported as broken in every ms while the code lasts. Within a period of 10 ms, HU is
+    // high for half, and all three for a sixth.
     while !bench.servo.halls_are_broken() {
         bench.run_ms(1);
     }
@@ -137,7 +139,7 @@ fn a_broken_hall_sensor_is_noticed() {
     assert_eq!(alarm(&mut bench, 2_000), None);
 }
 
-/// A motor with an encoder of so many cycles, and ENC_PPR right.
+/// A bench with an encoder of `cycles` cycles, and the correct `ENC_PPR`.
 fn encoder_edges(cycles: u16, stop_status: u16) -> Bench {
     let settings = Settings { enc_ppr: cycles, stop_status, ..Settings::FACTORY };
     Bench::new(settings, Parameters { encoder_cycles: cycles, ..MOTOR })
@@ -155,7 +157,7 @@ fn a_good_encoder_is_no_alarm() {
             let mut bench = encoder_edges(cycles, 1);
             bench.order(order);
             assert_eq!(alarm(&mut bench, 6_000), None, "{order:?}, {cycles} cycles");
-            // Held, and pushed a little.
+            // The shaft is held at 0, and a load pushes it.
             bench.order(Order::Velocity(0));
             assert_eq!(alarm(&mut bench, 3_000), None, "0 after {order:?}, {cycles} cycles");
             bench.load(-100_000);

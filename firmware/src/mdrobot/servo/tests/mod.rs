@@ -25,7 +25,7 @@ const MOTOR: Parameters = Parameters {
     ..Parameters::NOMINAL
 };
 
-/// What is on the wires between drive and motor.
+/// A value on the wires between drive and motor.
 #[derive(Clone, Copy, Debug)]
 enum Wire {
     Duty(i32),
@@ -67,7 +67,7 @@ impl Context for Wires<'_> {
     }
 }
 
-/// A servo, its motor, and wires between them that take a tick.
+/// A servo, its motor, and wires between them with a delay of one tick.
 struct Bench {
     settings: Settings,
     servo: Servo,
@@ -177,7 +177,7 @@ impl Bench {
     }
 }
 
-/// Poles, inertias and frictions that the tolerances hold for.
+/// The motors for which the tolerances of the tests hold: several poles, inertias and frictions.
 fn motors() -> impl Iterator<Item = (Settings, Parameters)> {
     [4, 10].into_iter().flat_map(|poles| {
         [2_000, 10_000].into_iter().flat_map(move |inertia_gcm2| {
@@ -189,7 +189,7 @@ fn motors() -> impl Iterator<Item = (Settings, Parameters)> {
     })
 }
 
-/// The real speed some seconds after an order.
+/// The real speed `ms` after an order.
 fn rpm_after(settings: Settings, motor: Parameters, order: Order, ms: u64) -> f64 {
     let mut bench = Bench::new(settings, motor);
     bench.order(order);
@@ -197,7 +197,7 @@ fn rpm_after(settings: Settings, motor: Parameters, order: Order, ms: u64) -> f6
     bench.real_rpm()
 }
 
-/// A bench whose motor turns at so many rpm.
+/// A bench with a motor that turns at `rpm`.
 fn turning(settings: Settings, motor: Parameters, rpm: i32) -> Bench {
     let mut bench = Bench::new(settings, motor);
     bench.order(Order::Velocity(rpm));

@@ -1,4 +1,4 @@
-//! What the motor is put to: limits, open loop, torque.
+//! Output to the motor: limits, open loop, torque.
 
 use super::*;
 
@@ -32,7 +32,7 @@ fn an_open_loop_is_mirrored_and_goes_with_the_output() {
         let (one, two) = (steady(300), steady(600));
         assert!((1.6..2.6).contains(&(two / one)), "{one} and {two}");
         assert!((steady(-300) + one).abs() < 0.01 * one);
-        // The whole supply, but for friction: 24 V are 3,820 rpm, and 0.06 Nm are 1 A and 0.3 V.
+        // The whole supply without the loss by friction: 24 V are 3,820 rpm, and 0.06 Nm are 1 A and 0.3 V.
         let lost = f64::from(motor.friction_unm) / 60_000.0 * 0.3 / 24.0;
         assert!((steady(1_023) / (3_820.0 * (1.0 - lost)) - 1.0).abs() < 0.01);
     }
@@ -46,7 +46,7 @@ fn a_torque_is_its_part_of_max_load() {
         bench.order(Order::Torque(torque));
         bench.run_ms(100);
         assert_eq!(bench.servo.current(), ma);
-        // What it loses in 0.3 Ω of 24 V.
+        // The current loses this part of 24 V in 0.3 Ω.
         let output = f64::from(ma) * 0.3 / 24_000.0 * 1_023.0;
         assert!(
             (f64::from(bench.servo.output(bench.now)) - output).abs() <= 1.0,
@@ -55,7 +55,7 @@ fn a_torque_is_its_part_of_max_load() {
         );
         bench.hold(false);
         bench.run_ms(20);
-        // 0.06 Nm for an A, 0.01 Nm of friction, 5·10⁻⁴ kg·m².
+        // 0.06 Nm/A, 0.01 Nm of friction, 5·10⁻⁴ kg·m².
         let way = f64::from(ma) * 0.06e-3 - 0.01 * f64::from(ma.signum());
         let rpm = way / 5e-4 * 0.02 / core::f64::consts::TAU * 60.0;
         assert!((bench.real_rpm() - rpm).abs() <= 0.02 * rpm.abs(), "{} {rpm}", bench.real_rpm());
@@ -64,7 +64,7 @@ fn a_torque_is_its_part_of_max_load() {
 
 #[test]
 fn the_output_is_what_the_limit_of_the_current_lets_it() {
-    // At 2 A the winding of 0.3 Ω takes 0.6 V, and 0.12 - 0.01 Nm are 110 rad/s in 0.5 s on 5·10⁻⁴ kg·m²: 6.6 V.
+    // At 2 A the winding of 0.3 Ω takes 0.6 V. 0.12 - 0.01 Nm give 110 rad/s in 0.5 s on 5·10⁻⁴ kg·m²: 6.6 V.
     for order in [Order::Open(1_023), Order::Velocity(3_000), Order::Torque(1_023)] {
         let mut bench = Bench::new(Settings { limit_ma: 2_000, ..Settings::FACTORY }, MOTOR);
         bench.hold(true);
@@ -75,7 +75,7 @@ fn the_output_is_what_the_limit_of_the_current_lets_it() {
         bench.hold(false);
         bench.run_ms(500);
         let turns = bench.servo.output(bench.now);
-        // Control of the speed leaves some of the limit to itself.
+        // Speed control keeps a part of the limit in reserve.
         assert!((285..=310).contains(&turns), "{turns} of 307, {order:?}");
     }
 }
@@ -126,7 +126,7 @@ fn wild_registers_and_orders_do_no_harm() {
             bench.servo.draws(i32::MAX);
             bench.run_ms(10);
         }
-        // It ends as it should, and can still be commanded.
+        // The servo still obeys orders afterwards.
         bench.order(Order::Free);
         bench.run_ms(10);
         assert_eq!((bench.shaft().ma, bench.servo.output(bench.now)), (0, 0));

@@ -1,4 +1,4 @@
-//! Positions: moves, what is held, where they end.
+//! Positions: moves, holding, and the ends of the range.
 
 use super::*;
 
@@ -25,10 +25,11 @@ fn a_move_arrives_in_time_and_stays() {
                 assert!(arrived.is_none() || error.abs() <= 1, "{error} after {ms} ms, {what}");
             }
             let arrived = arrived.unwrap();
-            // The end of it PV_GAIN stretches: 20 rpm for a count are 60/(20·3·poles) s for e-fold slowing down.
+            // `PV_GAIN` makes the end slower: 20 rpm for each count are 60/(20·3·poles) s for slowing down by
+            // a factor of e.
             let slowing = 60.0 / (20.0 * 3.0 * f64::from(settings.poles));
             if ideal > 6.0 * slowing {
-                // From the middle of a count to the one before the target's.
+                // The way is from the middle of a count to the count before the target.
                 let least = ideal * (1.0 - 1.5 / f64::from(count).abs());
                 assert!((least..2.0 * ideal).contains(&arrived), "{arrived} s for {ideal}, {what}");
             }
@@ -50,7 +51,7 @@ fn the_furthest_position_is_on_its_own_side() {
     }
 }
 
-/// Counts go on where positions end.
+/// The counts continue beyond the range of positions.
 #[test]
 fn the_furthest_position_is_reached_and_held() {
     for (last, way) in [(i32::MAX, 1), (i32::MIN, -1)] {
@@ -61,7 +62,7 @@ fn the_furthest_position_is_reached_and_held() {
             bench.run_ms(2_000);
             assert_eq!(bench.servo.position(), last);
         }
-        // It went on for 10 turns, and comes back.
+        // The shaft turned 10 turns further, and comes back.
         bench.order(Order::Position { count: last, rpm: 1_000 });
         assert!((-130..=-110).contains(&(bench.servo.error().unwrap() * way)), "{:?}", bench.servo.error());
         bench.run_ms(3_000);
@@ -73,7 +74,7 @@ fn the_furthest_position_is_reached_and_held() {
 fn what_is_held_does_not_hunt() {
     for (settings, motor) in motors() {
         let settings = Settings { stop_status: 1, ..settings };
-        // Up to half of what 20 A are.
+        // Loads of up to half of the torque of 20 A.
         for load in [0, 30_000, -600_000] {
             for order in [Order::Velocity(0), Order::Position { count: 50, rpm: 500 }] {
                 let mut bench = Bench::new(settings, motor);
@@ -113,7 +114,7 @@ fn a_smaller_pv_gain_is_later_and_a_lower_max_load_slower() {
         };
         let arrivals = [40, 20, 10, 5].map(|pv_gain| arrival(Settings { pv_gain, ..settings }).unwrap());
         assert!(arrivals.is_sorted_by(|soon, late| soon < late), "{arrivals:?}");
-        // The fifth of a second in which 20 A accelerate anything to it.
+        // Speeds 60 ms after the order: a higher limit accelerates faster.
         let speeds = [4_000, 8_000, 16_000]
             .map(|limit_ma| rpm_after(Settings { limit_ma, ..settings }, motor, Order::Velocity(2_500), 60));
         assert!(speeds.is_sorted_by(|slow, fast| slow < fast), "{speeds:?}");

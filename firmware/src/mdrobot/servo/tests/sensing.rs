@@ -1,16 +1,16 @@
-//! What sensors and current tell, of other motors, too.
+//! Readings of the sensors and of the current, also with other motors.
 
 use super::*;
 
 #[test]
 fn halls_count_as_the_motor_shows_them() {
-    // Turned by its load a turn and more: each count of the shaft is one of the drive.
+    // The load turns the shaft more than a turn: each count of the shaft is a count of the drive.
     for load_unm in [-50_000, 50_000] {
         let mut bench = Bench::new(Settings::FACTORY, Parameters { load_unm, ..MOTOR });
         let start = bench.shaft().position;
         while bench.servo.position().abs() < 24 {
             bench.run(Duration::micros(100));
-            // An edge takes a tick from there to here.
+            // An edge arrives one tick after it was made.
             let made = bench.shaft().position - start;
             assert!((bench.servo.position() - made).abs() <= 1, "{made}");
         }
@@ -35,7 +35,8 @@ fn counts_are_three_for_each_pole_and_turn() {
 
 #[test]
 fn what_a_rpm_is_the_sensors_say() {
-    // Poles of HALL_TYPE and of the motor, ENC_PPR and the encoder's: by how much the motor is faster.
+    // Poles by `HALL_TYPE` and real ones, `ENC_PPR` and real pulses, and the factor by which the motor is
+    // faster.
     for (poles, real_poles, enc_ppr, real_ppr, times) in [
         (8, 4, 0, 0, 2.0),
         (4, 12, 0, 0, 1.0 / 3.0),
@@ -139,7 +140,7 @@ fn what_stands_stands_for_good() {
                 bench.run_ms(10_000);
                 let before = (bench.servo.position(), bench.servo.duty, bench.servo.pi.clone());
                 let what = format!("{load} µNm, {order:?}, {motor:?}");
-                // At rest with the same integral and no mistake the next ms is as this one, for ever.
+                // At standstill with an unchanged integral and no error, every further ms is the same.
                 bench.run_ms(3_000);
                 let after = (bench.servo.position(), bench.servo.duty, bench.servo.pi.clone());
                 assert_eq!((bench.real_rpm(), bench.rpm(), bench.alarms), (0.0, 0, 0), "{what}");

@@ -1,4 +1,4 @@
-//! The velocity: steps, ramps, gains, what zero is.
+//! Velocity: steps, ramps, gains, and the state at reference zero.
 
 use super::*;
 
@@ -34,7 +34,7 @@ fn a_step_of_the_velocity_comes_in_time_and_stays() {
 
 #[test]
 fn it_follows_a_ramp() {
-    // 15 s·raw/1,023 for 3,000 rpm.
+    // A ramp takes 15 s·raw/1,023 for 3,000 rpm.
     for (settings, motor) in motors() {
         for (from, to, start, down) in [
             (0, 600, 68, 0),
@@ -72,14 +72,15 @@ fn it_follows_a_ramp() {
                 let should = ideal(f64::from(ms) / 1e3);
                 let off = (bench.real_rpm() - should).abs();
                 let step = f64::from(to - from).abs();
-                // Inertia and friction at their greatest are 20 ms behind at 3,000 rpm/s, whatever the step.
+                // With the greatest inertia and friction, the speed lags 20 ms behind at 3,000 rpm/s,
+                // whatever the step.
                 assert!(
                     off <= (0.08 * step).max(66.0),
                     "{} for {should} from {from} to {to}, {ms} ms, {motor:?}",
                     bench.real_rpm()
                 );
-                // RPM_DATA is that of the last edges: of 2 ms at least, or of a count, of which 500 rpm make 100 a
-                // second.
+                // `RPM_DATA` is the mean over the last edges: over at least 2 ms, or over one count. 500 rpm
+                // make 100 counts per second.
                 let shown = (f64::from(bench.rpm()) - bench.real_rpm()).abs();
                 let a_ms =
                     [start, down].into_iter().filter(|&raw| raw > 0).map(slope).fold(0.0, f64::max) / 1e3;
@@ -97,7 +98,7 @@ fn it_follows_a_ramp() {
     }
 }
 
-/// The same motor at another supply, that is there from the beginning or comes while it turns.
+/// The same motor with another supply, from the start on or from a change while it turns.
 #[test]
 fn the_supply_may_be_another_one() {
     let fed = |supply: u16| {
@@ -157,11 +158,12 @@ fn no_gain_and_no_limit_make_it_stick_on_the_way() {
                         off = off.max((bench.real_rpm() - f64::from(to)).abs());
                         accelerates = accelerates.max((bench.real_rpm() - before).abs());
                     }
-                    // What is off still swings, as integral gains without proportional ones do; it does not rest there.
+                    // A speed that is off still oscillates, as with integral gain and little proportional
+                    // gain; it does not stop there.
                     let settles = off <= (f64::from(to).abs() / 100.0).max(2.0);
                     assert!(settles || accelerates > off / 10.0, "off by {off}: {what}");
                     assert!(settles || p_gain < 6_000, "off by {off}: {what}");
-                    // A current at its limit for 4 s is what it is.
+                    // A current at its limit for 4 s is a real overload, so that alarm is allowed.
                     assert_eq!(bench.alarms & !status::OVER_LOAD, 0, "{what}");
                 }
             }
@@ -174,7 +176,7 @@ fn stop_status_says_what_zero_is() {
     for (stop_status, slow_down) in [(0, 0), (0, 68), (1, 0), (1, 68), (2, 0), (2, 68), (3, 0), (3, 68)] {
         let mut bench = turning(Settings { stop_status, slow_down, ..Settings::FACTORY }, MOTOR, 1_500);
         bench.order(Order::Velocity(0));
-        // 68 is 1 s for 3,000 rpm.
+        // A `SLOW_DOWN` of 68 is 1 s for 3,000 rpm.
         bench.run_ms(100);
         let free = bench.shaft().ma == 0 && bench.shaft().duty == 0;
         let at_once = slow_down == 0 || stop_status == 3;
@@ -186,13 +188,13 @@ fn stop_status_says_what_zero_is() {
         assert_eq!(bench.real_rpm() < 50.0, !matches!((stop_status, slow_down), (0, 0) | (3, _)));
         bench.run_ms(15_000);
         assert_eq!((bench.rpm(), bench.real_rpm()), (0, 0.0), "{stop_status} {slow_down}");
-        // What is held pushes back.
+        // A shaft that is held reacts against a load.
         bench.load(-200_000);
         bench.run_ms(2_000);
         let rpm = bench.real_rpm();
         match stop_status {
             1 => assert!(rpm.abs() < 1.0, "{rpm}"),
-            // 0.19 Nm are 3.17 A, 0.95 V.
+            // 0.19 Nm are 3.17 A and 0.95 V.
             2 => assert!((rpm - 0.95 / 24.0 * 3_820.0).abs() < 2.0, "{rpm}"),
             _ => assert!(rpm > 3_000.0, "{rpm}"),
         }
@@ -213,7 +215,7 @@ fn an_order_goes_on_from_the_present_speed() {
         bench.set(|now| *now = settings);
         let speed = bench.real_rpm();
         bench.order(Order::Velocity(2_000));
-        // 600 rpm a second.
+        // The ramp is 600 rpm per second.
         for ms in 1..200 {
             bench.run_ms(1);
             let ideal = speed + 0.6 * f64::from(ms);

@@ -1,9 +1,10 @@
-//! Moves, arithmetic, logic and shifts: every code of the tables of 6.9 with every form of operands.
+//! Tests of moves, arithmetic, logic and shifts: every code in the tables of 6.9 with every form of operands.
 
 use super::*;
 
-/// An operation: its codes with `SYSREG_CONST`, `SYSREG_MODBUS`, `MODBUS_CONST`, `MODBUS_SYSREG` and `SYSREG_SYSREG`
-/// for 16 and for 32 bits, and what comes of S1 and S2; `None` if that is an error.
+/// An operation. `words` and `pairs` are its codes for 16 and 32 bits with `SYSREG_CONST`, `SYSREG_MODBUS`,
+/// `MODBUS_CONST`, `MODBUS_SYSREG` and `SYSREG_SYSREG`. The other fields have S1, S2 and the result; `None`
+/// is an error.
 struct Operation {
     name: &'static str,
     words: [u32; 5],
@@ -72,7 +73,8 @@ fn high(value: u32) -> u16 {
     (value >> 16) as u16
 }
 
-/// A drive that has carried out this line, CX and DX holding `system`, JX 0 and holding registers 500h, 501h `bus`.
+/// A drive after the first line. Before it CX and DX have `system`, and the holding registers 500h and 501h
+/// have `bus`.
 fn after(lines: &[u32], system: u32, bus: u32) -> (Step, Drive) {
     let mut drive = Drive::running(lines)
         .with_registers([0, 0, low(system), high(system), 0, 0, 0, 0, 0, 0])
@@ -81,19 +83,19 @@ fn after(lines: &[u32], system: u32, bus: u32) -> (Step, Drive) {
     (step, drive)
 }
 
-/// CX and DX.
+/// Value of CX and DX.
 fn system(drive: &Drive) -> u32 {
     let [_, _, cx, dx, ..] = drive.registers();
     u32::from(cx) | u32::from(dx) << 16
 }
 
-/// Holding registers 500h and 501h.
+/// Value of the holding registers 500h and 501h.
 fn bus(drive: &mut Drive) -> u32 {
     u32::from(drive.word(Space::Holding, 0x500)) | u32::from(drive.word(Space::Holding, 0x501)) << 16
 }
 
-/// The results of the five forms of an operation, each with its operands where it wants them and noise in all fields
-/// that it does not use; `None` for an error.
+/// Results of the five forms of an operation. The operands are where each form expects them. All unused
+/// fields have arbitrary values. `None` is an error.
 fn results(codes: [u32; 5], wide: bool, s1: u32, s2: u32) -> [Option<u32>; 5] {
     let [sysreg_const, sysreg_modbus, modbus_const, modbus_sysreg, sysreg_sysreg] = codes;
     let lines = [
@@ -103,7 +105,7 @@ fn results(codes: [u32; 5], wide: bool, s1: u32, s2: u32) -> [Option<u32>; 5] {
             [line(sysreg_const, 1, CX, 0xF, s2), 0x7F]
         },
         [line(sysreg_modbus, 1, CX, HOLDING, 0x500), 0x7F],
-        // Of the line with the constant a command of 16 bits takes the low half.
+        // A 16-bit command uses the low half of the line with the constant.
         [line(modbus_const, 1, 0xF, HOLDING, 0x500), if wide { s2 } else { 0xDEAD_0000 | s2 }],
         [line(modbus_sysreg, 1, CX, HOLDING, 0x500), 0x7F],
         [line(sysreg_sysreg, 1, CX, 0xF, IX), 0x7F],
@@ -160,7 +162,7 @@ fn sixteen_bits_leave_the_other_half_alone() {
 
 #[test]
 fn moves() {
-    // MOV_SYSREG_CONST, with noise in bTypeJmp and uTypeModbusReg.
+    // MOV_SYSREG_CONST, with arbitrary values in bTypeJmp and uTypeModbusReg.
     assert_eq!(system(&after(&[line(0x01, 1, CX, 0xF, 0xBEEF)], 0x1111_1111, 0).1), 0x1111_BEEF);
     // MOV_MODBUS_SYSREG, from the system register to the bus.
     assert_eq!(
@@ -169,7 +171,7 @@ fn moves() {
     );
     // MOV_SYSREG_MODBUS.
     assert_eq!(system(&after(&[line(0x03, 0, CX, HOLDING, 0x500)], 0x2222_3333, 0x4444_5555).1), 0x2222_5555);
-    // MOV_MODBUS_CONST: the low half of the next line.
+    // MOV_MODBUS_CONST uses the low half of the next line.
     let lines = [line(0x0E, 0, 0, HOLDING, 0x500), 0x6666_7777];
     assert_eq!(bus(&mut after(&lines, 0, 0x4444_5555).1), 0x4444_7777);
     // DMOV_SYSREG_CONST, DMOV_SYSREG_MODBUS, DMOV_MODBUS_CONST, DMOV_MODBUS_SYSREG.
@@ -233,11 +235,12 @@ fn shifts() {
     for (way, by, before, then) in pairs {
         assert_eq!(shifted(0x45, 0x54, way, by, before, 0), [then; 2], "{before:#x} by {by}, {way}");
     }
-    // All 32 bits of the constant count.
+    // All 32 bits of the constant are used.
     assert_eq!(bus(&mut after(&[line(0x54, LEFT, 0, HOLDING, 0x500), 0x1_0000], 0, 1).1), 0);
 }
 
-/// A value shifted in a system register, where uData says how far, and on the bus, where the next line does.
+/// A value shifted in a system register (number of bits in uData) and on the bus (number of bits in the next
+/// line).
 fn shifted(of_system: u32, of_bus: u32, way: u32, by: u32, value: u32, noise: u32) -> [u32; 2] {
     let (_, drive) = after(&[line(of_system, way, CX, 0xF, by)], value, 0);
     let (_, mut other) = after(&[line(of_bus, way, 0xF, HOLDING, 0x500), noise | by], 0, value);
@@ -254,13 +257,13 @@ fn bits_are_words_of_0_and_1() {
         assert_eq!(drive.step(), Step::Next);
         drive
     };
-    // MOV and DMOV_SYSREG_MODBUS of discrete inputs and coils: of 32 bits a bit in each half.
+    // MOV and DMOV_SYSREG_MODBUS from discrete inputs and coils. With 32 bits each half holds one bit.
     assert_eq!(system(&run(&[line(0x03, 0, CX, DISCRETE, 0x1001)], 0xAAAA_AAAA)), 0xAAAA_0001);
     assert_eq!(system(&run(&[line(0x11, 0, CX, DISCRETE, 0x1000)], 0)), 0x0001_0001);
     assert_eq!(system(&run(&[line(0x11, 0, CX, COIL, 0x2000)], 0)), 0x0001_0000);
     // ADD_SYSREG_MODBUS.
     assert_eq!(system(&run(&[line(0x21, 0, CX, DISCRETE, 0x1000)], 0xFFFF)), 0);
-    // MOV_MODBUS_CONST, DMOV_MODBUS_CONST, MOV_MODBUS_SYSREG: what is not 0 is a 1.
+    // MOV_MODBUS_CONST, DMOV_MODBUS_CONST, MOV_MODBUS_SYSREG: any value other than 0 gives 1.
     let coils = |lines: &[u32], cx_dx| run(lines, cx_dx).written;
     assert_eq!(coils(&[line(0x0E, 0, 0, COIL, 0x2000), 0x0080], 0), [(Space::Coil, 0x2000, vec![1])]);
     assert_eq!(coils(&[line(0x0E, 0, 0, COIL, 0x2000), 0x8_0000], 0), [(Space::Coil, 0x2000, vec![0])]);
@@ -270,7 +273,8 @@ fn bits_are_words_of_0_and_1() {
     assert_eq!(coils(&[line(0x16, 0, 0, COIL, 0x2001)], 0), [(Space::Coil, 0x2001, vec![0])]);
     assert_eq!(coils(&[line(0x16, 0, 0, COIL, 0x2000)], 0), [(Space::Coil, 0x2000, vec![1])]);
     assert_eq!(coils(&[line(0x18, 0, 0, COIL, 0x2000)], 0), [(Space::Coil, 0x2000, vec![1, 0])]);
-    // XOR_MODBUS_CONST with 1, and a shift out of the bit, which leaves it set.
+    // XOR_MODBUS_CONST with 1, and a shift. The shifted bit is still a value other than 0, so the coil stays
+    // set.
     assert_eq!(coils(&[line(0x2E, 0, 0, COIL, 0x2001), 1], 0), [(Space::Coil, 0x2001, vec![0])]);
     assert_eq!(coils(&[line(0x2F, 0, 0, COIL, 0x2001), 3], 0), [(Space::Coil, 0x2001, vec![1])]);
 }
@@ -278,34 +282,34 @@ fn bits_are_words_of_0_and_1() {
 #[test]
 fn registers_that_are_not_there_are_an_error() {
     let lines = [
-        // MOV_SYSREG_CONST to the eleventh register and to the last one that the field can name.
+        // MOV_SYSREG_CONST to the eleventh register and to the last one that fits into the field.
         [line(0x01, 0, 10, 0, 1), 0],
         [line(0x01, 0, 15, 0, 1), 0],
-        // DMOV_SYSREG_CONST to JX, which has none behind it.
+        // DMOV_SYSREG_CONST to JX, which has no register after it.
         [line(0x10, 0, JX, 0, 0), 1],
-        // ADD_SYSREG_SYSREG with a number in uData beyond ten, DADD with the pair of JX.
+        // ADD_SYSREG_SYSREG with a register number of 10 or more in uData, and DADD with the pair of JX.
         [line(0x37, 0, AX, 0, 10), 0],
         [line(0x37, 0, AX, 0, 0xFFFF), 0],
         [line(0x5C, 0, AX, 0, JX), 0],
         [line(0x0F, 0, AX, 0, 10), 0],
         [line(0x14, 0, JX, 0, AX), 0],
         [line(0x14, 0, AX, 0, JX), 0],
-        // MOV_SYSREG_MODBUS of an address without a register, of types that do not exist.
+        // MOV_SYSREG_MODBUS of an address without a register, and of types that do not exist.
         [line(0x03, 0, AX, HOLDING, 0x502), 0],
         [line(0x03, 0, AX, 4, 0x500), 0],
         [line(0x03, 0, AX, 15, 0x500), 0],
-        // DMOV_SYSREG_MODBUS over the end of what there is, and of all addresses.
+        // DMOV_SYSREG_MODBUS past the last register, and past the last address.
         [line(0x11, 0, AX, HOLDING, 0x501), 0],
         [line(0x11, 0, AX, HOLDING, 0xFFFF), 0],
         [line(0x12, 0, AX, HOLDING, 0xFFFF), 0],
-        // MOV_MODBUS_SYSREG and its like to types that can only be read: legal in the line, an error when it is
-        // carried out.
+        // MOV_MODBUS_SYSREG and similar commands to types that can only be read. The line itself is legal,
+        // but its execution is an error.
         [line(0x02, 0, AX, DISCRETE, 0x1000), 0],
         [line(0x02, 0, AX, INPUT, 0x3000), 0],
         [line(0x13, 0, AX, INPUT, 0x3000), 0],
         [line(0x30, 0, AX, INPUT, 0x3000), 0],
         [line(0x55, 0, AX, INPUT, 0x3000), 0],
-        // NOT_MODBUS and MODBUS_CONST likewise.
+        // The same with NOT_MODBUS and MODBUS_CONST.
         [line(0x16, 0, 0, DISCRETE, 0x1000), 0],
         [line(0x0E, 0, 0, INPUT, 0x3000), 1],
     ];

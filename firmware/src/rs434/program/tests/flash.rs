@@ -1,9 +1,9 @@
-//! The buffer, and the flash behind it (6.6).
+//! Tests of the buffer and of the flash (6.6).
 
 use super::*;
 use crate::rs434::SETTINGS;
 
-/// Where the CRC of the lines is.
+/// Offset of the CRC of the lines.
 const CRC: u16 = (SETTINGS + 4 * 1_024) as u16;
 
 #[test]
@@ -45,7 +45,7 @@ fn a_save_takes_10_ms_and_lasts() {
     assert_eq!(drive.out.stores.len(), 3);
     assert_eq!(drive.out.memory, memory_with(&[set(AX, 0x1234)]).memory);
 
-    // It runs, and comes back into an empty buffer.
+    // The saved program runs, and can be loaded into an empty buffer.
     assert!(drive.program.power_on(&drive.out));
     assert_eq!(drive.program.read_line(0), 0, "power empties the buffer");
     assert!(drive.program.load(&drive.out));
@@ -75,7 +75,7 @@ fn it_runs_and_comes_back_while_its_save_is_not_over() {
     drive.program.write_line(0, 0);
     assert!(drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), set(AX, 3));
-    // A restart does not wait for its time.
+    // A restart finishes the save early.
     drive.program.finish_save(drive.now, &mut drive.out);
     assert!(drive.program.power_on(&drive.out));
 }
@@ -113,7 +113,7 @@ fn a_bad_flash_starts_nothing_and_leaves_the_buffer_alone() {
     drive.program.write_line(0, 5);
     assert!(!drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), 5);
-    // A save mends it.
+    // A new save repairs the flash.
     drive.program.write_line(0, STOP);
     drive.program.save(drive.now, &mut drive.out);
     drive.program.start(drive.now, Status::StartedByBus);
@@ -126,7 +126,7 @@ fn an_image_ends_with_the_crc_of_its_lines() {
     let image = image([0x0403_0201]);
     assert_eq!(image.len(), 4_098);
     assert_eq!(image[..5], [1, 2, 3, 4, 0]);
-    // CRC-16/MODBUS, bit by bit.
+    // Computes CRC-16/MODBUS bit by bit.
     let mut crc = 0xFFFF_u16;
     for byte in &image[..4_096] {
         crc ^= u16::from(*byte);

@@ -1,4 +1,4 @@
-//! Where a program goes on: jumps, subroutines, loops, delays, its two ends, and errors.
+//! Tests of the order of lines: jumps, subroutines, loops, delays, the two ends, and errors.
 
 use super::*;
 
@@ -26,7 +26,7 @@ fn delay() {
         (drive.now, drive.program.vm.line)
     };
     assert_eq!(at(&mut drive), (Instant::ZERO + 100.micros(), 0));
-    // PC reads the line of the delay until it is over.
+    // PC_REG reads the line of the delay until the delay ends.
     assert_eq!(at(&mut drive), (Instant::ZERO + 5_100.micros(), 1));
     assert_eq!(at(&mut drive), (Instant::ZERO + 5_200.micros(), 2));
     assert_eq!(at(&mut drive), (Instant::ZERO + 65_540_200.micros(), 3));
@@ -34,7 +34,7 @@ fn delay() {
 
 #[test]
 fn jumps() {
-    // Code, AX and BX or the pairs of GX and IX as they are, whether it is taken.
+    // Columns: code, AX and BX or the pairs of GX and IX, and true if the jump is taken.
     let of_words = [
         (0x05, 0, 0, true),
         (0x06, 5, 5, true),
@@ -43,14 +43,14 @@ fn jumps() {
         (0x07, 5, 6, true),
         (0x08, 6, 5, true),
         (0x08, 5, 5, false),
-        // Compared without a sign: -1 is more than 1.
+        // Comparisons are unsigned: -1 is greater than 1.
         (0x08, 0xFFFF, 1, true),
         (0x09, 5, 6, true),
         (0x09, 5, 5, false),
         (0x09, 0xFFFF, 1, false),
     ];
     for (code, ax, bx, taken) in of_words {
-        // The pairs say the contrary, where they could.
+        // The pairs are in the opposite order, if the values differ.
         let registers = [ax, bx, 0, 0, 0, 0, bx, bx, ax, ax];
         for (type_jmp, data) in [(0, 3), (1, 3)] {
             let lines = [line(code, type_jmp, 0xF, 0xF, data), STOP, STOP, STOP];
@@ -114,18 +114,19 @@ fn falling_off_the_last_line_is_an_error() {
 
 #[test]
 fn a_jump_to_a_constant_carries_it_out() {
-    // DMOV_SYSREG_CONST, of which the constant is MOV_SYSREG_CONST AX, 1 and a jump leads to it.
+    // The constant of DMOV_SYSREG_CONST in line 2 is a valid line: MOV_SYSREG_CONST AX, 1. The jump leads to
+    // it.
     let lines = [jump(2), line(0x10, 0, CX, 0, 0), set(AX, 1), STOP];
     let mut drive = Drive::running(&lines);
     assert_eq!(drive.path(3), [0, 2, 3]);
     assert_eq!(drive.registers()[..4], [1, 0, 0, 0]);
-    // Without the jump it is skipped.
+    // Without the jump the constant is skipped.
     assert_eq!(Drive::running(&lines[1..]).path(2), [0, 2]);
 }
 
 #[test]
 fn subroutines() {
-    // bTypeJmp of a CALL is not used: its address is always absolute.
+    // A CALL does not use bTypeJmp: its address is always absolute.
     let lines = [line(0x0A, 1, 0, 0, 3), add(AX, 1), STOP, call(5), RETURN, add(BX, 1), RETURN];
     let mut drive = Drive::running(&lines);
     assert_eq!(drive.path(7), [0, 3, 5, 6, 4, 1, 2]);
@@ -133,9 +134,9 @@ fn subroutines() {
 
 #[test]
 fn subroutines_nest_16_deep() {
-    // Line 0 calls itself: AX counts the calls.
+    // The subroutine calls itself, and AX counts.
     let calls = |depth: u32| {
-        // 0: AX += 1, 1: if AX = BX go to 3, 2: call 0, 3: return or stop.
+        // 1: AX += 1; 2: if AX = BX go to 4; 3: call 1; 4: stop.
         let lines = [set(BX, depth), add(AX, 1), line(0x06, 0, 0, 0, 4), call(1), STOP];
         Drive::running(&lines).finish()
     };
@@ -174,11 +175,11 @@ fn loops_that_end_together_all_count() {
 
 #[test]
 fn a_round_may_end_by_a_jump_to_the_line_behind_it() {
-    // Line 2 jumps over line 3 to line 4, behind the body of 1 to 3.
+    // Line 2 jumps over line 3 to line 4, which is directly after the body of lines 1 to 3.
     let mut drive = Drive::running(&[repeat(3, 3), add(AX, 1), jump(4), add(BX, 1), STOP]);
     assert_eq!(drive.finish(), Status::Ended);
     assert_eq!(drive.registers()[..2], [3, 0]);
-    // A jump inside the body leaves the loop alone.
+    // A jump inside the body does not affect the loop.
     let mut drive = Drive::running(&[repeat(3, 2), jump(3), add(BX, 1), add(AX, 1), STOP]);
     assert_eq!(drive.finish(), Status::Ended);
     assert_eq!(drive.registers()[..2], [2, 0]);
@@ -186,23 +187,24 @@ fn a_round_may_end_by_a_jump_to_the_line_behind_it() {
 
 #[test]
 fn a_jump_out_of_the_body_ends_the_loop() {
-    // From line 1 to 4, back to 2, which now is no body.
+    // Jumps from line 1 to 4 and back to 2, which no longer belongs to a loop.
     let lines = [repeat(2, 3), jump(4), add(AX, 1), STOP, add(BX, 1), jump(2)];
     assert_eq!(Drive::running(&lines).path(6), [0, 1, 4, 5, 2, 3]);
-    // To the FOR itself, which begins anew; were the old loop not over, the ninth would be an error.
+    // Jumps to the FOR itself, which starts a new loop. If the old loop did not end, the ninth start would be
+    // an error.
     let mut drive = Drive::running(&[repeat(2, 3), add(AX, 1), jump(0)]);
     assert_eq!(drive.path(99), [0, 1, 2].repeat(33));
 }
 
 #[test]
 fn a_subroutine_is_no_jump_out_of_the_body() {
-    // Two rounds of a call, which is the last line of the body; its subroutine has a loop of its own, which a
+    // Two rounds of a call in the last line of the body. The subroutine has a loop of its own, which the
     // return ends.
     let lines = [repeat(1, 2), call(3), STOP, repeat(5, 9), add(AX, 1), RETURN];
     let mut drive = Drive::running(&lines);
     assert_eq!(drive.path(10), [0, 1, 3, 4, 5, 1, 3, 4, 5, 2]);
     assert_eq!(drive.program.status(), Status::Ended);
-    // A line of the body that is reached inside a subroutine ends no round of the caller's loop.
+    // A line of the body that is executed in a subroutine does not end a round of the caller's loop.
     let lines = [repeat(2, 2), call(5), add(AX, 1), STOP, STOP, jump(2)];
     assert_eq!(Drive::running(&lines).path(5), [0, 1, 5, 2, 3], "line 3 is reached in the subroutine");
 }
@@ -210,7 +212,7 @@ fn a_subroutine_is_no_jump_out_of_the_body() {
 #[test]
 fn loops_nest_8_deep() {
     let nested = |depth: u32| {
-        // A FOR at each line, of all lines up to the last one.
+        // A FOR in each line, whose body is all lines up to the last one.
         let mut lines: Vec<u32> = (0..depth).map(|n| repeat(depth - n, 2)).collect();
         lines.extend([add(AX, 1), STOP]);
         let mut drive = Drive::running(&lines);
@@ -228,7 +230,7 @@ fn both_ends() {
     drive.program.power_on(&drive.out);
     assert_eq!(drive.registers(), [0; 10], "a boot empties them");
 
-    // 0x00: registers stay, and PC at the line.
+    // 0x00: registers and PC keep their values.
     let mut drive = Drive::off(memory_with(&lines(STOP)));
     drive.program.power_on(&drive.out);
     drive = drive.with_registers(registers);
@@ -237,7 +239,7 @@ fn both_ends() {
     assert_eq!(drive.finish(), Status::Ended);
     assert_eq!((drive.registers(), drive.program.vm.line), ([100, 2, 3, 4, 5, 6, 7, 8, 9, 200], 2));
 
-    // 0x0D: they return to what they were before the start.
+    // 0x0D: the registers are restored from before the start.
     let mut drive = Drive::off(memory_with(&lines(FULL_STOP)));
     drive.program.power_on(&drive.out);
     drive = drive.with_registers(registers);
@@ -250,7 +252,7 @@ fn both_ends() {
 
 #[test]
 fn a_start_begins_at_line_0_in_any_state_but_running() {
-    // Stops inside a subroutine and a loop.
+    // Starts again inside a subroutine and a loop.
     let mut drive = Drive::running(&[call(2), STOP, repeat(2, 3), add(AX, 1), STOP]);
     drive.path(2);
     drive.program.start(drive.now, Status::StartedByBus);
@@ -258,7 +260,7 @@ fn a_start_begins_at_line_0_in_any_state_but_running() {
     drive.program.start(drive.now, Status::StartedByBus);
     assert_eq!((drive.program.status(), drive.program.vm.line), (Status::StartedByBus, 0));
     assert_eq!((drive.path(4), drive.registers()[0]), (vec![0, 2, 3, 4], 2), "AX has been kept");
-    // Stacks are empty at a start: seventeen starts call seventeen times.
+    // A start empties the stacks: seventeen starts make seventeen calls.
     for _ in 0..17 {
         drive.program.start(drive.now, Status::StartedByBus);
         assert_eq!(drive.finish(), Status::Ended);
@@ -272,7 +274,7 @@ fn the_bus_stops_it_and_so_does_the_program_itself() {
     drive.program.stop();
     assert_eq!((drive.program.status(), drive.program.line_due()), (Status::Stopped, Instant::NEVER));
     assert_eq!((drive.registers()[0], drive.program.vm.line), (1, 1));
-    // MOV_MODBUS_CONST, as to MODE_USER_PROGRAM.
+    // MOV_MODBUS_CONST, as a program writes MODE_USER_PROGRAM.
     let lines = [line(0x0E, 0, 0, HOLDING, 0x5005), 1, set(AX, 1), STOP];
     let mut drive = Drive::running(&lines).with_bus(Space::Holding, 0x5005, &[2]);
     drive.stops = Some(0x5005);
@@ -289,7 +291,7 @@ fn any_lines_end_or_go_on_but_do_not_hang() {
     };
     let (mut failed, mut over) = (0, 0);
     for _ in 0..200 {
-        // Commands 0 to 1Fh, of which there are all forms.
+        // Commands 0 to 1Fh. They include all forms.
         let lines: Vec<u32> = (0..LINES).map(|_| random() & !0x60).collect();
         let mut drive = Drive::running(&lines).with_bus(Space::Holding, 0, &[5; 64]);
         for _ in 0..2_000 {

@@ -1,4 +1,4 @@
-//! What 6.6 and 6.9 of the manual say of a program, typed from there.
+//! Tests of sections 6.6 and 6.9 of the manual. The expected values are typed from the manual.
 
 mod calculation;
 mod flash;
@@ -28,7 +28,8 @@ const COIL: u32 = 1;
 const INPUT: u32 = 2;
 const HOLDING: u32 = 3;
 
-/// A line with these fields, from its low end on: uCmd, bTypeJmp, uAdrSysReg, uTypeModbusReg, uData (fig. 9).
+/// A line with these fields, from the lowest bits up: uCmd, bTypeJmp, uAdrSysReg, uTypeModbusReg, uData (fig.
+/// 9).
 fn line(command: u32, type_jmp: u32, register: u32, space: u32, data: u32) -> u32 {
     command | type_jmp << 7 | register << 8 | space << 12 | data << 16
 }
@@ -64,12 +65,12 @@ fn add(register: u32, value: u32) -> u32 {
     line(0x19, 0, register, 0, value)
 }
 
-/// A new memory, and what is stored there.
+/// A recorder with a new memory.
 fn new_memory() -> Recorder {
     Recorder::new(MEMORY)
 }
 
-/// A memory with a program.
+/// A recorder whose memory holds a program.
 fn memory_with(lines: &[u32]) -> Recorder {
     let mut out = new_memory();
     let image = image(lines.iter().copied());
@@ -77,16 +78,16 @@ fn memory_with(lines: &[u32]) -> Recorder {
     out
 }
 
-/// A drive that is nothing but a few registers and a program.
+/// A drive that consists of a few registers and a program.
 struct Drive {
     now: Instant,
     program: Program,
     out: Recorder,
-    /// Space, address and value of the registers there are.
+    /// Space, address and value of each register.
     bus: Vec<(Space, u16, u16)>,
-    /// What was written to them.
+    /// Writes to the registers, in sequence.
     written: Vec<(Space, u16, Vec<u16>)>,
-    /// Writing this holding register stops the program, as MODE_USER_PROGRAM does.
+    /// A holding register that stops the program when it is written, like MODE_USER_PROGRAM.
     stops: Option<u16>,
 }
 
@@ -131,7 +132,7 @@ impl Host for Drive {
 }
 
 impl Drive {
-    /// One with a program in its flash, started at 0.
+    /// A drive with a program in its flash, started at time 0.
     fn running(lines: &[u32]) -> Self {
         let mut drive = Self::off(memory_with(lines));
         assert!(drive.program.power_on(&drive.out), "the image passes");
@@ -154,7 +155,7 @@ impl Drive {
         self
     }
 
-    /// Goes to the next deadline and carries out the line that is due there.
+    /// Goes to the time of the next line and executes the line.
     fn step(&mut self) -> Step {
         self.now = self.program.line_due();
         assert_ne!(self.now, Instant::NEVER, "nothing is due: {:?}", self.program.status());
@@ -162,7 +163,7 @@ impl Drive {
         run(now, self).unwrap()
     }
 
-    /// Carries out lines until the program is over, at most 5,000.
+    /// Executes lines until the program ends, at most 5,000.
     fn finish(&mut self) -> Status {
         for _ in 0..5_000 {
             if !self.program.is_running() {
@@ -173,7 +174,7 @@ impl Drive {
         panic!("the program does not end");
     }
 
-    /// The next lines that are carried out, by PC_REG.
+    /// Numbers of the next lines that are executed, from PC_REG.
     fn path(&mut self, lines: usize) -> Vec<u16> {
         let mut path = Vec::new();
         for _ in 0..lines {
@@ -192,5 +193,5 @@ impl Drive {
     }
 }
 
-/// The last line that a program can have.
+/// The last possible line of a program.
 const LAST: u32 = LINES as u32 - 1;
