@@ -91,6 +91,8 @@ newtype_index! {
     Encoder,
     /// Index in [`Spec::faults`].
     Fault,
+    /// Index in [`Spec::reasons`].
+    Reason,
     /// Number of a TCP connection of a port. After a connection is closed, a later one may have the same
     /// number.
     Link,
@@ -411,6 +413,11 @@ pub enum LogEvent {
         /// Reason.
         why: DropReason,
     },
+    /// The request that the drive is executing does not do what it says. The
+    /// [`Request`](Self::Request) of the same call follows. A request of several registers may have several
+    /// reasons. A drive may also put a reason without a request, for instance for a pin or a user program;
+    /// receivers ignore it.
+    Reason(Reason),
 }
 
 impl LogEvent {
@@ -595,6 +602,28 @@ pub struct CommandSpec {
     pub missing: &'static str,
 }
 
+/// Effect of a request that the drive accepts and answers as usual.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Effect {
+    /// No effect: the drive ignores the request, or a part of it.
+    Nothing,
+    /// The usual effect at a later time: after a save, at the next power-on, with the next command.
+    Later,
+    /// Another effect: the drive uses another value.
+    Other,
+}
+
+/// A reason why a request that the drive accepts does not do what it says.
+#[derive(Clone, Copy, Debug)]
+pub struct ReasonSpec {
+    /// Effect of the request.
+    pub effect: Effect,
+    /// The reason in the manual's names, and what to do: one clause of at most 80 characters, for users.
+    pub text: &'static str,
+    /// The section of the manual, or the decision.
+    pub section: &'static str,
+}
+
 /// Description of a kind of drive.
 #[derive(Debug)]
 pub struct Spec {
@@ -634,6 +663,8 @@ pub struct Spec {
     pub supply: Option<usize>,
     /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
+    /// Reasons why requests that the drive accepts do not do what they say.
+    pub reasons: &'static [ReasonSpec],
     /// Limits of the model that no row states.
     pub not_modelled: &'static [&'static str],
 }
@@ -659,6 +690,7 @@ impl Spec {
         address: None,
         supply: None,
         dc_motor: None,
+        reasons: &[],
         not_modelled: &[],
     };
 

@@ -115,6 +115,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         registers,
         address: Some(Reg::DeviceAddress as usize),
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
+        reasons: &[],
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -152,6 +152,7 @@ const fn spec(
         memory: MEMORY as u16,
         registers,
         variant: model.variant(),
+        reasons: &[],
         not_modelled: match model {
             Model::Plus => NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0,
             Model::Hybrid => &NOT_MODELLED,

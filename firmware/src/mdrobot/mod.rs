@@ -125,6 +125,7 @@ static MD400: Spec = Spec {
     prefix: "PID_",
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
+    reasons: &[],
     not_modelled: &NOT_MODELLED,
     ..Spec::EMPTY
 };

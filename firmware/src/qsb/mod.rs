@@ -98,6 +98,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
+        reasons: &[],
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -118,6 +118,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         registers,
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
         supply: Some(Reg::SUPPLY as usize),
+        reasons: &[],
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -310,7 +310,10 @@ impl SlotState {
     fn count(&mut self, note: LogEvent) {
         let (LogEvent::Request { port, .. }
         | LogEvent::Refused { port, .. }
-        | LogEvent::Dropped { port, .. }) = note;
+        | LogEvent::Dropped { port, .. }) = note
+        else {
+            return;
+        };
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
         let statistics = &mut port.statistics;
         *match note {
@@ -324,6 +327,7 @@ impl SlotState {
                 DropReason::Address => &mut statistics.foreign,
                 DropReason::Starting => &mut statistics.starting,
             },
+            LogEvent::Reason(_) => return,
         } += 1;
     }
 
