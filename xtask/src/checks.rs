@@ -234,7 +234,7 @@ fn other_systems(sh: &Shell) -> Result<()> {
 /// built.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
     let host = host();
-    Ok(cmd!(sh, "cargo build {host...} --tests --bin drivetwin").run()?)
+    Ok(cmd!(sh, "cargo build {host...} --test '*' --bin drivetwin").run()?)
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";

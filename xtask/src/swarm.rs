@@ -21,11 +21,11 @@ pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
 }
 
 /// Runs the seeds for a commit. The swarm is built like the tests, because optimising takes longer than it
-/// saves. With `--tests` cargo selects for the crates the features with which the tests have built them
+/// saves. With `--test` cargo selects for the crates the features with which the tests have built them
 /// already.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
-    cmd!(sh, "cargo build --quiet {host...} --tests --bin swarm").run()?;
+    cmd!(sh, "cargo build --quiet {host...} --test '*' --bin swarm").run()?;
     let swarm = target_dir(sh).join("debug/swarm");
     Ok(cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?)
 }
