@@ -219,7 +219,7 @@ pub struct Entry {
     /// A second space, of bits, in which the row is at the same address. The bit is 1 if the row's word is
     /// not 0.
     pub also: Option<Space>,
-    /// Access of the bus.
+    /// Accesses that the bus allows: read, write or both.
     pub access: Access,
     /// Shape of the value.
     pub shape: Shape,

@@ -279,7 +279,7 @@ fn port(drive: &dyn Device, ends: Framing) -> Option<Port> {
     u8::try_from(place).ok().map(Port)
 }
 
-/// Passes an input to a drive, after all its deadlines before `at`.
+/// Lets a drive handle all its deadlines before `at`, then passes the input to it.
 fn feed_at(drive: &mut dyn Device, at: Instant, input: Input<'_>, log: &mut Transcript) {
     let due = drive.deadline();
     feed(drive, due, at, input, log);

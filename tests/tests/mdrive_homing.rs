@@ -215,7 +215,7 @@ fn scene() -> impl Strategy<Value = Scene> {
             let switch = Switch { above, below: above + width };
             let limits = limits.map(|(near, far, mode)| {
                 let (low, high) = (above.min(from), (above + width).max(from));
-                // The creep continues while debouncing hides the end of the switch.
+                // The creep continues until debouncing has reported that the switch is released.
                 let clear = rates.turns(3.0 + rates.start * (debounce_ms as f64 / 1e3 + 1e-3));
                 (low - near - clear, high + far + clear, mode)
             });

@@ -244,8 +244,8 @@ impl PlanLoader {
         hand_off
     }
 
-    /// The drive's time has waited for `delay`, but the pulses have continued. The steps that the pulses are
-    /// ahead are reported with the next plan.
+    /// Delays the plan by `delay`, for which the drive's time stood still while the pulses continued. The number
+    /// of steps by which the pulses are ahead is reported with the next plan.
     pub fn wait(&mut self, delay: Duration) {
         self.plan = self.plan.delayed(delay);
     }

@@ -134,8 +134,8 @@ impl Adapter {
         self.motor.order(at, order, &settings, out)
     }
 
-    /// Command 0: ends the motor drive and the same streams as command 1, and restores the saved values of
-    /// the port.
+    /// Command 0: ends the motor drive mode, ends the same streams as command 1, and restores the saved values
+    /// of the port.
     fn release_motor(&mut self, at: Instant, out: &mut dyn Context) {
         self.streams.end(stream::ENDED_BY_COMMAND);
         let stored = self.stored(out);

@@ -375,7 +375,7 @@ impl digital::InputPin for WiredPin {
 #[derive(Debug)]
 pub struct Memory {
     board: Board,
-    /// Content that the memory would have without a power failure.
+    /// Content after all writes. If the power fails during a write, the memory of the board has a part of it.
     stored: Vec<u8>,
 }
 

@@ -226,8 +226,8 @@ impl FrameFaults {
 
     fn draw(faults: &LineFaults, rng: &mut Rng) -> Self {
         let mut which = |share: f64| {
-            let (gen_bool, number) = (rng.gen_bool(share), rng.next());
-            gen_bool.then_some(number)
+            let (is_hit, number) = (rng.gen_bool(share), rng.next());
+            is_hit.then_some(number)
         };
         let (cut, flip, noise) = (which(faults.truncate), which(faults.corrupt), which(faults.noise));
         Self {

@@ -369,13 +369,7 @@ impl SlotState {
     }
 
     /// Changes an axis. If its pulses are wired, the edges up to `at` are added to the outputs first.
-    fn shape(
-        &mut self,
-        axis: Axis,
-        at: Instant,
-        outputs: &mut Outputs,
-        gen_bool: impl FnOnce(&mut AxisState),
-    ) {
+    fn shape(&mut self, axis: Axis, at: Instant, outputs: &mut Outputs, change: impl FnOnce(&mut AxisState)) {
         let Some(state) = self.axes.get_mut(usize::from(axis.0)) else { return };
         let mut moves = |state: &mut AxisState| {
             while let Some((pin, at, level)) = state.take(at) {
@@ -385,7 +379,7 @@ impl SlotState {
             }
         };
         moves(state);
-        gen_bool(state);
+        change(state);
         // If power is off now, the outputs fall at once.
         moves(state);
         if state.shaper.is_some() {

@@ -82,7 +82,8 @@ impl Configuration {
         }
     }
 
-    /// Adds the key of the bench file, or the option, to a sentence about a drive.
+    /// Adds the source of a wrong value to a sentence about a drive: the key in the bench file or, without a
+    /// bench file, the option of the command line.
     pub(super) fn of(&self, drive: usize, key: &str, sentence: &str) -> String {
         match &self.file {
             Some(file) => {

@@ -22,7 +22,7 @@ pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
     Some((collected(many)? - collected(few)?) as f64 / (many - few) as f64)
 }
 
-/// Name and number of rounds of the measured work, if this process was started to be counted.
+/// Name and number of rounds of the measured work, if this process was started to count its instructions.
 pub(crate) fn wanted() -> Option<(String, u64)> {
     let mut words = std::env::args().skip(1);
     if words.next()? != "count" {

@@ -51,13 +51,13 @@ pub(crate) const MIXED: Program = Program {
         line(0x3E, 0, GX, 0, 0),
         5,
         line(0x3D, 0, DX, 0, AX),
-        // 10: CALL, DMOV_SYSREG_MODBUS, MOV_MODBUS_CONST.
+        // From line 10: CALL, DMOV_SYSREG_MODBUS, MOV_MODBUS_CONST.
         line(0x0A, 0, 0, 0, 15),
         line(0x11, 0, EX, INPUT, CURRENT_POSITION),
         line(0x0E, 0, 0, HOLDING, SPEED),
         1_000,
         JMP_1,
-        // 15: SH_SYSREG_CONST, RETURN.
+        // From line 15: SH_SYSREG_CONST, RETURN.
         line(0x20, 0, BX, 0, 1),
         0x0B,
     ],

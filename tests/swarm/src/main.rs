@@ -125,10 +125,7 @@ fn show(seed: u64) -> bool {
 }
 
 /// Runs one seed after the other. Returns true if a seed fails.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "for how long, and from which seed on, is said in time of the wall clock"
-)]
+#[expect(clippy::disallowed_methods, reason = "the run time and the first seed come from the wall clock")]
 fn hunt(options: &Options) -> bool {
     let begun = Instant::now();
     let minutes = options.minutes.unwrap_or(if options.count.is_some() { f64::INFINITY } else { 1.0 });

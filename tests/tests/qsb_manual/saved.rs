@@ -84,7 +84,8 @@ fn commands_during_a_save() {
     rig.says(&[("R0B", "r 0B 00000006 !")]);
 }
 
-/// Streams and the state of the motor drive are saved, too. A later save without streams ends them.
+/// Streams and the state of the motor drive are saved, too. After a later
+/// save without streams, no stream starts at power-on.
 #[test]
 fn streams_wake_up() {
     let mut rig = Rig::ready("qsb-m");

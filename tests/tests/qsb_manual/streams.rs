@@ -48,8 +48,8 @@ fn ten_seconds_without_a_gap() {
     }
 }
 
-/// The same with valid and invalid commands in between. Replies go out between records, and no record is
-/// lost.
+/// Streams for ten seconds, with valid and invalid commands in between. Replies are sent between records, and
+/// no record is lost.
 #[test]
 fn ten_seconds_with_commands_in_the_middle() {
     let mut rig = Rig::ready("qsb-m");

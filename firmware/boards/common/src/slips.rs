@@ -7,8 +7,8 @@ use core::sync::atomic::{AtomicI32, Ordering};
 use drivetwin_firmware::device::Axis;
 use drivetwin_firmware::shell::BoardEvent;
 
-/// Number of slipped steps since the start: a plan was taken late, so more steps than planned were made.
-/// Wraps.
+/// Number of slipped steps since the start; the counter wraps. Steps slip when a plan is taken late: then more
+/// steps than planned are made.
 pub static SLIPPED: AtomicI32 = AtomicI32::new(0);
 
 /// The part of [`SLIPPED`] that was reported to the drive.

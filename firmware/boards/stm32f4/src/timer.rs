@@ -1,7 +1,7 @@
 //! The time since the start, alarms and sleep.
 //!
-//! TIM2 counts the ticks of drivetwin's time (13), 16 in a microsecond, so nothing is rounded. It has 32 bits
-//! and overflows every 268 s.
+//! TIM2 (chapter 13) counts the ticks of drivetwin's time. A microsecond has 16 ticks, so nothing is rounded.
+//! TIM2 has 32 bits and overflows every 268 s.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};

@@ -1,8 +1,8 @@
 //! Control of the rotor by the circuitry: torque mode, make-up, bounds of the lag (MC 5-10, 5-44 to 5-50,
 //! 5-72 to 5-76).
 //!
-//! In torque mode the rotor turns without steps, with its inertia. TQ accelerates it up to its speed limit,
-//! blocking the shaft stops it, and at the end of torque mode it slows down.
+//! In torque mode the drive makes no steps: the torque TQ and the inertia alone move the rotor. TQ accelerates
+//! the rotor up to its speed limit, blocking the shaft stops it, and at the end of torque mode it slows down.
 
 use fixed::types::{I24F8, U24F8};
 

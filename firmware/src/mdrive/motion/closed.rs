@@ -131,7 +131,7 @@ impl Motion {
         }
     }
 
-    /// Handles counts that the encoder may have made.
+    /// Handles an encoder count that may have changed.
     pub(super) fn counted(&mut self, at: Instant, out: &mut dyn Context) {
         self.check_stall(at, out);
         self.maintain(at, out);

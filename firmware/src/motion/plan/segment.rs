@@ -164,7 +164,8 @@ fn whole_ticks(change: u64, a: NonZero<u32>) -> u64 {
     change.div_ceil(NonZero::<u64>::from(a).get())
 }
 
-/// Distance while slowing down from the speed `h` to `last`, which is at most one tick's change below `h`.
+/// Distance of the last, incomplete tick of a ramp down from the speed `h` to `last`. `h - last` is at most `a`,
+/// the change of the speed in one tick.
 fn braking_distance(h: u64, last: u64, a: NonZero<u32>) -> u64 {
     if last == 0 {
         return vertex(h, a);
@@ -172,7 +173,7 @@ fn braking_distance(h: u64, last: u64, a: NonZero<u32>) -> u64 {
     divided(u128::from(h - last) * u128::from(h + last), a.into()) as u64
 }
 
-/// Distance to standstill from the speed `h`, which is at most one tick's change.
+/// Distance to standstill from the speed `h`, which is at most `a`, the change of the speed in one tick.
 pub(super) fn vertex(h: u64, a: NonZero<u32>) -> u64 {
     h * h / NonZero::<u64>::from(a)
 }

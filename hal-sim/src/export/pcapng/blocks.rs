@@ -75,7 +75,7 @@ pub enum Way {
     /// From a drive.
     Out,
     /// Noise, without a sender.
-    NullContext,
+    Noise,
 }
 
 /// A packet.
@@ -127,7 +127,7 @@ impl Packet<'_> {
         let way = match self.way {
             Way::In => INBOUND,
             Way::Out => OUTBOUND,
-            Way::NullContext => 0,
+            Way::Noise => 0,
         };
         if self.is_whole() { way } else { way | CHECK_SUM_ERROR }
     }
@@ -138,7 +138,7 @@ impl Packet<'_> {
         match self.way {
             Way::In => Some((client, DRIVE_PORT)),
             Way::Out => Some((DRIVE_PORT, client)),
-            Way::NullContext => None,
+            Way::Noise => None,
         }
     }
 }

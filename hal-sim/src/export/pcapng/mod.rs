@@ -218,7 +218,7 @@ impl<W: Write> Pcapng<W> {
         let way = match frame.from {
             Source::Client => Way::In,
             Source::Drive(_) => Way::Out,
-            Source::Noise => Way::NullContext,
+            Source::Noise => Way::Noise,
         };
         let over = frame.bytes.is_empty() && matches!(frame.on, Medium::Tcp(..));
         if over {

@@ -357,7 +357,8 @@ const LOADED: Settings = Settings {
     ..COUNTS
 };
 
-/// 40 % of 1 N·m, a quarter less at 750 of 3,000 rpm. 750 rpm are 12.5 revolutions/s of 2,048 counts.
+/// The motor has 40 % of 1 N·m, and a quarter less at 750 rpm of 3,000: as much as the friction. 750 rpm are
+/// 12.5 revolutions/s of 2,048 counts.
 #[test]
 fn friction_stalls_a_motor_that_is_too_fast() {
     let machine = StepperParameters { friction_unm: 300_000, ..LOADED.machine };

@@ -65,7 +65,7 @@ fn without_a_speed_start_stop_arms_and_no_more() {
     dut.set(Pid::COM_TAR_SPEED, 0);
     dut.set(Pid::START_STOP, 2);
     assert_eq!(dut.order(), Order::Velocity(500));
-    // `TAR_VEL` is not used as its speed (MDROBOT-13).
+    // START_STOP does not take its speed from `TAR_VEL` (MDROBOT-13).
     dut.set(Pid::TAR_VEL, 900);
     dut.set(Pid::START_STOP, 1);
     assert_eq!(dut.order(), Order::Velocity(500));
