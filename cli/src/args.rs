@@ -29,6 +29,12 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Run a drive, or a bench of several drives
     Run(Box<Run>),
+    /// Check a bench file without running it; warnings are printed to stderr
+    Check {
+        /// Bench file, whose name ends in .toml, or - for standard input
+        #[arg(value_name = "BENCH.toml")]
+        file: String,
+    },
     /// List the kinds of drive
     List {
         /// As JSON
@@ -78,7 +84,8 @@ pub(crate) struct Asm {
 
 #[derive(Args)]
 pub(crate) struct Run {
-    /// Kind of drive (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml
+    /// Kind of drive (see `drivetwin list`), or a bench file of several drives, whose name ends in .toml, or - for a
+    /// bench file on standard input
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
     /// Listening address of a port of the drive, by default its first port: pty:, pty:LINK, tcp:HOST:PORT,

@@ -40,6 +40,7 @@ fn drivetwin() -> ExitCode {
 fn execute(command: Command) -> Result<ExitCode, String> {
     match command {
         Command::Run(run) => commands::run::run(*run)?,
+        Command::Check { file } => commands::check::check(file)?,
         Command::List { json } => commands::list::list(json)?,
         Command::Describe { kinds, json, markdown } => commands::describe::describe(&kinds, json, markdown)?,
         Command::Replay { file } => {

@@ -41,6 +41,12 @@ impl Address {
     }
 }
 
+/// Maximum number of drives that are all listed.
+const MAX_LISTED: usize = 12;
+
+/// Number of drives that are listed if there are more than [`MAX_LISTED`].
+const LISTED: usize = 8;
+
 /// A line or TCP port with its addresses.
 struct Reached {
     name: String,
@@ -136,7 +142,8 @@ impl Banner {
     pub(crate) fn text(&self) -> String {
         let mut text = String::new();
         let mut listed = BTreeSet::new();
-        for drive in &self.drives {
+        let shown = if self.drives.len() > MAX_LISTED { LISTED } else { self.drives.len() };
+        for drive in &self.drives[..shown] {
             let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
             for (_, outlet) in &drive.ports {
                 let Some(reached) = self.outlets.get(outlet) else { continue };
@@ -160,6 +167,9 @@ impl Banner {
                 }
             }
         }
+        if shown < self.drives.len() {
+            self.outline(&self.drives[shown..], &mut text);
+        }
         if let Some(address) = self.control {
             let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
             if !address.ip().is_loopback() {
@@ -172,6 +182,18 @@ impl Banner {
         }
         text.push_str("Ctrl-C ends it.\n");
         text
+    }
+
+    /// Adds the number of the other drives, and a command that lists all drives.
+    fn outline(&self, others: &[Drive], text: &mut String) {
+        let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
+        others.iter().for_each(|drive| *kinds.entry(drive.spec.kind).or_default() += 1);
+        let kinds: Vec<String> = kinds.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+        let _ = writeln!(text, "and {} more drives: {}", others.len(), kinds.join(", "));
+        let _ = match self.control {
+            Some(address) => writeln!(text, "  all of them: curl -s http://{address}/api/bench, or --json"),
+            None => writeln!(text, "  all of them: --json"),
+        };
     }
 
     /// Commands to try, one for each port of the first drive that has such a command.
@@ -298,6 +320,28 @@ Ctrl-C ends it.
         assert!(banner.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
         let banner = Banner::new(&bench, &[md3], address(None));
         assert_eq!(banner.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
+    }
+
+    #[test]
+    fn of_many_drives_the_first_ones_are_listed() {
+        let text = |count: usize| {
+            let mut bench = Bench::new();
+            let mut drives: Vec<DriveId> = (1..count).map(|n| bench.add::<Md3>(&format!("x{n}"))).collect();
+            drives.push(bench.add::<EchoDevice>("echo"));
+            let mut banner = Banner::new(&bench, &drives, BTreeMap::new());
+            banner.set_control(([127, 0, 0, 1], 8080).into());
+            banner.text()
+        };
+        assert_eq!(text(12).matches("stepper drive").count(), 11);
+        let many = text(300);
+        assert_eq!(many.matches("stepper drive").count(), 8);
+        let outline = "x8: US Digital MD3 stepper drive, 7 A
+  x8.rs485, 9600 8E1, address 1
+and 292 more drives: 1 echo, 291 md3
+  all of them: curl -s http://127.0.0.1:8080/api/bench, or --json
+control
+";
+        assert!(many.contains(outline), "{many}");
     }
 
     #[test]

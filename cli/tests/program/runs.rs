@@ -24,7 +24,10 @@ fn an_error_in_options_is_one_sentence() {
     let linked = format!("pty:{file}");
     let both = in_a_file.file("both");
     for (arguments, told) in [
-        (vec![], "a command is missing: run, list, describe, replay, asm, disasm; see `drivetwin --help`"),
+        (
+            vec![],
+            "a command is missing: run, check, list, describe, replay, asm, disasm; see `drivetwin --help`",
+        ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
         (vec!["run", "md4"], "there is no kind 'md4'; the nearest is 'md3'"),
@@ -74,6 +77,9 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["run", "md3", "--nv", &both, "--pcap", &both], "keeps the memory of a drive; use another file"),
         (vec!["run", "md3", "--vcd", &both, "--pcap", &both], "--pcap and --vcd are the same file"),
         (vec!["run", "md3", "--time", "x0"], "--time"),
+        (vec!["check", "md3"], "'md3' is not a bench file"),
+        (vec!["check", "/nowhere/x.toml"], "/nowhere/x.toml: No such file"),
+        (vec!["run", "-"], "standard input: line 1, column 1: a bench needs a [[drive]]"),
         (vec!["run", "md3", "--address", "248"], "--address: DeviceAddress takes 1 to 247, not 248"),
         (vec!["run", "md3", "--address", "one"], "'one' is not a number"),
         (

@@ -92,6 +92,12 @@ impl Bench {
         first.unwrap_or(Line::new(9_600, 8, Parity::None, 1))
     }
 
+    /// The present serial settings of a port; `None` if the port is not serial.
+    #[must_use]
+    pub fn port_line(&self, drive: DriveId, port: Port) -> Option<Line> {
+        self.at(drive).line_at(port, self.now)
+    }
+
     /// Returns true if all requests on a line are answered. A partial frame may still wait for its rest.
     #[must_use]
     pub fn is_answered(&self, bus: Bus) -> bool {

@@ -220,6 +220,12 @@ impl Bench {
         self.at(drive).level(self.now, pin)
     }
 
+    /// The level that a drive outputs at a pin now; [`Level::Float`] if the drive does not drive the pin.
+    #[must_use]
+    pub fn output(&self, drive: DriveId, pin: Pin) -> Level {
+        self.at(drive).driven(self.now, pin)
+    }
+
     /// Sets (`true`) or clears the cause of a fault.
     pub fn fault(&mut self, drive: DriveId, fault: Fault, on: bool) {
         let at = self.at(drive).free(self.now, Phase::Fault);

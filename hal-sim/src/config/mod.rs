@@ -5,3 +5,4 @@ pub mod layout;
 pub mod listen;
 pub mod preset;
 pub mod time_mode;
+mod warnings;

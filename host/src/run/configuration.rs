@@ -1,6 +1,6 @@
 //! Configuration of a run: from a bench file, or from the options of a single drive.
 
-use std::fs;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use drivetwin_firmware::device::{Port, Spec};
@@ -28,11 +28,11 @@ impl Configuration {
     /// # Errors
     /// One sentence that names the option or the place in the file, and the error.
     pub fn read(options: RunOptions) -> Result<Self, String> {
-        let is_file = options.what.ends_with(".toml");
+        let is_file = options.what.ends_with(".toml") || options.what == STDIN;
         let is_path = options.what.contains(['/', '.']);
         if !is_file && is_path {
             return Err(format!(
-                "'{}' is not a bench file: the name of a bench file ends in .toml",
+                "'{}' is not a bench file: the name of a bench file ends in .toml; - is standard input",
                 options.what
             ));
         }
@@ -50,7 +50,33 @@ impl Configuration {
         for drive in &mut layout.drives {
             drive.fast_boot |= options.fast_boot;
         }
-        Ok(Self { options, layout, file })
+        let this = Self { options, layout, file };
+        if this.options.what == STDIN && this.uses_stdio() {
+            return Err("stdio: and a bench file on standard input exclude each other".into());
+        }
+        Ok(this)
+    }
+
+    /// Checks a bench file, or the options of a single drive, without opening a port. Returns a summary and
+    /// warnings, one sentence each.
+    ///
+    /// # Errors
+    /// One sentence that names the place in the file, and the error.
+    pub fn check(&self) -> Result<(String, Vec<String>), String> {
+        self.programs()?;
+        let warnings = self.layout.warnings().map_err(|sentence| self.wrong(&sentence))?;
+        let warnings = warnings.iter().map(|warning| self.wrong(warning)).collect();
+        let Layout { drives, buses, motors, .. } = &self.layout;
+        let counts = [
+            (drives.len(), "drive", "drives"),
+            (buses.len(), "bus", "buses"),
+            (motors.len(), "motor", "motors"),
+        ];
+        let counted = counts.iter().filter(|(count, ..)| *count > 0);
+        let parts: Vec<String> = counted
+            .map(|&(count, one, many)| format!("{count} {}", if count == 1 { one } else { many }))
+            .collect();
+        Ok((self.wrong(&parts.join(", ")), warnings))
     }
 
     /// Returns whether a line listens on standard input and output.
@@ -77,7 +103,7 @@ impl Configuration {
     /// Adds the name of the bench file, if there is one, to a sentence about the bench.
     pub(super) fn wrong(&self, sentence: &str) -> String {
         match &self.file {
-            Some(file) => format!("{}: {sentence}", file.display()),
+            Some(file) => format!("{}: {sentence}", shown(file)),
             None => sentence.into(),
         }
     }
@@ -88,7 +114,7 @@ impl Configuration {
         match &self.file {
             Some(file) => {
                 let name = &self.layout.drives[drive].name;
-                format!("{}: {key} of {name}: {sentence}", file.display())
+                format!("{}: {key} of {name}: {sentence}", shown(file))
             }
             None => format!("--{key}: {sentence}"),
         }
@@ -107,17 +133,32 @@ fn refuse_single_drive_options(options: &RunOptions, file: &Path) -> Result<(), 
     match given.into_iter().find(|&(_, given, _)| given) {
         Some((option, _, key)) => Err(format!(
             "{option} is for a single drive only; in {} set it in [[drive]], for instance {key}",
-            file.display()
+            shown(file)
         )),
         None => Ok(()),
     }
 }
 
-/// Reads a bench file. Paths in the file are relative to its folder.
+/// Path that means standard input.
+const STDIN: &str = "-";
+
+/// Name of a bench file in a sentence.
+fn shown(path: &Path) -> std::borrow::Cow<'_, str> {
+    if path == Path::new(STDIN) { "standard input".into() } else { path.to_string_lossy() }
+}
+
+/// Reads a bench file. Paths in the file are relative to its folder; on standard input, to the current folder.
 fn read(path: &Path) -> Result<Layout, String> {
-    let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
-    let mut layout = bench_file::parse(&text).map_err(|error| wrong(&error))?;
+    let wrong = |error: &dyn std::fmt::Display| format!("{}: {error}", shown(path));
+    let mut text = String::new();
+    let read = if path == Path::new(STDIN) {
+        std::io::stdin().lock().read_to_string(&mut text).map(drop)
+    } else {
+        std::fs::read_to_string(path).map(|all| text = all)
+    };
+    read.map_err(|error| wrong(&error))?;
+    let variable = |name: &str| std::env::var(name).ok();
+    let mut layout = bench_file::parse_with(&text, &variable).map_err(|error| wrong(&error))?;
     layout.relative_to(path.parent().unwrap_or(Path::new("")));
     Ok(layout)
 }

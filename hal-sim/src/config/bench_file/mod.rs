@@ -3,6 +3,7 @@
 //! The order of tables and keys makes no difference: a table may refer to a later table.
 
 mod drive_tables;
+mod expand;
 mod plant_tables;
 mod table;
 
@@ -50,20 +51,48 @@ impl fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// Reads the text of a bench file. Its paths are returned unchanged; see [`Layout::relative_to`].
+/// Reads the text of a bench file that uses no environment variables. See [`parse_with`].
 ///
 /// # Errors
 /// The first error of the text, with its line and column.
 pub fn parse(text: &str) -> Result<Layout, FileError> {
-    let (root, errors) = DeTable::parse_recoverable(text);
+    parse_with(text, &|_| None)
+}
+
+/// Reads the text of a bench file. `variable` returns the value of an environment variable. Paths in the text
+/// are returned unchanged; see [`Layout::relative_to`].
+///
+/// ```
+/// use drivetwin_sim::config::bench_file::parse_with;
+///
+/// let text = r#"
+/// [defaults.drive]
+/// kind = "md3"
+///
+/// [[drive]]
+/// name = "x{1..3}"
+/// address = "{n}"
+/// set = { Speed = "${SPEED:-8000}" }
+/// "#;
+/// let layout = parse_with(text, &|name| std::env::var(name).ok()).unwrap();
+/// let names: Vec<&str> = layout.drives.iter().map(|drive| drive.name.as_str()).collect();
+/// assert_eq!(names, ["x1", "x2", "x3"]);
+/// ```
+///
+/// # Errors
+/// The first error of the text, with its line and column.
+pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Result<Layout, FileError> {
+    let (mut root, errors) = DeTable::parse_recoverable(text);
     let errors = errors.iter().map(|error| LocatedError {
         at: error.span().map_or(0, |span| span.start),
         what: format!("this is not TOML: {}", error.message()),
     });
     let layout = match errors.min_by_key(|wrong| wrong.at) {
         Some(wrong) => Err(wrong),
-        None => Table::new("a bench file", root.span().start, root.get_ref(), &KEYS)
-            .and_then(|root| Reader::default().read(&root)),
+        None => expand::expand(root.get_mut(), variable).and_then(|filled| {
+            let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, &KEYS)?;
+            Reader::default().read(&root)
+        }),
     };
     layout.map_err(|wrong| FileError::new(text, wrong))
 }

@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
+use super::expand::Filled;
 use crate::config::preset::Number;
 use crate::suggest;
 
@@ -42,6 +43,8 @@ pub(super) struct Table<'a> {
     /// Byte offset of the start of the table.
     pub(super) at: usize,
     keys: &'a DeTable<'a>,
+    /// Strings that had a placeholder.
+    filled: &'a Filled,
 }
 
 impl<'a> Table<'a> {
@@ -50,9 +53,10 @@ impl<'a> Table<'a> {
         what: &'static str,
         at: usize,
         keys: &'a DeTable<'a>,
+        filled: &'a Filled,
         known: &[&str],
     ) -> Result<Self, LocatedError> {
-        let table = Self { what, at, keys };
+        let table = Self { what, at, keys, filled };
         let unknown = table.keys().into_iter().find(|key| !known.contains(&key.is));
         unknown.map_or(Ok(table), |key| {
             Err(key.wrong(suggest::unknown(&format!("key of {what}"), key.is, known.iter().copied())))
@@ -73,7 +77,7 @@ impl<'a> Table<'a> {
         };
         let DeValue::Array(tables) = value.get_ref() else { return Err(wrong(value)) };
         let tables = tables.iter().map(|value| match value.get_ref() {
-            DeValue::Table(keys) => Self::new(what, value.span().start, keys, known),
+            DeValue::Table(keys) => Self::new(what, value.span().start, keys, self.filled, known),
             _ => Err(wrong(value)),
         });
         tables.collect()
@@ -113,6 +117,26 @@ impl<'a> Table<'a> {
         is.map(|is| Some(Located { is, at }))
     }
 
+    /// The value of a key that is not a string, as `read` converts it. A string that had a placeholder is read
+    /// as the value that it stands for.
+    fn get_plain<T>(
+        &self,
+        key: &str,
+        wants: impl FnOnce() -> String,
+        read: impl FnOnce(&DeValue<'_>) -> Option<T>,
+    ) -> Result<Option<Located<T>>, LocatedError> {
+        let Some(value) = self.keys.get(key) else { return Ok(None) };
+        match value.get_ref() {
+            DeValue::String(text) if self.filled.contains(&value.span().start) => {
+                let at = value.span().start;
+                let is = DeValue::parse(text).ok().and_then(|value| read(value.get_ref()));
+                let wrong = || LocatedError { at, what: format!("{key} takes {}, not '{text}'", wants()) };
+                is.map(|is| Some(Located { is, at })).ok_or_else(wrong)
+            }
+            _ => self.get(key, wants, read),
+        }
+    }
+
     /// The value of a key that takes a string.
     pub(super) fn text(&self, key: &str) -> Result<Option<Located<&'a str>>, LocatedError> {
         self.get(key, || "a string".to_owned(), DeValue::as_str)
@@ -141,7 +165,7 @@ impl<'a> Table<'a> {
 
     /// The value of a key that takes `true` or `false`.
     pub(super) fn flag(&self, key: &str) -> Result<Option<Located<bool>>, LocatedError> {
-        self.get(key, || "true or false".to_owned(), DeValue::as_bool)
+        self.get_plain(key, || "true or false".to_owned(), |value| value.as_bool())
     }
 
     /// The value of a key that takes a whole number from `least` to `greatest`.
@@ -155,7 +179,7 @@ impl<'a> Table<'a> {
         T: Copy + PartialOrd + TryFrom<i128> + std::fmt::Display,
     {
         let wants = || format!("a whole number from {least} to {greatest}");
-        self.get(key, wants, |value| {
+        self.get_plain(key, wants, |value| {
             let value = T::try_from(whole(value.as_integer()?)?).ok()?;
             (least <= value && value <= greatest).then_some(value)
         })
@@ -169,7 +193,7 @@ impl<'a> Table<'a> {
         greatest: f64,
     ) -> Result<Option<Located<f64>>, LocatedError> {
         let wants = || format!("a number from {least} to {greatest}");
-        self.get(key, wants, |value| {
+        self.get_plain(key, wants, |value| {
             let value = match value {
                 DeValue::Integer(value) => whole(value)? as f64,
                 DeValue::Float(value) => value.as_str().parse().ok()?,
@@ -181,12 +205,12 @@ impl<'a> Table<'a> {
 
     /// The value of a key that takes any whole number.
     pub(super) fn integer(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
-        self.get(key, || "a whole number".to_owned(), integer)
+        self.get_plain(key, || "a whole number".to_owned(), integer)
     }
 
     /// The value of a key that takes any whole number or a list of them.
     pub(super) fn integers(&self, key: &str) -> Result<Option<Located<Number>>, LocatedError> {
-        self.get(
+        self.get_plain(
             key,
             || "a whole number or a list of them".to_owned(),
             |value| match value.as_array() {
@@ -203,13 +227,13 @@ impl<'a> Table<'a> {
     /// The table of a key. Inside, a key that is not in `known` is an error.
     pub(super) fn table(&self, key: &'static str, known: &[&str]) -> Result<Option<Table<'a>>, LocatedError> {
         let Some(keys) = self.any_table(key)? else { return Ok(None) };
-        Self::new(key, keys.at, keys.keys, known).map(Some)
+        Self::new(key, keys.at, keys.keys, self.filled, known).map(Some)
     }
 
     /// The table of a key, with any keys inside.
     pub(super) fn any_table(&self, key: &'static str) -> Result<Option<Table<'a>>, LocatedError> {
         let keys = self.get(key, || "a table, like { … }".to_owned(), DeValue::as_table)?;
-        Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is }))
+        Ok(keys.map(|keys| Table { what: key, at: keys.at, keys: keys.is, filled: self.filled }))
     }
 }
 

@@ -1,0 +1,432 @@
+//! Shorthand of bench files: variables, defaults of all drives, numbered tables.
+//!
+//! All of it is expanded before the tables are read. A copy of a numbered table has the positions of the
+//! original, so an error in a copy points into the file.
+
+use std::collections::BTreeSet;
+
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+use super::table::LocatedError;
+use crate::suggest;
+
+/// Maximum number of copies of a table.
+const MAX_COPIES: u64 = 10_000;
+
+/// Byte offsets of the strings that had a placeholder: such a string may also stand for a number.
+pub(super) type Filled = BTreeSet<usize>;
+
+/// Expands the shorthand of a bench file. `variable` returns the value of an environment variable.
+///
+/// # Errors
+/// The first error, with its position.
+pub(super) fn expand(
+    root: &mut DeTable<'_>,
+    variable: &dyn Fn(&str) -> Option<String>,
+) -> Result<Filled, LocatedError> {
+    let mut filled = Filled::new();
+    for (_, value) in root.iter_mut() {
+        replace(value, &mut filled, &|text| fill_variables(text, variable))?;
+    }
+    add_defaults(root)?;
+    for (key, value) in root.iter_mut() {
+        if let DeValue::Array(tables) = value.get_mut() {
+            if key.get_ref() == "bus" {
+                tables.iter_mut().try_for_each(expand_names_of_bus)?;
+            }
+            *tables = copies(std::mem::replace(tables, DeArray::new()), &mut filled)?;
+        }
+    }
+    Ok(filled)
+}
+
+/// Replaces each string in a value by the result of `fill`; `None` leaves it unchanged.
+fn replace(
+    value: &mut Spanned<DeValue<'_>>,
+    filled: &mut Filled,
+    fill: &dyn Fn(&str) -> Result<Option<String>, String>,
+) -> Result<(), LocatedError> {
+    let at = value.span().start;
+    match value.get_mut() {
+        DeValue::String(text) => {
+            if let Some(result) = fill(text).map_err(LocatedError::at(at))? {
+                *text = result.into();
+                filled.insert(at);
+            }
+            Ok(())
+        }
+        DeValue::Array(values) => values.iter_mut().try_for_each(|value| replace(value, filled, fill)),
+        DeValue::Table(table) => table.iter_mut().try_for_each(|(_, value)| replace(value, filled, fill)),
+        _ => Ok(()),
+    }
+}
+
+/// Replaces `${NAME}` and `${NAME:-else}` in a text.
+fn fill_variables(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Result<Option<String>, String> {
+    let (mut result, mut rest) = (String::new(), text);
+    while let Some((before, after)) = rest.split_once("${") {
+        let (inside, behind) =
+            after.split_once('}').ok_or_else(|| format!("'{text}' has a ${{ without a }}"))?;
+        let (name, otherwise) = match inside.split_once(":-") {
+            Some((name, otherwise)) => (name, Some(otherwise)),
+            None => (inside, None),
+        };
+        // As in a shell, an empty variable counts as one that is not there.
+        let value = variable(name).filter(|value| otherwise.is_none() || !value.is_empty());
+        let value = value.or_else(|| otherwise.map(str::to_owned)).ok_or_else(|| {
+            format!("there is no environment variable '{name}'; ${{{name}:-else}} has a default")
+        })?;
+        result.push_str(before);
+        result.push_str(&value);
+        rest = behind;
+    }
+    if rest.len() == text.len() {
+        return Ok(None);
+    }
+    result.push_str(rest);
+    Ok(Some(result))
+}
+
+/// Moves the keys of `[defaults.drive]` into each `[[drive]]` that does not have them. Tables, like `set`, are
+/// merged key by key.
+fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
+    let Some(defaults) = root.remove("defaults") else { return Ok(()) };
+    let at = defaults.span().start;
+    let wrong = |at: usize, what: String| Err(LocatedError { at, what });
+    let DeValue::Table(tables) = defaults.into_inner() else {
+        return wrong(at, "defaults is written [defaults.drive], above its keys".to_owned());
+    };
+    for (key, value) in tables {
+        let at = key.span().start;
+        if key.get_ref() != "drive" {
+            return wrong(at, suggest::unknown("table of defaults", key.get_ref(), ["drive"].into_iter()));
+        }
+        let DeValue::Table(defaults) = value.into_inner() else {
+            return wrong(at, "defaults is written [defaults.drive], above its keys".to_owned());
+        };
+        if let Some((key, _)) = defaults.get_key_value("name") {
+            return wrong(key.span().start, "each drive needs a name of its own".to_owned());
+        }
+        let Some(DeValue::Array(drives)) = root.get_mut("drive").map(Spanned::get_mut) else { continue };
+        for drive in drives.iter_mut() {
+            if let DeValue::Table(drive) = drive.get_mut() {
+                merge(drive, &defaults);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Adds the keys of `defaults` that `table` does not have.
+fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>) {
+    for (key, value) in defaults {
+        match (table.get_mut(key.get_ref().as_ref()).map(Spanned::get_mut), value.get_ref()) {
+            (Some(DeValue::Table(table)), DeValue::Table(defaults)) => merge(table, defaults),
+            (Some(_), _) => {}
+            (None, _) => {
+                table.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// Replaces each table whose name has a range, like `x{1..300}`, by its copies.
+fn copies<'i>(tables: DeArray<'i>, filled: &mut Filled) -> Result<DeArray<'i>, LocatedError> {
+    let mut all = DeArray::new();
+    for table in tables {
+        let name = table.get_ref().get("name").map(|name| (name.span().start, name.get_ref().as_str()));
+        let range = match name {
+            Some((at, Some(text))) => Range::find(text).map_err(LocatedError::at(at))?,
+            _ => None,
+        };
+        let Some(range) = range else {
+            all.push(table);
+            continue;
+        };
+        for number in range.numbers() {
+            let mut copy = table.clone();
+            if let DeValue::Table(keys) = copy.get_mut() {
+                for (key, value) in keys.iter_mut() {
+                    if key.get_ref() == "name" {
+                        *value = Spanned::new(value.span(), DeValue::String(range.name(number).into()));
+                    } else {
+                        replace(value, filled, &|text| fill_numbers(text, number))?;
+                    }
+                }
+            }
+            all.push(copy);
+        }
+    }
+    Ok(all)
+}
+
+/// Expands names with a range in the list of drives of a `[[bus]]`.
+fn expand_names_of_bus(bus: &mut Spanned<DeValue<'_>>) -> Result<(), LocatedError> {
+    let DeValue::Table(bus) = bus.get_mut() else { return Ok(()) };
+    let Some(DeValue::Array(drives)) = bus.get_mut("drives").map(Spanned::get_mut) else { return Ok(()) };
+    let mut all = DeArray::new();
+    for name in std::mem::replace(drives, DeArray::new()) {
+        let span = name.span();
+        let text = name.get_ref().as_str().unwrap_or_default();
+        match Range::find(text).map_err(LocatedError::at(span.start))? {
+            None => all.push(name),
+            Some(range) => {
+                for number in range.numbers() {
+                    all.push(Spanned::new(span.clone(), DeValue::String(range.name(number).into())));
+                }
+            }
+        }
+    }
+    *drives = all;
+    Ok(())
+}
+
+/// A name with a range of numbers, like `x{1..300}`.
+struct Range {
+    before: String,
+    first: u64,
+    last: u64,
+    behind: String,
+}
+
+impl Range {
+    /// The range in a name, if there is one.
+    fn find(text: &str) -> Result<Option<Self>, String> {
+        let Some((before, rest)) = text.split_once('{') else { return Ok(None) };
+        let wrong = || format!("'{text}' has no range of numbers, like x{{1..300}}");
+        let (inside, behind) = rest.split_once('}').ok_or_else(wrong)?;
+        let (first, last) = inside.split_once("..").ok_or_else(wrong)?;
+        let number = |digits: &str| digits.parse::<u64>().map_err(|_| wrong());
+        let (first, last) = (number(first)?, number(last)?);
+        if behind.contains('{') {
+            return Err(format!("'{text}' has more than one range"));
+        }
+        if first > last || last - first >= MAX_COPIES {
+            return Err(format!("'{text}' takes 1 to {MAX_COPIES} numbers, the lower one first"));
+        }
+        Ok(Some(Self { before: before.to_owned(), first, last, behind: behind.to_owned() }))
+    }
+
+    fn numbers(&self) -> std::ops::RangeInclusive<u64> {
+        self.first..=self.last
+    }
+
+    fn name(&self, number: u64) -> String {
+        format!("{}{number}{}", self.before, self.behind)
+    }
+}
+
+/// Replaces `{n}`, `{5000+n}` and their like in a text.
+fn fill_numbers(text: &str, n: u64) -> Result<Option<String>, String> {
+    let (mut result, mut rest) = (String::new(), text);
+    while let Some((before, after)) = rest.split_once('{') {
+        let wrong =
+            || format!("'{text}' needs a sum with n in its braces, like {{n}}, {{5000+n}} or {{2*n-1}}");
+        let (inside, behind) = after.split_once('}').ok_or_else(wrong)?;
+        result.push_str(before);
+        result.push_str(&sum(inside, n).ok_or_else(wrong)?.to_string());
+        rest = behind;
+    }
+    if rest.len() == text.len() {
+        return Ok(None);
+    }
+    result.push_str(rest);
+    Ok(Some(result))
+}
+
+/// Value of a sum of products of whole numbers and `n`.
+fn sum(text: &str, n: u64) -> Option<i64> {
+    let factor = |word: &str| match word.trim() {
+        "n" => i64::try_from(n).ok(),
+        digits if digits.bytes().all(|byte| byte.is_ascii_digit()) => digits.parse().ok(),
+        _ => None,
+    };
+    let product =
+        |term: &str| term.split('*').try_fold(1_i64, |product, word| product.checked_mul(factor(word)?));
+    let mut total = 0_i64;
+    for part in text.split('+') {
+        let mut terms = part.split('-');
+        total = total.checked_add(product(terms.next()?)?)?;
+        for term in terms {
+            total = total.checked_sub(product(term)?)?;
+        }
+    }
+    Some(total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{FileError, parse_with};
+    use crate::config::layout::Layout;
+    use proptest::prelude::*;
+
+    fn read(text: &str) -> Result<Layout, FileError> {
+        let variable = |name: &str| match name {
+            "SPEED" => Some("8000".to_owned()),
+            "SAVED" => Some("m{n}.nv".to_owned()),
+            "EMPTY" => Some(String::new()),
+            "FAST" => Some("true".to_owned()),
+            _ => None,
+        };
+        parse_with(text, &variable)
+    }
+
+    fn wrong(text: &str) -> String {
+        read(text).map(|_| ()).expect_err("an error").to_string()
+    }
+
+    fn names(layout: &Layout) -> Vec<&str> {
+        layout.drives.iter().map(|drive| drive.name.as_str()).collect()
+    }
+
+    #[test]
+    fn a_name_with_a_range_makes_numbered_drives() {
+        let text = "
+            [[drive]]
+            name = 'x{9..11}'
+            kind = 'md3'
+            address = '{n}'
+            nv = 'x{n}.nv'
+            listen = ['tcp:127.0.0.1:{5000+n}', 'pty:x{2*n-1}.tty']
+        ";
+        let layout = read(text).expect("a bench");
+        assert_eq!(names(&layout), ["x9", "x10", "x11"]);
+        let listen: Vec<String> = layout.drives[1].listen.iter().map(|(_, uri)| uri.to_string()).collect();
+        assert_eq!(listen, ["tcp:127.0.0.1:5010", "pty:x19.tty"]);
+        assert_eq!(layout.drives[2].nv.as_deref(), Some(std::path::Path::new("x11.nv")));
+        let built = layout.build(layout.settings(), Vec::new()).expect("it can be built");
+        let address = built.bench.spec(built.drives[0]).address.expect("an MD3 has an address");
+        let addresses: Vec<i64> = built.drives.iter().map(|&id| built.bench.peek(id, address)).collect();
+        assert_eq!(addresses, [9, 10, 11]);
+    }
+
+    #[test]
+    fn buses_and_motors_have_ranges_too() {
+        let text = "
+            [[drive]]
+            name = 'x{1..4}'
+            kind = 'md3'
+            [[bus]]
+            name = 'low'
+            drives = ['x{1..3}']
+            [[bus]]
+            name = 'high'
+            drives = ['x4']
+            [[motor]]
+            name = 'm{1..4}'
+            drive = 'x{5-n}'
+            inertia_gcm2 = '{100*n}'
+        ";
+        let layout = read(text).expect("a bench");
+        assert_eq!(layout.buses[0].drives.len(), 3);
+        let drives: Vec<usize> = layout.motors.iter().map(|motor| motor.drive).collect();
+        assert_eq!(drives, [3, 2, 1, 0]);
+    }
+
+    #[test]
+    fn defaults_hold_for_keys_that_a_drive_does_not_have() {
+        let text = "
+            [defaults.drive]
+            kind = 'md3'
+            fast_boot = '${FAST}'
+            set = { Speed = '${SPEED}', MoveSteps = 5 }
+            [[drive]]
+            name = 'x'
+            [[drive]]
+            name = 'y'
+            set = { MoveSteps = 6 }
+        ";
+        let layout = read(text).expect("a bench");
+        assert!(layout.drives.iter().all(|drive| drive.fast_boot));
+        let built = layout.build(layout.settings(), Vec::new()).expect("it can be built");
+        let value = |drive: usize, name: &str| {
+            let row = built.bench.spec(built.drives[drive]).find(name).expect("a register").row;
+            built.bench.peek(built.drives[drive], row)
+        };
+        assert_eq!([value(0, "Speed"), value(0, "MoveSteps")], [8_000, 5]);
+        assert_eq!([value(1, "Speed"), value(1, "MoveSteps")], [8_000, 6]);
+    }
+
+    #[test]
+    fn variables_have_values_or_defaults() {
+        let text = "
+            [[drive]]
+            name = 'x'
+            kind = '${KIND:-md3}'
+            nv = '${SAVED}'
+            program = '${EMPTY:-}'
+        ";
+        assert_eq!(wrong(text), "line 6, column 23: program takes the name of a file");
+        let layout =
+            read(&text.replace("program = '${EMPTY:-}'", "listen = ['tcp:${H:-127.0.0.1}:${P:-0}']"));
+        let layout = layout.expect("a bench");
+        assert_eq!(layout.drives[0].kind, "md3");
+        assert_eq!(layout.drives[0].nv.as_deref(), Some(std::path::Path::new("m{n}.nv")));
+        assert_eq!(layout.drives[0].listen[0].1.to_string(), "tcp:127.0.0.1:0");
+    }
+
+    #[test]
+    fn errors_name_the_place_and_the_remedy() {
+        let drive = |keys: &str| format!("[[drive]]\nname = 'x'\nkind = 'md3'\n{keys}");
+        for (text, error) in [
+            (
+                drive("nv = '${HOME2}/x.nv'"),
+                "line 4, column 6: there is no environment variable 'HOME2'; ${HOME2:-else} has a default",
+            ),
+            (drive("nv = '${HOME2'"), "line 4, column 6: '${HOME2' has a ${ without a }"),
+            (drive("address = '${A:-many}'"), "line 4, column 11: address takes a whole number, not 'many'"),
+            (drive("address = '1'"), "line 4, column 11: address takes a whole number, not a string"),
+            (
+                drive("").replace("'x'", "'x{1..}'"),
+                "line 2, column 8: 'x{1..}' has no range of numbers, like x{1..300}",
+            ),
+            (
+                drive("").replace("'x'", "'x{1..2}{3..4}'"),
+                "line 2, column 8: 'x{1..2}{3..4}' has more than one range",
+            ),
+            (
+                drive("").replace("'x'", "'x{1..10001}'"),
+                "line 2, column 8: 'x{1..10001}' takes 1 to 10000 numbers, the lower one first",
+            ),
+            (
+                drive("").replace("'x'", "'x{2..1}'"),
+                "line 2, column 8: 'x{2..1}' takes 1 to 10000 numbers, the lower one first",
+            ),
+            (
+                drive("nv = '{m}'").replace("'x'", "'x{1..2}'"),
+                "line 4, column 6: '{m}' needs a sum with n in its braces, like {n}, {5000+n} or {2*n-1}",
+            ),
+            (
+                drive("nv = 'x.nv'").replace("'x'", "'x{1..2}'"),
+                "line 4, column 6: another drive keeps its memory in x.nv",
+            ),
+            (
+                format!("[defaults.motor]\n{}", drive("")),
+                "line 1, column 11: there is no table of defaults 'motor'; available: drive",
+            ),
+            (
+                format!("[defaults.drive]\nname = 'x'\n{}", drive("")),
+                "line 2, column 1: each drive needs a name of its own",
+            ),
+            (
+                format!("defaults = 1\n{}", drive("")),
+                "line 1, column 12: defaults is written [defaults.drive], above its keys",
+            ),
+            (
+                format!("[defaults.drive]\nadress = 1\n{}", drive("")),
+                "line 2, column 1: there is no key of [[drive]] 'adress'; the nearest is 'address'",
+            ),
+        ] {
+            assert_eq!(wrong(&text), error, "{text}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_placeholder_panics(text in "[x{}$n.:0-9*+-]{0,24}") {
+            let file = format!("[[drive]]\nname = 'x{{1..2}}'\nkind = 'md3'\nnv = '{text}'\n[[bus]]\nname = 'b'\ndrives = ['{text}']");
+            let _ = read(&file);
+        }
+    }
+}
