@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`mod@bench`] | the bench: drives, time, pins, motors, power, clients; the interface for tests |
+//! | [`blocking`] | ports on virtual time for masters that wait |
 //! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`catalog`] | the kinds of drive |
 //! | [`config`] | bench files, and the configuration of a bench as plain data |
@@ -19,6 +20,7 @@
 //! A folder uses only the folders below it; `tests/tests/layers.rs` has the order.
 
 pub mod bench;
+pub mod blocking;
 pub mod board;
 pub mod catalog;
 pub mod config;

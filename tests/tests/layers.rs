@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules of `hal-sim/src`, lowest first.
-const HAL_SIM: [&str; 16] = [
+const HAL_SIM: [&str; 17] = [
     "ids",
     "rng",
     "suggest",
@@ -18,6 +18,7 @@ const HAL_SIM: [&str; 16] = [
     "line",
     "slot",
     "bench",
+    "blocking",
     "board",
     "replay",
     "export",

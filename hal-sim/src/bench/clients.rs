@@ -98,6 +98,30 @@ impl Bench {
         }
     }
 
+    /// Runs until a client can read a byte or its connection is closed, but not beyond `until`.
+    pub fn run_until_readable(&mut self, client: Client, until: Instant) {
+        loop {
+            let due = self.clients.due_of(client.0);
+            let is_ready = due <= self.now || self.connections.is_readable(client.0);
+            if is_ready || self.now >= until {
+                return;
+            }
+            self.run_until(self.next_event().min(due).min(until));
+        }
+    }
+
+    /// Runs until the bytes that a client has sent are transmitted, but not beyond `until`.
+    pub fn run_until_transmitted(&mut self, client: Client, until: Instant) {
+        while self.backlog(client) > 0 && self.now < until {
+            self.run_until(self.next_event().min(until));
+        }
+        if let Some(state) = self.clients.get(&client.0) {
+            // The last characters are on their way to the drives.
+            let free = self.buses[state.bus as usize].free;
+            self.run_until(free.min(until));
+        }
+    }
+
     /// Sends a whole frame to the first port of a drive, [runs until the bench is
     /// idle](Self::run_until_idle), and returns the reply, or nothing if there is none. If the frame could be
     /// the beginning of a longer one, the bench treats it as complete.

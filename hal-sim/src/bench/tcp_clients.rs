@@ -146,6 +146,11 @@ impl Connections {
         self.readable.iter().copied()
     }
 
+    /// Returns true if a client has bytes to read, or its connection was closed.
+    pub(super) fn is_readable(&self, client: u32) -> bool {
+        self.readable.contains(&client)
+    }
+
     /// Number of bytes of a client that are not delivered yet.
     pub(super) fn backlog(&self, client: u32) -> usize {
         self.all.get(&client).map_or(0, |connection| connection.pending.len())

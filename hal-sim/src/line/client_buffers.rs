@@ -218,6 +218,11 @@ impl Clients {
         self.with_inbox(id, |state| state.receive(now, into)).unwrap_or(0)
     }
 
+    /// Time at which a client can read its next character; [`Instant::NEVER`] if there is none.
+    pub(crate) fn due_of(&self, id: u32) -> Instant {
+        self.all.get(&id).map_or(Instant::NEVER, ClientState::due)
+    }
+
     /// Earliest time at which a client can read a character.
     pub(crate) fn due(&self) -> Instant {
         self.readable.first().map_or(Instant::NEVER, |&(at, _)| at)
