@@ -6,6 +6,7 @@
 //! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`catalog`] | the kinds of drive |
 //! | [`config`] | bench files, and the configuration of a bench as plain data |
+//! | [`decode`] | messages and their outcomes in the words of the manual |
 //! | [`export`] | waveforms of the pins (VCD) and frames of the lines (pcapng) |
 //! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
 //! | [`record`] | recordings: traces as text, captures of the lines |
@@ -22,6 +23,7 @@ pub mod bench;
 pub mod board;
 pub mod catalog;
 pub mod config;
+pub mod decode;
 pub mod export;
 mod ids;
 pub mod line;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules of `hal-sim/src`, lowest first.
-const HAL_SIM: [&str; 16] = [
+const HAL_SIM: [&str; 17] = [
     "ids",
     "rng",
     "suggest",
@@ -13,6 +13,7 @@ const HAL_SIM: [&str; 16] = [
     "catalog",
     "rsasm",
     "record",
+    "decode",
     "scheduler",
     "signals",
     "line",
