@@ -5,9 +5,10 @@
 //! an address that no drive of the line has (BENCH-20).
 
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
+use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId};
-use crate::decode::{self, Exchange, Message, Verdict};
+use crate::decode::{self, Exchange, Message, Register, Verdict};
 use crate::record::journal::{Entry, Outcome};
 use crate::record::trace::InputRecord;
 
@@ -91,6 +92,33 @@ impl Received {
         self
     }
 
+    /// Removes the messages that do not have this Modbus function.
+    #[must_use]
+    pub fn of_function(self, function: u8) -> Self {
+        self.retain(|message| message.exchange.request.function == Some(function))
+    }
+
+    /// Removes the messages that neither read nor write a register, or the word of a register (`SpeedLow`).
+    #[must_use]
+    pub fn of_register(self, register: Named) -> Self {
+        let row = self.spec.registers.rows.get(register.row).map_or("", |row| row.name);
+        let word = register.word.map(|word| {
+            let high = (self.spec.registers.layout.order == Order::HighFirst) == (word == 0);
+            format!("{row}{}", if high { "High" } else { "Low" })
+        });
+        let fits = move |other: &Register| {
+            let whole = other.name == row;
+            other.row == register.row && (whole || word.as_ref().is_none_or(|word| *word == other.name))
+        };
+        self.retain(|message| message.exchange.request.registers.iter().any(&fits))
+    }
+
+    fn retain(mut self, wanted: impl Fn(&ReceivedMessage) -> bool) -> Self {
+        let spec = self.spec;
+        self.entries.retain(|entry| wanted(&words(spec, entry)));
+        self
+    }
+
     /// Number of earlier messages that the journals have dropped: each keeps the latest 10,000.
     #[must_use]
     pub fn lost(&self) -> u64 {
@@ -119,7 +147,7 @@ pub enum Receiver {
     Line(Bus),
 }
 
-/// Entries of all journals from a number on, for a reader that follows the bench.
+/// Entries of all journals after a number, for a reader that follows the bench.
 #[derive(Clone, Debug, Default)]
 pub struct News {
     entries: Vec<(Receiver, &'static Spec, Entry)>,
@@ -129,16 +157,21 @@ pub struct News {
 }
 
 impl News {
-    /// Number of the last entry; the next call of [`Bench::received_after`] takes it.
+    /// Number of the last of these entries, for the next call of [`Bench::received_after`].
     #[must_use]
     pub fn last(&self) -> u64 {
         self.last
     }
 
-    /// Number of entries that were left out or dropped.
+    /// Number of entries among them that full journals have dropped.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// The receiver of each message.
+    pub fn receivers(&self) -> impl Iterator<Item = Receiver> + '_ {
+        self.entries.iter().map(|(receiver, ..)| *receiver)
     }
 
     /// The messages in words, in the order in which their outcomes became known.
@@ -169,8 +202,7 @@ impl Bench {
         self.outputs.entries
     }
 
-    /// The messages after number `after`, at most the first `most` of them. Those that are left out count as
-    /// lost.
+    /// The messages after number `after`, at most the first `most` of them.
     #[must_use]
     pub fn received_after(&self, after: u64, most: usize) -> News {
         let last = self.received_count();
@@ -189,18 +221,25 @@ impl Bench {
             entries.extend(new.map(|entry| (receiver, spec, entry)));
         }
         entries.sort_by_key(|(_, _, entry)| entry.number);
+        let all = entries.len() <= most;
         entries.truncate(most);
+        let last = entries.last().map_or(last, |(_, _, entry)| if all { last } else { entry.number });
         let lost = last - after - entries.len() as u64;
         let entries = entries.into_iter().map(|(receiver, spec, entry)| (receiver, spec, entry.clone()));
         News { entries: entries.collect(), last, lost }
     }
 
-    /// The name of a receiver: of the drive or the line.
+    /// A message on one line of text, for logs. On a bench of several drives it begins with the name of the
+    /// drive, or of the line: `x.rs485 <- read Speed -> Speed = 5000`.
     #[must_use]
-    pub fn receiver_name(&self, receiver: Receiver) -> &str {
+    pub fn received_line(&self, receiver: Receiver, message: &ReceivedMessage) -> String {
         match receiver {
-            Receiver::Drive(drive) => self.name(drive),
-            Receiver::Line(bus) => self.bus_name(bus),
+            Receiver::Drive(_) if self.slots.len() == 1 => message.to_string(),
+            Receiver::Drive(drive) => format!("{}.{message}", self.name(drive)),
+            Receiver::Line(bus) => {
+                let Exchange { request, outcome, .. } = &message.exchange;
+                format!("{} <- {} -> {outcome}", self.bus_name(bus), request.text)
+            }
         }
     }
 

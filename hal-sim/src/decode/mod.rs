@@ -77,7 +77,7 @@ pub struct Request {
     pub text: String,
     /// Address of the drive, on a Modbus port.
     pub address: Option<u8>,
-    /// Function code; on a port for text, the first character.
+    /// Function code, on a Modbus port.
     pub function: Option<u8>,
     /// Registers of the request, in its order. Those that the drive does not have are left out.
     pub registers: Vec<Register>,

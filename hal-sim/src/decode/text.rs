@@ -43,8 +43,7 @@ fn value(row: &Row, data: u32) -> Value {
 
 /// A command of a QSB: `R0E`, `W0B5`, `S0E`.
 pub(super) fn command(spec: &Spec, line: &[u8]) -> Request {
-    let function = line.first().copied();
-    let plain = || Request { text: printable(line), function, ..Request::default() };
+    let plain = || Request { text: printable(line), ..Request::default() };
     let Some((letter, _, Some((index, row)), data)) = parse(spec, line) else { return plain() };
     let register = |value: Option<Value>| {
         let written = value.is_some();
@@ -62,7 +61,7 @@ pub(super) fn command(spec: &Spec, line: &[u8]) -> Request {
         },
         _ => return plain(),
     };
-    Request { text, address: None, function, registers }
+    Request { text, registers, ..Request::default() }
 }
 
 /// Reason why a QSB refuses a command: `x` for an unknown command, `e` for a value.
@@ -121,7 +120,7 @@ pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
         Some(Register { row, name: word, value, written })
     });
     let registers = registers.collect();
-    Request { text, address: None, function: line.first().copied(), registers }
+    Request { text, registers, ..Request::default() }
 }
 
 /// What a line of MCode printed: the answer without echo and prompt.

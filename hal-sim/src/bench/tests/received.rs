@@ -86,7 +86,15 @@ fn an_md3_says_what_it_received_and_what_came_of_it() {
         let second = received.messages().nth(1).unwrap();
         assert_eq!((second.bytes, second.answer), (speed.to_vec(), speed.to_vec()));
         assert_eq!(received.written(), ["SpeedLow", "MotionControl"]);
-        assert_eq!(received.since(Duration::secs(4)).messages().count(), 7);
+        assert_eq!(received.clone().since(Duration::secs(4)).messages().count(), 7);
+        assert_eq!(received.clone().of_function(3).messages().count(), 3);
+        let spec = bench.spec(md3);
+        for (name, count) in
+            [("Speed", 2), ("SpeedLow", 2), ("SpeedHigh", 1), ("Reserved", 1), ("HomeOffset", 0)]
+        {
+            let register = spec.find(name).unwrap();
+            assert_eq!(received.clone().of_register(register).messages().count(), count, "{name}");
+        }
     }
 }
 
@@ -161,7 +169,12 @@ fn a_shared_line_keeps_what_is_for_no_drive() {
     assert_eq!((news.messages().count(), news.lost(), news.last()), (8, 0, 8));
     assert!(news.messages().map(|(_, message)| message.number).eq(1..=8));
     let rest = bench.received_after(5, 2);
-    assert_eq!((rest.messages().count(), rest.lost(), rest.last()), (2, 1, 8));
+    assert_eq!((rest.messages().count(), rest.lost(), rest.last()), (2, 0, 7));
+    assert_eq!(bench.received_after(8, 100).messages().count(), 0);
+    let lines: Vec<String> =
+        news.messages().map(|(receiver, message)| bench.received_line(receiver, &message)).collect();
+    assert_eq!(lines[0], "b.rs485 <- read DeviceAddress -> DeviceAddress = 2");
+    assert_eq!(lines[1], nobody.replacen("rs485", "line", 1));
 }
 
 #[test]
