@@ -55,6 +55,9 @@ pub(super) struct Happened {
 /// The data of an event `received`: a message that a drive has received, with what came of it.
 #[derive(Serialize, ToSchema)]
 pub(super) struct ReceivedEvent {
+    /// Number of the message on the bench. A number that is left out is a message to another drive, or one that a slow
+    /// reader has missed.
+    number: u64,
     /// The drive; null for a message on a shared line that was for no drive or corrupt.
     drive: Option<String>,
     /// The shared line of such a message; null for a message to a drive.
@@ -66,7 +69,7 @@ pub(super) struct ReceivedEvent {
 /// The data of an event `lost`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Lost {
-    /// Number of events or received messages that a slow reader has missed.
+    /// Number of events that a slow reader has missed.
     events: u64,
 }
 
@@ -176,22 +179,15 @@ impl Reader {
     /// Formats received messages.
     fn take_messages(&mut self, messages: Messages) {
         let Messages { news, wanted } = messages;
-        if news.lost() > 0 {
-            self.ready.extend(unnumbered("lost", &Lost { events: news.lost() }));
-        }
         for ((_, message), names) in news.messages().zip(wanted) {
             if let Some((drive, bus)) = names {
-                let request = message.into();
-                self.ready.extend(unnumbered("received", &ReceivedEvent { drive, bus, request }));
+                let number = message.number;
+                let data = ReceivedEvent { number, drive, bus, request: message.into() };
+                self.ready.extend(Event::default().event("received").json_data(data).ok());
             }
         }
         self.received = news.last();
     }
-}
-
-/// An event without a number in the trace.
-fn unnumbered(kind: &str, data: &impl Serialize) -> Option<Event> {
-    Event::default().event(kind).json_data(data).ok()
 }
 
 fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {

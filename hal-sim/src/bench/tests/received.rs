@@ -1,6 +1,9 @@
 //! Journals of received messages.
 
-use drivetwin_firmware::device::{Duration, Instant, Port};
+use drivetwin_firmware::device::{
+    Boot, Context, Device, Duration, Effect, Framing, Input, Instant, LogEvent, Output, Port, PortSpec,
+    PresetError, Reason, ReasonSpec, Spec,
+};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_firmware::mdrobot::mdrobot;
@@ -280,4 +283,83 @@ fn two_connections_of_mcode_do_not_mix() {
         bench.run_until_idle();
     }
     assert_eq!(words(&bench, drive), ["mcode <- PR P -> 0", "mcode <- PR VM -> 768000"]);
+}
+
+/// A device on Modbus/TCP that accepts every request, and for function 6 puts the reasons of the register's address:
+/// bit 0 the first one, bit 1 the second one, bit 2 the third one.
+#[derive(Default)]
+struct Reasoned;
+
+static REASONED: Spec = Spec {
+    ports: &[PortSpec { name: "modbus", framing: Framing::Mbap, line: None }],
+    reasons: &[
+        ReasonSpec { effect: Effect::Nothing, text: "UI_COM is 0, the inputs command", section: "p. 1" },
+        ReasonSpec { effect: Effect::Later, text: "after a save and a restart", section: "p. 2" },
+        ReasonSpec { effect: Effect::Other, text: "the speed is limited to 40000", section: "p. 3" },
+    ],
+    ..Spec::EMPTY
+};
+
+impl Device for Reasoned {
+    fn spec(&self) -> &'static Spec {
+        &REASONED
+    }
+
+    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
+        // A reason without a request.
+        out.put(at, Output::Log(LogEvent::Reason(Reason(0))));
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        let Input::Message { port, link, bytes } = input else { return };
+        for code in 0..3 {
+            if bytes[9] >> code & 1 != 0 {
+                // A drive may put a reason several times.
+                out.put(at, Output::Log(LogEvent::Reason(Reason(code))));
+                out.put(at, Output::Log(LogEvent::Reason(Reason(code))));
+            }
+        }
+        out.put(at, Output::Log(LogEvent::Request { port, unit: 1, function: bytes[7] }));
+        out.put(at, Output::Message { port, link, bytes });
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Context) {}
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _: Instant, _: usize, _: i64, _: &mut dyn Context) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
+    }
+}
+
+#[test]
+fn reasons_limit_what_an_accepted_request_does() {
+    let mut bench = Bench::new();
+    let drive = bench.add::<Reasoned>("r");
+    let header = tcp::Header { transaction: 7, unit: 1 };
+    for reasons in 0..5 {
+        say(&mut bench, drive, 0, &tcp::frame(header, &[6, 0, reasons, 0, 9]));
+    }
+    say(&mut bench, drive, 0, &tcp::frame(header, &[6, 0, 6, 0, 9]));
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "modbus <- write 0x0000 = 9 -> done",
+            "modbus <- write 0x0001 = 9 -> accepted, without effect: UI_COM is 0, the inputs command",
+            "modbus <- write 0x0002 = 9 -> accepted, with effect later: after a save and a restart",
+            "modbus <- write 0x0003 = 9 -> accepted, without effect: UI_COM is 0, the inputs command",
+            "modbus <- write 0x0004 = 9 -> accepted, with another effect: the speed is limited to 40000",
+            "modbus <- write 0x0006 = 9 -> accepted, with effect later: after a save and a restart; with another \
+             effect: the speed is limited to 40000",
+        ]
+    );
+    let received = bench.received(drive);
+    let verdicts: Vec<Verdict> = received.messages().map(|message| message.exchange.verdict).collect();
+    assert_eq!(verdicts[..3], [Verdict::Done, Verdict::WithoutEffect, Verdict::Done]);
 }
