@@ -764,6 +764,12 @@ pub trait Device {
         true
     }
 
+    /// Time from which the drive receives what arrives at its ports: in the past if it receives now, in the
+    /// future while it starts, [`Instant::NEVER`] if the drive does not know the time yet. For logs only.
+    fn receives_from(&self) -> Instant {
+        Instant::ZERO
+    }
+
     /// Time of the next deadline; [`Instant::NEVER`] if only an input can change anything.
     fn deadline(&self) -> Instant;
 
@@ -833,6 +839,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn takes(&self, port: Port) -> bool {
         (**self).takes(port)
+    }
+
+    fn receives_from(&self) -> Instant {
+        (**self).receives_from()
     }
 
     fn deadline(&self) -> Instant {

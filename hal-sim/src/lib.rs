@@ -7,6 +7,7 @@
 //! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`catalog`] | the kinds of drive |
 //! | [`config`] | bench files, and the configuration of a bench as plain data |
+//! | [`decode`] | messages and their outcomes in the words of the manual |
 //! | [`export`] | waveforms of the pins (VCD) and frames of the lines (pcapng) |
 //! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
 //! | [`record`] | recordings: traces as text, captures of the lines |
@@ -24,6 +25,7 @@ pub mod blocking;
 pub mod board;
 pub mod catalog;
 pub mod config;
+pub mod decode;
 pub mod export;
 mod ids;
 pub mod line;

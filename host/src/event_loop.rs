@@ -16,7 +16,7 @@ use drivetwin_sim::bench::{Bench, IdleRun};
 use drivetwin_sim::config::time_mode::TimeMode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
-use tracing::warn;
+use tracing::{Level, enabled, info, warn};
 
 use crate::live_file::LiveFile;
 use crate::ports::Ports;
@@ -29,6 +29,9 @@ const BUDGET: WallSpan = WallSpan::from_millis(20);
 
 /// Bench time that runs between two reads of the wall clock.
 const SLICE: Duration = Duration::millis(10);
+
+/// Maximum number of messages that one pass of the loop writes to the log.
+const MESSAGES: usize = 256;
 
 /// Longest bench time between two writes to the files.
 const FILE_INTERVAL: Duration = Duration::millis(100);
@@ -109,7 +112,7 @@ pub(crate) struct BenchHandle {
     jobs: mpsc::Sender<Submission<Job>>,
     queries: mpsc::Sender<Submission<Query>>,
     waker: Arc<OwnedFd>,
-    /// Position of the end of the trace. Published only while there is a reader.
+    /// Number of events in the trace and of received messages. Published only while there is a reader.
     grown: Arc<watch::Sender<u64>>,
 }
 
@@ -161,7 +164,7 @@ impl BenchHandle {
         }
     }
 
-    /// A receiver that is notified when the trace grows.
+    /// A receiver that is notified when the trace or a journal grows.
     pub(crate) fn watch(&self) -> watch::Receiver<u64> {
         self.grown.subscribe()
     }
@@ -191,6 +194,8 @@ pub(crate) struct EventLoop {
     /// Time at which the thread wakes without input.
     alarm: Option<WallInstant>,
     inbox: Inbox,
+    /// Number of the last received message that is in the log.
+    logged: u64,
 }
 
 impl EventLoop {
@@ -213,6 +218,7 @@ impl EventLoop {
             completion: None,
             alarm: None,
             inbox,
+            logged: 0,
         };
         event_loop.set_time_mode(time_mode);
         event_loop
@@ -293,14 +299,35 @@ impl EventLoop {
 
     /// Writes new events to the files, and notifies readers.
     fn publish(&mut self) {
+        self.log_received();
         for file in &mut self.files {
             file.update(&self.bench);
         }
         self.bench.mark_written();
         if self.inbox.grown.receiver_count() > 0 {
-            let mark = self.bench.trace().mark();
+            let mark = self.bench.trace().mark() + self.bench.received_count();
             self.inbox.grown.send_if_modified(|seen| std::mem::replace(seen, mark) != mark);
         }
+    }
+
+    /// Writes the messages that the drives have received to the log (`-v`), a line each. If there are too many
+    /// to write, those that are left out are counted.
+    fn log_received(&mut self) {
+        let count = self.bench.received_count();
+        if count == self.logged {
+            return;
+        }
+        if enabled!(Level::INFO) {
+            let news = self.bench.received_after(self.logged, MESSAGES);
+            for (receiver, message) in news.messages() {
+                info!("{}", self.bench.received_line(receiver, &message));
+            }
+            let left_out = count - news.last() + news.lost();
+            if left_out > 0 {
+                info!("{left_out} more messages, too many for the log");
+            }
+        }
+        self.logged = count;
     }
 
     /// Takes inputs from the ports, also during an advance of the clock. An immediate answer is delivered

@@ -60,11 +60,20 @@ class Events:
         assert self.answer.getheader("Content-Type") == "text/event-stream"
 
     def next(self):
-        """The next event: its kind, its number, and its data."""
-        until = time.monotonic() + PATIENCE
-        while not (fields := self.piece()):
-            assert time.monotonic() < until, "nothing happens"
+        """The next event of the trace: its kind, its number, and its data."""
+        fields = self.wanted(lambda kind: kind != "received")
         return fields["event"], int(fields["id"]), json.loads(fields["data"])
+
+    def received(self):
+        """The next message that a drive has received."""
+        return json.loads(self.wanted(lambda kind: kind == "received")["data"])
+
+    def wanted(self, kinds):
+        """The fields of the next event of such a kind."""
+        until = time.monotonic() + PATIENCE
+        while not (fields := self.piece()) or not kinds(fields["event"]):
+            assert time.monotonic() < until, "nothing happens"
+        return fields
 
     def piece(self):
         """The fields of the next event; none for a comment, which only keeps the connection alive."""
@@ -124,6 +133,29 @@ def test_events_tell_what_the_trace_tells(run):
     assert [number for _, number, _ in seen] == list(range(first, first + len(seen)))
     told = {f"{data['seconds'] * 1000:.6f} {'>' if kind == 'fed' else '<'} {data['words']}" for kind, _, data in seen}
     assert told <= set(text(drivetwin).splitlines())
+
+
+def test_events_have_what_became_of_each_message(run):
+    drivetwin = run("--fast-boot", "--time", "manual")
+    events = Events(drivetwin)
+    refused_write = bytes.fromhex("01 06 00 0B 00 05 38 0B")
+    with drivetwin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+        ask(line, refused_write, 5)
+    move, refused_one = events.received(), events.received()
+    assert (move["number"], move["drive"], move["bus"]) == (1, "md3", None)
+    assert (move["text"], move["verdict"], move["reason"]) == ("write MotionControl = 1", "done", None)
+    assert (move["bytes"], move["answer"]) == ("010600110001180F", "010600110001180F")
+    assert (refused_one["number"], refused_one["verdict"]) == (2, "refused")
+    # The journal has the same.
+    journal = drivetwin.call("GET", "/api/drives/md3/received")
+    assert journal["requests"] == [
+        {name: value for name, value in event.items() if name not in ("number", "drive", "bus")}
+        for event in (move, refused_one)
+    ]
+    assert journal["lost"] == 0
+    assert journal["counts"]["functions"] == {"6": 2}
+    assert journal["counts"]["registers"]["Reserved"] == {"read": 0, "written": 1}
 
 
 def test_events_go_on_where_they_broke_off(run):

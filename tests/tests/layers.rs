@@ -13,6 +13,7 @@ const HAL_SIM: [&str; 17] = [
     "catalog",
     "rsasm",
     "record",
+    "decode",
     "scheduler",
     "signals",
     "line",

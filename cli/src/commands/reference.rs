@@ -27,7 +27,7 @@ const TAIL: &str = "
 | 1 | `replay`: there is a difference |
 | 2 | wrong usage, a file or a port that cannot be used; stderr has one sentence that begins with `drivetwin: ` |
 
-The log goes to stderr, one line an event: warnings; with `-v` clients that come and leave, too; with `-vv` everything; with
+The log goes to stderr, one line an event: warnings; with `-v` clients that come and leave and each message to a drive, too; with `-vv` everything; with
 `-q` errors alone. `RUST_LOG` goes before these options. With `NO_COLOR` the log has no colours.
 ";
 

@@ -48,6 +48,42 @@ fn in_manual_time_half_a_request_outlasts_the_wall_clock() {
 }
 
 #[test]
+fn a_drive_says_what_it_received_and_what_came_of_it() {
+    let md3 = md3();
+    let mut line = md3.connect();
+    ask(&mut line, &rtu::write(1, 0x15, 9_000), 8);
+    md3.advance(1.0);
+    // Reserved is read only (7.10).
+    ask(&mut line, &rtu::write(1, 0x0B, 5), 5);
+    ask(&mut line, &rtu::read(1, 0x14, 2), 9);
+    let received = |query: &str| md3.call("GET", &format!("/api/drives/md3/received{query}"), "").ok();
+    let all = received("");
+    let texts = |received: &serde_json::Value| {
+        let requests = received["requests"].as_array().expect("a list").clone();
+        requests.iter().map(|one| format!("{} {}", one["text"], one["verdict"])).collect::<Vec<_>>()
+    };
+    let [speed, reserved, read] = [
+        "\"write SpeedLow = 9000\" \"done\"",
+        "\"write Reserved = 5\" \"refused\"",
+        "\"read Speed\" \"done\"",
+    ];
+    assert_eq!(texts(&all), [speed, reserved, read]);
+    assert_eq!(all["requests"][1]["reason"], "0x000B Reserved is read only (02)");
+    assert_eq!(all["requests"][2]["registers"][0]["value"], 9_000);
+    assert_eq!(all["lost"], 0);
+    assert_eq!(texts(&received("?since=1.0")), [reserved, read]);
+    assert_eq!(texts(&received("?function=3")), [read]);
+    assert_eq!(texts(&received("?register=Speed")), [speed, read]);
+    assert_eq!(texts(&received("?register=SpeedLow&function=6")), [speed]);
+    let refused = |query: &str| md3.call("GET", &format!("/api/drives/md3/received{query}"), "").problem(422);
+    assert!(refused("?register=Sped").contains("the nearest is 'Speed'"));
+    assert_eq!(refused("?since=-1"), "since is a bench time in seconds, 0 to 1000000000");
+    refused("?function=256");
+    refused("?sinse=1");
+    assert!(md3.call("GET", "/api/drives/md4/received", "").problem(404).contains("nearest is 'md3'"));
+}
+
+#[test]
 fn the_bench_lists_its_drives_and_lines() {
     let md3 = md3();
     let bench = md3.call("GET", "/api/bench", "").ok();

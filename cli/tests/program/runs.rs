@@ -406,6 +406,30 @@ fn an_opener_of_a_pty_does_not_inherit_the_input_of_the_previous_one() {
 }
 
 #[test]
+fn a_verbose_log_has_a_line_for_each_message() {
+    let (mut log, stderr) = std::io::pipe().unwrap();
+    let md3 = Running::start("md3", &["--fast-boot", "--time", "manual", "-v"], stderr.into());
+    let mut line = md3.connect();
+    ask(&mut line, &rtu::write(1, USER_REGISTER, 7), 8);
+    ask(&mut line, &rtu::write(1, 0x0B, 5), 5);
+    ask(&mut line, &rtu::read(1, USER_REGISTER, 1), 7);
+    assert_eq!(md3.stop(), Some(0));
+    let mut said = String::new();
+    log.read_to_string(&mut said).unwrap();
+    let lines: Vec<&str> =
+        said.lines().filter_map(|line| line.split_once("INFO ")).map(|(_, words)| words).collect();
+    let messages: Vec<&str> = lines.into_iter().filter(|line| line.starts_with("rs485 <- ")).collect();
+    assert_eq!(
+        messages,
+        [
+            "rs485 <- write UserRegister = 7 -> done",
+            "rs485 <- write Reserved = 5 -> refused: 0x000B Reserved is read only (02)",
+            "rs485 <- read UserRegister -> UserRegister = 7",
+        ]
+    );
+}
+
+#[test]
 fn an_unread_log_blocks_nothing() {
     let (_unread, full) = std::io::pipe().unwrap();
     rustix::fs::fcntl_setfl(&full, OFlags::NONBLOCK).unwrap();

@@ -260,6 +260,10 @@ impl Device for Md3 {
         }
     }
 
+    fn receives_from(&self) -> Instant {
+        self.drive.deaf_until().unwrap_or(Instant::ZERO)
+    }
+
     fn deadline(&self) -> Instant {
         self.drive.deadline().min(self.receiver.deadline())
     }

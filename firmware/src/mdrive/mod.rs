@@ -243,6 +243,10 @@ impl Device for Mdrive {
         port != MCODE || self.drive.mcode.consoles.takes()
     }
 
+    fn receives_from(&self) -> Instant {
+        self.drive.receives_from()
+    }
+
     fn deadline(&self) -> Instant {
         self.drive.deadline()
     }

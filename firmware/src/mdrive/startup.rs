@@ -64,6 +64,15 @@ impl Drive {
         matches!(self.state, State::Calibrating | State::Ready)
     }
 
+    /// Time from which the drive receives input on its ports.
+    pub(super) fn receives_from(&self) -> Instant {
+        match self.state {
+            State::Off => Instant::NEVER,
+            State::Booting { due, .. } => due,
+            State::Calibrating | State::Ready => Instant::ZERO,
+        }
+    }
+
     /// Returns true if the ports accept connections. The Ethernet controller serves both ports: it starts at
     /// power-on, and continues to work while the drive alone restarts.
     pub(super) fn accepts_connections(&self) -> bool {

@@ -259,6 +259,10 @@ impl Device for Mdrobot {
         self.drive.check_alarms(at, out);
     }
 
+    fn receives_from(&self) -> Instant {
+        self.drive.deaf_until().unwrap_or(Instant::ZERO)
+    }
+
     fn deadline(&self) -> Instant {
         self.drive.deadline().min(self.receiver.deadline())
     }

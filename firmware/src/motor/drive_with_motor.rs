@@ -248,6 +248,10 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
         }
     }
 
+    fn receives_from(&self) -> Instant {
+        self.drive.receives_from()
+    }
+
     fn deadline(&self) -> Instant {
         // A detached motor stands still, so its deadline does not matter.
         self.wires.due.min(self.drive.deadline()).min(self.motor.deadline())

@@ -138,6 +138,15 @@ impl Adapter {
         self.state == State::Ready
     }
 
+    /// Time from which the adapter receives commands.
+    pub(super) fn receives_from(&self) -> Instant {
+        match self.state {
+            State::Off => Instant::NEVER,
+            State::Starting(ready) => ready,
+            State::Ready => Instant::ZERO,
+        }
+    }
+
     /// Ends the start-up.
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Ready;

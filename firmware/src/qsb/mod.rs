@@ -183,6 +183,10 @@ impl Device for Qsb {
         }
     }
 
+    fn receives_from(&self) -> Instant {
+        self.adapter.receives_from()
+    }
+
     fn deadline(&self) -> Instant {
         self.adapter.deadline()
     }

@@ -313,6 +313,10 @@ impl Device for Rs434 {
         self.after_event(at, out);
     }
 
+    fn receives_from(&self) -> Instant {
+        self.drive.receives_from().unwrap_or(Instant::NEVER)
+    }
+
     fn deadline(&self) -> Instant {
         self.due.min(self.drive.program.line_due())
     }

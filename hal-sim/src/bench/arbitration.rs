@@ -169,6 +169,7 @@ impl Bench {
     /// Ends a turn on a line with frames. The turn lasts until all drives have detected the inter-frame gap
     /// and answered, and repetitions and noise are sent (HOST-4).
     fn turn_ends_of_frames(&mut self, bus: u32, at: Instant) {
+        self.enter_frame(bus);
         // The turn is extended for answers only once, because drives may answer each other's answers forever.
         if self.buses[bus as usize].turn == LineState::Asked && self.answers(bus, at) {
             return;

@@ -35,6 +35,7 @@ mod line_faults;
 mod lines;
 mod motors;
 mod pin_wires;
+mod received;
 mod shaft_sensors;
 mod stimulus;
 mod tcp_clients;
@@ -59,6 +60,7 @@ use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
+pub use received::{News, Received, ReceivedMessage, Receiver};
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
@@ -590,7 +592,9 @@ impl Bench {
                 // If characters take no time, a drive that began to send at the same instant is still
                 // sending.
                 if !(self.fast() && self.slots[event.target as usize].began(&input) == Some(began)) {
+                    self.slots[event.target as usize].state.reception.overhears = true;
                     self.deliver(event.target, &input);
+                    self.slots[event.target as usize].state.reception.overhears = false;
                 }
             }
             EventKind::MayCollide { input, number } => {
@@ -619,7 +623,7 @@ impl Bench {
         }
         let slot = &mut self.slots[index as usize];
         if !slot.receives(now, input) {
-            return;
+            return self.missed(index, input);
         }
         let powers_on = matches!(input, InputRecord::Power(Power::On)) && !slot.state.powered;
         let reports = if powers_on { self.motors_report(index) } else { Vec::new() };

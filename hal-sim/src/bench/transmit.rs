@@ -194,6 +194,12 @@ impl Bench {
         for (drive, change) in &outputs.pin_changes {
             self.schedule_pin_change(*drive, change);
         }
+        for (drive, port) in outputs.claimed.drain(..) {
+            self.claim(drive, port);
+        }
+        for (drive, entry) in outputs.unclaimed.drain(..) {
+            self.enter_unclaimed(drive, entry, &mut outputs.entries);
+        }
         outputs.clear();
         self.outputs = outputs;
     }

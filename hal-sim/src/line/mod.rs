@@ -11,6 +11,7 @@ use drivetwin_firmware::device::{Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
+use crate::record::journal::{Entry, Journal};
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
 use faults::{Disturbance, Refusal, Text};
@@ -80,6 +81,12 @@ pub(crate) struct SerialLine {
     pub(crate) held_up: Instant,
     /// Characters on the line; `None` if they cannot collide.
     pub(crate) collisions: Option<CollisionTracker>,
+    /// Frames of a shared line that were corrupt or for no drive.
+    pub(crate) journal: Journal,
+    /// The present frame if a drive ignored it; true if that drive has another address.
+    pub(crate) unclaimed: Option<(Entry, bool)>,
+    /// True if a drive executed or refused the present frame.
+    pub(crate) claimed: bool,
 }
 
 /// A client's message, or noise, on a line.
@@ -141,6 +148,9 @@ impl SerialLine {
             refusal: None,
             held_up: Instant::ZERO,
             collisions: None,
+            journal: Journal::default(),
+            unclaimed: None,
+            claimed: false,
         }
     }
 

@@ -1,4 +1,6 @@
-//! Recordings: inputs and outputs of drives (traces), and frames on the lines (captures).
+//! Recordings: inputs and outputs of drives (traces), frames on the lines (captures), and messages with
+//! their outcomes (journals).
 
 pub mod capture;
+pub mod journal;
 pub mod trace;

@@ -2,6 +2,7 @@
 
 mod axis;
 mod pins;
+mod reception;
 mod serial_port;
 mod state;
 mod tcp_port;
@@ -12,6 +13,7 @@ use drivetwin_firmware::device::{
 };
 use drivetwin_firmware::motor::Parameters;
 
+use crate::record::journal::{Entry, Outcome};
 use crate::record::trace::{InputRecord, Power};
 use crate::rng::Rng;
 use crate::scheduler::Phase;
@@ -217,6 +219,7 @@ impl Slot {
                 }
             }
             _ => {
+                self.note_reception(at, input, context.fast);
                 if let Some(input) = input.input() {
                     self.device.input(at, input, &mut SlotContext { state: &mut self.state, context });
                 }
@@ -224,6 +227,35 @@ impl Slot {
         }
         self.done(at, Phase::of(input), context);
         Ok(())
+    }
+
+    /// Notes what the drive receives, for its journal.
+    fn note_reception(&mut self, at: Instant, input: &InputRecord, fast: bool) {
+        let (port, bytes) = match input {
+            InputRecord::Bytes { port, bytes } => (*port, bytes.as_slice()),
+            InputRecord::RxError { port } => (*port, &[][..]),
+            InputRecord::Message { port, link, bytes } => {
+                return self.state.reception.message(at, *port, *link, bytes);
+            }
+            InputRecord::Closed { port, link } => return self.state.reception.closed(*port, *link),
+            _ => return,
+        };
+        let Some(line) = self.line_at(port, at) else { return };
+        let character = if fast || bytes.len() < 2 { Duration::ZERO } else { line.character() };
+        self.state.reception.characters(at, port, line, character, bytes);
+    }
+
+    /// Notes what the drive does not receive. Returns an entry for the journal when a message is complete.
+    pub(crate) fn misses(&mut self, at: Instant, input: &InputRecord, fast: bool) -> Option<Entry> {
+        let InputRecord::Bytes { port, bytes } = input else { return None };
+        let framed = self.serial(*port)?.framed;
+        // Of a frame in single characters nothing is noted.
+        if self.state.reception.overhears || (framed && bytes.len() < 2) {
+            return None;
+        }
+        self.note_reception(at, input, fast);
+        let outcome = if self.state.powered { Outcome::Sending } else { Outcome::NoPower };
+        self.state.reception.missed(*port, outcome)
     }
 
     /// Writes a preset to the memory; to be called before the first power-on (PROJECT-6).
@@ -240,6 +272,14 @@ impl Slot {
     /// Handles the end of a call of the drive: a power cut, and the next deadline.
     fn done(&mut self, at: Instant, phase: Phase, context: &mut CallContext<'_>) -> Instant {
         self.last = (at, phase);
+        if self.state.reception.is_touched() {
+            let device = &self.device;
+            let mut entries = self.state.reception.finish(|| device.receives_from());
+            for entry in entries.drain(..) {
+                self.state.enter(entry, context.outputs);
+            }
+            self.state.reception.reuse(entries);
+        }
         if self.state.dead {
             self.state.power_off(at, context.outputs);
         }

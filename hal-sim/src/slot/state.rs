@@ -6,8 +6,10 @@ use drivetwin_firmware::device::{
 
 use super::axis::AxisState;
 use super::pins::{EncoderState, PinState};
+use super::reception::Reception;
 use super::serial_port::{PortState, Serial};
 use super::tcp_port::Tcp;
+use crate::record::journal::{Entry, Journal, Outcome};
 use crate::record::trace::{Cut, Trace};
 use crate::rng::Rng;
 use crate::signals::pin_waveform::PinOutput;
@@ -32,6 +34,8 @@ pub(crate) struct SlotState {
     pub(crate) ports: Vec<PortState>,
     /// True for each fault whose cause is present.
     pub(crate) faults: Vec<bool>,
+    pub(crate) reception: Reception,
+    pub(crate) journal: Journal,
 }
 
 /// Point in a save at which power fails.
@@ -114,11 +118,21 @@ pub(crate) struct Outputs {
     pub(crate) messages: Vec<u8>,
     /// Changes of outputs, each with the drive.
     pub(crate) pin_changes: Vec<(u32, PinChange)>,
+    /// Messages on a half-duplex line that a drive did not execute, each with the drive.
+    pub(crate) unclaimed: Vec<(u32, Entry)>,
+    /// Ports on half-duplex lines whose drive executed or refused a message.
+    pub(crate) claimed: Vec<(u32, Port)>,
+    /// Number of the last entry of a journal; not cleared.
+    pub(crate) entries: u64,
 }
 
 impl Outputs {
     pub(crate) fn is_empty(&self) -> bool {
-        self.sent.is_empty() && self.tcp_sends.is_empty() && self.pin_changes.is_empty()
+        self.sent.is_empty()
+            && self.tcp_sends.is_empty()
+            && self.pin_changes.is_empty()
+            && self.unclaimed.is_empty()
+            && self.claimed.is_empty()
     }
 
     /// Clears all outputs, and keeps the allocated memory.
@@ -129,6 +143,8 @@ impl Outputs {
         self.messages.clear();
         self.pin_changes.clear();
         self.motor_commands.clear();
+        self.unclaimed.clear();
+        self.claimed.clear();
     }
 }
 
@@ -193,6 +209,8 @@ impl SlotState {
             encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
             ports: spec.ports.iter().map(PortState::new).collect(),
             faults: vec![false; spec.faults.len()],
+            reception: Reception::new(spec),
+            journal: Journal::default(),
         }
     }
 
@@ -238,6 +256,7 @@ impl SlotState {
     fn put(&mut self, at: Instant, output: Output<'_>, context: &mut CallContext<'_>) {
         match output {
             Output::Bytes { port, bytes } => {
+                self.reception.sent(port, None, bytes);
                 let Some(serial) = self.serial(port) else { return };
                 let (start, line) = serial.send(at, bytes.len(), context.fast);
                 context.outputs.sent.push(Sent { drive: self.drive, port, start, line, count: bytes.len() });
@@ -273,8 +292,14 @@ impl SlotState {
                 }
                 self.command_motor(axis, at, context.outputs, || MotorCommand::Duty(duty));
             }
-            Output::Log(note) => self.count(note),
-            Output::Message { port, link, bytes } => self.send_tcp(port, link, Some(bytes), context.outputs),
+            Output::Log(note) => {
+                self.count(note);
+                self.reception.note(note);
+            }
+            Output::Message { port, link, bytes } => {
+                self.reception.sent(port, Some(link), bytes);
+                self.send_tcp(port, link, Some(bytes), context.outputs);
+            }
             Output::Close { port, link } => self.send_tcp(port, link, None, context.outputs),
             // The caller handles stores. The other outputs come from motors, which have no slot.
             Output::Store { .. }
@@ -305,6 +330,19 @@ impl SlotState {
         if self.axes.get(usize::from(axis.0)).is_some_and(|axis| axis.turns_motor) {
             outputs.motor_commands.push((self.drive, axis, at, command()));
         }
+    }
+
+    /// Adds an entry to the journal. Of a half-duplex line the bench decides whose entry it is, unless the
+    /// drive executed or refused the message.
+    pub(crate) fn enter(&mut self, entry: Entry, outputs: &mut Outputs) {
+        let framed = self.serial(entry.port).is_some_and(|serial| serial.framed);
+        let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));
+        match (framed, executed) {
+            (true, false) => return outputs.unclaimed.push((self.drive, entry)),
+            (true, true) => outputs.claimed.push((self.drive, entry.port)),
+            (false, _) => {}
+        }
+        self.journal.push(&mut outputs.entries, entry);
     }
 
     fn count(&mut self, note: LogEvent) {
@@ -403,6 +441,7 @@ impl SlotState {
 
     pub(super) fn power_on(&mut self, at: Instant) {
         self.powered = true;
+        self.reception.clear();
         for axis in &mut self.axes {
             axis.power_on(at);
         }

@@ -290,7 +290,7 @@ pub(super) async fn advance(
 }
 
 /// Finds the drive with that name.
-fn find_drive(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
+pub(super) fn find_drive(event_loop: &EventLoop, name: &str) -> Result<DriveId, Problem> {
     let bench = &event_loop.bench;
     bench.find_drive(name).ok_or_else(|| {
         Problem::not_found(suggest::unknown("drive", name, bench.drives().map(|id| bench.name(id))))

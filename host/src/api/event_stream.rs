@@ -12,6 +12,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Sse;
 use axum::response::sse::Event;
+use drivetwin_sim::bench::{Bench, News, Receiver};
 use drivetwin_sim::record::trace::{self, Entry, Trace};
 use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
@@ -21,6 +22,7 @@ use utoipa::ToSchema;
 
 use super::guard::QueryParameters;
 use super::problem::Problem;
+use super::received::ReceivedRequest;
 use super::schema::seconds;
 use super::{Api, too_many};
 use drivetwin_sim::suggest;
@@ -50,6 +52,20 @@ pub(super) struct Happened {
     words: String,
 }
 
+/// The data of an event `received`: a message that a drive has received, with what came of it.
+#[derive(Serialize, ToSchema)]
+pub(super) struct ReceivedEvent {
+    /// Number of the message on the bench. A number that is left out is a message to another drive, or one that a slow
+    /// reader has missed.
+    number: u64,
+    /// The drive; null for a message on a shared line that was for no drive or corrupt.
+    drive: Option<String>,
+    /// The shared line of such a message; null for a message to a drive.
+    bus: Option<String>,
+    #[serde(flatten)]
+    request: ReceivedRequest,
+}
+
 /// The data of an event `lost`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Lost {
@@ -58,8 +74,8 @@ pub(super) struct Lost {
 }
 
 /// Live events, as server-sent events. Each has its number in the trace as `id`, `fed` (input of a drive) or `did`
-/// (output of a drive) as `event`, and a `Happened` as `data`. A reader that is too slow gets the event `lost` with a
-/// `Lost`, and then the following events.
+/// (output of a drive) as `event`, and a `Happened` as `data`. The event `received` has no `id` and a `ReceivedEvent` as
+/// `data`. A reader that is too slow gets the event `lost` with a `Lost`, and then the following events.
 #[utoipa::path(get, path = "/api/events",
     params(
         ("drive" = Option<String>, Query, description = "only what happens to this drive"),
@@ -76,12 +92,13 @@ pub(super) async fn events(
     let permit = permit.map_err(|_| too_many("follow the bench"))?;
     // Taken before the first query, so that no later event is missed.
     let grown = api.handle.watch();
-    let outline = api.query(|bench| bench.trace().outline()).await?;
+    let (outline, received) = api.query(|bench| (bench.trace().outline(), bench.received_count())).await?;
     let drive = parameters.drive.map(|name| drive_index(&outline, &name)).transpose()?;
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     let mark = outline.mark();
     let mark = last.map_or(mark, |last: u64| last.min(mark));
-    let reader = Reader { api, grown, outline, drive, mark, ready: VecDeque::new(), _permit: permit };
+    let reader =
+        Reader { api, grown, outline, drive, mark, received, ready: VecDeque::new(), _permit: permit };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
         let event = reader.next().await?;
         Some((Ok(event), reader))
@@ -105,6 +122,8 @@ struct Reader {
     drive: Option<usize>,
     /// Position in the trace up to which events were taken.
     mark: u64,
+    /// Number of the last received message that was taken.
+    received: u64,
     /// Events of the last piece that are still to be sent.
     ready: VecDeque<Event>,
     _permit: OwnedSemaphorePermit,
@@ -126,10 +145,14 @@ impl Reader {
             if let Some(event) = self.ready.pop_front() {
                 return Some(event);
             }
-            let (mark, drive) = (self.mark, self.drive);
-            let piece = self.api.query(move |bench| Piece::of(bench.trace(), mark, drive)).await.ok()?;
+            let (mark, received, drive) = (self.mark, self.received, self.drive);
+            let pieces = self.api.query(move |bench| {
+                (Piece::of(bench.trace(), mark, drive), Messages::of(bench, received, drive))
+            });
+            let (piece, messages) = pieces.await.ok()?;
             self.take(piece);
-            if self.mark == mark {
+            self.take_messages(messages);
+            if (self.mark, self.received) == (mark, received) {
                 self.grown.changed().await.ok()?;
             }
         }
@@ -151,6 +174,19 @@ impl Reader {
             event(kind, *id, &Happened { seconds: seconds(entry.at), drive, words })
         }));
         self.mark = piece.end;
+    }
+
+    /// Formats received messages.
+    fn take_messages(&mut self, messages: Messages) {
+        let Messages { news, wanted } = messages;
+        for ((_, message), names) in news.messages().zip(wanted) {
+            if let Some((drive, bus)) = names {
+                let number = message.number;
+                let data = ReceivedEvent { number, drive, bus, request: message.into() };
+                self.ready.extend(Event::default().event("received").json_data(data).ok());
+            }
+        }
+        self.received = news.last();
     }
 }
 
@@ -177,5 +213,33 @@ impl Piece {
         let wanted = numbered.filter(|(_, entry)| drive.is_none_or(|drive| drive == entry.drive));
         let entries = wanted.map(|(id, entry)| (id, entry.clone())).collect();
         Self { entries, lost: from - mark, end }
+    }
+}
+
+/// Some received messages. They are made words on the thread of the API.
+struct Messages {
+    news: News,
+    /// For each message the name of its drive or line; `None` if it is not wanted.
+    wanted: Vec<Option<(Option<String>, Option<String>)>>,
+}
+
+impl Messages {
+    /// At most [`PIECE`] messages after number `after`.
+    fn of(bench: &Bench, after: u64, drive: Option<usize>) -> Self {
+        let news = bench.received_after(after, PIECE);
+        let only = drive.and_then(|index| bench.drives().nth(index));
+        let names = |receiver: Receiver| match receiver {
+            Receiver::Drive(id) if only.is_none_or(|only| only == id) => {
+                Some((Some(bench.name(id).to_owned()), None))
+            }
+            Receiver::Line(bus)
+                if only.is_none_or(|only| bench.ports(bus).iter().any(|&(id, _)| id == only)) =>
+            {
+                Some((None, Some(bench.bus_name(bus).to_owned())))
+            }
+            _ => None,
+        };
+        let wanted = news.receivers().map(names).collect();
+        Self { news, wanted }
     }
 }

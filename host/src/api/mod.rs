@@ -9,6 +9,7 @@ mod event_stream;
 mod guard;
 mod openapi;
 mod problem;
+mod received;
 mod schema;
 
 use std::io;
@@ -158,6 +159,7 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(calls::advance))
         .layer(from_fn(guard::no_query))
         .routes(routes!(downloads::trace))
+        .routes(routes!(received::received))
         .routes(routes!(event_stream::events))
 }
 

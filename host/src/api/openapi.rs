@@ -5,7 +5,7 @@ use utoipa::openapi::path::{Operation, ParameterIn, PathItem};
 use utoipa::openapi::{self, Content, Ref, RefOr, Response};
 
 use super::downloads::Format;
-use super::event_stream::{Happened, Lost};
+use super::event_stream::{Happened, Lost, ReceivedEvent};
 use super::problem::{self, Problem};
 
 /// The part of the document that is not derived from the calls.
@@ -16,7 +16,7 @@ use super::problem::{self, Problem};
         description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents. \
                        A request that changes something needs `Content-Type: application/json`, even without a body."
     ),
-    components(schemas(Problem, Format, Happened, Lost))
+    components(schemas(Problem, Format, Happened, Lost, ReceivedEvent))
 )]
 struct Frame;
 

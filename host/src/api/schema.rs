@@ -280,7 +280,7 @@ pub(super) struct Turn {
 #[schema(as = Value)]
 #[serde(untagged)]
 #[expect(dead_code, reason = "only its schema is used")]
-enum ValueSchema {
+pub(super) enum ValueSchema {
     /// A number.
     Number(i64),
     /// A list of words.

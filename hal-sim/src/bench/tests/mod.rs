@@ -6,6 +6,7 @@ mod contacts;
 mod faults;
 mod motors;
 mod names;
+mod received;
 mod recordings;
 mod tcp;
 

@@ -1,0 +1,315 @@
+//! Messages that drives have received, with their outcomes.
+//!
+//! A drive has a journal of the messages that it executed or refused, and of those for it that it could not
+//! receive or read. A line that several drives share has a journal, too: of corrupt frames, and of frames for
+//! an address that no drive of the line has (BENCH-20).
+
+use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
+use drivetwin_protocol::registers::{Named, Order};
+
+use super::{Bench, Bus, DriveId};
+use crate::decode::{self, Exchange, Message, Register, Verdict};
+use crate::record::journal::{Entry, Outcome};
+use crate::record::trace::InputRecord;
+
+/// Copy of the latest messages that a drive has received, the oldest first. They are made words only when they
+/// are looked at.
+///
+/// ```
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_protocol::{modbus::rtu, time::Span};
+/// use drivetwin_sim::bench::Bench;
+///
+/// let mut bench = Bench::new();
+/// let md3 = bench.add::<Md3>("x");
+/// bench.ask(md3, &rtu::write(1, 0x11, 1)); // Too early.
+/// bench.run_until(2_500.millis());
+/// bench.ask(md3, &rtu::write(1, 0x15, 9_000));
+/// bench.ask(md3, &rtu::write(1, 0x0b, 5));
+/// bench.ask(md3, &rtu::write(1, 0x11, 1));
+/// let received = bench.received(md3);
+/// let words: Vec<String> = received.messages().map(|message| message.to_string()).collect();
+/// assert_eq!(words, [
+///     "rs485 <- write MotionControl = 1 -> starting for 2.5 s more",
+///     "rs485 <- write SpeedLow = 9000 -> done",
+///     "rs485 <- write Reserved = 5 -> refused: 0x000B Reserved is read only (02)",
+///     "rs485 <- write MotionControl = 1 -> done",
+/// ]);
+/// // Was the speed written before Move?
+/// assert_eq!(received.written(), ["SpeedLow", "MotionControl"]);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Received {
+    spec: &'static Spec,
+    entries: Vec<Entry>,
+    lost: u64,
+}
+
+/// A message that a drive has received, with its outcome in words.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct ReceivedMessage {
+    /// Number on the bench, in the order in which the outcomes became known; the first is 1.
+    pub number: u64,
+    /// Bench time of the end of the message.
+    pub at: Instant,
+    /// Name of the port.
+    pub port: &'static str,
+    /// Bytes of the message, without characters that had an error; at most 1,024.
+    pub bytes: Vec<u8>,
+    /// Bytes of the answer, at most 1,024; empty if there was none.
+    pub answer: Vec<u8>,
+    /// The message and its outcome in words.
+    pub exchange: Exchange,
+}
+
+impl std::fmt::Display for ReceivedMessage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Exchange { request, outcome, .. } = &self.exchange;
+        write!(f, "{} <- {} -> {outcome}", self.port, request.text)
+    }
+}
+
+impl Received {
+    /// The messages, the oldest first.
+    pub fn messages(&self) -> impl DoubleEndedIterator<Item = ReceivedMessage> + '_ {
+        self.entries.iter().map(|entry| words(self.spec, entry))
+    }
+
+    /// Names of the registers that executed requests have written, in their order. A register that was written
+    /// several times is there several times.
+    #[must_use]
+    pub fn written(&self) -> Vec<String> {
+        let done = self.messages().filter(|message| message.exchange.verdict == Verdict::Done);
+        let registers = done.flat_map(|message| message.exchange.request.registers);
+        registers.filter(|register| register.written).map(|register| register.name).collect()
+    }
+
+    /// Removes the messages that ended before `since`.
+    #[must_use]
+    pub fn since(mut self, since: impl Into<Instant>) -> Self {
+        let since = since.into();
+        self.entries.retain(|entry| entry.at >= since);
+        self
+    }
+
+    /// Removes the messages that do not have this Modbus function.
+    #[must_use]
+    pub fn of_function(self, function: u8) -> Self {
+        self.retain(|message| message.exchange.request.function == Some(function))
+    }
+
+    /// Removes the messages that neither read nor write a register, or the word of a register (`SpeedLow`).
+    #[must_use]
+    pub fn of_register(self, register: Named) -> Self {
+        let row = self.spec.registers.rows.get(register.row).map_or("", |row| row.name);
+        let word = register.word.map(|word| {
+            let high = (self.spec.registers.layout.order == Order::HighFirst) == (word == 0);
+            format!("{row}{}", if high { "High" } else { "Low" })
+        });
+        let fits = move |other: &Register| {
+            let whole = other.name == row;
+            other.row == register.row && (whole || word.as_ref().is_none_or(|word| *word == other.name))
+        };
+        self.retain(|message| message.exchange.request.registers.iter().any(&fits))
+    }
+
+    fn retain(mut self, wanted: impl Fn(&ReceivedMessage) -> bool) -> Self {
+        let spec = self.spec;
+        self.entries.retain(|entry| wanted(&words(spec, entry)));
+        self
+    }
+
+    /// Number of earlier messages that the journals have dropped: each keeps the latest 10,000.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+/// An entry in words.
+fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
+    ReceivedMessage {
+        number: entry.number,
+        at: entry.at,
+        port: spec.ports.get(usize::from(entry.port.0)).map_or("", |port| port.name),
+        bytes: entry.message().to_vec(),
+        answer: entry.answer().to_vec(),
+        exchange: decode::exchange(spec, entry),
+    }
+}
+
+/// Journal to which an entry belongs.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Receiver {
+    /// A drive.
+    Drive(DriveId),
+    /// All drives of a shared line.
+    Line(Bus),
+}
+
+/// Entries of all journals after a number, for a reader that follows the bench.
+#[derive(Clone, Debug, Default)]
+pub struct News {
+    entries: Vec<(Receiver, &'static Spec, Entry)>,
+    /// Number of the last entry.
+    last: u64,
+    lost: u64,
+}
+
+impl News {
+    /// Number of the last of these entries, for the next call of [`Bench::received_after`].
+    #[must_use]
+    pub fn last(&self) -> u64 {
+        self.last
+    }
+
+    /// Number of entries among them that full journals have dropped.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// The receiver of each message.
+    pub fn receivers(&self) -> impl Iterator<Item = Receiver> + '_ {
+        self.entries.iter().map(|(receiver, ..)| *receiver)
+    }
+
+    /// The messages in words, in the order in which their outcomes became known.
+    pub fn messages(&self) -> impl Iterator<Item = (Receiver, ReceivedMessage)> + '_ {
+        self.entries.iter().map(|(receiver, spec, entry)| (*receiver, words(spec, entry)))
+    }
+}
+
+/// Messages that drives have received.
+impl Bench {
+    /// The latest messages that a drive has received on all its ports, and those of its shared line that were
+    /// for no drive or corrupt. The journals keep the latest 10,000 messages of each drive and each line.
+    #[must_use]
+    pub fn received(&self, drive: DriveId) -> Received {
+        let slot = self.at(drive);
+        let lines = (0..slot.spec.ports.len() as u8).filter_map(|port| self.bus(drive, Port(port)));
+        let lines = lines.map(|Bus(bus)| &self.buses[bus as usize].journal);
+        let journals: Vec<_> = std::iter::once(&slot.state.journal).chain(lines).collect();
+        let mut entries: Vec<Entry> =
+            journals.iter().flat_map(|journal| journal.entries().cloned()).collect();
+        entries.sort_by_key(|entry| entry.number);
+        Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
+    }
+
+    /// Number of messages that all journals have taken so far.
+    #[must_use]
+    pub fn received_count(&self) -> u64 {
+        self.outputs.entries
+    }
+
+    /// The messages after number `after`, at most the first `most` of them.
+    #[must_use]
+    pub fn received_after(&self, after: u64, most: usize) -> News {
+        let last = self.received_count();
+        if last <= after {
+            return News { last: after, ..News::default() };
+        }
+        let drives = self.slots.iter().zip(self.drives());
+        let drives = drives.map(|(slot, id)| (Receiver::Drive(id), slot.spec, &slot.state.journal));
+        let lines = self.buses.iter().zip(0..).filter_map(|(line, number)| {
+            let &(drive, _) = line.ports.first()?;
+            Some((Receiver::Line(Bus(number)), self.spec(drive), &line.journal))
+        });
+        let mut entries = Vec::new();
+        for (receiver, spec, journal) in drives.chain(lines) {
+            let new = journal.entries().rev().take_while(|entry| entry.number > after);
+            entries.extend(new.map(|entry| (receiver, spec, entry)));
+        }
+        entries.sort_by_key(|(_, _, entry)| entry.number);
+        let all = entries.len() <= most;
+        entries.truncate(most);
+        let last = entries.last().map_or(last, |(_, _, entry)| if all { last } else { entry.number });
+        let lost = last - after - entries.len() as u64;
+        let entries = entries.into_iter().map(|(receiver, spec, entry)| (receiver, spec, entry.clone()));
+        News { entries: entries.collect(), last, lost }
+    }
+
+    /// A message on one line of text, for logs. On a bench of several drives it begins with the name of the
+    /// drive, or of the line: `x.rs485 <- read Speed -> Speed = 5000`.
+    #[must_use]
+    pub fn received_line(&self, receiver: Receiver, message: &ReceivedMessage) -> String {
+        match receiver {
+            Receiver::Drive(_) if self.slots.len() == 1 => message.to_string(),
+            Receiver::Drive(drive) => format!("{}.{message}", self.name(drive)),
+            Receiver::Line(bus) => {
+                let Exchange { request, outcome, .. } = &message.exchange;
+                format!("{} <- {} -> {outcome}", self.bus_name(bus), request.text)
+            }
+        }
+    }
+
+    /// Notes characters that a drive does not receive.
+    pub(super) fn missed(&mut self, index: u32, input: &InputRecord) {
+        let (now, fast) = (self.now, self.fast());
+        let Some(entry) = self.slots[index as usize].misses(now, input, fast) else { return };
+        let mut outputs = std::mem::take(&mut self.outputs);
+        self.slots[index as usize].state.enter(entry, &mut outputs);
+        self.outputs = outputs;
+        self.route_outputs();
+    }
+
+    /// Enters messages on half-duplex lines that a drive did not execute: in the journal of the drive if they
+    /// are for it, otherwise in that of the line at the end of the turn, unless another drive takes them.
+    pub(super) fn enter_unclaimed(&mut self, drive: u32, entry: Entry, entries: &mut u64) {
+        let drive = DriveId(drive);
+        let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
+        let alone = self.buses[bus as usize].ports.len() == 1;
+        let own = self.address(drive);
+        let message = Message { framing: Framing::Silence, ascii: entry.ascii, bytes: entry.message() };
+        let address = message.address();
+        let is_own = address.is_none_or(|address| address == 0 || own == Some(address));
+        let for_other = match entry.outcome {
+            Outcome::Dropped(DropReason::Address) => true,
+            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending => !is_own,
+            _ => false,
+        };
+        match (alone, for_other) {
+            (true, true) if matches!(entry.outcome, Outcome::Dropped(DropReason::Address)) => {
+                let addresses: Vec<u8> = own.into_iter().collect();
+                self.at_mut(drive).state.journal.push(entries, entry.without_drive(&addresses));
+            }
+            (true, _) => self.at_mut(drive).state.journal.push(entries, entry),
+            (false, false) if !matches!(entry.outcome, Outcome::Dropped(why) if why != DropReason::Starting) =>
+            {
+                self.buses[bus as usize].claimed = true;
+                self.at_mut(drive).state.journal.push(entries, entry);
+            }
+            (false, _) => {
+                let _ = self.buses[bus as usize].unclaimed.get_or_insert((entry, for_other));
+            }
+        }
+    }
+
+    /// Marks the present frame of a line as one that a drive has executed or refused.
+    pub(super) fn claim(&mut self, drive: u32, port: Port) {
+        if let Some(Bus(bus)) = self.bus(DriveId(drive), port) {
+            self.buses[bus as usize].claimed = true;
+        }
+    }
+
+    /// Ends a frame on a shared line: enters it in the journal of the line if no drive has taken it.
+    pub(super) fn enter_frame(&mut self, bus: u32) {
+        let line = &mut self.buses[bus as usize];
+        let claimed = std::mem::take(&mut line.claimed);
+        let Some((entry, for_other)) = line.unclaimed.take().filter(|_| !claimed) else { return };
+        let entry = if for_other {
+            let addresses: Vec<u8> =
+                self.ports(Bus(bus)).iter().filter_map(|&(drive, _)| self.address(drive)).collect();
+            entry.without_drive(&addresses)
+        } else {
+            entry
+        };
+        let line = &mut self.buses[bus as usize];
+        line.journal.push(&mut self.outputs.entries, entry);
+    }
+
+    /// Address of a drive on its line, from its register.
+    fn address(&self, drive: DriveId) -> Option<u8> {
+        u8::try_from(self.peek(drive, self.spec(drive).address?)).ok()
+    }
+}

@@ -1,0 +1,365 @@
+//! Journals of received messages.
+
+use drivetwin_firmware::device::{
+    Boot, Context, Device, Duration, Effect, Framing, Input, Instant, LogEvent, Output, Port, PortSpec,
+    PresetError, Reason, ReasonSpec, Spec,
+};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::qsb::Qsb;
+use drivetwin_firmware::rs434::rs434544;
+use drivetwin_protocol::modbus::{rtu, tcp};
+
+use crate::bench::{Bench, DriveId, PowerAction, Settings, Setup};
+use crate::decode::Verdict;
+use crate::line::LineMode;
+
+/// All messages of a drive, a line of words each.
+fn words(bench: &Bench, drive: DriveId) -> Vec<String> {
+    bench.received(drive).messages().map(|message| message.to_string()).collect()
+}
+
+fn ready(bench: &mut Bench) {
+    bench.run_until(bench.now() + Duration::secs(3));
+}
+
+fn say(bench: &mut Bench, drive: DriveId, port: u8, text: &[u8]) -> Vec<u8> {
+    let client = bench.connect_to(drive, Port(port)).unwrap();
+    bench.send(client, text);
+    bench.run_until(bench.now() + Duration::millis(100));
+    let mut answer = Vec::new();
+    bench.receive(client, &mut answer);
+    bench.disconnect(client);
+    answer
+}
+
+#[test]
+fn an_md3_says_what_it_received_and_what_came_of_it() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let md3 = bench.add::<Md3>("x");
+        bench.run_until(Instant::from(Duration::millis(1_300)));
+        bench.ask(md3, &rtu::write(1, 0x11, 1));
+        ready(&mut bench);
+        let speed = rtu::write(1, 0x15, 9_000);
+        for frame in [&speed[..], &rtu::read(1, 0x14, 2), &rtu::write(1, 0x0B, 5), &rtu::read(3, 0, 1)] {
+            bench.ask(md3, frame);
+        }
+        let mut corrupt = rtu::read(1, 0, 1);
+        corrupt[7] ^= 1;
+        bench.ask(md3, &corrupt);
+        bench.ask(md3, &rtu::write(0, 0x11, 1));
+        bench.power(md3, PowerAction::Off);
+        bench.run_until(bench.now() + Duration::TICK * 2);
+        bench.ask(md3, &rtu::read(1, 0, 1));
+        let mut words = words(&bench, md3);
+        // With timed characters the request ends 9 ms after it is sent.
+        assert!(
+            words[0].starts_with("rs485 <- write MotionControl = 1 -> starting for 1.2 s more"),
+            "{words:#?}"
+        );
+        assert_eq!(
+            words.split_off(1),
+            [
+                "rs485 <- write SpeedLow = 9000 -> done",
+                "rs485 <- read Speed -> Speed = 9000",
+                "rs485 <- write Reserved = 5 -> refused: 0x000B Reserved is read only (02)",
+                "rs485 <- read DeviceAddress -> for address 3, nobody here (the drive has 1)",
+                "rs485 <- 8 bytes 01 03 00 00 00 01 84 0B -> CRC wrong: 84 0B instead of 84 0A",
+                "rs485 <- to all: write MotionControl = 1 -> done",
+                "rs485 <- read DeviceAddress -> no power",
+            ]
+        );
+        let received = bench.received(md3);
+        let verdicts: Vec<Verdict> = received.messages().map(|message| message.exchange.verdict).collect();
+        assert_eq!(
+            verdicts,
+            [
+                Verdict::NotListening,
+                Verdict::Done,
+                Verdict::Done,
+                Verdict::Refused,
+                Verdict::NotForIt,
+                Verdict::BadFrame,
+                Verdict::Done,
+                Verdict::NotListening
+            ]
+        );
+        let second = received.messages().nth(1).unwrap();
+        assert_eq!((second.bytes, second.answer), (speed.to_vec(), speed.to_vec()));
+        assert_eq!(received.written(), ["SpeedLow", "MotionControl"]);
+        assert_eq!(received.clone().since(Duration::secs(4)).messages().count(), 7);
+        assert_eq!(received.clone().of_function(3).messages().count(), 3);
+        let spec = bench.spec(md3);
+        for (name, count) in
+            [("Speed", 2), ("SpeedLow", 2), ("SpeedHigh", 1), ("Reserved", 1), ("HomeOffset", 0)]
+        {
+            let register = spec.find(name).unwrap();
+            assert_eq!(received.clone().of_register(register).messages().count(), count, "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_message_ends_with_its_last_character() {
+    let mut bench = Bench::new();
+    let md3 = bench.add::<Md3>("x");
+    ready(&mut bench);
+    let start = bench.now();
+    bench.ask(md3, &rtu::read(1, 0, 1));
+    let message = bench.received(md3).messages().next().unwrap();
+    // 8 characters of 18,333 ticks.
+    assert_eq!(message.at, start + Duration::from_ticks(8 * 18_333));
+}
+
+#[test]
+fn frames_that_follow_each_other_at_the_shortest_gap_stay_apart() {
+    let mut bench = Bench::new();
+    let md3 = bench.add::<Md3>("x");
+    ready(&mut bench);
+    let client = bench.connect_to(md3, Port(0)).unwrap();
+    // A broadcast has no answer, so the next frame follows after 3.5 characters.
+    let burst = [&rtu::write(0, 0x1D, 7)[..], &rtu::write(0, 0x1D, 8), &rtu::read(1, 0x1D, 1)].concat();
+    bench.send(client, &burst);
+    bench.run_until(bench.now() + Duration::secs(1));
+    assert_eq!(
+        words(&bench, md3),
+        [
+            "rs485 <- to all: write UserRegister = 7 -> done",
+            "rs485 <- to all: write UserRegister = 8 -> done",
+            "rs485 <- read UserRegister -> UserRegister = 8",
+        ]
+    );
+}
+
+#[test]
+fn a_shared_line_keeps_what_is_for_no_drive() {
+    let mut bench = Bench::new();
+    let address = |address| Setup { presets: vec![(0, address)], ..Setup::default() };
+    let drives: Vec<DriveId> = [("a", 1), ("b", 2), ("c", 5)]
+        .map(|(name, n)| bench.add_with(name, Box::new(Md3::new()), address(n)).unwrap())
+        .into();
+    let bus = bench.share("line", &drives.iter().map(|&drive| (drive, Port(0))).collect::<Vec<_>>());
+    ready(&mut bench);
+    let client = bench.connect(bus);
+    let mut corrupt = rtu::read(2, 0, 1);
+    corrupt[7] ^= 1;
+    for frame in [&rtu::read(2, 0, 1)[..], &rtu::read(3, 0, 1), &corrupt, &rtu::write(0, 0x1D, 7)] {
+        bench.send(client, frame);
+        bench.run_until_idle();
+    }
+    bench.power(drives[2], PowerAction::Off);
+    bench.run_until(bench.now() + Duration::TICK * 2);
+    for frame in [rtu::read(5, 0, 1), rtu::read(1, 0, 1)] {
+        bench.send(client, &frame);
+        bench.run_until_idle();
+    }
+    let nobody = "rs485 <- read DeviceAddress -> for address 3, nobody here (the drives have 1, 2, 5)";
+    let corrupt = corrupt.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+    let of_line = |words: &str| words == nobody || words.contains(&corrupt);
+    let all = "rs485 <- to all: write UserRegister = 7 -> done";
+    let own = |drive: usize| {
+        let words = words(&bench, drives[drive]);
+        assert_eq!(words.iter().filter(|words| of_line(words)).count(), 2, "{words:#?}");
+        words.into_iter().filter(|words| !of_line(words)).collect::<Vec<_>>()
+    };
+    assert_eq!(own(0), [all, "rs485 <- read DeviceAddress -> DeviceAddress = 1"]);
+    assert_eq!(own(1), ["rs485 <- read DeviceAddress -> DeviceAddress = 2", all]);
+    assert_eq!(own(2), [all, "rs485 <- read DeviceAddress -> no power"]);
+    // Each frame is there once, in the order of the outcomes.
+    let news = bench.received_after(0, 100);
+    assert_eq!((news.messages().count(), news.lost(), news.last()), (8, 0, 8));
+    assert!(news.messages().map(|(_, message)| message.number).eq(1..=8));
+    let rest = bench.received_after(5, 2);
+    assert_eq!((rest.messages().count(), rest.lost(), rest.last()), (2, 0, 7));
+    assert_eq!(bench.received_after(8, 100).messages().count(), 0);
+    let lines: Vec<String> =
+        news.messages().map(|(receiver, message)| bench.received_line(receiver, &message)).collect();
+    assert_eq!(lines[0], "b.rs485 <- read DeviceAddress -> DeviceAddress = 2");
+    assert_eq!(lines[1], nobody.replacen("rs485", "line", 1));
+}
+
+#[test]
+fn two_drives_of_one_address_both_have_the_request() {
+    let mut bench = Bench::new();
+    let drives = ["a", "b"].map(|name| bench.add::<Md3>(name));
+    let bus = bench.share("line", &drives.map(|drive| (drive, Port(0))));
+    ready(&mut bench);
+    let client = bench.connect(bus);
+    bench.send(client, &rtu::read(1, 0, 1));
+    bench.run_until_idle();
+    for drive in drives {
+        assert_eq!(words(&bench, drive)[0], "rs485 <- read DeviceAddress -> DeviceAddress = 1");
+    }
+}
+
+#[test]
+fn an_rs_drive_in_both_framings() {
+    let mut bench = Bench::new();
+    let rtu_drive = bench.add_with("r", Box::new(rs434544()), Setup::default()).unwrap();
+    let spec = bench.spec(rtu_drive);
+    // TYPE_MODBUS 1 is ASCII 7E1.
+    let ascii = spec.find("TYPE_MODBUS").unwrap().row;
+    let setup = Setup { presets: vec![(ascii, 1)], ..Setup::default() };
+    let ascii_drive = bench.add_with("a", Box::new(rs434544()), setup).unwrap();
+    ready(&mut bench);
+    bench.ask(rtu_drive, &rtu::write(1, 0x500B, 29));
+    assert_eq!(
+        words(&bench, rtu_drive),
+        ["rs485 <- write SPEED = 29 -> refused: 0x500B SPEED = 29 is not allowed, it takes 30 to 15000 (03)"]
+    );
+    // LRC: 01 + 03 + 50 + 00 + 00 + 01 = 55h, and 55h + ABh = 100h.
+    bench.ask(ascii_drive, b":010350000001AB\r\n");
+    bench.ask(ascii_drive, b":010350000001AA\r\n");
+    let received = bench.received(ascii_drive);
+    let messages: Vec<_> = received.messages().collect();
+    assert_eq!(messages[0].to_string(), "rs485 <- read SLAVE_ADDRESS_MODBUS -> SLAVE_ADDRESS_MODBUS = 1");
+    assert_eq!(messages[0].bytes, b":010350000001AB\r\n");
+    assert!(messages[1].to_string().ends_with("-> LRC wrong"), "{}", messages[1]);
+}
+
+#[test]
+fn an_mdrobot_counts_in_decimal() {
+    let mut bench = Bench::new();
+    let drive = bench.add_with("m", Box::new(mdrobot()), Setup::default()).unwrap();
+    ready(&mut bench);
+    bench.ask(drive, &rtu::write(1, 254, 5));
+    let words = words(&bench, drive);
+    assert!(words[0].contains("there is no register at 254"), "{words:#?}");
+}
+
+#[test]
+fn a_qsb_has_a_line_an_entry() {
+    let mut bench = Bench::new();
+    let drive = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+    bench.ask(drive, b"R0E\r\n");
+    ready(&mut bench);
+    for line in [&b"R0E\r\n"[..], b"X\x08R14\r\n", b"W141\r\n"] {
+        bench.ask(drive, line);
+    }
+    let words = words(&bench, drive);
+    assert_eq!(
+        words,
+        [
+            "usb <- read ReadEncoder -> starting for 50 ms more",
+            "usb <- read ReadEncoder -> ReadEncoder = 0",
+            "usb <- read Version -> Version = 4110",
+            "usb <- write Version = 1 -> refused: 14 Version is read only (x)",
+        ]
+    );
+}
+
+#[test]
+fn an_mdrive_on_both_ports() {
+    let mut bench = Bench::new();
+    let drive = bench.add_with("d", Box::new(Mdrive::plus()), Setup::default()).unwrap();
+    ready(&mut bench);
+    let mcode = bench.spec(drive).ports.iter().position(|port| port.name == "mcode").unwrap() as u8;
+    let modbus = 1 - mcode;
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    say(&mut bench, drive, modbus, &tcp::frame(header, &[3, 0, 0x57, 0, 2]));
+    say(&mut bench, drive, mcode, b"VM 1000\r\nPR VM\r\nVM 9999999\r\n");
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "modbus <- read P -> P = 0",
+            "mcode <- VM 1000 -> refused: error 23",
+            "mcode <- PR VM -> 768000",
+            "mcode <- VM 9999999 -> refused: error 21",
+        ]
+    );
+}
+
+#[test]
+fn two_connections_of_mcode_do_not_mix() {
+    let mut bench = Bench::new();
+    let drive = bench.add_with("d", Box::new(Mdrive::plus()), Setup::default()).unwrap();
+    ready(&mut bench);
+    let mcode = bench.spec(drive).ports.iter().position(|port| port.name == "mcode").unwrap() as u8;
+    let [a, b] = [(); 2].map(|()| bench.connect_to(drive, Port(mcode)).unwrap());
+    for (client, text) in [(a, &b"PR "[..]), (b, b"PR V"), (a, b"P\r\n"), (b, b"M\r\n")] {
+        bench.send(client, text);
+        bench.run_until_idle();
+    }
+    assert_eq!(words(&bench, drive), ["mcode <- PR P -> 0", "mcode <- PR VM -> 768000"]);
+}
+
+/// A device on Modbus/TCP that accepts every request, and for function 6 puts the reasons of the register's address:
+/// bit 0 the first one, bit 1 the second one, bit 2 the third one.
+#[derive(Default)]
+struct Reasoned;
+
+static REASONED: Spec = Spec {
+    ports: &[PortSpec { name: "modbus", framing: Framing::Mbap, line: None }],
+    reasons: &[
+        ReasonSpec { effect: Effect::Nothing, text: "UI_COM is 0, the inputs command", section: "p. 1" },
+        ReasonSpec { effect: Effect::Later, text: "after a save and a restart", section: "p. 2" },
+        ReasonSpec { effect: Effect::Other, text: "the speed is limited to 40000", section: "p. 3" },
+    ],
+    ..Spec::EMPTY
+};
+
+impl Device for Reasoned {
+    fn spec(&self) -> &'static Spec {
+        &REASONED
+    }
+
+    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
+        // A reason without a request.
+        out.put(at, Output::Log(LogEvent::Reason(Reason(0))));
+    }
+
+    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        let Input::Message { port, link, bytes } = input else { return };
+        for code in 0..3 {
+            if bytes[9] >> code & 1 != 0 {
+                // A drive may put a reason several times.
+                out.put(at, Output::Log(LogEvent::Reason(Reason(code))));
+                out.put(at, Output::Log(LogEvent::Reason(Reason(code))));
+            }
+        }
+        out.put(at, Output::Log(LogEvent::Request { port, unit: 1, function: bytes[7] }));
+        out.put(at, Output::Message { port, link, bytes });
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    fn timeout(&mut self, _at: Instant, _out: &mut dyn Context) {}
+
+    fn peek(&self, _at: Instant, _row: usize) -> i64 {
+        0
+    }
+
+    fn poke(&mut self, _: Instant, _: usize, _: i64, _: &mut dyn Context) -> Result<(), PresetError> {
+        Err(PresetError::NoSuchRegister)
+    }
+}
+
+#[test]
+fn reasons_limit_what_an_accepted_request_does() {
+    let mut bench = Bench::new();
+    let drive = bench.add::<Reasoned>("r");
+    let header = tcp::Header { transaction: 7, unit: 1 };
+    for reasons in 0..5 {
+        say(&mut bench, drive, 0, &tcp::frame(header, &[6, 0, reasons, 0, 9]));
+    }
+    say(&mut bench, drive, 0, &tcp::frame(header, &[6, 0, 6, 0, 9]));
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "modbus <- write 0x0000 = 9 -> done",
+            "modbus <- write 0x0001 = 9 -> accepted, without effect: UI_COM is 0, the inputs command",
+            "modbus <- write 0x0002 = 9 -> accepted, with effect later: after a save and a restart",
+            "modbus <- write 0x0003 = 9 -> accepted, without effect: UI_COM is 0, the inputs command",
+            "modbus <- write 0x0004 = 9 -> accepted, with another effect: the speed is limited to 40000",
+            "modbus <- write 0x0006 = 9 -> accepted, with effect later: after a save and a restart; with another \
+             effect: the speed is limited to 40000",
+        ]
+    );
+    let received = bench.received(drive);
+    let verdicts: Vec<Verdict> = received.messages().map(|message| message.exchange.verdict).collect();
+    assert_eq!(verdicts[..3], [Verdict::Done, Verdict::WithoutEffect, Verdict::Done]);
+}

@@ -1,0 +1,373 @@
+//! Modbus requests and answers over a register map.
+
+use drivetwin_firmware::device::Spec;
+use drivetwin_protocol::modbus::pdu::{
+    self, ENCAPSULATED_INTERFACE, EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS,
+    WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
+};
+use drivetwin_protocol::registers::{Legal, Order, Row, Shape, Space};
+
+use super::{Register, Request, bytes};
+use crate::value::Value;
+
+/// Maximum number of registers that a text lists.
+const FEW: usize = 6;
+
+/// The largest quantity of a request (application 6.1). A larger one is not taken apart.
+const LARGEST: u16 = 2_000;
+
+/// A part of a request: words of one row, or addresses without a row.
+struct Part {
+    address: u16,
+    row: Option<(usize, &'static Row)>,
+    /// First word of the row, in bus order.
+    word: u16,
+    /// Number of words, or of addresses.
+    count: u16,
+    /// First word of the request's data.
+    offset: usize,
+}
+
+impl Part {
+    fn is_whole(&self) -> bool {
+        self.row.is_some_and(|(_, row)| row.shape.words() == self.count)
+    }
+}
+
+/// Space, first address, quantity and, if it writes, the data of a request.
+struct Access<'a> {
+    space: Space,
+    first: u16,
+    count: u16,
+    data: Option<Data<'a>>,
+}
+
+/// Words of a request or an answer.
+#[derive(Clone, Copy)]
+enum Data<'a> {
+    Word(u16),
+    Words(&'a [u8]),
+    Bits(&'a [u8]),
+}
+
+impl Data<'_> {
+    fn word(&self, n: usize) -> Option<u16> {
+        match *self {
+            Self::Word(word) => (n == 0).then_some(word),
+            Self::Words(bytes) => bytes.get(2 * n..)?.first_chunk().map(|&word| u16::from_be_bytes(word)),
+            Self::Bits(bytes) => bytes.get(n / 8).map(|byte| u16::from(byte >> (n % 8) & 1)),
+        }
+    }
+}
+
+impl<'a> Access<'a> {
+    /// The access of a request; `None` for other functions.
+    fn of(request: pdu::Request<'a>) -> Option<Self> {
+        Some(match request {
+            pdu::Request::Read { function, first, count } => {
+                let space = match function {
+                    READ_COILS => Space::Coil,
+                    READ_DISCRETE_INPUTS => Space::Discrete,
+                    READ_INPUT_REGISTERS => Space::Input,
+                    _ => Space::Holding,
+                };
+                Self { space, first, count, data: None }
+            }
+            pdu::Request::WriteSingle { function: WRITE_SINGLE_COIL, address, value } => {
+                let data = Some(Data::Word(u16::from(value == 0xFF00)));
+                Self { space: Space::Coil, first: address, count: 1, data }
+            }
+            pdu::Request::WriteSingle { address, value, .. } => {
+                Self { space: Space::Holding, first: address, count: 1, data: Some(Data::Word(value)) }
+            }
+            pdu::Request::WriteMultiple { function: WRITE_MULTIPLE_COILS, first, count, values, .. } => {
+                Self { space: Space::Coil, first, count, data: Some(Data::Bits(values)) }
+            }
+            pdu::Request::WriteMultiple { first, count, values, .. } => {
+                Self { space: Space::Holding, first, count, data: Some(Data::Words(values)) }
+            }
+            pdu::Request::Other { .. } => return None,
+        })
+    }
+
+    /// The parts of the access, in the order of their addresses.
+    fn parts(&self, spec: &Spec) -> Vec<Part> {
+        let mut parts: Vec<Part> = Vec::new();
+        let count = self.count.min(LARGEST);
+        let mut done = 0;
+        while done < count {
+            let Some(address) = self.first.checked_add(done) else { break };
+            let row = row(spec, self.space, address);
+            let (row, word, words) = match row {
+                Some((index, row, _)) if spec.registers.layout.objects => {
+                    (Some((index, row)), 0, count - done)
+                }
+                Some((index, row, word)) => {
+                    (Some((index, row)), word, (row.shape.words() - word).min(count - done))
+                }
+                None => (None, 0, 1),
+            };
+            match parts.last_mut() {
+                Some(last) if row.is_none() && last.row.is_none() => last.count += 1,
+                _ => parts.push(Part { address, row, word, count: words, offset: done.into() }),
+            }
+            done += words.max(1);
+        }
+        parts
+    }
+
+    /// The registers of the access, with values from `data`.
+    fn registers(&self, spec: &Spec, data: Option<&Data<'_>>) -> Vec<Register> {
+        let written = self.data.is_some();
+        let parts = self.parts(spec);
+        let registers = parts.iter().filter_map(|part| {
+            let (row, _) = part.row?;
+            let value = data.and_then(|data| value(spec, part, data));
+            Some(Register { row, name: name(spec, part), value, written })
+        });
+        registers.collect()
+    }
+}
+
+/// The row at an address, if this variant has it, and the word of the row.
+fn row(spec: &Spec, space: Space, address: u16) -> Option<(usize, &'static Row, u16)> {
+    let (index, word) = spec.registers.at(space, address)?;
+    let row = spec.registers.rows.get(index)?;
+    (row.variants & spec.variant != 0).then_some((index, row, word))
+}
+
+/// An address as the manual writes it.
+fn address(spec: &Spec, address: u16) -> String {
+    if spec.decimal { address.to_string() } else { format!("0x{address:04X}") }
+}
+
+/// Name of a part, or its addresses.
+fn name(spec: &Spec, part: &Part) -> String {
+    let Some((_, row)) = part.row else {
+        let last = part.address.saturating_add(part.count - 1);
+        return match part.count {
+            1 => address(spec, part.address),
+            _ => format!("{} to {}", address(spec, part.address), address(spec, last)),
+        };
+    };
+    if part.is_whole() || spec.registers.layout.objects {
+        return row.name.to_owned();
+    }
+    match row.shape {
+        Shape::U32 | Shape::I32 => {
+            let high = (spec.registers.layout.order == Order::HighFirst) == (part.word == 0);
+            format!("{}{}", row.name, if high { "High" } else { "Low" })
+        }
+        _ if part.count == 1 => format!("{}[{}]", row.name, part.word),
+        _ => format!("{}[{} to {}]", row.name, part.word, part.word + part.count - 1),
+    }
+}
+
+/// Value of a part; `None` if the data is too short.
+fn value(spec: &Spec, part: &Part, data: &Data<'_>) -> Option<Value> {
+    let (_, row) = part.row?;
+    let words: Vec<u16> =
+        (0..usize::from(part.count)).map(|n| data.word(part.offset + n)).collect::<Option<_>>()?;
+    let word = |n: usize| words.get(n).copied().unwrap_or(0);
+    if part.is_whole() {
+        let number = spec.registers.assemble(row.shape, word);
+        return Some(Value::with_words(row.shape, number, word));
+    }
+    Some(match words.as_slice() {
+        [one] => Value::Number((*one).into()),
+        words => Value::Words(words.iter().map(|&word| word.into()).collect()),
+    })
+}
+
+/// A request in words.
+pub(super) fn request(spec: &Spec, pdu: &[u8]) -> Request {
+    let function = pdu.first().copied();
+    let Some(parsed) = pdu::Request::parse(pdu) else {
+        let text = format!("function {}, {}", function.unwrap_or(0), bytes(pdu.get(1..).unwrap_or_default()));
+        return Request { text, function, ..Request::default() };
+    };
+    let Some(access) = Access::of(parsed) else {
+        return Request { text: other(pdu), function, ..Request::default() };
+    };
+    let data = access.data;
+    let registers = access.registers(spec, data.as_ref());
+    let text = match data {
+        None => format!("read {}", names(spec, &access)),
+        Some(data) => format!("write {}", values(spec, &access, &data)),
+    };
+    Request { text, address: None, function, registers }
+}
+
+/// A request of a function that reads and writes no registers (application, chapter 6).
+fn other(pdu: &[u8]) -> String {
+    let (function, data) = pdu.split_first().map_or((0, pdu), |(&function, data)| (function, data));
+    let name = match (function, data) {
+        (7, _) => "read the exception status",
+        (8, _) => "diagnostics",
+        (11, _) => "read the event counter",
+        (12, _) => "read the event log",
+        (17, _) => "report the server's id",
+        (20, _) => "read a file record",
+        (21, _) => "write a file record",
+        (22, _) => "mask a register",
+        (23, _) => "read and write registers",
+        (24, _) => "read a FIFO",
+        (ENCAPSULATED_INTERFACE, [14, ..]) => "read the identification",
+        _ if data.is_empty() => return format!("function {function}"),
+        _ => return format!("function {function}, {}", bytes(data)),
+    };
+    name.to_owned()
+}
+
+/// Names of what an access reads.
+fn names(spec: &Spec, access: &Access<'_>) -> String {
+    let parts = access.parts(spec);
+    match parts.as_slice() {
+        [] => format!("nothing at {}", address(spec, access.first)),
+        [first, .., last] if parts.len() > FEW || access.count > LARGEST => {
+            format!("{} from {} to {}", quantity(access), name(spec, first), name(spec, last))
+        }
+        parts => parts.iter().map(|part| name(spec, part)).collect::<Vec<_>>().join(", "),
+    }
+}
+
+fn quantity(access: &Access<'_>) -> String {
+    let bits = matches!(access.space, Space::Coil | Space::Discrete);
+    match (access.count, bits) {
+        (1, true) => "1 bit".to_owned(),
+        (1, false) => "1 register".to_owned(),
+        (count, true) => format!("{count} bits"),
+        (count, false) => format!("{count} registers"),
+    }
+}
+
+/// Names of an access, each with its value.
+fn values(spec: &Spec, access: &Access<'_>, data: &Data<'_>) -> String {
+    let parts = access.parts(spec);
+    let one = |part: &Part| {
+        let raw = || {
+            let words = (0..usize::from(part.count.min(FEW as u16))).map(|n| data.word(part.offset + n));
+            words.map_while(|word| Some(word?.to_string())).collect::<Vec<_>>().join(", ")
+        };
+        let value = match part.row {
+            Some(_) => value(spec, part, data).map(|value| value.to_string()).unwrap_or_default(),
+            None => raw(),
+        };
+        if value.is_empty() { name(spec, part) } else { format!("{} = {value}", name(spec, part)) }
+    };
+    let mut texts: Vec<String> = parts.iter().take(FEW).map(one).collect();
+    if parts.is_empty() {
+        texts.push(format!("nothing at {}", address(spec, access.first)));
+    }
+    if parts.len() > FEW {
+        texts.push(format!("{} more", parts.len() - FEW));
+    }
+    texts.join(", ")
+}
+
+/// The values in the answer to a read; `None` if the answer has no values.
+pub(super) fn answer(spec: &Spec, pdu: &[u8], reply: &[u8], request: &mut Request) -> Option<String> {
+    let access = Access::of(pdu::Request::parse(pdu)?)?;
+    let (&[function, count], data) = reply.split_first_chunk()?;
+    if access.data.is_some() || function != *pdu.first()? || usize::from(count) != data.len() {
+        return None;
+    }
+    let bits = matches!(access.space, Space::Coil | Space::Discrete);
+    let data = if bits { Data::Bits(data) } else { Data::Words(data) };
+    request.registers = access.registers(spec, Some(&data));
+    Some(values(spec, &access, &data))
+}
+
+/// Reason of an exception, as far as the register map states it, with the code.
+pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8) -> String {
+    let why = cause(spec, pdu, code).unwrap_or_else(|| {
+        match code {
+            1 => "illegal function",
+            2 => "illegal data address",
+            3 => "illegal data value",
+            4 => "the drive cannot execute it now",
+            6 => "busy",
+            _ => "exception",
+        }
+        .to_owned()
+    });
+    format!("{why} ({code:02})")
+}
+
+/// Cause of an exception: the first one in the order in which a drive checks a request.
+fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<String> {
+    let function = pdu.first()? & !EXCEPTION_BIT;
+    if code == 1 {
+        return Some(format!("the drive has no function {function}"));
+    }
+    let access = Access::of(pdu::Request::parse(pdu)?)?;
+    if access.count == 0 || access.count > LARGEST {
+        return Some(format!("a quantity of {} is not allowed", access.count));
+    }
+    let parts = access.parts(spec);
+    let (writes, objects) = (access.data.is_some(), spec.registers.layout.objects);
+    for part in &parts {
+        let at = address(spec, part.address);
+        let Some((_, row)) = part.row else {
+            return Some(format!("there is no {} at {at}", kind(access.space)));
+        };
+        if writes && !row.access.writes() {
+            return Some(format!("{at} {} is read only", row.name));
+        }
+        if !writes && !row.access.reads() {
+            return Some(format!("{at} {} is write only", row.name));
+        }
+    }
+    if access.first.checked_add(access.count - 1).is_none() {
+        return Some("addresses end at 65535".to_owned());
+    }
+    for part in &parts {
+        let Some((_, row)) = part.row else { continue };
+        let words = row.shape.words();
+        if part.count != words && (objects || (writes && code == 3)) {
+            return Some(format!("{} has {words} words, not {}", row.name, part.count));
+        }
+    }
+    let data = access.data?;
+    for part in parts.iter().filter(|part| part.is_whole()) {
+        let Some((_, row)) = part.row else { continue };
+        let number = spec.registers.assemble(row.shape, |n| data.word(part.offset + n).unwrap_or(0));
+        if !row.accepts(number) {
+            let at = address(spec, part.address);
+            let value = Value::of(spec.registers.entries, row.shape, number);
+            return Some(format!("{at} {} = {value} is not allowed, {}", row.name, legal(row)));
+        }
+    }
+    None
+}
+
+fn kind(space: Space) -> &'static str {
+    match space {
+        Space::Coil => "coil",
+        Space::Discrete => "discrete input",
+        Space::Input => "input register",
+        Space::Holding | Space::Variable | Space::Setting => "register",
+    }
+}
+
+/// The values that a row takes.
+pub(super) fn legal(row: &Row) -> String {
+    let between = |least: i64, greatest: i64| format!("it takes {least} to {greatest}");
+    match row.legal {
+        Legal::Range(least, greatest) => between(least, greatest),
+        Legal::OneOf(codes) => {
+            let codes: Vec<String> = codes.iter().map(i64::to_string).collect();
+            format!("it takes {}", codes.join(", "))
+        }
+        Legal::Each(ranges) => {
+            let words: Vec<String> =
+                ranges.iter().map(|(least, greatest)| format!("{least} to {greatest}")).collect();
+            format!("its words take {}", words.join(", "))
+        }
+        Legal::Text => "it takes text of up to eight characters".to_owned(),
+        Legal::Any => {
+            let (least, greatest) = row.shape.limits();
+            between(least, greatest)
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! Commands and lines of text: a QSB's, and MCode.
+
+use drivetwin_firmware::device::Spec;
+use drivetwin_protocol::registers::{Row, Shape, Space};
+
+use super::modbus::legal;
+use super::{Register, Request};
+use crate::value::Value;
+
+/// Maximum number of characters of a text.
+const LONGEST: usize = 80;
+
+/// A line without its end, printable.
+fn printable(line: &[u8]) -> String {
+    let line = line.trim_ascii_end();
+    let dots = if line.len() > LONGEST { "…" } else { "" };
+    format!("{}{dots}", line[..line.len().min(LONGEST)].escape_ascii())
+}
+
+/// Number of hexadecimal digits.
+fn number(digits: &[u8]) -> Option<u32> {
+    if digits.is_empty() || digits.len() > 8 {
+        return None;
+    }
+    digits.iter().try_fold(0, |number, digit| Some(number << 4 | char::from(*digit).to_digit(16)?))
+}
+
+/// The register of a command or response of a QSB, and its data: a letter, two digits, up to eight digits.
+fn parse<'a>(spec: &Spec, line: &'a [u8]) -> Option<(u8, u32, Option<(usize, &'static Row)>, &'a [u8])> {
+    let (&[letter, high, low], data) = line.trim_ascii_end().split_first_chunk()?;
+    let number = number(&[high, low])?;
+    let row = spec.registers.at(Space::Holding, number as u16).and_then(|(index, _)| {
+        let row = spec.registers.rows.get(index)?;
+        (row.variants & spec.variant != 0).then_some((index, row))
+    });
+    Some((letter, number, row, data))
+}
+
+/// The value of 32 bits for a row.
+fn value(row: &Row, data: u32) -> Value {
+    Value::Number(if row.shape == Shape::I32 { data.cast_signed().into() } else { data.into() })
+}
+
+/// A command of a QSB: `R0E`, `W0B5`, `S0E`.
+pub(super) fn command(spec: &Spec, line: &[u8]) -> Request {
+    let plain = || Request { text: printable(line), ..Request::default() };
+    let Some((letter, _, Some((index, row)), data)) = parse(spec, line) else { return plain() };
+    let register = |value: Option<Value>| {
+        let written = value.is_some();
+        vec![Register { row: index, name: row.name.to_owned(), value, written }]
+    };
+    let (text, registers) = match (letter, data) {
+        (b'R', []) => (format!("read {}", row.name), register(None)),
+        (b'S', []) => (format!("stream {}", row.name), register(None)),
+        (b'W', data) => match number(data) {
+            Some(data) => {
+                let value = value(row, data);
+                (format!("write {} = {value}", row.name), register(Some(value)))
+            }
+            None => return plain(),
+        },
+        _ => return plain(),
+    };
+    Request { text, registers, ..Request::default() }
+}
+
+/// Reason why a QSB refuses a command: `x` for an unknown command, `e` for a value.
+pub(super) fn refused_command(spec: &Spec, line: &[u8], code: u8) -> String {
+    let letter = char::from(code).escape_default();
+    let why = match parse(spec, line) {
+        Some((_, register, None, _)) => format!("there is no register {register:02X}"),
+        Some((b'W', register, Some((_, row)), _)) if !row.access.writes() => {
+            format!("{register:02X} {} is read only", row.name)
+        }
+        Some((b'R', register, Some((_, row)), [])) if !row.access.reads() => {
+            format!("{register:02X} {} is write only", row.name)
+        }
+        Some((b'S', register, Some((_, row)), [])) if !row.streams => {
+            format!("{register:02X} {} cannot be streamed", row.name)
+        }
+        Some((b'W', register, Some((_, row)), data)) => match number(data) {
+            Some(data) if code == b'e' => {
+                format!("{register:02X} {} = {} is not allowed, {}", row.name, value(row, data), legal(row))
+            }
+            _ => "this is no command".to_owned(),
+        },
+        _ => "this is no command".to_owned(),
+    };
+    format!("{why} ({letter})")
+}
+
+/// The value in the response of a QSB to a read or a stream, with or without spaces.
+pub(super) fn response(spec: &Spec, bytes: &[u8], request: &mut Request) -> Option<String> {
+    let response: Vec<u8> = bytes.iter().copied().filter(|byte| !matches!(byte, b' ' | b'!')).collect();
+    let (letter, _, Some((_, row)), data) = parse(spec, &response)? else { return None };
+    let value = value(row, number(data.get(..8)?)?);
+    if !matches!(letter, b'r' | b's') {
+        return None;
+    }
+    if let [register] = request.registers.as_mut_slice() {
+        register.value = Some(value.clone());
+    }
+    Some(format!("{} = {value}", row.name))
+}
+
+/// A line of MCode. Its registers are the variables that it names.
+pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
+    let text = printable(line);
+    let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    let words: Vec<&str> = words.collect();
+    let registers = words.iter().enumerate().filter_map(|(n, word)| {
+        let word = word.to_ascii_uppercase();
+        let row = spec.find(&word).filter(|named| named.word.is_none())?.row;
+        // `VM 1000` and `VM=1000` set the variable, `PR VM` and `A VM` only name it.
+        let number = words.get(1).and_then(|word| word.parse::<i64>().ok());
+        let negative = text.contains('-');
+        let written = n == 0 && words.len() > 1;
+        let number = number.filter(|_| written && words.len() == 2 && !text.contains('.'));
+        let value = number.map(|number| Value::Number(if negative { -number } else { number }));
+        Some(Register { row, name: word, value, written })
+    });
+    let registers = registers.collect();
+    Request { text, registers, ..Request::default() }
+}
+
+/// What a line of MCode printed: the answer without echo and prompt.
+pub(super) fn printed(spec: &Spec, line: &[u8], bytes: &[u8], request: &mut Request) -> Option<String> {
+    let echo = line.trim_ascii();
+    let text: Vec<&[u8]> =
+        bytes.split(|byte| matches!(byte, b'\r' | b'\n' | b'>' | b'?' | 0x06 | 0x15)).collect();
+    let texts = text.iter().map(|text| text.trim_ascii()).filter(|text| !text.is_empty() && *text != echo);
+    let printed: Vec<String> = texts.map(printable).collect();
+    if printed.is_empty() {
+        return None;
+    }
+    // `PR P` alone prints the value of a variable.
+    if let ([register], [value]) = (request.registers.as_mut_slice(), printed.as_slice())
+        && !register.written
+        && let Ok(value) = value.parse()
+        && spec.registers.rows.get(register.row).is_some()
+    {
+        register.value = Some(Value::Number(value));
+    }
+    Some(printed.join(" / "))
+}

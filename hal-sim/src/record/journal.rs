@@ -1,0 +1,226 @@
+//! Journal: the latest messages that a drive or a line has received, with their outcomes, as raw bytes and
+//! codes. [`decode`](crate::decode) makes words of them.
+
+use std::collections::VecDeque;
+
+use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
+
+/// Maximum number of entries of a journal (BENCH-20).
+pub const MOST: usize = 10_000;
+
+/// Outcome of a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    /// The drive accepted the message.
+    Accepted,
+    /// The drive refused the message with this code.
+    Refused(u8),
+    /// The drive ignored the message.
+    Dropped(DropReason),
+    /// No drive of the line has the address.
+    NoDrive,
+    /// The drive had no power.
+    NoPower,
+    /// The drive was sending on a line on which it cannot receive meanwhile.
+    Sending,
+}
+
+/// A message with its outcome.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Entry {
+    /// Number on the bench, in the order in which the outcomes became known; the first is 1.
+    pub number: u64,
+    /// Bench time of the end of the message.
+    pub at: Instant,
+    /// Port of the drive. In the journal of a line, the port of the line's first drive.
+    pub port: Port,
+    /// Outcome.
+    pub outcome: Outcome,
+    /// True for Modbus ASCII.
+    pub ascii: bool,
+    /// Number of characters with an error, up to 255.
+    pub unreadable: u8,
+    /// Time from the message until the drive receives; zero if it received, `None` if unknown.
+    pub deaf_for: Option<Duration>,
+    /// Length of the message in `bytes`.
+    message: u16,
+    /// Length of the answer in `bytes`, after the message.
+    answer: u16,
+    /// The message, the answer, and codes: the reasons of the drive, or the addresses of the line.
+    bytes: Box<[u8]>,
+}
+
+impl Entry {
+    /// Bytes of the message, without the characters that had an error.
+    #[must_use]
+    pub fn message(&self) -> &[u8] {
+        self.bytes.get(..self.message.into()).unwrap_or_default()
+    }
+
+    /// Bytes of the answer.
+    #[must_use]
+    pub fn answer(&self) -> &[u8] {
+        let from = usize::from(self.message);
+        self.bytes.get(from..from + usize::from(self.answer)).unwrap_or_default()
+    }
+
+    /// Reasons why an accepted message does not do what it says.
+    pub fn reasons(&self) -> impl Iterator<Item = Reason> {
+        let codes = if self.outcome == Outcome::Accepted { self.codes() } else { &[] };
+        codes.iter().map(|&code| Reason(code))
+    }
+
+    /// Addresses of the drives of the line, if none has the address of the message.
+    #[must_use]
+    pub fn addresses(&self) -> &[u8] {
+        if self.outcome == Outcome::NoDrive { self.codes() } else { &[] }
+    }
+
+    fn codes(&self) -> &[u8] {
+        self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
+    }
+
+    /// The entry with these addresses instead of codes, for the journal of a line.
+    pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
+        let bytes = [self.message(), addresses].concat().into();
+        Self { outcome: Outcome::NoDrive, answer: 0, bytes, ..self }
+    }
+}
+
+/// An entry that is being made. Its buffers are used again.
+#[derive(Debug, Default)]
+pub(crate) struct Draft {
+    message: Vec<u8>,
+    answer: Vec<u8>,
+    codes: Vec<u8>,
+}
+
+/// Maximum length of a message or an answer in an entry; further bytes are left out.
+const LONGEST: usize = 1 << 10;
+
+impl Draft {
+    /// Sets the message, and clears the rest but the codes.
+    pub(crate) fn begin(&mut self, message: &[u8]) {
+        self.message.clear();
+        self.answer.clear();
+        extend(&mut self.message, message);
+    }
+
+    /// Appends bytes of the answer.
+    pub(crate) fn answer(&mut self, bytes: &[u8]) {
+        extend(&mut self.answer, bytes);
+    }
+
+    /// Adds a reason, once.
+    pub(crate) fn reason(&mut self, reason: Reason) {
+        if !self.codes.contains(&reason.0) {
+            self.codes.push(reason.0);
+        }
+    }
+
+    /// Removes everything.
+    pub(crate) fn clear(&mut self) {
+        self.message.clear();
+        self.answer.clear();
+        self.codes.clear();
+    }
+
+    /// The entry, which takes the bytes of this draft. Its number is set by the [`Journal`].
+    pub(crate) fn entry(&mut self, at: Instant, port: Port, outcome: Outcome) -> Entry {
+        let (message, answer) = (self.message.len(), self.answer.len());
+        let mut bytes = Vec::with_capacity(message + answer + self.codes.len());
+        bytes.extend_from_slice(&self.message);
+        bytes.extend_from_slice(&self.answer);
+        bytes.extend_from_slice(&self.codes);
+        self.clear();
+        Entry {
+            number: 0,
+            at,
+            port,
+            outcome,
+            ascii: false,
+            unreadable: 0,
+            deaf_for: Some(Duration::ZERO),
+            message: message as u16,
+            answer: answer as u16,
+            bytes: bytes.into_boxed_slice(),
+        }
+    }
+}
+
+/// Appends bytes up to [`LONGEST`].
+fn extend(to: &mut Vec<u8>, bytes: &[u8]) {
+    let room = LONGEST.saturating_sub(to.len()).min(bytes.len());
+    to.extend_from_slice(&bytes[..room]);
+}
+
+/// The latest entries of a drive or a line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Journal {
+    entries: VecDeque<Entry>,
+    lost: u64,
+}
+
+impl Journal {
+    /// Adds an entry as the bench's next one after number `last`, and drops the oldest one if the ring is
+    /// full.
+    pub(crate) fn push(&mut self, last: &mut u64, entry: Entry) {
+        if self.entries.len() == MOST {
+            self.entries.pop_front();
+            self.lost += 1;
+        }
+        *last += 1;
+        self.entries.push_back(Entry { number: *last, ..entry });
+    }
+
+    /// The entries, the oldest first.
+    pub(crate) fn entries(&self) -> impl DoubleEndedIterator<Item = &Entry> + Clone {
+        self.entries.iter()
+    }
+
+    /// Number of entries that the ring has dropped.
+    pub(crate) fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_journal_drops_its_oldest_entries_and_counts_them() {
+        let (mut journal, mut draft, mut last) = (Journal::default(), Draft::default(), 0);
+        for n in 0..10_003_u64 {
+            draft.begin(&n.to_be_bytes());
+            journal.push(&mut last, draft.entry(Instant::from_ticks(n), Port(0), Outcome::Accepted));
+        }
+        assert_eq!((journal.entries().count(), journal.lost(), last), (10_000, 3, 10_003));
+        let first = journal.entries().next().unwrap();
+        assert_eq!((first.number, first.message()), (4, &3_u64.to_be_bytes()[..]));
+    }
+
+    #[test]
+    fn an_entry_has_message_answer_and_reasons_apart() {
+        let mut draft = Draft::default();
+        draft.reason(Reason(7));
+        draft.begin(b"ask");
+        draft.answer(b"an");
+        draft.answer(b"swer");
+        draft.reason(Reason(2));
+        draft.reason(Reason(7));
+        let entry = draft.entry(Instant::ZERO, Port(1), Outcome::Accepted);
+        assert_eq!((entry.message(), entry.answer()), (&b"ask"[..], &b"answer"[..]));
+        assert_eq!(entry.reasons().collect::<Vec<_>>(), [Reason(7), Reason(2)]);
+        assert_eq!(draft.entry(Instant::ZERO, Port(1), Outcome::Accepted).message(), b"");
+    }
+
+    #[test]
+    fn a_long_message_is_cut() {
+        let mut draft = Draft::default();
+        draft.begin(&[1; 5_000]);
+        draft.answer(&[2; 100_000]);
+        let entry = draft.entry(Instant::ZERO, Port(0), Outcome::Accepted);
+        assert_eq!((entry.message().len(), entry.answer().len()), (1_024, 1_024));
+    }
+}

@@ -1,0 +1,328 @@
+//! Reception: joins the bytes that a port received with the outcome that the drive reports, and with the
+//! answer.
+//!
+//! The outcome of a message that silence ends ([`Framing::Silence`]) concerns the bytes of earlier inputs,
+//! because the drive looks at the old message before it takes a new byte. Every other outcome also concerns
+//! the bytes of the present input. The answer is put after the outcome in the same call of the drive; on a
+//! port with lines of text over TCP, also before the outcome, because what a line prints comes first.
+
+use std::mem;
+
+use drivetwin_firmware::device::{
+    DropReason, Duration, Framing, Instant, Line, Link, LogEvent, Port, Reason, Spec,
+};
+use drivetwin_protocol::modbus::ascii;
+
+use crate::record::journal::{Draft, Entry, Outcome};
+
+/// Maximum number of bytes that wait for an outcome; further bytes are left out.
+const LONGEST: usize = 1 << 10;
+
+/// Bytes of a port without an outcome.
+#[derive(Debug, Default)]
+struct Part {
+    bytes: Vec<u8>,
+    /// Number of characters with an error.
+    unreadable: u8,
+    /// End of the last character.
+    end: Instant,
+    /// True if another drive of the line sent some of the characters.
+    overheard: bool,
+}
+
+impl Part {
+    fn is_empty(&self) -> bool {
+        self.bytes.is_empty() && self.unreadable == 0
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
+        (self.unreadable, self.overheard) = (0, false);
+    }
+
+    /// Appends `other` and clears it.
+    fn append(&mut self, other: &mut Self) {
+        if other.is_empty() {
+            return;
+        }
+        if self.is_empty() {
+            mem::swap(self, other);
+        } else {
+            let room = LONGEST.saturating_sub(self.bytes.len()).min(other.bytes.len());
+            self.bytes.extend_from_slice(&other.bytes[..room]);
+            self.unreadable = self.unreadable.saturating_add(other.unreadable);
+            self.end = other.end;
+            self.overheard |= other.overheard;
+        }
+        other.clear();
+    }
+}
+
+/// Receiving half of a port.
+#[derive(Debug)]
+struct PortReception {
+    framing: Framing,
+    ascii: bool,
+    /// Bytes of earlier calls.
+    earlier: Part,
+    /// Bytes of the present call.
+    fresh: Part,
+    /// Connection of the bytes.
+    link: Link,
+    /// Incomplete lines of other connections.
+    others: Vec<(Link, Part)>,
+}
+
+/// Message whose outcome is known in the present call.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    port: Port,
+    at: Instant,
+    outcome: Outcome,
+    unreadable: u8,
+    link: Link,
+}
+
+/// Reception of a drive.
+#[derive(Debug)]
+pub(crate) struct Reception {
+    ports: Vec<PortReception>,
+    open: Option<Open>,
+    draft: Draft,
+    /// What the drive sent on text ports in the present call, before the outcome.
+    before: Vec<u8>,
+    /// Entries of the present call.
+    done: Vec<Entry>,
+    /// True if the present call concerns the reception.
+    touched: bool,
+    /// True while the characters that arrive are those of another drive.
+    pub(crate) overhears: bool,
+}
+
+impl Reception {
+    pub(super) fn new(spec: &Spec) -> Self {
+        let port = |framing| PortReception {
+            framing,
+            ascii: false,
+            earlier: Part::default(),
+            fresh: Part::default(),
+            link: Link(0),
+            others: Vec::new(),
+        };
+        Self {
+            ports: spec.ports.iter().map(|spec| port(spec.framing)).collect(),
+            open: None,
+            draft: Draft::default(),
+            before: Vec::new(),
+            done: Vec::new(),
+            touched: false,
+            overhears: false,
+        }
+    }
+
+    /// Forgets all bytes without an outcome, at power-on.
+    pub(super) fn clear(&mut self) {
+        for port in &mut self.ports {
+            port.earlier.clear();
+            port.fresh.clear();
+            port.others.clear();
+        }
+    }
+
+    /// Notes characters of the present call. The first one ends at `at`, each further one after `character`.
+    pub(super) fn characters(
+        &mut self,
+        at: Instant,
+        port: Port,
+        line: Line,
+        character: Duration,
+        bytes: &[u8],
+    ) {
+        let overheard = self.overhears;
+        self.touched = true;
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
+        // In ASCII a colon begins a message anew.
+        if port.ascii && bytes.first() == Some(&b':') {
+            port.earlier.clear();
+        }
+        let fresh = &mut port.fresh;
+        let room = LONGEST.min(bytes.len());
+        fresh.bytes.extend_from_slice(&bytes[..room]);
+        fresh.unreadable = fresh.unreadable.saturating_add(u8::from(bytes.is_empty()));
+        fresh.end = at + character * bytes.len().saturating_sub(1) as u64;
+        fresh.overheard |= overheard;
+    }
+
+    /// Notes a message of the present call.
+    pub(super) fn message(&mut self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
+        self.touched = true;
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        if port.link != link {
+            let old = mem::take(&mut port.earlier);
+            if !old.is_empty() {
+                port.others.push((port.link, old));
+            }
+            if let Some(place) = port.others.iter().position(|(other, _)| *other == link) {
+                port.earlier = port.others.swap_remove(place).1;
+            }
+            port.link = link;
+        }
+        let room = LONGEST.min(bytes.len());
+        port.fresh.bytes.extend_from_slice(&bytes[..room]);
+        port.fresh.end = at;
+    }
+
+    /// Forgets the incomplete line of a connection.
+    pub(super) fn closed(&mut self, port: Port, link: Link) {
+        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        port.others.retain(|(other, _)| *other != link);
+        if port.link == link {
+            port.earlier.clear();
+        }
+    }
+
+    /// Takes a note of the drive.
+    pub(super) fn note(&mut self, note: LogEvent) {
+        self.touched = true;
+        match note {
+            LogEvent::Reason(Reason(code)) => {
+                self.finish_message();
+                self.draft.reason(Reason(code));
+            }
+            LogEvent::Request { port, .. } => self.begin(port, Outcome::Accepted),
+            LogEvent::Refused { port, code, .. } => self.begin(port, Outcome::Refused(code)),
+            LogEvent::Dropped { port, why } => self.begin(port, Outcome::Dropped(why)),
+        }
+    }
+
+    /// Notes bytes that the drive sends. `link` is `None` on a serial port.
+    pub(super) fn sent(&mut self, port: Port, link: Option<Link>, bytes: &[u8]) {
+        match self.open {
+            Some(open) if open.port == port && link.is_none_or(|link| link == open.link) => {
+                self.draft.answer(bytes);
+            }
+            None => {
+                let of = self.ports.get(usize::from(port.0));
+                let prints = of.is_some_and(|of| of.framing == Framing::Return && link == Some(of.link));
+                if prints && self.before.len() < LONGEST {
+                    self.touched = true;
+                    self.before.extend_from_slice(bytes);
+                }
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Characters for a drive that has no power or sends itself. Returns the entry when the message is
+    /// complete.
+    pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
+        self.begin(port, Outcome::Dropped(DropReason::Starting));
+        let open = self.open.take()?;
+        self.end_call();
+        let mut entry = self.draft.entry(open.at, port, outcome);
+        (entry.ascii, entry.deaf_for) = (self.ports.get(usize::from(port.0))?.ascii, None);
+        Some(entry)
+    }
+
+    /// The entries of the present call, at its end. `receives_from` is the time from which the drive receives.
+    pub(super) fn finish(&mut self, receives_from: impl FnOnce() -> Instant) -> Vec<Entry> {
+        self.touched = false;
+        self.finish_message();
+        self.draft.clear();
+        self.end_call();
+        if let Some(entry) = self.done.last_mut()
+            && entry.outcome != Outcome::Accepted
+        {
+            let from = receives_from();
+            entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
+        }
+        mem::take(&mut self.done)
+    }
+
+    /// Takes back the buffer of [`finish`](Self::finish).
+    pub(super) fn reuse(&mut self, entries: Vec<Entry>) {
+        self.done = entries;
+    }
+
+    /// Returns true if the present call concerns the reception.
+    pub(super) fn is_touched(&self) -> bool {
+        self.touched
+    }
+
+    /// Makes the bytes of the present call those of an earlier one.
+    fn end_call(&mut self) {
+        self.before.clear();
+        for port in &mut self.ports {
+            port.earlier.append(&mut port.fresh);
+        }
+    }
+
+    /// Begins the entry of the bytes that an outcome concerns.
+    fn begin(&mut self, number: Port, outcome: Outcome) {
+        self.finish_message();
+        let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
+        let starting = outcome == Outcome::Dropped(DropReason::Starting);
+        if starting || port.framing != Framing::Silence {
+            port.earlier.append(&mut port.fresh);
+        }
+        let part = &mut port.earlier;
+        let is_text = matches!(port.framing, Framing::Character | Framing::Return);
+        // A character with an error is a note of its own; a line that begins during the start is not over.
+        let incomplete = is_text
+            && matches!(outcome, Outcome::Dropped(DropReason::Starting | DropReason::RxError))
+            && !matches!(part.bytes.last(), Some(b'\r' | b'\n'));
+        if incomplete {
+            return;
+        }
+        let bytes = if is_text { last_line(&part.bytes) } else { &part.bytes };
+        if (bytes.is_empty() && part.unreadable == 0) || part.overheard {
+            self.draft.clear();
+        } else {
+            self.draft.begin(bytes);
+            self.draft.answer(&self.before);
+            let Part { end, unreadable, .. } = *part;
+            self.open = Some(Open { port: number, at: end, outcome, unreadable, link: port.link });
+        }
+        self.before.clear();
+        part.clear();
+    }
+
+    /// Completes the entry whose outcome is known.
+    fn finish_message(&mut self) {
+        let Some(Open { port, at, outcome, unreadable, .. }) = self.open.take() else { return };
+        let ascii = self.ports.get(usize::from(port.0)).is_some_and(|port| port.ascii);
+        let mut entry = self.draft.entry(at, port, outcome);
+        (entry.ascii, entry.unreadable) = (ascii, unreadable);
+        self.done.push(entry);
+    }
+}
+
+/// The last line of text, without line ends before it and what a control character has cancelled.
+fn last_line(text: &[u8]) -> &[u8] {
+    let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
+    let end = text.iter().rposition(|byte| !is_end(byte)).map_or(0, |place| place + 1);
+    let begin = text[..end].iter().rposition(|byte| *byte < b' ').map_or(0, |place| place + 1);
+    if begin == end { &[] } else { &text[begin..] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_line_is_what_the_drive_took() {
+        // A line feed after a carriage return; backspace (QSB); Esc (MCode).
+        for (text, line) in [
+            (&b"R00\r"[..], &b"R00\r"[..]),
+            (b"\nR00\r\n", b"R00\r\n"),
+            (b"R0\x08R01\r", b"R01\r"),
+            (b"MR 5\x1bPR P\r\n", b"PR P\r\n"),
+            (b"\r\n", b""),
+            (b"", b""),
+            (b"R\x08\r", b""),
+        ] {
+            assert_eq!(last_line(text), line, "{}", text.escape_ascii());
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! `GET /api/drives/{name}/received`: the messages that a drive has received.
+
+use std::collections::BTreeMap;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use drivetwin_firmware::device::Instant;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::ReceivedMessage;
+use drivetwin_sim::decode::{Exchange, Verdict};
+use drivetwin_sim::suggest;
+use drivetwin_sim::value::Value;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::Api;
+use super::calls::find_drive;
+use super::guard::QueryParameters;
+use super::problem::Problem;
+use super::schema::{ValueSchema, seconds};
+
+/// Parameters of the call.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ReceivedParameters {
+    since: Option<f64>,
+    function: Option<u8>,
+    register: Option<String>,
+}
+
+/// The latest messages that a drive has received, the oldest first, and those of its shared line that were for no
+/// drive or corrupt.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Received {
+    requests: Vec<ReceivedRequest>,
+    /// Number of earlier messages that are not kept: 10,000 of a drive and of a line are.
+    lost: u64,
+    counts: Counts,
+}
+
+/// Numbers of the requests in this response.
+#[derive(Serialize, ToSchema, Default)]
+struct Counts {
+    /// By Modbus function.
+    #[schema(example = json!({"3": 12, "6": 1}))]
+    functions: BTreeMap<u8, u64>,
+    /// By register.
+    registers: BTreeMap<String, Accesses>,
+}
+
+/// Numbers of the requests that read and that write a register, whatever came of them.
+#[derive(Serialize, ToSchema, Default)]
+struct Accesses {
+    read: u64,
+    written: u64,
+}
+
+/// A message that a drive has received: a Modbus request, or a line of text.
+#[derive(Serialize, ToSchema)]
+pub(super) struct ReceivedRequest {
+    /// Bench time of its end, in seconds.
+    #[schema(example = 2.513176875)]
+    at: f64,
+    /// The port of the drive.
+    #[schema(example = "rs485")]
+    port: &'static str,
+    /// Its bytes in hexadecimal, without characters that had an error; at most 1,024 bytes.
+    #[schema(example = "0106001500C899CE")]
+    bytes: String,
+    /// The request in the names of the manual.
+    #[schema(example = "write SpeedLow = 200")]
+    text: String,
+    /// The bytes of the answer; null if there was none.
+    #[schema(example = "0106001500C899CE")]
+    answer: Option<String>,
+    /// What came of it.
+    verdict: VerdictSchema,
+    /// Reason of the verdict, or the limit of its effect; null if there is no more to say.
+    #[schema(example = "0x000B Reserved is read only (02)")]
+    reason: Option<String>,
+    /// What came of it in one clause.
+    #[schema(example = "done")]
+    outcome: String,
+    /// Address of the request; null on a port for text.
+    address: Option<u8>,
+    /// Modbus function; null on a port for text.
+    #[schema(example = 6)]
+    function: Option<u8>,
+    /// Registers of the request, in its order.
+    registers: Vec<ReceivedRegister>,
+}
+
+/// A register in a request.
+#[derive(Serialize, ToSchema)]
+struct ReceivedRegister {
+    /// The manual's name; one word of a register of two ends in `High` or `Low`.
+    #[schema(example = "SpeedLow")]
+    name: String,
+    /// The value that is written, or that the answer to a read has; null if there is none.
+    #[schema(value_type = Option<ValueSchema>)]
+    value: Option<Value>,
+    /// True if the request writes the register.
+    written: bool,
+}
+
+/// `done`; `refused`; `without effect`: accepted, and without effect; `not for it`: no drive has the address; `bad
+/// frame`: corrupt; `not listening`: the drive starts, sends or has no power.
+#[derive(Clone, Copy, Serialize, ToSchema)]
+#[schema(as = Verdict)]
+enum VerdictSchema {
+    #[serde(rename = "done")]
+    Done,
+    #[serde(rename = "refused")]
+    Refused,
+    #[serde(rename = "without effect")]
+    WithoutEffect,
+    #[serde(rename = "not for it")]
+    NotForIt,
+    #[serde(rename = "bad frame")]
+    BadFrame,
+    #[serde(rename = "not listening")]
+    NotListening,
+}
+
+impl From<Verdict> for VerdictSchema {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Done => Self::Done,
+            Verdict::Refused => Self::Refused,
+            Verdict::WithoutEffect => Self::WithoutEffect,
+            Verdict::NotForIt => Self::NotForIt,
+            Verdict::BadFrame => Self::BadFrame,
+            Verdict::NotListening => Self::NotListening,
+        }
+    }
+}
+
+impl From<ReceivedMessage> for ReceivedRequest {
+    fn from(message: ReceivedMessage) -> Self {
+        let ReceivedMessage { at, port, bytes, answer, exchange, .. } = message;
+        let Exchange { request, verdict, reason, outcome } = exchange;
+        let registers = request.registers.into_iter().map(|register| ReceivedRegister {
+            name: register.name,
+            value: register.value,
+            written: register.written,
+        });
+        Self {
+            at: seconds(at),
+            port,
+            bytes: hex(&bytes),
+            text: request.text,
+            answer: (!answer.is_empty()).then(|| hex(&answer)),
+            verdict: verdict.into(),
+            reason,
+            outcome,
+            address: request.address,
+            function: request.function,
+            registers: registers.collect(),
+        }
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
+}
+
+impl Counts {
+    fn of(requests: &[ReceivedRequest]) -> Self {
+        let mut counts = Self::default();
+        for request in requests {
+            if let Some(function) = request.function {
+                *counts.functions.entry(function).or_default() += 1;
+            }
+            for register in &request.registers {
+                let accesses = counts.registers.entry(register.name.clone()).or_default();
+                *(if register.written { &mut accesses.written } else { &mut accesses.read }) += 1;
+            }
+        }
+        counts
+    }
+}
+
+/// The latest messages that a drive has received, with what came of them.
+#[utoipa::path(get, path = "/api/drives/{name}/received",
+    params(
+        ("since" = Option<f64>, Query, description = "only messages that ended at this bench time or later, in seconds"),
+        ("function" = Option<u8>, Query, description = "only requests with this Modbus function"),
+        ("register" = Option<String>, Query, description = "only requests that read or write this register"),
+    ),
+    responses((status = 200, body = Received)),
+)]
+pub(super) async fn received(
+    State(api): State<Api>,
+    Path(name): Path<String>,
+    QueryParameters(parameters): QueryParameters<ReceivedParameters>,
+) -> Result<Json<Received>, Problem> {
+    let ReceivedParameters { since, function, register } = parameters;
+    let since = since.unwrap_or(0.0);
+    if !(0.0..=1e9).contains(&since) {
+        return Err(Problem::refused("since is a bench time in seconds, 0 to 1000000000"));
+    }
+    let since = Instant::from_ticks((since * TICKS_PER_SECOND as f64).round() as u64);
+    // The bench only copies; the words are made on this thread.
+    let received = api.call(move |event_loop| {
+        let drive = find_drive(event_loop, &name)?;
+        let spec = event_loop.bench.spec(drive);
+        let register = register.map(|register| {
+            let names = spec.rows().map(|(_, row)| row.name);
+            spec.find(&register)
+                .ok_or_else(|| Problem::refused(suggest::unknown("register", &register, names)))
+        });
+        Ok::<_, Problem>((event_loop.bench.received(drive).since(since), register.transpose()?))
+    });
+    let (mut received, register) = received.await??;
+    if let Some(function) = function {
+        received = received.of_function(function);
+    }
+    if let Some(register) = register {
+        received = received.of_register(register);
+    }
+    let requests: Vec<ReceivedRequest> = received.messages().map(Into::into).collect();
+    Ok(Json(Received { counts: Counts::of(&requests), requests, lost: received.lost() }))
+}
