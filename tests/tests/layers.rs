@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules of `hal-sim/src`, lowest first.
-const HAL_SIM: [&str; 17] = [
+const HAL_SIM: [&str; 18] = [
     "ids",
     "rng",
     "suggest",

@@ -25,8 +25,11 @@ fn number(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0, |number, digit| Some(number << 4 | char::from(*digit).to_digit(16)?))
 }
 
+/// Parts of a QSB's command or response: letter, number of the register, the register if there is one, data.
+type Parts<'a> = (u8, u32, Option<(usize, &'static Row)>, &'a [u8]);
+
 /// The register of a command or response of a QSB, and its data: a letter, two digits, up to eight digits.
-fn parse<'a>(spec: &Spec, line: &'a [u8]) -> Option<(u8, u32, Option<(usize, &'static Row)>, &'a [u8])> {
+fn parse<'a>(spec: &Spec, line: &'a [u8]) -> Option<Parts<'a>> {
     let (&[letter, high, low], data) = line.trim_ascii_end().split_first_chunk()?;
     let number = number(&[high, low])?;
     let row = spec.registers.at(Space::Holding, number as u16).and_then(|(index, _)| {
