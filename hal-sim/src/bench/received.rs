@@ -2,7 +2,7 @@
 //!
 //! A drive has a journal of the messages that it executed or refused, and of those for it that it could not
 //! receive or read. A line that several drives share has a journal, too: of corrupt frames, and of frames for
-//! an address that no drive of the line has (BENCH-20).
+//! an address that no drive of the line has (BENCH-18).
 
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
 use drivetwin_protocol::registers::{Named, Order};
