@@ -120,15 +120,15 @@ fn cases() -> Vec<Case> {
         (|_| {}, write_long(0x6004, 5), Nothing,
             "CMD_R only shows the line of READ_CMD: write CMD_W and WRITE_CMD"),
         (|_| {}, write(0x5026, 0), Nothing,
-            "0 is no key"),
+            "0 is no key: write the key of this register (37FAh, 8426h, 9346h, 95AFh)"),
         (|dut| dut.contact(HARD_STOP, false), write(0x5023, 0), Nothing,
             "bits 0 to 7, 9 and 10 stay until a restart: FLAG_RESTART = 95AFh"),
         (|dut| dut.fault("current_limit", true), write(0x5023, 0), Nothing,
-            "the cause remains: the bit is set again"),
+            "the cause remains and sets the bit again: take it away first"),
         (|_| {}, write_long(0x5019, 100), Nothing,
             "START_bit overwrites it: write TARGET_POSITION1 to 4 and POSITION_N"),
         (|dut| dut.set(Reg::OFFSET_CONST, 7), write_long(0x5015, 100), Nothing,
-            "OFFSET_CONST is not 0: START_bit copies it to OFFSET"),
+            "OFFSET_CONST is not 0: START_bit copies it to OFFSET; write OFFSET_CONST"),
         (Dut::moves, write_long(0x5015, 100), Nothing,
             "a move runs and counts OFFSET down: write it when the motor stands"),
         (|dut| { dut.set(Reg::MODE_DEVICE, 2); dut.set(Reg::MODE_EXT_IN, 5); }, write(0x500E, 2), Nothing,
@@ -292,6 +292,8 @@ fn a_contact_has_no_reason() {
 
 #[test]
 fn texts_are_short() {
+    let of_models = [rs434544(), rs434546()].map(|drive| drive.spec().reasons.len());
+    assert_eq!(of_models, [REASONS.len(); 2]);
     for reason in &REASONS {
         assert!(reason.text.len() <= 80 && !reason.text.ends_with('.'), "{}", reason.text);
         assert!(!reason.section.is_empty());
