@@ -100,7 +100,7 @@ impl Bench {
     /// true if the client is deferred; its turn continues meanwhile.
     fn defer_client(&mut self, bus: u32, client: u32) -> bool {
         let serial_line = &mut self.buses[bus as usize];
-        let ahead = AHEAD + serial_line.disturbance.faults().delay;
+        let ahead = AHEAD + serial_line.disturbance.longest_delay();
         if serial_line.sends_until <= self.now + ahead {
             return false;
         }

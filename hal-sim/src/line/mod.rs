@@ -2,6 +2,7 @@
 
 mod client_buffers;
 pub(crate) mod collisions;
+pub(crate) mod fault_rules;
 pub mod faults;
 mod request_boundaries;
 
@@ -13,6 +14,7 @@ use drivetwin_protocol::line::Parity;
 use crate::ids::DriveId;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
+use fault_rules::Content;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
@@ -72,6 +74,8 @@ pub(crate) struct SerialLine {
     /// End of the last character that a drive sends.
     pub(crate) sends_until: Instant,
     pub(crate) disturbance: Disturbance,
+    /// Content of the last request, if a fault needs it.
+    pub(crate) asked: Option<Content>,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
     /// The refusal of the present request, if a fault refuses it.
@@ -137,6 +141,7 @@ impl SerialLine {
             kept_until: Instant::ZERO,
             sends_until: Instant::ZERO,
             disturbance: Disturbance::new(seed, name),
+            asked: None,
             behind: VecDeque::new(),
             refusal: None,
             held_up: Instant::ZERO,

@@ -327,7 +327,9 @@ impl Endpoint for Connection {
             self.linger_polls = Some(LINGER_POLLS_CLOSED);
             match ended {
                 Ended::Broken(_) => warn!("{} is disconnected from tcp:{}: {ended}", self.peer, self.address),
-                Ended::ByDrive | Ended::NoPower => info!("{}, tcp:{}: {ended}", self.peer, self.address),
+                Ended::ByDrive | Ended::NoPower | Ended::ByFault => {
+                    info!("{}, tcp:{}: {ended}", self.peer, self.address)
+                }
             }
         }
         self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_served(self.client);

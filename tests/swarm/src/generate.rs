@@ -5,7 +5,7 @@ use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
-use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::faults::{FaultRule, LineFaults};
 use fastrand::Rng;
 
 use crate::dialect::{self, Family, one_of};
@@ -270,18 +270,18 @@ fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
     if rng.u8(..3) == 0 {
         return faults;
     }
-    for (_, share) in faults.shares() {
-        if rng.u8(..3) == 0 {
-            *share = f64::from(rng.u8(0..=10)) / 10.0;
+    for (name, rule) in faults.rules() {
+        if !matches!(name, "mute" | "close" | "wrong_transaction") && rng.u8(..3) == 0 {
+            *rule = FaultRule::rate(f64::from(rng.u8(0..=10)) / 10.0);
         }
     }
     if spec.ports.first().is_none_or(|port| port.framing != Framing::Silence) {
-        (faults.exception, faults.wrong_address) = (0.0, 0.0);
+        (faults.exception, faults.wrong_address) = (FaultRule::NONE, FaultRule::NONE);
     }
     if rng.u8(..4) == 0 {
         faults.delay = pause(rng);
     }
-    faults.mute = rng.u8(..16) == 0;
+    faults.mute = if rng.u8(..16) == 0 { FaultRule::ALL } else { FaultRule::NONE };
     faults.baud = (rng.u8(..16) == 0).then(|| one_of(rng, &[1_200, 9_600, 19_200, 115_200]));
     faults
 }

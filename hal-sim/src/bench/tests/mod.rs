@@ -8,6 +8,7 @@ mod motors;
 mod names;
 mod recordings;
 mod tcp;
+mod tcp_faults;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -1377,7 +1378,7 @@ fn act() -> impl Strategy<Value = Act> {
         2 => (drive.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
         1 => (drive.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
         2 => (drive, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
-        3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
+        3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults::of_all_drives(faults))),
         1 => (0..8_usize, any::<bool>()).prop_map(|(n, collide)| Act::Collide(n, collide)),
     ]
 }
