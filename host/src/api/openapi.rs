@@ -110,6 +110,7 @@ mod tests {
             "get /api/bench",
             "get /api/buses",
             "get /api/drives/{name}",
+            "get /api/drives/{name}/received",
             "get /api/events",
             "get /api/trace",
             "post /api/drives/{name}/encoder",
