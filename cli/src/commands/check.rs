@@ -21,5 +21,7 @@ pub(crate) fn check(file: String) -> Result<(), String> {
     for warning in warnings {
         log::write_line(format!("warning: {warning}\n").as_bytes());
     }
+    // The summary comes last, also where stdout and stderr are the same terminal.
+    log::finish();
     print(&format!("{summary}\n"))
 }
