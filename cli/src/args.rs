@@ -122,6 +122,9 @@ pub(crate) struct Run {
     /// Skip the start-up delay of the drives
     #[arg(long)]
     pub(crate) fast_boot: bool,
+    /// Drop requests that are too early on Modbus lines, as drives do: without a silence of t3.5 before them
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Seed of every random choice [default: 1]
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = seed)]
     pub(crate) seed: Option<u64>,
@@ -171,6 +174,7 @@ impl From<Run> for RunOptions {
             set: run.set,
             program: run.program,
             fast_boot: run.fast_boot,
+            strict: run.strict,
             seed: run.seed,
             record: run.record,
             vcd: run.vcd,

@@ -4,7 +4,7 @@
 //! that moment and gives the input that moment as its timestamp. Requests and calls of the control API are
 //! served one at a time.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::{Arc, Weak, mpsc};
@@ -12,7 +12,7 @@ use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, IdleRun};
+use drivetwin_sim::bench::{Bench, Bus, EarlyRequests, IdleRun};
 use drivetwin_sim::config::time_mode::TimeMode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
@@ -37,7 +37,7 @@ const MESSAGES: usize = 256;
 const FILE_INTERVAL: Duration = Duration::millis(100);
 
 /// Bench time derived from the wall clock: when the wall clock showed `wall`, the bench time was `bench`.
-struct Clock {
+pub(crate) struct Clock {
     factor: u32,
     wall: WallInstant,
     bench: Instant,
@@ -54,6 +54,11 @@ impl Clock {
         let passed = wall.saturating_duration_since(self.wall).as_nanos() * u128::from(self.factor);
         let ticks = passed * u128::from(TICKS_PER_SECOND) / 1_000_000_000;
         self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
+    }
+
+    /// Bench time now.
+    pub(crate) fn now(&self) -> Instant {
+        self.at(wall())
     }
 
     /// Wall time at which the clock shows `bench`, rounded up; `None` for never.
@@ -196,6 +201,10 @@ pub(crate) struct EventLoop {
     inbox: Inbox,
     /// Number of the last received message that is in the log.
     logged: u64,
+    /// Number of requests that were too early when the log was last updated.
+    logged_early: u64,
+    /// Number of such requests on each line from which on the log warns again.
+    early: HashMap<Bus, u64>,
 }
 
 impl EventLoop {
@@ -219,6 +228,8 @@ impl EventLoop {
             alarm: None,
             inbox,
             logged: 0,
+            logged_early: 0,
+            early: HashMap::new(),
         };
         event_loop.set_time_mode(time_mode);
         event_loop
@@ -232,6 +243,13 @@ impl EventLoop {
     /// Sets the time mode. In manual time, pending effects are completed first.
     pub(crate) fn set_time_mode(&mut self, time_mode: TimeMode) {
         self.bench.set_frame_timeout(time_mode.frame_timeout());
+        self.bench.judge_silence(time_mode != TimeMode::Manual);
+        self.bench.forget_silence();
+        if time_mode == TimeMode::Manual
+            && self.bench.buses().into_iter().any(|bus| self.bench.is_strict(bus))
+        {
+            warn!("strict has no effect in manual time");
+        }
         self.clock = match time_mode {
             TimeMode::Times(factor) => Some(Clock::new(factor, wall(), self.bench.now())),
             TimeMode::Manual => None,
@@ -300,6 +318,7 @@ impl EventLoop {
     /// Writes new events to the files, and notifies readers.
     fn publish(&mut self) {
         self.log_received();
+        self.log_early();
         for file in &mut self.files {
             file.update(&self.bench);
         }
@@ -330,11 +349,32 @@ impl EventLoop {
         self.logged = count;
     }
 
+    /// Warns of the first request on each line that is too early, and again at each power of ten.
+    fn log_early(&mut self) {
+        if self.bench.early_count() == self.logged_early {
+            return;
+        }
+        self.logged_early = self.bench.early_count();
+        for bus in self.bench.buses() {
+            let EarlyRequests { count, last } = self.bench.early_requests(bus);
+            let warned = self.early.entry(bus).or_default();
+            let Some(last) = last.filter(|_| count >= *warned) else { continue };
+            *warned = 10 * 10_u64.pow(count.ilog10());
+            let name = self.bench.bus_name(bus);
+            let times = if count == 1 { String::new() } else { format!(", {count} times so far") };
+            if self.bench.is_strict(bus) {
+                warn!("{name}: dropped a request that was too early: {last}{times}");
+            } else {
+                warn!("{name}: a drive may ignore this request on a real line: {last}{times}");
+            }
+        }
+    }
+
     /// Takes inputs from the ports, also during an advance of the clock. An immediate answer is delivered
     /// before the next input is taken, so that a client that waits for the first of many answers is woken
     /// only once (HOST-19).
     fn take(&mut self) {
-        while self.idle_run.is_none() && self.ports.take(&mut self.bench, self.clock.is_none()) {
+        while self.idle_run.is_none() && self.ports.take(&mut self.bench, self.clock.as_ref()) {
             if self.clock.is_none() {
                 self.begin_idle_run();
                 self.catch_up();
@@ -403,6 +443,7 @@ impl EventLoop {
         let lag = clock.at(wall).since(next);
         if lag > MAX_LAG * u64::from(clock.factor) {
             *clock = Clock::new(clock.factor, wall, next);
+            self.bench.forget_silence();
             if !std::mem::replace(&mut self.warned, true) {
                 warn!(
                     "the bench fell more than a second behind the wall clock; its time is late from now on"

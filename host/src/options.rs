@@ -35,6 +35,8 @@ pub struct RunOptions {
     pub program: Option<PathBuf>,
     /// True to skip the start-up delay.
     pub fast_boot: bool,
+    /// True to drop requests that are too early on all Modbus lines.
+    pub strict: bool,
     /// Seed of every random choice; default: 1.
     pub seed: Option<u64>,
     /// File for a recording (trace), which can be replayed.

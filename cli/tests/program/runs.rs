@@ -429,6 +429,53 @@ fn a_verbose_log_has_a_line_for_each_message() {
     );
 }
 
+/// Writes two requests at once to an MD3 that runs with these options. Returns the bytes that came back until
+/// `count` bytes, the verdicts of its journal, the counter of its line, and the warnings of the log.
+fn two_requests_at_once(options: &[&str], count: usize) -> (Vec<u8>, Vec<Value>, Value, Vec<String>) {
+    let (mut log, stderr) = std::io::pipe().unwrap();
+    let md3 = Running::start("md3", &[&["--fast-boot"], options].concat(), stderr.into());
+    let mut line = md3.connect();
+    let both = [rtu::write(1, USER_REGISTER, 7), rtu::read(1, USER_REGISTER, 1)].map(|frame| frame.to_vec());
+    let answers = ask(&mut line, &both.concat(), count);
+    let received = loop {
+        let received = md3.call("GET", "/api/drives/md3/received", "").ok()["requests"].clone();
+        if received.as_array().unwrap().len() == 2 {
+            break received;
+        }
+    };
+    let verdicts = received.as_array().unwrap().iter().map(|request| request["verdict"].clone()).collect();
+    let early = md3.call("GET", "/api/bench", "").ok()["buses"][0]["early_requests"].clone();
+    assert_eq!(md3.stop(), Some(0));
+    let mut text = String::new();
+    log.read_to_string(&mut text).unwrap();
+    let warnings = text.lines().filter_map(|line| Some(line.split_once("WARN ")?.1.to_owned())).collect();
+    (answers, verdicts, early, warnings)
+}
+
+#[test]
+fn a_strict_line_loses_requests_that_are_too_early() {
+    let answers = [rtu::write(1, USER_REGISTER, 7).to_vec(), vec![1, 3, 2, 0, 7, 0xF9, 0x86]].concat();
+    let lenient = two_requests_at_once(&[], answers.len());
+    assert_eq!((lenient.0, lenient.1, lenient.2), (answers, vec!["done".into(); 2], 1.into()));
+    let [warning] = lenient.3.as_slice() else { panic!("{:?}", lenient.3) };
+    assert_eq!(
+        warning,
+        "rs485: a drive may ignore this request on a real line: sent while the line was in use; t3.5 is 4.0 ms"
+    );
+    let strict = two_requests_at_once(&["--strict"], 0);
+    assert_eq!((strict.0, strict.1, strict.2), (vec![], vec!["too early".into(); 2], 2.into()));
+    assert_eq!(
+        strict.3,
+        [
+            "rs485: dropped a request that was too early: sent while the line was in use; t3.5 is 4.0 ms, 2 times so far"
+        ]
+    );
+    // In manual time no time passes between a reply and the next request.
+    let manual = two_requests_at_once(&["--strict", "--time", "manual"], 15);
+    assert_eq!((manual.1, manual.2), (vec!["done".into(); 2], 0.into()));
+    assert_eq!(manual.3, ["strict has no effect in manual time"]);
+}
+
 #[test]
 fn an_unread_log_blocks_nothing() {
     let (_unread, full) = std::io::pipe().unwrap();

@@ -114,11 +114,17 @@ impl Bench {
     /// Transmits the first `length` bytes of a client without gaps, from their arrival or, if later, from the
     /// time at which the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
+        let early = self.early_request(bus, client, length);
         let Some(state) = self.clients.get_mut(&client) else { return };
         let (flags, order) = (state.flags(), state.order().unwrap_or_default());
         let (bytes, sender) = (state.take(length), state.sender);
         if state.left && state.backlog() == 0 {
             self.forget(client);
+        }
+        if let Some(early) = early
+            && self.drops_early(bus, early, came, &bytes)
+        {
+            return;
         }
         let unreadable = if flags.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };

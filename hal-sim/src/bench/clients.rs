@@ -64,7 +64,7 @@ impl Bench {
     pub(super) fn queue(&mut self, client: Client, bytes: &[u8], flags: CharFlags) {
         if let Some(state) = self.clients.get_mut(&client.0) {
             self.arrivals += 1;
-            state.arrive(self.now, self.arrivals, bytes, flags);
+            state.arrive(self.now, self.now.max(self.arrived_by), self.arrivals, bytes, flags);
         }
     }
 

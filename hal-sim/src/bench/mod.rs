@@ -30,6 +30,7 @@
 
 mod arbitration;
 mod clients;
+mod early_requests;
 mod events;
 mod line_faults;
 mod lines;
@@ -49,6 +50,7 @@ use std::fmt;
 use drivetwin_firmware::device::{Device, Duration, Instant, Port, PresetError, Spec};
 
 pub use crate::ids::{Bus, Client, DriveId};
+pub use crate::line::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::line::{Clients, LineMode, SerialLine};
 use crate::record::capture::Capture;
 use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
@@ -208,6 +210,12 @@ pub struct Bench {
     connected: u32,
     /// Number of arrivals of bytes from clients so far; defines the order of arrival.
     arrivals: u64,
+    /// Time by which the bytes of a client that are sent now were sent at the latest; now, if it is earlier.
+    arrived_by: Instant,
+    /// True if the silence before a request is not judged.
+    silence_is_free: bool,
+    /// Number of requests on all lines that were too early.
+    early_count: u64,
     /// Outputs of the device that was called last.
     outputs: Outputs,
     trace: Trace,
@@ -250,6 +258,9 @@ impl Bench {
             connections: Connections::default(),
             connected: 0,
             arrivals: 0,
+            arrived_by: Instant::ZERO,
+            silence_is_free: false,
+            early_count: 0,
             outputs: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),

@@ -28,14 +28,23 @@ pub enum Verdict {
     NotForIt,
     /// The message was corrupt.
     BadFrame,
+    /// The request was too early, and the strict line dropped it.
+    TooEarly,
     /// The drive could not receive.
     NotListening,
 }
 
 impl Verdict {
     /// All verdicts.
-    pub const ALL: [Self; 6] =
-        [Self::Done, Self::Refused, Self::WithoutEffect, Self::NotForIt, Self::BadFrame, Self::NotListening];
+    pub const ALL: [Self; 7] = [
+        Self::Done,
+        Self::Refused,
+        Self::WithoutEffect,
+        Self::NotForIt,
+        Self::BadFrame,
+        Self::TooEarly,
+        Self::NotListening,
+    ];
 
     /// The verdict as users see it.
     #[must_use]
@@ -46,6 +55,7 @@ impl Verdict {
             Self::WithoutEffect => "without effect",
             Self::NotForIt => "not for it",
             Self::BadFrame => "bad frame",
+            Self::TooEarly => "too early",
             Self::NotListening => "not listening",
         }
     }
@@ -204,6 +214,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoDrive => (Verdict::NotForIt, Some(nobody(&message, entry.addresses()))),
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
+        Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
     };
     let mut outcome = match (verdict, &reason) {
         (Verdict::Done, Some(reason)) => format!("accepted, {reason}"),

@@ -54,6 +54,8 @@ pub(super) struct Arrival {
     /// Position in the order of all arrivals on the bench.
     order: u64,
     pub(super) at: Instant,
+    /// Time by which the client had sent the bytes at the latest.
+    latest: Instant,
     pub(super) count: usize,
     flags: CharFlags,
 }
@@ -73,10 +75,27 @@ impl ClientState {
         Self { bus, since, ..Self::default() }
     }
 
-    /// Queues bytes.
-    pub(crate) fn arrive(&mut self, at: Instant, order: u64, bytes: &[u8], flags: CharFlags) {
+    /// Queues bytes. The client had sent them by `latest`.
+    pub(crate) fn arrive(
+        &mut self,
+        at: Instant,
+        latest: Instant,
+        order: u64,
+        bytes: &[u8],
+        flags: CharFlags,
+    ) {
         self.bytes.extend(bytes);
-        self.arrivals.push_back(Arrival { order, at, count: bytes.len(), flags });
+        self.arrivals.push_back(Arrival { order, at, latest, count: bytes.len(), flags });
+    }
+
+    /// Earliest and latest time at which the client can have sent the waiting byte at `index`.
+    pub(crate) fn sent_between(&self, index: usize) -> Option<(Instant, Instant)> {
+        let mut end = 0;
+        let arrival = self.arrivals.iter().find(|arrival| {
+            end += arrival.count;
+            index < end
+        })?;
+        Some((arrival.at, arrival.latest))
     }
 
     /// Flags of the first waiting byte.

@@ -2,6 +2,7 @@
 
 mod client_buffers;
 pub(crate) mod collisions;
+pub mod early;
 pub mod faults;
 mod request_boundaries;
 
@@ -14,6 +15,7 @@ use crate::ids::DriveId;
 use crate::record::journal::{Entry, Journal};
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
+use early::EarlyRequests;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
@@ -72,6 +74,14 @@ pub(crate) struct SerialLine {
     pub(crate) kept_until: Instant,
     /// End of the last character that a drive sends.
     pub(crate) sends_until: Instant,
+    /// End of the last request on a line where it is not delayed.
+    pub(crate) client_until: Instant,
+    /// Client of the last request; `None` if the next one may come at any time.
+    pub(crate) last_client: Option<u32>,
+    /// True if requests that are too early are dropped.
+    pub(crate) strict: bool,
+    /// Requests so far that were too early.
+    pub(crate) early: EarlyRequests,
     pub(crate) disturbance: Disturbance,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
@@ -143,6 +153,10 @@ impl SerialLine {
             free: Instant::ZERO,
             kept_until: Instant::ZERO,
             sends_until: Instant::ZERO,
+            client_until: Instant::ZERO,
+            last_client: None,
+            strict: false,
+            early: EarlyRequests::default(),
             disturbance: Disturbance::new(seed, name),
             behind: VecDeque::new(),
             refusal: None,

@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 
+use crate::line::early::EarlyRequest;
+
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;
 
@@ -23,6 +25,8 @@ pub enum Outcome {
     NoPower,
     /// The drive was sending on a line on which it cannot receive meanwhile.
     Sending,
+    /// The request was too early, and the strict line dropped it.
+    TooEarly(EarlyRequest),
 }
 
 /// A message with its outcome.

@@ -104,7 +104,7 @@ struct ReceivedRegister {
 }
 
 /// `done`; `refused`; `without effect`: accepted, and without effect; `not for it`: no drive has the address; `bad
-/// frame`: corrupt; `not listening`: the drive starts, sends or has no power.
+/// frame`: corrupt; `too early`: dropped by a strict line; `not listening`: the drive starts, sends or has no power.
 #[derive(Clone, Copy, Serialize, ToSchema)]
 #[schema(as = Verdict)]
 enum VerdictSchema {
@@ -118,6 +118,8 @@ enum VerdictSchema {
     NotForIt,
     #[serde(rename = "bad frame")]
     BadFrame,
+    #[serde(rename = "too early")]
+    TooEarly,
     #[serde(rename = "not listening")]
     NotListening,
 }
@@ -130,6 +132,7 @@ impl From<Verdict> for VerdictSchema {
             Verdict::WithoutEffect => Self::WithoutEffect,
             Verdict::NotForIt => Self::NotForIt,
             Verdict::BadFrame => Self::BadFrame,
+            Verdict::TooEarly => Self::TooEarly,
             Verdict::NotListening => Self::NotListening,
         }
     }

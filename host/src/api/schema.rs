@@ -52,6 +52,10 @@ pub(super) struct Bus {
     listen: Vec<String>,
     /// Faults of the line.
     faults: Faults,
+    /// True if the line drops requests that are too early.
+    strict: bool,
+    /// Number of requests so far that were too early: without a silence of t3.5 before or after them.
+    early_requests: u64,
 }
 
 /// Faults of a line. Rates are shares of the frames, 0 to 1, for requests and replies alike unless stated otherwise.
@@ -374,6 +378,8 @@ impl Bus {
             drives: bench.ports(bus).iter().map(|&(id, _)| bench.name(id).to_owned()).collect(),
             listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
             faults: bench.line_faults(bus).into(),
+            strict: bench.is_strict(bus),
+            early_requests: bench.early_requests(bus).count,
         };
         bench.buses().into_iter().map(bus).collect()
     }

@@ -36,6 +36,7 @@ use drivetwin_sim::bench::{Bench, Bus, Client, Outlet};
 use rustix::event::epoll::EventFlags;
 use tracing::error;
 
+use crate::event_loop::Clock;
 use poller::Poller;
 pub(crate) use pty::PtyError;
 pub(crate) use pty_link::check_link;
@@ -54,6 +55,13 @@ const BACKLOG_BYTES: usize = 4096;
 /// Time between two attempts to accept connections while the system has no room for more.
 const CROWDED: Duration = Duration::from_secs(1);
 
+/// Notes that the bytes which have just been read were sent by now.
+fn note_arrival(bench: &mut Bench, clock: Option<&Clock>) {
+    if let Some(clock) = clock {
+        bench.set_arrived_by(clock.now());
+    }
+}
+
 /// An endpoint of a line or TCP port, where a client can connect, send and receive.
 trait Endpoint {
     /// The client, while one is connected.
@@ -65,9 +73,9 @@ trait Endpoint {
     /// Events to wait for. With `None` not even errors are reported.
     fn interest(&self, bench: &Bench) -> Option<EventFlags>;
 
-    /// Takes input. Returns whether there was some. In manual time the caller lets the input have its whole
+    /// Takes input. Returns whether there was some. In manual time (no clock) the caller lets the input have its whole
     /// effect before more input is taken.
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool;
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, clock: Option<&Clock>) -> bool;
 
     /// Delivers the output of the drives so far. Returns true if input of the client, which was held back
     /// because it did not read its answers, now goes on to the drive.
@@ -94,7 +102,7 @@ trait Endpoint {
 
     /// Called when a program has opened, closed or written to the endpoint. Takes input, like
     /// [`Endpoint::take`].
-    fn opened_or_closed(&mut self, _bench: &mut Bench, _manual: bool) -> bool {
+    fn opened_or_closed(&mut self, _bench: &mut Bench, _clock: Option<&Clock>) -> bool {
         false
     }
 
@@ -275,19 +283,19 @@ impl Ports {
 
     /// Takes the input of one endpoint. The caller must let this input have its effect (in manual time its
     /// whole effect) before it takes more. Returns whether there was input.
-    pub(crate) fn take(&mut self, bench: &mut Bench, manual: bool) -> bool {
+    pub(crate) fn take(&mut self, bench: &mut Bench, clock: Option<&Clock>) -> bool {
         // Openings are read before bytes: the bytes of a program that has just opened a pty are not its
         // predecessor's.
         if !self.ready.is_empty() && !self.ptys.is_empty() {
             self.openings.borrow_mut().read_events();
         }
         loop {
-            if self.note_openings(bench, manual) {
+            if self.note_openings(bench, clock) {
                 return true;
             }
             let Some((number, flags)) = self.ready.pop_front() else { return false };
             if let Some(registered) = self.endpoints.get_mut(&number) {
-                let took_input = registered.endpoint.take(bench, flags, manual);
+                let took_input = registered.endpoint.take(bench, flags, clock);
                 let resumes = flags.contains(EventFlags::OUT) && registered.endpoint.deliver(bench);
                 self.note(bench, number);
                 if took_input || resumes {
@@ -504,7 +512,7 @@ impl Ports {
 
     /// Handles openings, closings and writes of the ptys until one of them brings input. Returns whether
     /// there was input.
-    fn note_openings(&mut self, bench: &mut Bench, manual: bool) -> bool {
+    fn note_openings(&mut self, bench: &mut Bench, clock: Option<&Clock>) -> bool {
         loop {
             let Some(watch) = self.openings.borrow().next() else { return false };
             let registered =
@@ -513,7 +521,7 @@ impl Ports {
                 self.openings.borrow_mut().take(watch);
                 continue;
             };
-            let took_input = registered.endpoint.opened_or_closed(bench, manual);
+            let took_input = registered.endpoint.opened_or_closed(bench, clock);
             self.note(bench, number);
             if took_input {
                 return true;

@@ -39,7 +39,8 @@ use tracing::{error, info, warn};
 use super::pty_link::Link;
 use super::pty_openings::{Openers, Openings};
 use super::unread::{MOST_MIB, Unread};
-use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
+use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
+use crate::event_loop::Clock;
 
 /// A pty connected to a line.
 pub(super) struct Pty {
@@ -182,7 +183,7 @@ impl Pty {
 
     /// Sends new bytes to the bench, and handles openings and closings. `hung_up` is true if the system has
     /// reported that no program has the pty open. Returns whether there was input.
-    fn process(&mut self, bench: &mut Bench, hung_up: bool, manual: bool) -> bool {
+    fn process(&mut self, bench: &mut Bench, hung_up: bool, clock: Option<&Clock>) -> bool {
         self.read_openings();
         if self.client.is_none() {
             if self.openers.changed && self.openers.unseen && !self.openers.left_wrote {
@@ -220,10 +221,11 @@ impl Pty {
         // From a program that has left, no more bytes are taken than would have been read while it was
         // connected.
         let most = match (hung_up || changed, full) {
-            (true, true) if !manual => 0,
-            (true, false) if !manual => READ_BYTES,
+            (true, true) if clock.is_some() => 0,
+            (true, false) if clock.is_some() => READ_BYTES,
             _ => own.len(),
         };
+        note_arrival(bench, clock);
         self.send(bench, &own[..most.min(own.len())]);
         if changed || was_closed {
             self.leave(bench);
@@ -235,7 +237,7 @@ impl Pty {
             self.send(bench, next);
         }
         // Another program may have opened the pty since then.
-        (self.openers.changed && self.process(bench, false, manual)) || !bytes.is_empty()
+        (self.openers.changed && self.process(bench, false, clock)) || !bytes.is_empty()
     }
 
     /// Number of bytes that belong to the programs that have left, after another program has opened the pty.
@@ -373,9 +375,9 @@ impl Endpoint for Pty {
         self.client.map(|client| interest(may_read(bench, client, &self.unread), &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, manual: bool) -> bool {
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, clock: Option<&Clock>) -> bool {
         ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR)
-            && self.process(bench, ready.contains(EventFlags::HUP), manual)
+            && self.process(bench, ready.contains(EventFlags::HUP), clock)
     }
 
     fn deliver(&mut self, bench: &mut Bench) -> bool {
@@ -415,8 +417,8 @@ impl Endpoint for Pty {
         }
     }
 
-    fn opened_or_closed(&mut self, bench: &mut Bench, manual: bool) -> bool {
-        self.process(bench, false, manual)
+    fn opened_or_closed(&mut self, bench: &mut Bench, clock: Option<&Clock>) -> bool {
+        self.process(bench, false, clock)
     }
 
     fn leave(&mut self, bench: &mut Bench) {

@@ -28,6 +28,7 @@ use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, ROOM, ReadResult, interest, may_read, read_some};
+use crate::event_loop::Clock;
 
 /// Time between two attempts to open an unplugged port.
 const RETRY: Duration = Duration::from_secs(1);
@@ -138,7 +139,7 @@ impl Endpoint for Serial {
         Some(interest)
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _clock: Option<&Clock>) -> bool {
         let (Some(client), Some(fd)) = (self.client, &self.fd) else { return false };
         if !ready.intersects(EventFlags::IN | EventFlags::HUP | EventFlags::ERR) {
             return false;

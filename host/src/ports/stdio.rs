@@ -19,6 +19,7 @@ use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
+use crate::event_loop::Clock;
 
 /// Poll interval until all output is written.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
@@ -78,7 +79,7 @@ impl Endpoint for Stdio {
         (self.stage < Stage::Answered).then(|| interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, _manual: bool) -> bool {
+    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, _clock: Option<&Clock>) -> bool {
         if self.stage != Stage::Open {
             return false;
         }

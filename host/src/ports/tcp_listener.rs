@@ -15,7 +15,8 @@ use tracing::{info, warn};
 
 use super::unread::{Unread, share_mib};
 use super::web::{BrowserCheck, Verdict};
-use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, read_some};
+use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
+use crate::event_loop::Clock;
 
 /// Interval at which a connection is polled after its client has sent everything, until the client leaves.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
@@ -278,7 +279,7 @@ impl Endpoint for Connection {
         Some(interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, ready: EventFlags, _manual: bool) -> bool {
+    fn take(&mut self, bench: &mut Bench, ready: EventFlags, clock: Option<&Clock>) -> bool {
         if ready.contains(EventFlags::ERR) || (ready.contains(EventFlags::HUP) && self.is_leaving()) {
             self.over = true;
         } else if !self.is_leaving() && ready.intersects(EventFlags::IN | EventFlags::HUP) {
@@ -286,6 +287,7 @@ impl Endpoint for Connection {
             match read_some(&self.stream, &mut room) {
                 ReadResult::Bytes(bytes) => {
                     self.unacknowledged = true;
+                    note_arrival(bench, clock);
                     return self.pass(bench, bytes);
                 }
                 // The client may have closed one direction only, and still wait for a reply.

@@ -47,6 +47,7 @@ impl Configuration {
         layout.seed = options.seed.or(layout.seed);
         layout.time = options.time.or(layout.time);
         layout.line = options.line.or(layout.line);
+        layout.strict |= options.strict;
         for drive in &mut layout.drives {
             drive.fast_boot |= options.fast_boot;
         }

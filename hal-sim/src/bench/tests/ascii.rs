@@ -245,3 +245,26 @@ fn fast_takes_no_time() {
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
+
+#[test]
+fn on_a_strict_line_only_a_request_before_the_end_of_the_reply_is_early() {
+    // A reply ends with the line feed, so no silence follows it.
+    let ends = Instant::ZERO + CHARACTER * (2 * LENGTH);
+    for (at, answered, early) in
+        [(ends, true, 0), (ends - Duration::TICK, false, 1), (Instant::ZERO, false, 1)]
+    {
+        let (mut bench, [x, _], client) = echoes(LineMode::Timed);
+        let bus = bench.bus(x, RS485).unwrap();
+        bench.set_strict(bus, true);
+        bench.send(client, &ask(1, 65));
+        bench.run_until(at);
+        bench.send(client, &ask(2, 66));
+        bench.run_until(1.secs());
+        let answers = if answered { [ask(1, 65), ask(2, 66)].concat() } else { ask(1, 65) };
+        assert_eq!((received_by(&mut bench, client), bench.early_count()), (answers, early));
+        if !answered {
+            let message = bench.received(x).messages().last().unwrap();
+            assert_eq!(message.exchange.outcome, "sent while the line was in use");
+        }
+    }
+}

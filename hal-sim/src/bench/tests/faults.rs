@@ -4,13 +4,17 @@ use super::*;
 use crate::record::capture::{Frame, Medium, Source};
 
 /// A request for the address of drive 1, with 8 characters; its answer has 7.
-const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
-const ANSWER: [u8; 7] = [1, 3, 2, 0, 1, 0x79, 0x84];
-const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
-const QUIET: LineFaults = LineFaults::NONE;
+pub(super) const ASKED: [u8; 8] = [1, 3, 0, 0, 0, 1, 0x84, 0x0A];
+pub(super) const ANSWER: [u8; 7] = [1, 3, 2, 0, 1, 0x79, 0x84];
+pub(super) const SEVEN: Duration = Duration::from_ticks(7 * 18_333);
+pub(super) const QUIET: LineFaults = LineFaults::NONE;
 
 /// A bench at 1 ms with MD3s at addresses 1 and 2 on one line that has these faults, and a client there.
-fn line_faults(line: LineMode, seed: u64, faults: LineFaults) -> (Bench, [DriveId; 2], Bus, Client) {
+pub(super) fn line_faults(
+    line: LineMode,
+    seed: u64,
+    faults: LineFaults,
+) -> (Bench, [DriveId; 2], Bus, Client) {
     let settings =
         Settings { seed, line, trace: Retention::All, capture: Retention::All, ..Settings::default() };
     let mut bench = Bench::with(settings);
@@ -37,7 +41,7 @@ fn frames(bench: &Bench) -> Vec<(u64, Source, &[u8])> {
 }
 
 /// Time from `start()` to the start of the answer to a request that was sent at `start()`.
-fn leaves() -> Duration {
+pub(super) fn leaves() -> Duration {
     EIGHT + T3_5 + CHARACTER
 }
 

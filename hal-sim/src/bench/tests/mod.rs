@@ -3,6 +3,7 @@
 mod ascii;
 mod characters;
 mod contacts;
+mod early_requests;
 mod faults;
 mod motors;
 mod names;

@@ -17,7 +17,7 @@ use crate::suggest;
 pub(super) const DRIVE: [&str; 9] =
     ["name", "kind", "address", "nv", "set", "program", "fast_boot", "listen", "faults"];
 /// The keys of `[[bus]]`.
-pub(super) const BUS: [&str; 4] = ["name", "listen", "drives", "collisions"];
+pub(super) const BUS: [&str; 5] = ["name", "listen", "drives", "collisions", "strict"];
 
 /// A line of the bench.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -94,6 +94,7 @@ impl Reader {
             listen: vec![Uri::Tcp("127.0.0.1:0".into())],
             drives: Vec::new(),
             collisions: table.flag("collisions")?.is_some_and(|collide| collide.is),
+            strict: table.flag("strict")?.is_some_and(|strict| strict.is),
         };
         let drives = table.needs("drives", table.texts("drives")?)?;
         if drives.is.is_empty() {

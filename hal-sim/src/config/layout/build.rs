@@ -59,6 +59,9 @@ impl Layout {
                 bench.preset(ids[index], presets).map_err(|error| self.cannot_add(index, &error))?;
             }
         }
+        for bus in bench.buses().into_iter().filter(|_| self.strict) {
+            bench.set_strict(bus, true);
+        }
         for entry in &self.faults {
             let bus = bench.find_bus(&entry.bus);
             let bus = bus.ok_or_else(|| format!("there is no bus '{}'", entry.bus))?;
@@ -128,6 +131,7 @@ impl Layout {
             let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (ids[drive], port)).collect();
             let bus = bench.share(&shared.name, &ports);
             bench.set_collisions(bus, shared.collisions);
+            bench.set_strict(bus, shared.strict);
             buses[index] = Some(bus);
         }
         buses.into_iter().flatten().collect()

@@ -47,6 +47,8 @@ pub struct Layout {
     pub time: Option<TimeMode>,
     /// Timing of characters on serial lines; default [`LineMode::Timed`].
     pub line: Option<LineMode>,
+    /// True if all Modbus lines drop requests that are too early.
+    pub strict: bool,
     /// Drives of the bench; other entries refer to them by index.
     pub drives: Vec<DriveLayout>,
     /// Lines that several ports share. Any other serial port has its own line.
@@ -127,6 +129,8 @@ pub struct BusLayout {
     pub drives: Vec<(usize, Port)>,
     /// True if characters that overlap corrupt each other.
     pub collisions: bool,
+    /// True if requests that are too early are dropped.
+    pub strict: bool,
 }
 
 /// A motor on an axis of a drive: table `[[motor]]` of a bench file.

@@ -1,0 +1,142 @@
+//! Requests that are too early (HOST-23).
+//!
+//! A drive takes a silence of t3.5 for the end of a frame. A request without that silence before it is one
+//! frame with the reply before it, and the drive ignores both. A pty and a TCP connection do not carry
+//! silences, so the line inserts the missing silence, and a client that works here may fail on a real line.
+//! Therefore each such request is counted, and a strict line drops it.
+
+use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_protocol::modbus::ascii;
+
+use super::lines::inter_frame_gap;
+use super::{Bench, Bus};
+use crate::line::early::{EarlyCause, EarlyRequest, EarlyRequests};
+use crate::line::faults::LineFaults;
+use crate::record::journal::{Draft, Outcome};
+
+/// Requests that are too early.
+impl Bench {
+    /// Sets whether a Modbus line drops requests that are too early, as a drive does. By default it inserts
+    /// the missing silence. On a strict line, [`ask`](Self::ask) needs a pause of t3.5 before the next request.
+    ///
+    /// ```
+    /// use drivetwin_firmware::device::{Port, Span};
+    /// use drivetwin_firmware::md3::Md3;
+    /// use drivetwin_protocol::modbus::rtu;
+    /// use drivetwin_sim::bench::{Bench, Setup};
+    ///
+    /// let mut bench = Bench::new();
+    /// let setup = Setup { boot_fast: true, ..Setup::default() };
+    /// let x = bench.add_with("x", Box::new(Md3::default()), setup)?;
+    /// let line = bench.bus(x, Port(0)).expect("the MD3 has a line");
+    /// bench.set_strict(line, true);
+    /// let request = rtu::write(1, 0x15, 9_000);
+    /// assert_eq!(bench.ask(x, &request), request[..]);
+    /// // The second request follows the reply at once.
+    /// assert_eq!(bench.ask(x, &request), []);
+    /// assert_eq!(bench.early_requests(line).count, 1);
+    /// bench.run_until(bench.now() + 5.millis());
+    /// assert_eq!(bench.ask(x, &request), request[..]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn set_strict(&mut self, bus: Bus, strict: bool) {
+        self.buses[bus.0 as usize].strict = strict;
+    }
+
+    /// Returns true if a line drops requests that are too early.
+    #[must_use]
+    pub fn is_strict(&self, bus: Bus) -> bool {
+        self.buses[bus.0 as usize].strict
+    }
+
+    /// Requests on a line so far that were too early. A request after that of another client, through a port
+    /// that [times characters itself](Self::set_self_paced), or on a line with faults is not judged, because
+    /// its client does not know when it may send.
+    #[must_use]
+    pub fn early_requests(&self, bus: Bus) -> EarlyRequests {
+        self.buses[bus.0 as usize].early
+    }
+
+    /// Number of requests on all lines so far that were too early.
+    #[must_use]
+    pub fn early_count(&self) -> u64 {
+        self.early_count
+    }
+
+    /// Sets whether the silence before requests is judged; by default it is. A bench whose time stands still
+    /// between a reply and the next request does not know this silence.
+    pub fn judge_silence(&mut self, judge: bool) {
+        self.silence_is_free = !judge;
+    }
+
+    /// Sets the time by which the bytes of the next [`send`](Self::send) were sent at the latest. By default
+    /// it is the present time of the bench, which may be earlier than the clock of a host.
+    pub fn set_arrived_by(&mut self, at: Instant) {
+        self.arrived_by = at;
+    }
+
+    /// Lets the next request on each line begin at any time, after a jump of a host's clock.
+    pub fn forget_silence(&mut self) {
+        for line in &mut self.buses {
+            line.last_client = None;
+        }
+    }
+
+    /// Judges the first `length` waiting bytes of a client, which are a frame. All times are such that a
+    /// request without the silence is proven.
+    pub(super) fn early_request(&mut self, bus: u32, client: u32, length: usize) -> Option<EarlyRequest> {
+        let settings = self.framed(bus).filter(|_| !self.silence_is_free && !self.fast())?;
+        let state = self.clients.get(&client)?;
+        let (began, began_latest) = state.sent_between(0)?;
+        let (last, _) = state.sent_between(length.checked_sub(1)?)?;
+        let next = state.sent_between(length);
+        let ends = last.max(began + self.takes(settings, length));
+        let is_judged = !state.paces_itself;
+        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let line = &mut self.buses[bus as usize];
+        let ended = line.client_until.max(line.sends_until);
+        let after_reply = line.client_until < line.sends_until;
+        line.client_until = line.client_until.max(ends);
+        let last_client = line.last_client.replace(client);
+        if !is_judged || *line.disturbance.faults() != LineFaults::NONE {
+            return None;
+        }
+        if last_client == Some(client) && began_latest < ended + needs {
+            let cause = if began_latest < ended {
+                EarlyCause::InUse
+            } else if after_reply {
+                EarlyCause::AfterReply(began_latest.since(ended))
+            } else {
+                EarlyCause::AfterRequest(began_latest.since(ended))
+            };
+            return Some(EarlyRequest { cause, needs });
+        }
+        // Without a strict line, the second of two frames without silence is counted when its turn comes.
+        // In Modbus ASCII the first frame is whole without silence.
+        let (_, next) = next.filter(|_| line.strict && needs > Duration::ZERO)?;
+        (next < ends + needs).then_some(EarlyRequest { cause: EarlyCause::Followed, needs })
+    }
+
+    /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
+    pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
+        let ascii = ascii::is_on(self.line(Bus(bus)));
+        let line = &mut self.buses[bus as usize];
+        line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
+        self.early_count += 1;
+        if !line.strict {
+            return false;
+        }
+        let &[(drive, port), ref others @ ..] = line.ports.as_slice() else { return true };
+        let mut draft = Draft::default();
+        draft.begin(bytes);
+        let mut entry = draft.entry(came, port, Outcome::TooEarly(early));
+        entry.ascii = ascii;
+        let entries = &mut self.outputs.entries;
+        if others.is_empty() {
+            self.slots[drive.0 as usize].state.journal.push(entries, entry);
+        } else {
+            line.journal.push(entries, entry);
+        }
+        true
+    }
+}

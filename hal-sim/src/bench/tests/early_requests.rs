@@ -1,0 +1,179 @@
+//! Requests without the silence that a line needs (HOST-23).
+
+use super::faults::{ANSWER, ASKED, QUIET, SEVEN, leaves, line_faults};
+use super::*;
+
+/// Time at which the answer to a request of `start()` is complete.
+fn answered() -> Instant {
+    start() + leaves() + SEVEN
+}
+
+/// The request for drive 2 on the line, and its answer.
+const TO_Y: [u8; 8] = [2, 3, 0, 0, 0, 1, 0x84, 0x39];
+const ANSWER_OF_Y: [u8; 7] = [2, 3, 2, 0, 2, 0x7D, 0x85];
+
+/// Verdict and outcome of each message of a drive and its line.
+fn outcomes(bench: &Bench, drive: DriveId) -> Vec<(&'static str, String)> {
+    let received = bench.received(drive);
+    received.messages().map(|message| (message.exchange.verdict.as_str(), message.exchange.outcome)).collect()
+}
+
+/// A line, strict or not, on which x has just answered; the client sends `frame` after that `silence`. Returns
+/// the answers to it.
+fn after_silence(strict: bool, silence: Duration, frame: &[u8]) -> (Bench, [DriveId; 2], Bus, Vec<u8>) {
+    let (mut bench, drives, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    bench.set_strict(bus, strict);
+    bench.send(client, &ASKED);
+    bench.run_until(answered());
+    assert_eq!(received_by(&mut bench, client), ANSWER);
+    bench.run_until(answered() + silence);
+    bench.send(client, frame);
+    bench.run_until(1.secs());
+    let answers = received_by(&mut bench, client);
+    (bench, drives, bus, answers)
+}
+
+#[test]
+fn a_request_soon_after_another_drives_reply_is_counted_and_lost_on_a_strict_line() {
+    // At 9,600 bit/s, even parity, t3.5 is 38.5 bits: 4.01 ms.
+    let silence = 100.micros();
+    let (bench, _, bus, answers) = after_silence(false, silence, &TO_Y);
+    assert_eq!(answers, ANSWER_OF_Y);
+    let early = bench.early_requests(bus);
+    assert_eq!((early.count, bench.early_count(), bench.is_strict(bus)), (1, 1, false));
+    assert_eq!(early.last.unwrap().to_string(), "sent 0.1 ms after a reply; t3.5 is 4.0 ms");
+
+    let (bench, [x, y], bus, answers) = after_silence(true, silence, &TO_Y);
+    assert_eq!((answers, bench.early_requests(bus).count), (vec![], 1));
+    assert_eq!(bench.statistics(y, RS485).requests, 0);
+    let too_early = ("too early", "sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    assert_eq!(outcomes(&bench, y), std::slice::from_ref(&too_early));
+    assert_eq!(outcomes(&bench, x), [("done", "DeviceAddress = 1".to_owned()), too_early]);
+}
+
+#[test]
+fn a_silence_of_t3_5_is_enough() {
+    let enough = after_silence(true, T3_5, &TO_Y);
+    assert_eq!((enough.3, enough.0.early_count()), (ANSWER_OF_Y.to_vec(), 0));
+    let missing_a_tick = after_silence(true, T3_5 - Duration::TICK, &TO_Y);
+    assert_eq!((missing_a_tick.3, missing_a_tick.0.early_count()), (vec![], 1));
+}
+
+#[test]
+fn a_request_during_a_reply_is_early() {
+    let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    bench.set_strict(bus, true);
+    bench.send(client, &ASKED);
+    bench.run_until(answered() - CHARACTER);
+    bench.send(client, &TO_Y);
+    bench.run_until(1.secs());
+    assert_eq!(received_by(&mut bench, client), ANSWER);
+    let (verdict, outcome) = outcomes(&bench, x).pop().unwrap();
+    assert_eq!((verdict, outcome.as_str()), ("too early", "sent while the line was in use; t3.5 is 4.0 ms"));
+}
+
+#[test]
+fn two_frames_in_one_write_are_one_bad_frame_on_a_strict_line() {
+    for (strict, answers, count) in [(false, [ANSWER, ANSWER_OF_Y].concat(), 1), (true, vec![], 2)] {
+        let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+        bench.set_strict(bus, strict);
+        bench.send(client, &[ASKED, TO_Y].concat());
+        bench.run_until(1.secs());
+        assert_eq!((received_by(&mut bench, client), bench.early_count()), (answers, count));
+        if strict {
+            let first = outcomes(&bench, x).remove(0);
+            assert_eq!(
+                first,
+                ("too early", "the next request follows without silence; t3.5 is 4.0 ms".into())
+            );
+        }
+        // Afterwards the line is as before.
+        bench.send(client, &ASKED);
+        bench.run_until(2.secs());
+        assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER.to_vec(), count));
+    }
+}
+
+#[test]
+fn a_request_after_one_without_a_reply_needs_the_silence_as_well() {
+    for (after, count) in [(EIGHT + T3_5 - Duration::TICK, 1), (EIGHT + T3_5, 0)] {
+        let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, QUIET);
+        // Nobody has address 9.
+        bench.send(client, &rtu::read(9, 0, 1));
+        bench.run_until(start() + after);
+        bench.send(client, &ASKED);
+        bench.run_until(1.secs());
+        assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER.to_vec(), count));
+    }
+}
+
+#[test]
+fn a_partial_frame_counts_from_when_it_was_sent() {
+    // The line passes on a partial frame 20 ms later than the client sent it.
+    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    bench.set_strict(bus, true);
+    bench.send(client, &ASKED[..5]);
+    bench.run_until(start() + 21.millis());
+    bench.send(client, &ASKED);
+    bench.run_until(1.secs());
+    assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER.to_vec(), 0));
+}
+
+#[test]
+fn a_client_that_cannot_know_is_not_judged() {
+    let two = [ASKED, ASKED].concat();
+    // Characters that take no time, and faults.
+    for (line, faults) in
+        [(LineMode::Fast, QUIET), (LineMode::Timed, LineFaults { delay: 1.millis(), ..QUIET })]
+    {
+        let (mut bench, _, bus, client) = line_faults(line, 1, faults);
+        bench.set_strict(bus, true);
+        bench.send(client, &two);
+        bench.run_until(1.secs());
+        assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER.repeat(2), 0));
+    }
+    // Another client, a port that times characters itself, time that stands still, and a jump of the clock.
+    let cases: [fn(&mut Bench, Client, Bus) -> Client; 4] = [
+        |bench, _, bus| bench.connect(bus),
+        |bench, client, _| {
+            bench.set_self_paced(client);
+            client
+        },
+        |bench, client, _| {
+            bench.judge_silence(false);
+            client
+        },
+        |bench, client, _| {
+            bench.forget_silence();
+            client
+        },
+    ];
+    for (number, change) in cases.into_iter().enumerate() {
+        let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+        bench.set_strict(bus, true);
+        bench.send(client, &ASKED);
+        bench.run_until(answered());
+        let _ = received_by(&mut bench, client);
+        let client = change(&mut bench, client, bus);
+        bench.send(client, &TO_Y);
+        bench.run_until(1.secs());
+        assert_eq!(
+            (received_by(&mut bench, client), bench.early_count()),
+            (ANSWER_OF_Y.to_vec(), 0),
+            "{number}"
+        );
+    }
+}
+
+#[test]
+fn bytes_may_have_been_sent_later_than_the_bench_knows() {
+    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    bench.set_strict(bus, true);
+    bench.send(client, &ASKED);
+    bench.run_until(answered());
+    let _ = received_by(&mut bench, client);
+    bench.set_arrived_by(answered() + T3_5);
+    bench.send(client, &TO_Y);
+    bench.run_until(1.secs());
+    assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER_OF_Y.to_vec(), 0));
+}
