@@ -4,6 +4,7 @@
 //! is 18,333⅓ ticks), and 64 bits of ticks last 36,000 years. All arithmetic saturates: [`Instant::NEVER`]
 //! stays [`Instant::NEVER`] whatever is added to it.
 
+use core::fmt;
 use core::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Ticks in a second.
@@ -170,9 +171,70 @@ impl Span for u64 {
     }
 }
 
+/// Seconds since the start, exact, without zeros at the end: `2.513176875 s`; `never` for [`Instant::NEVER`].
+///
+/// ```
+/// use drivetwin_protocol::time::{Duration, Instant, Span as _};
+///
+/// assert_eq!(Instant::from(2_500.millis()).to_string(), "2.5 s");
+/// assert_eq!(Duration::TICK.to_string(), "0.0000000625 s");
+/// ```
+impl fmt::Display for Instant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::NEVER => f.write_str("never"),
+            Self(ticks) => seconds(ticks, f),
+        }
+    }
+}
+
+/// Seconds, exact, without zeros at the end: `0.0000000625 s`; `forever` for [`Duration::FOREVER`].
+impl fmt::Display for Duration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::FOREVER => f.write_str("forever"),
+            Self(ticks) => seconds(ticks, f),
+        }
+    }
+}
+
+/// Writes ticks as seconds. A tick is 625 units of 0.1 ns.
+fn seconds(ticks: u64, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    write!(f, "{}", ticks / TICKS_PER_SECOND)?;
+    let (mut rest, mut digits) = (ticks % TICKS_PER_SECOND * 625, 10);
+    if rest > 0 {
+        while rest % 10 == 0 {
+            (rest, digits) = (rest / 10, digits - 1);
+        }
+        write!(f, ".{rest:0digits$}")?;
+    }
+    f.write_str(" s")
+}
+
 #[cfg(test)]
 mod tests {
+    use std::string::ToString as _;
+
     use super::*;
+
+    #[test]
+    fn times_are_shown_in_exact_seconds() {
+        for (ticks, text) in [
+            (0, "0 s"),
+            (16_000_000, "1 s"),
+            (40_000_000, "2.5 s"),
+            (16_000_001, "1.0000000625 s"),
+            (160, "0.00001 s"),
+            (u64::MAX - 1, "1152921504606.846975875 s"),
+        ] {
+            assert_eq!(Instant::from_ticks(ticks).to_string(), text);
+            assert_eq!(Duration::from_ticks(ticks).to_string(), text);
+        }
+        assert_eq!(
+            (Instant::NEVER.to_string(), Duration::FOREVER.to_string()),
+            ("never".into(), "forever".into())
+        );
+    }
 
     #[test]
     fn a_tick_is_a_sixteenth_of_a_microsecond() {

@@ -22,7 +22,7 @@ mod tests;
 use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
-use self::registers::Reg;
+pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
     PortSpec, PresetError, Role, Spec,

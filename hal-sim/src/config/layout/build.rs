@@ -259,6 +259,20 @@ fn brush(
 }
 
 impl DriveLayout {
+    /// Adds the drive to a bench, with its presets, and switches its power on. `setup` has what the layout does
+    /// not: the content of its memory.
+    ///
+    /// # Errors
+    /// One sentence: the name is taken or not valid, or the drive refuses a preset.
+    pub fn add_to(self, bench: &mut Bench, setup: Setup) -> Result<DriveId, String> {
+        let layout = Layout { drives: vec![self], ..Layout::default() };
+        let (id, later) = layout.add_drive(bench, 0, setup)?;
+        if !later.is_empty() {
+            bench.preset(id, later).map_err(|error| layout.cannot_add(0, &error))?;
+        }
+        Ok(id)
+    }
+
     /// Checks that a new drive of this kind accepts the presets. The error is the row that the drive refuses,
     /// and the reason.
     pub(crate) fn try_presets(&self) -> Result<(), (usize, PresetError)> {

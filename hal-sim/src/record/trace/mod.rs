@@ -506,7 +506,8 @@ impl Trace {
     }
 
     /// Returns true if no event is missing.
-    pub(crate) fn is_whole(&self) -> bool {
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
         self.retention != Retention::Off && self.lost == 0
     }
 

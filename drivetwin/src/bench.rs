@@ -1,0 +1,246 @@
+//! A bench of drives, by name.
+
+use std::cell::RefMut;
+use std::fmt;
+
+use drivetwin_firmware::device::{Duration, Instant, Pin, Role};
+use drivetwin_sim::bench::{self, Bus, DriveId, Settings, Setup};
+use drivetwin_sim::blocking::{BlockingDelay, SharedBench};
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::{DriveLayout, no_line};
+use drivetwin_sim::config::preset::Preset;
+use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::record::trace::Retention;
+use drivetwin_sim::{catalog, export, suggest};
+
+use crate::{Drive, Error, RegisterName};
+
+/// A bench of drives on virtual time. Clones are the same bench.
+#[derive(Clone)]
+pub struct Bench {
+    shared: SharedBench,
+}
+
+impl Default for Bench {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl fmt::Debug for Bench {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Bench at {} with {} drives", self.now(), self.sim().drives().len())
+    }
+}
+
+/// Settings that keep the whole trace, as tests want it.
+fn settings() -> Settings {
+    Settings { trace: Retention::All, capture: Retention::All, ..Settings::default() }
+}
+
+impl Bench {
+    /// An empty bench with seed 1, whose characters take their time on the lines.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::with(settings())
+    }
+
+    /// An empty bench with these settings.
+    #[must_use]
+    pub fn with(settings: Settings) -> Self {
+        Self { shared: SharedBench::new(bench::Bench::with(settings)) }
+    }
+
+    /// A bench from the text of a bench file. The addresses in `listen` are checked, and not opened; files of
+    /// `nv` and `program` are not read.
+    ///
+    /// # Errors
+    /// The line in the text, and what is wrong there.
+    pub fn from_toml(text: &str) -> Result<Self, Error> {
+        let layout = bench_file::parse(text).map_err(|error| Error::from(error.to_string()))?;
+        let Settings { trace, capture, .. } = settings();
+        let built = layout.build(Settings { trace, capture, ..layout.settings() }, Vec::new())?;
+        Ok(Self { shared: SharedBench::new(built.bench) })
+    }
+
+    /// Adds a drive with factory settings and switches its power on. `kind` is one of
+    /// [`kinds::ALL`](crate::kinds::ALL), for instance `md3`.
+    ///
+    /// # Errors
+    /// There is no such kind, or the name is taken or no word.
+    pub fn add(&self, kind: &str, name: &str) -> Result<Drive, Error> {
+        self.add_preset::<RegisterName>(kind, name, &[])
+    }
+
+    /// Adds a drive without its start-up delay, with registers that are preset as if they had been saved, for
+    /// instance its address, and switches its power on.
+    ///
+    /// ```
+    /// use drivetwin::{Bench, md3::Reg, rtu};
+    ///
+    /// let bench = Bench::new();
+    /// let y = bench.add_preset("md3", "y", &[(Reg::DeviceAddress, 2), (Reg::Speed, 9_000)])?;
+    /// assert_eq!(y.ask(&rtu::read(2, 0x15, 1))[..5], [2, 3, 2, 0x23, 0x28]);
+    /// # Ok::<(), drivetwin::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`add`](Self::add); there is no such register, or it does not take the value.
+    pub fn add_preset<R: Into<RegisterName> + Clone>(
+        &self,
+        kind: &str,
+        name: &str,
+        registers: &[(R, i64)],
+    ) -> Result<Drive, Error> {
+        let spec = catalog::make(kind)?.spec();
+        let preset = |(register, value): &(R, i64)| {
+            let RegisterName(register) = register.clone().into();
+            Preset::typed(spec, &register, &value.to_string())
+        };
+        let presets = registers.iter().map(preset).collect::<Result<Vec<_>, String>>()?.concat();
+        let layout = DriveLayout {
+            name: name.to_owned(),
+            kind: spec.kind,
+            listen: Vec::new(),
+            nv: None,
+            presets,
+            program: None,
+            fast_boot: !registers.is_empty(),
+            faults: Vec::new(),
+        };
+        let id = layout.add_to(&mut self.sim(), Setup::default())?;
+        Ok(Drive::new(self.shared.clone(), id))
+    }
+
+    /// The drive of that name.
+    ///
+    /// # Errors
+    /// There is no such drive.
+    pub fn drive(&self, name: &str) -> Result<Drive, Error> {
+        let sim = self.sim();
+        let found = sim
+            .find_drive(name)
+            .ok_or_else(|| suggest::unknown("drive", name, sim.drives().map(|drive| sim.name(drive))))?;
+        Ok(Drive::new(self.shared.clone(), found))
+    }
+
+    /// Present bench time.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.sim().now()
+    }
+
+    /// Lets the bench run for a span of time.
+    pub fn advance(&self, span: Duration) {
+        let until = self.now() + span;
+        self.run_until(until);
+    }
+
+    /// Lets the bench run up to and including an instant. Time never goes back.
+    pub fn run_until(&self, at: impl Into<Instant>) {
+        self.sim().run_until(at);
+    }
+
+    /// A delay on bench time, for code that waits through embedded-hal.
+    #[must_use]
+    pub fn delay(&self) -> BlockingDelay {
+        self.shared.delay()
+    }
+
+    /// Connects an output pin to an input pin; both as `DRIVE.PIN`, for instance `x.STEP` and `y.J2.4`.
+    ///
+    /// # Errors
+    /// There is no such drive or pin, the first is no output, or the second no input.
+    pub fn wire(&self, from: &str, to: &str) -> Result<(), Error> {
+        let (from_id, from_pin, role) = self.end(from)?;
+        if matches!(role, Role::Input | Role::Analogue | Role::AnalogueOrDigital) {
+            return Err(Error::from(format!("{from} is an input; a wire leads from an output to an input")));
+        }
+        let (to_id, to_pin, role) = self.end(to)?;
+        if matches!(role, Role::Output | Role::Led | Role::Analogue) {
+            return Err(Error::from(format!(
+                "{to} takes no levels; a wire leads from an output to an input"
+            )));
+        }
+        self.sim().wire((from_id, from_pin), (to_id, to_pin));
+        Ok(())
+    }
+
+    /// One end of a wire.
+    fn end(&self, name: &str) -> Result<(DriveId, Pin, Role), Error> {
+        let (drive, pin) = name
+            .split_once('.')
+            .ok_or_else(|| Error::from(format!("'{name}' is no pin of a drive; x.J2.4 is one")))?;
+        let drive = self.drive(drive)?;
+        let (pin, spec) = drive.find_pin(pin)?;
+        Ok((drive.id(), pin, spec.role))
+    }
+
+    /// Connects the first serial ports of several drives to one line, under a name of its own.
+    ///
+    /// # Errors
+    /// The name is taken or no word, or a drive has no serial port.
+    pub fn share(&self, name: &str, drives: &[&Drive]) -> Result<(), Error> {
+        let mut ports = Vec::new();
+        for drive in drives {
+            ports.push((drive.id(), drive.first_serial_port()?));
+        }
+        let mut sim = self.sim();
+        if sim.is_taken(name) || name.is_empty() || name.contains(|c: char| c == '.' || c.is_whitespace()) {
+            return Err(Error::from(format!(
+                "'{name}' is no name for a line: use one new word without dots"
+            )));
+        }
+        sim.share(name, &ports);
+        Ok(())
+    }
+
+    /// Sets the faults of a line: that of [`share`](Self::share), or `DRIVE.PORT`, or `PORT` if only one drive
+    /// has such a port.
+    ///
+    /// # Errors
+    /// There is no such line.
+    pub fn set_line_faults(&self, line: &str, faults: LineFaults) -> Result<(), Error> {
+        let bus = self.line(line)?;
+        self.sim().set_line_faults(bus, faults);
+        Ok(())
+    }
+
+    /// Sets whether a line drops requests that are too early, as a drive does: without a silence of t3.5.
+    ///
+    /// # Errors
+    /// There is no such line.
+    pub fn set_strict(&self, line: &str, strict: bool) -> Result<(), Error> {
+        let bus = self.line(line)?;
+        self.sim().set_strict(bus, strict);
+        Ok(())
+    }
+
+    fn line(&self, name: &str) -> Result<Bus, Error> {
+        self.sim().find_bus(name).ok_or_else(|| Error::from(no_line(name)))
+    }
+
+    /// The recording so far, as text that `drivetwin replay` reads.
+    #[must_use]
+    pub fn trace(&self) -> String {
+        self.sim().trace().to_text()
+    }
+
+    /// The waveforms of all pins so far (VCD, for GTKWave).
+    #[must_use]
+    pub fn vcd(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        // A vector takes all bytes.
+        let _ = export::vcd::write(self.sim().trace(), &mut bytes);
+        bytes
+    }
+
+    /// The bench below, for everything else. Release it before another call of this crate.
+    ///
+    /// # Panics
+    /// If another part of the test has not released it.
+    #[must_use]
+    pub fn sim(&self) -> RefMut<'_, bench::Bench> {
+        self.shared.bench()
+    }
+}
