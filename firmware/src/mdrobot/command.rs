@@ -66,7 +66,7 @@ const ROWS: [(CommandSpec, Act); 38] = [
     known(14, "IO_MONITOR_BC_OFF", "stops IO_MONITOR", OWN_PROTOCOL),
     does(15, "FAN_ON", "FAN is high", Switch(FAN, Level::High)),
     does(16, "FAN_OFF", "FAN is low", Switch(FAN, Level::Low)),
-    does(17, "CLUTCH_ON", "CLUTCH is high; the clutch itself is not modelled", Switch(CLUTCH, Level::High)),
+    does(17, "CLUTCH_ON", "CLUTCH is high; the brake itself is not modelled", Switch(CLUTCH, Level::High)),
     does(18, "CLUTCH_OFF", "CLUTCH is low", Switch(CLUTCH, Level::Low)),
     does(20, "TAR_VEL_OFF", "TAR_VEL is 0", Erase(&[Pid::TAR_VEL])),
     does(21, "SLOW_START_OFF", "SLOW_START is 0", Erase(&[Pid::SLOW_START])),

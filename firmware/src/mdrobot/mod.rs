@@ -83,7 +83,7 @@ static NOT_MODELLED: [&str; 9] = [
     "a second motor and CAN: an MD400 has neither; their PIDs get exception 02",
     "functions of later controllers, except the PIDs marked \"not in V1.1\": PIDs get 02, codes of COMMAND \
      do nothing",
-    "effect of a clutch on the shaft: nobody knows what CLUTCH drives",
+    "effect of a brake or clutch at CLUTCH: which one is there is not known",
 ];
 
 static MD400: Spec = Spec {
