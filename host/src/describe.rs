@@ -436,8 +436,8 @@ fn pin_name(spec: &Spec, pin: Pin) -> &'static str {
 fn ends(ends: Framing) -> &'static str {
     match ends {
         Framing::Silence => "with 3.5 characters of silence",
-        Framing::Character => "with a character that the drive knows",
-        Framing::Mbap => "with the length in its header",
+        Framing::Character => "with an end character of its commands",
+        Framing::Mbap => "after the length that its header contains",
         Framing::Return => "with a carriage return",
     }
 }

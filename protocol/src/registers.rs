@@ -314,7 +314,7 @@ impl Row {
     #[must_use]
     pub const fn known(address: u16, section: &'static str) -> Self {
         Self::new(Space::Holding, Access::Known, address, section)
-            .not_modelled("the manual says no more of it")
+            .not_modelled("the manual does not describe it")
     }
 
     /// An input register.

@@ -14,7 +14,7 @@ const HEAD: &str = "\
 
 # Command line
 
-`drivetwin COMMAND --help` says the same in a terminal.
+`drivetwin COMMAND --help` prints the same text in a terminal.
 ";
 
 /// Text after the commands.
@@ -23,12 +23,13 @@ const TAIL: &str = "
 
 | Code | Meaning |
 |---|---|
-| 0 | done; of `run`: ended by a signal |
-| 1 | `replay`: there is a difference |
-| 2 | wrong usage, a file or a port that cannot be used; stderr has one sentence that begins with `drivetwin: ` |
+| 0 | success; also if a signal has ended `run` |
+| 1 | `replay` has found a difference |
+| 2 | wrong usage, or a file or a port that cannot be used. On stderr is one sentence that begins with `drivetwin: ` |
 
-The log goes to stderr, one line an event: warnings; with `-v` clients that come and leave and each message to a drive, too; with `-vv` everything; with
-`-q` errors alone. `RUST_LOG` goes before these options. With `NO_COLOR` the log has no colours.
+The log goes to stderr and has one line for each event. By default it contains warnings and errors. With `-v` it also
+contains each client that connects or disconnects, and each message to a drive. With `-vv` it contains all events, with `-q`
+only errors. The environment variable `RUST_LOG` has priority over these options. With `NO_COLOR` the log has no colours.
 ";
 
 /// Prints the page.

@@ -83,21 +83,21 @@ static HIGH_CURRENT: Spec = spec("md3", "US Digital MD3 stepper drive, 7 A", Reg
 static LOW_CURRENT: Spec = spec("md3-low", "US Digital MD3 stepper drive, 1.8 A", &registers::LOW_TABLE);
 
 static NOT_MODELLED: [&str; 14] = [
-    "not published (3.2, 7.20): \"Reset Device\", firmware and serial-number updates",
-    "heat and shorts (7.15): over_temperature and over_current come only when they are set",
-    "the supply (2): any voltage will do, and a motor that brakes does not raise it",
-    "delay and supply of the isolators (5.2): inputs act at once and always",
+    "\"Reset Device\" and updates of firmware and serial number (3.2, 7.20): not published",
+    "heat and short circuits (7.15): over_temperature and over_current occur only if set",
+    "the supply (2): any voltage works, and a motor that brakes does not raise it",
+    "delay and supply of the isolators (5.2): inputs act at once, without supply",
     "\"small timing deviations\" while many commands come (7.8): every step is at its tick",
-    "a final velocity that \"may not match\" (7.15): it does",
+    "a final velocity that \"may not match\" (7.15): it matches",
     "resonance, ringing, ripple of speed and current: a stepper follows its steps exactly, or is out of step",
-    "the angle by which a load turns a shaft that is in step (up to a full step), and the momentum of one that falls \
-     out of step: it stops at once, and its load turns it from there",
-    "detent torque: the friction of a [[motor]] holds a shaft without current",
-    "a shaft without a [[motor]]: its steps are seen at STEP and DIR alone, and nothing turns an encoder",
+    "the angle by which a load turns a shaft that is in step (up to a full step), and the momentum of a \
+     shaft that falls out of step: it stops at once, then its load turns it",
+    "detent torque: without current only friction holds the shaft of a [[motor]]",
+    "a shaft without a [[motor]]: steps are only pulses at STEP and DIR, and turn no encoder",
     "inductance of a DC motor and its erratic running (7.2)",
-    "a motor of the other motor mode (7.2): it stands",
-    "a DC motor where no bench file has one, as on a board (7.2): the duty is a number",
-    "memory of where the first index began (7.13): a shaft that turns round on the index counts it again",
+    "a motor that does not fit the motor mode (7.2): it stands still",
+    "a DC motor without a [[motor]], as on a board (7.2): the duty is a number",
+    "memory of where the first index began (7.13): a shaft that reverses on the index counts it again",
 ];
 
 /// Returns the description of one version. The versions differ only in the arguments.

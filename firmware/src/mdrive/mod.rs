@@ -99,31 +99,34 @@ static MDRIVE_HYBRID: Spec = spec(
 /// Parts that are not modelled, and why. The last [`OF_HYBRID`] entries apply to the Hybrid only.
 static NOT_MODELLED: [&str; 23] = [
     "MCode over UDP (FB 6.3, MC 1.2.2)",
-    "BD, CK, DG, DN, PY, QD and Ctrl-J (MC 1.2.2): of drives with a serial port; error 37 unless SerialCommands is 1: \
-     then they are there on TCP, but BD, whose line there is not, and answers of several drives do not collide",
-    "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; error 37",
+    "BD, CK, DG, DN, PY, QD, Ctrl-J (MC 1.2.2): commands of drives with a serial port; error 37. With \
+     SerialCommands 1 TCP has them, but BD has no effect, and answers of several drives do not collide",
+    "D9 to D12, I9 to I12, O9 to O12, S9 to S12, IH, OH (FB 1.2.1): drives with Ethernet have no such I/O; \
+     error 37",
     "AT, FT, I7, I8, I13 (MC 5-3, 5-27, 5-34, 5-35): reserved; error 37",
-    "PW (MC 5-58): of another product; a free name",
+    "PW (MC 5-58): of another product; users may define it",
     "UG (MC 5-77) and the upgrade of the Ethernet controller (FB 6.6): there is no other firmware; error 37",
     "setting IP address, netmask and MAC address (FB 6.3): the protocol is not published",
-    "error 88, following error (MC 9.6): MC does not say when it comes; a stall is error 86",
-    "errors 47 and 63 (MC 9): this memory does not fail, and TCP has no over-run",
+    "error 88, following error (MC 9.6): MC does not say when it occurs; a stall is error 86",
+    "errors 47 and 63 (MC 9): this memory never fails, and TCP loses nothing",
     "resonance, ringing, ripple of speed and current: the motor follows its steps exactly, or is out of step",
     "the angle by which a load turns a shaft that is in step (up to a full step): it is where its steps are",
-    "momentum of a shaft that falls out of step: it stops at once, and its load turns it from there",
-    "detent torque: no manual gives it; without current Friction holds the shaft",
-    "a load that turns the shaft while there is no power: the drive is not told when power goes; C2 begins at 0, but the \
-     index (I6, HI) is where it was. A [[motor]] of the bench turns",
-    "the supply: MC has no register of it; a load that drives the motor does not raise it, nor does it change the torque",
-    "the configuration test (SC = 1, MC 4-8) and its errors 100 to 103: this encoder is always right; error 37",
-    "a current that varies with the load (AS 2, MC 5-3): it is that of RC, as with AS 1",
-    "torque compensation (CA = 0,1, MC 5-9): this motor has nothing to compensate",
-    "make-up steps between those of a move (MC 5-50): they are made behind it",
-    "a rotor that creeps at the bounds of CB (MC 5-10): it stands, unless its load turns it",
-    "heat of the motor's own current (IT, MC 5-38): MC has no figures; the fault over_temperature heats it",
-    "AF 4, maximum lead/lag limit reached (MC 5-2): LL has 32 bits, and a rotor is locked before they are full",
-    "what the circuitry does with a rotor out of step, at the [[motor]] of a bench: that one hears steps and current alone, \
-     and falls in as an MDrivePlus2's does; C2, LL and LR are right",
+    "momentum of a shaft that falls out of step: it stops at once, then its load turns it",
+    "detent torque: no manual gives it; without current only Friction holds the shaft",
+    "a load that turns the shaft without power: the drive gets no event when power fails. C2 then begins at \
+     0, and the index (I6, HI) is where it was. A [[motor]] does turn",
+    "the supply: MC has no register of it; a load that drives the motor does not raise it, and the torque \
+     does not depend on it",
+    "the configuration test (SC = 1, MC 4-8) and its errors 100 to 103: this encoder has no errors; error 37",
+    "a current that varies with the load (AS 2, MC 5-3): it is RC, as with AS 1",
+    "torque compensation (CA = 0,1, MC 5-9): this motor needs none",
+    "make-up steps during a move (MC 5-50): they are made after it",
+    "a rotor that creeps at the bounds of CB (MC 5-10): it stands still, unless its load turns it",
+    "heat of the motor's own current (IT, MC 5-38): MC has no figures; only the fault over_temperature heats \
+     it",
+    "AF 4, maximum lead/lag limit reached (MC 5-2): a rotor is locked before the 32 bits of LL are full",
+    "effect of the circuitry on a rotor out of step, at a [[motor]] of a bench: that motor gets only steps \
+     and current, and falls into step as an MDrivePlus2's does; C2, LL and LR are right",
 ];
 
 /// Number of entries at the end of [`NOT_MODELLED`] that apply to the Hybrid only.

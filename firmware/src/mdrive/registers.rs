@@ -235,7 +235,7 @@ drivetwin_protocol::registers! {
         NE = variable(13, "MC 5-51").range(0, 1).reset(1).saved(),
         /// Filter of the velocity in torque mode.
         VF = variable(14, "MC 5-79").range(0, 1_000).saved().only(HYBRID)
-            .not_modelled("in torque mode V is 0: nothing shows what it filters"),
+            .not_modelled("V is 0 in torque mode, so it filters nothing"),
         /// I/O 1: type, active state, sinking or sourcing.
         S1 = variable(15, "MC 5-63").words(3).saved(),
         /// I/O 2: type, active state, sinking or sourcing.

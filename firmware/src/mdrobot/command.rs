@@ -24,7 +24,7 @@ enum Act {
 
 use Act::{As, Erase, Nothing, Set, Switch};
 
-const OWN_PROTOCOL: &str = "what is sent without a request is of the maker's own protocol";
+const OWN_PROTOCOL: &str = "broadcasts use the maker's own protocol";
 const ONE_MOTOR: &str = "an MD400 has one motor";
 const NO_CAN: &str = "there is no CAN";
 
@@ -56,14 +56,14 @@ const fn page(code: u16) -> &'static str {
 const ROWS: [(CommandSpec, Act); 38] = [
     does(2, "TQ_OFF", "as TQ_OFF", As(Pid::TQ_OFF)),
     does(4, "BRAKE", "as BRAKE", As(Pid::BRAKE)),
-    known(5, "MAIN_DATA_BC_ON", "sends MAIN_DATA again and again", OWN_PROTOCOL),
-    known(6, "MAIN_DATA_BC_OFF", "ends that", OWN_PROTOCOL),
+    known(5, "MAIN_DATA_BC_ON", "sends MAIN_DATA repeatedly", OWN_PROTOCOL),
+    known(6, "MAIN_DATA_BC_OFF", "stops MAIN_DATA", OWN_PROTOCOL),
     does(8, "ALARM_RESET", "as ALARM_RESET", As(Pid::ALARM_RESET)),
     does(10, "POSI_RESET", "as POSI_RESET", As(Pid::POSI_RESET)),
-    known(11, "MONITOR_BC_ON", "sends MONITOR again and again", OWN_PROTOCOL),
-    known(12, "MONITOR_BC_OFF", "ends that", OWN_PROTOCOL),
-    known(13, "IO_MONITOR_BC_ON", "sends IO_MONITOR again and again", OWN_PROTOCOL),
-    known(14, "IO_MONITOR_BC_OFF", "ends that", OWN_PROTOCOL),
+    known(11, "MONITOR_BC_ON", "sends MONITOR repeatedly", OWN_PROTOCOL),
+    known(12, "MONITOR_BC_OFF", "stops MONITOR", OWN_PROTOCOL),
+    known(13, "IO_MONITOR_BC_ON", "sends IO_MONITOR repeatedly", OWN_PROTOCOL),
+    known(14, "IO_MONITOR_BC_OFF", "stops IO_MONITOR", OWN_PROTOCOL),
     does(15, "FAN_ON", "FAN is high", Switch(FAN, Level::High)),
     does(16, "FAN_OFF", "FAN is low", Switch(FAN, Level::Low)),
     does(17, "CLUTCH_ON", "CLUTCH is high; the brake itself is not modelled", Switch(CLUTCH, Level::High)),
@@ -71,25 +71,25 @@ const ROWS: [(CommandSpec, Act); 38] = [
     does(20, "TAR_VEL_OFF", "TAR_VEL is 0", Erase(&[Pid::TAR_VEL])),
     does(21, "SLOW_START_OFF", "SLOW_START is 0", Erase(&[Pid::SLOW_START])),
     does(22, "SLOW_DOWN_OFF", "SLOW_DOWN is 0", Erase(&[Pid::SLOW_DOWN])),
-    known(23, "CAN_RESEND_ON", "sends on what comes from CAN", NO_CAN),
-    known(24, "CAN_RESEND_OFF", "ends that", NO_CAN),
+    known(23, "CAN_RESEND_ON", "forwards messages of CAN", NO_CAN),
+    known(24, "CAN_RESEND_OFF", "stops that", NO_CAN),
     does(25, "MAX_LOAD_OFF", "MAX_LOAD is 200", Erase(&[Pid::MAX_LOAD])),
     does(26, "ENC_PPR_OFF", "ENC_PPR is 0", Erase(&[Pid::ENC_PPR])),
     does(27, "LOW_SPEED_LIMIT_OFF", "LOW_SPEED_LIMIT is 0", Erase(&[Pid::LOW_SPEED_LIMIT])),
     does(28, "HIGH_SPEED_LIMIT_OFF", "HIGH_SPEED_LIMIT is 0", Erase(&[Pid::HIGH_SPEED_LIMIT])),
     does(29, "SPEED_LIMIT_OFF", "LOW_SPEED_LIMIT and HIGH_SPEED_LIMIT are 0", Erase(&[Pid::LOW_SPEED_LIMIT, Pid::HIGH_SPEED_LIMIT])),
-    known(31, "CURVE_OFF", "cancels the fitted curve of the speed input", "the manual says no more of it"),
+    known(31, "CURVE_OFF", "cancels the fitted curve of the speed input", "the manual does not describe it"),
     does(32, "STEP_OFF", "INPUT_TYPE is 0", Erase(&[Pid::INPUT_TYPE])),
     does(44, "UI_COM_OFF", "as UI_COM with 0", Set(Pid::UI_COM, 0)),
     does(45, "UI_COM_ON", "as UI_COM with 1", Set(Pid::UI_COM, 1)),
     does(46, "MAX_RPM_OFF", "MAX_RPM is 3,000", Erase(&[Pid::MAX_RPM])),
     does(47, "HALL_TYPE_OFF", "HALL_TYPE is 0", Erase(&[Pid::HALL_TYPE])),
-    known(50, "MAIN_BC_ON2", "MAIN_DATA of the second motor", ONE_MOTOR),
-    known(51, "MAIN_BC_OFF2", "ends that", ONE_MOTOR),
-    known(52, "MONITOR_BC_ON2", "MONITOR of the second motor", ONE_MOTOR),
-    known(53, "MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
-    known(54, "IO_MONITOR_BC_ON2", "IO_MONITOR of the second motor", ONE_MOTOR),
-    known(55, "IO_MONITOR_BC_OFF2", "ends that", ONE_MOTOR),
+    known(50, "MAIN_BC_ON2", "as 5, for the second motor", ONE_MOTOR),
+    known(51, "MAIN_BC_OFF2", "as 6, for the second motor", ONE_MOTOR),
+    known(52, "MONITOR_BC_ON2", "as 11, for the second motor", ONE_MOTOR),
+    known(53, "MONITOR_BC_OFF2", "as 12, for the second motor", ONE_MOTOR),
+    known(54, "IO_MONITOR_BC_ON2", "as 13, for the second motor", ONE_MOTOR),
+    known(55, "IO_MONITOR_BC_OFF2", "as 14, for the second motor", ONE_MOTOR),
     does(71, "POSI_SS_OFF", "POSI_SS is 0", Erase(&[Pid::POSI_SS])),
     does(72, "POSI_SD_OFF", "POSI_SD is 0", Erase(&[Pid::POSI_SD])),
 ];

@@ -70,16 +70,20 @@ const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
 
 /// The limits of the model, each with its reason.
 static NOT_MODELLED: [&str; 9] = [
-    "errors of the measured speed in the control loop: it goes by the shaft between two edges of its sensor",
-    "a supply that rises while a motor gives current back, or sags under load: VOLT_IN is what the bench says, so braking \
-     makes no OVER_VOLT and no regenerative over-temperature; faults and a preset VOLT_IN do",
-    "VOLT_IN that is preset at run time and a [[motor]]: that keeps its supply_v; the drive's own motor follows",
-    "a ripple of speed or current: the motor has no cogging, no commutation and no inductance",
-    "OVER_TEMP: the manual gives no limit, so only the fault raises it",
-    "the 2.5 s in which a real controller starts anew when ENC_PPR is written: they are not in the manual",
-    "a second motor and CAN: an MD400 has neither; PIDs of them are answered 02",
-    "what later controllers have beyond the PIDs marked \"not in V1.1\": 02, and codes of COMMAND without a row do nothing",
-    "a clutch that holds the shaft: what is on CLUTCH is not known",
+    "errors of the measured speed in the control loop: between two edges it uses the true position of the \
+     shaft",
+    "a supply that rises while the motor returns current, or drops under load: VOLT_IN is what the bench \
+     sets; braking causes no OVER_VOLT and no regenerative over-temperature, only faults and a preset \
+     VOLT_IN do",
+    "VOLT_IN preset at run time, on a [[motor]]: that motor keeps its supply_v; the drive's own motor \
+     follows",
+    "ripple of speed or current: the motor has no cogging, no commutation and no inductance",
+    "OVER_TEMP by heat: the manual gives no limit, so only the fault causes it",
+    "the restart of 2.5 s after a write of ENC_PPR on real controllers: the manual has none",
+    "a second motor and CAN: an MD400 has neither; their PIDs get exception 02",
+    "functions of later controllers, except the PIDs marked \"not in V1.1\": PIDs get 02, codes of COMMAND \
+     do nothing",
+    "effect of a brake or clutch at CLUTCH: which one is there is not known",
 ];
 
 static MD400: Spec = Spec {

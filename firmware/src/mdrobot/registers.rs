@@ -9,8 +9,8 @@ pub(super) const LATER: &str = "not in V1.1";
 /// Nominal supply, in 0.1 V.
 pub(super) const SUPPLY: u16 = 240;
 
-const POSITION_RAMP: &str = "kept, without effect: no public client shows how a move follows it";
-const MOTOR_2: &str = "an MD400 has one motor: what is motor 2's reads 0";
+const POSITION_RAMP: &str = "stored, without effect: no public client shows one";
+const MOTOR_2: &str = "an MD400 has one motor: fields of motor 2 read 0";
 
 drivetwin_protocol::registers! {
     /// The objects that a PID names. A value of two words has the low word first.

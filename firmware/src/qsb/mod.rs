@@ -76,11 +76,11 @@ static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, sin
 
 /// The limits of the model for all variants, each with its reason.
 static NOT_MODELLED: [&str; 4] = [
-    "DTR low does not hold it in reset: ports open and close, and opening one is the reset",
-    "RTS: it means nothing to a QSB",
-    "a PWM or analogue encoder on a shaft: [[encoder]] makes A, B and index only; the control API puts pulses with a \
-     duty, or volts, at A",
-    "noise of the analogue input and of a PWM encoder: a voltage and a duty are read exactly",
+    "DTR low: a real QSB stays in reset; here only the opening of the port (DTR high) resets it",
+    "RTS: a QSB does not use it",
+    "a PWM or analogue encoder on a shaft: an [[encoder]] makes A, B and index only; the control API sets a \
+     PWM signal or a voltage at A",
+    "noise of a PWM or analogue encoder: duty and voltage are measured exactly",
 ];
 
 /// Returns the description of one variant.

@@ -35,7 +35,7 @@ drivetwin_protocol::registers! {
         /// Bits 3:0 edge that captures, 1 for the falling edge; 7:4 enable captures; 11:8 pins that are
         /// outputs; 12 a trigger makes a pulse on DIO0. A write releases all pins.
         DigIOConfig = rw(0x02, "DIG I/O CONFIG").range(0, 0x1FFF).saved().only(D.bit | M.bit)
-            .not_modelled("not modelled: the motor's own steps do not capture"),
+            .not_modelled("not modelled: captures by the motor's own steps"),
         /// Bits 1:0 non-quadrature, x1, x2, x4; 3:2 free-running, single-cycle, range-limit, modulo-n; 5:4
         /// effect of the index: none, loads CNTR, clears CNTR, loads OTR; 6 synchronous index; 7 half the
         /// filter's clock.

@@ -81,17 +81,17 @@ static RS434546: Spec = spec("rs434546", "RS 434546 brush motor controller, 40 A
 
 /// Limits of the model, with reasons. They apply to both models of the drive.
 static NOT_MODELLED: [&str; 6] = [
-    "the errors of a real control loop: the speed follows its ramp without a lag, and a load changes it only where current \
-     or supply end",
-    "a supply that rises while a motor gives current back: the braking circuit (4) takes all of it, and only \
-     TEMPERATURE_BRAKE shows it; a supply that sags under load: it has no resistance",
-    "a drive's own motor on another supply (3): RATED_SPEED is its speed at whatever feeds it (6.5, 500Ah); a [[motor]] \
-     has supply_v",
-    "a ripple of speed or current: the motor has no cogging, no commutation and no inductance",
-    "short circuits and faults of the switches (bits 1 and 10 of ERROR): nothing in a motor makes one, only a fault or a \
-     preset CURRENT_VALID does",
-    "overheating (bits 2, 3 and 6): no current within REF_CURRENT heats it so far, only a fault or a preset temperature \
-     does; the winding stays as it is",
+    "errors of a real control loop: the speed follows its ramp without lag; a load changes it only if \
+     current or supply do not suffice",
+    "a supply that rises while the motor returns current: the braking circuit (4) takes it all, and only \
+     TEMPERATURE_BRAKE shows it; a supply that drops under load: it has no resistance",
+    "effect of the supply on the drive's own motor (3): RATED_SPEED is its speed at any supply (6.5, 500Ah); \
+     a [[motor]] has supply_v",
+    "ripple of speed or current: the motor has no cogging, no commutation and no inductance",
+    "short circuits and faults of the switches (bits 1 and 10 of ERROR): no motor causes them, only a fault \
+     or a preset CURRENT_VALID does",
+    "overheating (bits 2, 3 and 6): no current within REF_CURRENT is enough for it, only a fault or a preset \
+     temperature; the winding keeps its resistance",
 ];
 
 /// The description, as far as both models share it.
