@@ -498,8 +498,8 @@ mod tests {
         let request = rtu::write(1, USER_REGISTER, 7);
         assert_eq!(rustix::io::write(&next, &request), Ok(8));
         pty.prepare_for_next(true);
-        assert!(!pty.process(&mut bench, false, true), "it is noted that he is there");
-        assert!(pty.process(&mut bench, false, true), "it is read what he wrote");
+        assert!(!pty.process(&mut bench, false, None), "it is noted that he is there");
+        assert!(pty.process(&mut bench, false, None), "it is read what he wrote");
         bench.run_until_idle();
         pty.deliver(&mut bench);
         let mut came = [0; 64];
