@@ -1,4 +1,4 @@
-//! The thread that owns the bench, and the only file that reads the wall clock.
+//! The thread that owns the bench.
 //!
 //! The thread sleeps until the bench's next deadline or until input arrives. Then it runs the bench up to
 //! that moment and gives the input that moment as its timestamp. Requests and calls of the control API are
@@ -11,13 +11,13 @@ use std::sync::{Arc, Weak, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{Bench, Bus, EarlyRequests, IdleRun};
 use drivetwin_sim::config::time_mode::TimeMode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
 use tracing::{Level, enabled, info, warn};
 
+use crate::clock::{Clock, wall};
 use crate::live_file::LiveFile;
 use crate::ports::Ports;
 
@@ -35,42 +35,6 @@ const MESSAGES: usize = 256;
 
 /// Longest bench time between two writes to the files.
 const FILE_INTERVAL: Duration = Duration::millis(100);
-
-/// Bench time derived from the wall clock: when the wall clock showed `wall`, the bench time was `bench`.
-pub(crate) struct Clock {
-    factor: u32,
-    wall: WallInstant,
-    bench: Instant,
-}
-
-impl Clock {
-    /// A clock that shows bench time `bench` at wall time `wall`.
-    fn new(factor: u32, wall: WallInstant, bench: Instant) -> Self {
-        Self { factor, wall, bench }
-    }
-
-    /// Bench time at `wall`.
-    fn at(&self, wall: WallInstant) -> Instant {
-        let passed = wall.saturating_duration_since(self.wall).as_nanos() * u128::from(self.factor);
-        let ticks = passed * u128::from(TICKS_PER_SECOND) / 1_000_000_000;
-        self.bench + Duration::from_ticks(u64::try_from(ticks).unwrap_or(u64::MAX))
-    }
-
-    /// Bench time now.
-    pub(crate) fn now(&self) -> Instant {
-        self.at(wall())
-    }
-
-    /// Wall time at which the clock shows `bench`, rounded up; `None` for never.
-    fn when(&self, bench: Instant) -> Option<WallInstant> {
-        if bench == Instant::NEVER {
-            return None;
-        }
-        let ticks = u128::from(bench.since(self.bench).ticks()) * 1_000_000_000;
-        let nanos = ticks.div_ceil(u128::from(TICKS_PER_SECOND) * u128::from(self.factor));
-        self.wall.checked_add(WallSpan::from_nanos(u64::try_from(nanos).ok()?))
-    }
-}
 
 /// A job for the bench's thread.
 type Job = Box<dyn FnOnce(&mut EventLoop) -> Completion + Send>;
@@ -512,11 +476,6 @@ fn wake(waker: &OwnedFd) {
     let _ = rustix::io::write(waker, &1_u64.to_ne_bytes());
 }
 
-#[expect(clippy::disallowed_methods, reason = "this file is the one that reads the wall clock")]
-fn wall() -> WallInstant {
-    WallInstant::now()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -533,20 +492,5 @@ mod tests {
         queue.collect();
         assert_eq!(queue.waiting.len(), 1);
         assert_eq!((queue.next(), queue.next()), (Some(1_000), None));
-    }
-
-    #[test]
-    fn a_clock_shows_bench_time_and_wakes_no_tick_early() {
-        let start = wall();
-        let clock = Clock::new(10, start, Instant::from_ticks(7));
-        assert_eq!(clock.at(start), Instant::from_ticks(7));
-        assert_eq!(clock.at(start + WallSpan::from_millis(1)), Instant::from_ticks(7 + 160_000));
-        assert_eq!(clock.when(Instant::NEVER), None);
-        for ticks in [1, 2, 15, 16, 17, 12_345_678] {
-            let due = Instant::from_ticks(7 + ticks);
-            let when = clock.when(due).unwrap();
-            assert!(clock.at(when) >= due);
-            assert!(clock.at(when - WallSpan::from_nanos(1)) < due);
-        }
     }
 }

@@ -36,6 +36,7 @@
 
 mod api;
 mod banner;
+mod clock;
 pub mod describe;
 mod event_loop;
 mod live_file;

@@ -27,8 +27,9 @@ const HAL_SIM: [&str; 18] = [
 ];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 11] = [
+const HOST: [&str; 12] = [
     "options",
+    "clock",
     "describe",
     "rs_programs",
     "nv_file",

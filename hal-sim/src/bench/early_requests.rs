@@ -10,8 +10,8 @@ use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
 use super::{Bench, Bus};
-use crate::line::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::line::faults::LineFaults;
+use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::journal::{Draft, Outcome};
 
 /// Requests that are too early.

@@ -50,9 +50,9 @@ use std::fmt;
 use drivetwin_firmware::device::{Device, Duration, Instant, Port, PresetError, Spec};
 
 pub use crate::ids::{Bus, Client, DriveId};
-pub use crate::line::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::line::{Clients, LineMode, SerialLine};
 use crate::record::capture::Capture;
+pub use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
 use crate::scheduler::{Event, Phase, Queue, Tournament};
 use crate::slot::{CallContext, Outputs, Slot};

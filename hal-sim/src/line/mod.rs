@@ -2,7 +2,6 @@
 
 mod client_buffers;
 pub(crate) mod collisions;
-pub mod early;
 pub mod faults;
 mod request_boundaries;
 
@@ -12,10 +11,10 @@ use drivetwin_firmware::device::{Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
+use crate::record::early::EarlyRequests;
 use crate::record::journal::{Entry, Journal};
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
-use early::EarlyRequests;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 
-use crate::line::early::EarlyRequest;
+use crate::record::early::EarlyRequest;
 
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;

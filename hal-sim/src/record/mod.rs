@@ -1,6 +1,7 @@
 //! Recordings: inputs and outputs of drives (traces), frames on the lines (captures), and messages with
-//! their outcomes (journals).
+//! their outcomes (journals, requests that are too early).
 
 pub mod capture;
+pub mod early;
 pub mod journal;
 pub mod trace;

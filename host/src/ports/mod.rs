@@ -36,7 +36,7 @@ use drivetwin_sim::bench::{Bench, Bus, Client, Outlet};
 use rustix::event::epoll::EventFlags;
 use tracing::error;
 
-use crate::event_loop::Clock;
+use crate::clock::Clock;
 use poller::Poller;
 pub(crate) use pty::PtyError;
 pub(crate) use pty_link::check_link;

@@ -40,7 +40,7 @@ use super::pty_link::Link;
 use super::pty_openings::{Openers, Openings};
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
-use crate::event_loop::Clock;
+use crate::clock::Clock;
 
 /// A pty connected to a line.
 pub(super) struct Pty {

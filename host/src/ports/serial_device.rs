@@ -28,7 +28,7 @@ use tracing::{info, warn};
 
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, ROOM, ReadResult, interest, may_read, read_some};
-use crate::event_loop::Clock;
+use crate::clock::Clock;
 
 /// Time between two attempts to open an unplugged port.
 const RETRY: Duration = Duration::from_secs(1);

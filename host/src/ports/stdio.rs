@@ -19,7 +19,7 @@ use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};
 use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
-use crate::event_loop::Clock;
+use crate::clock::Clock;
 
 /// Poll interval until all output is written.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);

@@ -16,7 +16,7 @@ use tracing::{info, warn};
 use super::unread::{Unread, share_mib};
 use super::web::{BrowserCheck, Verdict};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
-use crate::event_loop::Clock;
+use crate::clock::Clock;
 
 /// Interval at which a connection is polled after its client has sent everything, until the client leaves.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
