@@ -89,6 +89,7 @@ fn the_writer_makes_the_file_made_by_hand() {
         protocol: Protocol::Tcp,
         bytes,
         collided: false,
+        comment: "",
         lost: 0,
     };
     // A tick is 62.5 ns.

@@ -309,7 +309,7 @@ impl Bench {
     }
 
     /// Address of a drive on its line, from its register.
-    fn address(&self, drive: DriveId) -> Option<u8> {
+    pub(crate) fn address(&self, drive: DriveId) -> Option<u8> {
         u8::try_from(self.peek(drive, self.spec(drive).address?)).ok()
     }
 }

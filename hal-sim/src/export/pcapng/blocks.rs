@@ -18,6 +18,7 @@ const ENHANCED_PACKET: u32 = 6;
 const BYTE_ORDER: u32 = 0x1A2B_3C4D;
 
 /// Codes of options (3.5, 4.1 to 4.3).
+const COMMENT: u16 = 1;
 const USER_APPLICATION: u16 = 4;
 const INTERFACE_NAME: u16 = 2;
 const TIME_RESOLUTION: u16 = 9;
@@ -93,6 +94,8 @@ pub struct Packet<'a> {
     pub bytes: &'a [u8],
     /// True if other characters corrupted the packet on the line, so that no receiver could read it.
     pub collided: bool,
+    /// The packet in words; empty if there are none.
+    pub comment: &'a str,
     /// Number of packets that were lost before this one.
     pub lost: u64,
 }
@@ -207,6 +210,9 @@ impl<W: Write> Blocks<W> {
             block.extend(&data);
             pad(block);
             option(block, PACKET_FLAGS, &packet.flags().to_le_bytes());
+            if !packet.comment.is_empty() {
+                option(block, COMMENT, packet.comment.as_bytes());
+            }
             if packet.lost > 0 {
                 option(block, DROP_COUNT, &packet.lost.to_le_bytes());
             }

@@ -11,20 +11,24 @@
 //! | Modbus ASCII, commands of a QSB, MCode | lines of text |
 //! | frames with a wrong checksum or a collision, noise | data, with the flag of a wrong checksum |
 //!
+//! The comment of a packet is the request or the reply in the names of the manual (`write Speed = 9000`).
+//!
 //! The flags contain the direction of a packet: *inbound* to drives, *outbound* from a drive. A request of
 //! function 5 or 6 of Modbus RTU and its reply have the same bytes. Only the direction distinguishes them,
 //! unless Wireshark has RTU on port 502 (`-o mbrtu.tcp.port:502`).
 
 mod blocks;
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-use drivetwin_firmware::device::{Duration, Framing, Instant, Line};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line, Spec};
 use drivetwin_protocol::modbus::ascii;
 
 pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Outlet};
+use crate::decode::{self, Message};
 use crate::record::capture::{Capture, Frame, Medium, Source};
 
 /// Maximum length of a text line in bytes; a longer one is split.
@@ -89,16 +93,20 @@ struct About {
     name: String,
     /// Kind of end that a message has there.
     ends: Option<Framing>,
+    /// Descriptions of the drives, with their addresses.
+    specs: Vec<(Option<u8>, &'static Spec)>,
 }
 
 impl About {
     fn of(bench: &Bench, outlet: Outlet) -> Self {
-        let first = match outlet {
-            Outlet::Line(bus) => bench.ports(bus).first().copied(),
-            Outlet::Tcp(drive, port) => Some((drive, port)),
+        let ports = match outlet {
+            Outlet::Line(bus) => bench.ports(bus).to_vec(),
+            Outlet::Tcp(drive, port) => vec![(drive, port)],
         };
-        let port = first.and_then(|(drive, port)| bench.spec(drive).ports.get(usize::from(port.0)));
-        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.framing) }
+        let first = ports.first();
+        let port = first.and_then(|&(drive, port)| bench.spec(drive).ports.get(usize::from(port.0)));
+        let specs = ports.iter().map(|&(drive, _)| (bench.address(drive), bench.spec(drive)));
+        Self { name: bench.outlet_name(outlet), ends: port.map(|port| port.framing), specs: specs.collect() }
     }
 }
 
@@ -116,8 +124,8 @@ fn outlet(on: Medium) -> Outlet {
 /// The number of calls does not change content and order: packets are written in the order in which they end.
 pub struct Pcapng<W> {
     blocks: Blocks<W>,
-    /// For each line or connection, its number in the file and the kind of end that a message has on it.
-    lines: BTreeMap<Medium, (u32, Option<Framing>)>,
+    /// Lines and connections.
+    lines: BTreeMap<Medium, FileLine>,
     /// Text that is not written yet.
     texts: BTreeMap<(Medium, Way), Text>,
     /// Number of the first frame that is not taken yet; `ahead` contains later frames that are taken.
@@ -125,6 +133,18 @@ pub struct Pcapng<W> {
     ahead: BTreeSet<u64>,
     /// Number of frames that the bench dropped before they were taken.
     lost: u64,
+}
+
+/// A line or connection in a file.
+struct FileLine {
+    /// Its number.
+    number: u32,
+    /// Kind of end that a message has on it.
+    ends: Option<Framing>,
+    /// Descriptions of the drives, with their addresses.
+    specs: Vec<(Option<u8>, &'static Spec)>,
+    /// The last request.
+    request: Vec<u8>,
 }
 
 /// Characters that form one text line.
@@ -225,13 +245,15 @@ impl<W: Write> Pcapng<W> {
             // At the end of a connection its incomplete texts are written.
             return [Way::In, Way::Out].into_iter().try_for_each(|way| self.write_text((frame.on, way)));
         }
-        let (line, ends) = self.line(frame.on, about)?;
-        match protocol(ends, frame) {
+        let line = self.line(frame.on, about)?;
+        match protocol(line.ends, frame) {
             _ if frame.bytes.is_empty() => Ok(()),
             Protocol::Text => self.take_text((frame.on, way), frame),
             protocol => {
                 let Frame { at, ref bytes, collided, .. } = *frame;
-                self.packet(Packet { line, at, way, protocol, bytes, collided, lost: 0 })
+                let comment = if collided { String::new() } else { line.words(way, protocol, bytes) };
+                let line = line.number;
+                self.packet(Packet { line, at, way, protocol, bytes, collided, comment: &comment, lost: 0 })
             }
         }
     }
@@ -266,15 +288,20 @@ impl<W: Write> Pcapng<W> {
 
     fn write_text(&mut self, key: (Medium, Way)) -> io::Result<()> {
         match (self.texts.remove(&key), self.lines.get(&key.0)) {
-            (Some(Text { at, bytes, .. }), Some(&(line, _))) => self.packet(Packet {
-                line,
-                at,
-                way: key.1,
-                protocol: Protocol::Text,
-                bytes: &bytes,
-                collided: false,
-                lost: 0,
-            }),
+            (Some(Text { at, bytes, .. }), Some(line)) => {
+                let comment = line.words_of_text(key.1, &bytes);
+                let line = line.number;
+                self.packet(Packet {
+                    line,
+                    at,
+                    way: key.1,
+                    protocol: Protocol::Text,
+                    bytes: &bytes,
+                    collided: false,
+                    comment: &comment,
+                    lost: 0,
+                })
+            }
             _ => Ok(()),
         }
     }
@@ -284,19 +311,64 @@ impl<W: Write> Pcapng<W> {
         self.blocks.packet(&Packet { lost, ..packet })
     }
 
-    /// Number of a line or connection in the file, and the kind of end that a message has on it. A new one is
-    /// added to the file.
-    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<(u32, Option<Framing>)> {
-        if let Some(&known) = self.lines.get(&on) {
-            return Ok(known);
+    /// A line or connection. A new one is added to the file.
+    fn line(&mut self, on: Medium, about: &dyn Fn(Outlet) -> About) -> io::Result<&mut FileLine> {
+        match self.lines.entry(on) {
+            Entry::Occupied(known) => Ok(known.into_mut()),
+            Entry::Vacant(new) => {
+                let About { mut name, ends, specs } = about(outlet(on));
+                if let Medium::Tcp(_, _, link) = on {
+                    name += &format!(" {}", link.0);
+                }
+                let number = self.blocks.line(&name)?;
+                Ok(new.insert(FileLine { number, ends, specs, request: Vec::new() }))
+            }
         }
-        let About { mut name, ends } = about(outlet(on));
-        if let Medium::Tcp(_, _, link) = on {
-            name += &format!(" {}", link.0);
+    }
+}
+
+impl FileLine {
+    /// Description of the drive with that address, or of the first drive.
+    fn spec(&self, address: Option<u8>) -> Option<&'static Spec> {
+        let of_address = self.specs.iter().find(|(own, _)| address.is_some() && *own == address);
+        of_address.or(self.specs.first()).map(|&(_, spec)| spec)
+    }
+
+    /// A Modbus frame in words; empty for one that is not valid, and for a reply to an unknown request.
+    fn words(&mut self, way: Way, protocol: Protocol, bytes: &[u8]) -> String {
+        let Some(framing) = self.ends else { return String::new() };
+        let message = |bytes| Message { framing, ascii: protocol == Protocol::Ascii, bytes };
+        let frame = message(bytes);
+        let Some(spec) = self.spec(frame.address()).filter(|_| frame.is_whole()) else {
+            return String::new();
+        };
+        match way {
+            Way::In => {
+                self.request.clear();
+                self.request.extend_from_slice(bytes);
+                frame.request(spec).text
+            }
+            Way::Out => {
+                let request = message(&self.request);
+                let answers = match framing {
+                    // A reply has the transaction of its request.
+                    Framing::Mbap => self.request.get(..2) == bytes.get(..2),
+                    _ => request.address() == frame.address(),
+                };
+                if answers { decode::reply(spec, Some(&request), &frame) } else { String::new() }
+            }
+            Way::Noise => String::new(),
         }
-        let line = (self.blocks.line(&name)?, ends);
-        self.lines.insert(on, line);
-        Ok(line)
+    }
+
+    /// A command or a line of MCode in words; empty for an answer.
+    fn words_of_text(&self, way: Way, bytes: &[u8]) -> String {
+        match (way, self.ends, self.spec(None)) {
+            (Way::In, Some(framing @ (Framing::Character | Framing::Return)), Some(spec)) => {
+                Message { framing, ascii: false, bytes }.request(spec).text
+            }
+            _ => String::new(),
+        }
     }
 }
 
