@@ -361,11 +361,12 @@ impl FileLine {
         }
     }
 
-    /// A command or a line of MCode in words; empty for an answer.
+    /// A command or a line of MCode in words; empty for an answer, and if the words are the line itself.
     fn words_of_text(&self, way: Way, bytes: &[u8]) -> String {
         match (way, self.ends, self.spec(None)) {
             (Way::In, Some(framing @ (Framing::Character | Framing::Return)), Some(spec)) => {
-                Message { framing, ascii: false, bytes }.request(spec).text
+                let words = Message { framing, ascii: false, bytes }.request(spec).text;
+                if words.as_bytes() == bytes.trim_ascii_end() { String::new() } else { words }
             }
             _ => String::new(),
         }
