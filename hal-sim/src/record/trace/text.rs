@@ -200,9 +200,9 @@ fn ticks(text: &str) -> Option<u64> {
     if !digits(whole) || !digits(part) || part.len() > 6 {
         return None;
     }
-    let nanos: u128 =
-        whole.parse::<u64>().ok()? as u128 * 1_000_000 + format!("{part:0<6}").parse::<u128>().ok()?;
-    u64::try_from((nanos * 2 + 62) / 125).ok()
+    let millis: u64 = whole.parse().ok()?;
+    let nanos = part.parse::<u32>().ok()? * 10_u32.pow(6 - part.len() as u32);
+    u64::try_from(((u128::from(millis) * 1_000_000 + u128::from(nanos)) * 2 + 62) / 125).ok()
 }
 
 /// Bytes in hex, a space before each.
