@@ -665,7 +665,7 @@ pub struct Spec {
     pub dc_motor: Option<(usize, u16)>,
     /// Reasons why requests that the drive accepts do not do what they say.
     pub reasons: &'static [ReasonSpec],
-    /// Limits of the model that no row states.
+    /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],
 }
 

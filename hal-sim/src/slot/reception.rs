@@ -93,7 +93,7 @@ pub(crate) struct Reception {
     before: Vec<u8>,
     /// Entries of the present call.
     done: Vec<Entry>,
-    /// True if the present call concerns the reception.
+    /// True if the drive has received bytes, reported an outcome or printed text in the present call.
     touched: bool,
     /// True while the characters that arrive are those of another drive.
     pub(crate) overhears: bool,
@@ -214,8 +214,8 @@ impl Reception {
         }
     }
 
-    /// Characters for a drive that has no power or sends itself. Returns the entry when the message is
-    /// complete.
+    /// Notes that the drive does not receive the noted characters, because it has no power or is sending.
+    /// Returns the entry when the message is complete.
     pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
         self.begin(port, Outcome::Dropped(DropReason::Starting));
         let open = self.open.take()?;
@@ -245,7 +245,7 @@ impl Reception {
         self.done = entries;
     }
 
-    /// Returns true if the present call concerns the reception.
+    /// Returns true if the drive has received bytes, reported an outcome or printed text in the present call.
     pub(super) fn is_touched(&self) -> bool {
         self.touched
     }

@@ -1,4 +1,5 @@
-//! Buffer for answers that are too long for the buffer of a connection: pieces that all connections share.
+//! Buffer for answers that are too long for the buffer of their connection. The buffer consists of pieces,
+//! which all connections share.
 
 use heapless::Vec;
 

@@ -248,13 +248,13 @@ impl Drive {
         }
     }
 
-    /// Error 40 unless a program runs and is not paused (PS).
+    /// Returns error 40 unless a program runs and is not paused (PS).
     fn needs_running(&self) -> Result<(), Error> {
         self.needs_no_pause()?;
         if self.mcode.vm.is_running() { Ok(()) } else { Err(Error::NotRunning) }
     }
 
-    /// Error 40 while the program is paused (PS).
+    /// Returns error 40 while the program is paused (PS).
     fn needs_no_pause(&self) -> Result<(), Error> {
         if self.mcode.vm.is_paused() { Err(Error::NotRunning) } else { Ok(()) }
     }

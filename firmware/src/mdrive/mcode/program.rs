@@ -43,7 +43,7 @@ const MOVING: u8 = VOID - 1;
 const HEAD: usize = 3;
 /// Bytes of a line in addition to its characters.
 const FRAME: usize = HEAD + 2;
-/// Position of an address without a line.
+/// Value in the list of positions for an address without a line.
 const NOWHERE: u16 = u16::MAX;
 
 /// A line in the log.

@@ -700,7 +700,7 @@ fn pulses_are_made_edge_by_edge() {
     let toy = bench.add::<TestDevice>("toy");
     bench.pulse(toy, test_device::IN, 3, 1_000.0).unwrap();
     assert_eq!(bench.pulse(toy, test_device::IN, 1, 1.0), Err(Busy));
-    // The input is low from 0, 1 and 2 ms plus one tick on, and high again half a millisecond later.
+    // Three low pulses of half a millisecond. They begin at 0, 1 and 2 ms, and arrive one tick later.
     bench.run_until(Instant::from(2.millis()));
     assert_eq!(bench.motion(toy, test_device::MOTOR).position, 2 * 3);
     bench.run_until(Instant::from(2.millis()) + Duration::TICK);
@@ -1255,7 +1255,7 @@ enum Act {
 
 const NAMES: [&str; 5] = ["b", "x", "a", "y", "z"];
 
-/// A bench of three MD3s and two toys, added in `order`. The MD3s x and y share a line.
+/// A bench of three MD3s and two test devices, added in `order`. The MD3s x and y share a line.
 ///
 /// If `twins` is true, x and y have the same address.
 fn drives(order: &[usize], line: LineMode, twins: bool) -> (Bench, [DriveId; 5], Vec<Bus>) {
