@@ -12,8 +12,8 @@ use crate::decode::{self, Exchange, Message, Register, Verdict};
 use crate::record::journal::{Entry, Outcome};
 use crate::record::trace::InputRecord;
 
-/// Copy of the latest messages that a drive has received, the oldest first. They are made words only when they
-/// are looked at.
+/// Copy of the latest messages that a drive has received, the oldest first. The texts of the messages are
+/// made only when a caller asks for the messages.
 ///
 /// ```
 /// use drivetwin_firmware::md3::Md3;
@@ -45,7 +45,7 @@ pub struct Received {
     lost: u64,
 }
 
-/// A message that a drive has received, with its outcome in words.
+/// A message that a drive has received, with its outcome as text.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ReceivedMessage {
     /// Number on the bench, in the order in which the outcomes became known; the first is 1.
@@ -58,7 +58,7 @@ pub struct ReceivedMessage {
     pub bytes: Vec<u8>,
     /// Bytes of the answer, at most 1,024; empty if there was none.
     pub answer: Vec<u8>,
-    /// The message and its outcome in words.
+    /// The message and its outcome, as text and as fields.
     pub exchange: Exchange,
 }
 
@@ -126,7 +126,7 @@ impl Received {
     }
 }
 
-/// An entry in words.
+/// An entry as text and as fields.
 fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
     ReceivedMessage {
         number: entry.number,
@@ -174,7 +174,7 @@ impl News {
         self.entries.iter().map(|(receiver, ..)| *receiver)
     }
 
-    /// The messages in words, in the order in which their outcomes became known.
+    /// The messages with their texts, in the order in which their outcomes became known.
     pub fn messages(&self) -> impl Iterator<Item = (Receiver, ReceivedMessage)> + '_ {
         self.entries.iter().map(|(receiver, spec, entry)| (*receiver, words(spec, entry)))
     }

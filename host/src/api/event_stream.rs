@@ -216,7 +216,7 @@ impl Piece {
     }
 }
 
-/// Some received messages. They are made words on the thread of the API.
+/// Some received messages. The thread of the API makes their texts.
 struct Messages {
     news: News,
     /// For each message the name of its drive or line; `None` if it is not wanted.

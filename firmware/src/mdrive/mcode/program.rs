@@ -297,7 +297,7 @@ impl Drive {
     /// Address of a place in the program.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 for an address that no line can have.
+    /// 30 for a name that is not a label, 42 for an address that no line can have.
     pub(in crate::mdrive) fn address(&self, place: Place) -> Result<u16, Error> {
         match place {
             Place::Address(address) => u16::try_from(address)

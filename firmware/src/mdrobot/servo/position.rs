@@ -71,7 +71,7 @@ impl Servo {
         self.target
     }
 
-    /// Position error in counts; `None` if the order is no position.
+    /// Position error in counts; `None` if the order is not a position.
     pub(in crate::mdrobot) fn error(&self) -> Option<i64> {
         matches!(self.order, Order::Position { .. }).then(|| self.distance())
     }

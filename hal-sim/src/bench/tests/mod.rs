@@ -811,8 +811,8 @@ fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
     assert_eq!(bench.drives().len(), 1);
 }
 
-/// A toy whose power fails during the save that it begins at once. Returns its memory after the failure, the
-/// memory that was persisted, and the time of the last store.
+/// A test device whose power fails during the save that it begins at once. Returns its memory after the
+/// failure, the memory that was persisted, and the time of the last store.
 fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     let mut bench = Bench::with(Settings { seed, ..Settings::default() });
     let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
@@ -1038,7 +1038,7 @@ fn a_power_cut_ends_the_pulses() {
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
 
-/// An MD3 and a toy. BUSY of the MD3 is wired to the input of the toy.
+/// An MD3 and a test device. BUSY of the MD3 is wired to the input of the test device.
 fn busy() -> (Bench, DriveId, DriveId) {
     let (mut bench, x, _) = alone(LineMode::Fast);
     let toy = bench.add::<TestDevice>("toy");

@@ -334,7 +334,7 @@ impl FileLine {
         of_address.or(self.specs.first()).map(|&(_, spec)| spec)
     }
 
-    /// A Modbus frame in words; empty for one that is not valid, and for a reply to an unknown request.
+    /// A Modbus frame as text; empty for a frame that is not valid, and for a reply to an unknown request.
     fn words(&mut self, way: Way, protocol: Protocol, bytes: &[u8]) -> String {
         let Some(framing) = self.ends else { return String::new() };
         let message = |bytes| Message { framing, ascii: protocol == Protocol::Ascii, bytes };
@@ -361,7 +361,7 @@ impl FileLine {
         }
     }
 
-    /// A command or a line of MCode in words; empty for an answer, and if the words are the line itself.
+    /// A command or a line of MCode as text; empty for an answer, and if the text is the line itself.
     fn words_of_text(&self, way: Way, bytes: &[u8]) -> String {
         match (way, self.ends, self.spec(None)) {
             (Way::In, Some(framing @ (Framing::Character | Framing::Return)), Some(spec)) => {

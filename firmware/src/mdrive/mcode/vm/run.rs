@@ -14,7 +14,7 @@ impl Drive {
     /// Address of a line that exists.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 if there is no line.
+    /// 30 for a name that is not a label, 42 if there is no line.
     pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
         let address = self.address(place)?;
         let found = self.mcode.program.next(address) == Some(address);
