@@ -75,8 +75,8 @@ impl Received {
         self.entries.iter().map(|entry| words(self.spec, entry))
     }
 
-    /// Names of the registers that executed requests have written, in their order. A register that was written
-    /// several times is there several times.
+    /// Names of the registers that executed requests have written, in the order of the requests. A register
+    /// that was written several times appears several times.
     #[must_use]
     pub fn written(&self) -> Vec<String> {
         let done = self.messages().filter(|message| message.exchange.verdict == Verdict::Done);

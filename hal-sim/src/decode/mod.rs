@@ -24,7 +24,7 @@ pub enum Verdict {
     Refused,
     /// The drive accepted the message, and it has no effect.
     WithoutEffect,
-    /// The message was for a drive that is not there.
+    /// The message was for an address that no drive of the line has.
     NotForIt,
     /// The message was corrupt.
     BadFrame,

@@ -535,7 +535,8 @@ impl Iterator for Spans {
             return Some(Err(Exception::IllegalDataAddress));
         };
         let room = self.entries.list.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
-        // In a map of objects the whole quantity is meant for this row. The caller checks if it is right.
+        // In a map of objects the whole quantity is meant for this row. The caller checks if the row has this
+        // number of words.
         let words = if self.entries.layout.objects { self.left } else { room.min(self.left) };
         let span = Span { row, first, words, offset: self.offset };
         self.offset += usize::from(words);
