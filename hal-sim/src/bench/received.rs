@@ -253,8 +253,9 @@ impl Bench {
         self.route_outputs();
     }
 
-    /// Enters messages on half-duplex lines that a drive did not execute: in the journal of the drive if they
-    /// are for it, otherwise in that of the line at the end of the turn, unless another drive takes them.
+    /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
+    /// it goes to the drive's journal. Otherwise it goes to the journal of the line at the end of the turn,
+    /// unless another drive takes it.
     pub(super) fn enter_unclaimed(&mut self, drive: u32, entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };

@@ -268,7 +268,7 @@ impl Reception {
         }
         let part = &mut port.earlier;
         let is_text = matches!(port.framing, Framing::Character | Framing::Return);
-        // A character with an error is a note of its own; a line that begins during the start is not over.
+        // The drive reports a character with an error, or a line during start-up, before the line has ended.
         let incomplete = is_text
             && matches!(outcome, Outcome::Dropped(DropReason::Starting | DropReason::RxError))
             && !matches!(part.bytes.last(), Some(b'\r' | b'\n'));
