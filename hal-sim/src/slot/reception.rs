@@ -298,7 +298,8 @@ impl Reception {
     }
 }
 
-/// The last line of text, without line ends before it and what a control character has cancelled.
+/// The last line of text, without the line ends before it, and without text that a control character has
+/// cancelled.
 fn last_line(text: &[u8]) -> &[u8] {
     let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
     let end = text.iter().rposition(|byte| !is_end(byte)).map_or(0, |place| place + 1);

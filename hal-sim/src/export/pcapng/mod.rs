@@ -450,8 +450,8 @@ mod tests {
         for name in ["mcode 0", "mcode 1", "modbus 0"] {
             assert_eq!(times(name.as_bytes()), 1, "{name}");
         }
-        // Lines are in the file twice, as sent and as echoed after the greeting; incomplete ones at the end
-        // of their connection.
+        // Each line is in the file twice: as sent, and as echoed after the greeting. An incomplete line is
+        // written at the end of its connection.
         assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
         assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
         assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));
