@@ -16,8 +16,9 @@ use crate::record::journal::{Draft, Outcome};
 
 /// Requests that are too early.
 impl Bench {
-    /// Sets whether a Modbus line drops requests that are too early, as a drive does. By default it inserts
-    /// the missing silence. [`ask`](Self::ask) is never too early, because each call is a client of its own.
+    /// Sets whether a Modbus line drops requests that are too early, as a real drive does. By default the
+    /// line inserts the missing silence. A request of [`ask`](Self::ask) is never too early, because each
+    /// call of `ask` has a client of its own.
     ///
     /// ```
     /// use drivetwin_firmware::device::Port;

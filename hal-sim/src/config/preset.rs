@@ -84,8 +84,8 @@ impl Preset {
         self.half.is_some()
     }
 
-    /// Checks that a save stores all bits of the preset. Of some registers only some bits are saved; the
-    /// others would be lost before the drive has started.
+    /// Checks that a save stores all bits of the preset. Some registers save only some of their bits; the
+    /// other bits would be lost before the drive has started.
     ///
     /// # Errors
     /// One sentence that names the bits that can be preset.

@@ -332,8 +332,8 @@ impl SlotState {
         }
     }
 
-    /// Adds an entry to the journal. Of a half-duplex line the bench decides whose entry it is, unless the
-    /// drive executed or refused the message.
+    /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
+    /// entry, unless this drive executed or refused the message.
     pub(crate) fn enter(&mut self, entry: Entry, outputs: &mut Outputs) {
         let framed = self.serial(entry.port).is_some_and(|serial| serial.framed);
         let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));

@@ -216,7 +216,7 @@ pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Prob
     Ok(Json(api.call(move |event_loop| Bus::all(&event_loop.bench, &places)).await?))
 }
 
-/// Sets the faults of a line, from its next frame on. A fault that is not given is off.
+/// Sets the faults of a line, from its next frame on. A fault that the request does not name is off.
 #[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
 pub(super) async fn disturb(
     State(api): State<Api>,

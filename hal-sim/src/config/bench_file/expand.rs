@@ -217,7 +217,7 @@ impl Range {
     }
 }
 
-/// Replaces `{n}`, `{5000+n}` and their like in a text.
+/// Replaces `{n}`, and expressions with `n` such as `{5000+n}`, in a text.
 fn fill_numbers(text: &str, n: u64) -> Result<Option<String>, String> {
     let (mut result, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once('{') {

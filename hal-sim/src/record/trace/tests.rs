@@ -172,7 +172,7 @@ fn a_trace_from_before_the_project_was_renamed_loads() {
     assert_eq!(error, "line 1: version \"2\" of the format is not known, only 1");
 }
 
-/// The line in which a toy sends its letter. The letter depends on the seed only, which is 1.
+/// The line in which a test device sends its letter. The letter depends on the seed only, which is 1.
 fn letter() -> String {
     let text = format!("{TOY}1 > rx \"r\"\n10 end\n");
     let text = replay::rewrite(&text, &make).unwrap();

@@ -192,7 +192,7 @@ fn millis(ticks: u64) -> String {
     format!("{}.{:06}", nanos / 1_000_000, nanos % 1_000_000)
 }
 
-/// Nearest number of ticks to a time in milliseconds; `None` if the text is no number with up to six
+/// Nearest number of ticks to a time in milliseconds; `None` if the text is not a number with up to six
 /// decimals.
 fn ticks(text: &str) -> Option<u64> {
     let (whole, part) = text.split_once('.').unwrap_or((text, "0"));
