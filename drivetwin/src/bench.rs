@@ -168,9 +168,9 @@ impl Bench {
 
     /// One end of a wire.
     fn end(&self, name: &str) -> Result<(DriveId, Pin, Role), Error> {
-        let (drive, pin) = name
-            .split_once('.')
-            .ok_or_else(|| Error::from(format!("'{name}' is no pin of a drive; x.J2.4 is one")))?;
+        let (drive, pin) = name.split_once('.').ok_or_else(|| {
+            Error::from(format!("there is no pin '{name}'; write drive and pin, like x.J2.4"))
+        })?;
         let drive = self.drive(drive)?;
         let (pin, spec) = drive.find_pin(pin)?;
         Ok((drive.id(), pin, spec.role))
