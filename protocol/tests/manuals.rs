@@ -196,6 +196,17 @@ fn md3_pairs_read_high_word_first() {
 }
 
 #[test]
+fn a_drive_carries_out_writes_to_its_own_address_and_broadcasts_only() {
+    for address in 0..=u8::MAX {
+        let mut md3 = Keeper::<md3::Reg, { md3::Reg::WORDS }>::new();
+        let mut reply = Frame::new();
+        serve_rtu(&rtu::frame(address, &[6, 0, 0x15, 0, 7]), 1, &RULES, &mut md3, &mut reply);
+        assert_eq!(md3.bank.get(md3::Reg::Speed), if address <= 1 { 7 } else { 5_000 }, "{address}");
+        assert_eq!((md3.written.len(), reply.is_empty()), (usize::from(address <= 1), address != 1));
+    }
+}
+
+#[test]
 fn md3_names_of_halves() {
     let table = md3::Reg::TABLE;
     let named = |name| table.find(name).map(|named| (table.rows[named.row].name, named.word));

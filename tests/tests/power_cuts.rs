@@ -11,8 +11,9 @@ use drivetwin_sim::catalog;
 /// A kind of drive, and how it saves.
 struct Kind {
     kind: &'static str,
-    /// Two registers far apart in the drive's memory, each with values to save.
-    values: [(&'static str, [i64; 4]); 2],
+    /// Two registers far apart in the drive's memory, each with values to save. A low byte of 0x00FF is equal to
+    /// a byte of an erased memory.
+    values: [(&'static str, [i64; 5]); 2],
     /// Register and value that start a save. `None` if the drive saves each value when it is written.
     save: Option<(&'static str, i64)>,
     bad: Bad,
@@ -38,7 +39,7 @@ const KINDS: [Kind; 10] = [
     rs434("rs434546"),
     Kind {
         kind: "mdrobot",
-        values: [("USE_LIMIT_SW", [0, 1, 0, 1]), ("MAX_RPM", [1, 0x1234, 400, 2])],
+        values: [("USE_LIMIT_SW", [0, 1, 0, 1, 0]), ("MAX_RPM", [1, 0x1234, 400, 0x00FF, 2])],
         save: None,
         bad: Bad::Never,
     },
@@ -49,7 +50,7 @@ const KINDS: [Kind; 10] = [
 const fn md3(kind: &'static str) -> Kind {
     Kind {
         kind,
-        values: [("Speed", [1, -2, 31_234, 5_000]), ("UserRegister", [1, 2, 0xFFFF, 78])],
+        values: [("Speed", [1, -2, 31_234, 0x00FF, 5_000]), ("UserRegister", [1, 2, 0xFFFF, 0x00FF, 78])],
         save: Some(("EEPROMControl", 1)),
         bad: Bad::Said { register: "EEPROMControl", mask: 0xFF00, is: 0xF100 },
     }
@@ -58,7 +59,7 @@ const fn md3(kind: &'static str) -> Kind {
 const fn qsb(kind: &'static str) -> Kind {
     Kind {
         kind,
-        values: [("Mode", [1, 2, 4, 18]), ("Eor", [1, 2, 0, 3])],
+        values: [("Mode", [1, 2, 4, 18, 1]), ("Threshold", [1, 2, 0xFFFF, 0x00FF, 3])],
         save: Some(("Command", 3)),
         bad: Bad::Silent,
     }
@@ -67,7 +68,10 @@ const fn qsb(kind: &'static str) -> Kind {
 const fn rs434(kind: &'static str) -> Kind {
     Kind {
         kind,
-        values: [("SPEED", [30, 31, 0x0F0F, 14_999]), ("TARGET_POSITION3", [1, -1, 0x0102_0304, 7])],
+        values: [
+            ("SPEED", [30, 31, 0x0F0F, 0x00FF, 14_999]),
+            ("TARGET_POSITION3", [1, -1, 0x0102_0304, 0x00FF_00FF, 7]),
+        ],
         save: Some(("FLAG_SAVE_INI", 0x37FA)),
         bad: Bad::Said { register: "ERROR", mask: 1 << 9, is: 1 << 9 },
     }
@@ -76,7 +80,7 @@ const fn rs434(kind: &'static str) -> Kind {
 const fn mdrive(kind: &'static str) -> Kind {
     Kind {
         kind,
-        values: [("A", [91, 92, 0x0102_0304, 1_000]), ("R4", [1, -1, 0x0102_0304, 7])],
+        values: [("A", [91, 92, 0x0102_0304, 0x00FF_00FF, 1_000]), ("R4", [1, -1, 0x0102_0304, 0x00FF, 7])],
         save: Some(("S", 1)),
         bad: Bad::Said { register: "ER", mask: 0xFFFF, is: 70 },
     }
@@ -162,7 +166,7 @@ impl Drive {
 fn written(kind: &Kind) -> Vec<Vec<(&'static str, i64)>> {
     let both = |n: usize| kind.values.map(|(name, values)| (name, values[n])).to_vec();
     let each = |n: usize| both(n).into_iter().map(|one| vec![one]).collect();
-    (0..4).flat_map(|n| if kind.save.is_some() { vec![both(n)] } else { each(n) }).collect()
+    (0..5).flat_map(|n| if kind.save.is_some() { vec![both(n)] } else { each(n) }).collect()
 }
 
 #[test]

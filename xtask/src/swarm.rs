@@ -15,6 +15,9 @@ const COUNT: &str = "200";
 /// Time limit in seconds for finding a planted defect.
 const MOST_SECONDS: &str = "60";
 
+/// Folder of the patches that plant a defect each.
+const PLANTED: &str = "tests/swarm/planted";
+
 /// Runs the swarm with the given options.
 pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
     Ok(cmd!(sh, "cargo run --quiet --profile soak --package swarm -- {options...}").run()?)
@@ -34,10 +37,10 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
 /// measures the time until the swarm finds it.
 pub(crate) fn planted(sh: &Shell, names: &[&str]) -> Result<()> {
     let root = sh.current_dir();
-    let mut patches = sh.read_dir("tests/swarm/planted")?;
+    let mut patches = sh.read_dir(PLANTED)?;
     patches.retain(|patch| names.is_empty() || names.contains(&name(patch).as_str()));
     patches.sort();
-    ensure!(!patches.is_empty(), "tests/swarm/planted has none of these");
+    ensure!(!patches.is_empty(), "{PLANTED} has none of these");
     let (tree, commit) = (root.join("target/planted"), cmd!(sh, "git rev-parse HEAD").read()?);
     if !sh.path_exists(&tree) {
         cmd!(sh, "git worktree add --detach --force {tree} HEAD").run()?;
@@ -85,12 +88,25 @@ fn build(sh: &Shell, target: &Path) -> Result<PathBuf> {
     Ok(target.join("soak/swarm"))
 }
 
+/// Applies a patch to the tree in the folder of the shell, which is a clone or has no history. `options` are
+/// further options of `git apply`.
+///
+/// # Errors
+/// The patch does not fit: the lines that it changes are no longer as they were.
+fn apply(sh: &Shell, patch: &Path, options: &[&str]) -> Result<()> {
+    let tree = sh.current_dir();
+    let above = tree.parent().unwrap_or(&tree);
+    // In a folder below a clone of something else, git would skip all files and report no error.
+    let apply = cmd!(sh, "git apply {options...} {patch}").env("GIT_CEILING_DIRECTORIES", above);
+    apply.run().with_context(|| format!("{PLANTED}/{}.patch does not fit", name(patch)))
+}
+
 /// Plants one defect in the folder of the shell and searches for it with the swarm. Returns `None` if the
 /// swarm does not find it. It is an error if the same seed also fails in the `sound` swarm, because then it
 /// shows another defect.
 fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
-    cmd!(sh, "git apply {patch}").run().with_context(|| format!("{} does not fit", name(patch)))?;
+    apply(sh, patch, &[])?;
     let swarm = build(sh, target)?;
     let start = now();
     let found = cmd!(sh, "timeout {MOST_SECONDS} {swarm} --first {FIRST} --minutes 1 --until-failure");
@@ -112,4 +128,21 @@ fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option
 #[expect(clippy::disallowed_methods, reason = "how soon a defect is found is a matter of the wall clock")]
 fn now() -> Instant {
     Instant::now()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_planted_patch_fits() {
+        let sh = crate::shell().expect("the folder of the workspace");
+        let patches = sh.read_dir(PLANTED).expect("a folder");
+        let stale: Vec<String> = patches
+            .iter()
+            .filter_map(|patch| apply(&sh, patch, &["--check"]).err())
+            .map(|error| format!("{error:#}"))
+            .collect();
+        assert!(patches.len() >= 16 && stale.is_empty(), "{} patches; {stale:#?}", patches.len());
+    }
 }

@@ -8,7 +8,7 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::events::EventKind;
 use super::{Bench, Busy, DriveId, Motion, PinStimulus, PowerAction, Statistics, call_context};
-use crate::record::trace::{InputRecord, Power};
+use crate::record::trace::{Cut, InputRecord, Power};
 use crate::scheduler::Phase;
 use crate::slot::{EdgeTrain, PinState, PulseTrain, Signal};
 use crate::value::Value;
@@ -250,6 +250,13 @@ impl Bench {
         if action == PowerAction::Cycle {
             self.send_to(at + Duration::TICK, drive.0, InputRecord::Power(Power::On));
         }
+    }
+
+    /// Makes the power of a drive fail in a later save, at an exact point. [`PowerAction::Cut`] chooses the
+    /// point at random, and never before the first or after the last byte.
+    pub fn cut_power(&mut self, drive: DriveId, cut: Cut) {
+        let at = self.at(drive).free(self.now, Phase::Power);
+        self.send_to(at, drive.0, InputRecord::Power(Power::Cut(Some(cut))));
     }
 
     /// Returns true if a drive has power.

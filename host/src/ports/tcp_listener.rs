@@ -366,19 +366,40 @@ impl Endpoint for Connection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use drivetwin_firmware::device::Port;
+    use drivetwin_sim::testing::echo_device::{EchoDevice, MCODE, MODBUS};
+
+    /// A listener for a port of an echo device, with a client: both ends of its connection.
+    fn connected(port: Port) -> (Bench, Listener, Connection, TcpStream) {
+        let mut bench = Bench::new();
+        let drive = bench.add::<EchoDevice>("echo");
+        let mut listener = Listener::new(bench.outlet(drive, port), bind("127.0.0.1:0").unwrap()).unwrap();
+        let far = TcpStream::connect(listener.address()).unwrap();
+        loop {
+            if let Some(connection) = listener.accept(&mut bench).unwrap() {
+                return (bench, listener, connection, far);
+            }
+        }
+    }
+
+    #[test]
+    fn a_client_that_never_reads_is_disconnected_after_its_share_of_the_port() {
+        let (mut bench, listener, mut connection, _far) = connected(MCODE);
+        // 12 MiB. The system holds a part of them.
+        bench.send(connection.client, &[b'f'; 12]);
+        bench.run_until(Instant::ZERO);
+        connection.deliver(&mut bench);
+        // A client alone may leave 16 MiB unread; each of 64 clients 1 MiB (HOST-15).
+        assert!(connection.unread.len() > 2 << 20, "{} bytes", connection.unread.len());
+        assert!(!connection.over);
+        let _others: Vec<Rc<()>> = (1..64).map(|_| Rc::clone(&listener.presence)).collect();
+        connection.deliver(&mut bench);
+        assert!(connection.over);
+    }
 
     #[test]
     fn who_is_silent_for_10_s_is_asked_and_after_30_s_is_gone() {
-        let mut bench = Bench::new();
-        let drive = bench.add::<drivetwin_sim::testing::echo_device::EchoDevice>("echo");
-        let outlet = bench.outlet(drive, drivetwin_sim::testing::echo_device::MODBUS);
-        let mut listener = Listener::new(outlet, bind("127.0.0.1:0").unwrap()).unwrap();
-        let _far = TcpStream::connect(listener.address()).unwrap();
-        let stream = loop {
-            if let Some(connection) = listener.accept(&mut bench).unwrap() {
-                break connection.stream;
-            }
-        };
+        let (_bench, _listener, Connection { stream, .. }, _far) = connected(MODBUS);
         assert!(sockopt::socket_keepalive(&stream).unwrap());
         let asks = sockopt::tcp_keepidle(&stream).unwrap();
         let again = sockopt::tcp_keepintvl(&stream).unwrap() * sockopt::tcp_keepcnt(&stream).unwrap();

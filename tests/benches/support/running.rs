@@ -17,7 +17,7 @@ pub(crate) fn wait(span: Duration) {
 
 /// Builds the binary; returns its path.
 pub(crate) fn build() -> PathBuf {
-    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "drivetwin-sim"]).status();
+    let built = Command::new(env!("CARGO")).args(["build", "--release", "-p", "drivetwin-cli"]).status();
     assert!(built.is_ok_and(|status| status.success()), "drivetwin cannot be built");
     let here = std::env::current_exe().expect("a benchmark is a file");
     // …/release/deps/scale-…

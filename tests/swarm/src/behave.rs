@@ -1,11 +1,12 @@
 //! Well-behaved clients. They send valid requests on a quiet line and know the right answers.
 
-use drivetwin_firmware::device::{Duration, Port};
+use drivetwin_firmware::device::{Duration, Port, Spec};
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
 use drivetwin_protocol::registers::Row;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Client, DriveId, PowerAction};
+use drivetwin_sim::record::trace::Cut;
 use fastrand::Rng;
 
 use crate::dialect::{self, Block, Family, QSB, one_of};
@@ -23,6 +24,54 @@ const NOWHERE: u16 = 0xF000;
 
 /// The failure of a drive that does not answer.
 const NO_ANSWER: &str = "no answer";
+
+/// Longest time that a client waits for a reply. How late a reply may be is judged in the trace
+/// ([`replies`](crate::replies)).
+const LONGEST_REPLY: Duration = Duration::secs(3);
+
+/// Address of a drive whose memory is bad.
+const FACTORY_ADDRESS: u8 = 1;
+
+/// Registers by name, with their values.
+type Rows = Vec<(&'static str, i64)>;
+
+/// What a drive has saved: its address, its first block, and all other saved registers.
+struct Saved {
+    address: Option<u8>,
+    values: Vec<u32>,
+    rows: Rows,
+}
+
+/// Saved registers, and their indices in the table. Leaves out the first block, and registers that the drive
+/// changes by itself.
+fn kept_rows(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
+    let family = Family::of(spec.kind);
+    let block = family.blocks()[0];
+    let in_block = move |address: u16| match family {
+        Family::Qsb => QSB.iter().any(|(register, _)| *register == address),
+        _ => block.contains(address),
+    };
+    let is_kept =
+        move |row: &Row| row.saved != 0 && !in_block(row.address) && !family.changes_by_itself(row.address);
+    dialect::settable(spec).filter(move |(_, row)| is_kept(row))
+}
+
+/// Bits of a register that are saved; all of them if the register is not saved.
+fn saved_bits(row: &Row) -> i64 {
+    if matches!(row.saved, 0 | u16::MAX) { -1 } else { i64::from(row.saved) }
+}
+
+/// A point of a save. A save has one or two stores; the second one has two bytes. One point in four is before
+/// the first byte of a store, and one in four after its last byte. `memory` is the size of the memory.
+fn any_cut(memory: usize, rng: &mut Rng) -> Cut {
+    let stores = rng.u32(..2);
+    let bytes = match rng.u8(..4) {
+        0 => 0,
+        1 => memory,
+        _ => rng.usize(..=if stores == 0 { memory } else { 2 }),
+    };
+    Cut { stores, bytes }
+}
 
 /// A request and its reply.
 type Exchange = (Vec<u8>, Vec<u8>);
@@ -78,8 +127,7 @@ impl Runner<'_> {
         let block = self.block(name, family, &mut rng);
         let values = self.values(name, block, &mut rng);
         self.quiet(name)?;
-        if family == Family::Mdrobot {
-            // An MDROBOT saves every value that is written.
+        if family.saves_each_write() {
             self.kept.remove(name);
         }
         if family == Family::Qsb {
@@ -96,12 +144,17 @@ impl Runner<'_> {
         for asked in asked.chunks(at_once) {
             self.exchange(name, asked, &mut rng)?;
         }
-        if family == Family::Mdrive { self.ask_mcode(name, &mut rng) } else { Ok(()) }
+        if family == Family::Mdrive {
+            return self.ask_mcode(name, &mut rng);
+        }
+        let others = self.values(name, block, &mut rng);
+        self.write_to_nobody(name, block, &others, &mut rng)
     }
 
     /// A well-behaved client saves values, and reads them back after power was off. If power is to fail
-    /// during a save, the client saves a second time, and power fails then. The drive must have the values of
-    /// the first or of the second save, or the factory's where its family allows them.
+    /// during a save, the client sets other registers, saves a second time, and power fails then. The drive
+    /// must have the values of the first or of the second save, or the factory's where its family allows
+    /// them.
     pub(crate) fn save_step(&mut self, name: Name, seed: u64, failing: Failing) -> Result<(), Failure> {
         let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
             return Ok(());
@@ -114,94 +167,135 @@ impl Runner<'_> {
         self.pass(1.millis())?;
         self.power_on(name)?;
         self.set_others(seat, family, &mut rng);
-        let mut saved = self.values(name, block, &mut rng);
-        self.save(name, block, &saved, &mut rng)?;
-        let rows = self.saved_rows(seat);
+        let values = self.values(name, block, &mut rng);
+        self.save(name, block, &values, &mut rng)?;
+        let address = self.addresses.get(name).copied();
+        let saved = Saved { address, values, rows: self.saved_rows(seat) };
         // If the drive loses its address, the factory's address may be that of another drive on its line.
         let alone = NAMES.iter().filter(|other| self.shares(name, other)).count() == 1;
-        let mut may_be = vec![saved.clone()];
-        if failing == Failing::Amid && alone {
-            // If a save is a single store, the power failure may be delayed to the next save. That happens to
-            // half of them.
-            for _ in 0..64 {
-                let new = self.values(name, block, &mut rng);
-                self.bench.power(seat, PowerAction::Cut);
-                // Power may fail before the answer is complete.
-                let _ = self.save(name, block, &new, &mut rng);
-                may_be = vec![saved, new.clone()];
-                may_be.extend(family.factory().map(<[u32]>::to_vec));
-                saved = new;
-                if !self.bench.powered(seat) {
-                    break;
-                }
-            }
-            if self.bench.powered(seat) {
-                return Err(Failure::new("no power cut", name));
-            }
-        }
+        let mut may_be = if failing == Failing::Amid && alone {
+            self.save_until_cut(name, seat, saved, &mut rng)?
+        } else {
+            vec![saved]
+        };
         self.bench.power(seat, PowerAction::Off);
         self.pass(10.millis())?;
         self.power_on(name)?;
-        let again = self.saved_rows(seat);
-        let found = match self.find(name, block, &may_be) {
-            // A drive that has gone back to the factory's values has the factory's address, too.
-            Err(failure) if failure.what == NO_ANSWER && may_be.len() > 1 => {
-                self.addresses.insert(name, 1);
-                self.find(name, block, &may_be)
-            }
-            found => found,
-        };
-        let found = found.map_err(|failure| failure.of("saved values lost or mixed"))?;
-        // Other saved registers are unchanged, unless the drive has gone back to the factory's values (index
-        // 2).
-        let differs = rows.iter().zip(&again).find(|(row, again)| found < 2 && row != again);
-        if let Some((row, again)) = differs {
-            let detail = format!("{name}: {row:?} became {again:?}");
-            return Err(Failure::new("a saved register lost", detail));
+        let found = self.find(name, seat, block, &may_be)?;
+        if may_be.len() > 1 {
+            self.happened.after_cuts[found] += 1;
         }
-        self.kept.insert(name, may_be.swap_remove(found));
+        self.kept.insert(name, may_be.swap_remove(found).values);
         self.happened.saved += 1;
         Ok(())
     }
 
-    /// Sets some saved registers outside the block to random values.
-    fn set_others(&mut self, seat: DriveId, family: Family, rng: &mut Rng) {
-        let rows = dialect::settable(self.bench.spec(seat));
-        let rows = rows.filter(|(_, row)| row.saved != 0 && !family.keeps_from_saving(row.address));
-        let rows: Vec<usize> = rows.map(|(place, _)| place).collect();
-        for _ in 0..8 {
-            // A drive may refuse the value.
-            let _ = self.bench.poke(seat, one_of(rng, &rows), dialect::any_value(rng));
-        }
-    }
-
-    /// Saved registers of a drive by name, with only the bits that are saved. Leaves out the block, and
-    /// registers that the drive changes by itself.
-    fn saved_rows(&self, seat: DriveId) -> Vec<(&'static str, i64)> {
+    /// Sets other registers and saves until power fails: at any byte of a save, before its first byte or
+    /// after its last one. Returns what the drive may then have saved.
+    fn save_until_cut(
+        &mut self,
+        name: Name,
+        seat: DriveId,
+        mut old: Saved,
+        rng: &mut Rng,
+    ) -> Result<Vec<Saved>, Failure> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let block = family.blocks()[0];
-        let in_block = |address: u16| match family {
-            Family::Qsb => QSB.iter().any(|(register, _)| *register == address),
-            _ => (block.first..block.first + block.count).contains(&address),
-        };
-        let is_kept =
-            |row: &Row| row.saved != 0 && !in_block(row.address) && !family.changes_by_itself(row.address);
-        let rows = dialect::settable(spec).filter(|(_, row)| is_kept(row));
-        let bits = |row: &Row| if row.saved == u16::MAX { -1 } else { i64::from(row.saved) };
-        rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & bits(row))).collect()
+        self.set_others(seat, family, rng);
+        if family == Family::Qsb {
+            // A terminal sets EOR.
+            let client = self.qsb_terminal(name)?;
+            self.bench.disconnect(client);
+        }
+        if family.saves_each_write() {
+            self.pass(100.millis())?;
+            old.rows = self.saved_rows(seat);
+        }
+        // If a save is a single store, the power failure may be delayed to the next save. That happens to
+        // half of them.
+        for _ in 0..64 {
+            let values = self.values(name, block, rng);
+            let new = Saved { address: old.address, values, rows: self.saved_rows(seat) };
+            self.bench.cut_power(seat, any_cut(spec.memory.into(), rng));
+            // Power may fail before the answer is complete.
+            let _ = self.save(name, block, &new.values, rng);
+            if !self.bench.powered(seat) {
+                let rows = kept_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
+                let factory = family.factory().map(|values| Saved {
+                    address: old.address.map(|_| FACTORY_ADDRESS),
+                    values: values.to_vec(),
+                    rows: rows.collect(),
+                });
+                return Ok([new, old].into_iter().chain(factory).collect());
+            }
+            old = new;
+        }
+        Err(Failure::new("no power cut", name))
     }
 
-    /// Reads a block and returns the index in `may_be` of the values that it holds.
-    fn find(&mut self, name: Name, block: Block, may_be: &[Vec<u32>]) -> Result<usize, Failure> {
-        let mut failure = Failure::new("nothing to find", name);
-        for (place, values) in may_be.iter().enumerate().rev() {
-            match self.expect(name, block, values) {
-                Ok(()) => return Ok(place),
+    /// Sets some saved registers outside the block to random values.
+    fn set_others(&mut self, seat: DriveId, family: Family, rng: &mut Rng) {
+        let rows = kept_rows(self.bench.spec(seat));
+        let rows = rows.filter(|(_, row)| !family.keeps_from_saving(row.address));
+        let rows: Vec<_> = rows.collect();
+        for _ in 0..8 {
+            let (place, row) = one_of(rng, &rows);
+            // A drive may refuse the value.
+            let _ = self.bench.poke(seat, place, dialect::any_value(row, rng));
+        }
+    }
+
+    /// [`kept_rows`] of a drive by name, with only the bits that are saved.
+    fn saved_rows(&self, seat: DriveId) -> Rows {
+        let value = |(place, row)| (row, self.bench.peek(seat, place));
+        let rows = kept_rows(self.bench.spec(seat)).map(value);
+        rows.map(|(row, value)| (row.name, value & saved_bits(row))).collect()
+    }
+
+    /// Registers of a drive by name that only a write changes.
+    fn steady_rows(&self, seat: DriveId) -> Rows {
+        let spec = self.bench.spec(seat);
+        let family = Family::of(spec.kind);
+        let blocks = family.blocks();
+        let is_steady = |row: &Row| {
+            (row.saved != 0 || blocks.iter().any(|block| block.contains(row.address)))
+                && !family.changes_by_itself(row.address)
+        };
+        let rows = dialect::settable(spec).filter(|(_, row)| is_steady(row));
+        rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & saved_bits(row))).collect()
+    }
+
+    /// The registers of the drives on the line of `name` which only a write changes. Leaves out the drives in
+    /// `except`, and drives without power.
+    fn line_rows(&self, name: Name, except: &[Name]) -> Vec<(Name, Rows)> {
+        let drives = NAMES.iter().filter(|other| self.shares(name, other) && !except.contains(other));
+        let seats = drives.filter_map(|other| Some((*other, self.bench.find_drive(other)?)));
+        let powered = seats.filter(|(_, seat)| self.bench.powered(*seat));
+        powered.map(|(other, seat)| (other, self.steady_rows(seat))).collect()
+    }
+
+    /// Reads a block, and returns the index in `may_be` of the values that it and all other saved registers
+    /// have.
+    fn find(&mut self, name: Name, seat: DriveId, block: Block, may_be: &[Saved]) -> Result<usize, Failure> {
+        let rows = self.saved_rows(seat);
+        let (mut failure, mut lost) = (Failure::new("nothing to find", name), None);
+        for (place, saved) in may_be.iter().enumerate() {
+            if let Some(address) = saved.address {
+                self.addresses.insert(name, address);
+            }
+            match self.expect(name, block, &saved.values) {
+                Ok(()) => match saved.rows.iter().zip(&rows).find(|(saved, row)| saved != row) {
+                    None => return Ok(place),
+                    Some((saved, row)) => lost = Some(format!("{name}: {saved:?} became {row:?}")),
+                },
                 Err(other) => failure = other,
             }
         }
-        Err(failure)
+        Err(lost.map_or_else(
+            || failure.of("saved values lost or mixed"),
+            |detail| Failure::new("a saved register lost", detail),
+        ))
     }
 
     /// Reads back values that were saved before a restart.
@@ -223,9 +317,10 @@ impl Runner<'_> {
     /// one that makes a valid CRC too early.
     fn values(&self, name: Name, block: Block, rng: &mut Rng) -> Vec<u32> {
         if self.family(name) == Some(Family::Qsb) {
-            return QSB.iter().map(|(_, most)| rng.u32(..) & most).collect();
+            let mut word = || u32::from(dialect::any_word(rng));
+            return QSB.iter().map(|(_, most)| (word() << 16 | word()) & most).collect();
         }
-        let mut values: Vec<u32> = (0..block.count).map(|_| rng.u16(..).into()).collect();
+        let mut values: Vec<u32> = (0..block.count).map(|_| dialect::any_word(rng).into()).collect();
         let address = self.addresses.get(name).copied().unwrap_or_default();
         if let Some([_, first]) = block.treacherous(address).filter(|_| rng.u8(..4) > 0) {
             values[0] = u32::from(first) << 8 | values[0] & 0xFF;
@@ -274,9 +369,11 @@ impl Runner<'_> {
     /// Sends requests as one burst, split at random. Expects their replies and nothing else.
     fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
+        let before = self.line_rows(name, &[name]);
         let client =
             self.bench.connect_to(seat, MODBUS).map_err(|error| Failure::new("nobody let in", error))?;
-        let framed = |n: usize, pdu: &[u8]| self.framed(name, n as u16, pdu);
+        let unit = self.addresses.get(name).copied().unwrap_or(1);
+        let framed = |n: usize, pdu: &[u8]| self.framed(name, unit, n as u16, pdu);
         let request: Vec<u8> = asked.iter().enumerate().flat_map(|(n, (ask, _))| framed(n, ask)).collect();
         let expected: Vec<u8> =
             asked.iter().enumerate().flat_map(|(n, (_, reply))| framed(n, reply)).collect();
@@ -289,18 +386,52 @@ impl Runner<'_> {
             self.pass(Duration::from_ticks(rng.u64(0..5.millis().ticks())))?;
             rest = behind;
         }
-        let heard = self.hear(client, expected.len())?;
+        let heard = self.hear(client, expected.len(), LONGEST_REPLY)?;
         self.bench.disconnect(client);
         self.happened.answered += asked.len() as u64;
-        judge(name, &request, &expected, &heard)
+        judge(name, &request, &expected, &heard)?;
+        unchanged(&before, &self.line_rows(name, &[name]))
     }
 
-    /// Receives `expected` bytes, or fewer if no more arrive within 3 s. Then waits 20 ms for surplus bytes.
-    fn hear(&mut self, client: Client, expected: usize) -> Result<Vec<u8>, Failure> {
+    /// Writes a block at an address that no drive has. Nobody may answer, and no drive may carry out the
+    /// write.
+    fn write_to_nobody(
+        &mut self,
+        name: Name,
+        block: Block,
+        values: &[u32],
+        rng: &mut Rng,
+    ) -> Result<(), Failure> {
+        let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
+            return Ok(());
+        };
+        let is_free = |unit: &u8| self.addresses.values().all(|address| address != unit);
+        let free: Vec<u8> = (FACTORY_ADDRESS + 1..248).filter(is_free).collect();
+        let unit = one_of(rng, &free);
+        let before = self.line_rows(name, &[]);
+        let Ok(client) = self.bench.connect_to(seat, MODBUS) else { return Ok(()) };
+        for (write, _) in writing(family, block, values, rng) {
+            self.bench.send(client, &self.framed(name, unit, 0, &write));
+            self.pass(300.millis())?;
+        }
         let mut heard = Vec::new();
-        for _ in 0..150 {
+        self.bench.receive(client, &mut heard);
+        self.bench.disconnect(client);
+        if !heard.is_empty() {
+            return Err(Failure::new(
+                "an answer for another",
+                format!("{unit} is asked; heard {heard:02X?}"),
+            ));
+        }
+        unchanged(&before, &self.line_rows(name, &[]))
+    }
+
+    /// Receives `expected` bytes, or fewer if no more arrive within `most`. Then waits 20 ms for surplus bytes.
+    fn hear(&mut self, client: Client, expected: usize, most: Duration) -> Result<Vec<u8>, Failure> {
+        let (mut heard, from) = (Vec::new(), self.bench.now());
+        loop {
             self.bench.receive(client, &mut heard);
-            if heard.len() >= expected {
+            if heard.len() >= expected || self.bench.now() >= from + most {
                 break;
             }
             self.pass(20.millis())?;
@@ -310,10 +441,9 @@ impl Runner<'_> {
         Ok(heard)
     }
 
-    /// The bytes that carry a PDU to a drive or back.
-    fn framed(&self, name: Name, transaction: u16, pdu: &[u8]) -> Vec<u8> {
+    /// The bytes that carry a PDU to a unit or back, on the line or connection of a drive.
+    fn framed(&self, name: Name, unit: u8, transaction: u16, pdu: &[u8]) -> Vec<u8> {
         let bus = self.bench.find_drive(name).and_then(|seat| self.bench.bus(seat, MODBUS));
-        let unit = self.addresses.get(name).copied().unwrap_or(1);
         match bus {
             None => tcp::frame(Header { transaction, unit }, pdu).to_vec(),
             Some(bus) if ascii::is_on(self.bench.line(bus)) => ascii::frame(unit, pdu).to_vec(),
@@ -328,7 +458,7 @@ impl Runner<'_> {
         let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
         // Esc stops a program.
         self.bench.send(client, b"\x1b\r");
-        self.hear(client, usize::MAX)?;
+        self.hear(client, usize::MAX, LONGEST_REPLY)?;
         let value = rng.i32(..);
         let lines = format!("R4={value}\rPR R4\r");
         self.bench.send(client, lines.as_bytes());
@@ -380,10 +510,19 @@ impl Runner<'_> {
     fn qsb_command(&mut self, client: Client, command: &str, answer: &str) -> Result<(), Failure> {
         self.bench.send(client, format!("{command}\r").as_bytes());
         let expected = format!("{answer}\r\n");
-        let heard = self.hear(client, expected.len())?;
+        let heard = self.hear(client, expected.len(), LONGEST_REPLY)?;
         self.happened.answered += 1;
         judge("a QSB", command.as_bytes(), expected.as_bytes(), &heard)
     }
+}
+
+/// Compares registers of drives before and after a request to another address.
+fn unchanged(before: &[(Name, Rows)], after: &[(Name, Rows)]) -> Result<(), Failure> {
+    let differs = before.iter().zip(after).find_map(|((name, before), (_, after))| {
+        let differs = before.iter().zip(after).find(|(before, after)| before != after);
+        differs.map(|(before, after)| format!("{name}: {before:?} became {after:?}"))
+    });
+    differs.map_or(Ok(()), |detail| Err(Failure::new("a write for another carried out", detail)))
 }
 
 fn judge(name: &str, request: &[u8], expected: &[u8], heard: &[u8]) -> Result<(), Failure> {

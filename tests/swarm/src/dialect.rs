@@ -4,7 +4,7 @@
 use drivetwin_firmware::device::Spec;
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
-use drivetwin_protocol::registers::{Row, Space};
+use drivetwin_protocol::registers::{Legal, Row, Space};
 use drivetwin_protocol::time::{Duration, Span};
 use fastrand::Rng;
 
@@ -28,6 +28,11 @@ pub(crate) struct Block {
 }
 
 impl Block {
+    /// Returns true if a register is in the block.
+    pub(crate) fn contains(self, address: u16) -> bool {
+        (self.first..self.first + self.count).contains(&address)
+    }
+
     /// Returns the CRC of the first six bytes of a write of this block, if the low byte of that CRC is equal
     /// to the next byte, the number of data bytes. If the first data byte is equal to the high byte, too, the
     /// first eight bytes of the request are a valid frame: the shorter reply of the same function.
@@ -116,6 +121,11 @@ impl Family {
         }
     }
 
+    /// Returns true if a drive saves each value that is written (MDROBOT-6).
+    pub(crate) fn saves_each_write(self) -> bool {
+        self == Self::Mdrobot
+    }
+
     /// Returns true if a register may keep a drive from saving: a Hybrid in torque mode (AS) does not save.
     pub(crate) fn keeps_from_saving(self, address: u16) -> bool {
         self == Self::Mdrive && address == 0x8E
@@ -123,12 +133,13 @@ impl Family {
 
     /// Returns true if a drive changes a saved register without a write. An MD3 changes `IOPortData` with its
     /// pins (7.9), and the sign of `MoveSteps` when it moves to and fro (7.8). DIG I/O of a QSB reads the
-    /// levels of pins.
+    /// levels of pins. Inputs set DIRECTION of an RS drive (6.5).
     pub(crate) fn changes_by_itself(self, address: u16) -> bool {
         match self {
             Self::Md3 => matches!(address, 0x0A | 0x12),
             Self::Qsb => address == 0x01,
-            Self::Rs434 | Self::Mdrobot | Self::Mdrive => false,
+            Self::Rs434 => address == 0x500E,
+            Self::Mdrobot | Self::Mdrive => false,
         }
     }
 
@@ -172,8 +183,29 @@ pub(crate) fn settable(spec: &'static Spec) -> impl Iterator<Item = (usize, &'st
     spec.rows().filter(move |(_, row)| on_bus(row) && !is_identity(row.address))
 }
 
-/// A random value for any register, often a small one. A drive may refuse it.
-pub(crate) fn any_value(rng: &mut Rng) -> i64 {
+/// Words at the edges of bytes and of signed and unsigned numbers. The low byte of 0x00FF is equal to a byte
+/// of an erased memory.
+const EDGES: [u16; 7] = [0, 1, 0x00FF, 0xFF00, 0x7FFF, 0x8000, 0xFFFF];
+
+/// A random word; one in four is an [edge](EDGES).
+pub(crate) fn any_word(rng: &mut Rng) -> u16 {
+    if rng.u8(..4) == 0 { one_of(rng, &EDGES) } else { rng.u16(..) }
+}
+
+/// A random value for a register. One in four is an edge: one of [`EDGES`], or the least or the greatest
+/// value of the row. The others are often small. A drive may refuse the value.
+pub(crate) fn any_value(row: &Row, rng: &mut Rng) -> i64 {
+    if rng.u8(..4) == 0 {
+        let (least, greatest) = match row.legal {
+            Legal::Range(least, greatest) => (least, greatest),
+            _ => row.shape.limits(),
+        };
+        return match rng.usize(..EDGES.len() + 2) {
+            0 => least,
+            1 => greatest,
+            edge => EDGES[edge - 2].into(),
+        };
+    }
     if rng.bool() { rng.i64(0..4) } else { i64::from(rng.i32(..)) >> rng.u8(..32) }
 }
 
@@ -195,7 +227,7 @@ fn pdu(family: Family, rng: &mut Rng) -> Vec<u8> {
     let first = if rng.u8(..10) == 0 { rng.u16(0xFFF0..) } else { rng.u16(from..to) };
     let count =
         if rng.u8(..6) == 0 { one_of(rng, &[0x7F, 0x800, 0x7FFF, 0x8000, 0xFFFF]) } else { rng.u16(0..12) };
-    let value = if rng.bool() { rng.u16(..4) } else { rng.u16(..) };
+    let value = if rng.bool() { rng.u16(..4) } else { any_word(rng) };
     let words = |function: u8, words: &[u16]| {
         std::iter::once(function).chain(words.iter().flat_map(|word| word.to_be_bytes())).collect::<Vec<u8>>()
     };

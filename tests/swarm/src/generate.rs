@@ -10,6 +10,7 @@ use fastrand::Rng;
 
 use crate::dialect::{self, Family, one_of};
 use crate::plan::{Failing, NAMES, Name, Plan, Step, Who};
+use crate::replies::REPLY_DELAY;
 
 /// A drive of the plan.
 #[derive(Clone, Copy)]
@@ -67,9 +68,10 @@ fn drive(plan: &mut Plan, name: Name, specs: &[&'static Spec], rng: &mut Rng) ->
     }
     let (mut ascii, mut as_made) = (false, true);
     if family == Family::Rs434 && rng.bool() {
-        let (mode, rate) = (rng.u8(1..6), rng.u8(3..11));
+        let (mode, rate, delay) = (rng.u8(1..6), rng.u8(3..11), rng.u8(..40).saturating_sub(20));
         (ascii, as_made) = (mode < 3, false);
-        part += &format!("set = {{ TYPE_MODBUS = {mode}, BITRATE_MODBUS = {rate} }}\n");
+        part +=
+            &format!("set = {{ TYPE_MODBUS = {mode}, BITRATE_MODBUS = {rate}, {REPLY_DELAY} = {delay} }}\n");
     }
     if !spec.faults.is_empty() && rng.u8(..8) == 0 {
         part += &format!("faults = [\"{}\"]\n", one_of(rng, spec.faults));
@@ -229,9 +231,11 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
 
 /// Presets a register, not through the bus. The drive may refuse the value.
 fn preset(name: Name, spec: &'static Spec, rng: &mut Rng) -> Option<Step> {
-    let rows: Vec<usize> = dialect::settable(spec).map(|(place, _)| place).collect();
-    let value = dialect::any_value(rng);
-    (!rows.is_empty()).then(|| Step::Preset(name, one_of(rng, &rows), value))
+    let rows: Vec<_> = dialect::settable(spec).collect();
+    (!rows.is_empty()).then(|| {
+        let (place, row) = one_of(rng, &rows);
+        Step::Preset(name, place, dialect::any_value(row, rng))
+    })
 }
 
 /// A duration from one tick to half a second. Each order of magnitude is equally likely.

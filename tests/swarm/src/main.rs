@@ -24,6 +24,7 @@ use clap::Parser;
 
 use oracle::Tally;
 use plan::Plan;
+use run::MOST_EVENTS;
 
 /// Help text about `--planted`, an option of xtask itself.
 const PLANTED: &str = "\
@@ -152,9 +153,11 @@ fn hunt(options: &Options) -> bool {
         }
     }
     let seconds = begun.elapsed().as_secs_f64();
-    let Tally { answered, saved, events, given_up, bytes } = all;
-    println!("swarm: {seeds} seeds from {first} in {seconds:.0} s, {failures} failed, {given_up} given up");
+    let Tally { answered, saved, events, given_up, cut_short, after_cuts: [new, old, factory], bytes } = all;
+    println!("swarm: {seeds} seeds from {first} in {seconds:.0} s, {failures} failed");
+    println!("  {given_up} given up, {cut_short} ended early after {MOST_EVENTS} events");
     println!("  {answered} answers, {saved} saves, {events} events, at most {} KiB a bench", bytes >> 10);
+    println!("  after power cuts: {new} times the new values, {old} the old ones, {factory} the factory's");
     failures > 0
 }
 

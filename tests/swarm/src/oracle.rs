@@ -57,6 +57,10 @@ pub(crate) struct Tally {
     pub(crate) events: u64,
     /// Plans that were given up because they had too many events.
     pub(crate) given_up: u64,
+    /// Plans whose last steps were left out because there were enough events.
+    pub(crate) cut_short: u64,
+    /// Power cuts after which a drive had the new values, the old ones, and the factory's.
+    pub(crate) after_cuts: [u64; 3],
     /// Most bytes of memory that a bench took.
     pub(crate) bytes: usize,
 }
@@ -68,6 +72,8 @@ impl Tally {
         self.saved += other.saved;
         self.events += other.events;
         self.given_up += other.given_up;
+        self.cut_short += other.cut_short;
+        self.after_cuts.iter_mut().zip(other.after_cuts).for_each(|(sum, cuts)| *sum += cuts);
         self.bytes = self.bytes.max(other.bytes);
     }
 }
@@ -104,11 +110,17 @@ fn judge_all(plan: &Plan) -> Result<Tally, Failure> {
         run::run(plan, Mode::Pieces).map_err(|failure| failure.of("pieces of time change something"))?;
     alike(&whole, &pieces)?;
     drop(pieces);
-    let mut tally = Tally { answered: whole.answered, saved: whole.saved, ..Tally::default() };
+    let mut tally = Tally {
+        answered: whole.answered,
+        saved: whole.saved,
+        cut_short: whole.cut_short.into(),
+        after_cuts: whole.after_cuts,
+        ..Tally::default()
+    };
     for life in &whole.lives {
         recorded(life)?;
         late::judge(life.bench.trace())?;
-        replies::judge(life.bench.trace(), &whole.addresses)?;
+        replies::judge(life.bench.trace(), &whole.addresses, &whole.delays)?;
         tally.events += life.bench.trace().mark();
     }
     let heard = whole.heard.clone();

@@ -3,20 +3,30 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use drivetwin_firmware::device::{Duration, Framing, Instant, Link, Port};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line, Link, Port};
+use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
-use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Trace};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord, Trace, TraceDrive};
 
 use crate::oracle::Failure;
+use crate::plan::Name;
 
 /// First port of a drive. If the drive has Modbus, it is on this port.
 const MODBUS: Port = Port(0);
 
+/// Register of an RS drive that delays its replies, in ms (6.4).
+pub(crate) const REPLY_DELAY: &str = "TIMEOUT_BROADCAST_MODBUS";
+
 /// Factory address, which a drive takes when its memory is bad.
 const FACTORY: u8 = 1;
 
-/// Longer than any drive takes to answer, also after messages of others at the lowest baud rate.
+/// Silence after which a drive no longer answers what it has received before.
 const LONGEST: Duration = Duration::secs(10);
+
+/// Longest time in which an MDrive answers on a connection. The manual gives no time for Modbus/TCP. It gives
+/// 1 to 5 ms for most commands of MCode (MDRIVE-34).
+const LONGEST_TCP: Duration = Duration::millis(5);
 
 /// Longest request on a serial line, in characters.
 const LONGEST_REQUEST: usize = 256;
@@ -25,69 +35,132 @@ const LONGEST_REQUEST: usize = 256;
 const REFUSED: u8 = 0x80;
 
 /// Bytes that a drive receives without an unreadable character among them.
+#[derive(Default)]
 struct Stretch {
-    last: Instant,
     bytes: Vec<u8>,
+    /// End of each character.
+    ends: Vec<Instant>,
+}
+
+impl Stretch {
+    fn last(&self) -> Instant {
+        self.ends.last().copied().unwrap_or(Instant::ZERO)
+    }
 }
 
 /// Bytes and messages that a drive has received and not yet answered.
-#[derive(Default)]
 struct Heard {
+    /// Settings of the drive's line.
+    line: Line,
+    /// True if characters take no time.
+    fast: bool,
+    /// Delay of replies that is set.
+    delay: Duration,
     on_line: VecDeque<Stretch>,
     /// True if the next character begins a new stretch.
     broken: bool,
-    on_links: BTreeMap<u8, VecDeque<Vec<u8>>>,
+    on_links: BTreeMap<u8, VecDeque<(Instant, Vec<u8>)>>,
 }
 
 impl Heard {
+    fn new(drive: &TraceDrive, delay: Duration) -> Self {
+        let line = drive.spec.ports.first().and_then(|port| port.line);
+        // A TCP port has no line.
+        Self { delay, ..Self::on(line.unwrap_or(Line::new(9_600, 8, Parity::None, 1)), drive.fast_line) }
+    }
+
+    fn on(line: Line, fast: bool) -> Self {
+        let (on_line, on_links) = (VecDeque::new(), BTreeMap::new());
+        Self { line, fast, delay: Duration::ZERO, on_line, broken: false, on_links }
+    }
+
     fn hear(&mut self, at: Instant, fed: &InputRecord) {
         match fed {
-            InputRecord::Bytes { port: MODBUS, bytes } => match self.on_line.back_mut() {
-                Some(stretch) if !self.broken && at.since(stretch.last) < LONGEST => {
-                    stretch.bytes.extend(bytes);
-                    stretch.last = at;
-                }
-                _ => {
-                    self.on_line.push_back(Stretch { last: at, bytes: bytes.clone() });
+            InputRecord::Bytes { port: MODBUS, bytes } => {
+                // The stamp is the end of the first character.
+                let character = if self.fast { Duration::ZERO } else { self.line.character() };
+                let ends = (0..bytes.len() as u64).map(|n| at + character * n);
+                let goes_on = |stretch: &Stretch| !self.broken && at.since(stretch.last()) < LONGEST;
+                if !self.on_line.back().is_some_and(goes_on) {
+                    self.on_line.push_back(Stretch::default());
                     self.broken = false;
                 }
-            },
+                if let Some(stretch) = self.on_line.back_mut() {
+                    stretch.bytes.extend(bytes);
+                    stretch.ends.extend(ends);
+                }
+            }
             InputRecord::RxError { port: MODBUS } => self.broken = true,
             InputRecord::Message { port: MODBUS, link: Link(link), bytes } => {
-                self.on_links.entry(*link).or_default().push_back(bytes.clone());
+                self.on_links.entry(*link).or_default().push_back((at, bytes.clone()));
             }
             InputRecord::Opened { port: MODBUS, link: Link(link) } => _ = self.on_links.remove(link),
             _ => {}
         }
     }
 
+    /// Fails unless the line allows a reply of `unit` at `at` to a request whose last character ended at
+    /// `end`. In RTU a reply follows 3.5 characters of silence (serial 2.5.1.1), and begins one character
+    /// later at most (PROJECT-3). In ASCII it follows the request's line feed at once (RS434-4). The drive's
+    /// own delay comes after that, unless its memory is bad.
+    fn is_timely(&self, end: Instant, at: Instant, unit: u8, is_ascii: bool) -> Result<(), &'static str> {
+        let end = if unit == FACTORY { end } else { end + self.delay };
+        let character = self.line.character();
+        let silence = match (is_ascii, self.line.baud) {
+            (true, _) => Duration::ZERO,
+            (false, ..=19_200) => Duration::from_ticks(character.ticks() * 7 / 2),
+            (false, _) => Duration::micros(1_750),
+        };
+        let (least, most) = match (self.fast, is_ascii) {
+            (true, _) => (Duration::ZERO, silence + character),
+            (false, true) => (silence, silence),
+            (false, false) => (silence, silence + character + Duration::TICK),
+        };
+        if at < end + least {
+            return Err("it is too early for its request");
+        }
+        if at > end + most { Err("it is too late for its request") } else { Ok(()) }
+    }
+
     /// Removes the request that this reply on a line answers. Fails if there is none.
     fn take_request(&mut self, at: Instant, unit: u8, reply: &[u8], ascii: bool) -> Result<(), &'static str> {
         // The timestamp of a reply may be later than the call that outputs it, and earlier than bytes
         // received after its request. So old stretches stay for a while.
-        self.on_line.retain(|stretch| at < stretch.last + LONGEST);
+        self.on_line.retain(|stretch| at < stretch.last() + LONGEST);
         let mut wrong = "nobody asked for it";
-        for stretch in &mut self.on_line {
+        for place in 0..self.on_line.len() {
+            let stretch = &self.on_line[place];
             for (end, pdu) in requests(&stretch.bytes, unit, reply[0] & !REFUSED, ascii) {
-                if answers(reply, &pdu) {
-                    stretch.bytes.drain(..end);
-                    return Ok(());
+                if !answers(reply, &pdu) {
+                    wrong = "it does not fit its request";
+                    continue;
                 }
-                wrong = "it does not fit its request";
+                match self.is_timely(stretch.ends[end - 1], at, unit, ascii) {
+                    Ok(()) => {
+                        let stretch = &mut self.on_line[place];
+                        stretch.bytes.drain(..end);
+                        stretch.ends.drain(..end);
+                        return Ok(());
+                    }
+                    Err(untimely) => wrong = untimely,
+                }
             }
         }
         Err(wrong)
     }
 
     /// Removes the request that this ADU answers. Fails if there is none.
-    fn take_message(&mut self, link: u8, reply: &[u8]) -> Result<(), &'static str> {
+    fn take_message(&mut self, at: Instant, link: u8, reply: &[u8]) -> Result<(), &'static str> {
         let (header, pdu) = tcp::parse(reply).ok_or("it is no ADU")?;
         let waiting = self.on_links.entry(link).or_default();
-        while let Some(request) = waiting.pop_front() {
+        while let Some((received, request)) = waiting.pop_front() {
             // A drive does not answer bytes that are no ADU.
             let Some((asked, request)) = tcp::parse(&request) else { continue };
-            let fits = asked == header && answers(pdu, request);
-            return if fits { Ok(()) } else { Err("it does not fit its request") };
+            if asked != header || !answers(pdu, request) {
+                return Err("it does not fit its request");
+            }
+            let is_timely = received <= at && at <= received + LONGEST_TCP;
+            return if is_timely { Ok(()) } else { Err("it is too early or too late for its request") };
         }
         Err("nobody asked for it")
     }
@@ -133,9 +206,14 @@ fn answers(reply: &[u8], request: &[u8]) -> bool {
         && (function > 4 || rest.first().is_some_and(|&count| usize::from(count) + 1 == rest.len()))
 }
 
-/// Checks all replies of one run of the emulator. `addresses` are those of the drives.
-pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Result<(), Failure> {
-    let mut heard: Vec<Heard> = trace.drives.iter().map(|_| Heard::default()).collect();
+/// Checks all replies of one run of the emulator. `addresses` and `delays` are those of the drives.
+pub(crate) fn judge(
+    trace: &Trace,
+    addresses: &BTreeMap<Name, u8>,
+    delays: &BTreeMap<Name, u64>,
+) -> Result<(), Failure> {
+    let delay = |drive: &TraceDrive| delays.get(&*drive.name).copied().unwrap_or_default().millis();
+    let mut heard: Vec<Heard> = trace.drives.iter().map(|drive| Heard::new(drive, delay(drive))).collect();
     for entry in trace.events() {
         let (drive, heard) = (&trace.drives[entry.drive], &mut heard[entry.drive]);
         let result = match &entry.event {
@@ -150,7 +228,11 @@ pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Re
                 reply_on_line(heard, entry.at, own, bytes).map_err(|wrong| (wrong, bytes))
             }
             Event::Output(OutputRecord::Message { port: MODBUS, link: Link(link), bytes }) => {
-                heard.take_message(*link, bytes).map_err(|wrong| (wrong, bytes))
+                heard.take_message(entry.at, *link, bytes).map_err(|wrong| (wrong, bytes))
+            }
+            &Event::Output(OutputRecord::Line { port: MODBUS, line }) => {
+                heard.line = line;
+                Ok(())
             }
             Event::Output(_) => Ok(()),
         };
@@ -182,9 +264,12 @@ mod tests {
 
     const OWN: u8 = 7;
 
+    /// The line of an MD3. A character takes 18,333 ticks, and 3.5 of them 64,165.5.
+    const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
+
     /// Judges a reply to the received bytes.
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
-        let mut drive = Heard::default();
+        let mut drive = Heard::on(LINE, true);
         for bytes in heard {
             drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: bytes.to_vec() });
         }
@@ -219,16 +304,33 @@ mod tests {
     #[test]
     fn a_request_is_answered_once() {
         let request = rtu::write(OWN, 1, 2);
-        let mut drive = Heard::default();
+        let mut drive = Heard::on(LINE, true);
         drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request.to_vec() });
         let mut answer = || reply_on_line(&mut drive, Instant::ZERO, Some(OWN), &request);
         assert_eq!((answer(), answer()), (Ok(()), Err("nobody asked for it")));
     }
 
     #[test]
+    fn a_reply_begins_after_the_silence_and_before_another_character() {
+        let request = rtu::write(OWN, 1, 2);
+        let begins = |ticks: u64| {
+            let mut drive = Heard::on(LINE, false);
+            for (at, bytes) in [(18_333, &request[..3]), (4 * 18_333, &request[3..])] {
+                let fed = InputRecord::Bytes { port: MODBUS, bytes: bytes.to_vec() };
+                drive.hear(Instant::from_ticks(at), &fed);
+            }
+            // The request has eight characters.
+            reply_on_line(&mut drive, Instant::from_ticks(8 * 18_333 + ticks), Some(OWN), &request)
+        };
+        let (early, late) = (Err("it is too early for its request"), Err("it is too late for its request"));
+        assert_eq!((begins(64_164), begins(64_165), begins(64_166 + 18_333)), (early, Ok(()), Ok(())));
+        assert_eq!(begins(64_166 + 18_333 + 2), late);
+    }
+
+    #[test]
     fn an_unreadable_character_is_in_no_request() {
         let request = rtu::write(OWN, 1, 2);
-        let mut drive = Heard::default();
+        let mut drive = Heard::on(LINE, true);
         for fed in [
             InputRecord::Bytes { port: MODBUS, bytes: request[..4].to_vec() },
             InputRecord::RxError { port: MODBUS },
@@ -246,13 +348,13 @@ mod tests {
         let (request, reply) = (tcp::frame(header, &[3, 0, 1, 0, 1]), tcp::frame(header, &[3, 2, 0, 7]));
         let other = tcp::frame(tcp::Header { transaction: 6, ..header }, &[3, 2, 0, 7]);
         let asked = || {
-            let mut drive = Heard::default();
+            let mut drive = Heard::on(LINE, true);
             let bytes = request.to_vec();
             drive.hear(Instant::ZERO, &InputRecord::Message { port: MODBUS, link: Link(0), bytes });
             drive
         };
-        assert_eq!(asked().take_message(0, &reply), Ok(()));
-        assert_eq!(asked().take_message(1, &reply), Err("nobody asked for it"));
-        assert_eq!(asked().take_message(0, &other), Err("it does not fit its request"));
+        assert_eq!(asked().take_message(Instant::ZERO, 0, &reply), Ok(()));
+        assert_eq!(asked().take_message(Instant::ZERO, 1, &reply), Err("nobody asked for it"));
+        assert_eq!(asked().take_message(Instant::ZERO, 0, &other), Err("it does not fit its request"));
     }
 }

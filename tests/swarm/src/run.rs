@@ -13,6 +13,7 @@ use fastrand::Rng;
 use crate::dialect::Family;
 use crate::oracle::{Failure, TOO_MUCH};
 use crate::plan::{NAMES, Name, Plan, Step, Who};
+use crate::replies::REPLY_DELAY;
 
 /// A way to run a plan. The drives do the same in each.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -38,8 +39,14 @@ pub(crate) struct Happened {
     pub(crate) answered: u64,
     /// Number of saves after which a drive started again with the expected values.
     pub(crate) saved: u64,
+    /// Number of power cuts after which a drive had the new values, the old ones, and the factory's.
+    pub(crate) after_cuts: [u64; 3],
+    /// True if the rest of the plan was left out, because the plan had [enough events](MOST_EVENTS).
+    pub(crate) cut_short: bool,
     /// Addresses of the drives, as set in the bench file.
     pub(crate) addresses: BTreeMap<Name, u8>,
+    /// Delays of the drives' replies in ms, as set in the bench file.
+    pub(crate) delays: BTreeMap<Name, u64>,
 }
 
 /// Digest of all bytes that a client received: their number and their FNV-1a hash.
@@ -77,7 +84,7 @@ const READS: Duration = Duration::millis(20);
 const A_SAVE: Duration = Duration::millis(100);
 
 /// After this many events the rest of a plan is left out. Pulses on wires may make millions of events.
-const MOST_EVENTS: u64 = 30_000;
+pub(crate) const MOST_EVENTS: u64 = 30_000;
 
 /// Most events of a drive in a time span: 4,096 however short the span, and 16 more for each tick. More mean
 /// that the clock does not advance.
@@ -117,6 +124,7 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
     let (bench, recording) = build(&layout, mode, Vec::new())?;
     let addresses: BTreeMap<Name, u8> =
         NAMES.iter().filter_map(|name| Some((*name, address(&bench, name)?))).collect();
+    let delays = NAMES.iter().filter_map(|name| Some((*name, delay(&bench, name)?))).collect();
     // After a restart the drives find these values in their memories.
     layout.drives.iter_mut().for_each(|drive| drive.presets.clear());
     let mut runner = Runner {
@@ -128,7 +136,16 @@ pub(crate) fn run(plan: &Plan, mode: Mode) -> Result<Happened, Failure> {
         addresses: addresses.clone(),
         kept: BTreeMap::new(),
         recording: Some(recording),
-        happened: Happened { lives: Vec::new(), heard: BTreeMap::new(), answered: 0, saved: 0, addresses },
+        happened: Happened {
+            lives: Vec::new(),
+            heard: BTreeMap::new(),
+            answered: 0,
+            saved: 0,
+            after_cuts: [0; 3],
+            cut_short: false,
+            addresses,
+            delays,
+        },
         events: 0,
         plan,
     };
@@ -155,13 +172,20 @@ fn address(bench: &Bench, name: &str) -> Option<u8> {
     u8::try_from(bench.peek(seat, bench.spec(seat).address?)).ok()
 }
 
+/// The delay of replies in ms that the bench file sets for a drive; `None` if the drive has no such setting.
+fn delay(bench: &Bench, name: &str) -> Option<u64> {
+    let seat = bench.find_drive(name)?;
+    u64::try_from(bench.peek(seat, bench.spec(seat).find(REPLY_DELAY)?.row)).ok()
+}
+
 impl Runner<'_> {
     fn play(&mut self) -> Result<(), Failure> {
         let plan = self.plan;
-        for step in &plan.steps {
+        for (done, step) in (1..).zip(&plan.steps) {
             self.take(step)?;
             self.read_all();
             if self.events + self.bench.trace().mark() > MOST_EVENTS {
+                self.happened.cut_short = done < plan.steps.len();
                 break;
             }
         }

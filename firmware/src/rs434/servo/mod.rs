@@ -244,7 +244,7 @@ impl Servo {
         }
         self.direction = direction;
         self.edges.begin(at, self.settings.counts(), &self.feedback);
-        self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
+        self.compare_from(at);
         (self.setpoint, self.owed, self.breakaway) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
         self.held_back = HeldBack::NONE;
         self.next = at;
@@ -256,6 +256,11 @@ impl Servo {
     pub(super) fn edge(&mut self, at: Instant, a: bool, high: bool) {
         match self.counter.edge(at, a, high, self.settings.halls, self.direction > 0) {
             Ok(Some(forward)) => {
+                if self.settings.halls == 1 {
+                    // The count of a single sensor follows the commanded direction, so it can go up and down.
+                    // But each edge shows that the wire is whole.
+                    self.compare_from(at);
+                }
                 // A single sensor shows no direction, so swapped wires cannot give it a wrong one.
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
                 let turn = self.settings.counts();
@@ -267,6 +272,11 @@ impl Servo {
             Ok(None) => {}
             Err(_) => self.errors |= error::HALL,
         }
+    }
+
+    /// Takes the present angle and count as the reference of the check of the Hall wires.
+    fn compare_from(&mut self, at: Instant) {
+        self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
     }
 
     /// Handles a new motor current, in mA.
@@ -402,8 +412,7 @@ impl Servo {
         }
         self.compared = Some((angle, count));
         let made = I40F24::from_num((count - counted).clamp(-FAR, FAR)).abs();
-        // With one sensor the count follows the commanded direction, so it can go up and down.
-        if self.settings.halls == 1 { made == 0 } else { made * MIN_COUNTED < turned }
+        made * MIN_COUNTED < turned
     }
 
     /// Greatest decrease of speed per tick by the current limit, with the effects of load and friction.
