@@ -3,6 +3,7 @@
 mod client_buffers;
 pub(crate) mod collisions;
 pub mod faults;
+mod misread;
 mod request_boundaries;
 
 use std::collections::VecDeque;
@@ -34,10 +35,24 @@ pub enum LineMode {
 pub struct Sender {
     /// Baud rate in bits per second; `None` if unknown.
     pub baud: Option<u32>,
+    /// Number of data bits, 5 to 8; `None` if unknown.
+    pub data: Option<u8>,
+    /// Parity bit.
+    pub parity: PortParity,
     /// Number of stop bits, 1 or 2; `None` if unknown.
     pub stop: Option<u8>,
-    /// True for odd parity, false for even or no parity, which a pty does not distinguish; `None` if unknown.
-    pub odd: Option<bool>,
+}
+
+/// Parity of a client's port, as far as it is known.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum PortParity {
+    /// Any parity.
+    #[default]
+    Unknown,
+    /// Even or no parity, which a pty does not distinguish.
+    NotOdd,
+    /// This parity.
+    Known(Parity),
 }
 
 impl Sender {
@@ -45,8 +60,28 @@ impl Sender {
     #[must_use]
     pub fn fits(self, line: Line) -> bool {
         self.baud.is_none_or(|baud| baud == line.baud)
+            && self.data.is_none_or(|data| data == line.data)
             && self.stop.is_none_or(|stop| stop == line.stop)
-            && self.odd.is_none_or(|odd| odd == (line.parity == Parity::Odd))
+            && match self.parity {
+                PortParity::Unknown => true,
+                PortParity::NotOdd => line.parity != Parity::Odd,
+                PortParity::Known(parity) => parity == line.parity,
+            }
+    }
+
+    /// The settings of the port; `line` has the ones that are not known.
+    #[must_use]
+    pub fn or(self, line: Line) -> Line {
+        let parity = match self.parity {
+            PortParity::Known(parity) => parity,
+            PortParity::Unknown | PortParity::NotOdd => line.parity,
+        };
+        Line {
+            baud: self.baud.unwrap_or(line.baud),
+            data: self.data.unwrap_or(line.data),
+            parity,
+            stop: self.stop.unwrap_or(line.stop),
+        }
     }
 }
 

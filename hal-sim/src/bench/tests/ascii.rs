@@ -222,10 +222,14 @@ fn a_client_that_leaves_takes_its_half_message_along() {
 #[test]
 fn a_sender_with_other_settings_is_not_understood() {
     let (mut bench, slots, client) = echoes(LineMode::Timed);
-    bench.send_from(client, &ask(1, 65), Sender { odd: Some(true), ..Sender::default() });
+    bench.send_from(
+        client,
+        &ask(1, 65),
+        Sender { parity: PortParity::Known(Parity::Odd), ..Sender::default() },
+    );
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, client), [0; 0]);
-    bench.send_from(client, &ask(1, 65), Sender { odd: Some(false), ..Sender::default() });
+    bench.send_from(client, &ask(1, 65), Sender { parity: PortParity::NotOdd, ..Sender::default() });
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, client), ask(1, 65));
     assert_eq!(seen(&bench, slots[0]), (1, 0));
