@@ -8,7 +8,7 @@ mod request_boundaries;
 
 use std::collections::VecDeque;
 
-use drivetwin_firmware::device::{Instant, Line, Port};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
@@ -108,10 +108,8 @@ pub(crate) struct SerialLine {
     pub(crate) kept_until: Instant,
     /// End of the last character that a drive sends.
     pub(crate) sends_until: Instant,
-    /// End of the last request on a line where it is not delayed.
-    pub(crate) client_until: Instant,
-    /// Client of the last request; `None` if the next one may come at any time.
-    pub(crate) last_client: Option<u32>,
+    /// The last request; `None` if the next one may come at any time.
+    pub(crate) last_request: Option<LastRequest>,
     /// True if requests that are too early are dropped.
     pub(crate) strict: bool,
     /// Requests so far that were too early.
@@ -131,6 +129,16 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
+}
+
+/// The last request on a line, for a judgement of the silence before the next one.
+#[derive(Clone, Copy)]
+pub(crate) struct LastRequest {
+    pub(crate) client: u32,
+    /// Time at which the client had sent all bytes.
+    pub(crate) written: Instant,
+    /// Time that the characters take on the line.
+    pub(crate) takes: Duration,
 }
 
 /// A client's message, or noise, on a line.
@@ -187,8 +195,7 @@ impl SerialLine {
             free: Instant::ZERO,
             kept_until: Instant::ZERO,
             sends_until: Instant::ZERO,
-            client_until: Instant::ZERO,
-            last_client: None,
+            last_request: None,
             strict: false,
             early: EarlyRequests::default(),
             disturbance: Disturbance::new(seed, name),
