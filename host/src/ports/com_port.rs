@@ -189,7 +189,7 @@ impl ComPort {
         if self.options.is_on(COM_PORT) {
             self.open(answers, events);
         } else if self.is_open || verb == Verb::Wont {
-            self.is_open = false;
+            (self.is_open, self.has_break, self.is_suspended) = (false, false, false);
             self.settings = Sender::default();
             events.push(Event::Refuse);
         }
@@ -269,10 +269,19 @@ impl ComPort {
     }
 
     /// Executes `SET_CONTROL`. Returns the value of the answer.
+    ///
+    /// | value | meaning |
+    /// |---|---|
+    /// | 0, 4, 7, 10, 13 | asks for flow control, break, DTR, RTS, inbound flow control |
+    /// | 1, 2, 3 | flow control: none, XON/XOFF, RTS/CTS; 17 DCD, 19 DSR |
+    /// | 5, 6 | break on, off |
+    /// | 8, 9 | DTR on, off |
+    /// | 11, 12 | RTS on, off |
+    /// | 14, 15, 16 | inbound flow control: none, XON/XOFF, RTS/CTS; 18 DTR |
     fn control(&mut self, value: u8, events: &mut Vec<Event>) -> Option<u8> {
         let switched = |on: bool, value: u8| if on { value } else { value + 1 };
         match value {
-            // Flow control of both directions, and of the outbound one.
+            // Flow control of both directions.
             1..=3 => (self.outbound_flow, self.inbound_flow) = (value, value + 13),
             17 | 19 => self.outbound_flow = value,
             14..=16 | 18 => self.inbound_flow = value,
@@ -315,12 +324,13 @@ mod tests {
 
     const LINE: Line = Line::new(9_600, 8, Parity::Even, 1);
 
-    /// A port, and the bytes of a peer that opens it.
+    /// Bytes of a peer that opens the port.
     const WILL_COM_PORT: [u8; 3] = [255, 251, 44];
 
     /// `DO COM-PORT-OPTION`, `DO` and `WILL TRANSMIT-BINARY`.
     const PROPOSALS: [u8; 9] = [255, 253, 44, 255, 253, 0, 255, 251, 0];
 
+    /// A port that a peer has opened.
     fn opened() -> ComPort {
         let mut port = ComPort::new();
         let (events, answers) = say(&mut port, &WILL_COM_PORT);
@@ -463,8 +473,11 @@ mod tests {
         // A peer that stops using the option.
         let mut port = opened();
         ask(&mut port, 4, &[2]);
+        ask(&mut port, 5, &[5]);
+        ask(&mut port, 8, &[]);
         assert_eq!(say(&mut port, &[255, 252, 44]), (vec![Event::Refuse], vec![255, 254, 44]));
-        assert_eq!(port.settings, Sender::default());
+        assert_eq!((port.settings, port.is_suspended()), (Sender::default(), false));
+        assert_eq!(say(&mut port, b"R").0, [Event::Data(b"R".to_vec())]);
         // A command without negotiation opens the port as well.
         assert_eq!(say(&mut port, &[255, 250, 44, 8, 255, 240]).0, [Event::Open]);
     }

@@ -1,4 +1,4 @@
-//! Endpoints of a bench for clients: ptys, TCP ports, serial ports, standard input and output.
+//! Endpoints of a bench for clients: ptys, TCP ports, remote and local serial ports, standard input and output.
 //!
 //! An endpoint belongs to a serial line, or to a TCP port of a drive.
 //!
