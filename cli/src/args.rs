@@ -89,8 +89,8 @@ pub(crate) struct Run {
     #[arg(value_name = "KIND|BENCH.toml")]
     pub(crate) what: String,
     /// Listening address of a port of the drive, by default its first port: pty:, pty:LINK, tcp:HOST:PORT,
-    /// serial:DEVICE or stdio:; for a TCP port only tcp:; may repeat [default for each port: a free loopback TCP port,
-    /// for a serial port also a pty]
+    /// rfc2217:HOST:PORT, serial:DEVICE or stdio:; for a TCP port only tcp:; may repeat [default for each port: a free
+    /// loopback TCP port, for a serial port also a pty]
     #[arg(long, value_name = "[PORT=]URI", help_heading = ONE_DRIVE)]
     pub(crate) listen: Vec<Listen>,
     /// Listening address of the control API, HOST:PORT, or off

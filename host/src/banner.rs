@@ -214,14 +214,22 @@ impl Banner {
 }
 
 impl Reached {
-    /// `socket://` URL that a program with pyserial can open instead, for a line with parity that has a pty
-    /// (HOST-2).
+    /// URL that a program with pyserial can open instead, for a line with parity that has a pty (HOST-2).
     fn without_parity(&self) -> Option<String> {
         let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
-        let uris = self.uris();
-        let tcp = uris.iter().find_map(|uri| uri.strip_prefix("tcp:"))?;
         let has_parity = self.line.is_some_and(|line| line.parity != Parity::None);
-        (has_pty && has_parity).then(|| format!("socket://{tcp}"))
+        let url = self.at("tcp:").map(|address| format!("socket://{address}"));
+        url.or_else(|| self.remote_port()).filter(|_| has_pty && has_parity)
+    }
+
+    /// URL that a program with pyserial can open like a serial port.
+    fn remote_port(&self) -> Option<String> {
+        self.at("rfc2217:").map(|address| format!("rfc2217://{address}"))
+    }
+
+    /// The first address with this scheme, without the scheme.
+    fn at(&self, scheme: &str) -> Option<String> {
+        self.uris().iter().find_map(|uri| uri.strip_prefix(scheme).map(ToOwned::to_owned))
     }
 
     fn uris(&self) -> Vec<String> {
@@ -240,13 +248,16 @@ impl Drive {
         let ends = self.spec.ports.get(usize::from(port.0))?.framing;
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
         let pty = reached.addresses.iter().find_map(|address| match address {
-            Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display()),
+            Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display().to_string()),
             Address::Uri(_) => None,
-        })?;
+        });
         let Line { baud, parity, stop, .. } = line;
         if ends == Framing::Character {
-            return Some(format!("python3 -m serial.tools.miniterm {pty} {baud}"));
+            let port = pty.or_else(|| reached.remote_port())?;
+            return Some(format!("python3 -m serial.tools.miniterm {port} {baud}"));
         }
+        // mbpoll opens no remote port.
+        let pty = pty?;
         let (first, count) = self.readable()?;
         // mbpoll does not support Modbus ASCII.
         (ends == Framing::Silence && !ascii::is_on(line)).then(|| {
@@ -266,8 +277,7 @@ impl Drive {
     }
 
     fn command_by_tcp(&self, ends: Framing, reached: &Reached) -> Option<String> {
-        let uris = reached.uris();
-        let address: SocketAddr = uris.iter().find_map(|uri| uri.strip_prefix("tcp:")?.parse().ok())?;
+        let address: SocketAddr = reached.at("tcp:")?.parse().ok()?;
         if ends == Framing::Return {
             return Some(format!("python3 -m serial.tools.miniterm socket://{address}"));
         }
@@ -297,6 +307,8 @@ impl Drive {
 mod tests {
     use super::*;
     use drivetwin_firmware::md3::Md3;
+    use drivetwin_sim::bench::Setup;
+    use drivetwin_sim::catalog;
     use drivetwin_sim::testing::echo_device::{EchoDevice, MCODE, MODBUS};
 
     #[test]
@@ -320,6 +332,23 @@ Ctrl-C ends it.
         assert!(banner.json().unwrap().contains(r#""rs485":["pty:/dev/pts/4","pty:md3.tty"]"#));
         let banner = Banner::new(&bench, &[md3], address(None));
         assert_eq!(banner.text(), text.replace("    pty:md3.tty\n", "").replace("md3.tty", "/dev/pts/4"));
+    }
+
+    #[test]
+    fn a_remote_port_is_tried_if_there_is_no_pty() {
+        let mut bench = Bench::new();
+        let device = catalog::make("qsb-d").unwrap();
+        let qsb = bench.add_with("qsb-d", device, Setup::default()).unwrap();
+        let uri = "rfc2217:127.0.0.1:5020".to_owned();
+        let addresses = [(bench.outlet(qsb, Port(0)), vec![Address::Uri(uri)])].into();
+        let text = "qsb-d: US Digital QSB-D encoder to USB adapter, differential
+  usb, 230400 8N1
+    rfc2217:127.0.0.1:5020
+Try:
+  python3 -m serial.tools.miniterm rfc2217://127.0.0.1:5020 230400
+Ctrl-C ends it.
+";
+        assert_eq!(Banner::new(&bench, &[qsb], addresses).text(), text);
     }
 
     #[test]

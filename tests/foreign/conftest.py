@@ -45,9 +45,11 @@ class Drivetwin:
         (device,) = ready["devices"]
         assert (device["name"], device["kind"]) == (kind, kind)
         self.ports = self.drives[kind]
-        self.tcp = next(iter(self.ports.values()))
+        self.tcp = next(iter(self.ports.values()), None)
         *_, uris = device["ports"].values()
-        self.pty = dict(uri.split(":", 1) for uri in uris).get("pty")
+        places = dict(uri.split(":", 1) for uri in uris)
+        self.pty = places.get("pty")
+        self.remote = host_and_port(places["rfc2217"]) if "rfc2217" in places else None
 
     def _line(self):
         """The one line with the addresses of all ports."""
@@ -121,9 +123,13 @@ def tcp_ports(device):
         for uri in uris:
             scheme, address = uri.split(":", 1)
             if scheme == "tcp":
-                host, port = address.rsplit(":", 1)
-                ports[name] = (host, int(port))
+                ports[name] = host_and_port(address)
     return ports
+
+
+def host_and_port(address):
+    host, port = address.rsplit(":", 1)
+    return (host, int(port))
 
 
 @pytest.fixture

@@ -38,6 +38,42 @@ def poll(drivetwin, baud, first, count):
     return [registers[place] for place in range(reference, reference + count)]
 
 
+TWO_DRIVES = """
+bus = [{ name = "line", drives = ["a", "b"], listen = ["pty:"], strict = STRICT }]
+drive = [{ name = "a", kind = "mdrobot", address = 1 }, { name = "b", kind = "mdrobot", address = 2 }]
+"""
+
+
+def both(run, tmp_path, strict):
+    """Polls two drives of a line, the second one right after the reply of the first one, until such a request was
+    proven to be too early. Returns the outputs of mbpoll, and the drives."""
+    file = tmp_path / "line.toml"
+    file.write_text(TWO_DRIVES.replace("STRICT", strict))
+    drivetwin = run("--fast-boot", kind=file)
+    printed = []
+    while True:
+        (bus,) = drivetwin.call("GET", "/api/bench")["buses"]
+        if bus["early_requests"]:
+            return printed, drivetwin
+        drivetwin.notice()
+        pty = next(uri.split(":", 1)[1] for uri in bus["listen"])
+        command = f"mbpoll -m rtu -a 1,2 -b 19200 -P none -0 -t 4 -r 1 -1 {pty}".split()
+        printed.append(subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE))
+        assert len(printed) < 100
+
+
+def test_leaves_no_silence_between_two_drives(run, tmp_path):
+    printed, drivetwin = both(run, tmp_path, "false")
+    assert all(mbpoll.stdout.count("[1]: \t81") == 2 for mbpoll in printed)
+    assert "line: a drive may ignore this request on a real line: sent " in drivetwin.said()
+
+
+def test_loses_a_request_on_a_strict_line(run, tmp_path):
+    *printed, last = both(run, tmp_path, "true")[0]
+    assert all(mbpoll.stdout.count("[1]: \t81") == 2 for mbpoll in printed)
+    assert last.stdout.count("[1]: \t81") == 1 and "timed out" in last.stdout + last.stderr
+
+
 def test_lists_the_defaults_of_chapter_7(run):
     assert poll(run("--fast-boot"), 9_600, 0, 32) == DEFAULTS
 

@@ -38,6 +38,8 @@ pub(crate) enum Tool {
     Counting,
     /// A Modbus master.
     Mbpoll,
+    /// A server of serial ports, which is also a client of remote ones.
+    Ser2net,
     /// Calls the control API, as the documents do.
     Curl,
     /// Wireshark for the command line.
@@ -108,6 +110,7 @@ impl Tool {
             Self::Qemu => "qemu-system-arm",
             Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
             Self::Mbpoll => "mbpoll",
+            Self::Ser2net => "ser2net",
             Self::Curl => "curl",
             Self::Tshark => "tshark",
             Self::Python => "a Python environment for foreign masters and the control API",
@@ -128,6 +131,7 @@ impl Tool {
             }
             Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
+            Self::Ser2net => "apt-get install ser2net",
             Self::Curl => "apt-get install curl",
             Self::Tshark => "apt-get install tshark",
             Self::Python => "apt-get install python3 python3-venv",
@@ -144,6 +148,7 @@ impl Tool {
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Counting => counted::takes_plugin(sh),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
+            Self::Ser2net => cmd!(sh, "ser2net -v").quiet().ignore_stdout().ignore_stderr().run().is_ok(),
             Self::Curl => runs(sh, "curl"),
             Self::Tshark => runs(sh, "tshark"),
             Self::Python => environment_is_current(sh),
@@ -160,6 +165,7 @@ impl Tool {
             Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
             Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
+            Self::Ser2net => apt.install(sh, "ser2net"),
             Self::Curl => apt.install(sh, "curl"),
             Self::Tshark => apt.install(sh, "tshark"),
             Self::Python => {

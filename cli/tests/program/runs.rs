@@ -64,6 +64,15 @@ fn an_error_in_options_is_one_sentence() {
         ),
         (vec!["run", "md3", "--listen", &linked], "something else than a link is there"),
         (vec!["run", "md3", "--listen", "tcp:203.0.113.1:0"], "cannot listen at tcp:203.0.113.1:0"),
+        (
+            vec!["run", "md3", "--listen", "rfc2217://127.0.0.1:1"],
+            "rfc2217: takes HOST:PORT, like rfc2217:127.0.0.1:5020",
+        ),
+        (vec!["run", "md3", "--listen", "rfc2217:203.0.113.1:0"], "cannot listen at rfc2217:203.0.113.1:0"),
+        (
+            vec!["run", "mdrive", "--listen", "rfc2217:127.0.0.1:0"],
+            "--listen: modbus of mdrive is a TCP port; use tcp:",
+        ),
         (vec!["run", "md3", "--control", "loopback"], "--control"),
         (vec!["run", "md3", "--seed", "abc"], "it takes a whole number from 0"),
         (vec!["run", "md3", "--set", "MotionControl=1"], "only bit 5 of MotionControl can be preset"),

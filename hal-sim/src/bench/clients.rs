@@ -60,6 +60,23 @@ impl Bench {
         self.serve(bus);
     }
 
+    /// Sets the serial settings with which the port of a client receives; by default it has those of the line.
+    /// With other settings it reads other characters, as a serial port does. See [`send_from`](Self::send_from)
+    /// for the settings with which it sends.
+    pub fn set_receiver(&mut self, client: Client, receiver: Sender) {
+        if let Some(state) = self.clients.get_mut(&client.0) {
+            state.receiver = receiver;
+        }
+    }
+
+    /// Drops the bytes of a client of a line that are not on the line yet, as if the client had not sent them.
+    pub fn drop_backlog(&mut self, client: Client) {
+        let Some(state) = self.clients.get_mut(&client.0) else { return };
+        let bus = state.bus;
+        state.take(state.backlog());
+        self.serve(bus);
+    }
+
     /// Queues bytes of a client for the line.
     pub(super) fn queue(&mut self, client: Client, bytes: &[u8], flags: CharFlags) {
         if let Some(state) = self.clients.get_mut(&client.0) {

@@ -10,6 +10,7 @@ use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
 use super::{Bench, Bus};
+use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::journal::{Draft, Outcome};
@@ -88,43 +89,47 @@ impl Bench {
     /// Lets the next request on each line begin at any time, after a jump of a host's clock.
     pub fn forget_silence(&mut self) {
         for line in &mut self.buses {
-            line.last_client = None;
+            line.last_request = None;
         }
     }
 
     /// Judges the first `length` waiting bytes of a client, which are a frame. All times are such that a
     /// request without the silence is proven.
+    ///
+    /// A client that waits until its bytes are on the wire waits for nothing on a pty or a TCP connection, and is
+    /// earlier here than on a real line by the duration of its last request. This may be so unless the reply to the
+    /// last request was complete.
     pub(super) fn early_request(&mut self, bus: u32, client: u32, length: usize) -> Option<EarlyRequest> {
         let settings = self.framed(bus).filter(|_| !self.silence_is_free && !self.fast())?;
         let state = self.clients.get(&client)?;
-        let (began, began_latest) = state.sent_between(0)?;
-        let (last, _) = state.sent_between(length.checked_sub(1)?)?;
+        let (_, began) = state.sent_between(0)?;
+        let (written, _) = state.sent_between(length.checked_sub(1)?)?;
         let next = state.sent_between(length);
-        let ends = last.max(began + self.takes(settings, length));
         let is_judged = !state.paces_itself;
+        let takes = self.takes(settings, length);
         let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
         let line = &mut self.buses[bus as usize];
-        let ended = line.client_until.max(line.sends_until);
-        let after_reply = line.client_until < line.sends_until;
-        line.client_until = line.client_until.max(ends);
-        let last_client = line.last_client.replace(client);
+        let replied = line.sends_until;
+        let last_request = line.last_request.replace(LastRequest { client, written, takes });
         if !is_judged || *line.disturbance.faults() != LineFaults::NONE {
             return None;
         }
-        if last_client == Some(client) && began_latest < ended + needs {
-            let cause = if began_latest < ended {
-                EarlyCause::InUse
-            } else if after_reply {
-                EarlyCause::AfterReply(began_latest.since(ended))
+        let cause = last_request.filter(|last| last.client == client).and_then(|last| {
+            if replied <= last.written + last.takes {
+                (began < last.written + needs).then_some(EarlyCause::AfterRequest(began.since(last.written)))
+            } else if replied <= began {
+                (began < replied + needs).then_some(EarlyCause::AfterReply(began.since(replied)))
             } else {
-                EarlyCause::AfterRequest(began_latest.since(ended))
-            };
-            return Some(EarlyRequest { cause, needs });
-        }
+                (began + last.takes < replied).then_some(EarlyCause::InUse)
+            }
+        });
         // Without a strict line, the second of two frames without silence is counted when its turn comes.
         // In Modbus ASCII the first frame is whole without silence.
-        let (_, next) = next.filter(|_| line.strict && needs > Duration::ZERO)?;
-        (next < ends + needs).then_some(EarlyRequest { cause: EarlyCause::Followed, needs })
+        let is_followed = || {
+            let (_, next) = next.filter(|_| line.strict)?;
+            (next < written + needs).then_some(EarlyCause::Followed)
+        };
+        cause.or_else(is_followed).map(|cause| EarlyRequest { cause, needs })
     }
 
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.

@@ -25,7 +25,7 @@ impl Origin {
     /// Serial settings of the characters at a port with the settings `line`.
     pub(super) fn settings_on(self, line: Line) -> Line {
         match self {
-            Self::Client(sender) => Line { baud: sender.baud.unwrap_or(line.baud), ..line },
+            Self::Client(sender) => sender.or(line),
             Self::Drive(own, _) => own,
         }
     }
@@ -255,7 +255,7 @@ impl Bench {
         number: Option<u32>,
         from: Option<DriveId>,
     ) {
-        let rx_burst = RxBurst { start, character: self.takes(line, 1), bytes, from };
+        let rx_burst = RxBurst { start, line, character: self.takes(line, 1), bytes, from };
         let serial_line = &self.buses[bus as usize];
         let collisions = serial_line.collisions.as_ref().zip(number);
         let asker_left = self.clients.get(&serial_line.served).is_none_or(|asker| asker.left);

@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::{Duration, Instant, Line};
 
 use super::Sender;
+use super::misread::misread;
 use crate::ids::DriveId;
 
 /// A client of a line, with its bytes in both directions.
@@ -18,6 +19,8 @@ pub(crate) struct ClientState {
     /// True if the client's port times characters itself, so that replies are delivered at once.
     pub(crate) paces_itself: bool,
     pub(crate) sender: Sender,
+    /// Settings with which the client's port receives.
+    pub(crate) receiver: Sender,
     /// Bytes that are not on the line yet.
     pub(super) bytes: VecDeque<u8>,
     /// Arrival times of `bytes`; one entry for bytes that arrived together.
@@ -42,6 +45,9 @@ struct RxChar {
 #[derive(Clone, Copy)]
 pub(crate) struct RxBurst<'a> {
     pub(crate) start: Instant,
+    /// Serial settings of the sender.
+    pub(crate) line: Line,
+    /// Duration of a character; zero if characters take no time.
     pub(crate) character: Duration,
     pub(crate) bytes: &'a [u8],
     /// The drive that sends them, if any.
@@ -212,10 +218,16 @@ impl Clients {
     /// start of the first one. `garbage` returns the corrupt byte for a character that collides, otherwise
     /// `None`.
     pub(crate) fn push(&mut self, id: u32, burst: RxBurst<'_>, garbage: impl Fn(Instant, u8) -> Option<u8>) {
-        let RxBurst { start, character, bytes, from } = burst;
+        let RxBurst { start, line, character, bytes, from } = burst;
         self.with_inbox(id, |state| {
-            for (n, &byte) in (1..).zip(bytes) {
-                let end = start + character * n;
+            let read: Vec<(Instant, u8)> = if state.receiver.fits(line) {
+                (1..).zip(bytes).map(|(n, &byte)| (start + character * n, byte)).collect()
+            } else {
+                let read = misread(line, bytes, state.receiver.or(line)).into_iter();
+                let takes_time = character > Duration::ZERO;
+                read.map(|(after, byte)| (if takes_time { start + after } else { start }, byte)).collect()
+            };
+            for (end, byte) in read {
                 let garbage = garbage(end, byte);
                 state.push(RxChar {
                     end: if state.paces_itself { start } else { end },

@@ -3,11 +3,12 @@
 mod client_buffers;
 pub(crate) mod collisions;
 pub mod faults;
+mod misread;
 mod request_boundaries;
 
 use std::collections::VecDeque;
 
-use drivetwin_firmware::device::{Instant, Line, Port};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
@@ -34,10 +35,24 @@ pub enum LineMode {
 pub struct Sender {
     /// Baud rate in bits per second; `None` if unknown.
     pub baud: Option<u32>,
+    /// Number of data bits, 5 to 8; `None` if unknown.
+    pub data: Option<u8>,
+    /// Parity bit.
+    pub parity: PortParity,
     /// Number of stop bits, 1 or 2; `None` if unknown.
     pub stop: Option<u8>,
-    /// True for odd parity, false for even or no parity, which a pty does not distinguish; `None` if unknown.
-    pub odd: Option<bool>,
+}
+
+/// Parity of a client's port, as far as it is known.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum PortParity {
+    /// Any parity.
+    #[default]
+    Unknown,
+    /// Even or no parity, which a pty does not distinguish.
+    NotOdd,
+    /// This parity.
+    Known(Parity),
 }
 
 impl Sender {
@@ -45,8 +60,28 @@ impl Sender {
     #[must_use]
     pub fn fits(self, line: Line) -> bool {
         self.baud.is_none_or(|baud| baud == line.baud)
+            && self.data.is_none_or(|data| data == line.data)
             && self.stop.is_none_or(|stop| stop == line.stop)
-            && self.odd.is_none_or(|odd| odd == (line.parity == Parity::Odd))
+            && match self.parity {
+                PortParity::Unknown => true,
+                PortParity::NotOdd => line.parity != Parity::Odd,
+                PortParity::Known(parity) => parity == line.parity,
+            }
+    }
+
+    /// The settings of the port; `line` has the ones that are not known.
+    #[must_use]
+    pub fn or(self, line: Line) -> Line {
+        let parity = match self.parity {
+            PortParity::Known(parity) => parity,
+            PortParity::Unknown | PortParity::NotOdd => line.parity,
+        };
+        Line {
+            baud: self.baud.unwrap_or(line.baud),
+            data: self.data.unwrap_or(line.data),
+            parity,
+            stop: self.stop.unwrap_or(line.stop),
+        }
     }
 }
 
@@ -73,10 +108,8 @@ pub(crate) struct SerialLine {
     pub(crate) kept_until: Instant,
     /// End of the last character that a drive sends.
     pub(crate) sends_until: Instant,
-    /// End of the last request on a line where it is not delayed.
-    pub(crate) client_until: Instant,
-    /// Client of the last request; `None` if the next one may come at any time.
-    pub(crate) last_client: Option<u32>,
+    /// The last request; `None` if the next one may come at any time.
+    pub(crate) last_request: Option<LastRequest>,
     /// True if requests that are too early are dropped.
     pub(crate) strict: bool,
     /// Requests so far that were too early.
@@ -96,6 +129,16 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
+}
+
+/// The last request on a line, for a judgement of the silence before the next one.
+#[derive(Clone, Copy)]
+pub(crate) struct LastRequest {
+    pub(crate) client: u32,
+    /// Time at which the client had sent all bytes.
+    pub(crate) written: Instant,
+    /// Time that the characters take on the line.
+    pub(crate) takes: Duration,
 }
 
 /// A client's message, or noise, on a line.
@@ -152,8 +195,7 @@ impl SerialLine {
             free: Instant::ZERO,
             kept_until: Instant::ZERO,
             sends_until: Instant::ZERO,
-            client_until: Instant::ZERO,
-            last_client: None,
+            last_request: None,
             strict: false,
             early: EarlyRequests::default(),
             disturbance: Disturbance::new(seed, name),

@@ -1,4 +1,4 @@
-//! Endpoints of a bench for clients: ptys, TCP ports, serial ports, standard input and output.
+//! Endpoints of a bench for clients: ptys, TCP ports, remote and local serial ports, standard input and output.
 //!
 //! An endpoint belongs to a serial line, or to a TCP port of a drive.
 //!
@@ -8,13 +8,16 @@
 //! client. A client that does not read for too long loses its connection (TCP) or characters (other
 //! endpoints). A client that sends faster than its serial line is read at the speed of the line.
 
+mod com_port;
 mod poller;
 mod pty;
 mod pty_link;
 mod pty_openings;
+mod remote_port;
 mod serial_device;
 mod stdio;
 mod tcp_listener;
+mod telnet;
 #[cfg(test)]
 mod tests;
 mod timer;
@@ -186,10 +189,21 @@ impl Ports {
     /// # Errors
     /// The system refuses to listen, or gives no timer.
     pub(crate) fn add_tcp(&mut self, outlet: Outlet, bound: Bound) -> io::Result<String> {
-        let listener = tcp_listener::Listener::new(outlet, bound)?;
+        self.add_listener(tcp_listener::Listener::new(outlet, bound)?)
+    }
+
+    /// Opens a TCP port for `bus` that remote masters use like a serial port (RFC 2217). Returns its URI.
+    ///
+    /// # Errors
+    /// The system refuses to listen, or gives no timer.
+    pub(crate) fn add_rfc2217(&mut self, bus: Bus, bound: Bound) -> io::Result<String> {
+        self.add_listener(tcp_listener::Listener::with_com_port(bus, bound)?)
+    }
+
+    fn add_listener(&mut self, listener: tcp_listener::Listener) -> io::Result<String> {
         // The timer of this group is made now, because later there may be no descriptor left for it.
         self.poll_group(CROWDED)?;
-        let uri = format!("tcp:{}", listener.address());
+        let uri = listener.uri().to_owned();
         let number = self.number();
         self.poller.add(number, listener.socket(), EventFlags::IN)?;
         self.listeners.insert(number, listener);
@@ -442,7 +456,7 @@ impl Ports {
                 self.note(bench, number);
             } else if let Some(listener) = self.listeners.get(&number) {
                 if let Err(error) = self.poller.add(number, listener.socket(), EventFlags::IN) {
-                    error!("tcp:{} cannot accept connections any more: {error}", listener.address());
+                    error!("{} cannot accept connections any more: {error}", listener.uri());
                 }
                 self.poll_every(number, Some(CROWDED), None);
             }
@@ -458,7 +472,7 @@ impl Ports {
                 return true;
             }
             if let Err(error) = poller.add(*number, listener.socket(), EventFlags::IN) {
-                error!("tcp:{} cannot accept connections any more: {error}", listener.address());
+                error!("{} cannot accept connections any more: {error}", listener.uri());
             }
             false
         });

@@ -23,9 +23,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::Line;
+use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::{Expect, Scan, ascii, rtu};
 use drivetwin_sim::bench::{Bench, Bus, Client};
-use drivetwin_sim::line::Sender;
+use drivetwin_sim::line::{PortParity, Sender};
 use rustix::event::epoll::EventFlags;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
@@ -340,10 +341,12 @@ impl Pty {
     fn sender(&mut self, bench: &Bench) -> Sender {
         let Ok(settings) = tcgetattr(&self.master) else { return Sender::default() };
         let control = settings.control_modes;
+        let is_odd = control.contains(ControlModes::PARODD);
         let sender = Sender {
             baud: Some(settings.output_speed()),
+            data: None,
+            parity: if is_odd { PortParity::Known(Parity::Odd) } else { PortParity::NotOdd },
             stop: Some(if control.contains(ControlModes::CSTOPB) { 2 } else { 1 }),
-            odd: Some(control.contains(ControlModes::PARODD)),
         };
         let line = bench.line(self.bus);
         if !sender.fits(line) && self.warned != Some(sender) {
@@ -353,7 +356,7 @@ impl Pty {
                 self.path.display(),
                 settings.output_speed(),
                 sender.stop.unwrap_or(1),
-                if sender.odd == Some(true) { "on" } else { "off" },
+                if is_odd { "on" } else { "off" },
             );
         }
         sender
@@ -464,7 +467,6 @@ mod tests {
     use super::*;
     use drivetwin_firmware::device::{Duration, Instant, Port};
     use drivetwin_firmware::md3::Md3;
-    use drivetwin_protocol::line::Parity;
 
     const USER_REGISTER: u16 = 0x1D;
 

@@ -18,7 +18,7 @@ use rustix::event::epoll::EventFlags;
 use tracing::{debug, warn};
 
 use super::unread::{MOST_MIB, Unread};
-use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, read_some};
+use super::{Endpoint, READ_BYTES, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
 use crate::clock::Clock;
 
 /// Poll interval until all output is written.
@@ -79,13 +79,14 @@ impl Endpoint for Stdio {
         (self.stage < Stage::Answered).then(|| interest(reads, &self.unread))
     }
 
-    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, _clock: Option<&Clock>) -> bool {
+    fn take(&mut self, bench: &mut Bench, _ready: EventFlags, clock: Option<&Clock>) -> bool {
         if self.stage != Stage::Open {
             return false;
         }
         let mut room = ROOM;
         match read_some(&self.near, &mut room) {
             ReadResult::Bytes(bytes) => {
+                note_arrival(bench, clock);
                 bench.send(self.client, bytes);
                 return true;
             }

@@ -1,6 +1,7 @@
-//! TCP listeners: for a serial line, with raw characters like a serial device server, or for a TCP port of a
-//! drive.
+//! TCP listeners: for a serial line, with raw characters or with RFC 2217 like a serial device server, or for a TCP
+//! port of a drive.
 
+use std::cell::Cell;
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
@@ -8,11 +9,13 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::Instant;
-use drivetwin_sim::bench::{Bench, Client, ConnectError, Ended, MOST_CONNECTIONS, Outlet};
+use drivetwin_sim::bench::{Bench, Bus, Client, ConnectError, Ended, MOST_CONNECTIONS, Outlet};
+use drivetwin_sim::config::listen::Uri;
 use rustix::event::epoll::EventFlags;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, sockopt};
 use tracing::{info, warn};
 
+use super::remote_port::{RemotePort, Warning};
 use super::unread::{Unread, share_mib};
 use super::web::{BrowserCheck, Verdict};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
@@ -99,26 +102,52 @@ impl Bound {
 pub(super) struct Listener {
     socket: TcpListener,
     outlet: Outlet,
-    address: SocketAddr,
+    /// The line, if its clients control a serial port (RFC 2217).
+    com_port: Option<Bus>,
     /// A clone of this is in each connection, so that its count shows the number of connections.
-    presence: Rc<()>,
+    site: Rc<Site>,
     /// True while a connection waits because the system has no room for it.
     crowded: bool,
     /// True after a refusal was logged, until a connection is accepted.
     is_refusing: bool,
 }
 
+/// What a listener and its connections share.
+pub(super) struct Site {
+    uri: String,
+    /// The last warning about a serial port. Many programs open a port for each request, and would be warned each time.
+    warned: Cell<Option<Warning>>,
+}
+
+impl Site {
+    /// The site of a listener with that URI.
+    pub(super) fn new(uri: String) -> Self {
+        Self { uri, warned: Cell::new(None) }
+    }
+
+    /// URI of the listener.
+    pub(super) fn uri(&self) -> &str {
+        &self.uri
+    }
+
+    /// Returns true if the last warning was another one.
+    pub(super) fn is_new(&self, warning: Warning) -> bool {
+        self.warned.replace(Some(warning)) != Some(warning)
+    }
+}
+
 /// Connection to a client.
 pub(super) struct Connection {
     stream: TcpStream,
     peer: SocketAddr,
-    address: SocketAddr,
-    /// Clone of the listener's `presence`, which counts the clients of the port.
-    presence: Rc<()>,
+    /// Clone of the listener's `site`, which counts the clients of the port.
+    site: Rc<Site>,
     outlet: Outlet,
     client: Client,
     /// Check of the first bytes of the connection; `None` when it is complete.
     check: Option<BrowserCheck>,
+    /// The serial port that the client controls, if the listener offers that.
+    com_port: Option<RemotePort>,
     /// Bytes that the drives sent and the client has not taken.
     unread: Unread,
     /// True while the last bytes of the client may not be acknowledged yet.
@@ -135,14 +164,28 @@ impl Listener {
     /// # Errors
     /// The system does not let the port listen.
     pub(super) fn new(outlet: Outlet, bound: Bound) -> io::Result<Self> {
-        let socket = bound.listen()?;
-        let address = socket.local_addr()?;
-        Ok(Self { socket, outlet, address, presence: Rc::default(), crowded: false, is_refusing: false })
+        Self::at(outlet, None, bound)
     }
 
-    /// Address of the listener.
-    pub(super) fn address(&self) -> SocketAddr {
-        self.address
+    /// A listener for a line, whose clients control a serial port (RFC 2217).
+    ///
+    /// # Errors
+    /// The system does not let the port listen.
+    pub(super) fn with_com_port(bus: Bus, bound: Bound) -> io::Result<Self> {
+        Self::at(Outlet::Line(bus), Some(bus), bound)
+    }
+
+    fn at(outlet: Outlet, com_port: Option<Bus>, bound: Bound) -> io::Result<Self> {
+        let socket = bound.listen()?;
+        let address = socket.local_addr()?.to_string();
+        let uri = if com_port.is_some() { Uri::Rfc2217(address) } else { Uri::Tcp(address) }.to_string();
+        let site = Rc::new(Site::new(uri));
+        Ok(Self { socket, outlet, com_port, site, crowded: false, is_refusing: false })
+    }
+
+    /// URI of the listener.
+    pub(super) fn uri(&self) -> &str {
+        self.site.uri()
     }
 
     /// Returns whether the next connection can be accepted or refused now. Otherwise it waits.
@@ -169,16 +212,13 @@ impl Listener {
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
                 Err(error) => {
                     if !std::mem::replace(&mut self.crowded, true) {
-                        warn!(
-                            "tcp:{} cannot accept connections until the system has room: {error}",
-                            self.address
-                        );
+                        warn!("{} cannot accept connections until the system has room: {error}", self.uri());
                     }
                     return Err(error);
                 }
             };
             self.crowded = false;
-            if Rc::strong_count(&self.presence) > MOST_CONNECTIONS {
+            if Rc::strong_count(&self.site) > MOST_CONNECTIONS {
                 self.refuse(peer, ConnectError::Full);
                 continue;
             }
@@ -194,16 +234,16 @@ impl Listener {
                     continue;
                 }
             };
-            info!("{peer} connects to tcp:{}", self.address);
+            info!("{peer} connects to {}", self.uri());
             self.is_refusing = false;
             return Ok(Some(Connection {
                 stream,
                 peer,
-                address: self.address,
-                presence: Rc::clone(&self.presence),
+                site: Rc::clone(&self.site),
                 outlet: self.outlet,
                 client,
                 check: Some(BrowserCheck::new(matches!(self.outlet, Outlet::Line(_)))),
+                com_port: self.com_port.map(|bus| RemotePort::new(bus, client, peer)),
                 unread: Unread::default(),
                 unacknowledged: false,
                 linger_polls: None,
@@ -217,8 +257,8 @@ impl Listener {
     fn refuse(&mut self, peer: SocketAddr, why: ConnectError) {
         if !std::mem::replace(&mut self.is_refusing, true) {
             warn!(
-                "{peer} is refused at tcp:{}, like all further connections until there is room: {why}",
-                self.address
+                "{peer} is refused at {}, like all further connections until there is room: {why}",
+                self.uri()
             );
         }
     }
@@ -234,29 +274,45 @@ impl Connection {
     /// whether bytes were passed.
     fn pass(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
         let Some(check) = &mut self.check else {
-            bench.send(self.client, bytes);
-            return true;
+            return self.send(bench, bytes);
         };
         match check.inspect(bytes) {
-            Verdict::Unclear => return false,
-            Verdict::Ordinary(bytes) => bench.send(self.client, &bytes),
+            Verdict::Unclear => false,
+            Verdict::Ordinary(bytes) => {
+                self.check = None;
+                self.send(bench, &bytes)
+            }
             Verdict::Web => {
                 warn!(
-                    "{} is disconnected from tcp:{}: it sent an HTTP request or a TLS handshake, as browsers do; this is the port of a drive",
-                    self.peer, self.address
+                    "{} is disconnected from {}: it sent an HTTP request or a TLS handshake, as browsers do; this is the port of a drive",
+                    self.peer,
+                    self.site.uri()
                 );
                 self.over = true;
-                return false;
+                false
             }
         }
-        self.check = None;
-        true
     }
 
-    /// Maximum unread output of this client in MiB. The listener and each of its clients have a clone of
-    /// `presence`.
+    /// Sends received bytes to the drive. Returns whether this has an effect on the drive.
+    fn send(&mut self, bench: &mut Bench, bytes: &[u8]) -> bool {
+        match &mut self.com_port {
+            Some(com_port) => com_port.take(bench, bytes, &self.site, &mut self.unread),
+            None => {
+                bench.send(self.client, bytes);
+                true
+            }
+        }
+    }
+
+    /// Maximum unread output of this client in MiB. The listener and each of its clients have a clone of `site`.
     fn most_mib(&self) -> usize {
-        share_mib(Rc::strong_count(&self.presence) - 1)
+        share_mib(Rc::strong_count(&self.site) - 1)
+    }
+
+    /// Number of bytes that the client has not taken.
+    fn unread(&self) -> usize {
+        self.unread.len() + self.com_port.as_ref().map_or(0, RemotePort::held)
     }
 
     /// Returns whether the connection is about to be closed, and no more input is read.
@@ -294,10 +350,11 @@ impl Endpoint for Connection {
                 ReadResult::Closed => {
                     self.linger_polls = Some(LINGER_POLLS);
                     let held = self.check.take().map(|mut check| check.release()).unwrap_or_default();
-                    if !held.is_empty() {
-                        bench.send(self.client, &held);
-                        return true;
+                    let mut has_effect = !held.is_empty() && self.send(bench, &held);
+                    if let Some(com_port) = &mut self.com_port {
+                        has_effect |= com_port.end(bench);
                     }
+                    return has_effect;
                 }
                 ReadResult::Nothing => {}
             }
@@ -306,7 +363,10 @@ impl Endpoint for Connection {
     }
 
     fn deliver(&mut self, bench: &mut Bench) -> bool {
-        self.unread.receive(bench, self.client);
+        match &mut self.com_port {
+            Some(com_port) => com_port.receive(bench, &mut self.unread),
+            None => self.unread.receive(bench, self.client),
+        }
         let waits = self.unread.len();
         let written = self.unread.write(&self.stream);
         if self.unacknowledged && self.unread.len() == waits {
@@ -319,7 +379,7 @@ impl Endpoint for Connection {
         bench.hold_back(self.client, self.unread.len() >= BACKLOG_BYTES);
         if written.is_err() {
             self.over = true;
-        } else if self.unread.len() > self.most_mib() << 20 {
+        } else if self.unread() > self.most_mib() << 20 {
             warn!("{} is disconnected: it has left more than {} MiB unread", self.peer, self.most_mib());
             self.over = true;
         }
@@ -328,11 +388,13 @@ impl Endpoint for Connection {
         {
             self.linger_polls = Some(LINGER_POLLS_CLOSED);
             match ended {
-                Ended::Broken(_) => warn!("{} is disconnected from tcp:{}: {ended}", self.peer, self.address),
-                Ended::ByDrive | Ended::NoPower => info!("{}, tcp:{}: {ended}", self.peer, self.address),
+                Ended::Broken(_) => {
+                    warn!("{} is disconnected from {}: {ended}", self.peer, self.site.uri());
+                }
+                Ended::ByDrive | Ended::NoPower => info!("{}, {}: {ended}", self.peer, self.site.uri()),
             }
         }
-        self.over |= self.is_leaving() && self.unread.is_empty() && bench.is_served(self.client);
+        self.over |= self.is_leaving() && self.unread() == 0 && bench.is_served(self.client);
         bench.is_under_way(self.client)
     }
 
@@ -358,8 +420,11 @@ impl Endpoint for Connection {
         for _ in 0..LAST_READS {
             let ReadResult::Bytes(_) = read_some(&self.stream, &mut room) else { break };
         }
-        info!("{} disconnects from tcp:{}", self.peer, self.address);
+        info!("{} disconnects from {}", self.peer, self.site.uri());
         bench.disconnect(self.client);
+        if let Some(com_port) = &mut self.com_port {
+            com_port.hang_up(bench);
+        }
     }
 }
 
@@ -374,7 +439,7 @@ mod tests {
         let mut bench = Bench::new();
         let drive = bench.add::<EchoDevice>("echo");
         let mut listener = Listener::new(bench.outlet(drive, port), bind("127.0.0.1:0").unwrap()).unwrap();
-        let far = TcpStream::connect(listener.address()).unwrap();
+        let far = TcpStream::connect(listener.uri().strip_prefix("tcp:").unwrap()).unwrap();
         loop {
             if let Some(connection) = listener.accept(&mut bench).unwrap() {
                 return (bench, listener, connection, far);
@@ -392,7 +457,7 @@ mod tests {
         // A client alone may leave 16 MiB unread; each of 64 clients 1 MiB (HOST-15).
         assert!(connection.unread.len() > 2 << 20, "{} bytes", connection.unread.len());
         assert!(!connection.over);
-        let _others: Vec<Rc<()>> = (1..64).map(|_| Rc::clone(&listener.presence)).collect();
+        let _others: Vec<Rc<Site>> = (1..64).map(|_| Rc::clone(&listener.site)).collect();
         connection.deliver(&mut bench);
         assert!(connection.over);
     }

@@ -1,4 +1,4 @@
-//! TCP ports of a drive, reached through sockets.
+//! TCP ports of a drive and remote serial ports, reached through sockets.
 
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -8,7 +8,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use drivetwin_firmware::device::{Instant, Port};
-use drivetwin_sim::bench::{Bench, DriveId, Outlet, PowerAction, Statistics};
+use drivetwin_sim::bench::{Bench, DriveId, Outlet, PowerAction, Setup, Statistics};
+use drivetwin_sim::catalog;
 use drivetwin_sim::config::time_mode::TimeMode;
 
 use super::{Ports, bind};
@@ -353,4 +354,48 @@ fn while_the_clock_is_advanced_all_is_answered() {
     assert!(there.try_recv().is_err(), "it goes on");
     drop(there);
     assert!(running.call(|bench, _| bench.now()) > Instant::ZERO);
+}
+
+/// A remote port (RFC 2217) of a QSB, and what a client gets that sends `bytes` and then closes its direction.
+fn remote_port(bytes: &[u8]) -> (Vec<u8>, String) {
+    let (mut stop, stopped) = UnixStream::pair().unwrap();
+    let (ready, started) = mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let qsb = bench.add_with("qsb-d", catalog::make("qsb-d").unwrap(), setup).unwrap();
+        let bus = bench.bus(qsb, Port(0)).unwrap();
+        let mut ports = Ports::new().unwrap();
+        let uri = ports.add_rfc2217(bus, bind("127.0.0.1:0").unwrap()).unwrap();
+        let (bench_handle, inbox) = handle().unwrap();
+        ready.send((uri, bench_handle)).unwrap();
+        let mut event_loop = EventLoop::new(bench, ports, TimeMode::Manual, Vec::new(), inbox);
+        event_loop.run(&stopped).unwrap();
+        event_loop.bench.trace().to_text()
+    });
+    let (uri, _bench_handle) = started.recv().unwrap();
+    let mut stream = TcpStream::connect(uri.strip_prefix("rfc2217:").unwrap()).unwrap();
+    stream.set_read_timeout(Some(LONG)).unwrap();
+    stream.write_all(bytes).unwrap();
+    stream.shutdown(Shutdown::Write).unwrap();
+    let came = rest(&mut stream);
+    stop.write_all(&[0]).unwrap();
+    (came, thread.join().unwrap())
+}
+
+#[test]
+fn a_remote_port_answers_resumes_and_hangs_up() {
+    const REPLY: &[u8] = b"r 0E 00000000 !\r\n";
+    // WILL COM-PORT-OPTION, FLOWCONTROL-SUSPEND, and READ ENCODER.
+    let open = [255, 251, 44, 255, 250, 44, 8, 255, 240];
+    let (came, trace) = remote_port(&[&open[..], b"R0E\r"].concat());
+    let proposals = [255, 253, 44, 255, 253, 0, 255, 251, 0];
+    let modem_state = [255, 250, 44, 107, 0xB0, 255, 240];
+    assert!(came.starts_with(&[&proposals[..], &modem_state].concat()), "{came:?}");
+    assert!(came.ends_with(REPLY), "{came:?}");
+    let attached: Vec<&str> = trace.lines().filter(|line| line.contains("attached")).collect();
+    assert!(matches!(attached[..], [on, off] if on.ends_with("on") && off.ends_with("off")), "{attached:?}");
+    // Without Telnet, the connection has the bytes of the line only, and DTR does nothing.
+    let (came, trace) = remote_port(b"R0E\r");
+    assert_eq!((came.as_slice(), trace.contains("attached")), (REPLY, false));
 }

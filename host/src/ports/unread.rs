@@ -52,6 +52,11 @@ impl Unread {
         bench.receive(client, &mut self.bytes);
     }
 
+    /// Adds bytes.
+    pub(super) fn extend(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+    }
+
     /// Writes as many bytes as the other end accepts now.
     ///
     /// # Errors
@@ -82,6 +87,14 @@ impl Unread {
             self.bytes.truncate(self.taken + (MOST_MIB << 20));
         }
         too_much && !std::mem::replace(&mut self.lost, true)
+    }
+
+    /// Takes all bytes, as a client that reads them.
+    #[cfg(test)]
+    pub(super) fn take(&mut self) -> Vec<u8> {
+        let bytes = self.bytes.split_off(self.taken);
+        self.clear();
+        bytes
     }
 
     /// Drops all bytes.

@@ -24,6 +24,7 @@ enum Reached {
 /// A reserved address. No other program can use it.
 enum Place {
     Tcp(Bound),
+    Rfc2217(Bound),
     Pty(Option<PathBuf>),
     Serial(Device),
     Stdio,
@@ -78,6 +79,10 @@ impl ReservedPorts {
                 Place::Tcp(bound) => Address::Uri(
                     ports.add_tcp(outlet, bound).map_err(|error| format!("tcp: cannot listen: {error}"))?,
                 ),
+                Place::Rfc2217(bound) => {
+                    let added = ports.add_rfc2217(line()?, bound);
+                    Address::Uri(added.map_err(|error| format!("rfc2217: cannot listen: {error}"))?)
+                }
                 Place::Pty(link) => {
                     let bus = line()?;
                     Address::Pty {
@@ -123,6 +128,7 @@ fn check_links(layout: &Layout) -> Result<(), String> {
 fn reserve(uri: &Uri) -> Result<Place, String> {
     match uri {
         Uri::Tcp(address) => Ok(Place::Tcp(reserve_tcp("tcp:", address)?)),
+        Uri::Rfc2217(address) => Ok(Place::Rfc2217(reserve_tcp("rfc2217:", address)?)),
         Uri::Pty(link) => {
             if let Some(link) = link {
                 ports::check_link(link).map_err(|error| format!("{uri}: {error}"))?;

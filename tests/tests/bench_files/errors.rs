@@ -123,7 +123,12 @@ fn drives() {
             (
                 "listen = ['udp:1']",
                 "line 4, column 11: cannot listen at 'udp:1': it takes pty:, pty:LINK, tcp:HOST:PORT, \
-                 serial:DEVICE or stdio:",
+                 rfc2217:HOST:PORT, serial:DEVICE or stdio:",
+            ),
+            (
+                "listen = ['rfc2217://127.0.0.1:1']",
+                "line 4, column 11: cannot listen at 'rfc2217://127.0.0.1:1': rfc2217: takes HOST:PORT, like \
+                 rfc2217:127.0.0.1:5020 (port 0: any free one)",
             ),
             (
                 "listen = ['pty:', 'rs458=pty:']",
@@ -133,6 +138,10 @@ fn drives() {
             (
                 "listen = ['tcp:127.0.0.1:1', 'tcp:127.0.0.1:1']",
                 "line 4, column 30: tcp:127.0.0.1:1 is given twice",
+            ),
+            (
+                "listen = ['rfc2217:127.0.0.1:1', 'rfc2217:127.0.0.1:1']",
+                "line 4, column 34: rfc2217:127.0.0.1:1 is given twice",
             ),
             ("listen = ['stdio:', 'stdio:']", "line 4, column 21: stdio: is given twice"),
             (

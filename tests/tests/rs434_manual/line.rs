@@ -5,7 +5,7 @@ use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::Setup;
-use drivetwin_sim::line::{LineMode, Sender};
+use drivetwin_sim::line::{LineMode, PortParity, Sender};
 use drivetwin_tests::rs434::{BOOT, Rig, SILENCE, at, key, request};
 
 /// Values of TYPE_MODBUS with data bits, parity and stop bits (6.4).
@@ -249,7 +249,7 @@ fn section_6_5_parity() {
     let mut rig = timed();
     let bus = rig.bench.bus(rig.seat, Port(0)).expect("a line");
     let client = rig.bench.connect(bus);
-    let odd = Sender { odd: Some(true), ..Sender::default() };
+    let odd = Sender { parity: PortParity::Known(Parity::Odd), ..Sender::default() };
     rig.bench.send_from(client, &rtu::write(1, at::SPEED, 500), odd);
     rig.bench.run_until_idle();
     rig.after(100.millis());

@@ -22,8 +22,8 @@ use drivetwin_protocol::time::Span;
 use proptest::prelude::*;
 
 use super::*;
-use crate::line::Sender;
 use crate::line::faults::LineFaults;
+use crate::line::{PortParity, Sender};
 use crate::replay;
 use crate::testing::echo_device::EchoDevice;
 use crate::testing::test_device::{self, TestDevice};
@@ -573,17 +573,54 @@ fn a_sender_with_other_settings_is_noise() {
     let (mut bench, drive, client) = alone(LineMode::Timed);
     for sender in [
         Sender { baud: Some(19_200), ..Sender::default() },
+        Sender { data: Some(7), ..Sender::default() },
         Sender { stop: Some(2), ..Sender::default() },
-        Sender { odd: Some(true), ..Sender::default() },
+        Sender { parity: PortParity::Known(Parity::None), ..Sender::default() },
+        Sender { parity: PortParity::Known(Parity::Odd), ..Sender::default() },
     ] {
         bench.send_from(client, &rtu::read(1, 0, 1), sender);
         bench.run_until_idle();
     }
-    assert_eq!(bench.statistics(drive, RS485), Statistics { spoiled: 3, ..Statistics::default() });
-    let right = Sender { baud: Some(9_600), stop: Some(1), odd: Some(false) };
+    assert_eq!(bench.statistics(drive, RS485), Statistics { spoiled: 5, ..Statistics::default() });
+    let right = Sender { baud: Some(9_600), stop: Some(1), parity: PortParity::NotOdd, ..Sender::default() };
     bench.send_from(client, &rtu::read(1, 0, 1), right);
     bench.run_until_idle();
     assert_eq!(received_by(&mut bench, client).len(), 7);
+}
+
+#[test]
+fn a_client_with_other_settings_reads_other_characters() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, drive, client) = alone(line);
+        let other = bench.connect(bench.bus(drive, RS485).unwrap());
+        let eight_bits = Sender { parity: PortParity::Known(Parity::None), ..Sender::default() };
+        bench.set_receiver(other, eight_bits);
+        bench.send(client, &rtu::read(1, 0, 1));
+        bench.run_until_idle();
+        let reply = received_by(&mut bench, client);
+        assert_eq!(reply, [1, 3, 2, 0, 1, 0x79, 0x84]);
+        // The parity bit of 03 is a zero in place of a stop bit; the next start bit follows all the same.
+        assert_eq!(received_by(&mut bench, other), [1, 3, 2, 0, 1, 0x79, 0x84]);
+        bench.set_receiver(other, Sender { baud: Some(4_800), ..Sender::default() });
+        bench.send(client, &rtu::read(1, 0, 1));
+        bench.run_until_idle();
+        assert_eq!(received_by(&mut bench, client), reply);
+        let misread = received_by(&mut bench, other);
+        assert!(!misread.is_empty() && misread.len() <= 4, "{misread:?}");
+    }
+}
+
+#[test]
+fn a_dropped_backlog_is_not_sent() {
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let request = rtu::read(1, 0, 1);
+    bench.send(client, &request[..5]);
+    bench.drop_backlog(client);
+    // The rest of the request alone would be no frame, and the line waits for nothing.
+    bench.send(client, &request);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, client).len(), 7);
+    assert_eq!(bench.statistics(drive, RS485), Statistics { requests: 1, ..Statistics::default() });
 }
 
 #[test]

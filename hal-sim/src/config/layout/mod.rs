@@ -229,7 +229,7 @@ pub fn address(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
         (None, Uri::Pty(_)) => {
             Err(format!("{} of {} is a TCP port and cannot have a pty; use tcp:", of.name, spec.kind))
         }
-        (None, Uri::Serial(_) | Uri::Stdio) => {
+        (None, Uri::Rfc2217(_) | Uri::Serial(_) | Uri::Stdio) => {
             Err(format!("{} of {} is a TCP port; use tcp:", of.name, spec.kind))
         }
         _ => Ok((port, uri.clone())),
@@ -253,7 +253,7 @@ pub(crate) fn same_path(a: &Path, b: &Path) -> bool {
 pub fn clash(a: &Uri, b: &Uri) -> bool {
     match (a, b) {
         (Uri::Pty(Some(a)), Uri::Pty(Some(b))) | (Uri::Serial(a), Uri::Serial(b)) => same_path(a, b),
-        (Uri::Tcp(a), Uri::Tcp(b)) => a == b && !a.ends_with(":0"),
+        (Uri::Tcp(a), Uri::Tcp(b)) | (Uri::Rfc2217(a), Uri::Rfc2217(b)) => a == b && !a.ends_with(":0"),
         (Uri::Stdio, Uri::Stdio) => true,
         _ => false,
     }
