@@ -214,12 +214,12 @@ impl Banner {
 }
 
 impl Reached {
-    /// URL that a program with pyserial can open instead, for a line with parity that has a pty (HOST-2).
+    /// URL that a program with pyserial can open instead, for a line with parity that has a pty (HOST-2). A URL of
+    /// RFC 2217 does not help, because pymodbus does not open one.
     fn without_parity(&self) -> Option<String> {
         let has_pty = self.addresses.iter().any(|address| matches!(address, Address::Pty { .. }));
         let has_parity = self.line.is_some_and(|line| line.parity != Parity::None);
-        let url = self.at("tcp:").map(|address| format!("socket://{address}"));
-        url.or_else(|| self.remote_port()).filter(|_| has_pty && has_parity)
+        self.at("tcp:").map(|address| format!("socket://{address}")).filter(|_| has_pty && has_parity)
     }
 
     /// URL that a program with pyserial can open like a serial port.
