@@ -200,7 +200,8 @@ fn waves(file: &str, pin: &str) -> Vec<(char, u64)> {
     let mut waves = Vec::new();
     for line in changes.lines() {
         if let Some(stamp) = line.strip_prefix('#') {
-            at = stamp.parse::<u64>().unwrap() / 625;
+            // From ns, rounded down, to ticks of 62.5 ns.
+            at = (stamp.parse::<u64>().unwrap() * 2).div_ceil(125);
         } else if line.get(1..) == Some(code) {
             waves.push((line.chars().next().unwrap(), at));
         }
@@ -243,7 +244,7 @@ fn waveforms_follow_time_though_nothing_else_happens() {
     assert_eq!(beats[..expected.len()], expected);
     let text = std::fs::read_to_string(&file).unwrap();
     let end = text.lines().last().unwrap().strip_prefix('#').unwrap();
-    assert!(end.parse::<f64>().unwrap() / 1e10 >= seconds, "it goes as far as the drive did");
+    assert!((end.parse::<f64>().unwrap() + 1.0) / 1e9 >= seconds, "it goes as far as the drive did");
 }
 
 /// Runs an MD3 with its memory in a file, in manual time, until it has started.

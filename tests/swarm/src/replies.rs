@@ -152,7 +152,7 @@ pub(crate) fn judge(trace: &Trace, addresses: &BTreeMap<&'static str, u8>) -> Re
             Event::Output(OutputRecord::Message { port: MODBUS, link: Link(link), bytes }) => {
                 heard.take_message(*link, bytes).map_err(|wrong| (wrong, bytes))
             }
-            Event::Output(_) => Ok(()),
+            Event::Output(_) | Event::Shaft { .. } => Ok(()),
         };
         result.map_err(|(wrong, bytes)| {
             let detail = format!("{} says {bytes:02X?} at {:?}: {wrong}", drive.name, entry.at);
