@@ -26,7 +26,7 @@ fn an_error_in_options_is_one_sentence() {
     for (arguments, told) in [
         (
             vec![],
-            "a command is missing: run, check, list, describe, replay, asm, disasm; see `drivetwin --help`",
+            "a command is missing: run, check, list, describe, replay, plot, asm, disasm; see `drivetwin --help`",
         ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
@@ -104,6 +104,13 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["run", "md3", "--vcd", "/dev/full"], "--vcd /dev/full: No space left"),
         (vec!["describe", "md3", "--json", "--markdown"], "cannot be used with"),
         (vec!["replay", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
+        (vec!["plot", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
+        (
+            vec!["plot", "a.trace", "-o", "a.png"],
+            "-o a.png: the name must end in .svg, because only SVG is drawn",
+        ),
+        (vec!["plot", "a.trace", "--from", "-1"], "--from"),
+        (vec!["plot", "a.trace", "--to", "soon"], "it takes a number of seconds from 0 on, for instance 2.5"),
     ] {
         let said = refused(&arguments);
         assert!(said.contains(told), "{arguments:?}: {said}");
