@@ -221,8 +221,16 @@ impl Messages {
         let end = begin + character * bytes.len() as u64;
         (state.sent, state.sends_until) = (begin, end);
         if state.framing == Framing::Character {
-            let words = text::response(spec, bytes.trim_ascii(), &mut Request::default());
-            let text = words.unwrap_or_else(|| text::printable(bytes.trim_ascii()));
+            let answer = bytes.trim_ascii();
+            let text = match (answer.first(), text::response(spec, answer, &mut Request::default())) {
+                (_, Some(words)) => words,
+                // The echo of a write, and the codes of a refusal.
+                (Some(b'w'), _) => "done".to_owned(),
+                (Some(&code @ (b'e' | b'x')), _) => {
+                    format!("refused: {}", text::refused_command(spec, &state.command, code))
+                }
+                _ => text::printable(answer),
+            };
             return (!text.is_empty()).then(|| message(drive, port, true, begin, end, text));
         }
         state.reply.clear();
@@ -321,4 +329,84 @@ fn words(spec: &Spec, framing: Framing, line: &[u8]) -> String {
 
 fn message(drive: usize, port: Port, sent: bool, begin: Instant, end: Instant, text: String) -> PortMessage {
     PortMessage { drive, port, sent, begin, end, text }
+}
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_firmware::device::Device as _;
+    use drivetwin_firmware::md3::Md3;
+    use drivetwin_protocol::modbus::rtu;
+    use drivetwin_protocol::time::Span as _;
+
+    use super::*;
+    use crate::bench::{Bench, Setup};
+
+    /// The words of all messages, each with the name of the drive.
+    fn words(bench: &Bench) -> Vec<String> {
+        let mut messages = Messages::new(bench.trace());
+        let found = bench.trace().events().filter_map(|entry| messages.take(entry));
+        let arrow = |sent| if sent { "<" } else { ">" };
+        found.map(|found| format!("{} {} {}", found.drive, arrow(found.sent), found.text)).collect()
+    }
+
+    #[test]
+    fn answers_of_others_on_a_shared_line_are_no_requests() {
+        let mut bench = Bench::new();
+        let row = Md3::new().spec().find("DeviceAddress").unwrap().row;
+        let address = |address| Setup { boot_fast: true, presets: vec![(row, address)], ..Setup::default() };
+        let x = bench.add_with("x", Box::new(Md3::new()), address(1)).unwrap();
+        let y = bench.add_with("y", Box::new(Md3::new()), address(2)).unwrap();
+        bench.share("line", &[(x, Port(0)), (y, Port(0))]);
+        bench.run_until(100.millis());
+        bench.ask(x, &rtu::read(2, 0x15, 1));
+        assert_eq!(
+            words(&bench),
+            ["0 > to 2: read SpeedLow", "1 > to 2: read SpeedLow", "1 < SpeedLow = 5000"]
+        );
+    }
+
+    #[test]
+    fn commands_of_a_qsb_have_their_answers() {
+        let mut bench = Bench::new();
+        let qsb = bench.add_with("q", crate::catalog::make("qsb-d").unwrap(), Setup::default()).unwrap();
+        bench.run_until(100.millis());
+        for command in [&b"R0E\r"[..], b"W0C5\r", b"R99\r"] {
+            bench.ask(qsb, command);
+        }
+        let words = words(&bench);
+        assert_eq!(
+            words[words.len() - 6..words.len() - 1],
+            [
+                "0 > read ReadEncoder",
+                "0 < ReadEncoder = 0",
+                "0 > write IntervalRate = 5",
+                "0 < done",
+                "0 > R99",
+            ]
+        );
+        assert_eq!(words.last().unwrap(), "0 < refused: there is no register 99 (x)");
+    }
+
+    #[test]
+    fn a_frame_in_two_parts_is_one_message() {
+        let request = rtu::write(1, 0x15, 9_000);
+        let (first, rest) = request.split_at(3);
+        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!(" {byte:02X}")).collect::<String>();
+        // A character takes 11 bits at 9600 baud.
+        let text = format!(
+            "drivetwin trace 1\ndrive x md3\n3000 > rx{}\n3003.4375 > rx{}\n3100 end\n",
+            hex(first),
+            hex(rest)
+        );
+        let trace = Trace::parse(&text, &|kind| crate::catalog::make(kind).ok()).unwrap();
+        let mut messages = Messages::new(&trace);
+        let found: Vec<_> = trace.events().filter_map(|entry| messages.take(entry)).collect();
+        let [part, whole] = &found[..] else { panic!("{found:?}") };
+        assert_eq!((part.text.as_str(), part.begin), ("3 bytes 01 06 00", whole.begin));
+        assert_eq!(whole.text, "write SpeedLow = 9000");
+        assert_eq!(
+            (whole.begin, whole.end.since(whole.begin)),
+            (Instant::ZERO + 3.secs(), Duration::from_ticks(55_000 + 4 * 18_333))
+        );
+    }
 }

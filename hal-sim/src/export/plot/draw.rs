@@ -27,8 +27,6 @@ const ROW: f64 = 15.0;
 /// Distance of two tracks, and of two drives.
 const GAP: f64 = 8.0;
 const PANEL_GAP: f64 = 18.0;
-/// Average width of a character of words.
-const CHARACTER: f64 = 5.9;
 /// Number of messages above which equal reads are named once.
 const CROWD: usize = 40;
 /// Maximum number of characters of a label, and of rows of labels.
@@ -315,7 +313,7 @@ fn labels(exchanges: &[Exchange<'_>], span: Span) -> Vec<Label> {
         if words.chars().count() > LABEL {
             text.push('…');
         }
-        let width = text.chars().count() as f64 * CHARACTER + 10.0;
+        let width = text.chars().map(width).sum::<f64>() + 12.0;
         let x = x(span, exchange.begin());
         let is_left = x + width > RIGHT;
         let (from, to) = if is_left { (x - width, x) } else { (x, x + width) };
@@ -326,6 +324,16 @@ fn labels(exchanges: &[Exchange<'_>], span: Span) -> Vec<Label> {
         }
     }
     labels
+}
+
+/// Width of a character in a label. Fonts differ, so it is a wide one's.
+fn width(character: char) -> f64 {
+    match character {
+        'i' | 'j' | 'l' | 'f' | 't' | 'r' | 'I' | ' ' | '.' | ',' | ':' | '(' | ')' => 4.2,
+        'm' | 'w' | 'M' | 'W' | '→' | '…' => 9.5,
+        'A'..='Z' | '=' | '_' => 7.6,
+        _ => 6.4,
+    }
 }
 
 /// Name and unit of a track at its left.
