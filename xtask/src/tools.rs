@@ -42,6 +42,8 @@ pub(crate) enum Tool {
     Curl,
     /// Wireshark for the command line.
     Tshark,
+    /// sigrok for the command line.
+    Sigrok,
     /// Python with `venv`, and in this environment the packages of `tests/foreign/requirements.txt`: masters,
     /// and programs that test the control API.
     Python,
@@ -110,6 +112,7 @@ impl Tool {
             Self::Mbpoll => "mbpoll",
             Self::Curl => "curl",
             Self::Tshark => "tshark",
+            Self::Sigrok => "sigrok-cli",
             Self::Python => "a Python environment for foreign masters and the control API",
             Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
         }
@@ -130,6 +133,7 @@ impl Tool {
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Curl => "apt-get install curl",
             Self::Tshark => "apt-get install tshark",
+            Self::Sigrok => "apt-get install sigrok-cli",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
         }
@@ -146,6 +150,7 @@ impl Tool {
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
             Self::Curl => runs(sh, "curl"),
             Self::Tshark => runs(sh, "tshark"),
+            Self::Sigrok => runs(sh, "sigrok-cli"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
         }
@@ -162,6 +167,7 @@ impl Tool {
             Self::Mbpoll => apt.install(sh, "mbpoll"),
             Self::Curl => apt.install(sh, "curl"),
             Self::Tshark => apt.install(sh, "tshark"),
+            Self::Sigrok => apt.install(sh, "sigrok-cli"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()
                 {
