@@ -429,8 +429,8 @@ fn the_tracks_of_a_motor_are_those_of_the_bench() {
         let fastest = watched.iter().map(|(_, motion)| motion.speed.to_num::<f64>()).fold(0.0, f64::max);
         assert!(fastest > 50.0, "{kind} turns: {fastest}");
         for (at, motion) in &watched {
-            // A sample may be up to 1 ms old, and the next one up to 4 ms away.
-            let slack = fastest * 0.005 + 1.0;
+            // At a steady speed a sample may be up to 10 ms old, and the next one up to 4 ms away.
+            let slack = fastest * 0.014 + 1.0;
             let shown = file.number(kind, "position", *at);
             assert!((shown - f64::from(motion.position)).abs() <= slack, "{kind} at {at}: {shown}");
         }
@@ -462,7 +462,7 @@ fn recording_the_motion_of_a_motor_changes_nothing_else() {
         (bench.trace().to_text(), bench.trace().events().filter(shaft).count())
     };
     let ((with, some), (without, none)) = (text(true), text(false));
-    assert!(some > 100 && none == 0, "{some} {none}");
+    assert!(some > 50 && none == 0, "{some} {none}");
     assert_eq!(with, without);
 }
 
@@ -489,7 +489,7 @@ fn a_motor_of_the_bench_is_a_track_and_also_in_a_replay() {
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     let replayed = File::of(&replay::benches(&trace, &make).unwrap()[0]);
     assert_eq!(replayed.number("x", "position", replayed.end), reached);
-    assert!(replayed.track("x", "position").len() > 100);
+    assert!(replayed.track("x", "position").len() > 20);
 }
 
 #[test]

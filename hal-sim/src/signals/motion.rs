@@ -94,8 +94,8 @@ impl Commanded {
     }
 }
 
-/// Chooses the states of a motor that are recorded. Between two states there is at least [`SAMPLE`], except
-/// when the shaft starts, stops, or stands. A shaft that turns is looked at again after 4 ms at most
+/// Chooses the states of a motor that are recorded. Between two states there is at least [`SAMPLE`], at a steady
+/// speed ten times that, except when the shaft starts, stops, or stands. A shaft that turns is looked at again after 4 ms at most
 /// ([`Rotation`](drivetwin_firmware::device::Rotation)), so the last state is never missed.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampler {
@@ -106,7 +106,9 @@ impl Sampler {
     /// Returns true if the state at `at` is to be recorded.
     pub(crate) fn takes(&mut self, at: Instant, shaft: Shaft) -> bool {
         let is_due = self.last.is_none_or(|(since, last)| {
-            last != shaft && (last.speed == 0 || shaft.speed == 0 || at >= since + SAMPLE)
+            let is_steady = (shaft.speed - last.speed).abs() < last.speed.abs() / 64;
+            let pause = SAMPLE * if is_steady { 10 } else { 1 };
+            last != shaft && (last.speed == 0 || shaft.speed == 0 || at >= since + pause)
         });
         if is_due {
             self.last = Some((at, shaft));
