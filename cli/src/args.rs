@@ -9,6 +9,7 @@ use drivetwin_host::options::{Assignment, Control, RunOptions};
 use drivetwin_sim::config::listen::Listen;
 use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::export::plot;
 use drivetwin_sim::line::LineMode;
 
 /// Emulated motion drives on ptys, TCP ports and serial ports, as their manuals describe them.
@@ -58,6 +59,8 @@ pub(crate) enum Command {
         /// Trace file (see `drivetwin run --record`)
         file: PathBuf,
     },
+    /// Draw a trace: motion, pins and messages of each drive over time
+    Plot(Plot),
     /// Assemble a user program of an RS drive
     Asm(Asm),
     /// Disassemble a user program of an RS drive to text that assembles to the same bytes
@@ -68,6 +71,25 @@ pub(crate) enum Command {
     /// Print docs/reference/cli.md
     #[command(hide = true)]
     Reference,
+}
+
+#[derive(Args)]
+pub(crate) struct Plot {
+    /// Trace file (see `drivetwin run --record`), or - for standard input
+    #[arg(value_name = "FILE.trace")]
+    pub(crate) file: String,
+    /// Output file; to stdout without -o
+    #[arg(short, long, value_name = "FILE.svg")]
+    pub(crate) output: Option<PathBuf>,
+    /// Begin of the time axis [default: the beginning of the trace]
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = seconds)]
+    pub(crate) from: Option<f64>,
+    /// End of the time axis [default: the end of the trace]
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = seconds)]
+    pub(crate) to: Option<f64>,
+    /// Drive to draw, by its name; may repeat [default: all]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) drive: Vec<String>,
 }
 
 #[derive(Args)]
@@ -131,7 +153,7 @@ pub(crate) struct Run {
     /// Record a trace to FILE while it runs, for `drivetwin replay`
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
-    /// Write waveforms of the pins to FILE while it runs (VCD, for GTKWave); a slow disk or a slow reader of a pipe
+    /// Write waveforms of pins, motion and messages to FILE while it runs (VCD, for GTKWave); a slow disk or a slow reader of a pipe
     /// delays the bench
     #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
@@ -185,6 +207,11 @@ impl From<Run> for RunOptions {
 
 fn number(text: &str) -> Result<Number, String> {
     Number::parse(text).ok_or_else(|| format!("'{text}' is not a number; 8000, -5 and 0x1F40 are"))
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=plot::Options::MOST).contains(seconds));
+    seconds.ok_or_else(|| "it takes a number of seconds from 0 on, for instance 2.5".to_owned())
 }
 
 fn seed(text: &str) -> Result<u64, String> {

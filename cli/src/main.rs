@@ -47,6 +47,7 @@ fn execute(command: Command) -> Result<ExitCode, String> {
             let same = commands::replay::replay(&file)?;
             return Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(DIFFERENT) });
         }
+        Command::Plot(plot) => commands::plot::plot(plot)?,
         Command::Asm(asm) => commands::asm::asm(&asm)?,
         Command::Disasm { file } => commands::disasm::disasm(&file)?,
         Command::Reference => commands::reference::reference()?,

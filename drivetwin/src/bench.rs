@@ -35,7 +35,7 @@ impl fmt::Debug for Bench {
 
 /// Settings that keep the whole trace, as tests want it.
 fn settings() -> Settings {
-    Settings { trace: Retention::All, capture: Retention::All, ..Settings::default() }
+    Settings { trace: Retention::All, capture: Retention::All, shafts: true, ..Settings::default() }
 }
 
 impl Bench {
@@ -58,8 +58,8 @@ impl Bench {
     /// The line in the text, and what is wrong there.
     pub fn from_toml(text: &str) -> Result<Self, Error> {
         let layout = bench_file::parse(text).map_err(|error| Error::from(error.to_string()))?;
-        let Settings { trace, capture, .. } = settings();
-        let built = layout.build(Settings { trace, capture, ..layout.settings() }, Vec::new())?;
+        let Settings { trace, capture, shafts, .. } = settings();
+        let built = layout.build(Settings { trace, capture, shafts, ..layout.settings() }, Vec::new())?;
         Ok(Self { shared: SharedBench::new(built.bench) })
     }
 
@@ -226,7 +226,7 @@ impl Bench {
         self.sim().trace().to_text()
     }
 
-    /// The waveforms of all pins so far (VCD, for GTKWave).
+    /// The waveforms of pins, motion and messages so far (VCD, for GTKWave).
     #[must_use]
     pub fn vcd(&self) -> Vec<u8> {
         let mut bytes = Vec::new();

@@ -8,12 +8,12 @@
 //! | [`catalog`] | the kinds of drive |
 //! | [`config`] | bench files, and the configuration of a bench as plain data |
 //! | [`decode`] | messages and their outcomes in the words of the manual |
-//! | [`export`] | waveforms of the pins (VCD) and frames of the lines (pcapng) |
+//! | [`export`] | waveforms (VCD), frames of the lines (pcapng), pictures of traces (SVG) |
 //! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
 //! | [`record`] | recordings: traces as text, captures of the lines |
 //! | [`replay`] | runs a trace again and finds the first difference |
 //! | [`rsasm`] | user programs of the RS drives as text |
-//! | [`signals`] | step pulses from plans of motion, and waveforms of pins |
+//! | [`signals`] | motion and step pulses from plans, and all waveforms of a drive |
 //! | [`suggest`] | the nearest valid name to a mistyped one |
 //! | `testing` | devices for tests (feature `testing`) |
 //! | [`value`] | a register's value as users see it |

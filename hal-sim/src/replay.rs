@@ -73,13 +73,22 @@ impl From<ParseError> for Unplayable {
 /// # Errors
 /// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
 pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplayable> {
-    Ok(difference(trace, &play(trace, make)?))
+    Ok(difference(trace, &play(trace, make, false)?))
+}
+
+/// The drives after a replay, each on a bench of its own, in the order of [`Trace::drives`]. The traces of the
+/// benches have the plans of all motions, and the motion of motors.
+///
+/// # Errors
+/// As [`run`].
+pub fn benches(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
+    play(trace, make, true)
 }
 
 /// Delivers the recorded inputs to the drives, up to the end of the trace. The inputs of a drive include the
 /// effects of other drives. Therefore each drive has its own bench, and events of other drives do not affect
 /// its deadlines.
-fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
+fn play(trace: &Trace, make: &Make<'_>, shafts: bool) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
     }
@@ -89,7 +98,12 @@ fn play(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable> {
             input[entry.drive].push((entry.at, event));
         }
     }
-    trace.drives.iter().zip(input).map(|(drive, input)| play_drive(trace, drive, &input, make)).collect()
+    trace
+        .drives
+        .iter()
+        .zip(input)
+        .map(|(drive, input)| play_drive(trace, drive, &input, make, shafts))
+        .collect()
 }
 
 /// Delivers the inputs of one drive.
@@ -98,9 +112,10 @@ fn play_drive(
     drive: &TraceDrive,
     input: &[(Instant, &InputRecord)],
     make: &Make<'_>,
+    shafts: bool,
 ) -> Result<Bench, Unplayable> {
     let line = if drive.fast_line { LineMode::Fast } else { LineMode::Timed };
-    let settings = Settings { seed: trace.seed, line, trace: Retention::All, ..Settings::default() };
+    let settings = Settings { seed: trace.seed, line, trace: Retention::All, shafts, ..Settings::default() };
     let mut bench = Bench::with(settings);
     if drive.from <= trace.end {
         bench.run_until(drive.from);
@@ -195,7 +210,7 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
     let trace = Trace::parse(text, make)?;
     let until = last_stamp(&trace);
     let mut outputs: Vec<(Instant, String)> = Vec::new();
-    for (place, bench) in play(&trace, make)?.iter().enumerate() {
+    for (place, bench) in play(&trace, make, false)?.iter().enumerate() {
         let text = |entry| trace.entry_text(&of_drive(entry, place));
         let made = self::outputs(bench.trace(), 0, &trace, until);
         outputs.extend(made.iter().map(|(entry, _)| (entry.at, text(entry))));

@@ -133,3 +133,18 @@ fn a_link_that_leads_nowhere_is_found() {
         ["a.md: no.md", "a.md: #two", "a.md: docs/b.md#three", "a.md: docs/c.md", "docs/b.md: ../b.md"]
     );
 }
+
+#[test]
+fn the_picture_of_the_documentation_is_what_plot_draws() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let make = |kind: &str| drivetwin_sim::catalog::make(kind).ok();
+    let text = fs::read_to_string(root.join("tests/traces/md3/7.15-move.trace")).unwrap();
+    let trace = drivetwin_sim::record::trace::Trace::parse(&text, &make).unwrap();
+    let options = drivetwin_sim::export::plot::Options { title: "move.trace".into(), ..Default::default() };
+    let drawn = drivetwin_sim::export::plot::svg(&trace, &make, &options).unwrap();
+    let file = fs::read_to_string(root.join("docs/how-to/move.svg")).unwrap();
+    assert!(
+        drawn == file,
+        "copy tests/traces/md3/7.15-move.trace to move.trace, then `drivetwin plot move.trace -o docs/how-to/move.svg`"
+    );
+}

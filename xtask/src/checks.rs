@@ -58,7 +58,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which a lane runs its checks.
-const CHECKS: [Check; 27] = [
+const CHECKS: [Check; 28] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -79,7 +79,7 @@ const CHECKS: [Check; 27] = [
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
-        let others = [MBPOLL, MODBUS_SERIAL, SER2NET, PARTY, PCAP, BOARDS, DOCUMENTS];
+        let others = [MBPOLL, MODBUS_SERIAL, SER2NET, PARTY, PCAP, VCD, BOARDS, DOCUMENTS];
         // Four at a time, because most of the time a test waits for a drive's time to pass.
         let side_by_side = ["--numprocesses", "4", "--dist", "worksteal", "tests/foreign"];
         foreign(sh, &[&side_by_side[..], &others.map(|test| ["--ignore", test]).concat()].concat())
@@ -96,6 +96,7 @@ const CHECKS: [Check; 27] = [
     check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
     check(Group::Foreign, "ser2net", &[Tool::Python, Tool::Ser2net], |sh| foreign(sh, &[SER2NET])),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
+    check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
     check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
@@ -245,6 +246,7 @@ const SER2NET: &str = "tests/foreign/test_ser2net.py";
 /// A test that must run alone, because its client takes the first piece of a reply for the whole reply.
 const PARTY: &str = "tests/foreign/test_mdrive_party.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
+const VCD: &str = "tests/foreign/test_vcd.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
 const DOCUMENTS: &str = "tests/foreign/test_documents.py";
 

@@ -44,6 +44,8 @@ pub(crate) enum Tool {
     Curl,
     /// Wireshark for the command line.
     Tshark,
+    /// sigrok for the command line.
+    Sigrok,
     /// Python with `venv`, and in this environment the packages of `tests/foreign/requirements.txt`: masters,
     /// and programs that test the control API.
     Python,
@@ -113,6 +115,7 @@ impl Tool {
             Self::Ser2net => "ser2net",
             Self::Curl => "curl",
             Self::Tshark => "tshark",
+            Self::Sigrok => "sigrok-cli",
             Self::Python => "a Python environment for foreign masters and the control API",
             Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
         }
@@ -134,6 +137,7 @@ impl Tool {
             Self::Ser2net => "apt-get install ser2net",
             Self::Curl => "apt-get install curl",
             Self::Tshark => "apt-get install tshark",
+            Self::Sigrok => "apt-get install sigrok-cli",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
         }
@@ -151,6 +155,7 @@ impl Tool {
             Self::Ser2net => cmd!(sh, "ser2net -v").quiet().ignore_stdout().ignore_stderr().run().is_ok(),
             Self::Curl => runs(sh, "curl"),
             Self::Tshark => runs(sh, "tshark"),
+            Self::Sigrok => runs(sh, "sigrok-cli"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
         }
@@ -168,6 +173,7 @@ impl Tool {
             Self::Ser2net => apt.install(sh, "ser2net"),
             Self::Curl => apt.install(sh, "curl"),
             Self::Tshark => apt.install(sh, "tshark"),
+            Self::Sigrok => apt.install(sh, "sigrok-cli"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()
                 {

@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use drivetwin_sim::catalog;
-use drivetwin_sim::record::trace::{Trace, whole_lines};
 use drivetwin_sim::replay as replayer;
 
-use super::print;
+use super::{print, trace};
 
 /// Replays a recording. Returns whether the drives did the same as in the recording.
 ///
@@ -15,10 +14,8 @@ use super::print;
 pub(crate) fn replay(file: &Path) -> Result<bool, String> {
     let path = file.display();
     let bytes = std::fs::read(file).map_err(|error| format!("{path}: {error}"))?;
-    let (lines, is_cut) = whole_lines(&bytes);
-    let text = std::str::from_utf8(lines).map_err(|_| format!("{path} is not UTF-8 text"))?;
+    let (trace, is_cut) = trace(&path.to_string(), &bytes)?;
     let make = |kind: &str| catalog::make(kind).ok();
-    let trace = Trace::parse(text, &make).map_err(|error| format!("{path}: {error}"))?;
     if is_cut {
         print(&format!("{path}: the last line is incomplete and is ignored\n"))?;
     }

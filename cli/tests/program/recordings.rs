@@ -1,5 +1,6 @@
 //! `--record`: the content of the file, and the time at which it is written.
 
+use std::io::Write as _;
 use std::path::Path;
 
 use drivetwin_protocol::modbus::rtu;
@@ -154,4 +155,50 @@ fn half_a_line_is_left_out_at_the_end_of_a_recording_only() {
     std::fs::write(&file, format!("{text}2000 end")).unwrap();
     let replayed = drivetwin(&["replay", &file]);
     assert_eq!(replayed.status.code(), Some(1), "the answer is missing: {replayed:?}");
+}
+
+#[test]
+fn a_recording_is_a_picture() {
+    let scratch = Scratch::new("picture");
+    let (trace, picture) = (scratch.file("x.trace"), scratch.file("x.svg"));
+    let text = "drivetwin trace 1\ndrive x md3 fast\n100 > rx 01 06 00 11 00 01 18 0F\n3000 end\n";
+    std::fs::write(&trace, text).unwrap();
+    let drawn = drivetwin(&["plot", &trace, "-o", &picture]);
+    assert_eq!((drawn.status.code(), drawn.stdout.len()), (Some(0), 0), "{drawn:?}");
+    let file = std::fs::read_to_string(&picture).unwrap();
+    for words in ["<svg", "x.trace", "position", "write MotionControl = 1", "data-pin=\"STEP\""] {
+        assert!(file.contains(words), "{words}");
+    }
+    let drawn = drivetwin(&["plot", &trace]);
+    assert_eq!(String::from_utf8(drawn.stdout).unwrap(), file);
+    let part = drivetwin(&["plot", &trace, "--from", "0.2", "--to", "0.3", "--drive", "x"]);
+    let part = String::from_utf8(part.stdout).unwrap();
+    assert!(part.contains("time in ms") && !part.contains("write MotionControl"));
+
+    assert!(refused(&["plot", &trace, "--drive", "y"]).contains("there is no drive 'y'"));
+    assert!(refused(&["plot", &trace, "--from", "5"]).contains("the trace ends at 3 s"));
+    std::fs::write(&trace, format!("{text}nonsense")).unwrap();
+    let cut = drivetwin(&["plot", &trace, "-o", &picture]);
+    let said = String::from_utf8(cut.stderr).unwrap();
+    assert!(cut.status.code() == Some(0) && said.contains("the last line is incomplete"), "{said}");
+    std::fs::write(&trace, format!("{text}nonsense\n")).unwrap();
+    assert!(refused(&["plot", &trace]).contains("line 5"));
+    std::fs::write(&trace, text.replace("drive x", "lost 5\ndrive x")).unwrap();
+    assert!(refused(&["plot", &trace]).contains("the first 5 events of this trace were dropped"));
+}
+
+#[test]
+fn a_trace_from_standard_input_is_a_picture() {
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+        .args(["plot", "-"])
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    stdin.write_all(b"drivetwin trace 1\ndrive r qsb-d fast\n100 > rx \"R0E\\r\"\n200 end\n").unwrap();
+    drop(stdin);
+    let drawn = child.wait_with_output().unwrap();
+    assert!(drawn.status.success());
+    assert!(String::from_utf8(drawn.stdout).unwrap().contains("read ReadEncoder = 0"));
 }

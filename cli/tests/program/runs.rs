@@ -26,7 +26,7 @@ fn an_error_in_options_is_one_sentence() {
     for (arguments, told) in [
         (
             vec![],
-            "a command is missing: run, check, list, describe, replay, asm, disasm; see `drivetwin --help`",
+            "a command is missing: run, check, list, describe, replay, plot, asm, disasm; see `drivetwin --help`",
         ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
@@ -113,6 +113,13 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["run", "md3", "--vcd", "/dev/full"], "--vcd /dev/full: No space left"),
         (vec!["describe", "md3", "--json", "--markdown"], "cannot be used with"),
         (vec!["replay", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
+        (vec!["plot", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
+        (
+            vec!["plot", "a.trace", "-o", "a.png"],
+            "-o a.png: the name must end in .svg, because only SVG is drawn",
+        ),
+        (vec!["plot", "a.trace", "--from", "-1"], "--from"),
+        (vec!["plot", "a.trace", "--to", "soon"], "it takes a number of seconds from 0 on, for instance 2.5"),
     ] {
         let said = refused(&arguments);
         assert!(said.contains(told), "{arguments:?}: {said}");
@@ -209,7 +216,8 @@ fn waves(file: &str, pin: &str) -> Vec<(char, u64)> {
     let mut waves = Vec::new();
     for line in changes.lines() {
         if let Some(stamp) = line.strip_prefix('#') {
-            at = stamp.parse::<u64>().unwrap() / 625;
+            // From ns, rounded down, to ticks of 62.5 ns.
+            at = (stamp.parse::<u64>().unwrap() * 2).div_ceil(125);
         } else if line.get(1..) == Some(code) {
             waves.push((line.chars().next().unwrap(), at));
         }
@@ -252,7 +260,7 @@ fn waveforms_follow_time_though_nothing_else_happens() {
     assert_eq!(beats[..expected.len()], expected);
     let text = std::fs::read_to_string(&file).unwrap();
     let end = text.lines().last().unwrap().strip_prefix('#').unwrap();
-    assert!(end.parse::<f64>().unwrap() / 1e10 >= seconds, "it goes as far as the drive did");
+    assert!((end.parse::<f64>().unwrap() + 1.0) / 1e9 >= seconds, "it goes as far as the drive did");
 }
 
 /// Runs an MD3 with its memory in a file, in manual time, until it has started.

@@ -129,6 +129,14 @@ impl Parameters {
         HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
     }
 
+    /// State of the shaft of a motor with these parameters that turns as `rotation` says.
+    #[must_use]
+    pub fn shaft(&self, rotation: Rotation, duty: i32, ma: i32) -> Shaft {
+        let halls = SensorTrack::halls(self);
+        let speed = halls.counts_per_second(rotation.speed);
+        Shaft { position: halls.count(rotation.angle) as i32, speed, duty, ma }
+    }
+
     /// Speed at the full supply voltage without load and friction, in rpm, within its limits.
     fn full_rpm(&self) -> u32 {
         self.no_load_rpm.clamp(Self::LEAST.no_load_rpm, Self::MOST.no_load_rpm)
@@ -412,12 +420,7 @@ impl Device for Motor {
             later.coast(at);
             return later.shaft(at, AXIS);
         }
-        let now = self.interval.at(at);
-        Some(Shaft {
-            position: self.halls.count(now.angle) as i32,
-            speed: self.halls.counts_per_second(now.speed),
-            duty: if self.limit_ma > 0 { self.duty } else { 0 },
-            ma: self.ma,
-        })
+        let duty = if self.limit_ma > 0 { self.duty } else { 0 };
+        Some(self.parameters.shaft(self.interval.at(at).rotation(), duty, self.ma))
     }
 }

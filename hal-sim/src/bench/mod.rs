@@ -80,6 +80,9 @@ pub struct Settings {
     pub trace: Retention,
     /// Retention of the [frames](Bench::capture) on the lines. Default: none.
     pub capture: Retention,
+    /// True to record the motion of brush and brushless motors in the trace, for waveforms. The motion of
+    /// stepper motors is in the trace anyway, as plans. Default: false.
+    pub shafts: bool,
 }
 
 impl Default for Settings {
@@ -90,6 +93,7 @@ impl Default for Settings {
             frame_timeout: Duration::millis(20),
             trace: Retention::default(),
             capture: Retention::Off,
+            shafts: false,
         }
     }
 }
@@ -331,6 +335,7 @@ impl Bench {
             boot_fast,
             fast_line: self.settings.line == LineMode::Fast,
             external_motor,
+            turns_motor: slot.turns_motor(),
             from: now,
             memory,
         });
@@ -648,6 +653,7 @@ impl Bench {
             }
             // The drive accepted these presets at its first power-on, so the call cannot fail.
             let _ = slot.preset_again(now, &mut context);
+            self.record_motors(index);
         }
         self.finish_call(index);
     }
@@ -700,5 +706,5 @@ impl Bench {
 
 /// Context of a call of a drive.
 fn call_context<'a>(trace: &'a mut Trace, outputs: &'a mut Outputs, settings: Settings) -> CallContext<'a> {
-    CallContext { trace, outputs, fast: settings.line == LineMode::Fast }
+    CallContext { trace, outputs, fast: settings.line == LineMode::Fast, shafts: settings.shafts }
 }

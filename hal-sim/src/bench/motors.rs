@@ -239,6 +239,7 @@ impl Bench {
         self.names.insert(motor.name.clone(), None);
         self.motors.push(motor);
         self.indexed = false;
+        self.record_motors(drive.0);
         self.schedule_motor_reports(index as usize);
         self.schedule_motor(index as usize);
         Ok(Motor(index))
@@ -414,8 +415,23 @@ impl Bench {
                 sensor.predict(rotor, kinematics, now);
             }
         }
+        let (drive, _) = self.motors[motor].drive;
+        self.record_motors(drive.0);
         self.schedule_motor_reports(motor);
         self.schedule_motor(motor);
+    }
+
+    /// Records the motion of the brush motors of a drive, if the settings say so.
+    pub(super) fn record_motors(&mut self, index: u32) {
+        if !self.settings.shafts {
+            return;
+        }
+        for n in 0.. {
+            let Some(&(axis, _)) = self.slots[index as usize].motors.get(n) else { break };
+            if let Some(shaft) = self.shaft(DriveId(index), axis) {
+                self.slots[index as usize].record_shaft(self.now, axis, shaft, &mut self.trace);
+            }
+        }
     }
 
     /// Reports from the motors of a drive at its power-on: parameters, rotation, current.

@@ -3,6 +3,7 @@
 //! Pure functions from bytes and a drive's [`Spec`] to text and fields. Everything that shows messages uses
 //! them: the log, the control API, captures. Bytes that are not a message give a text, too.
 
+pub mod messages;
 mod modbus;
 mod text;
 

@@ -11,7 +11,7 @@ use crate::value::Value;
 const LONGEST: usize = 80;
 
 /// A line without its end, printable.
-fn printable(line: &[u8]) -> String {
+pub(super) fn printable(line: &[u8]) -> String {
     let line = line.trim_ascii_end();
     let dots = if line.len() > LONGEST { "…" } else { "" };
     format!("{}{dots}", line[..line.len().min(LONGEST)].escape_ascii())

@@ -1,4 +1,5 @@
-//! Export of recordings as files for other programs: waveforms and frames.
+//! Export of recordings as files for other programs: waveforms, frames, pictures.
 
 pub mod pcapng;
+pub mod plot;
 pub mod vcd;

@@ -1,34 +1,22 @@
-//! Waveforms of the pins as a VCD file (IEEE 1364-2001, section 18), for GTKWave and similar programs.
+//! Waveforms as a VCD file (IEEE 1364-2001, section 18), for GTKWave and similar programs.
 //!
-//! The unit is 100 ps, the coarsest unit of the format that divides a tick of 62.5 ns: a tick is 625 units.
-//! Each drive is a scope, each of its pins is a wire, and analogue inputs are reals in volts. Names are those
-//! of drives and pins. Every character that is neither letter nor digit is replaced by `_`, because readers
-//! take a dot for a level of hierarchy: `J2.5` becomes `J2_5`.
+//! The unit is 1 ns: readers that turn the unit into a rate of samples, as sigrok does, cannot cope with a
+//! finer one. A time is rounded down from ticks of 62.5 ns, so different ticks have different times.
 //!
-//! | value | what a probe at the pin sees |
-//! |---|---|
-//! | `0` `1` | the output of the drive, else the stimulus from outside, else the idle level |
-//! | `z` | floating: a released output or an open input, without a wire |
-//! | `x` `nan` | unknown: the drive has no power, or its events were lost |
-//!
-//! While the file is written, edges of STEP and DIR are computed from the plans of the axes, and edges of
-//! lights and clocks from their waves. If a pin changes several times at one instant, only the last change is
-//! written.
+//! Each drive is a scope. [`waveforms`](crate::signals::waveforms) describes its variables: pins are wires;
+//! analogue inputs and motion are reals, `nan` if unknown; messages are strings, in which a space is written as
+//! `\x20`. Every character of a name that is neither letter nor digit is replaced by `_`, because readers take a
+//! dot for a level of hierarchy: `J2.5` becomes `J2_5`.
 
-use std::fmt;
 use std::io::{self, Write};
-use std::ops::Range;
 
-use drivetwin_firmware::device::{Axis, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role};
+use drivetwin_firmware::device::Instant;
 
-use crate::record::trace::{Entry, Event, Group, InputRecord, OutputRecord, Power, Trace};
-use crate::scheduler::Tournament;
-use crate::signals::pin_waveform::{PinOutput, level_of};
-use crate::signals::pulses::{Lent, Shaper, StepDir};
+use crate::record::trace::Trace;
+use crate::signals::waveforms::{Kind, Sink, Value, Waveforms};
 
-/// Time unit of a file, and number of units per tick (HOST-11).
-const TIMESCALE: &str = "100 ps";
-const UNITS_PER_TICK: u128 = 625;
+/// Time unit of a file (HOST-11).
+const TIMESCALE: &str = "1 ns";
 
 /// Number of bytes of text that are written at once; at most as many again are buffered.
 const CHUNK: usize = 64 << 10;
@@ -43,67 +31,10 @@ pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
     waves.finish()
 }
 
-/// Writer of a VCD file while a trace grows. It keeps only the present state of the pins.
+/// Writer of a VCD file while a trace grows.
 pub struct Waves<W> {
-    out: W,
-    /// Complete lines that are not written yet.
-    text: Vec<u8>,
-    wires: Vec<VcdVar>,
-    motors: Vec<Motor>,
-    /// The drives of the trace, by index.
-    drives: Vec<Drive>,
-    /// Drives that are not added yet, and the time of each; the next one is last.
-    not_added: Vec<(Instant, usize)>,
-    /// Next change of each wire, then next change of each motor.
-    edges: Tournament,
-    now: Instant,
-    /// Wires that may have changed at `now`.
-    changed: Vec<usize>,
-    /// The last time that was written to the file.
-    stamped: Option<Instant>,
-    /// Number of events taken from the trace.
-    taken: u64,
-    /// Time that the trace has reached.
-    end: Instant,
-}
-
-/// Indices of a drive's wires and motors.
-struct Drive {
-    wires: Range<usize>,
-    motors: Range<usize>,
-}
-
-/// An axis with step pulses.
-struct Motor {
-    axis: Axis,
-    /// Indices of the wires of STEP and DIR.
-    step: usize,
-    dir: usize,
-    shaper: Shaper,
-    /// Outputs that the drive uses for other purposes now.
-    lent: Lent,
-}
-
-/// A pin.
-struct VcdVar {
-    pin: &'static PinSpec,
-    /// Code that identifies the wire in the file.
-    code: String,
-    /// True if the waveform is known now.
-    known: bool,
-    drives: PinOutput,
-    /// Stimulus from outside in mV, if there is one.
-    applied: Option<i32>,
-    /// Value that was written last.
-    shown: Option<Value>,
-}
-
-/// Value of a pin in a file.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Value {
-    Bit(char),
-    Millivolts(i32),
-    NotANumber,
+    waveforms: Waveforms,
+    file: File<W>,
 }
 
 impl<W: Write> Waves<W> {
@@ -112,49 +43,36 @@ impl<W: Write> Waves<W> {
     /// # Errors
     /// Errors of the writer.
     pub fn new(trace: &Trace, mut out: W) -> io::Result<Self> {
-        let (mut wires, mut motors, mut drives) = (Vec::new(), Vec::new(), Vec::new());
-        let mut header = Vec::new();
+        let waveforms = Waveforms::new(trace);
         let version = env!("CARGO_PKG_VERSION");
+        let mut header = Vec::new();
         writeln!(header, "$version drivetwin {version} $end\n$timescale {TIMESCALE} $end")?;
+        let mut codes = Vec::new();
+        let mut next_code = (0..).map(code);
         let scopes = names(trace.drives.iter().map(|drive| drive.name.as_str()));
-        for (drive, scope) in trace.drives.iter().zip(scopes) {
+        for (drive, scope) in scopes.iter().enumerate() {
             writeln!(header, "$scope module {scope} $end")?;
-            let first = wires.len();
-            for (pin, name) in drive.spec.pins.iter().zip(names(drive.spec.pins.iter().map(|pin| pin.name))) {
-                let kind = if pin.role == Role::Analogue { "real 64" } else { "wire 1" };
-                let wire = VcdVar::new(pin, code(wires.len()));
-                writeln!(header, "$var {kind} {} {name} $end", wire.code)?;
-                wires.push(wire);
+            let own = || waveforms.variables().iter().filter(|variable| variable.drive == drive);
+            for (variable, name) in own().zip(names(own().map(|variable| variable.name.as_str()))) {
+                // A reader that does not know texts takes the code after a text for a value, for instance
+                // libsigrok. So the code of a text begins with a sign that begins no value.
+                let is_text = matches!(variable.kind, Kind::Received | Kind::Sent);
+                let is_value = |c: char| c.is_ascii_alphanumeric() || "#$-".contains(c);
+                let code =
+                    next_code.find(|code| !(is_text && code.starts_with(is_value))).unwrap_or_default();
+                let kind = match variable.kind {
+                    Kind::Level => "wire 1",
+                    Kind::Volts | Kind::Track(_) => "real 64",
+                    Kind::Received | Kind::Sent => "string 1",
+                };
+                writeln!(header, "$var {kind} {code} {name} $end")?;
+                codes.push(code);
             }
-            let first_motor = motors.len();
-            let axes = (0..).map(Axis).zip(drive.spec.axes);
-            motors.extend(axes.filter_map(|(axis, spec)| {
-                let (step, dir) = spec.step_dir?;
-                let index = |pin: Pin| first + usize::from(pin.0);
-                let (shaper, lent) = (Shaper::default(), Lent::default());
-                Some(Motor { axis, step: index(step), dir: index(dir), shaper, lent })
-            }));
-            drives.push(Drive { wires: first..wires.len(), motors: first_motor..motors.len() });
             writeln!(header, "$upscope $end")?;
         }
         writeln!(header, "$enddefinitions $end")?;
         out.write_all(&header)?;
-        let mut not_added: Vec<_> = trace.drives.iter().map(|drive| drive.from).zip(0..).collect();
-        not_added.sort_unstable_by(|a, b| b.cmp(a));
-        Ok(Self {
-            out,
-            text: Vec::new(),
-            edges: Tournament::new(&vec![Instant::NEVER; wires.len() + motors.len()]),
-            changed: (0..wires.len()).collect(),
-            wires,
-            motors,
-            drives,
-            not_added,
-            now: Instant::ZERO,
-            stamped: None,
-            taken: 0,
-            end: Instant::ZERO,
-        })
+        Ok(Self { waveforms, file: File { out, codes, text: Vec::new(), stamped: None, dumps: false } })
     }
 
     /// Writes the events since the last call. Changes at the last instant are held back, because more may
@@ -163,228 +81,53 @@ impl<W: Write> Waves<W> {
     /// # Errors
     /// Errors of the writer.
     pub fn follow(&mut self, trace: &Trace) -> io::Result<()> {
-        if trace.lost > self.taken {
-            let resumes = trace.events().next().map_or(trace.end, |entry| entry.at);
-            self.forget(resumes)?;
-            self.taken = trace.lost;
-        }
-        let old = usize::try_from(self.taken - trace.lost).unwrap_or(usize::MAX);
-        for entry in trace.events().skip(old) {
-            self.happen(entry)?;
-        }
-        self.taken = trace.lost + trace.events().len() as u64;
-        self.end = self.end.max(trace.end);
-        self.run_until(self.end)?;
-        self.write_text()
+        self.waveforms.follow(trace, &mut self.file)?;
+        self.file.write_text()
     }
 
     /// Ends the file at the end of the trace.
     ///
     /// # Errors
     /// Errors of the writer.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.tell_changes();
+    pub fn finish(self) -> io::Result<()> {
+        let Self { waveforms, mut file } = self;
+        let end = waveforms.finish(&mut file);
         // This last time shows how far the file goes.
-        self.stamp(self.end.max(self.now));
-        self.write_text()?;
-        self.out.flush()
+        file.stamp(end);
+        file.write_text()?;
+        file.out.flush()
     }
+}
 
-    /// Applies an event of the trace.
-    fn happen(&mut self, entry: &Entry) -> io::Result<()> {
-        if let Event::Output(output) = &entry.event
-            && matches!(output.group(), Group::Tx | Group::Line)
-        {
-            // These outputs are not visible at a pin, and their timestamps may be in the future.
-            return Ok(());
+/// The changes in a file.
+struct File<W> {
+    out: W,
+    /// Codes that identify the variables, by index.
+    codes: Vec<String>,
+    /// Complete lines that are not written yet.
+    text: Vec<u8>,
+    /// The last time that was written.
+    stamped: Option<Instant>,
+    /// True while the first values are written.
+    dumps: bool,
+}
+
+impl<W: Write> File<W> {
+    /// Writes the time of the changes that follow, unless it is already written. The first time begins the
+    /// first values.
+    fn stamp(&mut self, at: Instant) {
+        if self.stamped == Some(at) {
+            return;
         }
-        self.run_until(entry.at)?;
-        let (at, drive) = (entry.at, entry.drive);
-        match &entry.event {
-            Event::Input(input) => match *input {
-                InputRecord::Power(Power::On) => self.power(drive, true),
-                InputRecord::Power(Power::Off) => self.power(drive, false),
-                InputRecord::Edge { pin, high } => {
-                    self.set_stimulus(drive, pin, Some(if high { LOGIC_HIGH_MV } else { 0 }));
-                }
-                InputRecord::Open { pin } => self.set_stimulus(drive, pin, None),
-                InputRecord::Millivolts { pin, mv } => self.set_stimulus(drive, pin, Some(mv)),
-                _ => {}
-            },
-            Event::Output(output) => match output {
-                OutputRecord::PowerOff => self.power(drive, false),
-                &OutputRecord::Level { pin, level } => self.drive(drive, pin, PinOutput::Level(level)),
-                &OutputRecord::Wave { pin, period, high } => {
-                    self.drive(drive, pin, PinOutput::Wave { since: at, period, high });
-                }
-                OutputRecord::Plan { axis, plan } => self.turn(drive, *axis, |motor| {
-                    motor.shaper.plan(at, plan, std::mem::take(&mut motor.lent));
-                }),
-                OutputRecord::Step { axis, steps } => {
-                    self.turn(drive, *axis, |motor| motor.shaper.steps(at, *steps));
-                }
-                OutputRecord::Course { axis, .. } => self.lose(drive, *axis),
-                _ => {}
-            },
-        }
-        Ok(())
-    }
-
-    /// Handles a change of power of a drive: all its pins are released. After power-on the trace reports the
-    /// stimuli again.
-    fn power(&mut self, drive: usize, on: bool) {
-        let Some(drive) = self.drives.get(drive) else { return };
-        for index in drive.wires.clone() {
-            let wire = &mut self.wires[index];
-            (wire.known, wire.drives, wire.applied) = (on, PinOutput::NOTHING, None);
-            self.edges.set(index as u32, Instant::NEVER);
-            self.changed.push(index);
-        }
-        for index in drive.motors.clone() {
-            let motor = &mut self.motors[index];
-            (motor.shaper, motor.lent) = (Shaper::default(), Lent::default());
-            self.edges.set((self.wires.len() + index) as u32, Instant::NEVER);
-        }
-    }
-
-    /// Handles a change of an axis.
-    fn turn(&mut self, drive: usize, axis: Axis, change: impl FnOnce(&mut Motor)) {
-        let Some(index) = self.motor(drive, axis) else { return };
-        change(&mut self.motors[index]);
-        self.make_pulses(index);
-    }
-
-    /// Applies all edges of a motor up to now.
-    fn make_pulses(&mut self, index: usize) {
-        let Motor { step, dir, shaper, lent, .. } = &mut self.motors[index];
-        while shaper.take(self.now).is_some() {}
-        let outputs = [(*step, StepDir::Step), (*dir, StepDir::Dir)];
-        for (index, output) in outputs.into_iter().filter(|(_, output)| !lent.has(*output)) {
-            let wire = &mut self.wires[index];
-            (wire.known, wire.drives) = (true, PinOutput::Level(level_of(shaper.is_high(output))));
-            self.changed.push(index);
-        }
-        self.edges.set((self.wires.len() + index) as u32, shaper.due());
-    }
-
-    /// Marks the pulses of a motor as unknown: a trace from text has the course of a motion, not the times of
-    /// its steps.
-    fn lose(&mut self, drive: usize, axis: Axis) {
-        let Some(index) = self.motor(drive, axis) else { return };
-        let Motor { step, dir, .. } = self.motors[index];
-        for index in [step, dir] {
-            self.wires[index].known = false;
-            self.changed.push(index);
-        }
-    }
-
-    /// Sets the stimulus of a pin from outside, or removes it (`None`).
-    fn set_stimulus(&mut self, drive: usize, pin: Pin, mv: Option<i32>) {
-        let Some(index) = self.index(drive, pin) else { return };
-        let wire = &mut self.wires[index];
-        (wire.known, wire.applied) = (true, mv);
-        self.changed.push(index);
-    }
-
-    /// Handles an output of a drive at a pin.
-    fn drive(&mut self, drive: usize, pin: Pin, drives: PinOutput) {
-        let Some(index) = self.index(drive, pin) else { return };
-        for motor in self.drives[drive].motors.clone() {
-            let Motor { step, dir, lent, .. } = &mut self.motors[motor];
-            lent.step |= *step == index;
-            lent.dir |= *dir == index;
-        }
-        let wire = &mut self.wires[index];
-        (wire.known, wire.drives) = (true, drives);
-        self.edges.set(index as u32, drives.next_edge(self.now));
-        self.changed.push(index);
-    }
-
-    fn index(&self, drive: usize, pin: Pin) -> Option<usize> {
-        self.drives.get(drive)?.wires.clone().nth(pin.0.into())
-    }
-
-    fn motor(&self, drive: usize, axis: Axis) -> Option<usize> {
-        self.drives.get(drive)?.motors.clone().find(|&index| self.motors[index].axis == axis)
-    }
-
-    /// Advances to `at` and marks everything as unknown, because events before `at` are lost.
-    fn forget(&mut self, at: Instant) -> io::Result<()> {
-        self.not_added.retain(|(from, _)| *from > at);
-        self.run_until(at)?;
-        for drive in 0..self.drives.len() {
-            self.power(drive, false);
-        }
-        Ok(())
-    }
-
-    /// Advances to `to`: adds drives, and applies all edges up to then.
-    fn run_until(&mut self, to: Instant) -> io::Result<()> {
-        while let Some((from, drive)) = self.not_added.pop_if(|(from, _)| *from <= to) {
-            self.make_edges(from)?;
-            self.power(drive, true);
-        }
-        self.make_edges(to)
-    }
-
-    fn make_edges(&mut self, to: Instant) -> io::Result<()> {
-        loop {
-            let (due, source) = self.edges.first();
-            if due > to || due == Instant::NEVER {
-                return self.pass(to);
-            }
-            self.pass(due)?;
-            let index = source as usize;
-            if let Some(motor) = index.checked_sub(self.wires.len()) {
-                self.make_pulses(motor);
-            } else {
-                self.edges.set(source, self.wires[index].drives.next_edge(due));
-                self.changed.push(index);
-            }
-        }
-    }
-
-    /// Advances the time to `at`. Changes at the previous time are complete, so they are written.
-    fn pass(&mut self, at: Instant) -> io::Result<()> {
-        if at <= self.now {
-            return Ok(());
-        }
-        self.tell_changes();
-        self.now = at;
-        if self.text.len() < CHUNK { Ok(()) } else { self.write_text() }
-    }
-
-    /// Writes the wires whose values have changed by now; at the first call, all wires.
-    fn tell_changes(&mut self) {
-        let first = self.stamped.is_none();
-        if first {
-            self.stamp(self.now);
-            self.text.extend_from_slice(b"$dumpvars\n");
-        }
-        let mut changed = std::mem::take(&mut self.changed);
-        changed.sort_unstable();
-        changed.dedup();
-        for index in changed.drain(..) {
-            let wire = &mut self.wires[index];
-            let value = wire.value(self.now);
-            if wire.shown.replace(value) != Some(value) {
-                let change = format!("{value}{}\n", wire.code);
-                self.stamp(self.now);
-                self.text.extend_from_slice(change.as_bytes());
-            }
-        }
-        self.changed = changed;
-        if first {
+        if std::mem::take(&mut self.dumps) {
             self.text.extend_from_slice(b"$end\n");
         }
-    }
-
-    /// Writes the time of the changes that follow, unless it is already written.
-    fn stamp(&mut self, at: Instant) {
-        if self.stamped != Some(at) {
-            self.stamped = Some(at);
-            let units = u128::from(at.ticks()) * UNITS_PER_TICK;
-            self.text.extend_from_slice(format!("#{units}\n").as_bytes());
+        // A tick is 62.5 ns.
+        let nanos = u128::from(at.ticks()) * 125 / 2;
+        self.text.extend_from_slice(format!("#{nanos}\n").as_bytes());
+        if self.stamped.replace(at).is_none() {
+            self.text.extend_from_slice(b"$dumpvars\n");
+            self.dumps = true;
         }
     }
 
@@ -395,46 +138,45 @@ impl<W: Write> Waves<W> {
     }
 }
 
-impl VcdVar {
-    fn new(pin: &'static PinSpec, code: String) -> Self {
-        Self { pin, code, known: false, drives: PinOutput::NOTHING, applied: None, shown: None }
+impl<W: Write> Sink for File<W> {
+    fn change(&mut self, at: Instant, variable: usize, value: &Value) {
+        self.stamp(at);
+        let code = self.codes.get(variable).map_or("", String::as_str);
+        let change = format!("{}{code}\n", text(value));
+        self.text.extend_from_slice(change.as_bytes());
     }
 
-    fn value(&self, at: Instant) -> Value {
-        let logic = |high| Value::Bit(if high { '1' } else { '0' });
-        if self.pin.role == Role::Analogue {
-            return match self.applied {
-                _ if !self.known => Value::NotANumber,
-                Some(mv) => Value::Millivolts(mv),
-                None if self.pin.idle == Level::High => Value::Millivolts(LOGIC_HIGH_MV),
-                None => Value::Millivolts(0),
-            };
-        }
-        match self.drives.level(at) {
-            _ if !self.known => Value::Bit('x'),
-            Level::High => logic(true),
-            Level::Low => logic(false),
-            Level::Float => match (self.applied, self.pin.idle) {
-                (Some(mv), _) => logic(mv > HIGH_MV),
-                (None, Level::Float) => Value::Bit('z'),
-                (None, rest) => logic(rest == Level::High),
-            },
+    fn pause(&mut self) -> io::Result<()> {
+        if self.text.len() < CHUNK { Ok(()) } else { self.write_text() }
+    }
+}
+
+/// Text of a value, which is written before the code of the variable.
+fn text(value: &Value) -> String {
+    match value {
+        Value::Level(level) => level.to_string(),
+        Value::Number(Some(millionths)) => format!("r{} ", *millionths as f64 / 1e6),
+        Value::Number(None) => "rnan ".to_owned(),
+        // Readers skip a space, so no words are one space.
+        Value::Words(words) if words.is_empty() => "s\\x20 ".to_owned(),
+        Value::Words(words) => {
+            let mut text = "s".to_owned();
+            for char in words.chars() {
+                match char {
+                    // A text is one word. Readers know the escapes of C.
+                    ' ' => text.push_str("\\x20"),
+                    '\\' => text.push_str("\\x5c"),
+                    '!'..='~' => text.push(char),
+                    '…' => text.push_str("..."),
+                    _ => text.push('?'),
+                }
+            }
+            text + " "
         }
     }
 }
 
-impl fmt::Display for Value {
-    /// Text that is written before the code of the wire.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Bit(bit) => write!(f, "{bit}"),
-            Self::Millivolts(mv) => write!(f, "r{} ", f64::from(mv) / 1_000.0),
-            Self::NotANumber => f.write_str("rnan "),
-        }
-    }
-}
-
-/// Code of a wire from its index: as few printable characters as possible.
+/// Code of a variable from its index: as few printable characters as possible.
 fn code(index: usize) -> String {
     const FIRST: u8 = b'!';
     const COUNT: usize = (b'~' - FIRST) as usize + 1;
@@ -471,6 +213,7 @@ mod tests {
     use drivetwin_firmware::device::Device;
     use drivetwin_firmware::md3::Md3;
     use drivetwin_firmware::mdrobot::mdrobot;
+    use drivetwin_firmware::rs434::rs434544;
     use drivetwin_protocol::modbus::rtu;
     use drivetwin_protocol::time::Span;
     use proptest::prelude::*;
@@ -508,12 +251,20 @@ mod tests {
         let version = env!("CARGO_PKG_VERSION");
         let header = format!("$version drivetwin {version} $end\n");
         let expected = "\
-$timescale 100 ps $end
+$timescale 1 ns $end
 $scope module a_toy $end
 $var wire 1 ! IN $end
 $var real 64 \" LEVEL $end
 $var wire 1 # OUT $end
 $var wire 1 $ LED $end
+$var real 64 % position $end
+$var real 64 & speed $end
+$var real 64 ' current $end
+$var real 64 ( duty $end
+$var string 1 ) usb_rx $end
+$var string 1 * usb_tx $end
+$var string 1 + net_rx $end
+$var string 1 , net_tx $end
 $upscope $end
 $enddefinitions $end
 #0
@@ -522,22 +273,39 @@ $dumpvars
 r0 \"
 1#
 1$
+r0 %
+r0 &
+r0 '
+r0 (
+s\\x20 )
+s\\x20 *
+s\\x20 +
+s\\x20 ,
 $end
-#5000625
+#500062
 r2.5 \"
-#10000000
+r0.038146 (
+#1000000
 0$
-#20000000
+#2000000
 x!
 rnan \"
 x#
 x$
-#30000000
+rnan %
+rnan &
+rnan '
+rnan (
+#3000000
 1!
 r2.5 \"
 1#
 1$
-#35000000
+r0 %
+r0 &
+r0 '
+r0.038146 (
+#3500000
 ";
         assert_eq!(text(bench.trace()), header + expected);
     }
@@ -562,7 +330,7 @@ r2.5 \"
                 changes.push((at, value));
             }
         }
-        assert_eq!(changes, [(0, "z"), (10_000_625, "0"), (20_000_625, "z")]);
+        assert_eq!(changes, [(0, "z"), (1_000_062, "0"), (2_000_062, "z")]);
     }
 
     #[test]
@@ -573,7 +341,11 @@ r2.5 \"
         bench.run_until(1_500.micros());
         assert_eq!(
             changes(bench.trace()),
-            ["0, x!, rnan \", x#, x$", "10000000, 1!, r0 \", 1#, 1$", "15000000"]
+            [
+                "0, x!, rnan \", x#, x$, rnan %, rnan &, rnan ', rnan (, s\\x20 ), s\\x20 *, s\\x20 +, s\\x20 ,",
+                "1000000, 1!, r0 \", 1#, 1$, r0 %, r0 &, r0 ', r0 (",
+                "1500000"
+            ]
         );
     }
 
@@ -589,9 +361,10 @@ r2.5 \"
         }
         assert!(bench.trace().lost > 90);
         let changes = changes(bench.trace());
-        assert_eq!(changes.first().unwrap(), "0, x!, rnan \", x#, x$");
-        assert!(changes[1].contains(", r0.09"), "{changes:?}");
-        assert!(!changes[1..].iter().any(|change| change.contains(['!', '#', '$'])), "{changes:?}");
+        assert!(changes.first().unwrap().starts_with("0, x!, rnan \", x#, x$, rnan %"), "{changes:?}");
+        assert!(changes[2].contains(", r0.09"), "{changes:?}");
+        // The drive has set its duty again, but not yet told of its plan.
+        assert!(!changes[1..].iter().any(|change| change.contains(['!', '#', '$', '%', '&'])), "{changes:?}");
     }
 
     #[test]
@@ -628,13 +401,18 @@ r2.5 \"
         #![proptest_config(ProptestConfig::with_cases(8))]
         #[test]
         fn looking_often_or_once_makes_the_same_file(pauses in proptest::collection::vec(0_u64..200_000, 1..20)) {
-            let mut bench = Bench::new();
+            let mut bench = Bench::with(Settings { shafts: true, ..Settings::default() });
             let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
+            let z = bench.add_with("z", Box::new(rs434544()), Setup::default()).unwrap();
             let mut followed = Vec::new();
             let mut waves = Waves::new(bench.trace(), &mut followed).unwrap();
             bench.run_until(2_500.millis());
             bench.ask(x, &rtu::write(1, 0x11, 1));
             bench.ask(y, &rtu::write(1, 0x11, 2));
+            for (name, value) in [("MODE_ROTATION", 2), ("OFFSET", 300), ("START_bit", 1)] {
+                let row = bench.spec(z).find(name).unwrap().row;
+                bench.poke(z, row, value).unwrap();
+            }
             for pause in pauses {
                 waves.follow(bench.trace()).unwrap();
                 bench.run_until(bench.now() + pause.micros());

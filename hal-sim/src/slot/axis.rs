@@ -1,54 +1,26 @@
-//! Axes of a drive: their motion and their step pulses.
+//! Axes of a drive: their commands and their step pulses.
 
-use drivetwin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role, Shaft};
+use drivetwin_firmware::device::{AxisSpec, Duration, Instant, Level, Pin, PinSpec, Plan, Role};
 use drivetwin_firmware::motion::HIGH;
-use fixed::types::I48F16;
 
+use crate::signals::motion::{Commanded, Sampler};
 use crate::signals::pin_waveform::level_of;
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 use crate::slot::MotorCommand;
 
-/// Motion of an axis at an instant, returned by [`Bench::motion`](crate::bench::Bench::motion).
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Motion {
-    /// Position in steps or counts since the first power-on.
-    pub position: i32,
-    /// Speed in steps or counts per second, signed.
-    pub speed: I48F16,
-    /// True while the axis moves.
-    pub moving: bool,
-    /// Peak phase current in mA; for a motor model the current that it draws.
-    pub current_ma: u32,
-    /// Duty of a motor without steps, signed, in 1/65536 of full on.
-    pub duty: i32,
-}
-
-impl From<Shaft> for Motion {
-    fn from(shaft: Shaft) -> Self {
-        Self {
-            position: shaft.position,
-            speed: shaft.speed,
-            moving: shaft.speed != 0,
-            current_ma: shaft.ma.unsigned_abs(),
-            duty: shaft.duty,
-        }
-    }
-}
-
 /// State of an axis.
-pub(super) struct AxisState {
+pub(crate) struct AxisState {
     step_dir: Option<(Pin, Pin)>,
-    plan: Plan,
-    /// Steps made without a plan since the last plan.
-    steps: i32,
+    pub(super) commanded: Commanded,
+    /// Chooses the states of a motor that are recorded.
+    pub(crate) sampler: Sampler,
     /// True if the last step before the plan was forward.
     forward: bool,
-    /// Direction of the last of `steps`, true if forward; `None` without such steps.
+    /// Direction of the last step without a plan since the last plan, true if forward; `None` without such
+    /// steps.
     stepped: Option<bool>,
-    pub(super) current_ma: u32,
     /// True once the drive has set a current.
     pub(super) reports_current: bool,
-    pub(super) duty: i32,
     /// True if a motor of the bench is attached.
     pub(super) turns_motor: bool,
     /// Generates the pulses for wires; `None` if no wire needs them.
@@ -77,13 +49,11 @@ impl AxisState {
         let shared = shared.unwrap_or_default();
         Self {
             step_dir: spec.step_dir,
-            plan: Plan::at_rest(Instant::ZERO, 0),
-            steps: 0,
+            commanded: Commanded::at_rest(Instant::ZERO),
+            sampler: Sampler::default(),
             forward: false,
             stepped: None,
-            current_ma: 0,
             reports_current: false,
-            duty: 0,
             turns_motor: false,
             shaper: None,
             unfinished: None,
@@ -94,7 +64,7 @@ impl AxisState {
     }
 
     pub(super) fn power_on(&mut self, at: Instant) {
-        (self.plan, self.steps, self.current_ma, self.duty) = (Plan::at_rest(at, 0), 0, 0, 0);
+        (self.commanded, self.sampler) = (Commanded::at_rest(at), Sampler::default());
         (self.forward, self.stepped) = (false, None);
     }
 
@@ -102,7 +72,7 @@ impl AxisState {
         if let Some(shaper) = &mut self.shaper {
             shaper.power_off(at);
         }
-        (self.plan, self.current_ma, self.duty) = (self.plan.halt(at), 0, 0);
+        self.commanded.power_off(at);
         self.unfinished = None;
         // Without power DIR is low, so the last direction counts as backward.
         self.stepped = Some(false);
@@ -121,7 +91,8 @@ impl AxisState {
             });
         }
         self.forward = self.forward_at(at) && !lent.dir;
-        (self.plan, self.steps, self.stepped) = (*plan, 0, None);
+        self.commanded.follow(plan);
+        self.stepped = None;
     }
 
     /// Lends an output to the drive until the next plan. Returns false if the output is not shared, so that
@@ -146,7 +117,7 @@ impl AxisState {
         if let Some(shaper) = &mut self.shaper {
             shaper.steps(at, steps);
         }
-        self.steps = self.steps.wrapping_add(steps);
+        self.commanded.step(steps);
         self.stepped = Some(steps > 0);
     }
 
@@ -154,19 +125,9 @@ impl AxisState {
     /// current. A current that the drive has never set is omitted: the motor of such a drive has its rated
     /// current, also without power.
     pub(super) fn motor_commands(&self) -> impl Iterator<Item = MotorCommand> + use<> {
-        let current = self.reports_current.then_some(MotorCommand::Current(self.current_ma));
-        [MotorCommand::Plan(self.plan), MotorCommand::Duty(self.duty)].into_iter().chain(current)
-    }
-
-    /// Motion of the axis.
-    pub(super) fn motion(&self, at: Instant) -> Motion {
-        Motion {
-            position: self.plan.position_at(at).wrapping_add(self.steps),
-            speed: self.plan.speed_at(at),
-            moving: self.plan.end() > at || self.duty != 0,
-            current_ma: self.current_ma,
-            duty: self.duty,
-        }
+        let Commanded { plan, current_ma, duty, .. } = self.commanded;
+        let current = self.reports_current.then_some(MotorCommand::Current(current_ma));
+        [MotorCommand::Plan(plan), MotorCommand::Duty(duty)].into_iter().chain(current)
     }
 
     /// The output at a pin: STEP or DIR; `None` for any other pin.
@@ -186,7 +147,7 @@ impl AxisState {
 
     /// The pulses after all edges up to `at`, if no wire needs earlier edges.
     fn recent_pulses(&self, at: Instant, powered: bool) -> Shaper {
-        let start = self.plan.start();
+        let start = self.commanded.plan.start();
         // Earlier edges have no effect, because `HIGH` is the length of the longest pulse.
         match &self.unfinished {
             Some(shaper) if at <= start + HIGH => taken(Shaper::clone(shaper), at),
@@ -203,7 +164,7 @@ impl AxisState {
 
     /// The pulses of the plan from `at` on.
     fn pulses(&self, at: Instant, powered: bool) -> Shaper {
-        if powered { Shaper::new(at, &self.plan, self.forward_at(at)) } else { Shaper::default() }
+        if powered { Shaper::new(at, &self.commanded.plan, self.forward_at(at)) } else { Shaper::default() }
     }
 
     /// Time of the next edge, and a number that identifies this prediction.
@@ -233,15 +194,16 @@ impl AxisState {
     /// Returns true if the last step up to `at` was forward.
     fn forward_at(&self, at: Instant) -> bool {
         if let Some(forward) = self.stepped
-            && self.plan.end() <= at
+            && self.commanded.plan.end() <= at
         {
             return forward;
         }
         let mut forward = self.forward;
-        let (mut begin, mut from) = (self.plan.start(), self.plan.position_at(self.plan.start()));
-        for segment in self.plan.segments() {
+        let (mut begin, mut from) =
+            (self.commanded.plan.start(), self.commanded.plan.position_at(self.commanded.plan.start()));
+        for segment in self.commanded.plan.segments() {
             let end = at.min(begin + Duration::from_ticks(segment.ticks));
-            let to = self.plan.position_at(end);
+            let to = self.commanded.plan.position_at(end);
             if from != to {
                 forward = !segment.reverse;
             }

@@ -9,15 +9,15 @@ mod tcp_port;
 
 use drivetwin_firmware::device::{
     Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, PresetError,
-    Spec,
+    Rotation, Shaft, Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 
 use crate::record::journal::{Entry, Outcome};
-use crate::record::trace::{InputRecord, Power};
+use crate::record::trace::{InputRecord, Power, Trace};
 use crate::rng::Rng;
 use crate::scheduler::Phase;
-pub use axis::Motion;
+pub use crate::signals::motion::Motion;
 pub use pins::PinStimulus;
 pub(crate) use pins::{EdgeTrain, EncoderState, PinState, PulseTrain, Signal};
 pub(crate) use serial_port::Serial;
@@ -39,6 +39,8 @@ pub(crate) struct Slot {
     pub(crate) halls: Option<&'static [Pin]>,
     /// Parameters of the detached motor, from the drive's registers after the first power-on.
     pub(crate) detached_motor: Option<Parameters>,
+    /// The last reports of a motor that is not on this bench, in a replay: parameters, rotation, current.
+    reported: (Option<Parameters>, Option<Rotation>, i32),
     /// Axes with an attached motor, and the index of each motor.
     pub(crate) motors: Vec<(Axis, u32)>,
     /// Presets for every power-on: row and value.
@@ -75,6 +77,7 @@ impl Slot {
             boot_fast,
             halls: None,
             detached_motor: None,
+            reported: (None, None, 0),
             motors: Vec::new(),
             presets: Vec::new(),
             rng,
@@ -220,6 +223,7 @@ impl Slot {
             }
             _ => {
                 self.note_reception(at, input, context.fast);
+                self.note_report(input);
                 if let Some(input) = input.input() {
                     self.device.input(at, input, &mut SlotContext { state: &mut self.state, context });
                 }
@@ -283,8 +287,56 @@ impl Slot {
         if self.state.dead {
             self.state.power_off(at, context.outputs);
         }
+        if context.shafts {
+            self.record_shafts(at, context);
+        }
         self.deadline = if self.state.powered { self.device.deadline() } else { Instant::NEVER };
         self.deadline
+    }
+
+    /// Notes a report of a motor.
+    fn note_report(&mut self, input: &InputRecord) {
+        let (parameters, rotation, ma) = &mut self.reported;
+        match input {
+            InputRecord::Motor { parameters: reported, .. } => *parameters = Some(**reported),
+            InputRecord::Rotation { rotation: reported, .. } => *rotation = Some(reported.limited()),
+            InputRecord::MotorCurrent { ma: reported, .. } => *ma = *reported,
+            _ => {}
+        }
+    }
+
+    /// The motion of a motor that is not on this bench, as it reported it last.
+    fn reported_shaft(&self, axis: Axis) -> Option<Shaft> {
+        let (Some(parameters), Some(rotation), ma) = self.reported else { return None };
+        let commanded = &self.state.axes.get(usize::from(axis.0))?.commanded;
+        let is_apart = self.halls.is_some() && self.motors.is_empty();
+        let duty = if commanded.current_ma > 0 { commanded.duty } else { 0 };
+        is_apart.then(|| parameters.shaft(rotation, duty, ma))
+    }
+
+    /// Records the motion of the internal motor, or of a motor that reports from another bench.
+    fn record_shafts(&mut self, at: Instant, context: &mut CallContext<'_>) {
+        for axis in (0..self.spec.axes.len() as u8).map(Axis) {
+            if let Some(shaft) = self.device.shaft(at, axis).or_else(|| self.reported_shaft(axis)) {
+                self.record_shaft(at, axis, shaft, context.trace);
+            }
+        }
+    }
+
+    /// Records the motion of a motor, unless it is like the last record, or power is off.
+    pub(crate) fn record_shaft(&mut self, at: Instant, axis: Axis, shaft: Shaft, trace: &mut Trace) {
+        let drive = self.state.drive;
+        let powered = self.state.powered;
+        if let Some(state) = self.state.axis(axis).filter(|_| powered)
+            && state.sampler.takes(at, shaft)
+        {
+            trace.record_shaft(at, drive, axis, shaft);
+        }
+    }
+
+    /// Returns true if the drive turns a brush or brushless motor, internal or of the bench.
+    pub(crate) fn turns_motor(&self) -> bool {
+        self.device.internal_motor().is_some()
     }
 
     /// Earliest time, `now` or one tick later, at which the drive can still receive an event of that phase.
@@ -435,7 +487,7 @@ impl Slot {
 
     /// Motion of an axis: that of the internal motor if there is one, otherwise as commanded.
     pub(crate) fn motion(&self, at: Instant, axis: Axis) -> Motion {
-        let commanded = || self.state.axes.get(usize::from(axis.0)).map(|axis| axis.motion(at));
+        let commanded = || self.state.axes.get(usize::from(axis.0)).map(|axis| axis.commanded.motion(at));
         self.device.shaft(at, axis).map(Motion::from).or_else(commanded).unwrap_or_default()
     }
 }

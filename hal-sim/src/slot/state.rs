@@ -154,6 +154,8 @@ pub(crate) struct CallContext<'a> {
     pub(crate) outputs: &'a mut Outputs,
     /// True if characters take no time.
     pub(crate) fast: bool,
+    /// True to record the motion of motors.
+    pub(crate) shafts: bool,
 }
 
 /// Context of one call of a drive: updates the slot's state and passes outputs on to the bench.
@@ -282,13 +284,13 @@ impl SlotState {
             }
             Output::CurrentLimit { axis, ma } => {
                 if let Some(axis) = self.axis(axis) {
-                    (axis.current_ma, axis.reports_current) = (ma, true);
+                    (axis.commanded.current_ma, axis.reports_current) = (ma, true);
                 }
                 self.command_motor(axis, at, context.outputs, || MotorCommand::Current(ma));
             }
             Output::Duty { axis, duty } => {
                 if let Some(axis) = self.axis(axis) {
-                    axis.duty = duty;
+                    axis.commanded.duty = duty;
                 }
                 self.command_motor(axis, at, context.outputs, || MotorCommand::Duty(duty));
             }

@@ -292,7 +292,7 @@ fn shown(file: &str, pin: Pin, at: Instant) -> Level {
     for line in file.lines() {
         if let Some(units) = line.strip_prefix('#') {
             stamp = units.parse::<u64>().unwrap();
-        } else if stamp <= 625 * at.ticks() && line.len() == 2 && line.ends_with(code) {
+        } else if stamp <= at.ticks() * 125 / 2 && line.len() == 2 && line.ends_with(code) {
             level = line.chars().next();
         }
     }

@@ -52,7 +52,7 @@ pub(super) enum Format {
     /// Text for `drivetwin replay`.
     #[default]
     Trace,
-    /// Waveforms of the pins.
+    /// Waveforms of pins, motion and messages.
     Vcd,
     /// Frames of the lines.
     Pcapng,

@@ -65,7 +65,9 @@ impl Configuration {
         let files = OutputFiles::open(&self.options, &memories)?;
 
         let (trace, capture) = files.retention(control.is_some());
-        let settings = Settings { trace, capture, ..self.layout.settings() };
+        // Waveforms show the motion of motors: those of `--vcd`, and those that the control API serves.
+        let shafts = files.has_waves() || control.is_some();
+        let settings = Settings { trace, capture, shafts, ..self.layout.settings() };
         let setup = |memory: &Memory| Setup {
             memory: memory.content(),
             persist: memory.persist_fn(),

@@ -51,6 +51,11 @@ impl OutputFiles {
         (trace, ring(controlled || self.frames.is_some()))
     }
 
+    /// Returns true if there is a file of waveforms.
+    pub(super) fn has_waves(&self) -> bool {
+        self.waves.is_some()
+    }
+
     /// Starts writing the files.
     ///
     /// # Errors

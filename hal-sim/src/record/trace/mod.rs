@@ -62,7 +62,8 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{
-    Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Rotation, Spec,
+    Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Rotation,
+    Shaft, Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::time::Duration;
@@ -162,6 +163,9 @@ pub struct TraceDrive {
     pub fast_line: bool,
     /// True if a motor of the bench replaces its internal motor.
     pub external_motor: bool,
+    /// True if the drive turns a brush or brushless motor, internal or of the bench. The motion of its axis is
+    /// then that of the motor, which only [`Event::Shaft`] shows.
+    pub turns_motor: bool,
     /// Time at which the drive was added and powered on.
     pub from: Instant,
     /// Content of the memory at that time, [`Spec::memory`] bytes.
@@ -181,13 +185,21 @@ pub struct Entry {
     pub line: usize,
 }
 
-/// An event: an input or an output of a drive.
+/// An event: an input or an output of a drive, or the motion of its motor.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Event {
     /// Input of a drive.
     Input(InputRecord),
     /// Output of a drive.
     Output(OutputRecord),
+    /// State of the motor on an axis, for waveforms. Only a bench with
+    /// [`Settings::shafts`](crate::bench::Settings::shafts) records it, and a text does not contain it.
+    Shaft {
+        /// Axis.
+        axis: Axis,
+        /// State of the motor's shaft.
+        shaft: Shaft,
+    },
 }
 
 /// An input of a drive: an [`Input`] that owns its bytes, a change of power, or a preset.
@@ -453,7 +465,7 @@ impl Entry {
             Event::Output(OutputRecord::Course { course, .. }) => {
                 allocated(size_of::<Course>()) + allocated(course.legs.len() * size_of::<Leg>())
             }
-            Event::Input(_) | Event::Output(_) => 0,
+            Event::Input(_) | Event::Output(_) | Event::Shaft { .. } => 0,
         };
         size_of::<Self>() + owned
     }
@@ -495,6 +507,13 @@ impl Trace {
         }
         if let Some(record) = OutputRecord::of(output) {
             self.record(at, drive, Event::Output(record));
+        }
+    }
+
+    /// Records the state of a drive's motor.
+    pub(crate) fn record_shaft(&mut self, at: Instant, drive: u32, axis: Axis, shaft: Shaft) {
+        if self.retention != Retention::Off {
+            self.record(at, drive, Event::Shaft { axis, shaft });
         }
     }
 

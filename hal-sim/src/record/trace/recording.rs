@@ -57,6 +57,7 @@ impl<W: Write> Recording<W> {
                         self.put_first()?;
                     }
                 }
+                Event::Shaft { .. } => {}
             }
             self.taken += 1;
         }

@@ -147,7 +147,7 @@ impl Trace {
         for (position, index) in self.by_name().into_iter().enumerate() {
             rank[index] = position;
         }
-        let mut events: Vec<&Entry> = self.events.iter().collect();
+        let mut events: Vec<&Entry> = self.events.iter().filter(|entry| entry.is_text()).collect();
         events.sort_by_key(|entry| (entry.at, rank.get(entry.drive)));
         events
     }
@@ -158,19 +158,28 @@ impl Trace {
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
         let sign = match entry.event {
             Event::Input(_) => '>',
-            Event::Output(_) => '<',
+            Event::Output(_) | Event::Shaft { .. } => '<',
         };
         format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
     }
 
-    /// The words of an event in a line of text: `rx 01 03`.
+    /// The words of an event in a line of text: `rx 01 03`; empty if the text does not contain the event.
     #[must_use]
     pub fn words(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
         match &entry.event {
             Event::Input(input) => fed_text(drive.spec, input),
             Event::Output(output) => did_text(drive.spec, entry.at, output),
+            Event::Shaft { .. } => String::new(),
         }
+    }
+}
+
+impl Entry {
+    /// Returns true if the text of a trace contains the event.
+    #[must_use]
+    pub fn is_text(&self) -> bool {
+        !matches!(self.event, Event::Shaft { .. })
     }
 }
 
@@ -456,13 +465,15 @@ impl Reader {
         if self.trace.drives.iter().any(|drive| drive.name == name) {
             return Err(format!("two drives have the name {name}"));
         }
-        let spec = make(kind).ok_or_else(|| format!("there is no kind \"{kind}\""))?.spec();
+        let device = make(kind).ok_or_else(|| format!("there is no kind \"{kind}\""))?;
+        let spec = device.spec();
         let mut drive = TraceDrive {
             name,
             spec,
             boot_fast: false,
             fast_line: false,
             external_motor: false,
+            turns_motor: device.internal_motor().is_some(),
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
         };

@@ -1,0 +1,113 @@
+//! A trace as a picture (SVG): motion, pins that change and messages of each drive over time.
+//!
+//! The drives run again with the inputs of the trace, so also a trace of inputs alone gives a picture. The size
+//! of the picture does not grow with the number of events: each track shows what fits into its width.
+
+mod axis;
+mod draw;
+mod tracks;
+
+use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+
+use crate::record::trace::{Make, Trace};
+use crate::replay;
+use crate::signals::waveforms::Waveforms;
+use crate::suggest;
+use tracks::{Collector, Panel};
+
+/// Options of a picture; the default is the whole trace with all drives.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Options {
+    /// Heading.
+    pub title: String,
+    /// Begin of the time axis in seconds, from 0 to [`Options::MOST`]; the beginning of the trace if not given.
+    pub from: Option<f64>,
+    /// End of the time axis in seconds, from 0 to [`Options::MOST`]; the end of the trace if not given.
+    pub to: Option<f64>,
+    /// Names of the drives to show, in the order of the trace; all if empty.
+    pub drives: Vec<String>,
+}
+
+impl Options {
+    /// Greatest time in seconds.
+    pub const MOST: f64 = 1e9;
+
+    /// The time axis.
+    fn span(&self, end: Instant) -> Result<Span, String> {
+        let instant = |seconds: f64| {
+            Instant::from_ticks((seconds.clamp(0.0, Self::MOST) * TICKS_PER_SECOND as f64).round() as u64)
+        };
+        let from = self.from.map_or(Instant::ZERO, instant);
+        let to = self.to.map_or(end.max(from + Duration::TICK), instant);
+        let (begin, last, end_of_trace) = (axis::seconds(from), axis::seconds(to), axis::seconds(end));
+        if self.from.is_some() && from >= end {
+            return Err(format!("the trace ends at {end_of_trace} s, so there is nothing from {begin} s on"));
+        }
+        if from >= to {
+            return Err(format!("the time axis begins at {begin} s, so it cannot end at {last} s"));
+        }
+        Ok(Span { from, to })
+    }
+}
+
+/// Part of the time that a picture shows.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Span {
+    from: Instant,
+    to: Instant,
+}
+
+impl Span {
+    /// Place of `at` in the span: 0 at its begin, 1 at its end.
+    fn part(self, at: Instant) -> f64 {
+        at.since(self.from).ticks() as f64 / self.to.since(self.from).ticks() as f64
+    }
+}
+
+/// Draws a trace. `make` makes a drive of a kind.
+///
+/// ```
+/// use drivetwin_sim::catalog;
+/// use drivetwin_sim::export::plot::{self, Options};
+/// use drivetwin_sim::record::trace::Trace;
+///
+/// let make = |kind: &str| catalog::make(kind).ok();
+/// let text = "drivetwin trace 1\ndrive x md3 fast\n\
+///     100 > rx 01 06 00 11 00 01 18 0F\n3000 end\n";
+/// let trace = Trace::parse(text, &make).unwrap();
+/// let picture = plot::svg(&trace, &make, &Options::default()).unwrap();
+/// assert!(picture.contains("write MotionControl = 1"));
+/// ```
+///
+/// # Errors
+/// One sentence: the trace cannot be replayed, there is no such drive, or the time axis has no length.
+pub fn svg(trace: &Trace, make: &Make<'_>, options: &Options) -> Result<String, String> {
+    let names = || trace.drives.iter().map(|drive| drive.name.as_str());
+    if let Some(unknown) = options.drives.iter().find(|name| !names().any(|other| other == *name)) {
+        return Err(suggest::unknown("drive", unknown, names()));
+    }
+    let span = options.span(trace.end)?;
+    let benches = replay::benches(trace, make).map_err(|error| error.to_string())?;
+    let mut panels = Vec::new();
+    for (drive, bench) in trace.drives.iter().zip(&benches) {
+        if !(options.drives.is_empty() || options.drives.contains(&drive.name)) {
+            continue;
+        }
+        let mut waveforms = Waveforms::new(bench.trace());
+        let mut collector = Collector::new(waveforms.variables(), span);
+        let reading = waveforms.follow(bench.trace(), &mut collector);
+        reading.map_err(|error| error.to_string())?;
+        waveforms.finish(&mut collector);
+        panels.push(Panel {
+            name: drive.name.clone(),
+            spec: drive.spec,
+            turns_motor: drive.turns_motor,
+            tracks: collector.finish(),
+        });
+    }
+    Ok(draw::picture(&options.title, span, &panels))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,199 @@
+//! Tracks of a picture: changes of variables, as far as the width of the picture shows them.
+
+use drivetwin_firmware::device::{Instant, Spec};
+
+use super::Span;
+use crate::signals::motion::SAMPLE;
+use crate::signals::waveforms::{Kind, Sink, Track, Value, Variable};
+
+/// Number of columns of the time axis. A track keeps a few values for each.
+pub(super) const COLUMNS: f64 = 2_000.0;
+
+/// Number of points of a curve in a column, above which only the first, the last and the extremes are kept.
+const CROWD: usize = 16;
+
+/// The tracks of a drive.
+pub(super) struct Panel {
+    pub(super) name: String,
+    pub(super) spec: &'static Spec,
+    /// True if the axis turns a motor with Hall sensors, whose counts are its position.
+    pub(super) turns_motor: bool,
+    pub(super) tracks: Vec<(Variable, Shape)>,
+}
+
+/// What a track shows.
+pub(super) enum Shape {
+    /// Points of a curve; `None` where the number is unknown from then on.
+    Curve(Vec<(Instant, Option<f64>)>),
+    /// Levels of a digital pin.
+    Levels(Vec<Edge>),
+    /// Messages.
+    Messages(Vec<Words>),
+}
+
+/// A change of a digital pin.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Edge {
+    pub(super) at: Instant,
+    /// True if there are more edges in this column.
+    pub(super) many: bool,
+    /// Level after the column's last edge: `0`, `1`, `z` or `x`.
+    pub(super) level: char,
+}
+
+/// A message.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Words {
+    pub(super) begin: Instant,
+    pub(super) end: Instant,
+    pub(super) text: String,
+}
+
+impl Shape {
+    fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::Level => Self::Levels(Vec::new()),
+            Kind::Volts | Kind::Track(_) => Self::Curve(Vec::new()),
+            Kind::Received | Kind::Sent => Self::Messages(Vec::new()),
+        }
+    }
+
+    /// Returns true if there is something to see: two different values, or a message.
+    pub(super) fn is_alive(&self) -> bool {
+        match self {
+            Self::Curve(points) => {
+                let mut known = points.iter().filter_map(|(_, value)| *value);
+                known.next().is_some_and(|first| known.any(|value| value != first))
+            }
+            Self::Levels(edges) => {
+                let known = edges.iter().filter(|edge| edge.level != 'x');
+                let levels = known.clone().zip(known.clone().skip(1));
+                known.clone().any(|edge| edge.many) || levels.into_iter().any(|(a, b)| a.level != b.level)
+            }
+            Self::Messages(messages) => !messages.is_empty(),
+        }
+    }
+}
+
+/// Collects the tracks of a drive.
+pub(super) struct Collector {
+    span: Span,
+    tracks: Vec<(Variable, Shape)>,
+    /// State of each variable.
+    states: Vec<State>,
+}
+
+/// State of a variable.
+#[derive(Clone, Default)]
+struct State {
+    /// The last value and the time of its change.
+    last: Option<(Instant, Value)>,
+    /// The present column, and the number of points before it.
+    column: usize,
+    before: usize,
+}
+
+impl Collector {
+    pub(super) fn new(variables: &[Variable], span: Span) -> Self {
+        let tracks = variables.iter().map(|variable| (variable.clone(), Shape::of(variable.kind)));
+        Self { span, tracks: tracks.collect(), states: vec![State::default(); variables.len()] }
+    }
+
+    /// The tracks, each up to the end of the span.
+    pub(super) fn finish(mut self) -> Vec<(Variable, Shape)> {
+        for index in 0..self.tracks.len() {
+            if let Some((_, value)) = self.states[index].last.clone() {
+                self.enter(index);
+                self.show(index, self.span.to, &value);
+            }
+        }
+        self.tracks
+    }
+
+    /// Shows the value that a variable has at the begin of the span.
+    fn enter(&mut self, index: usize) {
+        let is_empty = match &self.tracks[index].1 {
+            Shape::Curve(points) => points.is_empty(),
+            Shape::Levels(edges) => edges.is_empty(),
+            Shape::Messages(_) => false,
+        };
+        if is_empty && let Some((_, value)) = self.states[index].last.clone() {
+            self.show(index, self.span.from, &value);
+        }
+    }
+
+    /// Shows a value from `at` on, which is in the span.
+    fn show(&mut self, index: usize, at: Instant, value: &Value) {
+        let column = (self.span.part(at) * COLUMNS) as usize;
+        let State { last, column: present, before } = &mut self.states[index];
+        let is_new = *present != column;
+        *present = column;
+        let (variable, shape) = &mut self.tracks[index];
+        match (shape, value) {
+            (Shape::Curve(points), Value::Number(value)) => {
+                if is_new {
+                    *before = points.len();
+                }
+                if let Some((since, Value::Number(held))) = last
+                    && !points.is_empty()
+                {
+                    // A number that stays the same is not repeated. Position and speed change gradually, from
+                    // one sample to the next.
+                    let slopes = matches!(variable.kind, Kind::Track(Track::Position | Track::Speed));
+                    let until = if slopes && at > *since + SAMPLE { at - SAMPLE } else { at };
+                    if !slopes || until < at {
+                        points.push((until.max(self.span.from), held.map(number)));
+                    }
+                }
+                points.push((at, value.map(number)));
+                if points.len() - *before > CROWD {
+                    thin(points, *before);
+                }
+            }
+            (Shape::Levels(edges), Value::Level(level)) => match edges.last_mut() {
+                Some(edge) if !is_new => (edge.many, edge.level) = (true, *level),
+                Some(edge) if edge.level == *level => {}
+                _ => edges.push(Edge { at, many: false, level: *level }),
+            },
+            (Shape::Messages(messages), Value::Words(text)) => {
+                if let Some(last) = messages.last_mut() {
+                    last.end = last.end.min(at);
+                }
+                if !text.is_empty() && at < self.span.to {
+                    messages.push(Words { begin: at, end: self.span.to, text: text.clone() });
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A number of millionths.
+fn number(millionths: i64) -> f64 {
+    millionths as f64 / 1e6
+}
+
+/// Removes points from `from` on, except the first, the last and the extremes.
+fn thin(points: &mut Vec<(Instant, Option<f64>)>, from: usize) {
+    let crowd = points.split_off(from);
+    let known = || crowd.iter().enumerate().filter_map(|(index, (_, value))| Some((index, (*value)?)));
+    let least = known().min_by(|a, b| a.1.total_cmp(&b.1));
+    let most = known().max_by(|a, b| a.1.total_cmp(&b.1));
+    let mut kept = vec![0, crowd.len() - 1];
+    kept.extend(least.into_iter().chain(most).map(|(index, _)| index));
+    kept.sort_unstable();
+    kept.dedup();
+    points.extend(kept.into_iter().map(|index| crowd[index]));
+}
+
+impl Sink for Collector {
+    fn change(&mut self, at: Instant, index: usize, value: &Value) {
+        if at >= self.span.from && at <= self.span.to {
+            self.enter(index);
+            self.show(index, at, value);
+        }
+        if at <= self.span.to {
+            self.states[index].last = Some((at, value.clone()));
+        }
+    }
+}
