@@ -49,7 +49,7 @@ pub(crate) enum Command {
         /// As JSON, a line for each kind
         #[arg(long, conflicts_with = "markdown")]
         json: bool,
-        /// As the reference in docs/, several kinds on one page with a table of what differs
+        /// As Markdown, like docs/reference; several kinds on one page, with a table of what differs
         #[arg(long)]
         markdown: bool,
     },

@@ -67,7 +67,7 @@ impl Bench {
     /// [`kinds::ALL`](crate::kinds::ALL), for instance `md3`.
     ///
     /// # Errors
-    /// There is no such kind, or the name is taken or no word.
+    /// There is no such kind, or the name is taken or not a word.
     pub fn add(&self, kind: &str, name: &str) -> Result<Drive, Error> {
         self.add_preset::<RegisterName>(kind, name, &[])
     }
@@ -150,7 +150,7 @@ impl Bench {
     /// Connects an output pin to an input pin; both as `DRIVE.PIN`, for instance `x.STEP` and `y.J2.4`.
     ///
     /// # Errors
-    /// There is no such drive or pin, the first is no output, or the second no input.
+    /// There is no such drive or pin, the first is not an output, or the second is not an input.
     pub fn wire(&self, from: &str, to: &str) -> Result<(), Error> {
         let (from_id, from_pin, role) = self.end(from)?;
         if matches!(role, Role::Input | Role::Analogue | Role::AnalogueOrDigital) {
@@ -168,9 +168,9 @@ impl Bench {
 
     /// One end of a wire.
     fn end(&self, name: &str) -> Result<(DriveId, Pin, Role), Error> {
-        let (drive, pin) = name
-            .split_once('.')
-            .ok_or_else(|| Error::from(format!("'{name}' is no pin of a drive; x.J2.4 is one")))?;
+        let (drive, pin) = name.split_once('.').ok_or_else(|| {
+            Error::from(format!("there is no pin '{name}'; write drive and pin, like x.J2.4"))
+        })?;
         let drive = self.drive(drive)?;
         let (pin, spec) = drive.find_pin(pin)?;
         Ok((drive.id(), pin, spec.role))
@@ -179,7 +179,7 @@ impl Bench {
     /// Connects the first serial ports of several drives to one line, under a name of its own.
     ///
     /// # Errors
-    /// The name is taken or no word, or a drive has no serial port.
+    /// The name is taken or not a word, or a drive has no serial port.
     pub fn share(&self, name: &str, drives: &[&Drive]) -> Result<(), Error> {
         let mut ports = Vec::new();
         for drive in drives {

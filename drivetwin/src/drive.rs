@@ -83,7 +83,7 @@ impl Drive {
         Ok(self.bench.bench().peek(self.id, row))
     }
 
-    /// Presets a register by its name, past the bus.
+    /// Presets a register by its name, not through the bus.
     ///
     /// # Errors
     /// There is no such register, it does not take the value, or the drive has no power.

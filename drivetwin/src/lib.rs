@@ -60,6 +60,9 @@
 //! let bench = Bench::new();
 //! let qsb = bench.add_preset("qsb-d", "encoder", &[(qsb::Reg::Mdr0, 0x43)])?; // four counts a cycle
 //! let mut port = qsb.port("usb")?;
+//! let mut greeting = [0; 12];
+//! port.read_exact(&mut greeting).unwrap();
+//! assert_eq!(&greeting, b"QSB-D  0E!\r\n");
 //! qsb.encoder(400, 10_000.0)?;
 //! bench.delay().delay_ms(50);
 //! port.write_all(b"R0E\r").unwrap(); // READ ENCODER

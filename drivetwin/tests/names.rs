@@ -38,7 +38,10 @@ fn wrong_names_are_refused_with_the_nearest() {
         refused(bench.wire("x.STEP", "x.DIR")),
         "x.DIR takes no levels; a wire leads from an output to an input"
     );
-    assert_eq!(refused(bench.wire("STEP", "y.A")), "'STEP' is no pin of a drive; x.J2.4 is one");
+    assert_eq!(
+        refused(bench.wire("STEP", "y.A")),
+        "there is no pin 'STEP'; write drive and pin, like x.J2.4"
+    );
     assert_eq!(
         refused(Bench::from_toml("[[drive]]\nkind = 'md3'\n").map(drop)),
         "line 1, column 1: [[drive]] needs 'name'"

@@ -698,7 +698,7 @@ pub struct Spec {
     /// Reasons why requests that the drive accepts do not do what they say. Without the feature `reasons` there are
     /// none.
     pub reasons: &'static [ReasonSpec],
-    /// Limits of the model that no row states.
+    /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],
 }
 
@@ -810,11 +810,11 @@ pub trait Device {
     fn timeout(&mut self, at: Instant, out: &mut dyn Context);
 
     /// The value that a read of register `row` at `at` would return, without side effects of a read; 0 if
-    /// there is no such row. Of more than four words only the first four count.
+    /// there is no such row. A row of more than four words gives the value of its first four words.
     fn peek(&self, at: Instant, row: usize) -> i64;
 
-    /// A word, by its index in bus order, of a row of more than four words, whose value fits into no number;
-    /// 0 if there is no such word.
+    /// A word, by its index in bus order, of a row of more than four words, whose value is too long for a
+    /// number; 0 if there is no such word.
     fn peek_word(&self, _at: Instant, _row: usize, _word: usize) -> u16 {
         0
     }

@@ -9,7 +9,7 @@
 //! | [`mdrobot`] | MDROBOT MD series, brushless motor controllers |
 //! | [`memory`] | saved registers and their CRC |
 //! | [`motion`] | plans: position and speed at any instant, and every step |
-//! | [`motor`] | motors that are not there |
+//! | [`motor`] | simulated motors |
 //! | [`qsb`] | US Digital QSB, encoder adapter |
 //! | [`rs434`] | RS 434544 and 434546, brush motor controllers |
 //! | [`shell`] | the main loop of a board, over embedded-hal, embedded-io and nb |

@@ -171,7 +171,7 @@ impl Banner {
             self.outline(&self.drives[shown..], &mut text);
         }
         if let Some(address) = self.control {
-            let _ = writeln!(text, "control\n    http://{address}  (what it does: /openapi.json)");
+            let _ = writeln!(text, "control\n    http://{address}  (description: /openapi.json)");
             if !address.ip().is_loopback() {
                 text.push_str("    any program that can reach this address can control the drives\n");
             }

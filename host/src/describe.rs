@@ -257,7 +257,7 @@ impl Section {
 }
 
 /// Title of the list of what is not modelled.
-const NOT_MODELLED: &str = "Beside the rows that say so, not modelled";
+const NOT_MODELLED: &str = "Also not modelled";
 
 /// Columns of rows that have no address.
 const NAMED: &[&str] = &["Name", "§", "Type", "Access", "Values", "Default", "Saved", "What it is"];
@@ -321,7 +321,7 @@ fn sections(spec: &Spec) -> Vec<Section> {
             rows: by_name(Space::Variable).collect(),
         },
         Section {
-            title: "Settings of the stand-in (by name only)",
+            title: "Settings of the emulation (by name only)",
             columns: NAMED,
             rows: by_name(Space::Setting).collect(),
         },

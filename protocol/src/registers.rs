@@ -726,8 +726,8 @@ impl Entries {
         self.assemble(shape, |n| words.get(offset.wrapping_add(n)).copied().unwrap_or(0))
     }
 
-    /// The value of a shape; `word` returns its words, in bus order. Of more than four words only the first
-    /// four are used.
+    /// The value of a shape; `word` returns its words, in bus order. If there are more than four words, only
+    /// the first four are used.
     #[must_use]
     pub fn assemble(&self, shape: Shape, word: impl Fn(usize) -> u16) -> i64 {
         let value = self.words_from_high(shape).fold(0, |value, n| value << 16 | i64::from(word(n)));

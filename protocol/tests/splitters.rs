@@ -72,7 +72,8 @@ impl Shape {
         rtu::frame(unit, &pdu).to_vec()
     }
 
-    /// Indices below `length` of the bytes of a frame that may have any value, in descending order.
+    /// Indices of the bytes of a frame that may have any value: those below `length` in descending order, and
+    /// last the unit at index 0.
     fn free(&self, length: usize) -> impl Iterator<Item = usize> {
         let data = (1..=self.pdu.len()).rev().filter(|&place| self.pdu[place - 1].is_none());
         data.filter(move |&place| place < length).chain([0])

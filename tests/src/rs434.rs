@@ -289,7 +289,7 @@ impl Rig {
     /// Reply of the drive at address 1 to a request: its PDU, or nothing.
     ///
     /// # Panics
-    /// If the reply is no frame from address 1.
+    /// If the reply is not a frame from address 1.
     pub fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
         let reply = self.bench.ask(self.seat, &rtu::frame(1, pdu));
         if reply.is_empty() {

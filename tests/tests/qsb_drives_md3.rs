@@ -217,7 +217,7 @@ fn the_digital_port_has_its_lines_back_when_the_motor_drive_ends() {
     fixture.ask("W019");
     assert_eq!(fixture.ask("R01"), 0xD);
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::Low, Level::High));
-    // The port returns to its saved state: inputs, which the MD3 pulls up. A rising edge is no step.
+    // The port returns to its saved state: inputs, which the MD3 pulls up. A rising edge is not a step.
     fixture.ask("W160");
     assert_eq!((fixture.level("DIO1"), fixture.level("DIO2")), (Level::High, Level::High));
     assert_eq!(fixture.ask("R13"), 0x01);

@@ -209,7 +209,8 @@ fn tests(sh: &Shell) -> Result<()> {
         .map(|name| format!("--config=profile.dev.package.drivetwin-{name}.opt-level=0"));
     let tests = [
         cmd!(sh, "cargo test {host...} --no-fail-fast --lib {plain...}"),
-        cmd!(sh, "cargo test {host...} --no-fail-fast --bins --test '*'"),
+        // More threads than cores, because tests of the process mostly wait for it.
+        cmd!(sh, "cargo test {host...} --no-fail-fast --bins --test '*'").env("RUST_TEST_THREADS", "8"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
     ];
     // Each runs, whatever the others do.

@@ -53,7 +53,7 @@ pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) name: String,
-    /// Average of the parts, rounded up.
+    /// Average cost of a part, rounded up.
     pub(crate) mean: u64,
     pub(crate) most: u64,
 }

@@ -314,7 +314,7 @@ fn time_runs_in_the_mode_that_is_set() {
         |seconds: &str| md3.call("POST", "/api/time/advance", &format!("{{\"seconds\":{seconds}}}"));
     assert_eq!(md3.advance(1.25)["seconds"], 1.25);
     for wrong in ["-1", "86401", "1e300"] {
-        assert_eq!(advance(wrong).problem(422), "seconds are 0 to 86400", "{wrong}");
+        assert_eq!(advance(wrong).problem(422), "seconds takes 0 to 86400", "{wrong}");
     }
     assert_eq!(pace("x100").ok()["mode"], "x100");
     assert!(advance("1").problem(409).contains("the time mode is not manual"));
@@ -585,7 +585,10 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
         assert_eq!(mdrive.call("GET", "/api/drives/mdrive", "").ok()["registers"]["I5"], reads);
     }
     assert_eq!(pin("ANALOG", "{\"milliamps\":1001}").problem(422), "milliamps are -1000 to 1000");
-    assert_eq!(pin("IO1", "{\"milliamps\":12}").problem(422), "this pin takes no current");
+    assert_eq!(
+        pin("IO1", "{\"milliamps\":12}").problem(422),
+        "this pin takes no current; send a level or volts"
+    );
     pin("ANALOG", "{\"milliamps\":12,\"volts\":3}").problem(422);
     assert!(pin("ANALOG", "{}").problem(422).contains("{\"milliamps\":12}"));
 }

@@ -63,10 +63,10 @@ fn an_error_in_options_is_one_sentence() {
             "there is no port of md3 'rs422'; the nearest is 'rs485'",
         ),
         (vec!["run", "md3", "--listen", &linked], "something else than a link is there"),
-        (vec!["run", "md3", "--listen", "tcp:203.0.113.1:0"], "tcp:203.0.113.1:0 cannot be listened on"),
+        (vec!["run", "md3", "--listen", "tcp:203.0.113.1:0"], "cannot listen at tcp:203.0.113.1:0"),
         (vec!["run", "md3", "--control", "loopback"], "--control"),
         (vec!["run", "md3", "--seed", "abc"], "it takes a whole number from 0"),
-        (vec!["run", "md3", "--set", "MotionControl=1"], "of MotionControl only bit 5 can be preset"),
+        (vec!["run", "md3", "--set", "MotionControl=1"], "only bit 5 of MotionControl can be preset"),
         (vec!["run", "md3", "--listen", "pty:a", "--listen", "pty:a"], "pty:a is given twice"),
         (
             vec!["run", "md3", "--nv", &both, "--record", &both],
@@ -90,11 +90,11 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["run", "md3", "--set", "Speed"], "REG=VALUE"),
         (
             vec!["run", "mdrive", "--set", "V1=3"],
-            "V1 cannot be preset: it is there once a client or a program of the drive has declared it",
+            "V1 cannot be preset: it exists only after a client or a program of the drive has declared it",
         ),
         (
             vec!["run", "mdrive", "--set", "HM=1"],
-            "HM cannot be preset: other settings, or what the drive does now, do not allow it; preset before it what it needs",
+            "HM cannot be preset: other settings or the present state of the drive do not allow it; first preset the registers that it depends on",
         ),
         (vec!["run", "mdrive", "--set", "DN=a"], "DN takes 33 to 122, not 'a'"),
         (vec!["run", "md3", "--nv", "/"], "--nv: /: "),
@@ -535,7 +535,7 @@ fn a_link_of_another_process_is_kept() {
     let listen = format!("pty:{link}");
     let arguments = ["run", "md3", "--listen", &listen];
     std::os::unix::fs::symlink(scratch.file("elsewhere"), &link).unwrap();
-    assert!(refused(&arguments).contains("elsewhere is there, which is no pty"));
+    assert!(refused(&arguments).contains("elsewhere is there, which is not a pty; choose another name"));
     std::fs::remove_file(&link).unwrap();
 
     let md3 = Running::md3(&["--listen", &listen]);

@@ -44,7 +44,7 @@ impl Filter {
     }
 
     /// Removes the pending level that is due first, and returns its input; `None` if no level is due by `at`.
-    /// Of several levels due at once the order is A, B, index, or index first if `index_first` is true.
+    /// If several levels are due at once, the order is A, B, index, or index first if `index_first` is true.
     #[inline]
     pub(crate) fn take(&mut self, at: Instant, index_first: bool) -> Option<Channel> {
         let first = self.deadline();

@@ -181,8 +181,8 @@ pub(super) mod pin_function {
     pub(in super::super) const PINS_4_5_AT: u16 = 4;
 }
 
-/// Bits of [`Reg::IOPortData`] (7.9). Pins 2 to 5 have the same bits in the polarities of
-/// [`Reg::PinFunctionAndPolarity`].
+/// Bits of [`Reg::IOPortData`] (7.9). The polarities of pins 2 to 5 in [`Reg::PinFunctionAndPolarity`] are at
+/// the same bits.
 pub(super) mod io_port {
     pub(in super::super) const J3_8: u16 = 1 << 7;
     pub(in super::super) const J2_9: u16 = 1 << 6;

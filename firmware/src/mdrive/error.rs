@@ -36,7 +36,7 @@ pub(super) enum Error {
     /// A label cannot be set to a value.
     IsLabel = 32,
     IsInstruction = 33,
-    /// A line has only the name of a variable, which is no instruction.
+    /// A line has only the name of a variable, which is not an instruction.
     IsVariable = 34,
     NotPrintable = 35,
     /// Encoder lines (EL) and microsteps (MS) do not fit each other.

@@ -161,7 +161,7 @@ impl Drive {
         self.servo.set(at, servo_settings(&self.bank), out);
     }
 
-    /// Present value of a PID. Of a PID with more than four words only the first four.
+    /// Present value of a PID. A PID of more than four words gives the value of its first four words.
     pub(super) fn value(&self, at: Instant, pid: Pid) -> i64 {
         match pid {
             Pid::CTRL_STATUS => (self.alarms.status() & 0xFF).into(),

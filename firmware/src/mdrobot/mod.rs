@@ -71,20 +71,19 @@ const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
 
 /// The limits of the model, each with its reason.
 static NOT_MODELLED: [&str; 9] = [
-    "errors of the measured speed in the control loop: between two edges it uses the true position of the \
-     shaft",
+    "errors of the measured speed in the control loop: between two edges it uses the true position",
     "a supply that rises while the motor returns current, or drops under load: VOLT_IN is what the bench \
      sets; braking causes no OVER_VOLT and no regenerative over-temperature, only faults and a preset \
      VOLT_IN do",
     "VOLT_IN preset at run time, on a [[motor]]: that motor keeps its supply_v; the drive's own motor \
      follows",
-    "ripple of speed or current: the motor has no cogging, no commutation and no inductance",
+    "ripple of speed or current: the motor has no cogging, commutation or inductance",
     "OVER_TEMP by heat: the manual gives no limit, so only the fault causes it",
     "the restart of 2.5 s after a write of ENC_PPR on real controllers: the manual has none",
     "a second motor and CAN: an MD400 has neither; their PIDs get exception 02",
     "functions of later controllers, except the PIDs marked \"not in V1.1\": PIDs get 02, codes of COMMAND \
      do nothing",
-    "effect of a brake or clutch at CLUTCH: which one is there is not known",
+    "effect of a brake or clutch at CLUTCH: the manual does not say which",
 ];
 
 static MD400: Spec = Spec {

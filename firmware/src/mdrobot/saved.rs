@@ -47,7 +47,7 @@ impl Drive {
         memory::save_copy::<COPY>(Pid::ENTRIES, self.bank.words(), at, out);
     }
 
-    /// Restores the factory value of every saved PID. The id, the baud rate and the volume are no PIDs.
+    /// Restores the factory value of every saved PID. The id, the baud rate and the volume are not PIDs.
     pub(super) fn restore(&mut self) {
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             if entry.saved != 0 && entry.space == Space::Holding {

@@ -169,7 +169,8 @@ impl Plan {
             let up = Segment { ticks: end - stop, acceleration: up.get().cast_signed(), ..first };
             return Self::of(at, &[up, stop_ramp(stop)]);
         }
-        // The time is distance/(2·speed), plus what the ramps lose: (speed − start)²·(1/a + 1/b)/(2·speed).
+        // Duration of the move in ticks: distance/(2·speed), as if the whole move had this speed, plus the
+        // time that the ramps add: (speed − start)²·(1/a + 1/b)/(2·speed).
         let whole = divided(distance, twice_speed);
         let part = distance - whole * long(twice_speed);
         let lost = part * long(product) + change * change * long(sum);

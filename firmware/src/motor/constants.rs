@@ -185,8 +185,9 @@ impl Constants {
         (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
     }
 
-    /// The interval from `now` on with a constant acceleration. It lasts one step at most, except if the
-    /// terminals are dead, or open while the motor is not faster than its supply would turn it.
+    /// The interval from `now` on with a constant acceleration. It lasts one step at most. It may be longer
+    /// if the terminals are dead, or if they are open and the motor is not faster than its supply would turn
+    /// it.
     fn interval(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
         let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {

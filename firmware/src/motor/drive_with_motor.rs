@@ -88,7 +88,7 @@ impl Context for DriveOutputs<'_> {
     }
 }
 
-/// Receiver of the motor's outputs. They go to the drive. The Hall levels also go outside.
+/// Receiver of the motor's outputs. All of them go to the drive; the Hall levels also go to the drive's pins.
 struct MotorOutputs<'a> {
     wires: &'a mut Wires,
     halls: &'static [Pin],

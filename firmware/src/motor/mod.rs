@@ -228,7 +228,7 @@ impl Motor {
         self.interval.at(at).rotation()
     }
 
-    /// Changes the parameters. The count of the Hall sensors and the speed in turns stay the same.
+    /// Changes the parameters. The count of the Hall sensors and the speed of the shaft do not change.
     pub fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
         if parameters == self.parameters {
             return;

@@ -42,8 +42,8 @@ impl Adapter {
         version
     }
 
-    /// Writes a value that the register's row accepts, and applies it. The cases are in the order of the
-    /// list. Returns false if the drive refuses the write for another reason.
+    /// Writes a value that the register's row accepts, and applies it. Returns false if the drive refuses the
+    /// write for a reason that the row does not state. The registers are in the order of their addresses.
     pub(super) fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Context) -> bool {
         if reg == Reg::Command {
             return self.command(at, value, out);

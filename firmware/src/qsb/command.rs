@@ -3,7 +3,7 @@
 use drivetwin_protocol::text::TextLine;
 use heapless::Vec;
 
-/// The number of characters of a line that are stored. Longer lines are no commands.
+/// The number of characters of a line that are stored. A longer line is not a command.
 pub(super) const LINE_CHARACTERS: usize = 16;
 
 /// Letter of a command.
@@ -27,8 +27,8 @@ pub(super) struct Command {
 /// Parses a line.
 ///
 /// # Errors
-/// The line is no command. The error is the register to show in the response: as typed if it has two digits,
-/// else 0.
+/// The line is not a command. The error is the register to show in the response: as typed if it has two
+/// digits, else 0.
 pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     let (letter, register, data) = match &*line.text {
         [letter, high, low, data @ ..] => (*letter, number(&[*high, *low]), data),

@@ -76,8 +76,8 @@ impl Drive {
         settings(&self.bank, self.errors)
     }
 
-    /// Executes written coils and resets them to 0. Of several at once only the strongest has an effect (6.2)
-    /// (RS434-6).
+    /// Executes written coils and resets them to 0. If one write sets several of them, HARD_STOP has priority
+    /// over STOP, and STOP over START (6.2) (RS434-6).
     pub(super) fn apply_coils(&mut self, at: Instant, out: &mut dyn Context) {
         let mut take = |reg| {
             let set = self.bank.word(reg) != 0;

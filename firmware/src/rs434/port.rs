@@ -241,7 +241,7 @@ mod tests {
             let mut out = recorder();
             let mut port = powered(line, &mut out);
             let character = line.character();
-            // Characters that end before START are lost, and a message follows.
+            // Three characters that end before START, and are lost. Directly after them a message.
             let burst = [&[0x30, 0x31, 0x32][..], message].concat();
             let first = START - character * 3;
             for cut in 0..burst.len() {

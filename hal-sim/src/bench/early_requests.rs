@@ -17,13 +17,15 @@ use crate::record::requests::RequestStatistics;
 
 /// Requests that are too early.
 impl Bench {
-    /// Sets whether a Modbus line drops requests that are too early, as a drive does. By default it inserts
-    /// the missing silence. On a strict line, [`ask`](Self::ask) needs a pause of t3.5 before the next request.
+    /// Sets whether a Modbus line drops requests that are too early, as a real drive does. By default the
+    /// line inserts the missing silence. A request of [`ask`](Self::ask) is never too early, because each
+    /// call of `ask` has a client of its own.
     ///
     /// ```
-    /// use drivetwin_firmware::device::{Port, Span};
+    /// use drivetwin_firmware::device::Port;
     /// use drivetwin_firmware::md3::Md3;
     /// use drivetwin_protocol::modbus::rtu;
+    /// use drivetwin_protocol::time::Span as _;
     /// use drivetwin_sim::bench::{Bench, Setup};
     ///
     /// let mut bench = Bench::new();
@@ -32,12 +34,20 @@ impl Bench {
     /// let line = bench.bus(x, Port(0)).expect("the MD3 has a line");
     /// bench.set_strict(line, true);
     /// let request = rtu::write(1, 0x15, 9_000);
-    /// assert_eq!(bench.ask(x, &request), request[..]);
+    /// let client = bench.connect(line);
+    /// bench.send(client, &request);
+    /// bench.run_until_idle();
     /// // The second request follows the reply at once.
-    /// assert_eq!(bench.ask(x, &request), []);
+    /// bench.send(client, &request);
+    /// bench.run_until_idle();
+    /// let mut replies = Vec::new();
+    /// bench.receive(client, &mut replies);
+    /// assert_eq!((replies, bench.early_requests(line).count), (request.to_vec(), 1));
+    /// // The lost request takes 9.2 ms on the line, and the silence after it 4.0 ms.
+    /// bench.run_until(bench.now() + 14.millis());
+    /// bench.send(client, &request);
+    /// bench.run_until_idle();
     /// assert_eq!(bench.early_requests(line).count, 1);
-    /// bench.run_until(bench.now() + 5.millis());
-    /// assert_eq!(bench.ask(x, &request), request[..]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn set_strict(&mut self, bus: Bus, strict: bool) {

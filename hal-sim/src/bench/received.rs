@@ -15,8 +15,8 @@ use crate::record::journal::{Entry, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
-/// Copy of the latest messages that a drive has received, the oldest first. They are made words only when they
-/// are looked at.
+/// Copy of the latest messages that a drive has received, the oldest first. The texts of the messages are
+/// made only when a caller asks for the messages.
 ///
 /// ```
 /// use drivetwin_firmware::md3::Md3;
@@ -50,7 +50,7 @@ pub struct Received {
     lost: u64,
 }
 
-/// A message that a drive has received, with its outcome in words.
+/// A message that a drive has received, with its outcome as text.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct ReceivedMessage {
     /// Number on the bench, in the order in which the outcomes became known; the first is 1.
@@ -63,7 +63,7 @@ pub struct ReceivedMessage {
     pub bytes: Vec<u8>,
     /// Bytes of the answer, at most 1,024; empty if there was none.
     pub answer: Vec<u8>,
-    /// The message and its outcome in words.
+    /// The message and its outcome, as text and as fields.
     pub exchange: Exchange,
 }
 
@@ -74,7 +74,7 @@ impl std::fmt::Display for ReceivedMessage {
     }
 }
 
-/// Numbers of requests, whatever came of them.
+/// Numbers of requests, whatever their outcomes.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Counts {
     /// By Modbus function.
@@ -111,8 +111,8 @@ impl Received {
         self.entries.iter().map(|entry| words(self.spec, entry))
     }
 
-    /// Names of the registers that executed requests have written, in their order. A register that was written
-    /// several times is there several times.
+    /// Names of the registers that executed requests have written, in the order of the requests. A register
+    /// that was written several times appears several times.
     #[must_use]
     pub fn written(&self) -> Vec<String> {
         let done = self.messages().filter(|message| message.exchange.verdict == Verdict::Done);
@@ -189,7 +189,7 @@ impl Received {
     }
 }
 
-/// An entry in words.
+/// An entry as text and as fields.
 fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
     ReceivedMessage {
         number: entry.number,
@@ -237,7 +237,7 @@ impl News {
         self.entries.iter().map(|(receiver, ..)| *receiver)
     }
 
-    /// The messages in words, in the order in which their outcomes became known.
+    /// The messages with their texts, in the order in which their outcomes became known.
     pub fn messages(&self) -> impl Iterator<Item = (Receiver, ReceivedMessage)> + '_ {
         self.entries.iter().map(|(receiver, spec, entry)| (*receiver, words(spec, entry)))
     }
@@ -328,8 +328,9 @@ impl Bench {
         self.route_outputs();
     }
 
-    /// Enters messages on half-duplex lines that a drive did not execute: in the journal of the drive if they
-    /// are for it, otherwise in that of the line at the end of the turn, unless another drive takes them.
+    /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
+    /// it goes to the drive's journal. Otherwise it goes to the journal of the line at the end of the turn,
+    /// unless another drive takes it.
     pub(super) fn enter_unclaimed(&mut self, drive: u32, entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };

@@ -54,8 +54,8 @@ pub(super) struct Sensor {
 pub(super) enum SensorKind {
     /// An encoder with four counts per cycle.
     Encoder { counts: i64, wires: [Option<u32>; 3] },
-    /// A switch, closed at position index 0: from the angle `from` up to the angle `to`. A bound that is
-    /// `None` is not there.
+    /// A switch, closed at position index 0: from the angle `from` up to the angle `to`. `None` means that
+    /// there is no bound.
     Switch { from: Option<i64>, to: Option<i64>, wire: u32 },
 }
 

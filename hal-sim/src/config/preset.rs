@@ -84,8 +84,8 @@ impl Preset {
         self.half.is_some()
     }
 
-    /// Checks that a save stores all bits of the preset. Of some registers only some bits are saved; the
-    /// others would be lost before the drive has started.
+    /// Checks that a save stores all bits of the preset. Some registers save only some of their bits; the
+    /// other bits would be lost before the drive has started.
     ///
     /// # Errors
     /// One sentence that names the bits that can be preset.
@@ -99,7 +99,7 @@ impl Preset {
         let bits = (0..16).filter(|bit| row.saved >> bit & 1 == 1).map(|bit: u32| bit.to_string());
         let bits: Vec<String> = bits.collect();
         let bits = format!("bit{} {}", if bits.len() == 1 { "" } else { "s" }, bits.join(", "));
-        Err(format!("of {} only {bits} can be preset, so it cannot be {}", row.name, self.value))
+        Err(format!("only {bits} of {} can be preset; {} has other bits", row.name, self.value))
     }
 
     /// New value of a register whose present value is `old`.
@@ -263,14 +263,14 @@ pub fn refusal(spec: &Spec, row: usize, name: &str, refused: PresetError) -> Str
     let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
     let why = match refused {
         PresetError::NoSuchRegister if is_optional => {
-            "it is there once a client or a program of the drive has declared it"
+            "it exists only after a client or a program of the drive has declared it"
         }
         PresetError::NoSuchRegister => "the drive has no such register",
         PresetError::ReadOnly => "the drive sets it itself",
         PresetError::OutOfRange => "the drive does not take the value",
         PresetError::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
         PresetError::Busy => {
-            "other settings, or what the drive does now, do not allow it; preset before it what it needs"
+            "other settings or the present state of the drive do not allow it; first preset the registers that it depends on"
         }
     };
     format!("{name} cannot be preset: {why}")
@@ -400,7 +400,7 @@ mod tests {
         assert_eq!(check("Control", "0x20"), Ok(()));
         assert_eq!(
             check("Control", "1").unwrap_err(),
-            "of Control only bit 5 can be preset, so it cannot be 1"
+            "only bit 5 of Control can be preset; 1 has other bits"
         );
         assert_eq!(check("Speed", "-1"), Ok(()));
         assert_eq!(check("Mode", "3"), Ok(()), "it is set after every power-on");

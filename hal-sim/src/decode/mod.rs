@@ -1,7 +1,7 @@
 //! Decoder: messages and their outcomes in the words of the manual.
 //!
 //! Pure functions from bytes and a drive's [`Spec`] to text and fields. Everything that shows messages uses
-//! them: the log, the control API, captures. Bytes that are no message give a text, too.
+//! them: the log, the control API, captures. Bytes that are not a message give a text, too.
 
 mod modbus;
 mod text;
@@ -24,7 +24,7 @@ pub enum Verdict {
     Refused,
     /// The drive accepted the message, and it has no effect.
     WithoutEffect,
-    /// The message was for a drive that is not there.
+    /// The message was for an address that no drive of the line has.
     NotForIt,
     /// The message was corrupt.
     BadFrame,
@@ -80,7 +80,7 @@ pub struct Register {
     pub written: bool,
 }
 
-/// A request in words.
+/// A request as text and as fields.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Request {
     /// The request: `write Speed = 9000`.
@@ -93,7 +93,7 @@ pub struct Request {
     pub registers: Vec<Register>,
 }
 
-/// A message with its outcome in words.
+/// A message with its outcome, as text and as fields.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Exchange {
     /// The request. Its registers have the values of the answer if it reads.
@@ -154,7 +154,7 @@ impl Message<'_> {
         }
     }
 
-    /// The request in words.
+    /// The request as text and as fields.
     #[must_use]
     pub fn request(&self, spec: &Spec) -> Request {
         match self.framing {
@@ -198,7 +198,7 @@ fn bytes(bytes: &[u8]) -> String {
     }
 }
 
-/// An entry of a journal in words. `spec` describes the drive, or a drive of the line.
+/// An entry of a journal as text and as fields. `spec` describes the drive, or a drive of the line.
 #[must_use]
 pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     let framing = spec.ports.get(usize::from(entry.port.0)).map_or(Framing::Return, |port| port.framing);
@@ -206,7 +206,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     let mut request = if matches!(entry.outcome, Outcome::Dropped(why) if why != DropReason::Starting && why != DropReason::Address)
         && matches!(framing, Framing::Silence)
     {
-        // Words for a corrupt frame would be a guess.
+        // The text for a corrupt frame is its bytes; a description would be a guess.
         Request { text: bytes(entry.message()), ..Request::default() }
     } else {
         message.request(spec)
@@ -255,7 +255,7 @@ fn accepted(spec: &Spec, entry: &Entry) -> (Verdict, Option<String>) {
     (Verdict::Done, (!parts.is_empty()).then(|| parts.join("; ")))
 }
 
-/// Reason of a refusal in words, with its code.
+/// Reason of a refusal as text, with its code.
 fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> String {
     match message.framing {
         Framing::Silence | Framing::Mbap => {

@@ -179,7 +179,7 @@ fn value(spec: &Spec, part: &Part, data: &Data<'_>) -> Option<Value> {
     })
 }
 
-/// A request in words.
+/// A request as text and as fields.
 pub(super) fn request(spec: &Spec, pdu: &[u8]) -> Request {
     let function = pdu.first().copied();
     let Some(parsed) = pdu::Request::parse(pdu) else {

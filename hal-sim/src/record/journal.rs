@@ -119,7 +119,7 @@ impl Entry {
         codes.iter().map(|&code| Reason(code))
     }
 
-    /// Addresses of the drives of the line, if none has the address of the message.
+    /// Addresses of the drives of the line, if no drive has the address of the message; otherwise empty.
     #[must_use]
     pub fn addresses(&self) -> &[u8] {
         if self.outcome == Outcome::NoDrive { self.codes() } else { &[] }

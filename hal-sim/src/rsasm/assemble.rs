@@ -108,7 +108,7 @@ impl<'a> Names<'a> {
                 (_, Token::End) => return Ok(None),
                 (position, Token::Word(word)) => (position, word),
                 (position, _) => {
-                    return Err(position.error("here comes a command, a label or the name of a constant"));
+                    return Err(position.error("expected a command, a label or the name of a constant"));
                 }
             };
             if cursor.skips(':')? {
@@ -146,7 +146,7 @@ impl<'a> Names<'a> {
         }
         match self.0.insert(name, meaning) {
             None => Ok(()),
-            Some(_) => Err(position.error(format!("'{name}' has a meaning already"))),
+            Some(_) => Err(position.error(format!("'{name}' is already defined; choose another name"))),
         }
     }
 
@@ -159,7 +159,7 @@ impl<'a> Names<'a> {
                 Some(Meaning::Constant(value)) => *value,
                 Some(Meaning::Label(_)) => {
                     return Err(
-                        position.error(format!("'{name}' is a label; here comes a number or a constant"))
+                        position.error(format!("'{name}' is a label; expected a number or a constant"))
                     );
                 }
                 None => return Err(position.error(self.unknown("constant", name))),
@@ -201,7 +201,7 @@ fn within(position: Position, value: i64, takes: RangeInclusive<i64>) -> Result<
     if takes.contains(&value) {
         return Ok(value);
     }
-    Err(position.error(format!("here comes a number from {} to {}, not {value}", takes.start(), takes.end())))
+    Err(position.error(format!("expected a number from {} to {}, not {value}", takes.start(), takes.end())))
 }
 
 /// Reader of the operands of a command.
@@ -374,7 +374,7 @@ impl Reader<'_, '_> {
         if BYTES.contains(&lines) {
             return Ok(lines);
         }
-        Err(position.error(format!("the loop ends 0 to 255 lines behind its first one, not {lines}")))
+        Err(position.error(format!("the last line of a loop is 0 to 255 lines after its first, not {lines}")))
     }
 
     /// Reads a label if one comes next, and returns its line.
@@ -396,7 +396,7 @@ impl Reader<'_, '_> {
         self.cursor.comma()?;
         let (position, token) = self.cursor.next()?;
         let way = WAYS.iter().position(|way| token == Token::Word(way));
-        let way = way.ok_or_else(|| position.error("here comes left or right"))?;
+        let way = way.ok_or_else(|| position.error("expected left or right"))?;
         self.cursor.comma()?;
         Ok(if way == 1 { Instruction::TYPE_JMP } else { 0 })
     }

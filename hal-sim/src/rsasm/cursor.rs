@@ -59,7 +59,7 @@ impl<'a> Cursor<'a> {
                 })?)
             }
             Some(first) if is_of_a_word(first) => Token::Word(self.take(is_of_a_word)),
-            Some(other) => return Err(position.error(format!("{other:?} means nothing here"))),
+            Some(other) => return Err(position.error(format!("{other:?} is not allowed here"))),
         };
         Ok((position, token))
     }
@@ -96,7 +96,7 @@ impl<'a> Cursor<'a> {
         match self.next()? {
             (_, Token::End) => Ok(()),
             (position, _) => {
-                Err(position.error("nothing more belongs to this line; a comment begins with ;"))
+                Err(position.error("unexpected text after the command; a comment begins with ;"))
             }
         }
     }

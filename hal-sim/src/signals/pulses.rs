@@ -97,7 +97,7 @@ pub(crate) struct Shaper {
     direct: i32,
     /// Last rising edge of STEP.
     rose: Option<Instant>,
-    /// Earliest time of a step without a plan after the last change of DIR.
+    /// Time from which a step without a plan may follow the last change of DIR: `DIR_SETUP` after it.
     settled: Instant,
     /// Time of the last edge or change; no edge is earlier.
     since: Instant,

@@ -268,7 +268,7 @@ impl Slot {
     pub(crate) fn misses(&mut self, at: Instant, input: &InputRecord, fast: bool) -> Option<Entry> {
         let InputRecord::Bytes { port, bytes } = input else { return None };
         let framed = self.serial(*port)?.framed;
-        // Of a frame in single characters nothing is noted.
+        // A frame that arrives in single characters has no entry.
         if self.state.reception.overhears || (framed && bytes.len() < 2) {
             return None;
         }

@@ -237,8 +237,8 @@ impl Reception {
         }
     }
 
-    /// Characters for a drive that has no power or sends itself. Returns the entry when the message is
-    /// complete.
+    /// Notes that the drive does not receive the noted characters, because it has no power or is sending.
+    /// Returns the entry when the message is complete.
     pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
         self.begin(port, Outcome::Dropped(DropReason::Starting));
         let open = self.open.take()?;
@@ -277,7 +277,7 @@ impl Reception {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         let part = &mut port.part;
         let is_text = matches!(port.framing, Framing::Character | Framing::Return);
-        // A character with an error is a note of its own; a line that begins during the start is not over.
+        // The drive reports a character with an error, or a line during start-up, before the line has ended.
         let incomplete = is_text
             && matches!(outcome, Outcome::Dropped(DropReason::Starting | DropReason::RxError))
             && !matches!(part.bytes.last(), Some(b'\r' | b'\n'));
@@ -315,7 +315,8 @@ impl Reception {
     }
 }
 
-/// The last line of text, without line ends before it and what a control character has cancelled.
+/// The last line of text, without the line ends before it, and without text that a control character has
+/// cancelled.
 fn last_line(text: &[u8]) -> &[u8] {
     let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
     let end = text.iter().rposition(|byte| !is_end(byte)).map_or(0, |place| place + 1);

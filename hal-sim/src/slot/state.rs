@@ -355,8 +355,9 @@ impl SlotState {
         self.reception.note(note);
     }
 
-    /// Adds an entry to the journal. Of a half-duplex line the bench decides whose entry it is, unless the
-    /// drive executed or refused the message. The bench also counts the messages that come while a drive starts.
+    /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
+    /// entry, unless this drive executed or refused the message. The bench also counts the messages that come while a
+    /// drive starts.
     pub(crate) fn enter(&mut self, entry: Entry, outputs: &mut Outputs) {
         let serial = self.serial(entry.port).map(|serial| serial.framed);
         let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));

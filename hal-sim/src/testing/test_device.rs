@@ -11,7 +11,7 @@ use drivetwin_protocol::registers::Register;
 use crate::signals::pin_waveform::level_of;
 
 drivetwin_protocol::registers! {
-    /// Registers of the toy.
+    /// Registers of the test device.
     pub enum Reg: HighFirst {
         /// Sent in the answer to `r`; 7 is refused.
         Volume = rw(0, "1").range(0, 250),
@@ -65,8 +65,8 @@ pub const INTERVAL: Duration = Duration::millis(3);
 /// Time between the two stores of a save.
 pub const SAVE: Duration = Duration::millis(20);
 
-/// The toy: `r` sends a random letter and the volume, `s` starts or stops the stream, `w` saves, `1` and `0`
-/// set the output. A preset of the volume sets the output low.
+/// The test device, of the kind `toy`: `r` sends a random letter and the volume, `s` starts or stops the
+/// stream, `w` saves, `1` and `0` set the output. A preset of the volume sets the output low.
 #[derive(Debug, Default)]
 pub struct TestDevice {
     letter: u8,

@@ -216,7 +216,7 @@ pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Prob
     Ok(Json(api.call(move |event_loop| Bus::all(&event_loop.bench, &places)).await?))
 }
 
-/// Sets the faults of a line, from its next frame on. A fault that is not given is off.
+/// Sets the faults of a line, from its next frame on. A fault that the request does not name is off.
 #[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
 pub(super) async fn disturb(
     State(api): State<Api>,
@@ -267,7 +267,7 @@ pub(super) async fn advance(
     Body(advance): Body<Advance>,
 ) -> Result<Json<Time>, Problem> {
     if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
-        return Err(Problem::refused("seconds are 0 to 86400"));
+        return Err(Problem::refused("seconds takes 0 to 86400"));
     }
     // The span is not negative, and far below the maximum of a tick counter.
     let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
@@ -343,7 +343,7 @@ fn pin_stimulus(wanted: &PinLevel, pin: Option<&PinSpec>) -> Result<PinStimulus,
             Ok(PinStimulus::Millivolts((milliamps * f64::from(shunt_ohm)).round() as i32))
         }
         PinLevel { level: None, volts: None, milliamps: Some(_) } => {
-            Err(Problem::refused("this pin takes no current"))
+            Err(Problem::refused("this pin takes no current; send a level or volts"))
         }
         PinLevel { level: None, volts: None, milliamps: None } => Err(Problem::refused(format!(
             "the body has no level; it takes one of {}",

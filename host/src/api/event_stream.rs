@@ -52,11 +52,11 @@ pub(super) struct Happened {
     words: String,
 }
 
-/// The data of an event `received`: a message that a drive has received, with what came of it.
+/// The data of an event `received`: a message that a drive has received, with its outcome.
 #[derive(Serialize, ToSchema)]
 pub(super) struct ReceivedEvent {
-    /// Number of the message on the bench. A number that is left out is a message to another drive, or one that a slow
-    /// reader has missed.
+    /// Number of the message on the bench. A missing number belongs to a message to another drive, or to a
+    /// message that a slow reader has missed.
     number: u64,
     /// The drive; null for a message on a shared line that was for no drive or corrupt.
     drive: Option<String>,
@@ -243,7 +243,7 @@ impl Piece {
     }
 }
 
-/// Some received messages. They are made words on the thread of the API.
+/// Some received messages. The thread of the API makes their texts.
 struct Messages {
     news: News,
     /// For each message the name of its drive or line; `None` if it is not wanted.

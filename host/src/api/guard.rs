@@ -82,7 +82,7 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
         |origin: &str| origin.strip_prefix("http://").is_some_and(|of| of.eq_ignore_ascii_case(host));
     let site = headers.get("sec-fetch-site").map(|site| site.to_str().unwrap_or(""));
     if !origin.is_none_or(is_own) || !site.is_none_or(|site| matches!(site, "same-origin" | "none")) {
-        return Some("a page of another origin must not ask");
+        return Some("a web page of another origin may not use the API");
     }
     if (!request.method().is_safe() || has_body(headers)) && !is_json(headers) {
         return Some("the Content-Type of a request that changes something must be application/json");

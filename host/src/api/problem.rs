@@ -14,7 +14,7 @@ pub(super) struct Problem {
     /// Always `about:blank`: the status is the type of the problem.
     #[serde(rename = "type")]
     kind: &'static str,
-    /// The status in words.
+    /// The status as text.
     title: &'static str,
     /// The HTTP status.
     status: u16,
@@ -66,8 +66,10 @@ pub(super) async fn of_framework(response: Response) -> Response {
         return response;
     }
     let detail = match status {
-        StatusCode::NOT_FOUND => "there is nothing here; /openapi.json lists what there is",
-        StatusCode::METHOD_NOT_ALLOWED => "this is not done here; /openapi.json lists what is",
+        StatusCode::NOT_FOUND => "there is no such path; /openapi.json lists the calls",
+        StatusCode::METHOD_NOT_ALLOWED => {
+            "this path does not take this method; /openapi.json lists the calls"
+        }
         _ => "the request cannot be read",
     };
     let mut problem = Problem::new(status, detail).into_response();

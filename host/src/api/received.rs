@@ -33,7 +33,7 @@ pub(super) struct ReceivedParameters {
 #[derive(Serialize, ToSchema)]
 pub(super) struct Received {
     requests: Vec<ReceivedRequest>,
-    /// Number of earlier messages that are not kept: 10,000 of a drive and of a line are.
+    /// Number of earlier messages that are not kept. 10,000 messages of each drive and of each line are kept.
     lost: u64,
     counts: Counts,
     statistics: Statistics,
@@ -86,7 +86,7 @@ struct Counts {
     registers: BTreeMap<String, Accesses>,
 }
 
-/// Numbers of the requests that read and that write a register, whatever came of them.
+/// Numbers of the requests that read and that write a register, whatever their outcomes.
 #[derive(Serialize, ToSchema)]
 struct Accesses {
     read: u64,
@@ -111,12 +111,12 @@ pub(super) struct ReceivedRequest {
     /// The bytes of the answer; null if there was none.
     #[schema(example = "0106001500C899CE")]
     answer: Option<String>,
-    /// What came of it.
+    /// Outcome of the message.
     verdict: VerdictSchema,
     /// Reason of the verdict, or the limit of its effect; null if there is no more to say.
     #[schema(example = "0x000B Reserved is read only (02)")]
     reason: Option<String>,
-    /// What came of it in one clause.
+    /// The outcome in one clause.
     #[schema(example = "done")]
     outcome: String,
     /// Address of the request; null on a port for text.
@@ -213,7 +213,7 @@ impl From<bench::Counts> for Counts {
     }
 }
 
-/// The latest messages that a drive has received, with what came of them.
+/// The latest messages that a drive has received, with their outcomes.
 #[utoipa::path(get, path = "/api/drives/{name}/received",
     params(
         ("since" = Option<f64>, Query, description = "only messages that ended at this bench time or later, in seconds"),
@@ -233,7 +233,7 @@ pub(super) async fn received(
         return Err(Problem::refused("since is a bench time in seconds, 0 to 1000000000"));
     }
     let since = Instant::from_ticks((since * TICKS_PER_SECOND as f64).round() as u64);
-    // The bench only copies; the words are made on this thread.
+    // The bench only copies the messages; this thread makes their texts.
     let received = api.call(move |event_loop| {
         let drive = find_drive(event_loop, &name)?;
         let spec = event_loop.bench.spec(drive);

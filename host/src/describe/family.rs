@@ -99,8 +99,8 @@ impl Merged {
     fn differences(&self, kinds: usize) -> Vec<Vec<String>> {
         let mut told: Vec<&str> = Vec::new();
         let mut rows = Vec::new();
-        // What the emulation does not model is no property of the product, and the sentence is too long for a
-        // table.
+        // The limits of the emulation are left out: they are not properties of the product, and their
+        // sentences are too long for a table.
         let rows_that_count = self.rows.iter().filter(|_| self.title != NOT_MODELLED);
         for row in rows_that_count.filter(|row| row.kinds.len() < kinds) {
             let key = self.key(&row.cells);

@@ -276,7 +276,7 @@ impl Ports {
         self.expiring.first().map_or(Instant::NEVER, |&(at, _)| at)
     }
 
-    /// Returns whether standard input has ended and all requests are answered. Then the bench ends.
+    /// Returns true if standard input has ended and all its requests are answered; the bench then ends.
     pub(crate) fn are_over(&self) -> bool {
         self.stdio.is_some_and(|stdio| !self.endpoints.contains_key(&stdio))
     }

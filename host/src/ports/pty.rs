@@ -393,7 +393,7 @@ impl Endpoint for Pty {
         // As on a real port, output that is not read in time is lost.
         if self.unread.lose() {
             warn!(
-                "{} is left with more than {MOST_MIB} MiB unread; what follows is lost",
+                "{} has more than {MOST_MIB} MiB that no program has read; further output is lost",
                 self.path.display()
             );
         }

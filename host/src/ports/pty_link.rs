@@ -52,7 +52,7 @@ pub(crate) fn check_link(path: &Path) -> io::Result<()> {
                 Err(io::Error::new(io::ErrorKind::AlreadyExists, sentence))
             };
             if !target.starts_with(PTYS) {
-                return refused("which is no pty");
+                return refused("which is not a pty; choose another name");
             }
             // A pty that is younger than the link has reused the number of a closed pty.
             let made = |of: &std::fs::Metadata| (of.ctime(), of.ctime_nsec());

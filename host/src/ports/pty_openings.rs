@@ -129,7 +129,8 @@ mod tests {
     const WRITE: ReadFlags = ReadFlags::MODIFY;
     const CLOSE: ReadFlags = ReadFlags::CLOSE_WRITE;
 
-    /// Returns three values after `events`: a new program is there; it wrote; the one before it wrote.
+    /// Returns three flags after `events`: a new program has opened the pty; the new program has written; the
+    /// program before it had written.
     fn state_after(events: &[ReadFlags]) -> (bool, bool, bool) {
         let mut openers = Openers::default();
         openers.handle(&[OPEN]);

@@ -151,7 +151,7 @@ impl Endpoint for Serial {
                 return true;
             }
             ReadResult::Closed => {
-                warn!("serial:{} is gone; it is used again when it is back", self.path.display());
+                warn!("serial:{} is gone; it is opened again when it is back", self.path.display());
                 self.leave(bench);
             }
             ReadResult::Nothing => {}

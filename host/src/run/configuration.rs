@@ -53,7 +53,7 @@ impl Configuration {
         }
         let this = Self { options, layout, file };
         if this.options.what == STDIN && this.uses_stdio() {
-            return Err("stdio: and a bench file on standard input exclude each other".into());
+            return Err("standard input cannot be both the bench file and stdio:; name a file".into());
         }
         Ok(this)
     }

@@ -95,8 +95,8 @@ impl Prepared {
     pub fn open(self) -> Result<Running, String> {
         let Self { mut bench, drives, buses, time_mode, ports, control, allow_host, memories, files } = self;
         let (ports, addresses) = ports.open(&mut bench, &drives, &buses)?;
-        let (handle, inbox) =
-            event_loop::handle().map_err(|error| format!("the system gives no event descriptor: {error}"))?;
+        let (handle, inbox) = event_loop::handle()
+            .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
         let mut banner = Banner::new(&bench, &drives, addresses);
         if let Some(bound) = control {
             let api = bound.listen().and_then(|listener| {

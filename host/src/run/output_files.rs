@@ -1,4 +1,4 @@
-//! Output files that options name.
+//! Output files of the options `--record`, `--vcd` and `--pcap`.
 
 use std::path::Path;
 

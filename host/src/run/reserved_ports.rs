@@ -146,6 +146,6 @@ pub(super) fn reserve_tcp(what: &str, address: &str) -> Result<Bound, String> {
         io::ErrorKind::AddrInUse => {
             format!("{what}{address} is in use; use another port, or port 0 for any free one")
         }
-        _ => format!("{what}{address} cannot be listened on: {error}"),
+        _ => format!("cannot listen at {what}{address}: {error}"),
     })
 }

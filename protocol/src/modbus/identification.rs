@@ -211,7 +211,7 @@ mod tests {
                 assert_eq!(ask(&[43, 14, 1, 1], 1, objects), reply([43, 14, 1, 1, 0, 0, 2], &objects[1..]));
             }
         }
-        // An object that fits into no reply is truncated. Otherwise a client would ask for it forever.
+        // An object that is too long for any reply is truncated. Otherwise a client would ask for it forever.
         let objects: &[Object<'_>] = &[(0, &long), (1, b"a")];
         let cut: &[Object<'_>] = &[(0, &long[..244])];
         assert_eq!(ask(&[43, 14, 1, 0], 1, objects), reply([43, 14, 1, 1, 0xFF, 1, 1], cut));

@@ -33,8 +33,8 @@ pub enum DropReason {
     Crc,
     /// A silence of more than 1.5 characters inside the frame; in ASCII of more than a second.
     Gap,
-    /// The frame is longer than any frame may be, or has not the length that its function requires; in ASCII
-    /// also an odd number of digits.
+    /// The frame is longer than any frame may be, or does not have the length that its function requires; in
+    /// ASCII also an odd number of digits.
     Length,
     /// A character with an error; in ASCII also one that is not allowed in a message.
     RxError,

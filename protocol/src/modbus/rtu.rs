@@ -288,9 +288,12 @@ pub fn scan(burst: &[u8], expect: Expect) -> Scan {
 }
 
 /// Number of bytes of `burst` that go to the drives together after silence has ended the burst and [`scan`]
-/// has found no frame. This is the whole burst if its CRC matches. Otherwise the bytes up to the first
-/// matching CRC that is directly before another frame. Otherwise the longest known length of the function
-/// with a matching CRC. Otherwise the whole burst, as on a real serial line.
+/// has found no frame. It is the first of these lengths that exists:
+///
+/// - the whole burst, if its CRC matches;
+/// - the bytes up to the first matching CRC that is directly before another frame;
+/// - the longest known length of the function at which the CRC matches;
+/// - the whole burst, as on a real serial line.
 #[must_use]
 pub fn ended(burst: &[u8], expect: Expect) -> usize {
     let is_whole = |frame: &[u8]| frame.len() <= FRAME_BYTES && verify_crc(frame).is_some();

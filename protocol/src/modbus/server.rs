@@ -25,8 +25,8 @@ pub struct Rules {
     pub max_read: u16,
     /// The most words in one write.
     pub max_written: u16,
-    /// Number of bits that count as one word in these two limits. Usually 16, because 16 bits fill the room
-    /// of a word. A manual may specify another number.
+    /// Number of bits that count as one word in `max_read` and `max_written`. Usually 16, because 16 bits
+    /// have the size of a word. A manual may specify another number.
     pub bits_per_word: u16,
     /// True if a write may change only some of the words of a value.
     pub partial_writes: bool,
@@ -535,7 +535,8 @@ impl Iterator for Spans {
             return Some(Err(Exception::IllegalDataAddress));
         };
         let room = self.entries.list.get(row).map_or(1, |row| row.shape.words()).saturating_sub(first);
-        // In a map of objects the whole quantity is meant for this row. The caller checks if it is right.
+        // In a map of objects the whole quantity is meant for this row. The caller checks if the row has this
+        // number of words.
         let words = if self.entries.layout.objects { self.left } else { room.min(self.left) };
         let span = Span { row, first, words, offset: self.offset };
         self.offset += usize::from(words);

@@ -122,7 +122,7 @@ fn adu_length(front: &[u8]) -> Result<usize, Broken> {
 /// assert_eq!(splitter.next(&mut segment), Ok(Some(&request[..])));
 /// assert_eq!(splitter.next(&mut segment), Ok(None));
 ///
-/// // A protocol identifier other than 0 is no Modbus: close the connection.
+/// // A protocol identifier other than 0 is not Modbus: close the connection.
 /// let mut segment = &[0, 1, 0, 7, 0, 6][..];
 /// assert_eq!(splitter.next(&mut segment), Err(Broken::Protocol));
 /// ```

@@ -167,8 +167,8 @@ mod tests {
         let inner = [(0x200, Plain), (0x202, Return)];
         run(&mut counter, &[(0x10, Plain), (0x100, Plain), (0x102, Call), (0x300, Plain)]);
         run(&mut counter, &inner);
-        // Back in the function that `outer` has called; then a return whose condition skips it, and one that
-        // is executed.
+        // The function that `outer` has called returns. In `outer` the first return is skipped, because its
+        // condition is false; the second one is executed.
         run(
             &mut counter,
             &[(0x302, Return), (0x104, Return), (0x106, Plain), (0x108, Return), (0x12, Plain)],

@@ -154,12 +154,12 @@ impl Translated<'_> {
         if DOES_COPY.load(Ordering::Relaxed) {
             let mut code = [0; LONGEST];
             let to = code.as_mut_ptr().cast();
-            // SAFETY: the same, QEMU has this version of the function, and `code` has room for that many
-            // bytes.
+            // SAFETY: the block is valid, QEMU has this version of the function, and `code` has room for that
+            // many bytes.
             let copied = unsafe { since_3::qemu_plugin_insn_data(self.0, to, code.len()) };
             return Instruction::decode(self.address(), code.get(..copied.min(size)).unwrap_or_default());
         }
-        // SAFETY: the same, and QEMU has the old version of the function.
+        // SAFETY: the block is valid, and QEMU has the old version of the function.
         let code = unsafe { qemu_plugin_insn_data(self.0) };
         // SAFETY: QEMU keeps `size` bytes as long as the block exists.
         Instruction::decode(self.address(), unsafe { slice::from_raw_parts(code, size) })

@@ -165,7 +165,7 @@ pub(crate) fn is_identity(address: u16) -> bool {
     IDENTITY.contains(&address)
 }
 
-/// Rows that may be set past the bus, and their indices in the table: registers on the bus that do not make a
+/// Rows that may be preset, and their indices in the table: registers on the bus that do not make a
 /// drive unreachable.
 pub(crate) fn settable(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
     let on_bus = |row: &Row| !matches!(row.space, Space::Variable | Space::Setting);

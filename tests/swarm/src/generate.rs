@@ -227,7 +227,7 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     }
 }
 
-/// Sets a register past the bus. The drive may refuse the value.
+/// Presets a register, not through the bus. The drive may refuse the value.
 fn preset(name: Name, spec: &'static Spec, rng: &mut Rng) -> Option<Step> {
     let rows: Vec<usize> = dialect::settable(spec).map(|(place, _)| place).collect();
     let value = dialect::any_value(rng);

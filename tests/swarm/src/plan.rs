@@ -54,7 +54,7 @@ pub(crate) enum Step {
     /// Counts of an encoder: number, and rate per second.
     Turn(Name, Encoder, i32, u32),
     Cause(Name, Fault, bool),
-    /// Sets a register past the bus. The row is its index in the register table.
+    /// Presets a register, not through the bus. The row is the register's index in the register table.
     Preset(Name, usize, i64),
     Power(Name, PowerAction),
     /// A program opens the host's end of the drive's serial line (`true`), or closes it (`false`).

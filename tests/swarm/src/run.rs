@@ -19,7 +19,8 @@ use crate::plan::{NAMES, Name, Plan, Step, Who};
 pub(crate) enum Mode {
     /// Each wait runs in one piece. Clients read after each step.
     Whole,
-    /// Waits run in pieces of random lengths. After a piece, clients on serial lines read or do not.
+    /// Waits run in pieces of random lengths. After each piece, a random choice decides whether clients on
+    /// serial lines read.
     Pieces,
     /// Waits run in short pieces. After each, clients on serial lines read, as real programs do. The trace is
     /// a ring buffer.

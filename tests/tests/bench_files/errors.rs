@@ -77,8 +77,8 @@ fn drives() {
             ("name = 'x'\nkind = 'md4'", "line 3, column 8: there is no kind 'md4'; the nearest is 'md3'"),
             (
                 "name = 'x.1'\nkind = 'md3'",
-                "line 2, column 8: 'x.1' is no name; a name is one word of letters, digits, - and _, with no digit \
-                 first and other than 'end'",
+                "line 2, column 8: 'x.1' is no name; a name is one word of letters, digits, - and _, \
+                 does not begin with a digit and is not 'end'",
             ),
             ("name = 3", "line 2, column 8: name takes a string, not 3"),
             (
@@ -107,7 +107,7 @@ fn drives() {
             ("set = { SpeedHigh = 65536 }", "line 4, column 21: SpeedHigh takes 0 to 65535, not 65536"),
             (
                 "set = { MotionControl = 1 }",
-                "line 4, column 25: of MotionControl only bit 5 can be preset, so it cannot be 1",
+                "line 4, column 25: only bit 5 of MotionControl can be preset; 1 has other bits",
             ),
             (
                 "set = { DeviceAddress = 2 }\naddress = 1",
@@ -122,7 +122,7 @@ fn drives() {
             ("listen = [3]", "line 4, column 11: listen takes a list of strings, and 3 is not one"),
             (
                 "listen = ['udp:1']",
-                "line 4, column 11: 'udp:1' cannot be listened on: it takes pty:, pty:LINK, tcp:HOST:PORT, \
+                "line 4, column 11: cannot listen at 'udp:1': it takes pty:, pty:LINK, tcp:HOST:PORT, \
                  serial:DEVICE or stdio:",
             ),
             (
@@ -137,7 +137,7 @@ fn drives() {
             ("listen = ['stdio:', 'stdio:']", "line 4, column 21: stdio: is given twice"),
             (
                 "nv = 'x.nv'\n[[drive]]\nname = 'y'\nkind = 'md3'\nnv = './x.nv'",
-                "line 8, column 6: another drive keeps its memory in ./x.nv",
+                "line 8, column 6: ./x.nv is already the memory of another drive; use another file",
             ),
         ],
     );
@@ -164,7 +164,7 @@ fn buses() {
         &[
             ("[[bus]]\nname = 'b'", "line 2, column 1: [[bus]] needs 'drives'"),
             ("[[bus]]\nname = 'x'\ndrives = ['x']", "line 3, column 8: there is a drive 'x' already"),
-            ("[[bus]]\nname = 'b'\ndrives = []", "line 4, column 10: a bus needs a drive"),
+            ("[[bus]]\nname = 'b'\ndrives = []", "line 4, column 10: list at least one drive of the bus"),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x', 'z']",
                 "line 4, column 16: there is no drive 'z'; the nearest is 'x'",
@@ -192,7 +192,7 @@ fn buses() {
             ),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['rs485=pty:']",
-                "line 5, column 11: a bus is one line; leave out 'rs485='",
+                "line 5, column 11: a bus has no ports; leave out 'rs485='",
             ),
             (
                 "[[bus]]\nname = 'b'\ndrives = ['x']\nlisten = ['pty:a']\n\
@@ -205,7 +205,7 @@ fn buses() {
         "[[drive]]\nname = 'x'\nkind = 'md3'\nlisten = ['pty:']\n",
         &[(
             "[[bus]]\nname = 'b'\ndrives = ['x']",
-            "line 7, column 11: rs485 of x is on a bus, so its listen goes to the bus 'b'",
+            "line 7, column 11: rs485 of x is on a bus, so its listen is in the [[bus]] 'b'",
         )],
     );
 }
@@ -227,15 +227,15 @@ fn motors() {
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'x'\nsupply_v = 24\nsteps_per_rev = 200",
-                "line 6, column 1: steps_per_rev is of a stepper motor; supply_v is of a brush motor",
+                "line 6, column 1: steps_per_rev is a key of a stepper motor; supply_v is a key of a brush motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'x'\nhall_pulses = 4",
-                "line 5, column 1: hall_pulses is of a motor with Hall sensors; md3 has no pins for them",
+                "line 5, column 1: hall_pulses is a key of a motor with Hall sensors; md3 has no pins for them",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'x'\npoles = 4",
-                "line 5, column 1: poles is of a brushless motor; md3 turns a stepper or a brush motor",
+                "line 5, column 1: poles is a key of a brushless motor; md3 turns a stepper or a brush motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'x'\nsteps_per_rev = 3",
@@ -257,7 +257,7 @@ fn motors() {
     );
     // Bit 13 selects the motor mode (MD3 User Guide, 7.2).
     let dc = "drive = [{name = 'x', kind = 'md3', set = {MotorCurrentAndMicrostepping = 0x250a}}]\n";
-    let says = "line 5, column 1: rated_ma is of a stepper motor; MotorCurrentAndMicrostepping of 'x' selects a brush motor";
+    let says = "line 5, column 1: rated_ma is a key of a stepper motor; MotorCurrentAndMicrostepping of 'x' selects a brush motor";
     check(dc, &[("[[motor]]\nname = 'm'\ndrive = 'x'\nrated_ma = 1000", says)]);
     let encoder = "drive = [{name = 'e', kind = 'qsb-d'}]\n";
     check(encoder, &[("[[motor]]\nname = 'm'\ndrive = 'e'", "line 4, column 9: qsb-d turns no motor")]);
@@ -270,7 +270,7 @@ fn brush_motors() {
         &[
             (
                 "[[motor]]\nname = 'm'\ndrive = 'r'\nno_load_rpm = 3000\nsteps_per_rev = 200",
-                "line 6, column 1: steps_per_rev is of a stepper motor; rs434544 turns a brush motor",
+                "line 6, column 1: steps_per_rev is a key of a stepper motor; rs434544 turns a brush motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'r'\nsupply_v = 0",
@@ -278,7 +278,7 @@ fn brush_motors() {
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'r'\npoles = 4",
-                "line 5, column 1: poles is of a brushless motor; rs434544 turns a brush motor",
+                "line 5, column 1: poles is a key of a brushless motor; rs434544 turns a brush motor",
             ),
         ],
     );
@@ -291,11 +291,11 @@ fn brushless_motors() {
         &[
             (
                 "[[motor]]\nname = 'm'\ndrive = 'd'\nhall_pulses = 2",
-                "line 5, column 1: hall_pulses is of a brush motor; mdrobot turns a brushless motor",
+                "line 5, column 1: hall_pulses is a key of a brush motor; mdrobot turns a brushless motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'd'\nsupply_v = 24\nrated_ma = 1",
-                "line 6, column 1: rated_ma is of a stepper motor; mdrobot turns a brushless motor",
+                "line 6, column 1: rated_ma is a key of a stepper motor; mdrobot turns a brushless motor",
             ),
             (
                 "[[motor]]\nname = 'm'\ndrive = 'd'\npoles = 7",

@@ -433,7 +433,7 @@ fn wires_and_faults_are_there_from_the_beginning() {
     assert_eq!(bench.motion(z, Axis(0)).position, 0);
 }
 
-/// A level at power-on is no edge. An MD3 with factory settings steps when J2.4 falls (7.8), but not because
+/// A level at power-on is not an edge. An MD3 with factory settings steps when J2.4 falls (7.8), not because
 /// of a switch that is closed from the beginning, or an output that is low.
 #[test]
 fn a_contact_that_is_closed_at_power_on_is_no_edge() {

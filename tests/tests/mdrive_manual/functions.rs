@@ -68,8 +68,8 @@ fn a_coil_is_ff00_or_0000() {
     rig.assert_no_error();
 }
 
-/// A write to a point that is no output gives error 9 (MC 9.1). The exception is 04, because the drive's
-/// state is at fault, not the value.
+/// A write to a point that is not an output gives error 9 (MC 9.1). The exception is 04, because the state of
+/// the drive is wrong, not the value.
 #[test]
 fn what_is_no_general_output_is_not_written() {
     let mut rig = Rig::plus();

@@ -52,7 +52,7 @@ fn regular_identification_is_seven_objects() {
             let (six, version) = objects.pop().expect("seven objects");
             assert_eq!(objects, (0..).zip(expected.iter().cloned()).collect::<Vec<_>>());
             assert_eq!(six, 6);
-            // On a Hybrid PR VR prints a second value, the version of the hardware (MC 5-80).
+            // On a Hybrid, `PR VR` prints a second value: the version of the hardware (MC 5-80).
             let printed = rig.show("VR");
             let digits = printed.split([' ', ',']).next().expect("a version");
             let name = if kind == Kind::Hybrid { "ASI" } else { "MDI" };

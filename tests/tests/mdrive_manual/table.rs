@@ -149,7 +149,7 @@ pub(crate) static TABLE: &[Row] = &[
     // The upper limit holds with HT 500.
     row("MT", 0x0049, 2, Range(0, 65_000), 0, Kept),
     row("MV", 0x004A, 1, BIT, 0, ReadOnly),
-    // These points are no outputs until S1 to S4 configure them.
+    // These points are not outputs until S1 to S4 configure them.
     row("O1", 0x004B, 1, BIT, 0, Command).unknown(),
     row("O2", 0x004C, 1, BIT, 0, Command).unknown(),
     row("O3", 0x004D, 1, BIT, 0, Command).unknown(),

@@ -213,7 +213,7 @@ fn page_8_poles() {
     }
 }
 
-/// HALL_TYPE does not change the motor. It is what the drive assumes of it, from the next power-on
+/// HALL_TYPE does not change the motor, but what the drive assumes of the motor, from the next power-on
 /// (MDROBOT-27).
 #[test]
 fn page_8_a_wrong_hall_type() {

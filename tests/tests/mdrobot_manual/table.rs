@@ -71,7 +71,7 @@ pub(crate) static TABLE: &[Row] = &[
     w(3, "DEFAULT_SET", WORD),
     w(5, "TQ_OFF", WORD),
     w(6, "BRAKE", WORD),
-    // "DL = Command": a value above a byte is no command (MDROBOT-10).
+    // "DL = Command": a value that exceeds a byte is not a command (MDROBOT-10).
     w(10, "COMMAND", BYTE),
     w(12, "ALARM_RESET", WORD),
     w(13, "POSI_RESET", WORD),

@@ -17,7 +17,7 @@ pub(crate) const MS: Nanos = 1_000_000;
 /// A microsecond.
 pub(crate) const US: Nanos = 1_000;
 
-/// The jumper that is low at the start if there shall be no start-up delay
+/// The jumper that is low at the start to skip the start-up delay
 /// (firmware/boards/rp2040/README.md).
 const FAST: u8 = 22;
 

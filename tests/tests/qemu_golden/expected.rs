@@ -150,7 +150,7 @@ impl Expected {
         instants.any(|at| self.level(pin, *at) == high)
     }
 
-    /// Number of steps from the beginning to `at`. Each plan counts until the next one.
+    /// Number of steps from the beginning to `at`. Each plan is in effect until the next one.
     pub(crate) fn steps(&self, at: Instant) -> i32 {
         let ends = self.motion.iter().skip(1).map(|(next, _)| *next).chain([Instant::NEVER]);
         let parts = self.motion.iter().zip(ends).take_while(|((from, _), _)| *from <= at);
@@ -228,7 +228,7 @@ impl Expected {
     }
 }
 
-/// Each step up to `end`, with true if it is forward. Each plan counts until the next one.
+/// Each step up to `end`, with true if it is forward. Each plan is in effect until the next one.
 fn steps(motion: &[(Instant, Done)], end: Instant) -> Vec<(Instant, bool)> {
     let ends = motion.iter().skip(1).map(|(next, _)| *next).chain([end]);
     let mut steps = Vec::new();

@@ -328,7 +328,7 @@ impl Replay {
 
     /// Counts the pulses since `from`, and compares their directions and the position.
     fn count(&mut self, from: Instant) {
-        // A pin that is driven or released also shows changes that are no steps.
+        // When a pin is driven or released, it also shows changes that are not steps.
         let given = |pin| self.expected.is_given(pin, earlier(from, PLANNING), self.now);
         let is_given = self.expected.shared_step().is_some_and(given);
         for (output, high) in self.machine.changes() {

@@ -105,8 +105,8 @@ fn a_rate_that_does_not_exist() {
     }
 }
 
-/// The drive cannot read characters at another rate. It answers `x` to the line that contains them, once it
-/// can read the line's end.
+/// The drive cannot read characters at another rate. When it has read the end of a line that contains such
+/// characters, it answers `x`.
 #[test]
 fn characters_at_another_rate() {
     let mut rig = Rig::ready_on("qsb-d", LineMode::Timed);

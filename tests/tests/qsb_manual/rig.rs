@@ -98,7 +98,7 @@ impl Rig {
         self.at(TICK * next + Duration::from_ticks(part));
     }
 
-    /// Presets a register past the bus.
+    /// Presets a register, not through the bus.
     pub(crate) fn poke(&mut self, name: &str, value: i64) {
         let named = self.bench.spec(self.seat).find(name).expect("a register of the variant");
         self.bench.poke(self.seat, named.row, value).expect("a value that it takes");

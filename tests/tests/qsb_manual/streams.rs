@@ -414,8 +414,8 @@ fn a_line_slower_than_the_stream() {
     }
 }
 
-/// On such a line a reply replaces one record, because it is as long. It follows the record that is being
-/// sent.
+/// On a line that is slower than the stream, a reply replaces one record, because both have the same length.
+/// The reply follows the record that is being sent.
 #[test]
 fn a_reply_on_a_line_slower_than_the_stream() {
     let mut rig = Rig::ready_on("qsb-s", LineMode::Timed);

@@ -153,8 +153,8 @@ pub fn is_awake<B: Board>() -> bool {
     !B::is_quiet() || B::Uart::bus().has_room()
 }
 
-/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt; it must set one for the instant
-/// it is given, so that it returns at the latest when that instant has passed.
+/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt. It must schedule an interrupt for
+/// its argument, so that it returns when that instant has passed, or earlier.
 #[inline]
 pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
     /// Longest sleep without feeding the watchdog.

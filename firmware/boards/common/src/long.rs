@@ -1,4 +1,5 @@
-//! Buffer for answers that are too long for the buffer of a connection: pieces that all connections share.
+//! Buffer for answers that are too long for the buffer of their connection. The buffer consists of pieces,
+//! which all connections share.
 
 use heapless::Vec;
 
@@ -75,8 +76,8 @@ impl<'a> Long<'a> {
         true
     }
 
-    /// Passes waiting bytes to `send`, which returns how many it took, until it takes fewer than it was
-    /// given. Returns whether it took any.
+    /// Passes waiting bytes to `send`, which returns the number of bytes that it took. Ends when `send` takes
+    /// fewer bytes than it was given. Returns true if `send` took any.
     pub(crate) fn leave(&mut self, chain: &mut Chain, mut send: impl FnMut(&[u8]) -> usize) -> bool {
         let mut went = false;
         while let Some([first, last]) = chain.ends

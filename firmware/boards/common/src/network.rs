@@ -14,7 +14,8 @@ use crate::long::{Chain, Long};
 pub use crate::long::{PIECES, Piece};
 
 /// Number of bytes of the longest frame, without its check sequence. It contains the longest packet that
-/// every host must accept (RFC 791). A host that respects the board's packet size sends no longer ones.
+/// every host must accept (RFC 791). A host that respects the board's packet size sends no packet that is
+/// longer.
 pub const FRAME_BYTES: usize = 14 + 576;
 
 /// Number of connections that each port accepts. A further one is refused.

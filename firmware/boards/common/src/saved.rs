@@ -43,7 +43,7 @@ struct Items<F: NorFlash, const SECTORS: usize> {
 }
 
 impl<F: NorFlash + Copy, const SECTORS: usize> Items<F, SECTORS> {
-    /// Items of the kind `kind`, in the part `place` of the flash.
+    /// Items of the kind of drive with the name `kind`, in the part `place` of the flash.
     fn of(kind: &str, flash: F, place: Range<u32>) -> Self {
         let mut key = [0; _];
         for (place, letter) in key.iter_mut().take(size_of::<Key>() - 1).zip(kind.bytes()) {

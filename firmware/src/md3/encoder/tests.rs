@@ -334,7 +334,7 @@ fn a_new_configuration_shows_with_the_next_edge() {
     shaft.edge(Index, true);
     shaft.encoder.configure(tick(shaft.now), X4_INDEX | ENABLE_INDEX | 1 << 4, 5, true);
     assert_eq!(shaft.counts(), (1, 0));
-    // The next edge leaves the new gated state, the one after it enters it again.
+    // The next edge leaves the new gated state, and the edge after that enters this state again.
     shaft.turn(1);
     assert_eq!(shaft.counts(), (2, 0));
     shaft.turn(-1);

@@ -189,7 +189,7 @@ impl Point {
         self.debounced.due.min(self.settles)
     }
 
-    /// Stores a set-up. Returns true if it differs from the one before. Then [`Self::start`] must follow.
+    /// Stores a set-up. Returns true if the set-up has changed; then the caller must call [`Self::start`].
     pub(super) fn set_up(&mut self, set_up: SetUp) -> bool {
         let is_new = set_up != self.set_up;
         // A general purpose output that stays one keeps its state.

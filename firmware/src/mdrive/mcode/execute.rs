@@ -145,7 +145,7 @@ impl Drive {
     /// Computes an expression in 32 bits that wrap, and drops the fraction of the result.
     ///
     /// # Errors
-    /// 21 for a division by 0, 30 for a name that is no variable.
+    /// 21 for a division by 0, 30 for a name that is not a variable.
     pub(super) fn evaluate(&mut self, at: Instant, expression: &Expression<'_>) -> Result<i32, Error> {
         let ratio = expression.is_ratio();
         let value = self.compute(at, expression, ratio)?;
@@ -223,7 +223,7 @@ impl Drive {
     /// Checks that IV may wait for a variable.
     ///
     /// # Errors
-    /// 25 for a read-only variable, 30 for a name that is no variable.
+    /// 25 for a read-only variable, 30 for a name that is not a variable.
     fn judge_input(&mut self, variable: Operand) -> Result<(), Error> {
         match variable {
             Operand::Variable(reg) if !entry(reg).access.writes() => Err(Error::ReadOnly),
@@ -250,13 +250,13 @@ impl Drive {
         }
     }
 
-    /// Error 40 unless a program runs and is not paused (PS).
+    /// Returns error 40 unless a program runs and is not paused (PS).
     fn needs_running(&self) -> Result<(), Error> {
         self.needs_no_pause()?;
         if self.mcode.vm.is_running() { Ok(()) } else { Err(Error::NotRunning) }
     }
 
-    /// Error 40 while the program is paused (PS).
+    /// Returns error 40 while the program is paused (PS).
     fn needs_no_pause(&self) -> Result<(), Error> {
         if self.mcode.vm.is_paused() { Err(Error::NotRunning) } else { Ok(()) }
     }
@@ -301,7 +301,7 @@ impl Operator {
     }
 }
 
-/// Error 46 unless the line belongs to the program. A typed line has no position in the program.
+/// Returns error 46 unless the line belongs to the program. A typed line has no position in the program.
 fn needs_line(program: bool) -> Result<(), Error> {
     if program { Ok(()) } else { Err(Error::NotInProgramMode) }
 }

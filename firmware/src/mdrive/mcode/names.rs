@@ -15,7 +15,7 @@ pub(in crate::mdrive) enum Meaning {
     Label(u16),
     /// VA outside of a program: a variable that S saves.
     Global(i32),
-    /// VA within a program: a variable that exists until the next start (MDRIVE-16).
+    /// VA within a program: a variable that exists until a program is started again (MDRIVE-16).
     Local(i32),
 }
 

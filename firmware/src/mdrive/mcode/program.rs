@@ -43,7 +43,7 @@ const MOVING: u8 = VOID - 1;
 const HEAD: usize = 3;
 /// Bytes of a line in addition to its characters.
 const FRAME: usize = HEAD + 2;
-/// Position of an address without a line.
+/// Value in the list of positions for an address without a line.
 const NOWHERE: u16 = u16::MAX;
 
 /// A line in the log.
@@ -297,7 +297,7 @@ impl Drive {
     /// Address of a place in the program.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 for an address that no line can have.
+    /// 30 for a name that is not a label, 42 for an address that no line can have.
     pub(in crate::mdrive) fn address(&self, place: Place) -> Result<u16, Error> {
         match place {
             Place::Address(address) => u16::try_from(address)

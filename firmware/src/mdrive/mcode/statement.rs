@@ -116,7 +116,7 @@ impl List {
         }
     }
 
-    /// Index of the value that is a trip's subroutine, from 0.
+    /// Index of the value that names the subroutine of a trip, from 0; `None` if no value does.
     pub(in crate::mdrive) fn label(self) -> Option<usize> {
         match self {
             Self::Trip(trip) => Trip::SUBROUTINE.checked_sub(trip.parameters().start),

@@ -13,8 +13,9 @@ const ROUNDING: u32 = 1;
 const CHECK_PERIOD: Duration = Duration::millis(1);
 
 impl Motion {
-    /// Turns the shaft by a number of steps at a percentage of its current. A motion command ends this.
-    /// Replaces a running circuit-driven motion. Ignored unless the axis is at rest or circuit-driven.
+    /// Turns the shaft by a number of steps at a percentage of its current. The axis must be at rest or
+    /// circuit-driven; otherwise nothing happens. This motion replaces a running circuit-driven motion, and a
+    /// motion command ends it.
     pub(in crate::mdrive) fn circuit_turn(
         &mut self,
         at: Instant,

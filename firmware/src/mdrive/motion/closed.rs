@@ -211,8 +211,8 @@ impl Motion {
         self.closed.encoder_target = self.settings.closed.then(|| self.encoder.count(at, &self.motor));
     }
 
-    /// PM: brings a shaft at rest back that was forced out of DB. If the distance is a stall, SM must be 1
-    /// (MC 5-56). While the bridge is off nothing happens.
+    /// PM: brings back a shaft that is at rest and was forced out of the range DB. If the distance counts as
+    /// a stall, SM must be 1 (MC 5-56). While the bridge is off nothing happens.
     pub(super) fn maintain(&mut self, at: Instant, out: &mut dyn Context) {
         let (Activity::Rest, true, Some(encoder_target)) =
             (self.activity, self.maintains(), self.closed.encoder_target)

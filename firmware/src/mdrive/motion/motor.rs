@@ -157,7 +157,7 @@ impl Motor {
         self.shaft.resynchronise(at);
     }
 
-    /// Sets the number of steps that make a full step, from `at` on.
+    /// Sets the number of microsteps in a full step, from `at` on.
     pub(super) fn set_microsteps(&mut self, at: Instant, microsteps: u16) {
         self.shaft.set_microsteps(at, microsteps);
     }

@@ -61,7 +61,7 @@ fn outputs_as_bits() {
 fn some_outputs() {
     let mut dut = Dut::plus();
     dut.set(Reg::S3, 16 << 32);
-    // A point that is no output refuses 1 and ignores 0.
+    // A point that is not an output refuses 1 and ignores 0.
     dut.refused(&[16, 0, 0x55, 0, 1, 2, 0, 0b0110], 4, 9);
     assert_eq!(dut.read(0x4D, 1), 0);
     dut.write(0x55, 1, 0b0100);

@@ -28,7 +28,8 @@ impl Servo {
         let sign = left.to_bits().signum();
         let brakes =
             motor.max_deceleration(self.settings.limit_ma, FULL_DUTY, sign) / BRAKE_DIVISOR * TICKS_PER_S;
-        // v² = 2·a·(s − v·t), where 60 rpm are one turn per second.
+        // The braking speed v stops the shaft within the distance s with the deceleration a, after the lag t:
+        // v² = 2·a·(s − v·t). Speeds are in rpm: 60 rpm are one turn per second.
         let brakes = self.hall_edges.of_sensor(brakes, turn).max(I40F24::ONE).to_num::<i64>();
         let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
         let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
@@ -70,7 +71,7 @@ impl Servo {
         self.target
     }
 
-    /// Position error in counts; `None` if the order is no position.
+    /// Position error in counts; `None` if the order is not a position.
     pub(in crate::mdrobot) fn error(&self) -> Option<i64> {
         matches!(self.order, Order::Position { .. }).then(|| self.distance())
     }

@@ -259,9 +259,9 @@ fn it_falls_in_whole_periods_from_where_it_should_be() {
     let rates = Limits::even(U24F8::from_num(15_000), 8_000);
     let end = Plan::profile(Instant::ZERO, 0, 30_000, rates).end();
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 30_000, rates));
-    // The shaft stalls after 8,626.957 steps (as above). It rests until the field has slowed down to a speed
-    // v to which 200,000·(1 − v/16,000) − 50,000 µN·m accelerate 10⁻⁴ kg·m² within two full steps: 3,023.7
-    // steps/s, 378 ms before the end.
+    // The shaft stalls after 8,626.957 steps (as above), and rests while the field slows down. At the speed v
+    // the torque is 200,000·(1 − v/16,000) − 50,000 µN·m. The shaft falls into step when this torque
+    // accelerates 10⁻⁴ kg·m² to v within two full steps: at 3,023.7 steps/s, 378 ms before the end.
     let falls_in = Instant::from_ticks(end.ticks() - 378 * 16_000);
     let stands = turns(&mut motor, Instant::from_ticks(falls_in.ticks() - 2 * 16_000)) * 1_600.0;
     assert!((stands - 8_626.957).abs() < 0.002, "{stands}");

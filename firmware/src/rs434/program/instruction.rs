@@ -100,7 +100,7 @@ pub enum Operation {
     Not,
 }
 
-/// Fields that a command uses. Of two operands the first one is S1 and D, the second one is S2.
+/// Fields that a command uses. If there are two operands, the first one is S1 and D, the second one is S2.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum OperandForm {
     /// No field.

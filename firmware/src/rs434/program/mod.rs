@@ -90,8 +90,8 @@ impl Program {
         }
     }
 
-    /// Resets registers, stacks and the buffer at power-on. Returns true if the flash holds a program; the
-    /// one of a new drive ends at once. If it returns false, the caller sets ERROR bit 7.
+    /// Resets registers, stacks and the buffer at power-on. Returns true if the flash holds a program (the
+    /// program of a new drive ends at once). If the result is false, the caller sets ERROR bit 7.
     pub(super) fn power_on(&mut self, out: &dyn Context) -> bool {
         // `new` is not used here, because its copy of the buffer would need a board's stack.
         self.vm = Vm::new();

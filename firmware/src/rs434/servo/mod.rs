@@ -74,8 +74,8 @@ struct Goal {
 }
 
 impl Goal {
-    /// Counts left at `count`. 0 beyond the target, where the motor may be because of the compensation or
-    /// because it cannot brake enough.
+    /// Remaining counts at `count`; 0 beyond the target. The motor passes the target because of the
+    /// compensation, or if it cannot brake enough.
     fn left(self, count: i64) -> i32 {
         let left = self.count - count;
         if left.signum() == self.sign { left.clamp(i32::MIN.into(), i32::MAX.into()) as i32 } else { 0 }

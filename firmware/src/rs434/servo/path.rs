@@ -57,9 +57,9 @@ impl Limits {
         (if back { -most } else { most }, Self { down: self.down * DECEL_MARGIN, ..self })
     }
 
-    /// Returns true if the motion would overshoot: at `speed` the `distance` is shorter than DEC, and a
-    /// current that can reduce the speed by `max_deceleration` per tick, need to stop. A motion in the other
-    /// direction reverses first.
+    /// Returns true if the motion would overshoot, that is, if `distance` is too short to stop from `speed`.
+    /// The motion decelerates by DEC, but by at most `max_deceleration` per tick, as the current allows.
+    /// Returns false if the motion goes in the other direction, because it reverses first.
     pub(super) fn is_too_fast(self, distance: I40F24, speed: I40F24, max_deceleration: I40F24) -> bool {
         let goes_there = (speed > 0) == (distance > 0);
         goes_there && speed * speed > self.down.min(max_deceleration) * distance.abs() * 2

@@ -145,7 +145,7 @@ fn an_offset_written_at_rest_takes_the_place_of_what_was_left() {
     assert_eq!(dut.get(Reg::OFFSET), left & 0xFFFF);
     assert_eq!(dut.try_write_all(0x5015, &[40, 0])[0], 16);
     let before = dut.position();
-    // Missing sensors are no error while no move needs them.
+    // Missing sensors are not an error while no move needs them.
     dut.write(0x5010, 1);
     dut.write(0x5010, 2);
     dut.coil(0x2000);

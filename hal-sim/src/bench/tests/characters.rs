@@ -4,9 +4,9 @@ use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 
-/// A character of the toy's serial line, 115,200 8N1.
+/// A character of the test device's serial line, 115,200 8N1.
 const CHARACTER: Duration = Duration::from_ticks(1_389);
-/// Number of characters in the toy's answer to `r`.
+/// Number of characters in the test device's answer to `r`.
 const ANSWER: usize = 3;
 
 fn toy(line: LineMode) -> (Bench, DriveId, Bus) {

@@ -622,7 +622,7 @@ fn a_client_that_sends_during_an_answer_corrupts_it() {
     assert_eq!(bench.statistics(y, RS485).spoiled, 1);
 }
 
-/// True for each frame on the lines that has collided.
+/// A value for each frame on the lines: true if the frame has collided.
 fn collided(bench: &Bench) -> Vec<bool> {
     bench.capture().since(0).map(|frame| frame.collided).collect()
 }

@@ -42,7 +42,10 @@ impl Reader {
         let nv = path(table, "nv")?;
         if let Some(nv) = &nv {
             if self.memories.iter().any(|other| layout::same_path(other, &nv.is)) {
-                return Err(nv.wrong(format!("another drive keeps its memory in {}", nv.is.display())));
+                return Err(nv.wrong(format!(
+                    "{} is already the memory of another drive; use another file",
+                    nv.is.display()
+                )));
             }
             self.memories.push(nv.is.clone());
         }
@@ -98,7 +101,7 @@ impl Reader {
         };
         let drives = table.needs("drives", table.texts("drives")?)?;
         if drives.is.is_empty() {
-            return Err(drives.wrong("a bus needs a drive"));
+            return Err(drives.wrong("list at least one drive of the bus"));
         }
         for text in drives.is {
             let (drive, port) = self.port(text.is).map_err(LocatedError::at(text.at))?;
@@ -112,7 +115,7 @@ impl Reader {
                 return Err(text.wrong(format!("{} is on the bus '{}' already", what(), other.name)));
             }
             if self.layout.drives[drive].listen.iter().any(|(reached, _)| *reached == port) {
-                let goes = format!("its listen goes to the bus '{}'", bus.name);
+                let goes = format!("its listen is in the [[bus]] '{}'", bus.name);
                 return Err(text.wrong(format!("{} is on a bus, so {goes}", what())));
             }
             bus.drives.push((drive, port));
@@ -122,7 +125,7 @@ impl Reader {
             for text in listen.is {
                 let listen = self.listen(&text)?;
                 if let Some(port) = listen.port {
-                    return Err(text.wrong(format!("a bus is one line; leave out '{port}='")));
+                    return Err(text.wrong(format!("a bus has no ports; leave out '{port}='")));
                 }
                 self.add_address(&text, &listen.uri)?;
                 bus.listen.push(listen.uri);
@@ -148,7 +151,7 @@ impl Reader {
     }
 
     fn listen(&self, text: &Located<&str>) -> Result<Listen, LocatedError> {
-        text.is.parse().map_err(|error| text.wrong(format!("'{}' cannot be listened on: {error}", text.is)))
+        text.is.parse().map_err(|error| text.wrong(format!("cannot listen at '{}': {error}", text.is)))
     }
 
     /// Adds a listening address and checks that it is not in use.

@@ -95,7 +95,7 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
     let at = defaults.span().start;
     let wrong = |at: usize, what: String| Err(LocatedError { at, what });
     let DeValue::Table(tables) = defaults.into_inner() else {
-        return wrong(at, "defaults is written [defaults.drive], above its keys".to_owned());
+        return wrong(at, "defaults must be a table; write [defaults.drive] above its keys".to_owned());
     };
     for (key, value) in tables {
         let at = key.span().start;
@@ -103,10 +103,13 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
             return wrong(at, suggest::unknown("table of defaults", key.get_ref(), ["drive"].into_iter()));
         }
         let DeValue::Table(defaults) = value.into_inner() else {
-            return wrong(at, "defaults is written [defaults.drive], above its keys".to_owned());
+            return wrong(at, "defaults must be a table; write [defaults.drive] above its keys".to_owned());
         };
         if let Some((key, _)) = defaults.get_key_value("name") {
-            return wrong(key.span().start, "each drive needs a name of its own".to_owned());
+            return wrong(
+                key.span().start,
+                "name cannot be a default; give each [[drive]] its own".to_owned(),
+            );
         }
         let Some(DeValue::Array(drives)) = root.get_mut("drive").map(Spanned::get_mut) else { continue };
         for drive in drives.iter_mut() {
@@ -203,7 +206,7 @@ impl Range {
             return Err(format!("'{text}' has more than one range"));
         }
         if first > last || last - first >= MAX_COPIES {
-            return Err(format!("'{text}' takes 1 to {MAX_COPIES} numbers, the lower one first"));
+            return Err(format!("'{text}' takes 1 to {MAX_COPIES} numbers; write the lower one first"));
         }
         Ok(Some(Self { before: before.to_owned(), first, last, behind: behind.to_owned() }))
     }
@@ -217,7 +220,7 @@ impl Range {
     }
 }
 
-/// Replaces `{n}`, `{5000+n}` and their like in a text.
+/// Replaces `{n}`, and expressions with `n` such as `{5000+n}`, in a text.
 fn fill_numbers(text: &str, n: u64) -> Result<Option<String>, String> {
     let (mut result, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once('{') {
@@ -387,11 +390,11 @@ mod tests {
             ),
             (
                 drive("").replace("'x'", "'x{1..10001}'"),
-                "line 2, column 8: 'x{1..10001}' takes 1 to 10000 numbers, the lower one first",
+                "line 2, column 8: 'x{1..10001}' takes 1 to 10000 numbers; write the lower one first",
             ),
             (
                 drive("").replace("'x'", "'x{2..1}'"),
-                "line 2, column 8: 'x{2..1}' takes 1 to 10000 numbers, the lower one first",
+                "line 2, column 8: 'x{2..1}' takes 1 to 10000 numbers; write the lower one first",
             ),
             (
                 drive("nv = '{m}'").replace("'x'", "'x{1..2}'"),
@@ -399,7 +402,7 @@ mod tests {
             ),
             (
                 drive("nv = 'x.nv'").replace("'x'", "'x{1..2}'"),
-                "line 4, column 6: another drive keeps its memory in x.nv",
+                "line 4, column 6: x.nv is already the memory of another drive; use another file",
             ),
             (
                 format!("[defaults.motor]\n{}", drive("")),
@@ -407,11 +410,11 @@ mod tests {
             ),
             (
                 format!("[defaults.drive]\nname = 'x'\n{}", drive("")),
-                "line 2, column 1: each drive needs a name of its own",
+                "line 2, column 1: name cannot be a default; give each [[drive]] its own",
             ),
             (
                 format!("defaults = 1\n{}", drive("")),
-                "line 1, column 12: defaults is written [defaults.drive], above its keys",
+                "line 1, column 12: defaults must be a table; write [defaults.drive] above its keys",
             ),
             (
                 format!("[defaults.drive]\nadress = 1\n{}", drive("")),

@@ -166,8 +166,7 @@ impl Reader {
         let name = table.needed_text("name")?;
         let word = |name: &str| name.chars().all(|char| char.is_alphanumeric() || "-_".contains(char));
         if !trace::is_name(name.is) || !word(name.is) {
-            let rule =
-                "a name is one word of letters, digits, - and _, with no digit first and other than 'end'";
+            let rule = "a name is one word of letters, digits, - and _, does not begin with a digit and is not 'end'";
             return Err(name.wrong(format!("'{}' is no name; {rule}", name.is)));
         }
         if let Some(other) = self.names.insert(name.is.to_owned(), what) {

@@ -89,11 +89,11 @@ impl Reader {
             if let [first, ..] = Sort::with(key.is)
                 && !Sort::with(key.is).contains(&sort)
             {
-                return Err(key.wrong(format!("{} is of a {} motor; {why}", key.is, first.name())));
+                return Err(key.wrong(format!("{} is a key of a {} motor; {why}", key.is, first.name())));
             }
             if key.is == "hall_pulses" && spec.dc_motor.is_some() {
                 let what = format!(
-                    "hall_pulses is of a motor with Hall sensors; {} has no pins for them",
+                    "hall_pulses is a key of a motor with Hall sensors; {} has no pins for them",
                     spec.kind
                 );
                 return Err(key.wrong(what));
@@ -124,7 +124,7 @@ impl Reader {
         let drive = &self.layout.drives[drive];
         let is_of = |key: &&Located<&str>, sort| matches!(Sort::with(key.is), [first, ..] if *first == sort);
         if let Some(key) = table.keys().iter().find(|key| is_of(key, Sort::Brush)) {
-            return (Sort::Brush, format!("{} is of a brush motor", key.is));
+            return (Sort::Brush, format!("{} is a key of a brush motor", key.is));
         }
         if drive.presets.iter().any(|preset| preset.row == row && preset.onto(spec, 0) & i64::from(bit) != 0)
         {

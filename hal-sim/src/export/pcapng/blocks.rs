@@ -94,7 +94,7 @@ pub struct Packet<'a> {
     pub bytes: &'a [u8],
     /// True if other characters corrupted the packet on the line, so that no receiver could read it.
     pub collided: bool,
-    /// The packet in words; empty if there are none.
+    /// The packet as text in the manual's names; empty if there is no text.
     pub comment: &'a str,
     /// Number of packets that were lost before this one.
     pub lost: u64,

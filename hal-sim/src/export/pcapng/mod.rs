@@ -334,7 +334,7 @@ impl FileLine {
         of_address.or(self.specs.first()).map(|&(_, spec)| spec)
     }
 
-    /// A Modbus frame in words; empty for one that is not valid, and for a reply to an unknown request.
+    /// A Modbus frame as text; empty for a frame that is not valid, and for a reply to an unknown request.
     fn words(&mut self, way: Way, protocol: Protocol, bytes: &[u8]) -> String {
         let Some(framing) = self.ends else { return String::new() };
         let message = |bytes| Message { framing, ascii: protocol == Protocol::Ascii, bytes };
@@ -361,7 +361,7 @@ impl FileLine {
         }
     }
 
-    /// A command or a line of MCode in words; empty for an answer, and if the words are the line itself.
+    /// A command or a line of MCode as text; empty for an answer, and if the text is the line itself.
     fn words_of_text(&self, way: Way, bytes: &[u8]) -> String {
         match (way, self.ends, self.spec(None)) {
             (Way::In, Some(framing @ (Framing::Character | Framing::Return)), Some(spec)) => {
@@ -450,8 +450,8 @@ mod tests {
         for name in ["mcode 0", "mcode 1", "modbus 0"] {
             assert_eq!(times(name.as_bytes()), 1, "{name}");
         }
-        // Lines are in the file twice, as sent and as echoed after the greeting; incomplete ones at the end
-        // of their connection.
+        // Each line is in the file twice: as sent, and as echoed after the greeting. An incomplete line is
+        // written at the end of its connection.
         assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
         assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
         assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));

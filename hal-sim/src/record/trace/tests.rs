@@ -117,7 +117,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("1 > pin IN float", "line 3: \"high\" or \"low\", not \"float\""),
         ("1 > pin IN open", "line 3: \"high\" or \"low\", not \"open\""),
         ("drive d mdrobot\n1 d > pin DIR float", "line 4: \"high\", \"low\" or \"open\", not \"float\""),
-        ("1 > pin IN low low", "line 3: \"low\" is too much"),
+        ("1 > pin IN low low", "line 3: \"low\" is not expected at the end of the line"),
         ("1 > fault stal on", "line 3: there is no fault \"stal\"; there are: stall"),
         ("1 > poke Volum 1", "line 3: there is no register \"Volum\""),
         ("1 > power up", "line 3: power goes \"on\", \"off\" or \"cut\", not \"up\""),
@@ -127,14 +127,14 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("1 < plan motor 0 1@5", "line 3: a plan ends with a position, unless it goes on for ever"),
         ("1 < plan motor 0 ever@5 6", "line 3: a plan ends with a position, unless it goes on for ever"),
         ("1 < plan motor 0 1@0.0001 6", "line 3: \"0.0001\" is not a speed in steps/s"),
-        ("1 < power on", "line 3: by itself power goes \"off\", not \"on\""),
+        ("1 < power on", "line 3: as an output, power is \"off\", not \"on\""),
         ("1 = rx 01", "line 3: after the stamp comes \">\", \"<\" or \"end\", not \"=\""),
         ("1.0000001 > idle", "line 3: \"1.0000001\" is not a time in milliseconds with up to six decimals"),
         (
             "2 > idle\n1 > idle",
             "line 4: inputs must be in the order of their stamps, and not before their drive is added",
         ),
-        ("2 > idle\n1 end", "line 4: time ends before the last line"),
+        ("2 > idle\n1 end", "line 4: \"end\" is earlier than the line before it"),
         ("1 > idle\nseed 5", "line 4: \"seed\" is not a time stamp in milliseconds"),
         (
             "sed 5",
@@ -146,7 +146,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("drive t toy", "line 3: two drives have the name t"),
         ("drive 1 toy", "line 3: \"1\" is not a valid name for a drive"),
         ("drive u toy slow", "line 3: \"slow\" is not known here: fast, apart, untimed, from"),
-        ("drive u toy\n1 > idle", "line 4: \">\" is none of the drives"),
+        ("drive u toy\n1 > idle", "line 4: \">\" is not a drive of this trace"),
         ("memory t 0x0009 01 02", "line 3: the memory of t has 10 bytes"),
         ("memory u 0x0000 01", "line 3: there is no drive \"u\" above this line"),
     ] {
@@ -172,7 +172,7 @@ fn a_trace_from_before_the_project_was_renamed_loads() {
     assert_eq!(error, "line 1: version \"2\" of the format is not known, only 1");
 }
 
-/// The line in which a toy sends its letter. The letter depends on the seed only, which is 1.
+/// The line in which a test device sends its letter. The letter depends on the seed only, which is 1.
 fn letter() -> String {
     let text = format!("{TOY}1 > rx \"r\"\n10 end\n");
     let text = replay::rewrite(&text, &make).unwrap();

@@ -192,7 +192,7 @@ fn millis(ticks: u64) -> String {
     format!("{}.{:06}", nanos / 1_000_000, nanos % 1_000_000)
 }
 
-/// Nearest number of ticks to a time in milliseconds; `None` if the text is no number with up to six
+/// Nearest number of ticks to a time in milliseconds; `None` if the text is not a number with up to six
 /// decimals.
 fn ticks(text: &str) -> Option<u64> {
     let (whole, part) = text.split_once('.').unwrap_or((text, "0"));
@@ -200,9 +200,9 @@ fn ticks(text: &str) -> Option<u64> {
     if !digits(whole) || !digits(part) || part.len() > 6 {
         return None;
     }
-    let nanos: u128 =
-        whole.parse::<u64>().ok()? as u128 * 1_000_000 + format!("{part:0<6}").parse::<u128>().ok()?;
-    u64::try_from((nanos * 2 + 62) / 125).ok()
+    let millis: u64 = whole.parse().ok()?;
+    let nanos = part.parse::<u32>().ok()? * 10_u32.pow(6 - part.len() as u32);
+    u64::try_from(((u128::from(millis) * 1_000_000 + u128::from(nanos)) * 2 + 62) / 125).ok()
 }
 
 /// Bytes in hex, a space before each.
@@ -492,7 +492,7 @@ impl Reader {
         }
         if word == "end" && named.is_none() {
             if at < self.last_input {
-                return Err("time ends before the last line".to_owned());
+                return Err("\"end\" is earlier than the line before it".to_owned());
             }
             self.trace.end = self.trace.end.max(at);
             self.trace.ended = true;
@@ -504,7 +504,7 @@ impl Reader {
             (None, 0) => {
                 return Err("there is no drive above this line; begin with \"drive NAME KIND\"".to_owned());
             }
-            (None, _) => return Err(format!("\"{word}\" is none of the drives")),
+            (None, _) => return Err(format!("\"{word}\" is not a drive of this trace")),
         };
         let spec = drives[drive].spec;
         let event = match word {
@@ -700,12 +700,13 @@ fn output(spec: &'static Spec, words: &mut Words<'_>) -> Result<OutputRecord, St
         "duty" => OutputRecord::Duty { axis: words.axis(spec)?, duty: words.number("a duty in 1/65536")? },
         "store" => {
             let offset = words.address()?;
-            let offset = u16::try_from(offset).map_err(|_| "the memory ends before that".to_owned())?;
+            let offset =
+                u16::try_from(offset).map_err(|_| "the address is past the end of the memory".to_owned())?;
             OutputRecord::Store { offset, bytes: words.bytes()? }
         }
         "power" => match words.next() {
             "off" => OutputRecord::PowerOff,
-            other => return Err(format!("by itself power goes \"off\", not \"{other}\"")),
+            other => return Err(format!("as an output, power is \"off\", not \"{other}\"")),
         },
         _ => {
             let words = [
@@ -755,7 +756,11 @@ impl<'a> Words<'a> {
     }
 
     fn end(&self) -> Result<(), String> {
-        if self.rest.is_empty() { Ok(()) } else { Err(format!("\"{}\" is too much", self.rest)) }
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(format!("\"{}\" is not expected at the end of the line", self.rest))
+        }
     }
 
     fn number<N: std::str::FromStr>(&mut self, what: &str) -> Result<N, String> {

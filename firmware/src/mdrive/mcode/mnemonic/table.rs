@@ -106,7 +106,7 @@ const LIST: ([Item; 256], usize) = {
     let mut i = 0;
     while i < ROWS.len() {
         let name = ROWS[i].name.as_bytes();
-        // Settings have longer names. V1 to V8 are the user's.
+        // Left out are settings, which have longer names, and V1 to V8, which are names that users declare.
         if name.len() <= 3 && !matches!(name, [b'V', b'1'..=b'8']) {
             let word = word(name);
             let variants = match &word {

@@ -314,7 +314,7 @@ fn ctrl_c_ends_the_line_that_is_typed() {
     assert_eq!(dut.types("PR P\x03"), sign_on);
 }
 
-/// Input that IV waits for, but that is no number, ends the wait with its carriage return (MC 5-36).
+/// Input that IV waits for, but that is not a number, ends the wait with its carriage return (MC 5-36).
 #[test]
 fn a_bad_number_ends_an_input() {
     let mut dut = Dut::quiet();

@@ -15,7 +15,7 @@ impl Drive {
     /// Address of a line that exists.
     ///
     /// # Errors
-    /// 30 for a name that is no label, 42 if there is no line.
+    /// 30 for a name that is not a label, 42 if there is no line.
     pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
         let address = self.address(place)?;
         let found = self.mcode.program.next(address) == Some(address);
@@ -200,7 +200,7 @@ impl Drive {
         let Some(place) = place else { return };
         let found = self.find_line(place);
         if handles && found.is_err() {
-            // The handler does not exist any more. If it stayed set, its own failure would call it.
+            // The handler does not exist any more. If it stayed set, the error of this call would call it.
             self.mcode.vm.handler = None;
         }
         let address_state = found.and_then(|address| self.mcode.vm.call(at, address, handles));

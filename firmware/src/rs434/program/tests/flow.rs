@@ -252,7 +252,7 @@ fn both_ends() {
 
 #[test]
 fn a_start_begins_at_line_0_in_any_state_but_running() {
-    // Starts again inside a subroutine and a loop.
+    // A start while the program is in a subroutine and in a loop.
     let mut drive = Drive::running(&[call(2), STOP, repeat(2, 3), add(AX, 1), STOP]);
     drive.path(2);
     drive.program.start(drive.now, Status::StartedByBus);

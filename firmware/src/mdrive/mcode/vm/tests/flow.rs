@@ -296,7 +296,7 @@ fn a_branch_to_itself_takes_its_time() {
     assert_eq!(dut.value(Reg::BY), 1);
     dut.commands("E");
     assert_eq!(dut.value(Reg::BY), 0);
-    // E while no program runs is no error.
+    // E while no program runs is not an error.
     dut.commands("E");
 }
 

@@ -1,4 +1,5 @@
-//! Programs of MC, and the time at which each line takes effect: the first one 210 µs after EX, and so on.
+//! Programs of MC, and the time at which each line takes effect: the first one 210 µs after EX, the second
+//! one 420 µs after EX.
 
 mod anything;
 mod examples;
