@@ -98,7 +98,8 @@ impl Drive {
         };
         self.resume(at, out);
         let commands = obeyed & (motion_control::STOP | motion_control::DECEL_STOP | motion_control::MOTIONS);
-        let single = if commands.count_ones() > 1 { Err(Why::SeveralBits) } else { Ok(()) };
+        let single =
+            if REPORTS_REASONS && commands.count_ones() > 1 { Err(Why::SeveralBits) } else { Ok(()) };
         permitted.and(cleared).and(moved).and(single)
     }
 

@@ -12,7 +12,7 @@ use super::drive::{Drive, State};
 use super::reasons::Why;
 use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
-use crate::device::{Context, Instant};
+use crate::device::{Context, Instant, REPORTS_REASONS};
 
 /// A slower shaft counts as standing still for the limit switches. The ramp of 3,000 rpm in 15 s stops it
 /// within one count of 12 in a turn, and its last edge is at most a sixth of a second old.
@@ -199,6 +199,7 @@ impl Drive {
             _ => return None,
         };
         match order {
+            _ if !REPORTS_REASONS => None,
             Order::Velocity(acts) if acts.unsigned_abs() == u32::from(rpm) => None,
             Order::Velocity(0) => Some(Why::NoMaxRpm),
             _ if unsigned && rpm > i16::MAX.unsigned_abs() => Some(Why::Unsigned),

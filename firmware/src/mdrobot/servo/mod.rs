@@ -22,7 +22,7 @@ use self::encoder::Encoder;
 use self::halls::Halls;
 use self::pi::Pi;
 use self::watch::FaultMonitor;
-use crate::device::{Context, Instant, Output, Rotation};
+use crate::device::{Context, Instant, Output, REPORTS_REASONS, Rotation};
 use crate::mdrobot::drive::MOTOR;
 use crate::mdrobot::reasons::Why;
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK};
@@ -235,6 +235,7 @@ impl Servo {
     /// The reason why the motor does not turn as the present order says.
     pub(super) fn stands(&self) -> Option<Why> {
         match self.order {
+            _ if !REPORTS_REASONS => None,
             Order::Free | Order::Brake | Order::Velocity(0) | Order::Open(0) | Order::Torque(0) => None,
             _ if self.settings.limit_ma == 0 => Some(Why::NoCurrent),
             Order::Position { rpm: 0, .. } if self.settings.max_rpm == 0 => Some(Why::NoMaxRpm),
