@@ -3,7 +3,10 @@
 use std::fmt;
 
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, PinSpec, Port, Role, Spec};
-use drivetwin_sim::bench::{DriveId, EarlyRequests, Motion, PinStimulus, PowerAction, Received};
+use drivetwin_protocol::registers::Named;
+use drivetwin_sim::bench::{
+    DriveId, EarlyRequests, Motion, PinStimulus, PowerAction, Received, RequestStatistics, StartingRequests,
+};
 use drivetwin_sim::blocking::{BlockingPort, SharedBench};
 use drivetwin_sim::config::preset::{self, Preset};
 use drivetwin_sim::signals::pulses::Pulse;
@@ -102,10 +105,13 @@ impl Drive {
     }
 
     fn find_row(&self, name: &str) -> Result<usize, Error> {
+        Ok(self.find_register(name)?.row)
+    }
+
+    fn find_register(&self, name: &str) -> Result<Named, Error> {
         let spec = self.spec();
         let names = spec.registers.rows.iter().map(|row| row.name);
-        let found = spec.find(name).ok_or_else(|| suggest::unknown("register", name, names))?;
-        Ok(found.row)
+        Ok(spec.find(name).ok_or_else(|| suggest::unknown("register", name, names))?)
     }
 
     /// The level at a pin, as measured from outside.
@@ -225,6 +231,48 @@ impl Drive {
     #[must_use]
     pub fn received(&self) -> Received {
         self.bench.bench().received(self.id)
+    }
+
+    /// Returns true if the drive executed a write of the register `first` before the first write of `then`; false if
+    /// `then` was never written.
+    ///
+    /// ```
+    /// use drivetwin::{Bench, Span as _, md3::Reg, rtu};
+    ///
+    /// let bench = Bench::new();
+    /// let x = bench.add("md3", "x")?;
+    /// bench.advance(2_500.millis());
+    /// // The program under test.
+    /// let _ = x.ask(&rtu::write(1, 0x15, 9_000)); // Speed
+    /// let _ = x.ask(&rtu::write(1, 0x11, 1)); // Move
+    /// // Was Speed written before Move?
+    /// assert!(x.wrote_before(Reg::Speed, Reg::MotionControl)?);
+    /// # Ok::<(), drivetwin::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// There is no such register.
+    pub fn wrote_before(
+        &self,
+        first: impl Into<RegisterName>,
+        then: impl Into<RegisterName>,
+    ) -> Result<bool, Error> {
+        let (first, then) = (self.find_register(&first.into().0)?, self.find_register(&then.into().0)?);
+        Ok(self.received().wrote_before(first, then))
+    }
+
+    /// Statistics of the requests on the line of the drive's first port, to all its drives: silence, retries, requests
+    /// that were too early.
+    #[must_use]
+    pub fn request_statistics(&self) -> RequestStatistics {
+        let bench = self.bench.bench();
+        bench.bus(self.id, Port(0)).map(|bus| bench.request_statistics(bus)).unwrap_or_default()
+    }
+
+    /// Requests to the drive that it did not receive because it was starting.
+    #[must_use]
+    pub fn starting_requests(&self) -> StartingRequests {
+        self.bench.bench().starting_requests(self.id)
     }
 
     /// Requests on the line of the drive's first port that came without a silence of t3.5; see

@@ -86,7 +86,9 @@ pub use drivetwin_protocol as protocol;
 pub use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 pub use drivetwin_protocol::time::Span;
 pub use drivetwin_sim as sim;
-pub use drivetwin_sim::bench::{EarlyRequests, Motion, PinStimulus, PowerAction, Received, Settings};
+pub use drivetwin_sim::bench::{
+    EarlyRequests, Motion, PinStimulus, PowerAction, Received, RequestStatistics, Settings, StartingRequests,
+};
 pub use drivetwin_sim::blocking::{BlockingDelay, BlockingPort};
 pub use drivetwin_sim::line::faults::LineFaults;
 pub use drivetwin_sim::signals::pulses::Pulse;

@@ -624,6 +624,38 @@ pub struct ReasonSpec {
     pub section: &'static str,
 }
 
+impl ReasonSpec {
+    pub(crate) const fn nothing(text: &'static str, section: &'static str) -> Self {
+        Self { effect: Effect::Nothing, text, section }
+    }
+
+    pub(crate) const fn later(text: &'static str, section: &'static str) -> Self {
+        Self { effect: Effect::Later, text, section }
+    }
+
+    pub(crate) const fn other(text: &'static str, section: &'static str) -> Self {
+        Self { effect: Effect::Other, text, section }
+    }
+}
+
+/// True if drives report reasons. Nothing on a board shows them, so an image has neither their texts nor the code
+/// that finds them.
+pub(crate) const REPORTS_REASONS: bool = cfg!(any(test, feature = "reasons"));
+
+/// The reasons of a drive, if drives report reasons.
+pub(crate) const fn reported(reasons: &'static [ReasonSpec]) -> &'static [ReasonSpec] {
+    if REPORTS_REASONS { reasons } else { &[] }
+}
+
+impl Reason {
+    /// Reports the reason for the request that the drive is executing.
+    pub(crate) fn put(self, at: Instant, out: &mut dyn Context) {
+        if REPORTS_REASONS {
+            out.put(at, Output::Log(LogEvent::Reason(self)));
+        }
+    }
+}
+
 /// Description of a kind of drive.
 #[derive(Debug)]
 pub struct Spec {
@@ -663,7 +695,8 @@ pub struct Spec {
     pub supply: Option<usize>,
     /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
-    /// Reasons why requests that the drive accepts do not do what they say.
+    /// Reasons why requests that the drive accepts do not do what they say. Without the feature `reasons` there are
+    /// none.
     pub reasons: &'static [ReasonSpec],
     /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],

@@ -11,8 +11,9 @@ use std::sync::{Arc, Weak, mpsc};
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_sim::bench::{Bench, Bus, EarlyRequests, IdleRun};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, EarlyRequests, IdleRun, StartingRequests};
 use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::decode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
 use tracing::{Level, enabled, info, warn};
@@ -169,6 +170,9 @@ pub(crate) struct EventLoop {
     logged_early: u64,
     /// Number of such requests on each line from which on the log warns again.
     early: HashMap<Bus, u64>,
+    /// The same for requests to drives that were starting.
+    logged_starting: u64,
+    starting: HashMap<DriveId, u64>,
 }
 
 impl EventLoop {
@@ -194,6 +198,8 @@ impl EventLoop {
             logged: 0,
             logged_early: 0,
             early: HashMap::new(),
+            logged_starting: 0,
+            starting: HashMap::new(),
         };
         event_loop.set_time_mode(time_mode);
         event_loop
@@ -283,6 +289,7 @@ impl EventLoop {
     fn publish(&mut self) {
         self.log_received();
         self.log_early();
+        self.log_starting();
         for file in &mut self.files {
             file.update(&self.bench);
         }
@@ -326,11 +333,30 @@ impl EventLoop {
             *warned = 10 * 10_u64.pow(count.ilog10());
             let name = self.bench.bus_name(bus);
             let times = if count == 1 { String::new() } else { format!(", {count} times so far") };
-            if self.bench.is_strict(bus) {
+            if self.bench.is_strict(bus) && self.clock.is_some() {
                 warn!("{name}: dropped a request that was too early: {last}{times}");
             } else {
                 warn!("{name}: a drive may ignore this request on a real line: {last}{times}");
             }
+        }
+    }
+
+    /// Warns of the first request to each drive that is starting, and again at each power of ten.
+    fn log_starting(&mut self) {
+        if self.bench.starting_count() == self.logged_starting {
+            return;
+        }
+        self.logged_starting = self.bench.starting_count();
+        for drive in self.bench.drives() {
+            let StartingRequests { count, left } = self.bench.starting_requests(drive);
+            let warned = self.starting.entry(drive).or_default();
+            if count == 0 || count < *warned {
+                continue;
+            }
+            *warned = 10 * 10_u64.pow(count.ilog10());
+            let (name, starting) = (self.bench.name(drive), decode::starting(left));
+            let times = if count == 1 { String::new() } else { format!(", {count} times so far") };
+            warn!("{name}: a request was lost: {starting}{times}");
         }
     }
 

@@ -62,7 +62,7 @@ class Events:
     def next(self):
         """The next event of the trace: its kind, its number, and its data."""
         fields = self.wanted(lambda kind: kind != "received")
-        return fields["event"], int(fields["id"]), json.loads(fields["data"])
+        return fields["event"], int(fields["id"].partition(".")[0]), json.loads(fields["data"])
 
     def received(self):
         """The next message that a drive has received."""
@@ -73,6 +73,7 @@ class Events:
         until = time.monotonic() + PATIENCE
         while not (fields := self.piece()) or not kinds(fields["event"]):
             assert time.monotonic() < until, "nothing happens"
+        self.last_id = fields["id"]
         return fields
 
     def piece(self):
@@ -170,6 +171,21 @@ def test_events_go_on_where_they_broke_off(run):
     assert [events.next(), events.next()] == seen[1:]
     kind, number, data = events.next()
     assert (kind, number, data["words"]) == ("fed", seen[-1][1] + 1, "pin J2.2 high")
+
+
+def test_messages_go_on_where_they_broke_off(run):
+    drivetwin = run("--fast-boot", "--time", "manual")
+    events = Events(drivetwin)
+    with drivetwin.socket() as line:
+        ask(line, MOVE, len(MOVE))
+        first, last_id = events.received(), events.last_id
+        events.close()
+        ask(line, MOVE, len(MOVE))
+    second = Events(drivetwin, **{"Last-Event-ID": last_id}).received()
+    assert [(message["number"], message["verdict"]) for message in (first, second)] == [(1, "done"), (2, "without effect")]
+    assert second["reason"] == "a motion runs: ignored, not queued; Stop, or wait until bits 4:0 are 0"
+    everything = Events(drivetwin, **{"Last-Event-ID": "0"})
+    assert [everything.received(), everything.received()] == [first, second]
 
 
 def test_events_come_while_the_clock_is_advanced(run):

@@ -13,27 +13,29 @@ const UNDEFINED: &str = "a_panic_can_happen";
 /// Programs other than those of the drives.
 const PARTS: [&str; 4] = ["protocol", "motion", "counter", "shell"];
 
-/// Links every program as for a board, and proves that a program with a panic does not link.
+/// Links every program, and proves that a program with a panic does not link. The drives report reasons, as on a
+/// bench; [`link`] with the features of a board is a part of measuring sizes.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     for Processor { target, .. } in &PROCESSORS {
         refuses_a_panic(sh, target)?;
-        link(sh, target)?;
+        link(sh, target, &["--features", "panic-free/reasons"])?;
     }
     Ok(())
 }
 
-/// Links every program with one command. If a panic is left, the linker prints the callers that can reach it.
-pub(crate) fn link(sh: &Shell, target: &'static str) -> Result<()> {
+/// Links every program with one command and these options. If a panic is left, the linker prints the callers that can
+/// reach it.
+pub(crate) fn link(sh: &Shell, target: &'static str, options: &[&str]) -> Result<()> {
     let (bare, kinds) = (bare(target), kinds());
     let programs: Vec<String> = PARTS.iter().chain(&kinds).map(|name| format!("proof-{name}")).collect();
     let bins = programs.iter().flat_map(|program| ["--bin", program]);
-    if cmd!(sh, "cargo build --quiet {bare...} {bins...}").run().is_ok() {
+    if cmd!(sh, "cargo build --quiet {bare...} {bins...} {options...}").run().is_ok() {
         return Ok(());
     }
     let explained = |program: &&str| {
         let link = cmd!(
             sh,
-            "cargo rustc --quiet --profile {PROFILE} --package panic-free --bin {program} --target {target}"
+            "cargo rustc --quiet --profile {PROFILE} --package panic-free --bin {program} --target {target} {options...}"
         );
         link.args(["--", "-Clink-arg=--why-live=*panicking*"]).run().is_err()
     };
@@ -55,7 +57,7 @@ fn refuses_a_panic(sh: &Shell, target: &'static str) -> Result<()> {
     Ok(())
 }
 
-/// Size of a drive without a board. [`link`] must have linked it, as for a board.
+/// Size of a drive without a board. [`link`] must have linked it, without options.
 pub(crate) fn sizes(sh: &Shell, target: &str, kind: &str) -> Result<Sizes> {
     let image = Image::of(sh, target, PROFILE, &format!("proof-{kind}"));
     image.with_context(|| format!("tests/panic-free has no program of {kind}"))?.sizes()

@@ -27,7 +27,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         board.all(sh)?;
     }
     for Processor { target, .. } in &PROCESSORS {
-        panic_free::link(sh, target)?;
+        panic_free::link(sh, target, &[])?;
     }
     let counting = Counting::build(sh)?;
     counting.check()?;

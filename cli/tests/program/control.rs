@@ -71,6 +71,8 @@ fn a_drive_says_what_it_received_and_what_came_of_it() {
     assert_eq!(all["requests"][1]["reason"], "0x000B Reserved is read only (02)");
     assert_eq!(all["requests"][2]["registers"][0]["value"], 9_000);
     assert_eq!(all["lost"], 0);
+    let line = serde_json::json!({"requests": 3, "early": 0, "retries": 0, "shortest_silence": null});
+    assert_eq!(all["statistics"], serde_json::json!({"starting": 0, "lines": {"rs485": line}}));
     assert_eq!(texts(&received("?since=1.0")), [reserved, read]);
     assert_eq!(texts(&received("?function=3")), [read]);
     assert_eq!(texts(&received("?register=Speed")), [speed, read]);

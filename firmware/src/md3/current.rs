@@ -3,6 +3,7 @@
 use super::drive::{Drive, State};
 use super::motion::Motion;
 use super::pins::Pin2;
+use super::reasons::Why;
 use super::registers::io_port::J2_2;
 use super::registers::{Reg, current_ma, microstepping_percent};
 use super::startup::Lights;
@@ -31,13 +32,21 @@ impl Drive {
     /// Clears a fault, unless the drive is still too hot (7.15; MD3-14). The other causes end when the fault
     /// switches the current off. Afterwards the levels of the pins and the endless modes may move the motor
     /// again.
-    pub(super) fn clear_fault(&mut self, at: Instant) {
+    ///
+    /// # Errors
+    /// The fault stays.
+    pub(super) fn clear_fault(&mut self, at: Instant) -> Result<(), Why> {
         self.causes &= 1 << OVER_TEMPERATURE.0;
-        if self.fault && self.causes == 0 {
-            self.fault = false;
-            self.armed = true;
-            self.restart_cutback(at);
+        if !self.fault {
+            return Ok(());
         }
+        if self.causes != 0 {
+            return Err(Why::TooHot);
+        }
+        self.fault = false;
+        self.armed = true;
+        self.restart_cutback(at);
+        Ok(())
     }
 
     /// Restarts the cutback timeout: after a command, after an input change, and when a motion begins or ends
@@ -74,7 +83,7 @@ impl Drive {
         self.lights.change(lights, at, out);
         let setting = self.bank.word(Reg::MotorCurrentAndMicrostepping);
         let code = if lowered { self.bank.word(Reg::CurrentCutbackSettings) } else { setting };
-        let ma = if self.can_move() && !self.inhibited {
+        let ma = if self.can_move().is_ok() && !self.inhibited {
             current_ma(self.version, code) * microstepping_percent(setting) / 100
         } else {
             0

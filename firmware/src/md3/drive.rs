@@ -10,6 +10,7 @@
 //! | `motion` | commands, moves, home cycles |
 //! | `motor` | outputs to the motor: plans, steps, duty |
 //! | `pins` | functions of J2 pins 2 to 5 |
+//! | `reasons` | reasons why an accepted request has no effect |
 
 use drivetwin_protocol::registers::{Bank, Register};
 
@@ -18,12 +19,14 @@ use super::encoder::Encoder;
 use super::motion::Motion;
 use super::motor::Motor;
 use super::pins::Pins;
+use super::reasons::Why;
 use super::registers::{
-    Reg, Version, eeprom_control, homing, io_port, microsteps, motion_control, pin_function, pwm,
+    LAST_PARAMETER, Reg, Version, eeprom_control, homing, io_port, microsteps, motion_control, parameter,
+    pin_function, pwm,
 };
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
-use crate::device::{self, Context, Instant, Level, Output, PresetError};
+use crate::device::{self, Context, Instant, Level, Output, PresetError, REPORTS_REASONS};
 use crate::memory::Save;
 
 /// State of the drive, from power-on to ready.
@@ -166,7 +169,7 @@ impl Drive {
         self.encoder.flush_filter();
         self.configure(at, out);
         if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
-            self.home(at, out);
+            let _ = self.home(at, out);
         }
         self.armed = true;
         self.resume(at, out);
@@ -298,13 +301,28 @@ impl Drive {
         Ok(())
     }
 
-    /// Applies a written register, in the order of the manual.
+    /// Applies a written register.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
+        if let Err(why) = self.apply(at, reg, out) {
+            why.put(at, out);
+        }
+    }
+
+    /// Applies a register that was written or loaded. The cases are in the order of the manual.
+    ///
+    /// # Errors
+    /// The reason why a write does not do what it says.
+    fn apply(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> Result<(), Why> {
+        let mut done = Ok(());
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
                 // A new PWM range may limit the speed in counts differently.
                 self.speed_changed(at, out);
+                done = self.check_current_code(reg);
+                if parameter(self.bank.word(reg)) > LAST_PARAMETER {
+                    done = done.and(Err(Why::ParameterCode));
+                }
             }
             Reg::HomingConfiguration
             | Reg::QuadratureEncoderConfiguration
@@ -313,7 +331,9 @@ impl Drive {
                 // The time since the last activity counts toward the new timeout.
                 self.cut_back = false;
                 self.cut_back = self.cutback_due() <= at;
+                done = self.check_current_code(reg);
             }
+            Reg::StartupDelay => done = Err(Why::NextPowerOn),
             Reg::PinFunctionAndPolarity => {
                 // A write of this register starts the endless modes (7.8).
                 self.armed = true;
@@ -326,16 +346,26 @@ impl Drive {
             }
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
             Reg::QuadratureEncoderCount => self.encoder.set_count(self.bank.word(reg)),
-            Reg::MotionControl => self.command(at, self.bank.word(reg), out),
+            Reg::MotionControl => done = self.command(at, self.bank.word(reg), out),
+            Reg::MoveSteps | Reg::Speed | Reg::AlternateSpeed if self.motion == Motion::Profile => {
+                done = Err(Why::NextMove);
+            }
             Reg::PreHomeOffset | Reg::HomeOffset | Reg::MoveSteps => self.resume(at, out),
             Reg::Speed | Reg::AlternateSpeed => self.speed_changed(at, out),
             Reg::AccelDecel => self.acceleration_changed(at, out),
-            Reg::EEPROMControl => self.eeprom_command(at, self.bank.word(reg), out),
+            Reg::EEPROMControl => done = self.eeprom_command(at, self.bank.word(reg), out),
             // `DeviceAddress` and `SerialPortConfiguration` apply from the next frame on. The drive reads the
             // other registers when it uses them.
             _ => {}
         }
         self.update_outputs(at, out);
+        done
+    }
+
+    /// Checks the current code of a register. A code beyond the table acts as the last one (MD3-10).
+    fn check_current_code(&self, reg: Reg) -> Result<(), Why> {
+        let exists = self.bank.word(reg) & 0xFF <= self.version.last_current_code();
+        if exists || !REPORTS_REASONS { Ok(()) } else { Err(Why::CurrentCode) }
     }
 
     /// Microsteps in a full step (7.2). This setting does not change counts, which are always microsteps
@@ -369,22 +399,32 @@ impl Drive {
     }
 
     /// Applies a write of `EEPROMControl` (7.20). If both bits are set, the drive saves.
-    fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
+    ///
+    /// # Errors
+    /// The drive does not save, or does not read.
+    fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
+        let reads = word & eeprom_control::READ != 0;
         if word & eeprom_control::WRITE != 0 {
             // Save the value written to the pins: the bank may hold the one read from them.
             self.bank.set(Reg::IOPortData, i64::from(self.latch));
             self.stale = true;
-            self.eeprom.save(at, self.bank.words(), out);
-        } else if word & eeprom_control::READ != 0
-            && !self.eeprom.is_saving()
-            && self.eeprom.load(self.bank.words_mut(), out)
-        {
+            self.eeprom.save(at, self.bank.words(), out)?;
+            return if reads { Err(Why::SavesOnly) } else { Ok(()) };
+        }
+        if reads {
+            if self.eeprom.is_saving() {
+                return Err(Why::Saves);
+            }
+            if !self.eeprom.load(self.bank.words_mut(), out) {
+                return Err(Why::BadCrc);
+            }
             self.loaded(at, out);
         }
+        Ok(())
     }
 
     /// Applies all saved registers after they were loaded at once. A running motion gets the new acceleration
-    /// first; an endless mode starts with the new values.
+    /// first; an endless mode starts with the new values. The reasons of the registers are not the request's.
     fn loaded(&mut self, at: Instant, out: &mut dyn Context) {
         let control = self.bank.word(Reg::MotionControl);
         self.acceleration_changed(at, out);
@@ -395,9 +435,9 @@ impl Drive {
             Reg::Speed,
             Reg::PinFunctionAndPolarity,
         ] {
-            self.written(at, reg, out);
+            let _ = self.apply(at, reg, out);
         }
-        self.command(at, control, out);
+        let _ = self.command(at, control, out);
     }
 
     /// A board has made `steps` more steps than the plan has.

@@ -3,6 +3,7 @@
 use drivetwin_protocol::registers::Register;
 
 use super::MEMORY;
+use super::reasons::Why;
 use super::registers::{Reg, eeprom_control};
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
@@ -47,11 +48,16 @@ impl Eeprom {
         passed
     }
 
-    /// Starts to save the registers; does nothing if a save is running.
-    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) {
-        if self.save.is_none() {
-            self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
+    /// Starts to save the registers.
+    ///
+    /// # Errors
+    /// A save is running already.
+    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) -> Result<(), Why> {
+        if self.save.is_some() {
+            return Err(Why::Saves);
         }
+        self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
+        Ok(())
     }
 
     pub(super) fn deadline(&self) -> Instant {

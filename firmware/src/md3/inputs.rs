@@ -102,7 +102,7 @@ impl Drive {
         let (inhibited, bus_inhibited) = self.inhibits();
         let homes = activated & J2_3 != 0 && self.pins.pin_3 == Pin3::Home;
         if homes || inhibited && !self.inhibited || bus_inhibited && !self.bus_inhibited {
-            self.clear_fault(at);
+            let _ = self.clear_fault(at);
         }
         self.inhibited = inhibited;
         if bus_inhibited && !self.bus_inhibited {
@@ -111,7 +111,7 @@ impl Drive {
         }
         self.bus_inhibited = bus_inhibited;
         if homes {
-            self.home(at, out);
+            let _ = self.home(at, out);
         }
     }
 
@@ -139,9 +139,9 @@ impl Drive {
                     _ => (None, false),
                 };
                 if let Some(reversed) = profile {
-                    self.profile(reversed, at, out);
+                    let _ = self.profile(reversed, at, out);
                 } else if home {
-                    self.home(at, out);
+                    let _ = self.home(at, out);
                 }
             }
         }
@@ -149,7 +149,7 @@ impl Drive {
 
     /// Handles a step pulse.
     fn step(&mut self, backward: bool, at: Instant, out: &mut dyn Context) {
-        if at >= self.next_step_allowed && self.can_step() {
+        if at >= self.next_step_allowed && self.can_step().is_ok() {
             self.next_step_allowed = at + STEP_INTERVAL;
             self.motor.step(at, if backward { -1 } else { 1 }, out);
         }

@@ -12,6 +12,7 @@ mod inputs;
 mod motion;
 mod motor;
 mod pins;
+mod reasons;
 mod registers;
 mod startup;
 #[cfg(test)]
@@ -115,7 +116,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         registers,
         address: Some(Reg::DeviceAddress as usize),
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
-        reasons: &[],
+        reasons: reasons::REASONS,
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -4,9 +4,10 @@ use fixed::types::{I24F8, U24F8};
 
 use super::drive::{Drive, State};
 use super::pins::{Mode, Pin2};
+use super::reasons::Why;
 use super::registers::io_port::{J2_2, J2_4, J2_5, J2_9};
 use super::registers::{Reg, homing, motion_control};
-use crate::device::{Context, Duration, Instant};
+use crate::device::{Context, Duration, Instant, REPORTS_REASONS};
 use crate::motion::Limits;
 
 /// Interval at which the flag is sampled (7.5; MD3-26).
@@ -67,43 +68,68 @@ impl Drive {
     /// Applies a write of `MotionControl` (7.15). The drive first clears the fault, then applies Disable, a
     /// level that forbids the other commands, and then only the first set bit of those (MD3-3). While
     /// `INHIBIT_MODBUS_MOTION` is active, only Disable has an effect (7.8).
-    pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
-        let has = |bit| word & bit != 0 && !self.bus_inhibited;
-        let (clear, stop, decelerate) =
-            (has(motion_control::FAULT), has(motion_control::STOP), has(motion_control::DECEL_STOP));
-        let (home, jog, profile) =
-            (has(motion_control::HOME), has(motion_control::JOG), has(motion_control::MOVE));
+    ///
+    /// # Errors
+    /// The first reason why a bit has no effect, or another one.
+    pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
+        let obeyed = if self.bus_inhibited { word & motion_control::DISABLE } else { word };
+        let permitted = if obeyed == word { Ok(()) } else { Err(Why::BusInhibited) };
+        let has = |bits| obeyed & bits != 0;
         self.restart_cutback(at);
-        if clear {
-            self.clear_fault(at);
-        }
-        let disabled = word & motion_control::DISABLE != 0;
+        let cleared = if has(motion_control::FAULT) { self.clear_fault(at) } else { Ok(()) };
+        let disabled = has(motion_control::DISABLE);
         // When the drive is enabled, levels of the pins and the endless modes may move the motor again.
         self.armed |= self.disabled && !disabled;
         self.disabled = disabled;
-        if disabled || stop {
+        let moved = if disabled || has(motion_control::STOP) {
             self.stop(at, out);
-        } else if decelerate {
+            if disabled && has(motion_control::MOTIONS) { Err(Why::Disabled) } else { Ok(()) }
+        } else if has(motion_control::DECEL_STOP) {
             self.decelerate(at, out);
-        } else if home {
-            self.home(at, out);
-        } else if jog {
-            self.jog_by_bus(at, out);
-        } else if profile {
-            self.profile(false, at, out);
-        }
+            Ok(())
+        } else if has(motion_control::HOME) {
+            self.home(at, out).and_then(|()| self.check_motion(Reg::Speed))
+        } else if has(motion_control::JOG) {
+            self.jog_by_bus(at, out).and_then(|()| self.check_motion(self.speed_register()))
+        } else if has(motion_control::MOVE) {
+            self.profile(false, at, out).and_then(|()| self.check_motion(self.speed_register()))
+        } else {
+            Ok(())
+        };
         self.resume(at, out);
+        let commands = obeyed & (motion_control::STOP | motion_control::DECEL_STOP | motion_control::MOTIONS);
+        let single =
+            if REPORTS_REASONS && commands.count_ones() > 1 { Err(Why::SeveralBits) } else { Ok(()) };
+        permitted.and(cleared).and(moved).and(single)
     }
 
-    /// Starts a profile move, from standstill only. Returns true if the motor moves.
-    pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Context) -> bool {
+    /// Checks a motion that has just started with the speed of this register: the motor needs a current.
+    fn check_motion(&self, speed: Reg) -> Result<(), Why> {
+        match self.current {
+            _ if !REPORTS_REASONS => Ok(()),
+            0 if self.inhibited => Err(Why::Inhibited),
+            0 => Err(Why::NoCurrent),
+            _ if self.bank.clamped_value(speed) != self.bank.get(speed) => Err(Why::SpeedLimit),
+            _ => Ok(()),
+        }
+    }
+
+    /// Starts a profile move, from standstill only.
+    ///
+    /// # Errors
+    /// The motor does not move.
+    pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
+        self.can_step()?;
         let steps = self.bank.get(Reg::MoveSteps) as i32;
         let steps = if reversed { steps.wrapping_neg() } else { steps };
         let rates = Limits::even(magnitude(self.speed()), self.acceleration());
-        self.can_step() && self.start_profile(Motion::Profile, steps, rates, at, out)
+        self.start_profile(Motion::Profile, steps, rates, at, out)
     }
 
-    /// Starts a move from standstill as `motion`. Returns true if the move takes any time (MD3-7).
+    /// Starts a move from standstill as `motion`.
+    ///
+    /// # Errors
+    /// The move takes no time (MD3-7).
     fn start_profile(
         &mut self,
         motion: Motion,
@@ -111,33 +137,53 @@ impl Drive {
         rates: Limits,
         at: Instant,
         out: &mut dyn Context,
-    ) -> bool {
-        let moves = steps != 0 && rates.max_speed > 0 && rates.acceleration > 0;
-        if moves {
-            self.start(motion, at, out);
-            self.motor.profile(at, steps, rates, out);
+    ) -> Result<(), Why> {
+        if steps == 0 {
+            return Err(Why::NoSteps);
         }
-        moves
+        if rates.max_speed == 0 {
+            return Err(self.no_speed());
+        }
+        if rates.acceleration == 0 {
+            return Err(Why::NoAcceleration);
+        }
+        self.start(motion, at, out);
+        self.motor.profile(at, steps, rates, out);
+        Ok(())
     }
 
     /// Starts a jog from standstill. A running jog ramps to the present speed (MD3-4).
-    fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) {
+    fn jog_by_bus(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         match self.motion {
             Motion::Jog(jog) if !jog.is_ending => self.jog(jog.by_pins, jog.reversed, at, out),
             _ => self.jog(false, false, at, out),
         }
     }
 
-    /// Starts a jog, or changes the running jog. Has no effect while another motion runs, or if the
-    /// acceleration is 0, because the ramp would never end.
-    fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Context) {
+    /// Starts a jog, or changes the running jog.
+    ///
+    /// # Errors
+    /// Another motion runs, the drive may not move, the speed is 0; or the acceleration is 0, because the
+    /// ramp would never end.
+    fn jog(&mut self, by_pins: bool, reversed: bool, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         let speed = self.jog_speed(reversed);
-        let starts = self.motion == Motion::None && self.can_move() && speed != 0;
-        let acceleration = self.acceleration();
-        if (starts || matches!(self.motion, Motion::Jog(_))) && acceleration > 0 {
-            self.start(Motion::Jog(Jog { by_pins, reversed, speed, is_ending: false }), at, out);
-            self.motor.ramp_to(at, speed, acceleration, out);
+        match self.motion {
+            Motion::Jog(_) => {}
+            Motion::None => {
+                self.can_move()?;
+                if speed == 0 {
+                    return Err(self.no_speed());
+                }
+            }
+            _ => return Err(Why::Moves),
         }
+        let acceleration = self.acceleration();
+        if acceleration == 0 {
+            return Err(Why::NoAcceleration);
+        }
+        self.start(Motion::Jog(Jog { by_pins, reversed, speed, is_ending: false }), at, out);
+        self.motor.ramp_to(at, speed, acceleration, out);
+        Ok(())
     }
 
     fn jog_speed(&self, reversed: bool) -> I24F8 {
@@ -165,7 +211,7 @@ impl Drive {
             (Some(wanted), Motion::Jog(Jog { by_pins: true, reversed, is_ending: false, .. }))
                 if wanted == reversed => {}
             (Some(reversed), Motion::None | Motion::Jog(_)) if self.armed => {
-                self.jog(true, reversed, at, out);
+                let _ = self.jog(true, reversed, at, out);
             }
             (None, Motion::Jog(jog)) if jog.by_pins && !jog.is_ending => {
                 self.slow_down(Motion::Jog(Jog { is_ending: true, ..jog }), at, out);
@@ -174,37 +220,59 @@ impl Drive {
         }
     }
 
-    /// Starts a home cycle, from standstill only (MD3-37). Returns true if the motor moves.
-    pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> bool {
-        let known = homing::mode(self.homing()).is_some();
-        known
-            && self.can_step()
-            && (self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, at, out) || self.search_on(at, out))
+    /// Starts a home cycle, from standstill only (MD3-37).
+    ///
+    /// # Errors
+    /// The motor does not move.
+    pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
+        self.can_step()?;
+        if homing::mode(self.homing()).is_none() {
+            return Err(Why::NoHomingMode);
+        }
+        match self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, at, out) {
+            Ok(()) => Ok(()),
+            Err(_) => self.search_on(at, out),
+        }
     }
 
-    /// Starts the move by an offset, as `phase` of a home cycle. Returns true if the move takes any time.
-    fn home_by(&mut self, phase: HomePhase, offset: Reg, at: Instant, out: &mut dyn Context) -> bool {
+    /// Starts the move by an offset, as `phase` of a home cycle.
+    ///
+    /// # Errors
+    /// The move takes no time.
+    fn home_by(
+        &mut self,
+        phase: HomePhase,
+        offset: Reg,
+        at: Instant,
+        out: &mut dyn Context,
+    ) -> Result<(), Why> {
         // SPEEDSEL does not affect this speed.
         let rates = Limits::even(magnitude(self.normal_speed()), self.acceleration());
         self.start_profile(Motion::Home(phase), self.bank.get(offset) as i32, rates, at, out)
     }
 
-    /// Starts the search, or the home offset if the flag is already present. Returns true if the motion takes
-    /// any time.
-    fn search_on(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+    /// Starts the search, or the home offset if the flag is already present.
+    ///
+    /// # Errors
+    /// The motion takes no time.
+    fn search_on(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         let (speed, acceleration) = (magnitude(self.normal_speed()), self.acceleration());
-        if speed == 0 || acceleration == 0 {
-            return false;
+        if speed == 0 {
+            return Err(Why::NoSpeed);
+        }
+        if acceleration == 0 {
+            return Err(Why::NoAcceleration);
         }
         if self.flag() {
-            return self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out);
+            let offset = self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out);
+            return offset.map_err(|_| Why::AtHome);
         }
         // "The acceleration is not divided down" (7.5).
         let search = I24F8::from_bits(speed.to_bits().cast_signed() >> homing::divisor(self.homing()));
         let backward = self.homing() & homing::BACKWARD != 0;
         self.start(Motion::Home(HomePhase::Search), at, out);
         self.motor.ramp_to(at, if backward { -search } else { search }, acceleration, out);
-        true
+        Ok(())
     }
 
     /// Returns true if the flag or index that a home cycle searches for is present.
@@ -272,8 +340,10 @@ impl Drive {
                 }
                 true
             }
-            Motion::Home(HomePhase::PreOffset) => self.search_on(at, out),
-            Motion::Home(HomePhase::Slowing) => self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out),
+            Motion::Home(HomePhase::PreOffset) => self.search_on(at, out).is_ok(),
+            Motion::Home(HomePhase::Slowing) => {
+                self.home_by(HomePhase::Offset, Reg::HomeOffset, at, out).is_ok()
+            }
             _ => false,
         };
         if continues {
@@ -288,7 +358,7 @@ impl Drive {
                 self.bank.set(Reg::MoveSteps, i64::from(steps.wrapping_neg()));
             }
             (Mode::EndlessHomes, Motion::Profile) if self.armed => {
-                self.home(at, out);
+                let _ = self.home(at, out);
             }
             _ => {}
         }
@@ -306,10 +376,10 @@ impl Drive {
             // A move or home cycle that takes no time is skipped; else the two could alternate without end
             // (MD3-23).
             Mode::EndlessMoves => {
-                self.profile(false, at, out);
+                let _ = self.profile(false, at, out);
             }
             Mode::EndlessHomes => {
-                let _ = self.profile(false, at, out) || self.home(at, out);
+                let _ = self.profile(false, at, out).or_else(|_| self.home(at, out));
             }
             _ => {}
         }
@@ -330,7 +400,7 @@ impl Drive {
         match self.motion {
             Motion::Jog(jog) if !jog.is_ending => {
                 if jog.speed != self.jog_speed(jog.reversed) {
-                    self.jog(jog.by_pins, jog.reversed, at, out);
+                    let _ = self.jog(jog.by_pins, jog.reversed, at, out);
                 }
             }
             _ => self.resume(at, out),
@@ -342,7 +412,7 @@ impl Drive {
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, is_ending: false });
-        self.jog(false, false, at, out);
+        let _ = self.jog(false, false, at, out);
     }
 
     /// "Changing the acceleration while the motor is moving will cause the motor to stop" (7.17): this
@@ -401,14 +471,34 @@ impl Drive {
         self.restart_cutback(at);
     }
 
-    /// Returns true if a command may start a motion.
-    pub(super) fn can_move(&self) -> bool {
-        self.state == State::Ready && !self.fault && !self.disabled
+    /// Checks that a command may start a motion.
+    pub(super) fn can_move(&self) -> Result<(), Why> {
+        if self.fault {
+            Err(Why::Fault)
+        } else if self.disabled || self.state != State::Ready {
+            Err(Why::Disabled)
+        } else {
+            Ok(())
+        }
     }
 
-    /// Returns true if a motion in steps may begin. A DC motor can only jog (7.2).
-    pub(super) fn can_step(&self) -> bool {
-        self.can_move() && self.motion == Motion::None && !self.motor.is_dc()
+    /// Checks that a motion in steps may begin. A DC motor can only jog (7.2).
+    pub(super) fn can_step(&self) -> Result<(), Why> {
+        self.can_move()?;
+        if self.motor.is_dc() {
+            return Err(Why::DcMotor);
+        }
+        if self.motion == Motion::None { Ok(()) } else { Err(Why::Moves) }
+    }
+
+    /// The register of the speed that SPEEDSEL selects.
+    fn speed_register(&self) -> Reg {
+        if self.alternate { Reg::AlternateSpeed } else { Reg::Speed }
+    }
+
+    /// The reason why a speed of 0 moves nothing: the register that is 0.
+    fn no_speed(&self) -> Why {
+        if self.alternate { Why::NoAlternateSpeed } else { Why::NoSpeed }
     }
 
     /// Acceleration, in steps/s².

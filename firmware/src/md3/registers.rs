@@ -87,6 +87,8 @@ pub mod motion_control {
     pub const JOG: u16 = 1 << 1;
     /// Execute a profile move.
     pub const MOVE: u16 = 1 << 0;
+    /// The bits that start a motion.
+    pub(in super::super) const MOTIONS: u16 = HOME | JOG | MOVE;
 }
 
 /// Bits of [`Reg::EEPROMControl`] (7.20).
@@ -214,6 +216,14 @@ impl Version {
         }
     }
 
+    /// Last current code of the table (7.2).
+    pub(super) const fn last_current_code(self) -> u16 {
+        match self {
+            Self::HighCurrent => 0x1e,
+            Self::LowCurrent => 0x24,
+        }
+    }
+
     /// Returns true if `ProductInformation` may have this value: any firmware version in the low byte is
     /// allowed.
     pub(super) const fn is_product(self, value: i64) -> bool {
@@ -221,26 +231,33 @@ impl Version {
     }
 }
 
+/// Last microstepping or PWM code of the tables (7.2).
+pub(super) const LAST_PARAMETER: u16 = 8;
+
+/// The motor control parameter of a setting: the microstepping or PWM code.
+pub(super) const fn parameter(setting: u16) -> u16 {
+    setting >> motor::PARAMETER_AT & 0x1F
+}
+
 /// Peak phase current in mA of a current code (7.2). Above 2 A a step of the high current version is larger.
 /// Codes beyond the table act as its last row (MD3-10).
 pub(super) fn current_ma(version: Version, code: u16) -> u32 {
-    let code = u32::from(code & 0xFF);
+    let code = u32::from((code & 0xFF).min(version.last_current_code()));
     match (version, code) {
         (Version::HighCurrent, 0..=0x14) => 100 * code,
-        (Version::HighCurrent, 0x15..=0x1e) => 2_000 + 500 * (code - 0x14),
-        (Version::HighCurrent, _) => 7_000,
-        (Version::LowCurrent, _) => 50 * code.min(0x24),
+        (Version::HighCurrent, _) => 2_000 + 500 * (code - 0x14),
+        (Version::LowCurrent, _) => 50 * code,
     }
 }
 
 /// Percentage of the peak current that a stepper's phases get: 71 at full step (7.2), else 100.
 pub(super) fn microstepping_percent(setting: u16) -> u32 {
-    if setting & motor::DC == 0 && setting >> motor::PARAMETER_AT & 0x1F == 0 { 71 } else { 100 }
+    if setting & motor::DC == 0 && parameter(setting) == 0 { 71 } else { 100 }
 }
 
 /// Microsteps in a full step of a stepper (7.2). Codes beyond the table act as its last row.
 pub(super) fn microsteps(setting: u16) -> u16 {
-    if setting & motor::DC != 0 { 1 } else { 1 << (setting >> motor::PARAMETER_AT & 0x1F).min(8) }
+    if setting & motor::DC != 0 { 1 } else { 1 << parameter(setting).min(LAST_PARAMETER) }
 }
 
 /// PWM of a DC motor (7.2).
@@ -272,7 +289,7 @@ pub(super) fn pwm(setting: u16) -> Option<Pwm> {
     if setting & motor::DC == 0 {
         return None;
     }
-    let (hz, range) = PWM.get(usize::from(setting >> motor::PARAMETER_AT & 0x1F)).or(PWM.last())?;
+    let (hz, range) = PWM.get(usize::from(parameter(setting).min(LAST_PARAMETER)))?;
     let ticks = (TICKS_PER_SECOND as u32).checked_div(*hz)?;
     Some(Pwm { period: Duration::from_ticks(ticks.into()), range: NonZeroU32::new(*range)? })
 }

@@ -5,6 +5,7 @@
 //! | `registers` | the table of variables |
 //! | `variables` | reading and writing variables |
 //! | `error` | errors by their numbers |
+//! | `reasons` | reasons why an accepted request has no effect |
 //! | `startup`, `saved` | start-up, saved values |
 //! | `modbus` | port 502 |
 //! | `mcode` | port 503, and programs |
@@ -275,8 +276,14 @@ impl Drive {
                 }
             }
             io::Event::SoftStop => self.soft_stop(at, out),
-            io::Event::Pause if self.mcode.vm.is_paused() => self.resume_program(at, out),
-            io::Event::Pause => self.pause_program(at, out),
+            io::Event::Pause => {
+                // An input reports no reason.
+                let _ = if self.mcode.vm.is_paused() {
+                    self.resume_program(at, out)
+                } else {
+                    self.pause_program(at, out)
+                };
+            }
             io::Event::Reset => self.restart(at, out),
         }
     }

@@ -11,6 +11,7 @@ mod io;
 mod mcode;
 mod modbus;
 mod motion;
+mod reasons;
 mod registers;
 mod saved;
 mod startup;
@@ -155,7 +156,7 @@ const fn spec(
         memory: MEMORY as u16,
         registers,
         variant: model.variant(),
-        reasons: &[],
+        reasons: reasons::reasons(model),
         not_modelled: match model {
             Model::Plus => NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0,
             Model::Hybrid => &NOT_MODELLED,

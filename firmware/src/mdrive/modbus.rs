@@ -14,6 +14,7 @@ use super::drive::{Drive, Model};
 use super::error::Error;
 use super::mcode::print::Text;
 use super::mcode::statement::Statement;
+use super::reasons::report;
 use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
 use super::variables::illegal;
 use crate::device::{Context, Instant, Link, LogEvent, Output};
@@ -230,11 +231,12 @@ impl Drive {
     }
 
     fn command(&mut self, at: Instant, command: Command, out: &mut dyn Context) {
-        match command {
-            Command::End => self.end_program(),
+        let done = match command {
+            Command::End => self.end_by_command(),
             Command::Pause => self.pause_program(at, out),
             Command::Resume => self.resume_program(at, out),
-        }
+        };
+        report(done, at, out);
     }
 
     /// Runs the program at an address or a label. The `=` before it is optional.

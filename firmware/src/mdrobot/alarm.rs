@@ -1,6 +1,7 @@
 //! Alarms: their causes, their effects, and how they are cleared (p. 9).
 
 use super::drive::{Drive, State};
+use super::reasons::Why;
 use super::registers::{Pid, SUPPLY};
 use super::{
     ALARM, CTRL_FAIL, ENCODER_FAIL, HALL_FAIL, INVERSE_VELOCITY, OVER_TEMPERATURE, OVER_VOLTAGE, OVERLOAD,
@@ -146,14 +147,18 @@ impl Drive {
         self.update_alarm_pin(at, out);
     }
 
-    /// Clears the alarms that have no cause any more.
-    pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Clears the alarms that have no cause any more. Returns the reason why an alarm stays.
+    pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
         let any = self.alarms.any();
         self.alarms.latched &= self.causes();
         self.update_alarm_pin(at, out);
-        if any && !self.alarms.any() {
+        if self.alarms.any() {
+            return Some(Why::CauseStays);
+        }
+        if any {
             self.alarms_cleared(at, out);
         }
+        None
     }
 
     /// Sets the ALARM pin: low during an alarm, or with `INV_ALARM` low while there is no alarm (MDROBOT-26).

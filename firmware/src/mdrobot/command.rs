@@ -3,6 +3,7 @@
 use drivetwin_protocol::registers::Register;
 
 use super::drive::Drive;
+use super::reasons::Why;
 use super::registers::{LATER, Pid};
 use super::{CLUTCH, FAN};
 use crate::device::{CommandSpec, Context, Instant, Level, Output, Pin};
@@ -119,7 +120,9 @@ impl Drive {
     /// Executes a code written to COMMAND. A code without a row does nothing (newer controllers have more
     /// codes).
     pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Context) {
-        let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else { return };
+        let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else {
+            return Why::NoSuchCode.put(at, out);
+        };
         match *act {
             As(pid) => self.written(at, pid, out),
             Set(pid, value) => self.set(at, pid, value, out),
@@ -134,7 +137,7 @@ impl Drive {
                 }
             }
             Switch(pin, level) => out.put(at, Output::Level { pin, level }),
-            Nothing => {}
+            Nothing => Why::NotModelled.put(at, out),
         }
     }
 }

@@ -9,6 +9,7 @@
 //! | `inputs` | the connectors: contacts, speed input |
 //! | `reference` | the source of commands, and the order to the motor; functions |
 //! | `alarm` | alarms, their causes and outputs |
+//! | `reasons` | reasons why an accepted request has no effect |
 //! | `servo` | control of the motor according to the order |
 
 use drivetwin_protocol::modbus::pdu::Exception;
@@ -16,6 +17,7 @@ use drivetwin_protocol::registers::{Bank, Register};
 
 use super::alarm::Alarms;
 use super::inputs::Inputs;
+use super::reasons::Why;
 use super::reference::Reference;
 use super::registers::{self, Pid, SUPPLY, function};
 use super::servo::{Servo, Settings};
@@ -247,6 +249,7 @@ impl Drive {
     /// Applies a written PID. The cases are in the order of the PIDs.
     pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let value = self.bank.get(pid);
+        let mut why = None;
         match pid {
             Pid::DEFAULT_SET if self.bank.word(pid) == registers::DEFAULT_CHECK => {
                 self.restore();
@@ -255,8 +258,9 @@ impl Drive {
                 self.update_alarm_pin(at, out);
                 self.save(at, out);
             }
+            Pid::DEFAULT_SET => why = Some(Why::NoDefaultKey),
             Pid::COMMAND => self.command(at, self.bank.word(pid), out),
-            Pid::ALARM_RESET => self.reset_alarms(at, out),
+            Pid::ALARM_RESET => why = self.reset_alarms(at, out),
             Pid::POSI_RESET => self.servo.clear_position(),
             Pid::INV_ALARM => self.update_alarm_pin(at, out),
             Pid::TQ_OFF
@@ -271,7 +275,7 @@ impl Drive {
             | Pid::POSI_VEL_CMD
             | Pid::INC_POSI_VEL_CMD
             | Pid::POSI_CMD
-            | Pid::INC_POSI_CMD => self.command_written(at, pid, out),
+            | Pid::INC_POSI_CMD => why = self.command_written(at, pid, out),
             Pid::INV_SIGN_CMD
             | Pid::USE_LIMIT_SW
             | Pid::INPUT_TYPE
@@ -282,17 +286,11 @@ impl Drive {
             | Pid::TAR_VEL
             | Pid::LOW_SPEED_LIMIT
             | Pid::HIGH_SPEED_LIMIT
-            | Pid::INT_VOLUME => self.reference_changed(at, out),
-            Pid::ID => {
-                if let Some(id) = unlocked(value) {
-                    self.set(at, Pid::CONTROLLER_ID, id, out);
-                }
+            | Pid::INT_VOLUME => {
+                self.reference_changed(at, out);
             }
-            Pid::BAUDRATE => {
-                if let Some(code) = unlocked(value) {
-                    self.set(at, Pid::CONTROLLER_BAUD, code, out);
-                }
-            }
+            Pid::ID => why = Some(self.set_with_key(at, Pid::CONTROLLER_ID, value, out)),
+            Pid::BAUDRATE => why = Some(self.set_with_key(at, Pid::CONTROLLER_BAUD, value, out)),
             Pid::HALL_TYPE
             | Pid::STOP_STATUS
             | Pid::SLOW_START
@@ -309,17 +307,30 @@ impl Drive {
             Pid::MAX_LOAD | Pid::MAX_RPM => {
                 self.set_servo(at, out);
                 self.reference_changed(at, out);
+                why = (self.bank.clamped_value(pid) != value).then_some(Why::Limit);
             }
             Pid::SPEED_LIMIT => {
                 self.bank.set(Pid::HIGH_SPEED_LIMIT, value >> 16);
                 self.set(at, Pid::LOW_SPEED_LIMIT, value & 0xFFFF, out);
             }
+            Pid::TAR_POSI_VEL => why = (value > i64::from(i16::MAX)).then_some(Why::Unsigned),
             // The other PIDs apply from the next power-on, are read when they are used, or have no effect.
             _ => {}
+        }
+        if let Some(why) = why {
+            why.put(at, out);
         }
         if Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.saved != 0) {
             self.save(at, out);
         }
+    }
+
+    /// Writes the DH byte of a value written to ID or BAUDRATE, if its key is right. Returns the reason why it
+    /// does not count now.
+    fn set_with_key(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Context) -> Why {
+        let Some(value) = unlocked(value) else { return Why::NoKey };
+        self.set(at, pid, value, out);
+        Why::NextPowerOn
     }
 
     /// Writes `value` to a PID as a consequence of another action.

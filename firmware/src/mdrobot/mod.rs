@@ -7,6 +7,7 @@ mod alarm;
 mod command;
 mod drive;
 mod inputs;
+mod reasons;
 mod reference;
 mod registers;
 mod saved;
@@ -128,7 +129,7 @@ static MD400: Spec = Spec {
     prefix: "PID_",
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
-    reasons: &[],
+    reasons: reasons::REASONS,
     not_modelled: &NOT_MODELLED,
     ..Spec::EMPTY
 };

@@ -9,9 +9,10 @@ use drivetwin_protocol::registers::Bank;
 
 use self::functions::Function;
 use super::drive::{Drive, State};
+use super::reasons::Why;
 use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
-use crate::device::{Context, Instant};
+use crate::device::{Context, Instant, REPORTS_REASONS};
 
 /// A slower shaft counts as standing still for the limit switches. The ramp of 3,000 rpm in 15 s stops it
 /// within one count of 12 in a turn, and its last edge is at most a sixth of a second old.
@@ -119,72 +120,135 @@ enum Verdict {
 }
 
 impl Drive {
-    /// Applies a command written by the bus, if the drive allows it now.
-    pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
+    /// Applies a command written by the bus, if the drive allows it now. Returns the reason why it does not do
+    /// what it says.
+    pub(super) fn command_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) -> Option<Why> {
         match pid {
-            Pid::UI_COM | Pid::FUNC_CMD_TYPE | Pid::FUNC_CMD => return self.reference_changed(at, out),
-            _ if self.state != State::Ready || self.alarms.any() => return,
+            Pid::UI_COM | Pid::FUNC_CMD_TYPE => {
+                self.reference_changed(at, out);
+                return None;
+            }
+            Pid::FUNC_CMD => return self.function_written(at, out),
+            _ if self.state != State::Ready => return None,
             Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD | Pid::POSI_CMD | Pid::INC_POSI_CMD => {
                 return self.position_written(at, pid, out);
             }
             _ => {}
         }
-        if let Some(command) = self.requested(pid) {
-            self.reference.command = command;
-            self.update_order(at, out);
+        match self.requested(pid) {
+            Err(why) => why,
+            // An alarm has freed the motor already.
+            Ok(Command::Nothing(Release::Free)) if self.alarms.any() => None,
+            Ok(_) if self.alarms.any() => Some(Why::Alarm),
+            Ok(command) => {
+                self.reference.command = command;
+                let order = self.ordered();
+                self.apply(at, order, out).or_else(|| self.limited(order))
+            }
         }
     }
 
-    /// The command of a PID that is not a position; `None` if the PID may not command now (MDROBOT-13).
-    fn requested(&self, pid: Pid) -> Option<Command> {
+    /// The command of a PID that is not a position.
+    ///
+    /// # Errors
+    /// The PID may not command now (MDROBOT-13), with the reason. There is no reason if the PID asks for a
+    /// standstill and nothing drives, or if the value counts with a later command.
+    fn requested(&self, pid: Pid) -> Result<Command, Option<Why>> {
         let drives = self.reference.source == Source::BUS;
         let armed = drives && self.bank.word(Pid::START_STOP) != 0;
         let value = self.bank.get(pid) as i16;
-        // After a dropped command, speed 0 has no effect, because there is no speed to ramp down.
-        let dropped = matches!(self.reference.command, Command::Nothing(_));
+        let idle =
+            matches!(self.reference.command, Command::Nothing(_) | Command::Connectors { started: false });
         match pid {
-            Pid::TQ_OFF => Some(Command::Nothing(Release::Free)),
-            Pid::BRAKE => Some(Command::Nothing(Release::Brake)),
-            Pid::START_STOP if drives && !armed => (!dropped).then_some(Command::Nothing(Release::Stop)),
+            Pid::TQ_OFF => Ok(Command::Nothing(Release::Free)),
+            Pid::BRAKE => Ok(Command::Nothing(Release::Brake)),
+            Pid::OPEN_VEL_CMD if armed => Ok(Command::Open(value)),
+            Pid::TQ_CMD if armed => Ok(Command::Torque(value)),
+            // After a dropped command, speed 0 has no effect, because there is no speed to ramp down.
+            _ if idle && value == 0 => Err(None),
+            Pid::VEL_CMD if armed => Ok(Command::Velocity(value)),
             // A speed other than 0 drives. Speed 0 only ends a motion that `START_STOP` has started.
             Pid::START_STOP | Pid::COM_TAR_SPEED if armed => {
-                let turns = self.bank.word(Pid::COM_TAR_SPEED) != 0;
-                (turns || self.reference.command == Command::StartStop).then_some(Command::StartStop)
+                if self.bank.word(Pid::COM_TAR_SPEED) != 0 || self.reference.command == Command::StartStop {
+                    return Ok(Command::StartStop);
+                }
+                Err(Some(if pid == Pid::START_STOP { Why::ArmsOnly } else { Why::OtherCommand }))
             }
-            Pid::VEL_CMD if dropped && value == 0 => None,
-            Pid::VEL_CMD if armed => Some(Command::Velocity(value)),
-            Pid::OPEN_VEL_CMD if armed => Some(Command::Open(value)),
-            Pid::TQ_CMD if armed => Some(Command::Torque(value)),
-            _ => None,
+            Pid::COM_TAR_SPEED => Err((value < 0).then_some(Why::Unsigned)),
+            Pid::START_STOP if drives => Ok(Command::Nothing(Release::Stop)),
+            Pid::START_STOP if value == 0 => Err(Some(Why::StopsNothing)),
+            Pid::START_STOP if !self.reference.source.is_function() => Err(Some(Why::ArmsLater)),
+            _ => Err(Some(self.other_source().unwrap_or(Why::NotArmed))),
+        }
+    }
+
+    /// The reason why the bus does not command; `None` if it does.
+    fn other_source(&self) -> Option<Why> {
+        match self.reference.source {
+            Source::BUS => None,
+            source if source.is_function() => Some(Why::OnlyFunction),
+            _ => Some(Why::Inputs),
+        }
+    }
+
+    /// The reason why `order` is slower than the present command.
+    fn limited(&self, order: Order) -> Option<Why> {
+        let (rpm, unsigned) = match self.reference.command {
+            Command::Velocity(rpm) => (rpm.unsigned_abs(), false),
+            Command::StartStop => (self.bank.word(Pid::COM_TAR_SPEED), true),
+            _ => return None,
+        };
+        match order {
+            _ if !REPORTS_REASONS => None,
+            Order::Velocity(acts) if acts.unsigned_abs() == u32::from(rpm) => None,
+            Order::Velocity(0) => Some(Why::NoMaxRpm),
+            _ if unsigned && rpm > i16::MAX.unsigned_abs() => Some(Why::Unsigned),
+            _ => Some(Why::MaxRpm),
+        }
+    }
+
+    /// Applies a written `FUNC_CMD`.
+    fn function_written(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
+        let why = self.reference_changed(at, out);
+        match self.bank.word(Pid::FUNC_CMD) {
+            0 => None,
+            _ if !self.reference.source.is_function() => Some(Why::NoFunction),
+            _ => why,
         }
     }
 
     /// Applies a written position command: low word, high word, and possibly a speed.
-    fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
+    fn position_written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) -> Option<Why> {
         let words = self.bank.get(pid);
         let count = self.turned(words as i32);
         let here = matches!(pid, Pid::INC_POSI_CMD | Pid::INC_POSI_VEL_CMD);
         let count = if here { self.relative(count) } else { count };
-        let rpm = match pid {
-            Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => i32::from((words >> 32) as i16).abs(),
-            _ => self.bank.word(Pid::TAR_POSI_VEL).into(),
+        let (rpm, limit) = match pid {
+            Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD => {
+                (i32::from((words >> 32) as i16).abs(), self.max_rpm())
+            }
+            // The factory value is beyond the factory value of `MAX_RPM`.
+            _ => (self.bank.word(Pid::TAR_POSI_VEL).into(), i32::MAX),
         };
-        if self.reference.source == Source::BUS {
-            self.reference.command = Command::Position { rpm };
-            self.apply(at, self.position(count, rpm), out);
+        let barred = self.other_source().or(self.alarms.any().then_some(Why::Alarm));
+        if barred.is_some() {
+            return barred;
         }
+        self.reference.command = Command::Position { rpm };
+        self.apply(at, self.position(count, rpm), out).or((rpm > limit).then_some(Why::MaxRpm))
     }
 
     /// Applies a write of a register that selects the source of commands, or the meaning of a command or an
-    /// input.
-    pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.update_source() {
+    /// input. Returns the reason why `FUNC_CMD` does not start a function.
+    pub(super) fn reference_changed(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
+        let why = if self.update_source() {
             // A signal that is already ON does not start the new command.
             self.reference.start = self.state == State::Ready && self.start_signal();
+            None
         } else {
-            self.signals_changed(at, out);
-        }
-        self.update_order(at, out);
+            self.signals_changed(at, out)
+        };
+        why.or(self.update_order(at, out))
     }
 
     /// Handles the end of the start-up: a command of the connectors starts. A function waits until its signal
@@ -256,26 +320,27 @@ impl Drive {
         *left = release;
     }
 
-    /// Handles a possible change of START/STOP, RUN/BRAKE, the step number or `FUNC_CMD`.
-    pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Handles a possible change of START/STOP, RUN/BRAKE, the step number or `FUNC_CMD`. Returns the reason
+    /// why a signal that is ON does not start a function.
+    pub(super) fn signals_changed(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
         if self.state != State::Ready {
-            return;
+            return None;
         }
         let (on, brake) = (self.start_signal(), self.is_braked());
         let was_on = core::mem::replace(&mut self.reference.start, on);
         let was_braked = core::mem::replace(&mut self.reference.brake, brake);
         if self.alarms.any() {
-            return;
+            return on.then_some(Why::AlarmFunction);
         }
         if brake != was_braked {
             self.set_release(if brake { Release::Brake } else { Release::Free });
         }
         if on == was_on {
-            return;
+            return on.then_some(Why::SignalOn);
         }
         let connectors = matches!(self.reference.command, Command::Connectors { .. });
         match self.reference.source {
-            source if source.is_function() && on => self.start_function(at, out),
+            source if source.is_function() && on => return self.start_function(at, out),
             source if source.is_function() => self.release_function(),
             // A command that `TQ_OFF`, BRAKE or an alarm has dropped starts again when the signal changes to
             // ON (MDROBOT-14).
@@ -284,6 +349,7 @@ impl Drive {
             }
             Source { .. } => {}
         }
+        None
     }
 
     /// Returns true if the start signal of the connectors, or of a function, is ON.
@@ -297,16 +363,16 @@ impl Drive {
         !source.bus && contact || by_bus
     }
 
-    /// Gives the motor the order of the present command.
-    pub(super) fn update_order(&mut self, at: Instant, out: &mut dyn Context) {
-        self.apply(at, self.ordered(), out);
+    /// Gives the motor the order of the present command. Returns the reason why the motor does not turn.
+    pub(super) fn update_order(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
+        self.apply(at, self.ordered(), out)
     }
 
     /// Gives `order` to the servo, unless the drive is not ready, an alarm is active, or a limit switch
-    /// forbids the order.
-    pub(super) fn apply(&mut self, at: Instant, order: Order, out: &mut dyn Context) {
+    /// forbids the order. Returns the reason why the motor does not turn.
+    pub(super) fn apply(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Option<Why> {
         if self.state != State::Ready || self.alarms.any() {
-            return;
+            return None;
         }
         let verdict = self.check_limits(at, order);
         self.reference.reverses = verdict == Verdict::Reverses;
@@ -322,6 +388,11 @@ impl Drive {
             }
         };
         self.servo.order(at, order, out);
+        match verdict {
+            Verdict::Permits => self.servo.stands(),
+            Verdict::Reverses => None,
+            Verdict::Forbids => Some(Why::LimitSwitch),
+        }
     }
 
     /// Checks if a shaft that is to turn back from a limit switch stands still by now.

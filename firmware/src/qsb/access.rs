@@ -4,11 +4,11 @@ use drivetwin_protocol::registers::Register;
 
 use super::adapter::{Adapter, flush_filter};
 use super::encoder::Pwm;
-use super::motor::{Order, Settings};
+use super::motor::{self, Order, Settings};
+use super::reasons::Why;
 use super::registers::{Reg, mdr1};
-use super::stream;
 use crate::counter::Channel;
-use crate::device::{Context, Instant, PresetError};
+use crate::device::{Context, Instant, PresetError, REPORTS_REASONS};
 
 impl Adapter {
     /// Present value of a register; the caller has updated the counter.
@@ -48,14 +48,23 @@ impl Adapter {
         if reg == Reg::Command {
             return self.command(at, value, out);
         }
+        let before = self.bank.word(reg);
         self.bank.set(reg, stored_value(reg, value));
+        let mut done = Ok(());
         match reg {
             Reg::Mode => {
                 self.pwm = Pwm::default();
                 self.schedule(at);
             }
-            Reg::DigIO => self.end_pulse(at, out),
+            Reg::DigIO => {
+                done = self.check_port((before ^ self.bank.word(reg)) as u8);
+                self.end_pulse(at, out);
+            }
             Reg::DigIOConfig => {
+                done = match self.pulled {
+                    0 => self.check_config(before ^ self.bank.word(reg)),
+                    _ => Err(Why::AllHigh),
+                };
                 self.bank.set(Reg::DigIO, 0xF);
                 self.end_pulse(at, out);
             }
@@ -68,12 +77,30 @@ impl Adapter {
             },
             Reg::LoadReg => match value {
                 0 => self.counter.load_cntr(),
-                _ => self.counter.load_otr(),
+                _ => {
+                    self.counter.load_otr();
+                    done = Err(Why::HiddenOtr);
+                }
             },
             Reg::IntervalRate => self.schedule(at),
             Reg::TimeStamp if value == 1 => self.clock.set_timestamp(at, 0),
+            Reg::TimeStamp => done = Err(Why::TimeStampKey),
+            // The motor's orders read these registers.
+            Reg::MdStepRate | Reg::MdAccel | Reg::MdMoveSteps | Reg::MdJogRate
+                if REPORTS_REASONS && self.motor.has_motion() =>
+            {
+                done = Err(Why::NextCommand);
+            }
+            Reg::MdStepRate | Reg::MdAccel | Reg::MdJogRate
+                if REPORTS_REASONS && value % motor::UNIT != 0 =>
+            {
+                done = Err(Why::Rounded);
+            }
             // The other registers are read when they are used.
             _ => {}
+        }
+        if let Err(why) = done {
+            why.put(at, out);
         }
         true
     }
@@ -97,7 +124,9 @@ impl Adapter {
     fn command(&mut self, at: Instant, value: i64, out: &mut dyn Context) -> bool {
         let order = match value {
             1 => {
-                self.streams.end(stream::ENDED_BY_COMMAND);
+                if let Err(why) = self.streams.end_by_command() {
+                    why.put(at, out);
+                }
                 return true;
             }
             3 => {
@@ -137,7 +166,7 @@ impl Adapter {
     /// Command 0: ends the motor drive mode, ends the same streams as command 1, and restores the saved values
     /// of the port.
     fn release_motor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.streams.end(stream::ENDED_BY_COMMAND);
+        let ended = self.streams.end_by_command();
         let stored = self.stored(out);
         for reg in [Reg::DigIO, Reg::DigIOConfig] {
             self.bank.set(reg, stored.get(reg));
@@ -147,6 +176,8 @@ impl Adapter {
         self.end_pulse(at, out);
         if had_lines {
             self.on_motor_released(at, out);
+        } else if let Err(why) = ended {
+            why.put(at, out);
         }
     }
 

@@ -3,8 +3,9 @@
 use super::DIO;
 use super::adapter::{Adapter, flush_filter};
 use super::clock::TICK;
+use super::reasons::Why;
 use super::registers::{Reg, config};
-use crate::device::{Context, Duration, Instant, Level, Output, Pin};
+use crate::device::{Context, Duration, Instant, Level, Output, Pin, REPORTS_REASONS};
 
 /// Time after which every delayed edge has passed the counter's filter.
 const FILTER: Duration = Duration::micros(1);
@@ -82,11 +83,48 @@ impl Adapter {
         self.update_port(at, out);
     }
 
+    /// The lines that the variant has and the motor drive does not use.
+    fn free_lines(&self) -> u8 {
+        self.variant.lines & !self.motor_lines()
+    }
+
+    /// The lines that DIG I/O drives.
+    fn driven_lines(&self) -> u8 {
+        (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8 & self.free_lines()
+    }
+
+    /// Checks a write of DIG I/O that changes these lines: one of them must be an output.
+    pub(super) fn check_port(&self, changed: u8) -> Result<(), Why> {
+        match changed & LINES {
+            _ if !REPORTS_REASONS => Ok(()),
+            0 => Ok(()),
+            lines if lines & self.driven_lines() != 0 => Ok(()),
+            lines => self.check_lines(lines).and(Err(Why::InputPins)),
+        }
+    }
+
+    /// Checks a write of DIG I/O CONFIG that changes these bits: it must be for a line that is free.
+    pub(super) fn check_config(&self, changed: u16) -> Result<(), Why> {
+        let pulse = if changed & config::PULSE != 0 { 1 } else { 0 };
+        let lines = (changed | changed >> config::CAPTURES | changed >> config::OUTPUTS) as u8 & LINES;
+        self.check_lines(lines | pulse)
+    }
+
+    /// Checks a write for these lines: one of them must be free.
+    fn check_lines(&self, lines: u8) -> Result<(), Why> {
+        if !REPORTS_REASONS || lines == 0 || lines & self.free_lines() != 0 {
+            Ok(())
+        } else if lines & self.variant.lines != 0 {
+            Err(Why::MotorLines)
+        } else {
+            Err(Why::NoSuchLines)
+        }
+    }
+
     /// Drives the outputs that have a new level. Lines of the motor drive stay unchanged.
     pub(super) fn update_port(&mut self, at: Instant, out: &mut dyn Context) {
-        let outputs = (self.bank.word(Reg::DigIOConfig) >> config::OUTPUTS) as u8;
         let latch = self.bank.word(Reg::DigIO) as u8 ^ u8::from(self.pulse.is_some());
-        let pulled = outputs & !latch & self.variant.lines & !self.motor_lines();
+        let pulled = self.driven_lines() & !latch;
         let changed = pulled ^ self.pulled;
         self.pulled = pulled;
         self.put_lines(changed & !self.motor_lines(), at, out);

@@ -39,7 +39,9 @@ impl Adapter {
                 (b'r', self.value(at, reg) as u32)
             }
             Verb::Stream => {
-                self.begin_stream(at, reg);
+                if let Err(why) = self.begin_stream(at, reg) {
+                    why.put(at, out);
+                }
                 (b's', self.value(at, reg) as u32)
             }
             Verb::Write(data) => {

@@ -12,6 +12,7 @@ mod dio;
 mod dispatch;
 mod encoder;
 mod motor;
+mod reasons;
 mod registers;
 mod saved;
 mod serial;
@@ -98,7 +99,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
-        reasons: &[],
+        reasons: reasons::REASONS,
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -3,6 +3,7 @@
 
 use fixed::types::{I24F8, U24F8};
 
+use super::reasons::Why;
 use super::{AXIS, DIO1, DIO2};
 use crate::device::{Context, Duration, Instant, Level, Output, Plan};
 use crate::motion::{Limits, SETUP, StepIterator};
@@ -23,6 +24,9 @@ pub(super) enum Order {
     /// Turn at MD JOG RATE until the next order.
     Jog,
 }
+
+/// Unit in which speeds and accelerations are used.
+pub(super) const UNIT: i64 = 16;
 
 /// The registers 0F to 12, as written. An order reads its parameters from them; a later write does not change
 /// a running motion. A jog below 16 steps/s makes no steps, but counts as running.
@@ -143,6 +147,9 @@ impl Motor {
         self.timeout(at, out);
         match (order, self.state) {
             (Order::Move, State::Ready) => {
+                if with.steps == 0 {
+                    Why::NoSteps.put(at, out);
+                }
                 let end = self.position(at).wrapping_add(with.steps);
                 let speed = U24F8::from(with.step_rate & !15);
                 self.run(at, Motion::Move { end, speed }, with.acceleration(), out);
@@ -152,9 +159,15 @@ impl Motor {
                 if let Some(Motion::Move { .. }) = self.motion() {
                     return false;
                 }
-                self.run(at, with.jog(), with.acceleration(), out);
+                let jog = with.jog();
+                let rests = matches!(jog, Motion::Jog { speed } if speed == I24F8::ZERO);
+                if rests && matches!(self.state, State::Ready) {
+                    Why::NoJogRate.put(at, out);
+                }
+                self.run(at, jog, with.acceleration(), out);
             }
-            (_, State::Inactive | State::Ready) => {}
+            (_, State::Inactive) => Why::NotActive.put(at, out),
+            (_, State::Ready) => Why::NothingMoves.put(at, out),
             (Order::Quit, _) => {
                 self.state = State::Ready;
                 self.halt(at, out);
@@ -174,7 +187,8 @@ impl Motor {
             (Order::Resume, State::Pauses(motion, _) | State::Paused(motion)) => {
                 self.run(at, motion, with.acceleration(), out);
             }
-            (Order::Pause | Order::Resume, _) => {}
+            (Order::Pause, _) => {}
+            (Order::Resume, _) => Why::NotPaused.put(at, out),
         }
         true
     }
@@ -217,6 +231,11 @@ impl Motor {
     /// A board has made `steps` more steps than the plan has.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.step_offset = self.step_offset.wrapping_add(steps);
+    }
+
+    /// Returns true if a motion runs or is paused.
+    pub(super) fn has_motion(&self) -> bool {
+        self.motion().is_some()
     }
 
     /// The motion that runs or is paused.

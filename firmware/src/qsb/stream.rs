@@ -3,6 +3,7 @@
 use drivetwin_protocol::registers::Register;
 
 use super::adapter::Adapter;
+use super::reasons::Why;
 use super::registers::Reg;
 use crate::device::{Context, Instant};
 
@@ -13,7 +14,7 @@ const ENCODER: u8 = bit(Reg::ReadEncoder);
 /// The stream of the counter's status, which must be compared after every event of the counter.
 pub(super) const STATUS: u8 = bit(Reg::Str);
 /// Streams that W160 and W161 end.
-pub(super) const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
+const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
 /// Value of INTERVAL RATE that pauses the encoder's stream.
 const PAUSED: u16 = 0xFFFF;
 
@@ -71,6 +72,15 @@ impl Streams {
         }
     }
 
+    /// Ends the streams that W160 and W161 end.
+    ///
+    /// # Errors
+    /// Other streams go on.
+    pub(super) fn end_by_command(&mut self) -> Result<(), Why> {
+        self.end(ENDED_BY_COMMAND);
+        if self.running == 0 { Ok(()) } else { Err(Why::StreamsRun) }
+    }
+
     /// Ends the stream of a register, if it has one.
     pub(super) fn end_of(&mut self, reg: Reg) {
         self.end(bit(reg));
@@ -96,15 +106,20 @@ impl Adapter {
         for reg in STREAMS.into_iter().filter(|reg| saved & bit(*reg) != 0) {
             let exists = Reg::ENTRIES.list.get(reg.row()).is_some_and(|row| self.has(row));
             if exists {
-                self.begin_stream(at, reg);
+                let _ = self.begin_stream(at, reg);
             }
         }
     }
 
     /// Starts a stream. The response to `S` carries its first value.
-    pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) {
+    ///
+    /// # Errors
+    /// The stream is paused.
+    pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) -> Result<(), Why> {
         self.streams.running |= bit(reg);
         self.note_sent(at, reg);
+        let paused = reg == Reg::ReadEncoder && self.streams.next == Instant::NEVER;
+        if paused { Err(Why::IntervalPaused) } else { Ok(()) }
     }
 
     /// Notes that the present value of a register is being sent.

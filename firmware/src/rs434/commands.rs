@@ -8,24 +8,42 @@ use super::drive::{Drive, State};
 use super::errors::error;
 use super::program::vm::{CannotWrite, Host, Step, join};
 use super::program::{self, Program, Status};
+use super::reasons::Why;
 use super::registers::{Reg, Word};
 use crate::device::{Context, Instant};
 
 impl Drive {
     /// Executes a written MODE_USER_PROGRAM. The value 3 is only stored (RS434-26).
     pub(super) fn command_program(&mut self, at: Instant, out: &mut dyn Context) {
-        match self.bank.word(Reg::MODE_USER_PROGRAM) {
-            1 => self.program.stop(),
+        let done = match self.bank.word(Reg::MODE_USER_PROGRAM) {
+            1 => {
+                self.program.stop();
+                Ok(())
+            }
             2 => self.start_program(at, Status::StartedByBus, out),
-            _ => {}
+            _ => Err(Why::StartOfProgram),
+        };
+        if let Err(why) = done {
+            why.put(at, out);
         }
     }
 
     /// Starts the program, unless it already runs. Saves a copy of the registers, which the program's end may
     /// restore.
-    pub(super) fn start_program(&mut self, at: Instant, status: Status, out: &mut dyn Context) {
-        if self.program.status() == Status::Running || self.state != State::Ready {
-            return;
+    ///
+    /// # Errors
+    /// No line of a saved program will be executed.
+    pub(super) fn start_program(
+        &mut self,
+        at: Instant,
+        status: Status,
+        out: &mut dyn Context,
+    ) -> Result<(), Why> {
+        if self.state != State::Ready {
+            return Ok(());
+        }
+        if self.program.status() == Status::Running {
+            return Err(Why::ProgramRuns);
         }
         self.refresh(at, Reg::OFFSET);
         self.snapshot = self.bank.clone();
@@ -33,12 +51,15 @@ impl Drive {
         self.program.start(at, status);
         if self.program.status() == Status::Failed {
             self.program_failed(at, out);
+            return Err(Why::BadProgram);
         }
+        if self.program.is_new() { Err(Why::NoProgram) } else { Ok(()) }
     }
 
     /// Loads the program from the flash into the buffer.
     pub(super) fn load_program(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.program.load(out) {
+            Why::BadProgram.put(at, out);
             self.raise(at, error::PROGRAM_TEST, out);
         }
     }

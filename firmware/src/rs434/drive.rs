@@ -7,6 +7,7 @@
 //! | `errors` | the register ERROR |
 //! | `inputs` | IN1, IN2, HARD_STOP |
 //! | `motion` | starts and stops of the motor |
+//! | `reasons` | reasons why an accepted request has no effect |
 //! | `program` | the user program |
 //! | `commands` | start and stop of the program, and its access to the drive |
 //! | `saved` | settings in the flash |
@@ -20,6 +21,7 @@ use super::errors::{Errors, error};
 use super::inputs::Inputs;
 use super::motion::{self, Motion};
 use super::program::Program;
+use super::reasons::Why;
 use super::registers::{Model, Reg, VERSIONS, key, line};
 use super::servo::Servo;
 use super::startup::{Clearing, Lights};
@@ -280,9 +282,7 @@ impl Drive {
     /// effect.
     pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> bool {
         match reg {
-            Reg::START_bit | Reg::STOP_bit | Reg::HARD_STOP_bit | Reg::CLR_POSITION_bit => {
-                self.apply_coils(at, out);
-            }
+            _ if reg.is_control() => self.apply_coils(at, out),
             Reg::MODE_DEVICE | Reg::MODE_EXT_IN => self.levels_act(at, out),
             Reg::MODE_USER_PROGRAM => self.command_program(at, out),
             Reg::REF_CURRENT => {
@@ -293,31 +293,39 @@ impl Drive {
                 self.halls_changed(at, out);
                 self.set_servo(at, out);
             }
-            Reg::RATED_SPEED
-            | Reg::SPEED
-            | Reg::ACC
-            | Reg::DEC
-            | Reg::PULSES_PER_REVOLUTION
-            | Reg::MODE_COIL => return self.set_servo(at, out),
-            Reg::OFFSET => self.offset_written(),
-            Reg::DIRECTION => self.direction_changed(at, out),
-            Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
-            Reg::SUPPLY => self.set_supply(at, self.bank.word(reg), out),
-            Reg::FLAG_SAVE_INI => {
-                if self.take_unlock_key(reg) == key::SAVE {
-                    self.save_settings(at, out);
+            Reg::SPEED | Reg::ACC | Reg::DEC => {
+                if self.servo.keeps_rates() {
+                    Why::KeepsRates.put(at, out);
+                }
+                if reg == Reg::SPEED && self.bank.word(reg) > self.bank.word(Reg::RATED_SPEED) {
+                    Why::TooFast.put(at, out);
+                }
+                return self.set_servo(at, out);
+            }
+            Reg::RATED_SPEED | Reg::PULSES_PER_REVOLUTION | Reg::MODE_COIL => {
+                return self.set_servo(at, out);
+            }
+            Reg::OFFSET => self.offset_written(at, out),
+            Reg::DIRECTION => {
+                if let Err(why) = self.direction_changed(at, out) {
+                    why.put(at, out);
                 }
             }
+            Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
+            Reg::SUPPLY => self.set_supply(at, self.bank.word(reg), out),
+            Reg::FLAG_SAVE_INI => match self.take_unlock_key(reg) {
+                key::SAVE => self.save_settings(at, out),
+                _ => Why::NoKey.put(at, out),
+            },
             Reg::FLAG_SAVE_USER_PROGRAM => match self.take_unlock_key(reg) {
                 key::SAVE_PROGRAM => self.program.save(at, out),
                 key::LOAD_PROGRAM => self.load_program(at, out),
-                _ => {}
+                _ => Why::NoKey.put(at, out),
             },
-            Reg::FLAG_RESTART => {
-                if self.take_unlock_key(reg) == key::RESTART {
-                    self.restart_due = at;
-                }
-            }
+            Reg::FLAG_RESTART => match self.take_unlock_key(reg) {
+                key::RESTART => self.restart_due = at,
+                _ => Why::NoKey.put(at, out),
+            },
             Reg::WRITE_CMD => {
                 self.program.write_line(self.bank.word(reg), self.bank.get(Reg::CMD_W) as u32);
             }
@@ -326,15 +334,41 @@ impl Drive {
                 self.bank.set(Reg::CMD_R, line.into());
             }
             _ => {
-                // Communication settings take effect at the next start. The drive reads the other registers
-                // when it needs them.
-                if let Some(register) = reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
-                    *register = self.bank.word(reg);
+                match reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
+                    Some(register) => *register = self.bank.word(reg),
+                    None => self.put_postponed(at, reg, out),
                 }
                 return false;
             }
         }
         true
+    }
+
+    /// Reports the reason if a register that the drive reads only when it needs it has no effect now.
+    fn put_postponed(&self, at: Instant, reg: Reg, out: &mut dyn Context) {
+        let turns = self.servo.direction() != 0;
+        let why = match reg {
+            Reg::SLAVE_ADDRESS_MODBUS
+            | Reg::TYPE_MODBUS
+            | Reg::BITRATE_MODBUS
+            | Reg::TIMEOUT_BROADCAST_MODBUS => Why::StartOfBus,
+            Reg::MODE_ROTATION
+            | Reg::POSITION_N
+            | Reg::OFFSET_COMPENSATION
+            | Reg::OFFSET_CONST
+            | Reg::TARGET_POSITION1
+            | Reg::TARGET_POSITION2
+            | Reg::TARGET_POSITION3
+            | Reg::TARGET_POSITION4
+                if turns =>
+            {
+                Why::NextStart
+            }
+            Reg::TARGET_POSITION => Why::CopiedPosition,
+            Reg::CMD_R => Why::ShownLine,
+            _ => return,
+        };
+        why.put(at, out);
     }
 
     /// Value of a key register. Resets the register to 0 (RS434-2).

@@ -3,6 +3,7 @@
 use core::ops::RangeInclusive;
 
 use super::drive::{Drive, State};
+use super::reasons::Why;
 use super::registers::{Reg, SUPPLY};
 use super::thermal::Part;
 use crate::device::{Context, Fault, Instant};
@@ -125,8 +126,15 @@ impl Drive {
     /// Handles a write of ERROR: clears the warnings that are 0 in `word`. A warning whose cause remains is
     /// set again.
     pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
-        self.errors.clear(!(word | error::STAYS));
+        let unwanted = self.errors.bits & !word;
+        self.errors.clear(unwanted & !error::STAYS);
+        if unwanted & error::STAYS != 0 {
+            Why::ErrorStays.put(at, out);
+        }
         self.check_errors(at, out);
+        if unwanted & !error::STAYS & self.errors.bits != 0 {
+            Why::CauseRemains.put(at, out);
+        }
     }
 
     /// Sets or clears the cause of a fault.

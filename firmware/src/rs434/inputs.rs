@@ -149,7 +149,7 @@ impl Drive {
         match self.bank.word(Reg::MODE_EXT_IN) {
             1 | 2 if pulse_1 => {
                 if self.servo.direction() == 0 {
-                    self.start(at, Heading::Registers, out);
+                    let _ = self.start(at, Heading::Registers, out);
                 } else {
                     self.stop();
                 }

@@ -10,6 +10,7 @@ mod inputs;
 mod motion;
 mod port;
 pub mod program;
+mod reasons;
 mod registers;
 mod saved;
 mod servo;
@@ -118,7 +119,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         registers,
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
         supply: Some(Reg::SUPPLY as usize),
-        reasons: &[],
+        reasons: reasons::REASONS,
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }
@@ -233,7 +234,7 @@ impl Rs434 {
         let mut reply = Frame::new();
         let outcome = match message {
             Ok(body) => {
-                let mut map = Bus { drive, at, out };
+                let mut map = Bus { drive, at, out, has_applied_coils: false };
                 serve_serial(body, manners.unit, &RULES, &mut map, &mut reply)
             }
             Err(why) => Outcome::Dropped(why),
@@ -354,6 +355,8 @@ struct Bus<'a> {
     drive: &'a mut Drive,
     at: Instant,
     out: &'a mut dyn Context,
+    /// True after the first coil of the request, which applies all of them.
+    has_applied_coils: bool,
 }
 
 impl RequestHandler for Bus<'_> {
@@ -372,6 +375,9 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn written(&mut self, register: Reg) {
+        if register.is_control() && core::mem::replace(&mut self.has_applied_coils, true) {
+            return;
+        }
         self.drive.written(self.at, register, self.out);
     }
 

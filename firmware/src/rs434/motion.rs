@@ -3,6 +3,7 @@
 
 use super::drive::{Drive, State, Words};
 use super::errors::{Errors, error};
+use super::reasons::Why;
 use super::registers::Reg;
 use super::servo::Settings;
 use crate::device::{Context, Instant};
@@ -84,40 +85,61 @@ impl Drive {
             set
         };
         let (start, stop, hard_stop) = (take(Reg::START_bit), take(Reg::STOP_bit), take(Reg::HARD_STOP_bit));
-        if take(Reg::CLR_POSITION_bit) {
+        let clears = take(Reg::CLR_POSITION_bit);
+        if clears {
             self.servo.clear_position();
         }
+        let mut done = Ok(());
         if hard_stop {
             self.halt(at, out);
         } else if stop {
             self.stop();
-        } else if start && !self.is_by_inputs() {
-            self.start(at, Heading::Registers, out);
+        } else if start && self.is_by_inputs() {
+            done = Err(Why::StartedByInputs);
+        } else if start {
+            done = self.start(at, Heading::Registers, out);
+        } else if !clears {
+            done = Err(Why::ZeroCoil);
+        }
+        if let Err(why) = done {
+            why.put(at, out);
         }
     }
 
     /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move is in progress.
-    pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) {
-        if self.state != State::Ready || self.errors.stop() {
-            return;
+    ///
+    /// # Errors
+    /// Nothing starts.
+    pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) -> Result<(), Why> {
+        if self.state != State::Ready {
+            return Ok(());
         }
-        match self.motion {
-            Motion::Moves { braking: false, .. } => return,
-            Motion::Moves { braking: true, .. } => self.move_over(),
-            Motion::Rotates => return self.rotate(at, heading, out),
-            Motion::None => {}
+        if self.errors.stop() {
+            return Err(Why::HasError);
         }
         let rotation = self.bank.word(Reg::MODE_ROTATION);
+        match self.motion {
+            Motion::Moves { braking: false, .. } => return Err(Why::MoveRuns),
+            Motion::Moves { braking: true, .. } => self.move_over(),
+            Motion::Rotates => {
+                self.rotate(at, heading, out);
+                return if rotation == 1 { Ok(()) } else { Err(Why::Rotates) };
+            }
+            Motion::None => {}
+        }
         if rotation != 1 && self.has_too_few_halls() {
             self.raise(at, error::TOO_FEW_HALLS, out);
-            return;
+            return Err(Why::TooFewHalls);
         }
         let constant = self.bank.get(Reg::OFFSET_CONST);
         if constant != 0 {
             self.bank.set(Reg::OFFSET, constant);
         }
         match rotation {
-            1 => self.rotate(at, heading, out),
+            1 => {
+                self.rotate(at, heading, out);
+                Ok(())
+            }
             2 => self.move_by_offset(at, heading == Heading::Backward, out),
             _ => self.move_to_position(at, out),
         }
@@ -133,16 +155,16 @@ impl Drive {
         self.servo.rotate(at, forward, out);
     }
 
-    fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Context) {
+    fn move_by_offset(&mut self, at: Instant, negative: bool, out: &mut dyn Context) -> Result<(), Why> {
         let offset = self.bank.get(Reg::OFFSET) as i32;
         if negative {
-            self.go(at, offset.saturating_neg(), MoveTarget::MinusOffset, out);
+            self.go(at, offset.saturating_neg(), MoveTarget::MinusOffset, out)
         } else {
-            self.go(at, offset, MoveTarget::Offset, out);
+            self.go(at, offset, MoveTarget::Offset, out)
         }
     }
 
-    fn move_to_position(&mut self, at: Instant, out: &mut dyn Context) {
+    fn move_to_position(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         let target = self.bank.get(match self.bank.word(Reg::POSITION_N) {
             1 => Reg::TARGET_POSITION1,
             2 => Reg::TARGET_POSITION2,
@@ -152,15 +174,18 @@ impl Drive {
         self.bank.set(Reg::TARGET_POSITION, target);
         // A distance beyond the range of a move is limited and does not wrap to the other direction. The next
         // start continues.
-        self.go(at, (target as i32).saturating_sub(self.servo.position()), MoveTarget::Position, out);
+        self.go(at, (target as i32).saturating_sub(self.servo.position()), MoveTarget::Position, out)
     }
 
-    fn go(&mut self, at: Instant, counts: i32, target: MoveTarget, out: &mut dyn Context) {
-        if counts != 0 {
-            self.motion = Motion::Moves { target, braking: false };
-            let compensation = self.bank.get(Reg::OFFSET_COMPENSATION) as i16;
-            self.servo.go(at, counts, compensation, out);
+    fn go(&mut self, at: Instant, counts: i32, target: MoveTarget, out: &mut dyn Context) -> Result<(), Why> {
+        match (counts, target) {
+            (0, MoveTarget::Position) => return Err(Why::IsThere),
+            (0, MoveTarget::Offset | MoveTarget::MinusOffset) => return Err(Why::NoOffset),
+            _ => {}
         }
+        self.motion = Motion::Moves { target, braking: false };
+        let compensation = self.bank.get(Reg::OFFSET_COMPENSATION) as i16;
+        self.servo.go(at, counts, compensation, out)
     }
 
     /// Runs the motor (`Some`) or stops it (`None`), as selected by an input level.
@@ -169,7 +194,7 @@ impl Drive {
             self.stop();
         }
         if let Some(heading) = heading {
-            self.start(at, heading, out);
+            let _ = self.start(at, heading, out);
         }
     }
 
@@ -215,14 +240,21 @@ impl Drive {
     /// Sets DIRECTION to the value that an input selects.
     pub(super) fn set_direction(&mut self, at: Instant, direction: i64, out: &mut dyn Context) {
         self.bank.set(Reg::DIRECTION, direction);
-        self.direction_changed(at, out);
+        let _ = self.direction_changed(at, out);
     }
 
-    /// Applies a new DIRECTION to continuous rotation at once, unless each input has a direction of its own.
-    pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.motion == Motion::Rotates && !self.is_by_both() {
+    /// Applies a new DIRECTION to continuous rotation at once.
+    ///
+    /// # Errors
+    /// Each input has a direction of its own.
+    pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
+        if self.is_by_both() {
+            return Err(Why::DirectionOfInputs);
+        }
+        if self.motion == Motion::Rotates {
             self.rotate(at, Heading::Registers, out);
         }
+        Ok(())
     }
 
     /// Called after USE_HALL was written and before the servo gets it. The remaining distance of a move needs
@@ -256,9 +288,16 @@ impl Drive {
 
     /// Called after OFFSET was written. A motor at standstill then uses this value, and not the remaining
     /// distance of its last move.
-    pub(super) fn offset_written(&mut self) {
-        if matches!(self.motion, Motion::Moves { .. }) && self.servo.direction() == 0 {
-            self.motion = Motion::None;
+    pub(super) fn offset_written(&mut self, at: Instant, out: &mut dyn Context) {
+        match self.motion {
+            Motion::Moves { .. } if self.servo.direction() == 0 => self.motion = Motion::None,
+            Motion::Moves { target: MoveTarget::Offset | MoveTarget::MinusOffset, .. } => {
+                Why::CountedOffset.put(at, out);
+            }
+            _ => {}
+        }
+        if self.bank.get(Reg::OFFSET_CONST) != 0 {
+            Why::CopiedOffset.put(at, out);
         }
     }
 

@@ -261,6 +261,11 @@ impl Word {
 }
 
 impl Reg {
+    /// Returns true for the coils, which control the motor.
+    pub(super) fn is_control(self) -> bool {
+        matches!(self, Self::START_bit | Self::STOP_bit | Self::HARD_STOP_bit | Self::CLR_POSITION_bit)
+    }
+
     /// Index of a register from AX to JX. PC_REG, which is between them, is not one of them.
     pub(super) fn system(self) -> Option<usize> {
         let n = (self as usize).checked_sub(Self::AX_REG as usize)?;

@@ -94,7 +94,7 @@ impl Drive {
         self.check_errors(at, out);
         self.apply_inputs(at, out);
         if self.bank.word(Reg::MODE_USER_PROGRAM) == 3 {
-            self.start_program(at, Status::StartedByPower, out);
+            let _ = self.start_program(at, Status::StartedByPower, out);
         }
     }
 

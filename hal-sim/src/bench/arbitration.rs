@@ -114,12 +114,18 @@ impl Bench {
     /// Transmits the first `length` bytes of a client without gaps, from their arrival or, if later, from the
     /// time at which the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
+        self.note_silence(bus, client);
+        let in_one_write = self.in_one_write(bus, client, length);
         let early = self.early_request(bus, client, length);
+        let early = in_one_write.or(early);
         let Some(state) = self.clients.get_mut(&client) else { return };
         let (flags, order) = (state.flags(), state.order().unwrap_or_default());
         let (bytes, sender) = (state.take(length), state.sender);
         if state.left && state.backlog() == 0 {
             self.forget(client);
+        }
+        if self.framed(bus).is_some() && !flags.noise {
+            self.buses[bus as usize].requests.request(&bytes);
         }
         if let Some(early) = early
             && self.drops_early(bus, early, came, &bytes)

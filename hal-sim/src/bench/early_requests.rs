@@ -14,6 +14,7 @@ use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::journal::{Draft, Outcome};
+use crate::record::requests::RequestStatistics;
 
 /// Requests that are too early.
 impl Bench {
@@ -66,6 +67,13 @@ impl Bench {
     #[must_use]
     pub fn early_requests(&self, bus: Bus) -> EarlyRequests {
         self.buses[bus.0 as usize].early
+    }
+
+    /// Statistics of the requests on a Modbus line so far; all zero on another line.
+    #[must_use]
+    pub fn request_statistics(&self, bus: Bus) -> RequestStatistics {
+        let line = &self.buses[bus.0 as usize];
+        line.requests.statistics(line.early.count)
     }
 
     /// Number of requests on all lines so far that were too early.
@@ -132,14 +140,52 @@ impl Bench {
         cause.or_else(is_followed).map(|cause| EarlyRequest { cause, needs })
     }
 
+    /// Judges the first `length` waiting bytes of a client, which are a frame, by what arrived with them. This is known
+    /// in manual time, too: the second of two frames in one write has no silence before it.
+    pub(super) fn in_one_write(&mut self, bus: u32, client: u32, length: usize) -> Option<EarlyRequest> {
+        self.framed(bus).filter(|_| !self.fast())?;
+        let state = self.clients.get(&client)?;
+        let (paces_itself, continues) = (state.paces_itself, state.arrived_at_once(length));
+        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let line = &mut self.buses[bus as usize];
+        let before = std::mem::replace(&mut line.continues, continues.then_some(client));
+        // In Modbus ASCII a frame is whole without silence.
+        if paces_itself || needs == Duration::ZERO || *line.disturbance.faults() != LineFaults::NONE {
+            return None;
+        }
+        let cause = match before == Some(client) {
+            true => EarlyCause::OneWrite,
+            false if continues && line.strict && !self.silence_is_free => EarlyCause::Followed,
+            false => return None,
+        };
+        Some(EarlyRequest { cause, needs })
+    }
+
+    /// Notes the silence between the last reply on a line and the waiting frame of a client.
+    pub(super) fn note_silence(&mut self, bus: u32, client: u32) {
+        let knows = self.framed(bus).is_some() && !self.silence_is_free && !self.fast();
+        let Some(state) = self.clients.get(&client).filter(|state| knows && !state.paces_itself) else {
+            return;
+        };
+        let Some((_, began)) = state.sent_between(0) else { return };
+        let line = &mut self.buses[bus as usize];
+        if line.sends_until > Instant::ZERO && *line.disturbance.faults() == LineFaults::NONE {
+            line.requests.silence(began.max(line.sends_until).since(line.sends_until));
+        }
+    }
+
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
     pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
         let ascii = ascii::is_on(self.line(Bus(bus)));
         let line = &mut self.buses[bus as usize];
         line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
         self.early_count += 1;
-        if !line.strict {
+        // In manual time two requests that wait for the bench may look like one write.
+        if !line.strict || self.silence_is_free {
             return false;
+        }
+        if !self.settings.journals {
+            return true;
         }
         let &[(drive, port), ref others @ ..] = line.ports.as_slice() else { return true };
         let mut draft = Draft::default();

@@ -53,6 +53,7 @@ pub use crate::ids::{Bus, Client, DriveId};
 use crate::line::{Clients, LineMode, SerialLine};
 use crate::record::capture::Capture;
 pub use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
+pub use crate::record::requests::{RequestStatistics, StartingRequests};
 use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
 use crate::scheduler::{Event, Phase, Queue, Tournament};
 use crate::slot::{CallContext, Outputs, Slot};
@@ -62,7 +63,7 @@ use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
-pub use received::{News, Received, ReceivedMessage, Receiver};
+pub use received::{Accesses, Counts, News, Received, ReceivedMessage, Receiver};
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
@@ -83,6 +84,8 @@ pub struct Settings {
     /// True to record the motion of brush and brushless motors in the trace, for waveforms. The motion of
     /// stepper motors is in the trace anyway, as plans. Default: false.
     pub shafts: bool,
+    /// True if drives and lines keep [journals](Bench::received). Default: true.
+    pub journals: bool,
 }
 
 impl Default for Settings {
@@ -94,6 +97,7 @@ impl Default for Settings {
             trace: Retention::default(),
             capture: Retention::Off,
             shafts: false,
+            journals: true,
         }
     }
 }
@@ -220,6 +224,8 @@ pub struct Bench {
     silence_is_free: bool,
     /// Number of requests on all lines that were too early.
     early_count: u64,
+    /// Number of requests to all drives that were starting.
+    starting_count: u64,
     /// Outputs of the device that was called last.
     outputs: Outputs,
     trace: Trace,
@@ -265,6 +271,7 @@ impl Bench {
             arrived_by: Instant::ZERO,
             silence_is_free: false,
             early_count: 0,
+            starting_count: 0,
             outputs: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
@@ -303,7 +310,11 @@ impl Bench {
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.mark());
-        let mut slot = Slot::new(index, name, device, self.settings.seed, boot_fast, memory, persist);
+        let Settings { seed, journals, .. } = self.settings;
+        let mut slot = Slot::new(index, name, device, seed, boot_fast, memory, persist);
+        if !journals {
+            slot.state.reception.switch_off();
+        }
         if external_motor {
             slot.detach_motor();
         }

@@ -4,12 +4,15 @@
 //! receive or read. A line that several drives share has a journal, too: of corrupt frames, and of frames for
 //! an address that no drive of the line has (BENCH-18).
 
+use std::collections::BTreeMap;
+
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
 use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId};
-use crate::decode::{self, Exchange, Message, Register, Verdict};
+use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::record::journal::{Entry, Outcome};
+use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
 /// Copy of the latest messages that a drive has received, the oldest first. The texts of the messages are
@@ -37,6 +40,8 @@ use crate::record::trace::InputRecord;
 /// ]);
 /// // Was the speed written before Move?
 /// assert_eq!(received.written(), ["SpeedLow", "MotionControl"]);
+/// let register = |name| bench.spec(md3).find(name).expect("the MD3 has it");
+/// assert!(received.wrote_before(register("Speed"), register("MotionControl")));
 /// ```
 #[derive(Clone, Debug)]
 pub struct Received {
@@ -66,6 +71,37 @@ impl std::fmt::Display for ReceivedMessage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Exchange { request, outcome, .. } = &self.exchange;
         write!(f, "{} <- {} -> {outcome}", self.port, request.text)
+    }
+}
+
+/// Numbers of requests, whatever their outcomes.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Counts {
+    /// By Modbus function.
+    pub functions: BTreeMap<u8, u64>,
+    /// By register.
+    pub registers: BTreeMap<String, Accesses>,
+}
+
+/// Numbers of the requests that read and that write a register.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Accesses {
+    /// Number of requests that read it.
+    pub read: u64,
+    /// Number of requests that write it.
+    pub written: u64,
+}
+
+impl Counts {
+    /// Counts a request.
+    pub fn add(&mut self, request: &Request) {
+        if let Some(function) = request.function {
+            *self.functions.entry(function).or_default() += 1;
+        }
+        for register in &request.registers {
+            let accesses = self.registers.entry(register.name.clone()).or_default();
+            *(if register.written { &mut accesses.written } else { &mut accesses.read }) += 1;
+        }
     }
 }
 
@@ -101,16 +137,43 @@ impl Received {
     /// Removes the messages that neither read nor write a register, or the word of a register (`SpeedLow`).
     #[must_use]
     pub fn of_register(self, register: Named) -> Self {
+        let fits = self.fits(register);
+        self.retain(|message| message.exchange.request.registers.iter().any(&fits))
+    }
+
+    /// A function that tells if a register of a request is this register, or a part of it.
+    fn fits(&self, register: Named) -> impl Fn(&Register) -> bool + use<> {
         let row = self.spec.registers.rows.get(register.row).map_or("", |row| row.name);
         let word = register.word.map(|word| {
             let high = (self.spec.registers.layout.order == Order::HighFirst) == (word == 0);
             format!("{row}{}", if high { "High" } else { "Low" })
         });
-        let fits = move |other: &Register| {
+        move |other: &Register| {
             let whole = other.name == row;
             other.row == register.row && (whole || word.as_ref().is_none_or(|word| *word == other.name))
-        };
-        self.retain(|message| message.exchange.request.registers.iter().any(&fits))
+        }
+    }
+
+    /// Returns true if an executed request wrote `first` before the first one that wrote `then`. False if no request
+    /// wrote `then`.
+    #[must_use]
+    pub fn wrote_before(&self, first: Named, then: Named) -> bool {
+        let (is_first, is_then) = (self.fits(first), self.fits(then));
+        let done = self.messages().filter(|message| message.exchange.verdict == Verdict::Done);
+        let written = done.flat_map(|message| message.exchange.request.registers).filter(|one| one.written);
+        let written: Vec<Register> = written.collect();
+        let place = written.iter().position(is_then);
+        place.is_some_and(|place| written[..place].iter().any(is_first))
+    }
+
+    /// Numbers of the requests by Modbus function and by register.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        let mut counts = Counts::default();
+        for message in self.messages() {
+            counts.add(&message.exchange.request);
+        }
+        counts
     }
 
     fn retain(mut self, wanted: impl Fn(&ReceivedMessage) -> bool) -> Self {
@@ -196,6 +259,18 @@ impl Bench {
         Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
     }
 
+    /// Requests to a drive so far that it did not receive because it was starting.
+    #[must_use]
+    pub fn starting_requests(&self, drive: DriveId) -> StartingRequests {
+        self.at(drive).state.starting
+    }
+
+    /// Number of requests to all drives so far that they did not receive because they were starting.
+    #[must_use]
+    pub fn starting_count(&self) -> u64 {
+        self.starting_count
+    }
+
     /// Number of messages that all journals have taken so far.
     #[must_use]
     pub fn received_count(&self) -> u64 {
@@ -261,7 +336,9 @@ impl Bench {
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
         let alone = self.buses[bus as usize].ports.len() == 1;
         let own = self.address(drive);
-        let message = Message { framing: Framing::Silence, ascii: entry.ascii, bytes: entry.message() };
+        let framing = self.spec(drive).ports.get(usize::from(entry.port.0)).map(|port| port.framing);
+        let framing = framing.unwrap_or(Framing::Silence);
+        let message = Message { framing, ascii: entry.ascii, bytes: entry.message() };
         let address = message.address();
         let is_own = address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
@@ -269,6 +346,11 @@ impl Bench {
             Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending => !is_own,
             _ => false,
         };
+        if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) && is_own && address != Some(0) {
+            let starting = &mut self.at_mut(drive).state.starting;
+            *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
+            self.starting_count += 1;
+        }
         match (alone, for_other) {
             (true, true) if matches!(entry.outcome, Outcome::Dropped(DropReason::Address)) => {
                 let addresses: Vec<u8> = own.into_iter().collect();
@@ -286,10 +368,14 @@ impl Bench {
         }
     }
 
-    /// Marks the present frame of a line as one that a drive has executed or refused.
-    pub(super) fn claim(&mut self, drive: u32, port: Port) {
+    /// Marks the present frame of a line as one that a drive has executed or refused, with or without an answer.
+    pub(super) fn claim(&mut self, drive: u32, port: Port, answers: bool) {
         if let Some(Bus(bus)) = self.bus(DriveId(drive), port) {
-            self.buses[bus as usize].claimed = true;
+            let line = &mut self.buses[bus as usize];
+            line.claimed = true;
+            if !answers {
+                line.requests.answer();
+            }
         }
     }
 

@@ -1,11 +1,12 @@
 //! Transmission: characters on a line, and the times at which each receiver gets them.
 
-use drivetwin_firmware::device::{Duration, Instant, Line, Port};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line, Port};
 use drivetwin_protocol::modbus::ascii;
 
 use super::events::EventKind;
 use super::lines::end_detection_time;
 use super::{Bench, Bus, DriveId};
+use crate::decode::Message;
 use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
 use crate::record::trace::InputRecord;
@@ -194,8 +195,9 @@ impl Bench {
         for (drive, change) in &outputs.pin_changes {
             self.schedule_pin_change(*drive, change);
         }
+        let answers = !outputs.sent.is_empty();
         for (drive, port) in outputs.claimed.drain(..) {
-            self.claim(drive, port);
+            self.claim(drive, port, answers);
         }
         for (drive, entry) in outputs.unclaimed.drain(..) {
             self.enter_unclaimed(drive, entry, &mut outputs.entries);
@@ -214,6 +216,7 @@ impl Bench {
                 let end = start + self.takes(sent.line, bytes.len());
                 let serial_line = &mut self.buses[bus as usize];
                 serial_line.sends_until = serial_line.sends_until.max(end);
+                serial_line.requests.answer();
                 self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
             fate => self.transmit_with_faults(bus, sent, bytes, &fate.unwrap_or_default()),
@@ -235,6 +238,15 @@ impl Bench {
         (bytes, unreadable): (&[u8], &[usize]),
         to_clients: (Line, &[u8]),
     ) {
+        let requests = &mut self.buses[bus as usize].requests;
+        // Faults may have changed the answer.
+        if !requests.is_answered() && requests.address() == to_clients.1.get(..1) && unreadable.is_empty() {
+            let ascii = ascii::is_on(sent.line);
+            let answer = Message { framing: Framing::Silence, ascii, bytes: to_clients.1 };
+            if answer.is_whole() {
+                requests.answer();
+            }
+        }
         let number = self.occupy_line(bus, start, sent.line, bytes.len());
         self.deliver_to_clients(bus, start, to_clients.0, to_clients.1, number, Some(DriveId(sent.drive)));
         let origin = Origin::Drive(sent.line, sent.start);

@@ -138,7 +138,11 @@ impl Message<'_> {
     /// Address that the message is for; `None` if it has none.
     #[must_use]
     pub fn address(&self) -> Option<u8> {
-        self.body().map(|(address, _)| address)
+        match (self.framing, self.bytes) {
+            // The journal asks for the address of each frame.
+            (Framing::Silence, [address, _, _, ..]) if !self.ascii => Some(*address),
+            _ => self.body().map(|(address, _)| address),
+        }
     }
 
     /// Returns true if the message is a frame with a valid checksum, or a port without frames.
@@ -300,8 +304,9 @@ fn wrong_sum(message: &Message<'_>) -> String {
     }
 }
 
-/// Reason of the silence of a drive that starts.
-fn starting(left: Option<Duration>) -> String {
+/// Reason of the silence of a drive that starts, with the time until it receives.
+#[must_use]
+pub fn starting(left: Option<Duration>) -> String {
     let Some(left) = left.filter(|left| *left > Duration::ZERO) else { return "starting".to_owned() };
     let milliseconds = (u128::from(left.ticks()) * 1_000).div_ceil(u128::from(TICKS_PER_SECOND));
     match milliseconds {

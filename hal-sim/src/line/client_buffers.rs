@@ -104,6 +104,16 @@ impl ClientState {
         Some((arrival.at, arrival.latest))
     }
 
+    /// Returns true if the waiting bytes at `length - 1` and at `length` arrived at once.
+    pub(crate) fn arrived_at_once(&self, length: usize) -> bool {
+        let mut end = 0;
+        let arrival = self.arrivals.iter().find(|arrival| {
+            end += arrival.count;
+            length <= end
+        });
+        arrival.is_some() && length < end
+    }
+
     /// Flags of the first waiting byte.
     pub(crate) fn flags(&self) -> CharFlags {
         self.arrivals.front().map(|arrival| arrival.flags).unwrap_or_default()

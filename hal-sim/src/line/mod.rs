@@ -14,6 +14,7 @@ use drivetwin_protocol::line::Parity;
 use crate::ids::DriveId;
 use crate::record::early::EarlyRequests;
 use crate::record::journal::{Entry, Journal};
+use crate::record::requests::RequestLog;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
 use faults::{Disturbance, Refusal, Text};
@@ -114,6 +115,10 @@ pub(crate) struct SerialLine {
     pub(crate) strict: bool,
     /// Requests so far that were too early.
     pub(crate) early: EarlyRequests,
+    /// Client whose next request was sent in one write with its last one.
+    pub(crate) continues: Option<u32>,
+    /// Requests so far.
+    pub(crate) requests: RequestLog,
     pub(crate) disturbance: Disturbance,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
@@ -198,6 +203,8 @@ impl SerialLine {
             last_request: None,
             strict: false,
             early: EarlyRequests::default(),
+            continues: None,
+            requests: RequestLog::default(),
             disturbance: Disturbance::new(seed, name),
             behind: VecDeque::new(),
             refusal: None,

@@ -22,6 +22,8 @@ pub enum EarlyCause {
     AfterRequest(Duration),
     /// The request began while the line was in use.
     InUse,
+    /// The client sent the request in one write with the request before it.
+    OneWrite,
     /// The next request of the client follows without silence, as when one write has two frames.
     Followed,
 }
@@ -41,6 +43,7 @@ impl fmt::Display for EarlyRequest {
             EarlyCause::AfterReply(silence) => write!(f, "sent {} after a reply", milliseconds(silence))?,
             EarlyCause::AfterRequest(silence) => write!(f, "sent {} after a request", milliseconds(silence))?,
             EarlyCause::InUse => f.write_str("sent while the line was in use")?,
+            EarlyCause::OneWrite => f.write_str("sent in one write with the request before it")?,
             EarlyCause::Followed => f.write_str("the next request follows without silence")?,
         }
         match self.needs {

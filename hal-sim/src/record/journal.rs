@@ -2,6 +2,7 @@
 //! codes. [`decode`](crate::decode) makes words of them.
 
 use std::collections::VecDeque;
+use std::ops::Deref;
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 
@@ -51,8 +52,52 @@ pub struct Entry {
     /// Length of the answer in `bytes`, after the message.
     answer: u16,
     /// The message, the answer, and codes: the reasons of the drive, or the addresses of the line.
-    bytes: Box<[u8]>,
+    bytes: Bytes,
 }
+
+/// Bytes of an entry. Those of a usual request and its answer need no allocation.
+#[derive(Clone, Debug)]
+enum Bytes {
+    Few([u8; Bytes::FEW], u8),
+    Many(Box<[u8]>),
+}
+
+impl Bytes {
+    /// A read of a few registers, or a write, and its answer.
+    const FEW: usize = 38;
+
+    fn joined(parts: [&[u8]; 3]) -> Self {
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        if length > Self::FEW {
+            return Self::Many(parts.concat().into());
+        }
+        let (mut few, mut from) = ([0; Self::FEW], 0);
+        for part in parts {
+            few[from..from + part.len()].copy_from_slice(part);
+            from += part.len();
+        }
+        Self::Few(few, length as u8)
+    }
+}
+
+impl Deref for Bytes {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Few(few, length) => &few[..usize::from(*length)],
+            Self::Many(many) => many,
+        }
+    }
+}
+
+impl PartialEq for Bytes {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl Eq for Bytes {}
 
 impl Entry {
     /// Bytes of the message, without the characters that had an error.
@@ -86,7 +131,7 @@ impl Entry {
 
     /// The entry with these addresses instead of codes, for the journal of a line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
-        let bytes = [self.message(), addresses].concat().into();
+        let bytes = Bytes::joined([self.message(), addresses, &[]]);
         Self { outcome: Outcome::NoDrive, answer: 0, bytes, ..self }
     }
 }
@@ -132,10 +177,7 @@ impl Draft {
     /// The entry, which takes the bytes of this draft. Its number is set by the [`Journal`].
     pub(crate) fn entry(&mut self, at: Instant, port: Port, outcome: Outcome) -> Entry {
         let (message, answer) = (self.message.len(), self.answer.len());
-        let mut bytes = Vec::with_capacity(message + answer + self.codes.len());
-        bytes.extend_from_slice(&self.message);
-        bytes.extend_from_slice(&self.answer);
-        bytes.extend_from_slice(&self.codes);
+        let bytes = Bytes::joined([&self.message, &self.answer, &self.codes]);
         self.clear();
         Entry {
             number: 0,
@@ -147,7 +189,7 @@ impl Draft {
             deaf_for: Some(Duration::ZERO),
             message: message as u16,
             answer: answer as u16,
-            bytes: bytes.into_boxed_slice(),
+            bytes,
         }
     }
 }
@@ -168,13 +210,14 @@ pub(crate) struct Journal {
 impl Journal {
     /// Adds an entry as the bench's next one after number `last`, and drops the oldest one if the ring is
     /// full.
-    pub(crate) fn push(&mut self, last: &mut u64, entry: Entry) {
+    pub(crate) fn push(&mut self, last: &mut u64, mut entry: Entry) {
         if self.entries.len() == MOST {
             self.entries.pop_front();
             self.lost += 1;
         }
         *last += 1;
-        self.entries.push_back(Entry { number: *last, ..entry });
+        entry.number = *last;
+        self.entries.push_back(entry);
     }
 
     /// The entries, the oldest first.

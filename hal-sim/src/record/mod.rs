@@ -4,4 +4,5 @@
 pub mod capture;
 pub mod early;
 pub mod journal;
+pub mod requests;
 pub mod trace;

@@ -222,15 +222,31 @@ impl Slot {
                 }
             }
             _ => {
-                self.note_reception(at, input, context.fast);
+                let afterwards = self.notes_afterwards(input);
+                if !afterwards {
+                    self.note_reception(at, input, context.fast);
+                }
                 self.note_report(input);
                 if let Some(input) = input.input() {
                     self.device.input(at, input, &mut SlotContext { state: &mut self.state, context });
+                }
+                if afterwards {
+                    self.note_reception(at, input, context.fast);
                 }
             }
         }
         self.done(at, Phase::of(input), context);
         Ok(())
+    }
+
+    /// Returns true if the drive reports the outcome of earlier characters during a call with this input.
+    fn notes_afterwards(&self, input: &InputRecord) -> bool {
+        match input {
+            InputRecord::Bytes { port, .. } | InputRecord::RxError { port } => {
+                self.state.reception.notes_afterwards(*port)
+            }
+            _ => false,
+        }
     }
 
     /// Notes what the drive receives, for its journal.
@@ -244,6 +260,9 @@ impl Slot {
             InputRecord::Closed { port, link } => return self.state.reception.closed(*port, *link),
             _ => return,
         };
+        if self.state.reception.overhears {
+            return self.state.reception.overhear(port);
+        }
         let Some(line) = self.line_at(port, at) else { return };
         let character = if fast || bytes.len() < 2 { Duration::ZERO } else { line.character() };
         self.state.reception.characters(at, port, line, character, bytes);
@@ -278,11 +297,13 @@ impl Slot {
         self.last = (at, phase);
         if self.state.reception.is_touched() {
             let device = &self.device;
-            let mut entries = self.state.reception.finish(|| device.receives_from());
-            for entry in entries.drain(..) {
+            let last = self.state.reception.finish(|| device.receives_from());
+            for entry in self.state.reception.earlier_entries() {
                 self.state.enter(entry, context.outputs);
             }
-            self.state.reception.reuse(entries);
+            if let Some(entry) = last {
+                self.state.enter(entry, context.outputs);
+            }
         }
         if self.state.dead {
             self.state.power_off(at, context.outputs);

@@ -2,9 +2,14 @@
 //! answer.
 //!
 //! The outcome of a message that silence ends ([`Framing::Silence`]) concerns the bytes of earlier inputs,
-//! because the drive looks at the old message before it takes a new byte. Every other outcome also concerns
-//! the bytes of the present input. The answer is put after the outcome in the same call of the drive; on a
-//! port with lines of text over TCP, also before the outcome, because what a line prints comes first.
+//! because the drive looks at the old message before it takes a new byte. So these bytes are noted after the
+//! call of the drive; only a drive that starts reports the outcome of the present ones. On other ports the outcome
+//! concerns the bytes of the present input, too, and they are noted before the call. The answer is put after the
+//! outcome in the same call of the drive; on a port with lines of text over TCP, also before the outcome, because
+//! what a line prints comes first.
+//!
+//! On a shared line every drive receives every frame, most of them for others. So a frame of another drive, and a
+//! frame that another drive of the line has reported already, cost a few instructions only.
 
 use std::mem;
 
@@ -32,29 +37,12 @@ struct Part {
 
 impl Part {
     fn is_empty(&self) -> bool {
-        self.bytes.is_empty() && self.unreadable == 0
+        self.bytes.is_empty() && self.unreadable == 0 && !self.overheard
     }
 
     fn clear(&mut self) {
         self.bytes.clear();
         (self.unreadable, self.overheard) = (0, false);
-    }
-
-    /// Appends `other` and clears it.
-    fn append(&mut self, other: &mut Self) {
-        if other.is_empty() {
-            return;
-        }
-        if self.is_empty() {
-            mem::swap(self, other);
-        } else {
-            let room = LONGEST.saturating_sub(self.bytes.len()).min(other.bytes.len());
-            self.bytes.extend_from_slice(&other.bytes[..room]);
-            self.unreadable = self.unreadable.saturating_add(other.unreadable);
-            self.end = other.end;
-            self.overheard |= other.overheard;
-        }
-        other.clear();
     }
 }
 
@@ -63,10 +51,8 @@ impl Part {
 struct PortReception {
     framing: Framing,
     ascii: bool,
-    /// Bytes of earlier calls.
-    earlier: Part,
-    /// Bytes of the present call.
-    fresh: Part,
+    /// Bytes without an outcome.
+    part: Part,
     /// Connection of the bytes.
     link: Link,
     /// Incomplete lines of other connections.
@@ -91,9 +77,11 @@ pub(crate) struct Reception {
     draft: Draft,
     /// What the drive sent on text ports in the present call, before the outcome.
     before: Vec<u8>,
-    /// Entries of the present call.
+    /// Entries of the present call before that of `open`.
     done: Vec<Entry>,
-    /// True if the drive has received bytes, reported an outcome or printed text in the present call.
+    /// Port on which the drive ignores the characters of the present call, because it starts.
+    ignores: Option<Port>,
+    /// True if the present call has outcomes.
     touched: bool,
     /// True while the characters that arrive are those of another drive.
     pub(crate) overhears: bool,
@@ -104,8 +92,7 @@ impl Reception {
         let port = |framing| PortReception {
             framing,
             ascii: false,
-            earlier: Part::default(),
-            fresh: Part::default(),
+            part: Part::default(),
             link: Link(0),
             others: Vec::new(),
         };
@@ -115,62 +102,92 @@ impl Reception {
             draft: Draft::default(),
             before: Vec::new(),
             done: Vec::new(),
+            ignores: None,
             touched: false,
             overhears: false,
         }
     }
 
+    /// Notes nothing from now on.
+    pub(crate) fn switch_off(&mut self) {
+        self.ports.clear();
+    }
+
     /// Forgets all bytes without an outcome, at power-on.
     pub(super) fn clear(&mut self) {
         for port in &mut self.ports {
-            port.earlier.clear();
-            port.fresh.clear();
+            port.part.clear();
             port.others.clear();
         }
     }
 
-    /// Notes characters of the present call. The first one ends at `at`, each further one after `character`.
+    /// Returns true if the characters of a port are noted after the call of the drive.
+    pub(super) fn notes_afterwards(&self, port: Port) -> bool {
+        self.ports.get(usize::from(port.0)).is_some_and(|port| port.framing == Framing::Silence)
+    }
+
+    /// Notes characters that another drive of the line sends: they are no message to this one.
+    pub(super) fn overhear(&mut self, port: Port) {
+        if let Some(port) = self.ports.get_mut(usize::from(port.0)) {
+            port.part.overheard = true;
+        }
+    }
+
+    /// Notes characters. The first one ends at `at`, each further one after `character`.
     pub(super) fn characters(
         &mut self,
         at: Instant,
-        port: Port,
+        number: Port,
         line: Line,
         character: Duration,
         bytes: &[u8],
     ) {
-        let overheard = self.overhears;
-        self.touched = true;
-        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+        let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
         // In ASCII a colon begins a message anew.
         if port.ascii && bytes.first() == Some(&b':') {
-            port.earlier.clear();
+            port.part.clear();
         }
-        let fresh = &mut port.fresh;
-        let room = LONGEST.min(bytes.len());
-        fresh.bytes.extend_from_slice(&bytes[..room]);
-        fresh.unreadable = fresh.unreadable.saturating_add(u8::from(bytes.is_empty()));
-        fresh.end = at + character * bytes.len().saturating_sub(1) as u64;
-        fresh.overheard |= overheard;
+        let part = &mut port.part;
+        let room = LONGEST.saturating_sub(part.bytes.len()).min(bytes.len());
+        part.bytes.extend_from_slice(&bytes[..room]);
+        part.unreadable = part.unreadable.saturating_add(u8::from(bytes.is_empty()));
+        part.end = at + character * bytes.len().saturating_sub(1) as u64;
+        if self.ignores.take() == Some(number) {
+            self.begin(number, Outcome::Dropped(DropReason::Starting));
+        }
+    }
+
+    /// End of the frame on a half-duplex line whose outcome the drive reports now, if a client sent the frame.
+    pub(super) fn frame_end(&self, port: Port) -> Option<Instant> {
+        let port = self.ports.get(usize::from(port.0))?;
+        (port.framing == Framing::Silence && !port.part.overheard).then_some(port.part.end)
+    }
+
+    /// Forgets the frame whose outcome the drive reports now.
+    pub(super) fn skip(&mut self, port: Port) {
+        self.finish_message();
+        if let Some(port) = self.ports.get_mut(usize::from(port.0)) {
+            port.part.clear();
+        }
     }
 
     /// Notes a message of the present call.
     pub(super) fn message(&mut self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
-        self.touched = true;
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
         if port.link != link {
-            let old = mem::take(&mut port.earlier);
+            let old = mem::take(&mut port.part);
             if !old.is_empty() {
                 port.others.push((port.link, old));
             }
             if let Some(place) = port.others.iter().position(|(other, _)| *other == link) {
-                port.earlier = port.others.swap_remove(place).1;
+                port.part = port.others.swap_remove(place).1;
             }
             port.link = link;
         }
-        let room = LONGEST.min(bytes.len());
-        port.fresh.bytes.extend_from_slice(&bytes[..room]);
-        port.fresh.end = at;
+        let room = LONGEST.saturating_sub(port.part.bytes.len()).min(bytes.len());
+        port.part.bytes.extend_from_slice(&bytes[..room]);
+        port.part.end = at;
     }
 
     /// Forgets the incomplete line of a connection.
@@ -178,14 +195,20 @@ impl Reception {
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
         port.others.retain(|(other, _)| *other != link);
         if port.link == link {
-            port.earlier.clear();
+            port.part.clear();
         }
     }
 
     /// Takes a note of the drive.
     pub(super) fn note(&mut self, note: LogEvent) {
+        if self.ports.is_empty() {
+            return;
+        }
         self.touched = true;
         match note {
+            LogEvent::Dropped { port, why: DropReason::Starting } if self.notes_afterwards(port) => {
+                self.ignores = Some(port);
+            }
             LogEvent::Reason(Reason(code)) => {
                 self.finish_message();
                 self.draft.reason(Reason(code));
@@ -219,54 +242,40 @@ impl Reception {
     pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
         self.begin(port, Outcome::Dropped(DropReason::Starting));
         let open = self.open.take()?;
-        self.end_call();
         let mut entry = self.draft.entry(open.at, port, outcome);
         (entry.ascii, entry.deaf_for) = (self.ports.get(usize::from(port.0))?.ascii, None);
         Some(entry)
     }
 
-    /// The entries of the present call, at its end. `receives_from` is the time from which the drive receives.
-    pub(super) fn finish(&mut self, receives_from: impl FnOnce() -> Instant) -> Vec<Entry> {
-        self.touched = false;
-        self.finish_message();
+    /// Ends the present call, and returns its last entry. `receives_from` is the time from which the drive receives.
+    pub(super) fn finish(&mut self, receives_from: impl FnOnce() -> Instant) -> Option<Entry> {
+        (self.touched, self.ignores) = (false, None);
+        self.before.clear();
+        let last = self.open_entry();
         self.draft.clear();
-        self.end_call();
-        if let Some(entry) = self.done.last_mut()
-            && entry.outcome != Outcome::Accepted
-        {
+        let mut entry = last.or_else(|| self.done.pop())?;
+        if entry.outcome != Outcome::Accepted {
             let from = receives_from();
             entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
         }
+        Some(entry)
+    }
+
+    /// The entries of the present call before that of [`finish`](Self::finish).
+    pub(super) fn earlier_entries(&mut self) -> Vec<Entry> {
         mem::take(&mut self.done)
     }
 
-    /// Takes back the buffer of [`finish`](Self::finish).
-    pub(super) fn reuse(&mut self, entries: Vec<Entry>) {
-        self.done = entries;
-    }
-
-    /// Returns true if the drive has received bytes, reported an outcome or printed text in the present call.
+    /// Returns true if the present call has outcomes.
     pub(super) fn is_touched(&self) -> bool {
         self.touched
-    }
-
-    /// Makes the bytes of the present call those of an earlier one.
-    fn end_call(&mut self) {
-        self.before.clear();
-        for port in &mut self.ports {
-            port.earlier.append(&mut port.fresh);
-        }
     }
 
     /// Begins the entry of the bytes that an outcome concerns.
     fn begin(&mut self, number: Port, outcome: Outcome) {
         self.finish_message();
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
-        let starting = outcome == Outcome::Dropped(DropReason::Starting);
-        if starting || port.framing != Framing::Silence {
-            port.earlier.append(&mut port.fresh);
-        }
-        let part = &mut port.earlier;
+        let part = &mut port.part;
         let is_text = matches!(port.framing, Framing::Character | Framing::Return);
         // The drive reports a character with an error, or a line during start-up, before the line has ended.
         let incomplete = is_text
@@ -288,13 +297,21 @@ impl Reception {
         part.clear();
     }
 
-    /// Completes the entry whose outcome is known.
+    /// Completes the entry whose outcome is known, because the call has another one.
     fn finish_message(&mut self) {
-        let Some(Open { port, at, outcome, unreadable, .. }) = self.open.take() else { return };
+        if self.open.is_some() {
+            let entry = self.open_entry();
+            self.done.extend(entry);
+        }
+    }
+
+    /// The entry whose outcome is known.
+    fn open_entry(&mut self) -> Option<Entry> {
+        let Open { port, at, outcome, unreadable, .. } = self.open.take()?;
         let ascii = self.ports.get(usize::from(port.0)).is_some_and(|port| port.ascii);
         let mut entry = self.draft.entry(at, port, outcome);
         (entry.ascii, entry.unreadable) = (ascii, unreadable);
-        self.done.push(entry);
+        Some(entry)
     }
 }
 

@@ -10,6 +10,7 @@ use super::reception::Reception;
 use super::serial_port::{PortState, Serial};
 use super::tcp_port::Tcp;
 use crate::record::journal::{Entry, Journal, Outcome};
+use crate::record::requests::StartingRequests;
 use crate::record::trace::{Cut, Trace};
 use crate::rng::Rng;
 use crate::signals::pin_waveform::PinOutput;
@@ -36,6 +37,8 @@ pub(crate) struct SlotState {
     pub(crate) faults: Vec<bool>,
     pub(crate) reception: Reception,
     pub(crate) journal: Journal,
+    /// Requests while the drive was starting.
+    pub(crate) starting: StartingRequests,
 }
 
 /// Point in a save at which power fails.
@@ -124,6 +127,8 @@ pub(crate) struct Outputs {
     pub(crate) claimed: Vec<(u32, Port)>,
     /// Number of the last entry of a journal; not cleared.
     pub(crate) entries: u64,
+    /// The last frame that a drive reported as one for another address: line, end, and the drive; not cleared.
+    foreign: Option<(u32, Instant, u32)>,
 }
 
 impl Outputs {
@@ -213,6 +218,7 @@ impl SlotState {
             faults: vec![false; spec.faults.len()],
             reception: Reception::new(spec),
             journal: Journal::default(),
+            starting: StartingRequests::default(),
         }
     }
 
@@ -296,7 +302,7 @@ impl SlotState {
             }
             Output::Log(note) => {
                 self.count(note);
-                self.reception.note(note);
+                self.note(note, context.outputs);
             }
             Output::Message { port, link, bytes } => {
                 self.reception.sent(port, Some(link), bytes);
@@ -334,10 +340,30 @@ impl SlotState {
         }
     }
 
+    /// Takes a note of the drive for the journal. All drives of a line but one ignore a frame; the first of them
+    /// reports it.
+    fn note(&mut self, note: LogEvent, outputs: &mut Outputs) {
+        if let LogEvent::Dropped { port, why: DropReason::Address } = note
+            && let Some(bus) = self.serial(port).map(|serial| serial.bus)
+        {
+            let Some(end) = self.reception.frame_end(port) else { return self.reception.skip(port) };
+            match outputs.foreign {
+                Some((line, time, drive)) if (line, time) == (bus, end) && drive != self.drive => {
+                    return self.reception.skip(port);
+                }
+                _ => outputs.foreign = Some((bus, end, self.drive)),
+            }
+        }
+        self.reception.note(note);
+    }
+
     /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
-    /// entry, unless this drive executed or refused the message.
+    /// entry, unless this drive executed or refused the message. The bench also counts the messages that come while a
+    /// drive starts.
     pub(crate) fn enter(&mut self, entry: Entry, outputs: &mut Outputs) {
-        let framed = self.serial(entry.port).is_some_and(|serial| serial.framed);
+        let serial = self.serial(entry.port).map(|serial| serial.framed);
+        let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));
+        let framed = serial == Some(true) || (serial.is_some() && starts);
         let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));
         match (framed, executed) {
             (true, false) => return outputs.unclaimed.push((self.drive, entry)),

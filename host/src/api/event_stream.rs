@@ -73,13 +73,14 @@ pub(super) struct Lost {
     events: u64,
 }
 
-/// Live events, as server-sent events. Each has its number in the trace as `id`, `fed` (input of a drive) or `did`
-/// (output of a drive) as `event`, and a `Happened` as `data`. The event `received` has no `id` and a `ReceivedEvent` as
-/// `data`. A reader that is too slow gets the event `lost` with a `Lost`, and then the following events.
+/// Live events, as server-sent events: `fed` (input of a drive) or `did` (output of a drive) with a `Happened` as `data`,
+/// and `received` with a `ReceivedEvent`. The `id` has two numbers with a point between them: of the last event of the
+/// trace, and of the last received message. A reader that is too slow gets the event `lost` with a `Lost`, and then the
+/// following events.
 #[utoipa::path(get, path = "/api/events",
     params(
         ("drive" = Option<String>, Query, description = "only what happens to this drive"),
-        ("Last-Event-ID" = Option<String>, Header, description = "the number to go on after; from now on if not given"),
+        ("Last-Event-ID" = Option<String>, Header, description = "the id to go on after, 0 for the beginning; from now on if not given"),
     ),
     responses((status = 200, description = "Events without end.", body = String, content_type = "text/event-stream")),
 )]
@@ -94,15 +95,40 @@ pub(super) async fn events(
     let grown = api.handle.watch();
     let (outline, received) = api.query(|bench| (bench.trace().outline(), bench.received_count())).await?;
     let drive = parameters.drive.map(|name| drive_index(&outline, &name)).transpose()?;
-    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    let last = headers.get("last-event-id").and_then(|id| Position::parse(id.to_str().ok()?));
     let mark = outline.mark();
-    let mark = last.map_or(mark, |last: u64| last.min(mark));
+    let (mark, received) = match last {
+        Some(Position { mark: last, received: first }) => {
+            (last.min(mark), first.map_or(received, |first| first.min(received)))
+        }
+        None => (mark, received),
+    };
     let reader =
         Reader { api, grown, outline, drive, mark, received, ready: VecDeque::new(), _permit: permit };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
         let event = reader.next().await?;
         Some((Ok(event), reader))
     })))
+}
+
+/// The `id` of an event.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Position {
+    /// Number of the last event of the trace.
+    mark: u64,
+    /// Number of the last received message; `None` if the reader does not say it.
+    received: Option<u64>,
+}
+
+impl Position {
+    /// Parses an id, or the number of an event alone. The number 0 is the beginning of everything.
+    fn parse(id: &str) -> Option<Self> {
+        let (mark, received) = match id.split_once('.') {
+            Some((mark, received)) => (mark.parse().ok()?, Some(received.parse().ok()?)),
+            None => (id.parse().ok()?, None),
+        };
+        Some(Self { mark, received: received.or((mark == 0).then_some(0)) })
+    }
 }
 
 /// Index of the drive with that name.
@@ -162,8 +188,9 @@ impl Reader {
     fn take(&mut self, piece: Piece) {
         if piece.lost > 0 {
             let id = self.mark + piece.lost;
-            self.ready.extend(event("lost", id, &Lost { events: piece.lost }));
+            self.ready.extend(event("lost", (id, self.received), &Lost { events: piece.lost }));
         }
+        let received = self.received;
         self.ready.extend(piece.entries.iter().filter_map(|(id, entry)| {
             let kind = match entry.event {
                 trace::Event::Input(_) => "fed",
@@ -172,7 +199,7 @@ impl Reader {
             };
             let drive = self.outline.drives.get(entry.drive)?.name.clone();
             let words = self.outline.words(entry);
-            event(kind, *id, &Happened { seconds: seconds(entry.at), drive, words })
+            event(kind, (*id, received), &Happened { seconds: seconds(entry.at), drive, words })
         }));
         self.mark = piece.end;
     }
@@ -184,15 +211,15 @@ impl Reader {
             if let Some((drive, bus)) = names {
                 let number = message.number;
                 let data = ReceivedEvent { number, drive, bus, request: message.into() };
-                self.ready.extend(Event::default().event("received").json_data(data).ok());
+                self.ready.extend(event("received", (self.mark, number), &data));
             }
         }
         self.received = news.last();
     }
 }
 
-fn event(kind: &str, id: u64, data: &impl Serialize) -> Option<Event> {
-    Event::default().event(kind).id(id.to_string()).json_data(data).ok()
+fn event(kind: &str, (mark, received): (u64, u64), data: &impl Serialize) -> Option<Event> {
+    Event::default().event(kind).id(format!("{mark}.{received}")).json_data(data).ok()
 }
 
 /// Some events and their numbers.
@@ -242,5 +269,21 @@ impl Messages {
         };
         let wanted = news.receivers().map(names).collect();
         Self { news, wanted }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_has_the_numbers_of_the_trace_and_of_the_messages() {
+        let position = |mark, received| Some(Position { mark, received });
+        assert_eq!(Position::parse("12.5"), position(12, Some(5)));
+        assert_eq!(Position::parse("12"), position(12, None));
+        assert_eq!(Position::parse("0"), position(0, Some(0)));
+        for wrong in ["", "x", "1.", ".1", "1.2.3", "-1"] {
+            assert_eq!(Position::parse(wrong), None, "{wrong}");
+        }
     }
 }

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::device::{Framing, Instant, Port};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::ReceivedMessage;
+use drivetwin_sim::bench::{self, Bench, DriveId, ReceivedMessage, RequestStatistics};
 use drivetwin_sim::decode::{Exchange, Verdict};
 use drivetwin_sim::suggest;
 use drivetwin_sim::value::Value;
@@ -36,10 +36,48 @@ pub(super) struct Received {
     /// Number of earlier messages that are not kept. 10,000 messages of each drive and of each line are kept.
     lost: u64,
     counts: Counts,
+    statistics: Statistics,
+}
+
+/// Statistics of all requests so far, whatever is selected.
+#[derive(Serialize, ToSchema)]
+struct Statistics {
+    /// Number of requests to the drive while it was starting, so that it did not receive them.
+    starting: u64,
+    /// Modbus lines, by the port of the drive.
+    lines: BTreeMap<&'static str, LineStatistics>,
+}
+
+/// Statistics of the requests on a Modbus line, to all its drives.
+#[derive(Serialize, ToSchema)]
+struct LineStatistics {
+    requests: u64,
+    /// Number of requests that were too early: without a silence of t3.5 before or after them.
+    early: u64,
+    /// Number of requests that repeat the request before them, which had no answer.
+    retries: u64,
+    /// Shortest silence between a reply and the next request, in seconds; null if it is not known, as in manual time.
+    #[schema(example = 0.0052)]
+    shortest_silence: Option<f64>,
+}
+
+impl Statistics {
+    fn of(bench: &Bench, drive: DriveId) -> Self {
+        let ports = (0..).map(Port).zip(bench.spec(drive).ports);
+        let lines =
+            ports.filter(|(_, port)| port.framing == Framing::Silence).filter_map(|(number, port)| {
+                let RequestStatistics { requests, early, retries, shortest_silence } =
+                    bench.request_statistics(bench.bus(drive, number)?);
+                let shortest_silence =
+                    shortest_silence.map(|silence| silence.ticks() as f64 / TICKS_PER_SECOND as f64);
+                Some((port.name, LineStatistics { requests, early, retries, shortest_silence }))
+            });
+        Self { starting: bench.starting_requests(drive).count, lines: lines.collect() }
+    }
 }
 
 /// Numbers of the requests in this response.
-#[derive(Serialize, ToSchema, Default)]
+#[derive(Serialize, ToSchema)]
 struct Counts {
     /// By Modbus function.
     #[schema(example = json!({"3": 12, "6": 1}))]
@@ -49,7 +87,7 @@ struct Counts {
 }
 
 /// Numbers of the requests that read and that write a register, whatever their outcomes.
-#[derive(Serialize, ToSchema, Default)]
+#[derive(Serialize, ToSchema)]
 struct Accesses {
     read: u64,
     written: u64,
@@ -167,19 +205,11 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02X}")).collect()
 }
 
-impl Counts {
-    fn of(requests: &[ReceivedRequest]) -> Self {
-        let mut counts = Self::default();
-        for request in requests {
-            if let Some(function) = request.function {
-                *counts.functions.entry(function).or_default() += 1;
-            }
-            for register in &request.registers {
-                let accesses = counts.registers.entry(register.name.clone()).or_default();
-                *(if register.written { &mut accesses.written } else { &mut accesses.read }) += 1;
-            }
-        }
-        counts
+impl From<bench::Counts> for Counts {
+    fn from(counts: bench::Counts) -> Self {
+        let accesses = |bench::Accesses { read, written }| Accesses { read, written };
+        let registers = counts.registers.into_iter().map(|(name, counts)| (name, accesses(counts)));
+        Self { functions: counts.functions, registers: registers.collect() }
     }
 }
 
@@ -212,15 +242,22 @@ pub(super) async fn received(
             spec.find(&register)
                 .ok_or_else(|| Problem::refused(suggest::unknown("register", &register, names)))
         });
-        Ok::<_, Problem>((event_loop.bench.received(drive).since(since), register.transpose()?))
+        let bench = &event_loop.bench;
+        let statistics = Statistics::of(bench, drive);
+        Ok::<_, Problem>((bench.received(drive).since(since), register.transpose()?, statistics))
     });
-    let (mut received, register) = received.await??;
+    let (mut received, register, statistics) = received.await??;
     if let Some(function) = function {
         received = received.of_function(function);
     }
     if let Some(register) = register {
         received = received.of_register(register);
     }
-    let requests: Vec<ReceivedRequest> = received.messages().map(Into::into).collect();
-    Ok(Json(Received { counts: Counts::of(&requests), requests, lost: received.lost() }))
+    let mut counts = bench::Counts::default();
+    let requests = received.messages().map(|message| {
+        counts.add(&message.exchange.request);
+        message.into()
+    });
+    let requests: Vec<ReceivedRequest> = requests.collect();
+    Ok(Json(Received { requests, lost: received.lost(), counts: counts.into(), statistics }))
 }

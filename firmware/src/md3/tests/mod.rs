@@ -7,6 +7,7 @@ mod homing;
 mod inputs;
 mod motion;
 mod power;
+mod reasons;
 mod startup;
 
 use std::vec;

@@ -9,6 +9,7 @@ use super::{Hybrid, mode};
 use crate::device::{Context, Duration, Instant};
 use crate::mdrive::drive::{Drive, State};
 use crate::mdrive::error::Error;
+use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
@@ -77,8 +78,24 @@ impl Hybrid {
 }
 
 impl Drive {
+    /// SC, CF (`clears`): starts a calibration.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate`].
+    pub(in crate::mdrive) fn calibrate_by_command(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let is_cleared = clears && self.hybrid.is_locked;
+        let calibrates = self.calibrate(at, clears, out)?;
+        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
+        Ok(())
+    }
+
     /// Starts a calibration: SC, CF (`clears`), AS, DE, MS, EE, power-on. If AS is 0 or the bridge is off,
-    /// nothing is calibrated.
+    /// nothing is calibrated, and it returns false.
     ///
     /// # Errors
     /// In motion 94 for CF, 89 for the others.
@@ -87,7 +104,7 @@ impl Drive {
         at: Instant,
         clears: bool,
         out: &mut dyn Context,
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
         if self.is_in_motion() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
@@ -107,7 +124,7 @@ impl Drive {
             self.turn_full_steps(at, 0, out);
         }
         self.watch_rotor(at, out);
-        Ok(())
+        Ok(works)
     }
 
     /// Begins the next stage of a calibration (MC 5-9).

@@ -24,6 +24,7 @@ use self::rotor::Rotor;
 use self::status::{Limit, condition};
 use super::drive::{Drive, Model};
 use super::error::Error;
+use super::reasons::Why;
 use super::registers::Reg;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
@@ -196,9 +197,22 @@ impl Drive {
         }
     }
 
-    /// Returns true if the bridge is on: DE is 1, and the circuitry has not switched it off.
+    /// Checks that the bridge is on: DE is 1, and the circuitry has not switched it off.
+    ///
+    /// # Errors
+    /// The bridge is off.
+    pub(super) fn needs_bridge(&self) -> Result<(), Why> {
+        match &self.hybrid {
+            _ if self.bank.word(Reg::DE) == 0 => Err(Why::NoBridge),
+            Hybrid { is_disabled: false, .. } => Ok(()),
+            Hybrid { is_overheated: true, .. } => Err(Why::TooHot),
+            _ => Err(Why::RotorLocked),
+        }
+    }
+
+    /// Returns true if the bridge is on.
     pub(super) fn has_bridge(&self) -> bool {
-        self.bank.word(Reg::DE) != 0 && !self.hybrid.is_disabled
+        self.needs_bridge().is_ok()
     }
 
     /// Returns true if the circuitry controls the rotor.

@@ -46,6 +46,11 @@ pub(super) struct Spin {
 }
 
 impl Hybrid {
+    /// Returns true if torque mode is on, also while something stops the rotor.
+    pub(in crate::mdrive) fn has_torque(&self) -> bool {
+        matches!(self.rotor, Rotor::Spins { .. })
+    }
+
     /// Returns true if the rotor turns without a commanded motion.
     pub(super) fn turns(&self) -> bool {
         matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))

@@ -17,6 +17,7 @@ pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
 use super::super::MCODE;
 use super::super::drive::Drive;
 use super::super::error::Error;
+use super::super::reasons::{Why, report};
 use super::super::registers::Reg;
 use super::super::startup::SIGN_ON;
 use super::parse::begins_number;
@@ -352,6 +353,16 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
+                    // These are typed, not programmed. A line of a usual program is stored without a reason.
+                    if matches!(
+                        statement,
+                        Statement::Execute(..)
+                            | Statement::ListProgram(_)
+                            | Statement::Clear(_)
+                            | Statement::Defaults
+                    ) {
+                        report(Err(Why::StoresLine), at, out);
+                    }
                 }
             }
             return Ok(Answer::Prompt);

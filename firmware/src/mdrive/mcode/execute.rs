@@ -3,6 +3,7 @@
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::motion::Order;
+use super::super::reasons::report;
 use super::super::registers::Reg;
 use super::super::variables::{RATIO_ONE, entry};
 use super::names::Meaning;
@@ -85,14 +86,15 @@ impl Drive {
                 needs_line(program)?;
                 self.mcode.vm.ret(at)?;
             }
-            Statement::End => self.end_program(),
+            Statement::End if program => self.end_program(),
+            Statement::End => report(self.end_by_command(), at, out),
             Statement::Execute(place, mode) => {
                 let mode = mode.as_ref().map_or(Ok(0), |mode| self.evaluate(at, mode))?;
                 let mode = u8::try_from(mode).map_err(|_| Error::IllegalValue)?;
                 self.start_program(at, *place, mode)?;
             }
-            Statement::Pause => self.pause_program(at, out),
-            Statement::Resume => self.resume_program(at, out),
+            Statement::Pause => report(self.pause_program(at, out), at, out),
+            Statement::Resume => report(self.resume_program(at, out), at, out),
             // In a program a label only marks a place.
             Statement::Label(_) => needs_line(program)?,
             Statement::OnError(Place::Address(0)) => self.mcode.vm.set_handler(None),
@@ -121,13 +123,13 @@ impl Drive {
             Statement::Initialize => self.initialize(at, out)?,
             Statement::Calibrate(mode) => {
                 match mode.as_ref().map_or(Ok(0), |mode| self.evaluate(at, mode))? {
-                    0 => self.calibrate(at, false, out)?,
+                    0 => self.calibrate_by_command(at, false, out)?,
                     // The configuration test (MC 4-8) is not modelled.
                     1 => return Err(Error::NotAvailable),
                     _ => return Err(Error::IllegalValue),
                 }
             }
-            Statement::ClearLocked => self.calibrate(at, true, out)?,
+            Statement::ClearLocked => self.calibrate_by_command(at, true, out)?,
             Statement::Clear(place) => {
                 self.clear_program(at, *place, out)?;
                 // The program may be deleted, so it ends. OE is reset (MC 5-52).

@@ -7,6 +7,7 @@ use heapless::Vec;
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::io;
+use super::super::reasons::{Why, report};
 use super::super::registers::Reg;
 use super::statement::{Operand, Parameter, Place, Trip};
 use crate::device::{Context, Duration, Instant};
@@ -227,7 +228,12 @@ impl Drive {
     /// # Errors
     /// 12 for a source that is not an input, 21 above 63, 27 for a trip that is not defined, 39 for 2 and 16
     /// together; nothing has changed then.
-    pub(in crate::mdrive) fn enable_trips(&mut self, at: Instant, mask: u8) -> Result<(), Error> {
+    pub(in crate::mdrive) fn enable_trips(
+        &mut self,
+        at: Instant,
+        mask: u8,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
         self.validate_trips(mask.into())?;
         let trips = &mut self.mcode.trips;
         if mask == 0 {
@@ -235,6 +241,8 @@ impl Drive {
         }
         let before = trips.enabled;
         trips.enabled |= mask;
+        let is_exact = mask == trips.enabled;
+        report(if is_exact { Ok(()) } else { Err(Why::AddsTrips) }, at, out);
         for trip in ALL.into_iter().filter(|trip| mask & !before & trip.bit() != 0) {
             self.arm(at, trip);
         }

@@ -44,6 +44,7 @@ use self::follow::Follow;
 use self::motor::Motor;
 use self::orders::{Activity, Task};
 use super::error::Error;
+use super::reasons::Why;
 use crate::device::{Context, Duration, Instant};
 use crate::motor::stepper::StepperParameters;
 
@@ -260,11 +261,30 @@ impl Motion {
     ///
     /// # Errors
     /// 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
-    /// then. (The I/O reports 80, the Hybrid 88.)
-    pub(super) fn order(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
-        self.begin_order(at, order, out)?;
+    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin
+    /// now.
+    pub(super) fn order(
+        &mut self,
+        at: Instant,
+        order: Order,
+        out: &mut dyn Context,
+    ) -> Result<Result<(), Why>, Error> {
+        let begins = self.begin_order(at, order, out)?;
         self.refresh(at, out);
-        Ok(())
+        Ok(begins)
+    }
+
+    /// Checks that the present motion uses new values of A, D and VI, or of VM (`is_speed`).
+    ///
+    /// # Errors
+    /// The motion keeps the values with which it began (MDRIVE-17).
+    pub(super) fn needs_rates(&self, is_speed: bool) -> Result<(), Why> {
+        match self.activity {
+            Activity::Moves(_) => Err(Why::KeepsRates),
+            Activity::Slews(_) if is_speed => Err(Why::SlewHasSpeed),
+            Activity::Slews(_) => Err(Why::NextSpeed),
+            _ => Ok(()),
+        }
     }
 
     /// Stops any motion with the deceleration D.
@@ -371,11 +391,16 @@ impl Motion {
         enabled.then_some(percent)
     }
 
+    /// Returns true if the current does not fall to that of HC, because HT is 0 (MDRIVE-19).
+    pub(super) fn never_holds(&self) -> bool {
+        !self.holds && self.settings.hold_delay_ms == 0
+    }
+
     /// Time at which the current falls to that of HC: HT after the end of all motion, or never (MC 5-32;
     /// MDRIVE-19).
     fn hold_due(&self) -> Instant {
-        match (self.activity, self.settings.hold_delay_ms) {
-            (Activity::Rest, 1..) if !self.holds => {
+        match self.activity {
+            Activity::Rest if !self.holds && !self.never_holds() => {
                 self.rested + Duration::millis(self.settings.hold_delay_ms.into())
             }
             _ => Instant::NEVER,

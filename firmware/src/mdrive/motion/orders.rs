@@ -7,6 +7,7 @@ use super::home::Homing;
 use super::{Event, Motion, Order};
 use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
+use crate::mdrive::reasons::Why;
 use crate::motion::Limits;
 
 /// "The time required to calculate the move is 2.5 mSec" (MC 5-45).
@@ -100,13 +101,14 @@ pub(super) enum Task {
 }
 
 impl Motion {
-    /// Executes a motion command, or stores it as the waiting task.
+    /// Executes a motion command, or stores it as the waiting task. The inner error is the reason why the
+    /// command does not begin now.
     pub(super) fn begin_order(
         &mut self,
         at: Instant,
         order: Order,
         out: &mut dyn Context,
-    ) -> Result<(), Error> {
+    ) -> Result<Result<(), Why>, Error> {
         match self.activity {
             Activity::CircuitDriven { preemption: Preemption::AtOnce, .. } => self.circuit_end(at, out),
             Activity::CircuitDriven { preemption: Preemption::AtStandstill, .. } => {
@@ -115,22 +117,22 @@ impl Motion {
                     Order::Slew(speed) => Task::Slew(speed),
                     Order::Home(_) | Order::HomeToIndex(_) => return Err(Error::Homing),
                 });
-                return Ok(());
+                return Ok(Ok(()));
             }
-            Activity::CircuitDriven { preemption: Preemption::Never, .. } => return Ok(()),
+            Activity::CircuitDriven { preemption: Preemption::Never, .. } => {
+                return Ok(Err(Why::TorqueMode));
+            }
             _ => {}
         }
         match order {
             Order::To { .. } | Order::By { .. } => self.begin_or_wait(at, order, out),
             // MT is "the time between moves if consecutive motions are executed" (MC 5-49).
             Order::Slew(speed) if speed != 0 && matches!(self.activity, Activity::Settles(_)) => {
-                self.waiting = Some(Task::Slew(speed));
-                Ok(())
+                Ok(self.wait(Task::Slew(speed), Why::AfterSettling))
             }
             Order::Slew(speed) => {
                 self.waiting = None;
-                self.slew(at, speed, out);
-                Ok(())
+                Ok(self.slew(at, speed, out))
             }
             Order::Home(kind) | Order::HomeToIndex(kind) => {
                 if !(1..=4).contains(&kind) {
@@ -140,34 +142,52 @@ impl Motion {
                     return Err(Error::Homing);
                 }
                 self.home(at, order, out);
-                Ok(())
+                Ok(Ok(()))
             }
         }
     }
 
+    /// Stores the waiting task. Returns the reason why it does not begin now: `why`, unless there is a more
+    /// special one.
+    fn wait(&mut self, task: Task, why: Why) -> Result<(), Why> {
+        Err(match self.waiting.replace(task) {
+            Some(_) => Why::TakesPlace,
+            None if self.paused => Why::Paused,
+            None => why,
+        })
+    }
+
     /// Begins MA or MR. During another move the command waits for the end of that move, and replaces a
     /// command that waits already. A slew stops for it (MDRIVE-18).
-    fn begin_or_wait(&mut self, at: Instant, order: Order, out: &mut dyn Context) -> Result<(), Error> {
+    fn begin_or_wait(
+        &mut self,
+        at: Instant,
+        order: Order,
+        out: &mut dyn Context,
+    ) -> Result<Result<(), Why>, Error> {
         let movement = self.movement_for(at, order)?;
         let task = Task::Order(order, at + PLANNING_TIME);
-        match self.activity {
+        Ok(match self.activity {
             Activity::Rest => {
                 if self.is_free(at, movement.target) {
                     self.enter(Activity::Planning(movement), at + PLANNING_TIME);
+                    Ok(())
+                } else {
+                    Err(Why::AtLimit)
                 }
             }
-            Activity::Planning(_) | Activity::Settles(_) => self.waiting = Some(task),
-            Activity::Moves(now) if now.tries == 0 => self.waiting = Some(task),
+            Activity::Planning(_) | Activity::Settles(_) => self.wait(task, Why::AfterMove),
+            Activity::Moves(now) if now.tries == 0 => self.wait(task, Why::AfterMove),
             Activity::Slews(_) | Activity::Jogs { .. } | Activity::Follows => {
-                self.waiting = Some(task);
+                let begins = self.wait(task, Why::AfterStop);
                 self.ramp_down(at, true, out);
+                begins
             }
-            Activity::Stops { at_once: true } => self.waiting = Some(task),
+            Activity::Stops { at_once: true } => self.wait(task, Why::AfterStop),
             Activity::Stops { at_once: false } | Activity::Homes(_) => return Err(Error::Homing),
             Activity::Moves(_) => return Err(Error::Correcting),
-            Activity::CircuitDriven { .. } => {}
-        }
-        Ok(())
+            Activity::CircuitDriven { .. } => Ok(()),
+        })
     }
 
     /// Computes the move that MA or MR makes from here.
@@ -258,15 +278,22 @@ impl Motion {
     }
 
     /// SL: takes effect at once, during any motion. Towards an active limit it only stops.
-    fn slew(&mut self, at: Instant, speed: i32, out: &mut dyn Context) {
+    ///
+    /// # Errors
+    /// The limit is active.
+    fn slew(&mut self, at: Instant, speed: i32, out: &mut dyn Context) -> Result<(), Why> {
         let back = speed < 0;
-        if speed != 0 && self.is_barred(back) {
-            self.fail_at_limit(back);
-        } else if speed != 0 {
+        let is_barred = speed != 0 && self.is_barred(back);
+        if speed != 0 && !is_barred {
             let (turns, rates) = (self.settings.scale().signed_speed(speed), self.settings.rates());
-            return self.run_at_speed(at, Activity::Slews(speed), turns, rates, out);
+            self.run_at_speed(at, Activity::Slews(speed), turns, rates, out);
+            return Ok(());
+        }
+        if is_barred {
+            self.fail_at_limit(back);
         }
         self.ramp_down(at, false, out);
+        if is_barred { Err(Why::AtLimit) } else { Ok(()) }
     }
 
     /// Runs at a speed without end.
@@ -388,7 +415,9 @@ impl Motion {
                 Err(error) => self.fail(error),
             },
             Task::Move(movement) => self.begin_move(at, movement, out),
-            Task::Slew(speed) => self.slew(at, speed, out),
+            Task::Slew(speed) => {
+                let _ = self.slew(at, speed, out);
+            }
             Task::Home(order) => self.home(at, order, out),
             Task::Jog => self.begin_jog(at, out),
         }

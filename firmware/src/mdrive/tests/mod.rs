@@ -5,6 +5,7 @@ mod hybrid;
 mod inputs;
 mod io;
 mod motion;
+mod reasons;
 mod registers;
 mod saved;
 mod specific;

@@ -1,11 +1,12 @@
 //! Effects of writing variables.
 
-use super::{entry, output_bit, step, user_name};
+use super::{TORQUE, entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
 use crate::mdrive::motion::{self, Contact, Order};
+use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
 
 impl Drive {
@@ -26,7 +27,10 @@ impl Drive {
         if matches!(order, Order::Home(_)) && self.io.contact(Contact::Home).is_none() {
             return Err(Error::NoHomeSwitch);
         }
-        self.motion.order(at, order, out)?;
+        report(self.motion.order(at, order, out)?, at, out);
+        if order != Order::Slew(0) {
+            report(self.needs_bridge(), at, out);
+        }
         self.mcode.vm.note_order(order);
         match order {
             Order::To { position, .. } => self.bank.set(Reg::MA, position.into()),
@@ -139,14 +143,14 @@ impl Drive {
             Reg::OL | Reg::OT => self.write_outputs(at, 0xF, value, out),
             Reg::IF => self.mcode.vm.set_input_pending(value != 0),
             Reg::ST => self.motion.set_stalled(value != 0),
-            Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8),
+            Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8, out),
             Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
             Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
             Reg::SL => return self.order(at, Order::Slew(value), out),
             Reg::HM => return self.order(at, Order::Home((value & 0xFF) as u8), out),
             Reg::S => return self.save(at, out),
-            Reg::CF => return self.calibrate(at, true, out),
-            Reg::SC => return self.calibrate(at, false, out),
+            Reg::CF => return self.calibrate_by_command(at, true, out),
+            Reg::SC => return self.calibrate_by_command(at, false, out),
             _ => match user_name(reg) {
                 Some(name) => return self.mcode.names.set(name, value),
                 None => return self.set(at, reg, value, out),
@@ -158,6 +162,7 @@ impl Drive {
     /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
         let calibrates = self.calibrates(reg, value);
+        let changes = value != self.stored(reg);
         self.store(reg, value);
         match reg {
             Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
@@ -171,7 +176,30 @@ impl Drive {
             }
             _ => self.set_motion(at, out),
         }
-        if calibrates { self.calibrate(at, false, out) } else { Ok(()) }
+        if calibrates && self.calibrate(at, false, out)? {
+            report(Err(Why::Calibrates), at, out);
+        }
+        report(self.has_effect(reg, changes), at, out);
+        Ok(())
+    }
+
+    /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
+    /// from the value before.
+    fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
+        let is = |value| self.stored(reg) == value;
+        match reg {
+            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => self.motion.needs_rates(reg == Reg::VM),
+            Reg::HT if is(0) => Err(Why::NeverHolds),
+            Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
+            Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
+            Reg::DE if is(1) => self.needs_bridge(),
+            Reg::AS if i64::from(self.stored(reg)) == TORQUE => {
+                self.needs_bridge()?;
+                if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
+            }
+            Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
+            _ => Ok(()),
+        }
     }
 
     /// Passes the settings to motion.

@@ -3,6 +3,7 @@
 use super::{Command, Release};
 use crate::device::{Context, Duration, Instant};
 use crate::mdrobot::drive::Drive;
+use crate::mdrobot::reasons::Why;
 use crate::mdrobot::registers::{Pid, function};
 
 /// Unit of the run time in FUNC_SPEED.
@@ -44,12 +45,13 @@ impl Function {
 }
 
 impl Drive {
-    /// The signal has changed to ON: starts the function that `FUNC_CMD_TYPE` selects.
-    pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Context) {
+    /// The signal has changed to ON: starts the function that `FUNC_CMD_TYPE` selects. Returns the reason why
+    /// the motor does not move.
+    pub(super) fn start_function(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
         // A running speed function ignores the signal; a position function starts again from the motor's
         // position.
         if matches!(self.reference.command, Command::Function(running) if !running.is_position()) {
-            return;
+            return Some(Why::FunctionRuns);
         }
         let (rpm, units) = self.two_words(Pid::FUNC_SPEED);
         let rpm = i32::from(rpm);
@@ -64,9 +66,10 @@ impl Drive {
             }
             function::SPEED_MOMENTARY => Function::Momentary { rpm },
             function::SPEED_ADD => Function::Add { rpm, until },
-            _ => return,
+            _ => return Some(Why::NoRunTime),
         };
         self.reference.command = Command::Function(begun);
+        None
     }
 
     /// The signal has changed to OFF.

@@ -22,8 +22,9 @@ use self::encoder::Encoder;
 use self::halls::Halls;
 use self::pi::Pi;
 use self::watch::FaultMonitor;
-use crate::device::{Context, Instant, Output, Rotation};
+use crate::device::{Context, Instant, Output, REPORTS_REASONS, Rotation};
 use crate::mdrobot::drive::MOTOR;
+use crate::mdrobot::reasons::Why;
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK};
 
 /// Register value of the whole supply as an output, and of `MAX_LOAD` as a torque (p. 12).
@@ -228,6 +229,19 @@ impl Servo {
             (Order::Velocity(_), Order::Velocity(_)) | (Order::Position { .. }, Order::Position { .. })
                 if self.is_controlling() => {}
             _ => self.start_control(at, out),
+        }
+    }
+
+    /// The reason why the motor does not turn as the present order says.
+    pub(super) fn stands(&self) -> Option<Why> {
+        match self.order {
+            _ if !REPORTS_REASONS => None,
+            Order::Free | Order::Brake | Order::Velocity(0) | Order::Open(0) | Order::Torque(0) => None,
+            _ if self.settings.limit_ma == 0 => Some(Why::NoCurrent),
+            Order::Position { rpm: 0, .. } if self.settings.max_rpm == 0 => Some(Why::NoMaxRpm),
+            Order::Position { rpm: 0, .. } => Some(Why::NoSpeed),
+            Order::Position { .. } if self.settings.pv_gain == 0 => Some(Why::NoGain),
+            _ => None,
         }
     }
 

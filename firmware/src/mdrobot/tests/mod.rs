@@ -5,6 +5,7 @@ mod alarms;
 mod bus;
 mod commands;
 mod limits;
+mod reasons;
 mod saved;
 mod startup;
 

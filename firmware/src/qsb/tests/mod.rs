@@ -4,6 +4,7 @@
 mod capture;
 mod commands;
 mod encoder;
+mod reasons;
 mod registers;
 mod reset;
 mod saved;

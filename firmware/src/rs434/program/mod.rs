@@ -190,8 +190,8 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Returns true if no program was ever saved.
-    fn is_new(&self) -> bool {
+    /// Returns true if no program was ever saved. It ends at its first line.
+    pub(super) fn is_new(&self) -> bool {
         self.flash == Content::New
     }
 

@@ -24,6 +24,7 @@ use self::path::{FAR, Limits};
 use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::error;
+use super::reasons::Why;
 use crate::device::{Context, Instant, Output, Rotation};
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
 
@@ -191,12 +192,21 @@ impl Servo {
     /// `compensation` counts further in the direction of the motion, but never behind its start. The
     /// remaining distance is counted to `counts` itself. If no distance is left there is no motion, and no
     /// remaining distance (RS434-17).
-    pub(super) fn go(&mut self, at: Instant, counts: i32, compensation: i16, out: &mut dyn Context) {
+    ///
+    /// # Errors
+    /// No distance is left.
+    pub(super) fn go(
+        &mut self,
+        at: Instant,
+        counts: i32,
+        compensation: i16,
+        out: &mut dyn Context,
+    ) -> Result<(), Why> {
         let sign = i64::from(counts.signum());
         let distance = i64::from(counts) + sign * i64::from(compensation);
         if distance.signum() != sign || sign == 0 {
             (self.goal, self.left) = (None, 0);
-            return;
+            return Err(Why::Compensated);
         }
         let here = self.counter.count();
         let (count, rates) = (here + distance, self.settings.rates());
@@ -207,6 +217,7 @@ impl Servo {
             self.errors |= error::BRAKING;
         }
         self.start(at, Order::Move { count, rates }, sign as i8, out);
+        Ok(())
     }
 
     /// Stops with DEC. A move stops with the DEC with which it began.
@@ -515,6 +526,11 @@ impl Servo {
             self.limit_ma = ma;
             out.put(at, Output::CurrentLimit { axis: AXIS, ma });
         }
+    }
+
+    /// Returns true while a move, or the stop of one, keeps the speed and the ramps with which it began.
+    pub(super) fn keeps_rates(&self) -> bool {
+        matches!(self.order, Order::Move { .. } | Order::Stop { rates: Some(_) })
     }
 
     /// Direction of motion: 0 none, 1 forward, −1 backward. Braking counts as motion.

@@ -111,7 +111,9 @@ impl Device for Bare {
         let servo = self.servo.as_mut().unwrap();
         match row {
             tell::ROTATE => servo.rotate(at, value > 0, out),
-            tell::GO => servo.go(at, value as i32, self.compensation, out),
+            tell::GO => {
+                let _ = servo.go(at, value as i32, self.compensation, out);
+            }
             tell::STOP => servo.stop(),
             tell::HALT => servo.halt(at, out),
             tell::COMPENSATION => self.compensation = value as i16,

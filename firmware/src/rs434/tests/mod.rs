@@ -5,6 +5,7 @@ mod errors;
 mod inputs;
 mod motion;
 mod program;
+mod reasons;
 mod saved;
 mod startup;
 

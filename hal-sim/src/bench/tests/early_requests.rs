@@ -182,3 +182,62 @@ fn bytes_may_have_been_sent_later_than_the_bench_knows() {
     bench.run_until(1.secs());
     assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER_OF_Y.to_vec(), 0));
 }
+
+#[test]
+fn two_frames_in_one_write_are_counted_in_manual_time_too() {
+    for judged in [true, false] {
+        let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+        bench.judge_silence(judged);
+        bench.send(client, &[ASKED, TO_Y].concat());
+        bench.run_until(1.secs());
+        let early = bench.early_requests(bus);
+        assert_eq!((received_by(&mut bench, client), early.count), ([ANSWER, ANSWER_OF_Y].concat(), 1));
+        assert_eq!(
+            early.last.unwrap().to_string(),
+            "sent in one write with the request before it; t3.5 is 4.0 ms"
+        );
+        // Two writes.
+        for frame in [ASKED, TO_Y] {
+            bench.send(client, &frame);
+            bench.run_until(bench.now() + 1.secs());
+        }
+        assert_eq!(bench.early_requests(bus).count, 1);
+    }
+}
+
+#[test]
+fn the_shortest_silence_after_a_reply() {
+    let (bench, _, bus, _) = after_silence(false, 5.millis(), &TO_Y);
+    let statistics = bench.request_statistics(bus);
+    assert_eq!((statistics.requests, statistics.early), (2, 0));
+    assert_eq!(statistics.shortest_silence, Some(5.millis()));
+    let (bench, _, bus, _) = after_silence(false, 100.micros(), &TO_Y);
+    let statistics = bench.request_statistics(bus);
+    assert_eq!((statistics.early, statistics.shortest_silence), (1, Some(100.micros())));
+}
+
+#[test]
+fn a_retry_repeats_a_request_that_got_no_answer() {
+    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    let retries = |bench: &mut Bench, frame: &[u8], faults: LineFaults| {
+        bench.set_line_faults(bus, faults);
+        bench.send(client, frame);
+        bench.run_until(bench.now() + 1.secs());
+        bench.request_statistics(bus).retries
+    };
+    let lost = LineFaults { drop: 1.0, ..QUIET };
+    let corrupt = LineFaults { corrupt: 1.0, ..QUIET };
+    assert_eq!(retries(&mut bench, &ASKED, QUIET), 0);
+    // A poll repeats a request that was answered.
+    assert_eq!(retries(&mut bench, &ASKED, lost), 0);
+    assert_eq!(retries(&mut bench, &ASKED, corrupt), 1);
+    assert_eq!(retries(&mut bench, &ASKED, QUIET), 2);
+    assert_eq!(retries(&mut bench, &TO_Y, lost), 2);
+    assert_eq!(retries(&mut bench, &ASKED, QUIET), 2);
+    // A broadcast has no answer, and nobody has address 9.
+    for (address, all) in [(0, 2), (9, 3)] {
+        let write = rtu::write(address, 0x1D, 7);
+        retries(&mut bench, &write, QUIET);
+        assert_eq!(retries(&mut bench, &write, QUIET), all, "{address}");
+    }
+}

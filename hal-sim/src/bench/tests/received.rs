@@ -11,7 +11,7 @@ use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::{rtu, tcp};
 
-use crate::bench::{Bench, DriveId, PowerAction, Settings, Setup};
+use crate::bench::{Accesses, Bench, DriveId, PowerAction, Settings, Setup};
 use crate::decode::Verdict;
 use crate::line::LineMode;
 
@@ -362,4 +362,69 @@ fn reasons_limit_what_an_accepted_request_does() {
     let received = bench.received(drive);
     let verdicts: Vec<Verdict> = received.messages().map(|message| message.exchange.verdict).collect();
     assert_eq!(verdicts[..3], [Verdict::Done, Verdict::WithoutEffect, Verdict::Done]);
+}
+
+#[test]
+fn requests_to_a_drive_that_starts_are_counted() {
+    let mut bench = Bench::new();
+    let address = |address| Setup { presets: vec![(0, address)], ..Setup::default() };
+    let [x, y] =
+        [("x", 1), ("y", 2)].map(|(name, n)| bench.add_with(name, Box::new(Md3::new()), address(n)).unwrap());
+    bench.share("line", &[(x, Port(0)), (y, Port(0))]);
+    bench.run_until(Instant::from(Duration::millis(1_300)));
+    bench.ask(x, &rtu::read(1, 0, 1));
+    // A frame for all, and one for nobody.
+    bench.ask(x, &rtu::write(0, 0x1D, 7));
+    bench.ask(x, &rtu::read(9, 0, 1));
+    let starting = bench.starting_requests(x);
+    assert_eq!((starting.count, bench.starting_requests(y).count, bench.starting_count()), (1, 0, 1));
+    // 2.5 s less 1.3 s and 8 characters of 11 bits at 9,600 baud.
+    let left = starting.left.unwrap();
+    assert!((Duration::millis(1_190)..Duration::millis(1_200)).contains(&left), "{left:?}");
+    ready(&mut bench);
+    bench.ask(x, &rtu::read(1, 0, 1));
+    assert_eq!(bench.starting_count(), 1);
+
+    let qsb = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+    bench.ask(qsb, b"R0E\r\n");
+    assert_eq!((bench.starting_requests(qsb).count, bench.starting_count()), (1, 2));
+}
+
+#[test]
+fn a_write_before_another_one() {
+    let mut bench = Bench::new();
+    let x = bench.add::<Md3>("x");
+    let spec = bench.spec(x);
+    let before = |bench: &Bench, first: &str, then: &str| {
+        bench.received(x).wrote_before(spec.find(first).unwrap(), spec.find(then).unwrap())
+    };
+    // Lost during the start.
+    bench.ask(x, &rtu::write(1, 0x15, 9_000));
+    ready(&mut bench);
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    assert!(!before(&bench, "Speed", "MotionControl"));
+    bench.ask(x, &rtu::write(1, 0x15, 9_000));
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    assert!(!before(&bench, "Speed", "MotionControl"), "the first Move came before");
+    assert!(before(&bench, "MotionControl", "Speed"));
+    assert!(before(&bench, "MotionControl", "SpeedLow"));
+    assert!(!before(&bench, "MotionControl", "SpeedHigh"), "never written");
+    let counts = bench.received(x).counts();
+    assert_eq!(counts.functions.into_iter().collect::<Vec<_>>(), [(6, 4)]);
+    assert_eq!(counts.registers["SpeedLow"], Accesses { read: 0, written: 2 });
+}
+
+#[test]
+fn a_bench_without_journals_keeps_nothing() {
+    let mut bench = Bench::with(Settings { journals: false, ..Settings::default() });
+    let x = bench.add::<Md3>("x");
+    let bus = bench.bus(x, Port(0)).unwrap();
+    ready(&mut bench);
+    let (client, read) = (bench.connect(bus), rtu::read(1, 0, 1));
+    bench.set_strict(bus, true);
+    bench.send(client, &[&read[..], &read].concat());
+    bench.run_until_idle();
+    assert_eq!(bench.early_requests(bus).count, 2);
+    assert_eq!(bench.ask(x, &read).len(), 7);
+    assert_eq!((bench.received(x).messages().count(), bench.received_count()), (0, 0));
 }

@@ -9,6 +9,7 @@ use crate::mdrive::error::Error;
 use crate::mdrive::mcode::names::Meaning;
 use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::statement::{Place, Statement, Trip};
+use crate::mdrive::reasons::Why;
 
 impl Drive {
     /// Address of a line that exists.
@@ -69,22 +70,43 @@ impl Drive {
         self.mcode.vm.end();
     }
 
+    /// E, as a command: ends the program.
+    ///
+    /// # Errors
+    /// Motion continues.
+    pub(in crate::mdrive) fn end_by_command(&mut self) -> Result<(), Why> {
+        self.end_program();
+        if self.motion.is_moving() { Err(Why::EndsProgram) } else { Ok(()) }
+    }
+
     /// PS: pauses the program, and stops motion with its ramp.
-    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Context) {
+    ///
+    /// # Errors
+    /// There is nothing to pause.
+    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         let vm = &mut self.mcode.vm;
-        if !vm.is_paused() && (vm.is_running() || self.motion.is_moving()) {
-            vm.paused = Some(at);
-            self.motion.pause(at, out);
+        if vm.is_paused() || !vm.is_running() && !self.motion.is_moving() {
+            return Err(Why::NothingRuns);
         }
+        vm.paused = Some(at);
+        self.motion.pause(at, out);
+        Ok(())
     }
 
     /// RS: resumes program and motion.
-    pub(in crate::mdrive) fn resume_program(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(since) = self.mcode.vm.paused.take() {
-            self.mcode.vm.shift(at.since(since));
-            self.motion.resume(at, out);
-            self.interrupt_program(at, out);
-        }
+    ///
+    /// # Errors
+    /// Nothing is paused.
+    pub(in crate::mdrive) fn resume_program(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Context,
+    ) -> Result<(), Why> {
+        let since = self.mcode.vm.paused.take().ok_or(Why::NotPaused)?;
+        self.mcode.vm.shift(at.since(since));
+        self.motion.resume(at, out);
+        self.interrupt_program(at, out);
+        Ok(())
     }
 
     /// Calls the handler of OE after an error, if there is one. Without a program the handler is called, too,

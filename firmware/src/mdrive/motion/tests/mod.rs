@@ -138,7 +138,7 @@ impl Bench {
     }
 
     fn order(&mut self, order: Order) -> Result<(), Error> {
-        self.feed(|motion, at, out| motion.order(at, order, out))
+        self.feed(|motion, at, out| motion.order(at, order, out)).map(|_| ())
     }
 
     fn does(&mut self, order: Order) {
