@@ -88,7 +88,7 @@ pub use drivetwin_protocol::time::Span;
 pub use drivetwin_sim as sim;
 pub use drivetwin_sim::bench::{EarlyRequests, Motion, PinStimulus, PowerAction, Received, Settings};
 pub use drivetwin_sim::blocking::{BlockingDelay, BlockingPort};
-pub use drivetwin_sim::line::faults::LineFaults;
+pub use drivetwin_sim::line::faults::{Amount, Direction, FaultRule, LineFaults};
 pub use drivetwin_sim::signals::pulses::Pulse;
 
 pub use bench::Bench;

@@ -40,6 +40,7 @@ mod received;
 mod shaft_sensors;
 mod stimulus;
 mod tcp_clients;
+mod tcp_faults;
 #[cfg(test)]
 mod tests;
 mod transmit;
@@ -613,6 +614,7 @@ impl Bench {
                 self.deliver(event.target, &input);
             }
             EventKind::TcpInput { client, input } => self.tcp_input_arrives(event.target, client, &input),
+            EventKind::StreamPart { client, part } => self.stream_part_arrives(client, part),
             EventKind::Stimulus { pin, stimulus } => self.stimulus_arrives(event.target, pin, stimulus),
             EventKind::WireLevel { wire, level } => self.wire_level_arrives(wire, level),
             EventKind::InitialLevels => self.report_initial_levels(event.target),

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 
 use crate::record::early::EarlyRequest;
+use crate::record::effects::FrameEffects;
 
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;
@@ -27,6 +28,10 @@ pub enum Outcome {
     Sending,
     /// The request was too early, and the strict line dropped it.
     TooEarly(EarlyRequest),
+    /// A fault of the line or TCP port took the message.
+    Lost,
+    /// A fault of the line or TCP port refused the message with this code.
+    RefusedByFault(u8),
 }
 
 /// A message with its outcome.
@@ -46,6 +51,10 @@ pub struct Entry {
     pub unreadable: u8,
     /// Time from the message until the drive receives; zero if it received, `None` if unknown.
     pub deaf_for: Option<Duration>,
+    /// Effects of faults on the message.
+    pub on_message: FrameEffects,
+    /// Effects of faults on the answer.
+    pub on_answer: FrameEffects,
     /// Length of the message in `bytes`.
     message: u16,
     /// Length of the answer in `bytes`, after the message.
@@ -82,6 +91,13 @@ impl Entry {
 
     fn codes(&self) -> &[u8] {
         self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
+    }
+
+    /// The entry with another message and answer, refused by a fault with this code.
+    pub(crate) fn refused_by_fault(&mut self, message: &[u8], answer: &[u8], code: u8) {
+        self.bytes = [message, answer].concat().into();
+        (self.message, self.answer) = (message.len() as u16, answer.len() as u16);
+        (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
     }
 
     /// The entry with these addresses instead of codes, for the journal of a line.
@@ -145,6 +161,8 @@ impl Draft {
             ascii: false,
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
+            on_message: FrameEffects::NONE,
+            on_answer: FrameEffects::NONE,
             message: message as u16,
             answer: answer as u16,
             bytes: bytes.into_boxed_slice(),
@@ -175,6 +193,21 @@ impl Journal {
         }
         *last += 1;
         self.entries.push_back(Entry { number: *last, ..entry });
+    }
+
+    /// The latest entry.
+    pub(crate) fn last_mut(&mut self) -> Option<&mut Entry> {
+        self.entries.back_mut()
+    }
+
+    /// The latest entry of a port, if these bytes are in its answer.
+    pub(crate) fn answered_with(&mut self, port: Port, bytes: &[u8]) -> Option<&mut Entry> {
+        let kept = &bytes[..bytes.len().min(LONGEST)];
+        let last = self.entries.iter_mut().rev().find(|entry| entry.port == port);
+        last.filter(|entry| {
+            let answer = entry.answer();
+            answer.windows(kept.len().max(1)).any(|part| part == kept)
+        })
     }
 
     /// The entries, the oldest first.

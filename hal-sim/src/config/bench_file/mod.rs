@@ -4,6 +4,7 @@
 
 mod drive_tables;
 mod expand;
+mod fault_tables;
 mod plant_tables;
 mod table;
 
@@ -13,13 +14,13 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
-use crate::config::layout::{FaultLayout, Layout};
+use crate::config::layout::Layout;
 use crate::config::listen::Uri;
 use crate::line::LineMode;
-use crate::line::faults::{BAUDS, LONGEST_DELAY, LineFaults};
 use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
-use drivetwin_firmware::device::{Duration, Spec};
+use drivetwin_firmware::device::Spec;
+use fault_tables::fault_keys;
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
 use table::{Located, LocatedError, Table};
 
@@ -98,17 +99,8 @@ pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Resu
 }
 
 /// The keys of a bench file.
-const KEYS: [&str; 10] =
-    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
-/// The keys of `[[fault]]`.
-fn fault_keys() -> Vec<&'static str> {
-    let mut faults = LineFaults::NONE;
-    let shares = faults.shares().map(|(name, _)| name);
-    [&["bus"], &shares[..], &["exception_code", "delay_ms", "mute", "baud"]].concat()
-}
-
-/// Number of ticks in 1 ms.
-const MILLI: f64 = Duration::millis(1).ticks() as f64;
+const KEYS: [&str; 11] =
+    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault", "scenario"];
 
 /// Tables that have been read so far, and the names in use.
 #[derive(Default)]
@@ -174,33 +166,6 @@ impl Reader {
         }
         Ok(name.is.to_owned())
     }
-
-    fn fault(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
-        let bus = table.needed_text("bus")?;
-        let line = self.line_named(bus.is).map_err(LocatedError::at(bus.at))?;
-        let name = self.name_of(line);
-        if self.layout.faults.iter().any(|other| other.bus == name) {
-            return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
-        }
-        let mut faults = LineFaults::NONE;
-        for (name, share) in faults.shares() {
-            *share = table.number(name, 0.0, 1.0)?.map_or(0.0, |share| share.is);
-        }
-        if let Some(code) = table.whole("exception_code", 1, u8::MAX)? {
-            faults.exception_code = code.is;
-        }
-        let delay = table.number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?;
-        faults.delay =
-            delay.map_or(Duration::ZERO, |delay| Duration::from_ticks((delay.is * MILLI).round() as u64));
-        faults.mute = table.flag("mute")?.is_some_and(|mute| mute.is);
-        faults.baud = table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is);
-        if let Some(port) = self.port_of(line) {
-            let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
-            faults.check_for(port).map_err(LocatedError::at(at))?;
-        }
-        self.layout.faults.push(FaultLayout { bus: name, faults });
-        Ok(())
-    }
 }
 
 /// Parses the string of a key, if the key is present.
@@ -248,6 +213,10 @@ mod tests {
                 let is_row = |row: &str| row.replace('*', "").starts_with(&format!("| `{key}` |"));
                 assert!(section.lines().any(is_row), "{heading}: {key}");
             }
+        }
+        let fault = section("\n## `[[fault]]`\n");
+        for key in fault_tables::RULE.iter().chain(&["code", "before", "ms", "spread_ms"]) {
+            assert!(fault.lines().any(|row| row.starts_with(&format!("| `{key}` |"))), "{key}");
         }
     }
 }

@@ -96,6 +96,16 @@ impl<'a> Table<'a> {
         self.keys().into_iter().find(|key| keys.contains(&key.is))
     }
 
+    /// Returns true if the value of a key is a table.
+    pub(super) fn is_table(&self, key: &str) -> bool {
+        self.keys.get(key).is_some_and(|value| value.get_ref().as_table().is_some())
+    }
+
+    /// Returns true if the value of a key is `true` or `false`.
+    pub(super) fn is_flag(&self, key: &str) -> bool {
+        self.keys.get(key).is_some_and(|value| value.get_ref().as_bool().is_some())
+    }
+
     /// Returns `value`; without a value, an error that the table needs the key.
     pub(super) fn needs<T>(&self, key: &str, value: Option<T>) -> Result<T, LocatedError> {
         value.ok_or_else(|| LocatedError { at: self.at, what: format!("{} needs '{key}'", self.what) })

@@ -204,12 +204,13 @@ pub struct WireLayout {
     pub to: At,
 }
 
-/// Faults of a line from the start: table `[[fault]]` of a bench file.
+/// Faults of a line or TCP port from the start: table `[[fault]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct FaultLayout {
-    /// Name of the line, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
+    /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
     pub bus: String,
-    /// Faults of the line, checked by [`LineFaults::check_for`].
+    /// Its faults, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
+    /// [`Layout::drives`].
     pub faults: LineFaults,
 }
 
