@@ -41,6 +41,8 @@ pub(crate) enum EventKind {
     Motor { number: u32 },
     /// Reports of a motor arrive at its drive.
     MotorReports { motor: u32 },
+    /// The next action of the scenario with that number is due.
+    Scenario { number: usize },
     /// The turn of a client on a line may be over.
     TurnEnd { bus: u32 },
 }

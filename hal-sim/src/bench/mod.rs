@@ -37,6 +37,7 @@ mod lines;
 mod motors;
 mod pin_wires;
 mod received;
+pub mod scenario;
 mod shaft_sensors;
 mod stimulus;
 mod tcp_clients;
@@ -64,6 +65,7 @@ pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
 pub use received::{News, Received, ReceivedMessage, Receiver};
+use scenario::Playing;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
@@ -221,6 +223,8 @@ pub struct Bench {
     outputs: Outputs,
     trace: Trace,
     capture: Capture,
+    /// Scenarios that are played, or that have ended.
+    scenarios: Vec<Playing>,
 }
 
 impl Default for Bench {
@@ -265,6 +269,7 @@ impl Bench {
             outputs: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
+            scenarios: Vec::new(),
         }
     }
 
@@ -539,6 +544,7 @@ impl Bench {
             self.lose_connections(index);
         }
         self.update_tcp_busy(index);
+        self.look_for_writes(index);
     }
 
     /// Handles the results of a call of a drive: its deadline, its outputs, and the end of its transmissions if power
@@ -556,6 +562,7 @@ impl Bench {
             self.lose_connections(index);
         }
         self.update_tcp_busy(index);
+        self.look_for_writes(index);
     }
 
     /// Sorts the slots by name if drives were added.
@@ -624,6 +631,7 @@ impl Bench {
             EventKind::Steps { axis, number } => self.axis_edge(event.target, axis, number),
             EventKind::Motor { number } => self.motor_is_due(event.target, number, event.key.phase),
             EventKind::MotorReports { motor } => self.deliver_motor_reports(motor),
+            EventKind::Scenario { number } => self.scenario_is_due(number),
             EventKind::TurnEnd { bus } => self.turn_ends(bus, event.key.at),
         }
     }

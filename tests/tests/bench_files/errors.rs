@@ -518,3 +518,109 @@ fn rules_of_faults() {
         ],
     );
 }
+
+#[test]
+fn scenarios() {
+    let drives = "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'm', kind = 'mdrive'}]\n\
+         [[scenario]]\n";
+    check(
+        drives,
+        &[("step = []", "line 3, column 1: there is no key of [[scenario]] 'step'; the nearest is 'steps'")],
+    );
+    check(
+        drives,
+        &[
+            ("steps = []", "line 2, column 1: a scenario needs a step"),
+            ("steps = 3", "line 3, column 9: steps takes a list of tables, like [{ … }], not 3"),
+        ],
+    );
+    let step = format!("{drives}steps = [\n");
+    check(
+        &step,
+        &[
+            (
+                "{ at_s = 1 }]",
+                "line 4, column 1: a step needs an action: faults, fault, clear, power, level, volts, pulses",
+            ),
+            (
+                "{ after_m = 1, drive = 'x', power = 'off' }]",
+                "line 4, column 3: there is no key of a step 'after_m'; the nearest is 'after_ms'",
+            ),
+            (
+                "{ at_s = -1, drive = 'x', power = 'off' }]",
+                "line 4, column 10: at_s takes a number from 0 to 1000000000, not -1",
+            ),
+            (
+                "{ at_s = 5, after_ms = 500, drive = 'x', power = 'off' },\n{ at_s = 5.4, drive = 'x', power = 'on' }]",
+                "line 5, column 10: at_s = 5.4 is before the step above, which is at 5.5 s",
+            ),
+            (
+                "{ at_s = 5, when = { drive = 'x', register = 'Speed' }, drive = 'x', power = 'off' }]",
+                "line 4, column 10: a step takes at_s or when, not both",
+            ),
+            (
+                "{ drive = 'y', power = 'off' }]",
+                "line 4, column 11: there is no drive 'y'; the nearest is 'x'",
+            ),
+            (
+                "{ drive = 'x', power = 'of' }]",
+                "line 4, column 24: power takes off, on, cycle or cut, not 'of'",
+            ),
+            ("{ power = 'off' }]", "line 4, column 1: a step needs 'drive'"),
+            (
+                "{ drive = 'x', power = 'off', fault = 'over_current' }]",
+                "line 4, column 31: a step with 'power' takes no 'fault'",
+            ),
+            (
+                "{ drive = 'x', fault = 'over_heat' }]",
+                "line 4, column 24: there is no fault of md3 'over_heat'; available: over_temperature, over_current",
+            ),
+            (
+                "{ pin = 'x.J2.1', level = 'low' }]",
+                "line 4, column 9: there is no pin of md3 'J2.1'; the nearest is 'J2.2'",
+            ),
+            (
+                "{ pin = 'x.STEP', level = 'low' }]",
+                "line 4, column 9: 'x.STEP' is an output; an input is wanted here",
+            ),
+            (
+                "{ pin = 'x.J2.2', level = 'up' }]",
+                "line 4, column 27: level takes low, high or open, not 'up'",
+            ),
+            ("{ pin = 'x.J2.2', volts = 3 }]", "line 4, column 19: x.J2.2 takes a level, not volts"),
+            ("{ pin = 'x.J2.2', pulses = 3 }]", "line 4, column 1: a step needs 'hz'"),
+            (
+                "{ bus = 'x.rs422', faults = { drop = 1 } }]",
+                "line 4, column 9: there is no port of md3 'rs422'; the nearest is 'rs485'",
+            ),
+            (
+                "{ bus = 'rs485', faults = { drip = 1 } }]",
+                "line 4, column 29: there is no key of faults 'drip'; the nearest is 'drop'",
+            ),
+            (
+                "{ bus = 'rs485', faults = { close = 1 } }]",
+                "line 4, column 29: close is for TCP ports only, and rs485 is a serial line",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'Sped' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: there is no register of md3 that a master writes 'Sped'; the nearest is 'Speed'",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'ProductInformation' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: no master writes ProductInformation of md3",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'SpeedLow' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: register takes a whole register: Speed, not SpeedLow",
+            ),
+            (
+                "{ when = { drive = 'z', register = 'Speed' }, drive = 'x', power = 'off' }]",
+                "line 4, column 20: there is no drive 'z'; the nearest is 'x'",
+            ),
+            (
+                "{ when = { drive = 'x' }, drive = 'x', power = 'off' }]",
+                "line 4, column 10: when needs 'register'",
+            ),
+        ],
+    );
+}

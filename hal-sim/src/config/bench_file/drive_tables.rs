@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use drivetwin_firmware::device::{Fault, Framing, Pin, Port, PortSpec, Spec};
+use drivetwin_firmware::device::{Framing, Pin, Port, PortSpec, Spec};
 
 use super::Reader;
+use super::scenario_tables::find_fault;
 use super::table::{Located, LocatedError, Table};
 use crate::catalog;
 use crate::config::layout::{self, At, BusLayout, DriveLayout};
@@ -67,15 +68,7 @@ impl Reader {
             drive.listen.push(address);
         }
         for fault in table.texts("faults")?.map_or(Vec::new(), |faults| faults.is) {
-            let known = spec.faults.iter().position(|known| *known == fault.is);
-            let index = known.ok_or_else(|| {
-                fault.wrong(suggest::unknown(
-                    &format!("fault of {}", spec.kind),
-                    fault.is,
-                    spec.faults.iter().copied(),
-                ))
-            })?;
-            drive.faults.push(Fault(index as u8));
+            drive.faults.push(find_fault(spec, fault.is).map_err(LocatedError::at(fault.at))?);
         }
         let presets = presets(table, spec)?;
         drive.presets = presets.iter().map(|preset| preset.is).collect();

@@ -6,6 +6,7 @@ mod drive_tables;
 mod expand;
 mod fault_tables;
 mod plant_tables;
+mod scenario_tables;
 mod table;
 
 use std::collections::BTreeMap;
@@ -22,6 +23,7 @@ use drive_tables::{BUS, DRIVE};
 use drivetwin_firmware::device::Spec;
 use fault_tables::fault_keys;
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
+use scenario_tables::SCENARIO;
 use table::{Located, LocatedError, Table};
 
 /// First error in the text of a bench file, with its position.
@@ -150,6 +152,9 @@ impl Reader {
         for table in root.each("fault", "[[fault]]", &fault_keys())? {
             self.fault(&table)?;
         }
+        for table in root.each("scenario", "[[scenario]]", &SCENARIO)? {
+            self.scenario(&table)?;
+        }
         Ok(self.layout)
     }
 
@@ -186,6 +191,7 @@ fn line_mode(text: &str) -> Result<LineMode, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::scenario_tables::{STEP, WHEN};
     use super::*;
 
     /// The reference has a heading for every table, and a row for every key of the table.
@@ -196,7 +202,7 @@ mod tests {
             let (_, rest) = reference.split_once(heading).unwrap_or_else(|| panic!("no {heading}"));
             rest.split("\n## ").next().unwrap_or_default()
         };
-        let tables: [(&str, &[&str]); 8] = [
+        let tables: [(&str, &[&str]); 9] = [
             ("\n## The bench\n", &KEYS[..3]),
             ("\n## `[[drive]]`\n", &DRIVE),
             ("\n## `[[bus]]`\n", &BUS),
@@ -205,6 +211,7 @@ mod tests {
             ("\n## `[[switch]]`\n", &SWITCH),
             ("\n## `[[wire]]`\n", &WIRE),
             ("\n## `[[fault]]`\n", &fault_keys()),
+            ("\n## `[[scenario]]`\n", &[&SCENARIO[..], &STEP, &WHEN[..]].concat()),
         ];
         assert_eq!(3 + tables.len() - 1, KEYS.len());
         for (heading, keys) in tables {

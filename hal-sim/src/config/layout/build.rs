@@ -70,6 +70,11 @@ impl Layout {
             faults.map_drives(on_bench);
             bench.set_faults(outlet, faults);
         }
+        for scenario in &self.scenarios {
+            let mut scenario = scenario.clone();
+            scenario.map_drives(on_bench);
+            bench.play(scenario)?;
+        }
         Ok(Built { bench, drives: ids, buses, motors })
     }
 

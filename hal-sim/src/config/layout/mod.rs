@@ -11,6 +11,7 @@ use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
 use drivetwin_firmware::motor;
 
 pub use self::build::Built;
+use crate::bench::scenario::Scenario;
 use crate::bench::{Closed, Settings};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::Preset;
@@ -63,6 +64,8 @@ pub struct Layout {
     pub wires: Vec<WireLayout>,
     /// Faults that lines have from the start.
     pub faults: Vec<FaultLayout>,
+    /// Scenarios that are played from the start. A drive in a scenario is an index in [`drives`](Self::drives).
+    pub scenarios: Vec<Scenario>,
 }
 
 impl Layout {
