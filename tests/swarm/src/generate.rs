@@ -90,7 +90,7 @@ fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
     if some.is_empty() || rng.bool() { one_of(rng, &any) } else { one_of(rng, &some) }
 }
 
-/// Adds serial lines, motors, encoders and switches on shafts, and wires to a plan.
+/// Adds serial lines, motors, encoders and switches on shafts, wires, and a scenario to a plan.
 fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
     let names = |drives: &[Drive]| {
         drives.iter().map(|drive| format!("\"{}\"", drive.name)).collect::<Vec<_>>().join(", ")
@@ -156,6 +156,48 @@ fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
             add(plan, format!("[[wire]]\nfrom = {}\nto = {}\n", pin_name(from, out), pin_name(to, pin)));
         }
     }
+    if rng.u8(..3) == 0 {
+        let scenario = scenario(drives, rng);
+        add(plan, scenario);
+    }
+}
+
+/// A scenario that changes pins and causes of faults. Power and lines stay as they are, because a scenario acts
+/// also while a well-behaved client waits for its answer.
+fn scenario(drives: &[Drive], rng: &mut Rng) -> String {
+    let mut at = 0;
+    let mut steps = String::new();
+    for _ in 0..rng.usize(1..5) {
+        let (drive, other) = (one_of(rng, drives), one_of(rng, drives));
+        let after = pause(rng).ticks() as f64 / 16_000.0;
+        at += rng.u32(1..500);
+        let rows: Vec<&str> =
+            other.spec.rows().filter(|(_, row)| row.access.writes()).map(|(_, row)| row.name).collect();
+        let when = match rng.u8(..3) {
+            0 => format!("at_s = {:.3}, ", f64::from(at) / 1e3),
+            1 if !rows.is_empty() => {
+                format!("when = {{ drive = \"{}\", register = \"{}\" }}, ", other.name, one_of(rng, &rows))
+            }
+            _ => String::new(),
+        };
+        let action = match (input(drive.spec, rng), rng.u8(..4)) {
+            (Some(pin), 0 | 1) => {
+                let level = one_of(rng, &["low", "high", "open"]);
+                format!("pin = {}, level = \"{level}\"", pin_name(drive, pin))
+            }
+            (Some(pin), 2) => {
+                let (count, hz) = (rng.u8(1..60), rng.u16(1..30_000));
+                format!("pin = {}, pulses = {count}, hz = {hz}", pin_name(drive, pin))
+            }
+            _ if !drive.spec.faults.is_empty() => {
+                let (what, fault) = (one_of(rng, &["fault", "clear"]), one_of(rng, drive.spec.faults));
+                format!("drive = \"{}\", {what} = \"{fault}\"", drive.name)
+            }
+            _ => continue,
+        };
+        steps += &format!("    {{ {when}after_ms = {after:.4}, {action} }},\n");
+    }
+    format!("[[scenario]]\nsteps = [\n{steps}]\n")
 }
 
 fn pin_name(drive: Drive, pin: Pin) -> String {
@@ -359,7 +401,8 @@ mod tests {
     fn plans_have_all_kinds_and_tables_and_steps() {
         let plans: Vec<String> = SEEDS.map(|seed| plan(seed).to_string()).collect();
         let kinds = catalog::specs().map(|spec| format!("kind = \"{}\"", spec.kind));
-        let tables = ["bus", "motor", "encoder", "switch", "wire"].map(|table| format!("[[{table}]]"));
+        let tables =
+            ["bus", "motor", "encoder", "switch", "wire", "scenario"].map(|table| format!("[[{table}]]"));
         let steps = [
             "wait",
             "says",
