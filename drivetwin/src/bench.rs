@@ -195,14 +195,37 @@ impl Bench {
         Ok(())
     }
 
-    /// Sets the faults of a line: that of [`share`](Self::share), or `DRIVE.PORT`, or `PORT` if only one drive
-    /// has such a port.
+    /// Sets the faults of a line or TCP port from its next frame on: the line of [`share`](Self::share), or
+    /// `DRIVE.PORT`, or `PORT` if only one drive has such a port.
+    ///
+    /// ```
+    /// use drivetwin::{Bench, Direction, FaultRule, LineFaults, md3::Reg, rtu};
+    ///
+    /// let bench = Bench::new();
+    /// let x = bench.add_preset("md3", "x", &[(Reg::DeviceAddress, 1)])?;
+    /// let lost = FaultRule::next(1).direction(Direction::Reply).register("Speed");
+    /// bench.set_faults("rs485", LineFaults { drop: lost, ..LineFaults::NONE })?;
+    /// let write = rtu::write(1, 0x15, 9_000); // the low word of Speed
+    /// assert!(x.ask(&write).is_empty());
+    /// assert_eq!(x.get(Reg::Speed)?, 9_000); // The request was executed.
+    /// assert_eq!(x.ask(&write), write[..]);
+    /// let words: Vec<String> = x.received().messages().map(|message| message.to_string()).collect();
+    /// assert_eq!(words[0], "rs485 <- write SpeedLow = 9000 -> done; by a fault, the reply was dropped");
+    /// # Ok::<(), drivetwin::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// There is no such line.
-    pub fn set_line_faults(&self, line: &str, faults: LineFaults) -> Result<(), Error> {
-        let bus = self.line(line)?;
-        self.sim().set_line_faults(bus, faults);
+    /// There is no such line or port, it cannot have such a fault, a value is out of range, or a rule names a
+    /// drive or a register that is not there.
+    pub fn set_faults(&self, bus: &str, faults: LineFaults) -> Result<(), Error> {
+        let mut sim = self.sim();
+        let outlet = sim.find_outlet(bus).ok_or_else(|| {
+            let names: Vec<String> =
+                sim.outlets().into_iter().map(|outlet| sim.outlet_name(outlet)).collect();
+            suggest::unknown("bus", bus, names.iter().map(String::as_str))
+        })?;
+        sim.check_faults(outlet, &faults)?;
+        sim.set_faults(outlet, faults);
         Ok(())
     }
 

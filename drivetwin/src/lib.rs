@@ -90,7 +90,7 @@ pub use drivetwin_sim::bench::{
     EarlyRequests, Motion, PinStimulus, PowerAction, Received, RequestStatistics, Settings, StartingRequests,
 };
 pub use drivetwin_sim::blocking::{BlockingDelay, BlockingPort};
-pub use drivetwin_sim::line::faults::LineFaults;
+pub use drivetwin_sim::line::faults::{Amount, Direction, FaultRule, LineFaults};
 pub use drivetwin_sim::signals::pulses::Pulse;
 
 pub use bench::Bench;

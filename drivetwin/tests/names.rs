@@ -1,6 +1,6 @@
 //! Wrong names and values are errors of one sentence, and change nothing.
 
-use drivetwin::{Bench, PinStimulus, PowerAction, Span as _, md3, mdrive, qsb};
+use drivetwin::{Bench, FaultRule, LineFaults, PinStimulus, PowerAction, Span as _, md3, mdrive, qsb};
 
 /// The sentence of an error.
 #[track_caller]
@@ -45,6 +45,21 @@ fn wrong_names_are_refused_with_the_nearest() {
     assert_eq!(
         refused(Bench::from_toml("[[drive]]\nkind = 'md3'\n").map(drop)),
         "line 1, column 1: [[drive]] needs 'name'"
+    );
+    let lost = LineFaults { drop: FaultRule::next(1).register("Sped"), ..LineFaults::NONE };
+    assert_eq!(
+        refused(bench.set_faults("x.rs485", lost)),
+        "drop: there is no register on this bus 'Sped'; the nearest is 'Speed'"
+    );
+    assert_eq!(
+        refused(bench.set_faults("x.rs485", LineFaults { close: FaultRule::ALL, ..LineFaults::NONE })),
+        "close is for TCP ports only, and rs485 is a serial line"
+    );
+    let foreign = LineFaults { drop: FaultRule::ALL.drive(y.id()), ..LineFaults::NONE };
+    assert_eq!(refused(bench.set_faults("x.rs485", foreign)), "drop is for a drive that is not on this bus");
+    assert_eq!(
+        refused(bench.set_faults("x.rs422", LineFaults::NONE)),
+        "there is no bus 'x.rs422'; the nearest is 'x.rs485'"
     );
     // A name of another kind of drive.
     assert_eq!(refused(y.get(mdrive::Reg::EE)), "there is no register 'EE'");

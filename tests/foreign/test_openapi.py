@@ -47,6 +47,10 @@ kind = "qsb-m"
 name = "brush"
 kind = "rs434546"
 
+[[drive]]
+name = "net"
+kind = "mdrive"
+
 [[motor]]
 name = "m"
 drive = "x"
@@ -65,7 +69,7 @@ NAMES = {
         "register": ["Speed", "Mdr0", "Sped"],
         "fault": ["over_temperature", "stall"],
     },
-    "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "line2"]},
+    "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "net.modbus", "line2"]},
 }
 """What is called so, and what is not: hardly any other name would meet something."""
 

@@ -16,7 +16,7 @@ use drivetwin_sim::record::trace::Retention;
 use proptest::prelude::*;
 
 /// The parts of a bench file.
-const PARTS: [&str; 16] = [
+const PARTS: [&str; 17] = [
     r#"[[bus]]
     name = "line1"
     drives = ["x", "y"]
@@ -74,6 +74,7 @@ const PARTS: [&str; 16] = [
     to = "a.J2.5""#,
     FAULTS[0],
     FAULTS[1],
+    SCENARIO,
 ];
 
 const FAULTS: [&str; 2] = [
@@ -90,6 +91,16 @@ const FAULTS: [&str; 2] = [
     corrupt = 0.2
     exception = 0.2"#,
 ];
+
+const SCENARIO: &str = r#"[[scenario]]
+    steps = [
+        { at_s = 0.2, bus = "servo.rs485", faults = { corrupt = { rate = 0.3, direction = "reply" }, noise = { rate = 0.2, before = true } } },
+        { when = { drive = "x", register = "MotionControl" }, after_ms = 7, drive = "x", fault = "over_temperature" },
+        { after_ms = 20, drive = "x", clear = "over_temperature" },
+        { pin = "y.J2.3", level = "low" },
+        { at_s = 0.7, bus = "line1", faults = { drop = { count = 3, drive = "x", direction = "reply" }, delay_ms = { ms = 1, spread_ms = 3 } } },
+        { drive = "a", power = "cycle" },
+    ]"#;
 
 /// Results of a bench.
 #[derive(PartialEq, Eq, Debug)]

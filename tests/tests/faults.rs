@@ -9,11 +9,12 @@ use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
-use drivetwin_sim::bench::{Bench, Client, DriveId, PowerAction, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Ended, PowerAction, Settings, Setup};
 use drivetwin_sim::line::LineMode;
-use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::faults::{Direction, FaultRule, LineFaults};
 use drivetwin_sim::record::capture::{Frame, Medium, Source};
-use drivetwin_sim::record::trace::Retention;
+use drivetwin_sim::record::trace::{Retention, Trace};
+use drivetwin_sim::{catalog, replay};
 use drivetwin_tests::{md3, rs434};
 
 /// Time until all drives have started. An RS takes half a second (RS434-9).
@@ -76,17 +77,17 @@ fn ascii_messages_are_disturbed_with_good_sums() {
     let (mut bench, x, client) = rs_ascii();
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
     for (faults, heard) in [
-        (LineFaults { drop: 1.0, ..QUIET }, ""),
-        (LineFaults { mute: true, ..QUIET }, ""),
+        (LineFaults { drop: FaultRule::rate(1.0), ..QUIET }, ""),
+        (LineFaults { mute: FaultRule::ALL, ..QUIET }, ""),
         // 02 + 03 + 02 + 03 + E8 = F2h, and F2h + 0Eh = 100h.
-        (LineFaults { wrong_address: 1.0, ..QUIET }, r":02030203E80E\r\n"),
+        (LineFaults { wrong_address: FaultRule::rate(1.0), ..QUIET }, r":02030203E80E\r\n"),
         // 01 + 83 + 06 = 8Ah, and 8Ah + 76h = 100h.
-        (LineFaults { exception: 1.0, exception_code: 6, ..QUIET }, r":01830676\r\n"),
+        (LineFaults { exception: FaultRule::rate(1.0), exception_code: 6, ..QUIET }, r":01830676\r\n"),
     ] {
         set_line_faults(&mut bench, x, faults);
         assert_eq!(ask(&mut bench, client, SPEED), heard, "{faults:?}");
     }
-    set_line_faults(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000.repeat(4));
     set_line_faults(&mut bench, x, QUIET);
     assert_eq!(ask(&mut bench, client, SPEED), IS_1000);
@@ -98,7 +99,7 @@ fn ascii_messages_are_disturbed_with_good_sums() {
 fn times_on_an_ascii_line() {
     let (mut bench, x, client) = rs_ascii();
     let delay = Duration::millis(30);
-    set_line_faults(&mut bench, x, LineFaults { delay, duplicate: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { delay, duplicate: FaultRule::rate(1.0), ..QUIET });
     let (start, seen) = (bench.now(), bench.capture().seen());
     ask(&mut bench, client, SPEED);
     let (asked, answer) = (CHARACTER * 17, CHARACTER * 15);
@@ -145,7 +146,7 @@ fn an_rs_finds_a_wrong_parity() {
     };
     assert_eq!(read_error(&mut bench), 0);
     hear(&mut bench, client);
-    set_line_faults(&mut bench, x, LineFaults { corrupt: 1.0, ..QUIET });
+    set_line_faults(&mut bench, x, LineFaults { corrupt: FaultRule::rate(1.0), ..QUIET });
     assert_eq!(ask(&mut bench, client, &rtu::read(1, rs434::at::SPEED, 1)), "");
     assert_eq!(read_error(&mut bench), 1 << 14);
 }
@@ -157,11 +158,11 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         // Command list, register 07: its example.
         let answer = r"r 07 00000000 !\r\n";
         assert_eq!(ask(&mut bench, client, b"R07\r"), answer);
-        set_line_faults(&mut bench, x, LineFaults { drop: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { drop: FaultRule::rate(1.0), ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "");
-        set_line_faults(&mut bench, x, LineFaults { mute: true, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { mute: FaultRule::ALL, ..QUIET });
         assert_eq!(ask(&mut bench, client, b"W0363\r"), "");
-        set_line_faults(&mut bench, x, LineFaults { duplicate: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R03\r"), r"r 03 00000063 !\r\n".repeat(4), "it was carried out");
         let delay = Duration::millis(250);
         set_line_faults(&mut bench, x, LineFaults { delay, ..QUIET });
@@ -170,7 +171,7 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
         assert!(bench.now() >= before + delay && bench.now() < before + delay + 20.millis());
         set_line_faults(&mut bench, x, LineFaults { baud: Some(9_600), ..QUIET });
         assert_eq!(ask(&mut bench, client, b"R07\r"), "", "its line is 230,400 baud");
-        set_line_faults(&mut bench, x, LineFaults { truncate: 1.0, ..QUIET });
+        set_line_faults(&mut bench, x, LineFaults { truncate: FaultRule::rate(1.0), ..QUIET });
         bench.send(client, b"\r");
         bench.run_until_idle();
         hear(&mut bench, client);
@@ -182,8 +183,8 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
 
 #[test]
 fn what_a_line_cannot_have_is_refused_in_a_sentence() {
-    let forced = LineFaults { exception: 0.5, ..QUIET };
-    let elsewhere = LineFaults { wrong_address: 0.5, ..QUIET };
+    let forced = LineFaults { exception: FaultRule::rate(0.5), ..QUIET };
+    let elsewhere = LineFaults { wrong_address: FaultRule::rate(0.5), ..QUIET };
     for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
         let port = &device.spec().ports[0];
         let modbus = port.framing == Framing::Silence;
@@ -219,17 +220,17 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
     let own = |seat| bench.bus(seat, PORT).expect("a line");
     let lines = [bus, own(r), own(q)];
     let all = LineFaults {
-        drop: 0.1,
-        corrupt: 0.1,
-        duplicate: 0.2,
-        truncate: 0.1,
-        noise: 0.3,
+        drop: FaultRule::rate(0.1),
+        corrupt: FaultRule::rate(0.1),
+        duplicate: FaultRule::rate(0.2),
+        truncate: FaultRule::rate(0.1),
+        noise: FaultRule::rate(0.3),
         delay: Duration::millis(2),
         ..QUIET
     };
     for bus in lines {
         let modbus = bus != lines[2];
-        let share = if modbus { 0.1 } else { 0.0 };
+        let share = FaultRule::rate(if modbus { 0.1 } else { 0.0 });
         bench.set_line_faults(bus, LineFaults { wrong_address: share, exception: share, ..all });
     }
     let clients = lines.map(|bus| bench.connect(bus));
@@ -298,7 +299,13 @@ fn the_same_seed_is_the_same_bench_and_the_order_of_its_drives_nothing() {
 /// A master that waits and repeats its requests gets every answer in the end.
 #[test]
 fn a_master_that_asks_again_gets_every_answer() {
-    let faults = LineFaults { drop: 0.3, corrupt: 0.05, truncate: 0.05, noise: 0.05, ..QUIET };
+    let faults = LineFaults {
+        drop: FaultRule::rate(0.3),
+        corrupt: FaultRule::rate(0.05),
+        truncate: FaultRule::rate(0.05),
+        noise: FaultRule::rate(0.05),
+        ..QUIET
+    };
     let register = |seat: &str| match seat {
         "rs" => rs434::at::SPEED,
         _ => md3::at::SPEED + 1,
@@ -321,5 +328,163 @@ fn a_master_that_asks_again_gets_every_answer() {
         // A try succeeds if both frames get through, with 0.7·0.95·0.95 for each: 100 answers in 251
         // requests, σ = 19.4.
         assert!((173..329).contains(&tries), "{name}: {tries}");
+    }
+}
+
+/// A message of a master and its answer, on each kind of port: an MD3 by RTU, an RS by ASCII, an MDrive by
+/// Modbus/TCP (its velocity, FB 4.2.4), a QSB by its commands, an MDrive by MCode.
+const TRANSPORTS: [(&str, &str, u8); 5] = [
+    ("rtu", "md3", 0),
+    ("ascii", "rs434544", 0),
+    ("tcp", "mdrive", 0),
+    ("commands", "qsb-d", 0),
+    ("mcode", "mdrive", 1),
+];
+
+fn request(transport: &str) -> Vec<u8> {
+    match transport {
+        "rtu" => rtu::read(1, 0, 1).to_vec(),
+        "ascii" => SPEED.to_vec(),
+        "tcp" => vec![0, 1, 0, 0, 0, 6, 1, 3, 0x00, 0x8B, 0x00, 0x02],
+        "commands" => b"R07\r".to_vec(),
+        _ => b"PR A\r".to_vec(),
+    }
+}
+
+/// The effect of a fault on one exchange.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Seen {
+    /// The usual answer.
+    Usual,
+    /// No answer.
+    Nothing,
+    /// Other bytes than the usual answer.
+    Other,
+    /// The usual answer twice.
+    Twice,
+    /// The usual answer after more than 5 ms.
+    Late,
+    /// The end of the connection, after a part of the answer.
+    Closed,
+}
+
+/// An exchange, the trace of its bench, and the journal of the drive during the fault.
+struct Exchange {
+    seen: Seen,
+    trace: String,
+    journal: String,
+}
+
+/// One exchange on a new bench with a fault.
+fn seen(line: LineMode, (transport, kind, port): (&str, &str, u8), faults: LineFaults) -> Exchange {
+    let mut bench = Bench::with(settings(1, line));
+    let presets: &[_] = if transport == "ascii" { &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)] } else { &[] };
+    let x = seat(&mut bench, "x", catalog::make(kind).expect("a kind"), presets);
+    bench.run_until(5.secs());
+    let outlet = bench.outlet(x, Port(port));
+    let connect = |bench: &mut Bench| {
+        let client = bench.join(outlet).expect("a client");
+        bench.run_until_idle();
+        bench.run_until(bench.now() + 1.secs());
+        hear(bench, client);
+        client
+    };
+    let client = connect(&mut bench);
+    let exchange = |bench: &mut Bench, client| {
+        bench.send(client, &request(transport));
+        bench.run_until_idle();
+        bench.run_until(bench.now() + 1.millis());
+        hear(bench, client)
+    };
+    // MCode answers some time after a line, and streams nothing on its own.
+    let wait = if transport == "mcode" { 500.millis() } else { Duration::ZERO };
+    let complete = |bench: &mut Bench, client| {
+        let first = exchange(bench, client);
+        bench.run_until(bench.now() + wait);
+        first + &hear(bench, client)
+    };
+    let usual = complete(&mut bench, client);
+    assert!(!usual.is_empty(), "{transport}");
+    let port = bench.port_at(outlet).expect("a port");
+    faults.check_for(port).expect("a possible fault");
+    bench.set_faults(outlet, faults);
+    let before = bench.now();
+    let got = complete(&mut bench, client);
+    let late = bench.now().since(before) > wait + 50.millis();
+    let seen = match got {
+        _ if bench.ended(client) == Some(Ended::ByFault) => Seen::Closed,
+        got if got.is_empty() => Seen::Nothing,
+        got if got == usual && late => Seen::Late,
+        got if got == usual => Seen::Usual,
+        got if got == usual.repeat(2) => Seen::Twice,
+        _ => Seen::Other,
+    };
+    let messages = bench.received(x).since(before);
+    let journal = messages.messages().map(|message| message.to_string() + "\n").collect();
+    // Then all is as usual. A line of text that lost its end still waits for it.
+    bench.set_faults(outlet, LineFaults::NONE);
+    if seen == Seen::Closed {
+        bench.disconnect(client);
+        let client = connect(&mut bench);
+        assert_eq!(complete(&mut bench, client), usual, "{transport}");
+    }
+    bench.run_until(bench.now() + 10.secs());
+    Exchange { seen, trace: bench.trace().to_text(), journal }
+}
+
+/// Every fault of one reply on every kind of port: what the master sees, the words of the journal, and a trace
+/// that replays.
+#[test]
+fn every_fault_on_every_transport() {
+    let next = FaultRule::next(1).direction(Direction::Reply);
+    let request = FaultRule::next(1).direction(Direction::Request);
+    let once = FaultRule::next(1);
+    let table = [
+        ("none", QUIET, Some(Seen::Usual)),
+        ("drop", LineFaults { drop: next, ..QUIET }, None),
+        ("drop a request", LineFaults { drop: request, ..QUIET }, Some(Seen::Nothing)),
+        ("mute", LineFaults { mute: FaultRule::ALL, ..QUIET }, Some(Seen::Nothing)),
+        ("corrupt", LineFaults { corrupt: next, ..QUIET }, Some(Seen::Other)),
+        ("truncate", LineFaults { truncate: next, ..QUIET }, None),
+        ("duplicate", LineFaults { duplicate: next, ..QUIET }, None),
+        ("noise", LineFaults { noise: next, ..QUIET }, Some(Seen::Other)),
+        ("noise before", LineFaults { noise: next, noise_before: true, ..QUIET }, Some(Seen::Other)),
+        ("delay", LineFaults { delay: Duration::millis(60), ..QUIET }, Some(Seen::Late)),
+        ("wrong address", LineFaults { wrong_address: once, ..QUIET }, Some(Seen::Other)),
+        ("exception", LineFaults { exception: once, ..QUIET }, Some(Seen::Other)),
+        ("wrong transaction", LineFaults { wrong_transaction: once, ..QUIET }, Some(Seen::Other)),
+        ("close", LineFaults { close: next, ..QUIET }, Some(Seen::Closed)),
+        ("close a request", LineFaults { close: request, ..QUIET }, Some(Seen::Closed)),
+    ];
+    let make = |kind: &str| catalog::make(kind).ok();
+    for transport in TRANSPORTS {
+        let spec = catalog::make(transport.1).expect("a kind").spec();
+        let port = &spec.ports[usize::from(transport.2)];
+        for (name, faults, expected) in &table {
+            if faults.check_for(port).is_err() {
+                continue;
+            }
+            for line in [LineMode::Timed, LineMode::Fast] {
+                let Exchange { seen, trace, journal } = seen(line, transport, *faults);
+                // On a text port one output of the drive is a frame, which need not be the whole answer.
+                let whole = !matches!(transport.0, "commands" | "mcode");
+                let expected = expected.or(match *name {
+                    "drop" if whole => Some(Seen::Nothing),
+                    "duplicate" if whole => Some(Seen::Twice),
+                    "truncate" if whole => Some(Seen::Other),
+                    _ => None,
+                });
+                assert!(
+                    expected.map_or(seen != Seen::Usual, |expected| seen == expected),
+                    "{name} on {transport:?}: {seen:?}"
+                );
+                // The journal says why the master saw no usual answer. A line of which the echo ended the connection
+                // is no message.
+                let is_told = *name != "none" && (*name, transport.0) != ("close", "mcode");
+                assert_eq!(journal.contains("by a fault"), is_told, "{name} on {transport:?}: {journal}");
+                let trace = Trace::parse(&trace, &make).expect("a trace");
+                assert_eq!(replay::run(&trace, &make), Ok(None), "{name} on {transport:?}");
+            }
+        }
     }
 }

@@ -100,7 +100,7 @@ impl Bench {
     /// true if the client is deferred; its turn continues meanwhile.
     fn defer_client(&mut self, bus: u32, client: u32) -> bool {
         let serial_line = &mut self.buses[bus as usize];
-        let ahead = AHEAD + serial_line.disturbance.faults().delay;
+        let ahead = AHEAD + serial_line.disturbance.longest_delay();
         if serial_line.sends_until <= self.now + ahead {
             return false;
         }
@@ -135,14 +135,17 @@ impl Bench {
         let unreadable = if flags.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };
         let request =
-            Request { client, order, sender, count: length, text, refused: None, noise: flags.noise };
+            Request { client, order, sender, count: length, text, noise: flags.noise, ..Request::default() };
         let serial_line = &self.buses[bus as usize];
         let start = came.max(match &serial_line.collisions {
             // The client transmits while others do.
             Some(collisions) if serial_line.turn != LineState::Free => collisions.free.max(self.now),
             _ => serial_line.free,
         });
-        let request = if self.framed(bus).is_some() { self.disturbed_request(bus, request) } else { request };
+        let request = match self.framed(bus) {
+            Some(_) => self.disturbed_request(bus, start, request),
+            None => request,
+        };
         self.transmit_request(bus, start, &request);
     }
 

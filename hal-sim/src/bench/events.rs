@@ -2,6 +2,7 @@
 
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
+use super::tcp_faults::StreamPart;
 use crate::record::trace::InputRecord;
 use crate::slot::PinStimulus;
 
@@ -18,6 +19,8 @@ pub(crate) enum EventKind {
     /// An input of a drive on a TCP connection. It is dropped if the client's connection has been closed by
     /// then.
     TcpInput { client: u32, input: InputRecord },
+    /// A delayed part of the stream from a drive to its client.
+    StreamPart { client: u32, part: StreamPart },
     /// A stimulus of a pin from outside.
     Stimulus { pin: Pin, stimulus: PinStimulus },
     /// The initial levels at the pins of a drive that was added at this instant.
@@ -38,6 +41,8 @@ pub(crate) enum EventKind {
     Motor { number: u32 },
     /// Reports of a motor arrive at its drive.
     MotorReports { motor: u32 },
+    /// The next action of the scenario with that number is due.
+    Scenario { number: usize },
     /// The turn of a client on a line may be over.
     TurnEnd { bus: u32 },
 }

@@ -1,14 +1,16 @@
 //! Faults of lines, and collisions of characters.
 
-use drivetwin_firmware::device::{Duration, Instant, Line, Port};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
 
 use super::lines::inter_frame_gap;
 use super::transmit::{Origin, TxBurst};
-use super::{Bench, Bus, Client, DriveId};
+use super::{Bench, Bus, Client, DriveId, Outlet};
 use crate::line::collisions::CollisionTracker;
-use crate::line::faults::{FrameFaults, LineFaults, Refusal, Text, readdressed};
+use crate::line::fault_rules::Content;
+use crate::line::faults::{FrameFaults, LineFaults, Refusal, Text, opened, readdressed};
 use crate::line::{CharFlags, PendingFrame, Request, Sender};
 use crate::record::capture::Source;
+use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::trace::InputRecord;
 use crate::slot::Sent;
 
@@ -22,7 +24,9 @@ impl Bench {
     /// and the number of the frame, not on earlier faults. A value that [`check_for`](LineFaults::check_for)
     /// refuses is replaced by the nearest valid value, or has no effect.
     pub fn set_line_faults(&mut self, bus: Bus, faults: LineFaults) {
-        self.buses[bus.0 as usize].disturbance.set(faults);
+        let serial_line = &mut self.buses[bus.0 as usize];
+        serial_line.disturbance.set(faults);
+        serial_line.asked = None;
     }
 
     /// Present faults of a line; [`LineFaults::NONE`] by default.
@@ -47,10 +51,15 @@ impl Bench {
     pub(super) fn queue_disturbed(&mut self, client: Client, bytes: &[u8]) {
         let Some(state) = self.clients.get(&client.0) else { return };
         let bus = state.bus;
-        let Some(fate) = self.buses[bus as usize].disturbance.request() else {
+        let line = self.line(Bus(bus));
+        let content = self.request_content(bus, None);
+        let Some(fate) = self.buses[bus as usize].disturbance.request(bytes.len(), content.as_ref(), false)
+        else {
             return self.queue(client, bytes, CharFlags::default());
         };
-        let line = self.line(Bus(bus));
+        if fate.lost {
+            self.enter_lost(Outlet::Line(Bus(bus)), self.now, bytes, fate.effects());
+        }
         let text = fate.apply(line, bytes);
         self.queue_text(client, &text, false);
         if fate.twice {
@@ -69,15 +78,28 @@ impl Bench {
     }
 
     /// Applies faults to a request on a Modbus line. Repetitions and noise are sent after the answer.
-    pub(super) fn disturbed_request(&mut self, bus: u32, request: Request) -> Request {
+    pub(super) fn disturbed_request(&mut self, bus: u32, start: Instant, request: Request) -> Request {
         let line = self.line(Bus(bus));
+        let content = self.request_content(bus, Some((line, &request.text.bytes)));
+        let disturbance = &mut self.buses[bus as usize].disturbance;
+        let code = disturbance.faults().exception_code;
+        let refusal =
+            if disturbance.is_quiet() { None } else { Refusal::of(line, &request.text.bytes, code) };
+        let fate = disturbance.request(request.text.bytes.len(), content.as_ref(), refusal.is_some());
         let serial_line = &mut self.buses[bus as usize];
-        let Some(fate) = serial_line.disturbance.request() else { return request };
-        let code = serial_line.disturbance.faults().exception_code;
-        let refused = if fate.refused { Refusal::of(line, &request.text.bytes, code) } else { None };
+        serial_line.asked = content;
+        let Some(fate) = fate else { return request };
+        if fate.lost {
+            self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, fate.effects());
+        }
+        let serial_line = &mut self.buses[bus as usize];
+        let refused = refusal.filter(|_| fate.refused);
         let refused = refused.map(|(refusal, instead)| (refusal, fate.apply(line, &instead).bytes));
         let text = fate.apply(line, &request.text.bytes);
-        let request = Request { text, refused, ..request };
+        let effects = fate.effects();
+        // Noise before the request makes the transmission longer.
+        let count = request.count.max(text.bytes.len());
+        let request = Request { count, text, refused, effects, ..request };
         if fate.twice && !fate.lost {
             serial_line.behind.push_back(request.clone());
         }
@@ -85,27 +107,61 @@ impl Bench {
             count: text.bytes.len(),
             text,
             noise: true,
+            effects: FrameEffects::NONE.with(FrameEffect::IsNoise, true),
             ..Request::default()
         }));
         request
     }
 
+    /// Content of a request on a line, if a fault needs it: the drives that it is for and, on a Modbus line, the
+    /// decoded frame. A frame with an invalid checksum is for no drive.
+    fn request_content(&self, bus: u32, frame: Option<(Line, &[u8])>) -> Option<Content> {
+        if !self.buses[bus as usize].disturbance.needs_content() {
+            return None;
+        }
+        let drives = self.ports(Bus(bus)).iter().map(|&(drive, _)| (drive, self.spec(drive)));
+        let Some((line, bytes)) = frame else { return Some(Content::of_request(drives.collect(), &[])) };
+        let Some((unit, pdu)) = opened(line, bytes) else { return Some(Content::default()) };
+        let is_for = |&(drive, spec): &(DriveId, &Spec)| {
+            let address = spec.address.map(|row| self.peek(drive, row));
+            unit == 0 || address.is_none_or(|address| address == i64::from(unit))
+        };
+        Some(Content::of_request(drives.filter(is_for).collect(), &pdu))
+    }
+
+    /// Content of a reply on a line, if a fault needs it.
+    pub(super) fn reply_content(&self, bus: u32, sent: &Sent, bytes: &[u8]) -> Option<Content> {
+        let serial_line = &self.buses[bus as usize];
+        if !serial_line.disturbance.needs_content() {
+            return None;
+        }
+        let drive = (DriveId(sent.drive), self.spec(DriveId(sent.drive)));
+        Some(match &serial_line.asked {
+            Some(asked) => asked.of_reply(drive),
+            None => {
+                let frame = self.framed(bus).and_then(|_| opened(sent.line, bytes));
+                Content::of_lone_reply(drive, &frame.map_or(Vec::new(), |(_, pdu)| pdu))
+            }
+        })
+    }
+
     /// Transmits the output of a drive, changed by the faults of the line.
     pub(super) fn transmit_with_faults(&mut self, bus: u32, sent: &Sent, bytes: &[u8], fate: &FrameFaults) {
-        let LineFaults { delay, mute, baud, .. } = self.line_faults(Bus(bus));
+        let LineFaults { baud, .. } = self.line_faults(Bus(bus));
         let line = sent.line;
         let modbus = self.framed(bus).is_some();
+        self.note_refusal(bus, sent, bytes);
         let rewritten = if modbus { self.rewritten(bus, line, bytes, fate) } else { None };
         let sound = rewritten.as_deref().unwrap_or(bytes);
-        let text = if mute { Text::default() } else { fate.apply(line, sound) };
+        let text = if fate.muted { Text::default() } else { fate.apply(line, sound) };
         let other_baud = baud.filter(|&baud| baud != line.baud).map(|baud| Line { baud, ..line });
         let garbage = other_baud.map(|clients| (clients, fate.garbage(line, clients.baud, text.bytes.len())));
         let clients =
             garbage.as_ref().map_or((line, text.bytes.as_slice()), |(line, garbage)| (*line, garbage));
 
-        let takes = self.takes(line, bytes.len());
+        let takes = self.takes(line, bytes.len().max(text.bytes.len()));
         let gap = if self.fast() { Duration::ZERO } else { inter_frame_gap(line) };
-        let due = sent.start + delay;
+        let due = sent.start + fate.delay;
         let start = due.max(self.buses[bus as usize].held_up);
         let has_room = start <= due + ROOM;
         self.deliver_from_drive(bus, start, sent, (&text.bytes, &text.unreadable), clients);
@@ -123,6 +179,18 @@ impl Bench {
         serial_line.sends_until = serial_line.sends_until.max(end);
         if end > sent.start + takes {
             serial_line.held_up = end;
+        }
+    }
+
+    /// Enters the request that a fault refused in place of the one that the drive received and refused.
+    fn note_refusal(&mut self, bus: u32, sent: &Sent, reply: &[u8]) {
+        let Some(refusal) = self.buses[bus as usize].refusal else { return };
+        let Some(exception) = refusal.answer(sent.line, reply) else { return };
+        let journal = &mut self.at_mut(DriveId(sent.drive)).state.journal;
+        if let Some(entry) = journal.answered_with(sent.port, reply)
+            && let Some(request) = refusal.request(sent.line, entry.message())
+        {
+            entry.refused_by_fault(&request, &exception, refusal.code());
         }
     }
 

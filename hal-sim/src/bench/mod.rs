@@ -37,9 +37,11 @@ mod lines;
 mod motors;
 mod pin_wires;
 mod received;
+pub mod scenario;
 mod shaft_sensors;
 mod stimulus;
 mod tcp_clients;
+mod tcp_faults;
 #[cfg(test)]
 mod tests;
 mod transmit;
@@ -64,6 +66,7 @@ pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::StepOutput;
 pub use received::{Accesses, Counts, News, Received, ReceivedMessage, Receiver};
+use scenario::Playing;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
@@ -230,6 +233,8 @@ pub struct Bench {
     outputs: Outputs,
     trace: Trace,
     capture: Capture,
+    /// Scenarios that are played, or that have ended.
+    scenarios: Vec<Playing>,
 }
 
 impl Default for Bench {
@@ -275,6 +280,7 @@ impl Bench {
             outputs: Outputs::default(),
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
+            scenarios: Vec::new(),
         }
     }
 
@@ -554,6 +560,7 @@ impl Bench {
             self.lose_connections(index);
         }
         self.update_tcp_busy(index);
+        self.look_for_writes(index);
     }
 
     /// Handles the results of a call of a drive: its deadline, its outputs, and the end of its transmissions if power
@@ -571,6 +578,7 @@ impl Bench {
             self.lose_connections(index);
         }
         self.update_tcp_busy(index);
+        self.look_for_writes(index);
     }
 
     /// Sorts the slots by name if drives were added.
@@ -629,6 +637,7 @@ impl Bench {
                 self.deliver(event.target, &input);
             }
             EventKind::TcpInput { client, input } => self.tcp_input_arrives(event.target, client, &input),
+            EventKind::StreamPart { client, part } => self.stream_part_arrives(client, part),
             EventKind::Stimulus { pin, stimulus } => self.stimulus_arrives(event.target, pin, stimulus),
             EventKind::WireLevel { wire, level } => self.wire_level_arrives(wire, level),
             EventKind::InitialLevels => self.report_initial_levels(event.target),
@@ -638,6 +647,7 @@ impl Bench {
             EventKind::Steps { axis, number } => self.axis_edge(event.target, axis, number),
             EventKind::Motor { number } => self.motor_is_due(event.target, number, event.key.phase),
             EventKind::MotorReports { motor } => self.deliver_motor_reports(motor),
+            EventKind::Scenario { number } => self.scenario_is_due(number),
             EventKind::TurnEnd { bus } => self.turn_ends(bus, event.key.at),
         }
     }

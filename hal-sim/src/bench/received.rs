@@ -7,11 +7,13 @@
 use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
+use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::registers::{Named, Order};
 
-use super::{Bench, Bus, DriveId};
+use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
-use crate::record::journal::{Entry, Outcome};
+use crate::record::effects::FrameEffects;
+use crate::record::journal::{Draft, Entry, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
@@ -331,9 +333,10 @@ impl Bench {
     /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
     /// it goes to the drive's journal. Otherwise it goes to the journal of the line at the end of the turn,
     /// unless another drive takes it.
-    pub(super) fn enter_unclaimed(&mut self, drive: u32, entry: Entry, entries: &mut u64) {
+    pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
+        entry.on_message = self.buses[bus as usize].on_request;
         let alone = self.buses[bus as usize].ports.len() == 1;
         let own = self.address(drive);
         let framing = self.spec(drive).ports.get(usize::from(entry.port.0)).map(|port| port.framing);
@@ -370,12 +373,76 @@ impl Bench {
 
     /// Marks the present frame of a line as one that a drive has executed or refused, with or without an answer.
     pub(super) fn claim(&mut self, drive: u32, port: Port, answers: bool) {
-        if let Some(Bus(bus)) = self.bus(DriveId(drive), port) {
-            let line = &mut self.buses[bus as usize];
-            line.claimed = true;
-            if !answers {
-                line.requests.answer();
-            }
+        let Some(Bus(bus)) = self.bus(DriveId(drive), port) else { return };
+        let line = &mut self.buses[bus as usize];
+        line.claimed = true;
+        if !answers {
+            line.requests.answer();
+        }
+        let effects = line.on_request;
+        if let Some(entry) = self.at_mut(DriveId(drive)).state.journal.last_mut()
+            && entry.port == port
+        {
+            entry.on_message = effects;
+        }
+    }
+
+    /// Enters a message that a fault took at `at`: in the journal of the drive that it was for or, if there is
+    /// none or it was for all, in that of the line.
+    pub(super) fn enter_lost(&mut self, outlet: Outlet, at: Instant, bytes: &[u8], effects: FrameEffects) {
+        if !self.settings.journals {
+            return;
+        }
+        let (ports, ascii) = match outlet {
+            Outlet::Tcp(drive, port) => (vec![(drive, port)], false),
+            Outlet::Line(bus) => (self.ports(bus).to_vec(), self.framed(bus.0).is_some_and(ascii::is_on)),
+        };
+        let message = Message { framing: Framing::Silence, ascii, bytes };
+        let receiver = match ports[..] {
+            [one] => Some(one),
+            _ => ports.iter().copied().find(|&(drive, _)| self.address(drive) == message.address()),
+        };
+        let Some(&(_, first)) = ports.first() else { return };
+        let mut draft = Draft::default();
+        draft.begin(bytes);
+        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), Outcome::Lost);
+        (entry.ascii, entry.on_message) = (ascii, effects);
+        let entries = &mut self.outputs.entries;
+        match (receiver, outlet) {
+            (Some((drive, _)), _) => self.slots[drive.0 as usize].state.journal.push(entries, entry),
+            (None, Outlet::Line(bus)) => self.buses[bus.0 as usize].journal.push(entries, entry),
+            (None, Outlet::Tcp(..)) => {}
+        }
+    }
+
+    /// Enters a request on a TCP port that a fault refused without the drive.
+    pub(super) fn enter_refused(
+        &mut self,
+        drive: DriveId,
+        port: Port,
+        request: &[u8],
+        answer: &[u8],
+        code: u8,
+    ) {
+        if !self.settings.journals {
+            return;
+        }
+        let mut draft = Draft::default();
+        draft.begin(request);
+        draft.answer(answer);
+        let entry = draft.entry(self.now, port, Outcome::RefusedByFault(code));
+        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+    }
+
+    /// Notes the effects of faults on the reply of a drive in the entry of its request.
+    pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
+        let state = &mut self.at_mut(drive).state;
+        if let Some(entry) = state.journal.answered_with(port, bytes) {
+            entry.on_answer = entry.on_answer.and(effects);
+        } else if let Some(port) = state.ports.get_mut(usize::from(port.0))
+            && port.tcp.as_ref().is_some_and(|tcp| !tcp.framed)
+        {
+            port.on_echo = port.on_echo.and(effects);
         }
     }
 

@@ -9,12 +9,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-use drivetwin_firmware::device::{Duration, Link, Port};
+use drivetwin_firmware::device::{Duration, Link, Port, PortSpec};
 use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 
 use super::events::EventKind;
+use super::tcp_faults::DisturbedStream;
 use super::{Bench, Bus, Client, DriveId};
+use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
 use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
@@ -67,6 +69,8 @@ pub enum Ended {
     NoPower,
     /// The client sent bytes that are not Modbus/TCP.
     Broken(Broken),
+    /// A fault of the port closed the connection in the middle of a message.
+    ByFault,
 }
 
 impl fmt::Display for Ended {
@@ -75,65 +79,85 @@ impl fmt::Display for Ended {
             Self::ByDrive => f.write_str("the drive closes the connection"),
             Self::NoPower => f.write_str("the drive has lost its power"),
             Self::Broken(broken) => write!(f, "it has sent {broken}"),
+            Self::ByFault => f.write_str("a fault closes the connection"),
         }
     }
 }
 
 /// A client on a TCP connection.
-struct Connection {
-    drive: DriveId,
-    port: Port,
-    link: Link,
+pub(super) struct Connection {
+    pub(super) drive: DriveId,
+    pub(super) port: Port,
+    pub(super) link: Link,
     /// Splitter of requests, on a Modbus/TCP port.
-    splitter: Option<Splitter>,
+    pub(super) splitter: Option<Splitter>,
     /// Bytes of the client that are not scheduled for delivery to the drive yet.
-    pending: Vec<u8>,
+    pub(super) pending: Vec<u8>,
+    /// State of the faults of the port on this connection.
+    pub(super) disturbed: DisturbedStream,
     /// Number of inputs of the client that are scheduled for delivery to the drive.
     scheduled: usize,
     /// Bytes from the drive that the client has not received.
-    inbox: Vec<u8>,
+    pub(super) inbox: Vec<u8>,
     /// True while the host cannot forward the bytes that the client received.
     held_back: bool,
     /// True if the client has left. Only its earlier input is still delivered.
-    has_left: bool,
-    ended: Option<Ended>,
+    pub(super) has_left: bool,
+    pub(super) ended: Option<Ended>,
 }
 
 impl Connection {
     /// Returns true if the client reads its answers, or has left.
-    fn reads(&self) -> bool {
-        self.has_left || (!self.held_back && self.inbox.len() < UNREAD_BYTES)
+    pub(super) fn reads(&self) -> bool {
+        let unread = self.inbox.len() + self.disturbed.late_bytes;
+        self.has_left || (!self.held_back && unread < UNREAD_BYTES)
     }
 
-    /// Puts bytes of the client back to the front of its pending bytes.
-    fn put_back(&mut self, mut bytes: Vec<u8>) {
-        bytes.append(&mut self.pending);
-        self.pending = bytes;
+    /// Returns true if all bytes of the client are scheduled for delivery to the drive.
+    fn is_drained(&self) -> bool {
+        self.pending.is_empty() && self.disturbed.passed.is_empty()
+    }
+
+    /// Puts a message back to the front of the bytes that it came from.
+    fn put_back(&mut self, mut bytes: Vec<u8>, disturbed: bool) {
+        let front = if disturbed { &mut self.disturbed.passed } else { &mut self.pending };
+        bytes.append(front);
+        *front = bytes;
     }
 
     /// The next complete message of the client, if there is one.
-    fn next(&mut self) -> Result<Option<InputRecord>, Broken> {
-        let (port, link) = (self.port, self.link);
-        let mut rest = self.pending.as_slice();
-        let bytes = match &mut self.splitter {
-            Some(splitter) => splitter.next(&mut rest)?.map(<[u8]>::to_vec),
-            None => next_line(&mut rest).map(<[u8]>::to_vec),
-        };
-        let taken = self.pending.len() - rest.len();
-        self.pending.drain(..taken);
-        if self.pending.is_empty() {
-            self.pending.shrink_to(KEPT_BYTES);
-        }
-        Ok(bytes.map(|bytes| InputRecord::Message { port, link, bytes }))
+    pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, Broken> {
+        split_off(&mut self.splitter, &mut self.pending)
     }
+}
+
+/// Removes the next message from the front of `bytes`: a Modbus/TCP frame, or a part of a line if there is no
+/// splitter.
+pub(super) fn split_off(
+    splitter: &mut Option<Splitter>,
+    bytes: &mut Vec<u8>,
+) -> Result<Option<Vec<u8>>, Broken> {
+    let mut rest = bytes.as_slice();
+    let message = match splitter {
+        Some(splitter) => splitter.next(&mut rest)?.map(<[u8]>::to_vec),
+        None => next_line(&mut rest).map(<[u8]>::to_vec),
+    };
+    let taken = bytes.len() - rest.len();
+    bytes.drain(..taken);
+    if bytes.is_empty() {
+        bytes.shrink_to(KEPT_BYTES);
+    }
+    Ok(message)
 }
 
 /// All clients on TCP connections.
 #[derive(Default)]
 pub(super) struct Connections {
-    all: BTreeMap<u32, Connection>,
+    pub(super) all: BTreeMap<u32, Connection>,
     /// Clients that have bytes to read or whose connection was closed.
-    readable: BTreeSet<u32>,
+    pub(super) readable: BTreeSet<u32>,
+    /// Faults of ports that have had a client or faults.
+    pub(super) disturbances: BTreeMap<(DriveId, Port), Disturbance>,
 }
 
 impl Connections {
@@ -157,10 +181,11 @@ impl Connections {
     }
 
     /// Marks a connection as closed.
-    fn end(&mut self, client: u32, ended: Ended) {
+    pub(super) fn end(&mut self, client: u32, ended: Ended) {
         if let Some(connection) = self.all.get_mut(&client) {
             connection.ended.get_or_insert(ended);
             connection.pending = Vec::new();
+            connection.disturbed.passed = Vec::new();
             if connection.has_left {
                 self.forget(client);
             } else {
@@ -210,12 +235,46 @@ impl Bench {
         }
     }
 
-    /// Returns true if a TCP port has that name, with or without the name of its drive.
+    /// The drives on a line, sorted by name, or the drive with a TCP port.
     #[must_use]
-    pub fn has_tcp_port(&self, name: &str) -> bool {
-        let (drive, port) = name.split_once('.').map_or((None, name), |(drive, port)| (Some(drive), port));
-        let drives = self.slots.iter().filter(|slot| drive.is_none_or(|drive| drive == slot.name));
-        drives.flat_map(|slot| slot.spec.ports).any(|of| of.is_tcp() && of.name == port)
+    pub fn drives_at(&self, outlet: Outlet) -> Vec<DriveId> {
+        match outlet {
+            Outlet::Line(bus) => self.ports(bus).iter().map(|&(drive, _)| drive).collect(),
+            Outlet::Tcp(drive, _) => vec![drive],
+        }
+    }
+
+    /// Description of the first port on a line, or of a TCP port.
+    #[must_use]
+    pub fn port_at(&self, outlet: Outlet) -> Option<&'static PortSpec> {
+        let (drive, port) = match outlet {
+            Outlet::Line(bus) => *self.ports(bus).first()?,
+            Outlet::Tcp(drive, port) => (drive, port),
+        };
+        self.spec(drive).ports.get(usize::from(port.0))
+    }
+
+    /// The line or TCP port of that name. The name of a port alone also finds that port if no other port has
+    /// the same name.
+    #[must_use]
+    pub fn find_outlet(&self, name: &str) -> Option<Outlet> {
+        let line = self.find_bus(name).map(Outlet::Line);
+        let port = |outlet: &Outlet| match *outlet {
+            Outlet::Line(_) => None,
+            Outlet::Tcp(drive, port) => {
+                let port = self.spec(drive).ports.get(usize::from(port.0))?.name;
+                Some((self.name(drive), port))
+            }
+        };
+        let outlets = self.outlets();
+        let ports = || outlets.iter().filter_map(|outlet| Some((*outlet, port(outlet)?)));
+        line.or_else(|| match name.split_once('.') {
+            Some(whole) => ports().find(|(_, port)| *port == whole).map(|(outlet, _)| outlet),
+            None => {
+                let mut alike = ports().filter(|(_, (_, port))| *port == name);
+                alike.next().filter(|_| alike.next().is_none()).map(|(outlet, _)| outlet)
+            }
+        })
     }
 
     /// Connects a client to a port of a drive: to its TCP port, or to the line of its serial port.
@@ -261,6 +320,7 @@ impl Bench {
         let tcp = self.at_mut(drive).state.tcp(port).expect("the device has such a port");
         let link = tcp.connect(client).ok_or(ConnectError::Full)?;
         let splitter = tcp.framed.then(Splitter::new);
+        let disturbed = DisturbedStream::new(tcp.framed);
         let (pending, inbox) = (Vec::new(), Vec::new());
         self.connected = client;
         let connection = Connection {
@@ -269,6 +329,7 @@ impl Bench {
             link,
             splitter,
             pending,
+            disturbed,
             scheduled: 0,
             inbox,
             held_back: false,
@@ -296,7 +357,8 @@ impl Bench {
                 let tcp =
                     self.at(drive).state.ports.get(usize::from(port.0)).and_then(|port| port.tcp.as_ref());
                 let executed = tcp.is_none_or(|tcp| tcp.busy_with != Some(Some(client.0)));
-                executed && connection.scheduled == 0 && connection.pending.is_empty()
+                let answered = executed && connection.disturbed.late == 0;
+                answered && connection.scheduled == 0 && connection.is_drained()
             }
             (None, Some(state)) => self.is_answered(Bus(state.bus)),
             (None, None) => true,
@@ -349,13 +411,13 @@ impl Bench {
     /// Schedules the next message of a client if the drive has received all earlier ones and takes more, and
     /// the client reads its answers. If the client has left, schedules the end of the connection after its
     /// last message.
-    fn resume_client(&mut self, client: u32) {
+    pub(super) fn resume_client(&mut self, client: u32) {
         let Some(connection) = self.connections.all.get(&client) else { return };
         let Connection { drive, port, has_left, .. } = *connection;
         if connection.scheduled > 0 || !connection.reads() {
             return;
         }
-        let has_more = has_left || (connection.ended.is_none() && !connection.pending.is_empty());
+        let has_more = has_left || (connection.ended.is_none() && !connection.is_drained());
         let tcp = self.at_mut(drive).state.tcp(port);
         match tcp.filter(|tcp| tcp.busy_with.is_some()) {
             Some(tcp) if has_more => tcp.enqueue(client),
@@ -407,21 +469,26 @@ impl Bench {
 
     /// Schedules the next message of a client. Returns true if there is one.
     fn schedule_next_message(&mut self, client: u32) -> bool {
-        let connection = self.connections.all.get_mut(&client);
+        let connection = self.connections.all.get(&client);
         let Some(connection) = connection.filter(|connection| connection.ended.is_none()) else {
             return false;
         };
-        let (drive, port) = (connection.drive, connection.port);
-        match connection.next() {
-            Ok(Some(input)) => {
-                self.schedule_tcp_input(client, drive, input);
+        let &Connection { drive, port, link, .. } = connection;
+        match self.next_disturbed(client) {
+            Ok(Some(bytes)) => {
+                self.schedule_tcp_input(client, drive, InputRecord::Message { port, link, bytes });
                 true
             }
             Ok(None) => false,
-            Err(broken) => {
-                self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
+            Err(ended) => {
+                if let Ended::Broken(_) = ended {
+                    self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
+                }
                 self.close_connection(client);
-                self.connections.end(client, Ended::Broken(broken));
+                match ended {
+                    Ended::ByFault => self.end_from_drive(client, ended),
+                    _ => self.connections.end(client, ended),
+                }
                 false
             }
         }
@@ -437,6 +504,7 @@ impl Bench {
         }
         if !connection.reads() {
             connection.pending.clear();
+            connection.disturbed.passed.clear();
         }
         connection.has_left = true;
         // Modbus requests take no time, so the drive receives all of them now. Lines of text wait for each
@@ -451,7 +519,7 @@ impl Bench {
     }
 
     /// Schedules the end of a connection for the drive, unless the drive has closed the connection itself.
-    fn close_connection(&mut self, client: u32) {
+    pub(super) fn close_connection(&mut self, client: u32) {
         let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) else { return };
         if self.at_mut(drive).state.tcp(port).is_some_and(|tcp| tcp.leave(link, client)) {
             self.schedule_tcp_input(client, drive, InputRecord::Closed { port, link });
@@ -480,12 +548,13 @@ impl Bench {
         let Some(tcp) = self.slots[index as usize].state.tcp(port) else { return };
         let takes = tcp.busy_with.is_none();
         tcp.last_served = if takes { Some(client) } else { tcp.last_served };
+        let disturbed = self.is_disturbed(client);
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.scheduled -= 1;
             // A message of another client at the same instant was delivered first, so this message has to
             // wait.
             if let (false, InputRecord::Message { bytes, .. }) = (takes, input) {
-                connection.put_back(bytes.clone());
+                connection.put_back(bytes.clone(), disturbed);
             }
         }
         if takes || !matches!(input, InputRecord::Message { .. }) {
@@ -517,23 +586,50 @@ impl Bench {
             }
             _ => return,
         }
+        let before = self.received_count();
         self.deliver(index, input);
+        self.note_disturbed(index, client, before);
+    }
+
+    /// Notes the effects of faults on a message that a drive has received, in the entry of the message.
+    fn note_disturbed(&mut self, index: u32, client: u32, before: u64) {
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let effects = &mut connection.disturbed.on_requests;
+        let journal = &mut self.slots[index as usize].state.journal;
+        if let Some(entry) = journal.last_mut().filter(|entry| entry.number > before) {
+            entry.on_message = std::mem::take(effects);
+        }
     }
 
     /// Delivers a message of a drive to its client, or closes the connection.
     pub(super) fn receive_from_drive(&mut self, send: &TcpSend, bytes: &[u8]) {
-        let TcpSend { drive, port, link, client, count } = *send;
-        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let TcpSend { client, count, .. } = *send;
         match count {
-            Some(0) => return,
-            Some(_) if connection.has_left => {}
-            Some(_) => {
-                connection.inbox.extend_from_slice(bytes);
-                self.connections.readable.insert(client);
-            }
-            None => self.connections.end(client, Ended::ByDrive),
+            Some(0) => {}
+            Some(_) => self.reply_to_client(client, bytes),
+            None => self.end_after_replies(client, Ended::ByDrive),
         }
-        self.record_message((DriveId(drive), port, link), Source::Drive(DriveId(drive)), bytes);
+    }
+
+    /// Delivers a part of the stream from a drive to its client now.
+    pub(super) fn deliver_to_client(&mut self, client: u32, from: Source, bytes: &[u8]) {
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        if connection.ended == Some(Ended::ByFault) {
+            return;
+        }
+        let at = (connection.drive, connection.port, connection.link);
+        if !connection.has_left {
+            connection.inbox.extend_from_slice(bytes);
+            self.connections.readable.insert(client);
+        }
+        self.record_message(at, from, bytes);
+    }
+
+    /// Ends a connection from the side of its drive now.
+    pub(super) fn end_from_drive(&mut self, client: u32, ended: Ended) {
+        let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) else { return };
+        self.connections.end(client, ended);
+        self.record_message((drive, port, link), Source::Drive(drive), &[]);
     }
 
     /// Closes all connections of a drive whose power is off.
@@ -549,7 +645,12 @@ impl Bench {
     }
 
     /// Records a message on a connection; a message without bytes is the end of the connection.
-    fn record_message(&mut self, (drive, port, link): (DriveId, Port, Link), from: Source, bytes: &[u8]) {
+    pub(super) fn record_message(
+        &mut self,
+        (drive, port, link): (DriveId, Port, Link),
+        from: Source,
+        bytes: &[u8],
+    ) {
         let at = self.now;
         self.capture.record(|| Frame {
             at,

@@ -105,6 +105,7 @@ impl Bench {
             }
         }
         (serial_line.served, serial_line.served_order) = (client, order);
+        serial_line.on_request = request.effects;
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
     }
@@ -209,9 +210,10 @@ impl Bench {
     /// Transmits the characters of a drive to all other ports and clients of its line.
     fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(DriveId(sent.drive), sent.port) else { return };
+        let content = self.reply_content(bus, sent, bytes);
         let serial_line = &mut self.buses[bus as usize];
         let start = sent.start.max(serial_line.held_up);
-        match serial_line.disturbance.reply() {
+        match serial_line.disturbance.reply(bytes.len(), content.as_ref()) {
             None if serial_line.refusal.is_none() => {
                 let end = start + self.takes(sent.line, bytes.len());
                 let serial_line = &mut self.buses[bus as usize];
@@ -219,7 +221,11 @@ impl Bench {
                 serial_line.requests.answer();
                 self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
-            fate => self.transmit_with_faults(bus, sent, bytes, &fate.unwrap_or_default()),
+            fate => {
+                let fate = fate.unwrap_or_default();
+                self.note_reply(DriveId(sent.drive), sent.port, bytes, fate.effects());
+                self.transmit_with_faults(bus, sent, bytes, &fate);
+            }
         }
     }
 
@@ -351,7 +357,7 @@ impl Bench {
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let serial_line = &mut self.buses[bus as usize];
             // Delayed replies and noise are still delivered.
-            let delay = serial_line.disturbance.faults().delay;
+            let delay = serial_line.disturbance.last_delay();
             let until = now + delay;
             serial_line.sends_until = (sends_until + delay).max(serial_line.held_up);
             self.capture.cut(Bus(bus), DriveId(index), until);

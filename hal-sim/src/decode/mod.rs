@@ -13,6 +13,7 @@ use drivetwin_firmware::device::{DropReason, Duration, Effect, Framing, Spec};
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
+use crate::record::effects::FrameEffects;
 use crate::record::journal::{Entry, Outcome};
 use crate::value::Value;
 
@@ -33,11 +34,13 @@ pub enum Verdict {
     TooEarly,
     /// The drive could not receive.
     NotListening,
+    /// A fault of the line or TCP port took the message.
+    Lost,
 }
 
 impl Verdict {
     /// All verdicts.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Done,
         Self::Refused,
         Self::WithoutEffect,
@@ -45,6 +48,7 @@ impl Verdict {
         Self::BadFrame,
         Self::TooEarly,
         Self::NotListening,
+        Self::Lost,
     ];
 
     /// The verdict as users see it.
@@ -58,6 +62,7 @@ impl Verdict {
             Self::BadFrame => "bad frame",
             Self::TooEarly => "too early",
             Self::NotListening => "not listening",
+            Self::Lost => "lost",
         }
     }
 }
@@ -220,6 +225,8 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
         Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
+        Outcome::Lost => (Verdict::Lost, None),
+        Outcome::RefusedByFault(code) => (Verdict::Refused, Some(format!("by a fault ({code:02})"))),
     };
     let mut outcome = match (verdict, &reason) {
         (Verdict::Done, Some(reason)) => format!("accepted, {reason}"),
@@ -234,7 +241,24 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     {
         outcome = answer;
     }
+    let (reason, outcome) = match disturbed(entry) {
+        Some(effects) => {
+            let reason = reason.map_or_else(|| effects.clone(), |reason| format!("{reason}; {effects}"));
+            (Some(reason), format!("{outcome}; {effects}"))
+        }
+        None => (reason, outcome),
+    };
     Exchange { request, verdict, reason, outcome }
+}
+
+/// Effects of faults of the line or TCP port on a message and its answer.
+fn disturbed(entry: &Entry) -> Option<String> {
+    let clause = |frame: &str, effects: FrameEffects| {
+        (!effects.is_empty()).then(|| format!("by a fault, the {frame} {effects}"))
+    };
+    let clauses = [clause("request", entry.on_message), clause("reply", entry.on_answer)];
+    let clauses: Vec<String> = clauses.into_iter().flatten().collect();
+    (!clauses.is_empty()).then(|| clauses.join("; "))
 }
 
 /// Verdict on an accepted message, by the reasons of the drive.

@@ -1,71 +1,86 @@
-//! Faults of a line: frames that are lost, corrupted, duplicated, truncated or delayed, and noise between
-//! frames.
+//! Faults of a line or TCP port: frames that are lost, corrupted, duplicated, truncated or delayed, noise
+//! between frames, and connections that are closed.
 
 use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
 use drivetwin_protocol::modbus::{ascii, rtu};
 
+use super::fault_rules::Content;
+pub use super::fault_rules::{Amount, Direction, FaultRule, Party};
+use crate::ids::DriveId;
+use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::rng::Rng;
 
-/// Maximum of [`LineFaults::delay`]: 60 s.
+/// Maximum of [`LineFaults::delay`] and its spread: 60 s.
 pub const LONGEST_DELAY: Duration = Duration::secs(60);
 
 /// Range of [`LineFaults::baud`] in bits per second: 50 to 4,000,000.
 pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 
-/// Faults of a line, set by [`Bench::set_line_faults`](crate::bench::Bench::set_line_faults). Rates are
-/// shares of the frames, from 0 to 1, and apply to requests and replies unless a field says otherwise. The
-/// default has no faults. On a line with timed characters, a frame is one write of a client or one output of
-/// a drive.
+/// Faults of a line or of a TCP port, set by [`Bench::set_faults`](crate::bench::Bench::set_faults). A
+/// [rule](FaultRule) says which frames a fault disturbs, requests and replies alike unless a field or the rule
+/// says otherwise. The default has no faults. On a line with timed characters, a frame is one write of a
+/// client or one output of a drive. On a Modbus/TCP port it is a request or a reply; on a text port a line or
+/// the part of a line that arrives at once, and one output of a drive.
 ///
 /// ```
 /// use drivetwin_firmware::device::{Duration, Instant, Port};
 /// use drivetwin_firmware::md3::Md3;
 /// use drivetwin_protocol::modbus::rtu;
 /// use drivetwin_sim::bench::Bench;
-/// use drivetwin_sim::line::faults::LineFaults;
+/// use drivetwin_sim::line::faults::{FaultRule, LineFaults};
 ///
 /// let mut bench = Bench::new();
 /// let drive = bench.add::<Md3>("x");
 /// bench.run_until(Instant::ZERO + Duration::secs(3));
 /// let bus = bench.bus(drive, Port(0)).unwrap();
-/// let faults = LineFaults { drop: 1.0, ..LineFaults::NONE };
+/// let faults = LineFaults { drop: FaultRule::next(1), ..LineFaults::NONE };
 /// assert_eq!(faults.check(), Ok(()));
 /// bench.set_line_faults(bus, faults);
 /// assert!(bench.ask(drive, &rtu::read(1, 0, 1)).is_empty());
-/// bench.set_line_faults(bus, LineFaults::NONE);
 /// assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
 /// ```
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct LineFaults {
-    /// Share of frames that are lost.
-    pub drop: f64,
-    /// Share of frames in which one data bit is inverted. On a line with parity, drives detect a parity error in that
+    /// Frames that are lost.
+    pub drop: FaultRule,
+    /// Frames in which one data bit is inverted. On a line with parity, drives detect a parity error in that
     /// character (BENCH-11).
-    pub corrupt: f64,
-    /// Share of frames that are sent twice. A reply is repeated after an inter-frame gap, a request after its
+    pub corrupt: FaultRule,
+    /// Frames that are sent twice. A reply is repeated after an inter-frame gap, a request after its
     /// answer; on a line with timed characters, a frame is repeated at once. Replies that are more than half
     /// a second late because the line is full are sent once.
-    pub duplicate: f64,
-    /// Share of truncated frames. At least one character is missing, and at least one is sent.
-    pub truncate: f64,
-    /// Share of replies with a valid checksum and an address that no drive on the line has; only on Modbus
-    /// lines.
-    pub wrong_address: f64,
-    /// Share of requests that are not executed but answered with the exception `exception_code`; only on Modbus lines.
-    pub exception: f64,
+    pub duplicate: FaultRule,
+    /// Truncated frames. At least one character is missing, and at least one is sent.
+    pub truncate: FaultRule,
+    /// Replies with a valid checksum and an address that no drive on the bus has; only with Modbus.
+    pub wrong_address: FaultRule,
+    /// Replies with the number of another transaction, the next higher one; only on Modbus/TCP ports.
+    pub wrong_transaction: FaultRule,
+    /// Requests that are not executed but answered with the exception `exception_code`; only with Modbus.
+    pub exception: FaultRule,
     /// Code of the exception, 1 to 255.
     pub exception_code: u8,
-    /// Share of frames that are followed, after an inter-frame gap, by one to eight characters of noise. No
-    /// noise follows replies that are more than half a second late because the line is full.
-    pub noise: f64,
-    /// Delay of every reply, up to 60 s ([`LONGEST_DELAY`]).
+    /// Frames that are followed, after an inter-frame gap, by one to eight characters of noise. No
+    /// noise follows replies that are more than half a second late because the line is full. On a TCP port
+    /// only replies have noise, and it comes before them.
+    pub noise: FaultRule,
+    /// True if `noise` comes right before the frame, without a gap. Always so on a TCP port.
+    pub noise_before: bool,
+    /// Delay of replies.
     pub delay: Duration,
-    /// True if no reply is delivered.
-    pub mute: bool,
+    /// Greatest random addition to `delay`, chosen for each reply. Both together are up to 60 s
+    /// ([`LONGEST_DELAY`]).
+    pub delay_spread: Duration,
+    /// The replies that are delayed; default [`FaultRule::ALL`].
+    pub delayed: FaultRule,
+    /// Replies that are not delivered.
+    pub mute: FaultRule,
+    /// Frames in the middle of which the connection is closed; only on TCP ports.
+    pub close: FaultRule,
     /// Baud rate of the clients, 50 to 4,000,000 bits per second, regardless of the drives' settings. `None`:
-    /// the baud rate of the drives.
+    /// the baud rate of the drives. Only on serial lines.
     pub baud: Option<u32>,
 }
 
@@ -75,24 +90,32 @@ impl Default for LineFaults {
     }
 }
 
+/// Number of faults with a rule, `delay` apart.
+const RULES: usize = 10;
+
 impl LineFaults {
-    /// No faults, the default: all rates are 0 and there is no delay.
+    /// No faults, the default: no rule covers a frame, and there is no delay.
     pub const NONE: Self = Self {
-        drop: 0.0,
-        corrupt: 0.0,
-        duplicate: 0.0,
-        truncate: 0.0,
-        wrong_address: 0.0,
-        exception: 0.0,
+        drop: FaultRule::NONE,
+        corrupt: FaultRule::NONE,
+        duplicate: FaultRule::NONE,
+        truncate: FaultRule::NONE,
+        wrong_address: FaultRule::NONE,
+        wrong_transaction: FaultRule::NONE,
+        exception: FaultRule::NONE,
         exception_code: 4,
-        noise: 0.0,
+        noise: FaultRule::NONE,
+        noise_before: false,
         delay: Duration::ZERO,
-        mute: false,
+        delay_spread: Duration::ZERO,
+        delayed: FaultRule::ALL,
+        mute: FaultRule::NONE,
+        close: FaultRule::NONE,
         baud: None,
     };
 
-    /// The seven rates with their names, for tables of settings.
-    pub fn shares(&mut self) -> [(&'static str, &mut f64); 7] {
+    /// The rules of all faults but the delay, with their names, for tables of settings.
+    pub fn rules(&mut self) -> [(&'static str, &mut FaultRule); RULES] {
         [
             ("drop", &mut self.drop),
             ("corrupt", &mut self.corrupt),
@@ -101,7 +124,26 @@ impl LineFaults {
             ("wrong_address", &mut self.wrong_address),
             ("exception", &mut self.exception),
             ("noise", &mut self.noise),
+            ("mute", &mut self.mute),
+            ("close", &mut self.close),
+            ("wrong_transaction", &mut self.wrong_transaction),
         ]
+    }
+
+    /// All rules, with the names of their faults.
+    fn all_rules(&self) -> impl Iterator<Item = (&'static str, FaultRule)> + use<> {
+        let mut own = *self;
+        let rules = own.rules().map(|(name, rule)| (name, *rule));
+        rules.into_iter().chain([("delay_ms", self.delayed)])
+    }
+
+    /// Changes the drives that rules name, for instance from indices of a file to those on a bench.
+    pub(crate) fn map_drives(&mut self, map: impl Fn(DriveId) -> DriveId) {
+        let delayed = self.delayed.drive;
+        self.delayed.drive = delayed.map(&map);
+        for (_, rule) in self.rules() {
+            rule.drive = rule.drive.map(&map);
+        }
     }
 
     /// Checks that every value is in its range.
@@ -109,14 +151,28 @@ impl LineFaults {
     /// # Errors
     /// One sentence that names the value and its range.
     pub fn check(&self) -> Result<(), String> {
-        let mut own = *self;
-        if let Some((name, share)) = own.shares().iter().find(|(_, share)| !(0.0..=1.0).contains(&**share)) {
-            return Err(format!("{name} takes a share of the frames from 0 to 1, not {share}"));
+        for (name, rule) in self.all_rules() {
+            match rule.amount {
+                Amount::Rate(rate) if !(0.0..=1.0).contains(&rate) => {
+                    return Err(format!("{name} takes a share of the frames from 0 to 1, not {rate}"));
+                }
+                _ => {}
+            }
+            match (only(name), rule.direction) {
+                (Some(only), Some(direction)) if only != direction => {
+                    let plural = if only == Direction::Request { "requests" } else { "replies" };
+                    return Err(format!(
+                        "{name} is for {plural} only; leave out direction = '{}'",
+                        direction.name()
+                    ));
+                }
+                _ => {}
+            }
         }
         if self.exception_code == 0 {
             return Err("exception_code takes 1 to 255, not 0".into());
         }
-        if self.delay > LONGEST_DELAY {
+        if self.delay > LONGEST_DELAY || self.delay_spread > LONGEST_DELAY - self.delay {
             return Err("delay takes 60 s at most".into());
         }
         match self.baud.filter(|baud| !BAUDS.contains(baud)) {
@@ -127,47 +183,128 @@ impl LineFaults {
         }
     }
 
-    /// Checks that these faults are valid for a line with that port: all values pass [`check`](Self::check),
-    /// and `wrong_address` and `exception` are used only on a Modbus line.
+    /// Checks that these faults are valid for a bus with that port: all values pass [`check`](Self::check),
+    /// and every fault is possible there.
     ///
     /// # Errors
     /// One sentence that names the fault and the reason.
     pub fn check_for(&self, port: &PortSpec) -> Result<(), String> {
         self.check()?;
-        let needs_modbus = [("wrong_address", self.wrong_address), ("exception", self.exception)];
-        match needs_modbus.iter().find(|(_, share)| *share > 0.0) {
-            Some((name, _)) if port.framing != Framing::Silence => {
-                Err(format!("{name} is for Modbus lines only, and {} is not one", port.name))
+        self.impossible_on(port).map_or(Ok(()), |(_, sentence)| Err(sentence))
+    }
+
+    /// Checks that the rules name only drives on the bus, and registers that they have.
+    ///
+    /// # Errors
+    /// One sentence that names the fault and the reason.
+    pub fn check_names(&self, drives: &[Party<'_>]) -> Result<(), String> {
+        for (name, rule) in self.all_rules() {
+            if rule.drive.is_some_and(|id| drives.iter().all(|drive| drive.id != id)) {
+                return Err(format!("{name} is for a drive that is not on this bus"));
             }
-            _ => Ok(()),
+            if let Some(register) = rule.register {
+                rule.register_named(register, drives).map_err(|sentence| format!("{name}: {sentence}"))?;
+            }
         }
+        Ok(())
+    }
+
+    /// The first fault that is not possible on a bus with that port, and the reason in one sentence.
+    pub(crate) fn impossible_on(&self, port: &PortSpec) -> Option<(&'static str, String)> {
+        let PortSpec { name: on, framing, .. } = *port;
+        let (modbus, tcp) = (matches!(framing, Framing::Silence | Framing::Mbap), is_tcp(framing));
+        let is_given = |rule: &FaultRule| rule.amount != Amount::Rate(0.0);
+        for (name, rule) in self.all_rules().filter(|(_, rule)| is_given(rule)) {
+            let not_one = |what: &str, of: &str| format!("{what} is for {of} only, and {on} is not one");
+            let content = [("function", rule.function.is_some()), ("register", rule.register.is_some())];
+            let sentence = if matches!(name, "wrong_address" | "exception") && !modbus {
+                not_one(name, "Modbus lines")
+            } else if name == "wrong_transaction" && framing != Framing::Mbap {
+                not_one(name, "Modbus/TCP ports")
+            } else if name == "close" && !tcp {
+                format!("{name} is for TCP ports only, and {on} is a serial line")
+            } else if name == "noise" && tcp && rule.direction == Some(Direction::Request) {
+                format!("{name} is for replies only on a TCP port, and {on} is one")
+            } else if let Some((key, _)) = content.iter().find(|(_, is_given)| *is_given && !modbus) {
+                not_one(&format!("{key} of {name}"), "Modbus lines")
+            } else {
+                continue;
+            };
+            return Some((name, sentence));
+        }
+        let baud = self.baud.filter(|_| tcp);
+        baud.map(|_| ("baud", format!("baud is for serial lines only, and {on} is a TCP port")))
     }
 }
 
-/// Faults of a line, and the random numbers for its frames.
+/// Returns true for the framing of a TCP port.
+fn is_tcp(framing: Framing) -> bool {
+    matches!(framing, Framing::Mbap | Framing::Return)
+}
+
+/// The only direction of a fault; `None` for a fault of requests and replies.
+fn only(fault: &str) -> Option<Direction> {
+    match fault {
+        "exception" => Some(Direction::Request),
+        "wrong_address" | "wrong_transaction" | "mute" | "delay_ms" => Some(Direction::Reply),
+        _ => None,
+    }
+}
+
+/// Faults of a line or TCP port, and the random numbers for its frames.
 pub(crate) struct Disturbance {
     faults: LineFaults,
     /// True if there are no faults.
     quiet: bool,
-    requests: Rng,
-    replies: Rng,
+    /// True for a TCP port.
+    tcp: bool,
+    requests: RandomNumbers,
+    replies: RandomNumbers,
+    /// Delay of the last reply.
+    last_delay: Duration,
+}
+
+/// Random numbers for the frames of one direction.
+struct RandomNumbers {
+    /// Numbers for the faults that have a rate since the first version.
+    first: Rng,
+    /// Numbers for all other choices, so that they do not change those of `first`.
+    more: Rng,
+}
+
+impl RandomNumbers {
+    fn new(seed: u64, direction: &str, line: &str) -> Self {
+        Self {
+            first: Rng::new(seed, &format!("faults of {direction} on {line}")),
+            more: Rng::new(seed, &format!("more faults of {direction} on {line}")),
+        }
+    }
 }
 
 impl Disturbance {
+    /// A TCP port with that name, without faults.
+    pub(crate) fn of_tcp_port(seed: u64, name: &str) -> Self {
+        Self { tcp: true, ..Self::new(seed, name) }
+    }
+
     /// A line with that name, without faults.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         Self {
             faults: LineFaults::NONE,
             quiet: true,
-            requests: Rng::new(seed, &format!("faults of requests on {line}")),
-            replies: Rng::new(seed, &format!("faults of replies on {line}")),
+            tcp: false,
+            requests: RandomNumbers::new(seed, "requests", line),
+            replies: RandomNumbers::new(seed, "replies", line),
+            last_delay: Duration::ZERO,
         }
     }
 
     pub(crate) fn set(&mut self, faults: LineFaults) {
+        let delay = faults.delay.min(LONGEST_DELAY);
         self.faults = LineFaults {
             exception_code: faults.exception_code.max(1),
-            delay: faults.delay.min(LONGEST_DELAY),
+            delay,
+            delay_spread: faults.delay_spread.min(LONGEST_DELAY - delay),
             baud: faults.baud.map(|baud| baud.clamp(*BAUDS.start(), *BAUDS.end())),
             ..faults
         };
@@ -178,24 +315,69 @@ impl Disturbance {
         &self.faults
     }
 
-    /// Faults of the next request; `None` if it has none.
-    pub(crate) fn request(&mut self) -> Option<FrameFaults> {
-        self.fate(|this| &mut this.requests)
+    /// Returns true if there are no faults.
+    pub(crate) fn is_quiet(&self) -> bool {
+        self.quiet
     }
 
-    /// Faults of the next reply; `None` if it has none.
-    pub(crate) fn reply(&mut self) -> Option<FrameFaults> {
-        self.fate(|this| &mut this.replies)
+    /// Returns true if a rule needs the [content](Content) of frames.
+    pub(crate) fn needs_content(&self) -> bool {
+        !self.quiet && self.faults.all_rules().any(|(_, rule)| rule.needs_content())
     }
 
-    fn fate(&mut self, rng: impl Fn(&mut Self) -> &mut Rng) -> Option<FrameFaults> {
-        let faults = self.faults;
+    /// Delay of the last reply.
+    pub(crate) fn last_delay(&self) -> Duration {
+        self.last_delay
+    }
+
+    /// Greatest delay of a reply.
+    pub(crate) fn longest_delay(&self) -> Duration {
+        self.faults.delay + self.faults.delay_spread
+    }
+
+    /// Faults of the next request, of `count` characters; `None` if it has none. `refusable` is true if an
+    /// exception can answer it.
+    pub(crate) fn request(
+        &mut self,
+        count: usize,
+        content: Option<&Content>,
+        refusable: bool,
+    ) -> Option<FrameFaults> {
+        self.fate(Drawn { direction: Direction::Request, count, content, refusable, tcp: self.tcp })
+    }
+
+    /// Faults of the next reply, of `count` characters; `None` if it has none.
+    pub(crate) fn reply(&mut self, count: usize, content: Option<&Content>) -> Option<FrameFaults> {
+        let frame = Drawn { direction: Direction::Reply, count, content, refusable: false, tcp: self.tcp };
+        let fate = self.fate(frame);
+        self.last_delay = fate.as_ref().map_or(Duration::ZERO, |fate| fate.delay);
+        fate
+    }
+
+    fn fate(&mut self, frame: Drawn<'_>) -> Option<FrameFaults> {
+        let numbers = match frame.direction {
+            Direction::Request => &mut self.requests,
+            Direction::Reply => &mut self.replies,
+        };
         if self.quiet {
-            rng(self).skip(FrameFaults::DRAWS);
+            numbers.first.skip(FrameFaults::DRAWS);
+            numbers.more.skip(FrameFaults::MORE_DRAWS);
             return None;
         }
-        Some(FrameFaults::draw(&faults, rng(self)))
+        Some(FrameFaults::draw(&mut self.faults, numbers, frame))
     }
+}
+
+/// A frame whose faults are drawn.
+struct Drawn<'a> {
+    direction: Direction,
+    /// Number of characters.
+    count: usize,
+    content: Option<&'a Content>,
+    /// True if an exception can answer the frame.
+    refusable: bool,
+    /// True on a TCP port.
+    tcp: bool,
 }
 
 /// Faults of one frame.
@@ -211,35 +393,111 @@ pub(crate) struct FrameFaults {
     pub(crate) twice: bool,
     /// The frame has another address.
     pub(crate) wrong_address: bool,
+    /// The frame has the number of another transaction.
+    pub(crate) wrong_transaction: bool,
     /// The request is refused with an exception.
     pub(crate) refused: bool,
-    /// Random number for the noise after the frame.
+    /// Random number for the noise beside the frame.
     noise: Option<u64>,
+    /// True if the noise comes right before the frame.
+    noise_before: bool,
     /// Seed of the characters that a receiver at another baud rate reads.
     garbage: u64,
+    /// The reply is not delivered.
+    pub(crate) muted: bool,
+    /// Delay of the reply.
+    pub(crate) delay: Duration,
+    /// Random number for the length of the frame up to the end of the connection.
+    close: Option<u64>,
 }
 
 impl FrameFaults {
     /// Number of random numbers per frame, regardless of the faults, so that one rate does not change the
     /// effect of another (BENCH-10).
     const DRAWS: u64 = 11;
+    /// Number of random numbers per frame from the second stream.
+    const MORE_DRAWS: u64 = 6;
 
-    fn draw(faults: &LineFaults, rng: &mut Rng) -> Self {
-        let mut which = |share: f64| {
-            let (is_hit, number) = (rng.gen_bool(share), rng.next());
-            is_hit.then_some(number)
+    fn draw(faults: &mut LineFaults, numbers: &mut RandomNumbers, frame: Drawn<'_>) -> Self {
+        let Drawn { direction, count, content, refusable, tcp } = frame;
+        let RandomNumbers { first, more } = numbers;
+        let choose = |rng: &mut Rng, rule: &FaultRule| match rule.amount {
+            Amount::Rate(rate) => rng.gen_bool(rate),
+            Amount::Count(_) => rng.gen_bool(0.0),
         };
-        let (cut, flip, noise) = (which(faults.truncate), which(faults.corrupt), which(faults.noise));
+        // All numbers are drawn first, in a fixed order.
+        let cut = (choose(first, &faults.truncate), first.next());
+        let flip = (choose(first, &faults.corrupt), first.next());
+        let noise = (choose(first, &faults.noise), first.next());
+        let lost = choose(first, &faults.drop);
+        let twice = choose(first, &faults.duplicate);
+        let wrong_address = choose(first, &faults.wrong_address);
+        let refused = choose(first, &faults.exception);
+        let garbage = first.next();
+        let delayed = (choose(more, &faults.delayed), more.next());
+        let muted = choose(more, &faults.mute);
+        let close = (choose(more, &faults.close), more.next());
+        let wrong_transaction = choose(more, &faults.wrong_transaction);
+
+        let replies = direction == Direction::Reply;
+        let hits = |rule: &mut FaultRule, chosen: bool, possible: bool| {
+            rule.hits(chosen, possible, direction, content)
+        };
+        // A frame that is lost has no other faults but the noise behind it.
+        let lost = hits(&mut faults.drop, lost, true);
+        let muted = replies && hits(&mut faults.mute, muted, !lost);
+        let sent = !lost && !muted;
+        let refused = !replies && hits(&mut faults.exception, refused, sent && refusable);
+        let which = |rule: &mut FaultRule, (chosen, number): (bool, u64), possible: bool| {
+            hits(rule, chosen, possible).then_some(number)
+        };
+        let spread = |number: u64| {
+            let ticks = u128::from(faults.delay_spread.ticks()) + 1;
+            Duration::from_ticks(((ticks * u128::from(number)) >> 64) as u64)
+        };
+        let has_delay = faults.delay + faults.delay_spread > Duration::ZERO;
+        let delayed = if replies && has_delay { which(&mut faults.delayed, delayed, sent) } else { None };
         Self {
-            lost: rng.gen_bool(faults.drop),
-            cut,
-            flip,
-            twice: rng.gen_bool(faults.duplicate),
-            wrong_address: rng.gen_bool(faults.wrong_address),
-            refused: rng.gen_bool(faults.exception),
-            noise,
-            garbage: rng.next(),
+            lost,
+            cut: which(&mut faults.truncate, cut, sent && count > 1),
+            flip: which(&mut faults.corrupt, flip, sent),
+            twice: hits(&mut faults.duplicate, twice, sent),
+            wrong_address: replies && hits(&mut faults.wrong_address, wrong_address, sent),
+            wrong_transaction: replies && hits(&mut faults.wrong_transaction, wrong_transaction, sent && tcp),
+            refused,
+            noise: which(&mut faults.noise, noise, if tcp { replies } else { sent || !faults.noise_before }),
+            noise_before: faults.noise_before && !tcp,
+            garbage,
+            muted,
+            delay: delayed.map_or(Duration::ZERO, |number| faults.delay + spread(number)),
+            close: which(&mut faults.close, close, sent && tcp),
         }
+    }
+
+    /// The effects on the frame, for journals.
+    pub(crate) fn effects(&self) -> FrameEffects {
+        FrameEffects::NONE
+            .with(FrameEffect::Dropped, self.lost)
+            .with(FrameEffect::Muted, self.muted)
+            .with(FrameEffect::Truncated, self.cut.is_some())
+            .with(FrameEffect::Corrupted, self.flip.is_some())
+            .with(FrameEffect::Duplicated, self.twice)
+            .with(FrameEffect::Readdressed, self.wrong_address)
+            .with(FrameEffect::WrongTransaction, self.wrong_transaction)
+            .with(FrameEffect::Delayed, self.delay > Duration::ZERO)
+            .with(FrameEffect::Closed, self.close.is_some())
+            .with(FrameEffect::WithNoise, self.noise.is_some())
+    }
+
+    /// Returns true if the connection is closed in the middle of the frame.
+    pub(crate) fn is_closing(&self) -> bool {
+        self.close.is_some()
+    }
+
+    /// The part of the frame after which the connection is closed, if it is.
+    pub(crate) fn closes_after<'a>(&self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let number = self.close?;
+        Some(&bytes[..shortened(bytes.len(), number)])
     }
 
     /// The frame with its faults applied.
@@ -247,8 +505,7 @@ impl FrameFaults {
         if self.lost {
             return Text::default();
         }
-        let longest = bytes.len().saturating_sub(1) as u64;
-        let kept = self.cut.filter(|_| longest > 0).map_or(bytes.len(), |cut| 1 + (cut % longest) as usize);
+        let kept = self.cut.map_or(bytes.len(), |cut| shortened(bytes.len(), cut));
         let mut text = Text { bytes: bytes[..kept].to_vec(), unreadable: Vec::new() };
         if let Some(flip) = self.flip.filter(|_| kept > 0) {
             let place = (flip % kept as u64) as usize;
@@ -257,11 +514,18 @@ impl FrameFaults {
                 text.unreadable.push(place);
             }
         }
-        text
+        match self.noise_characters(line).filter(|_| self.noise_before) {
+            Some(noise) => noise.then(&text),
+            None => text,
+        }
     }
 
-    /// The noise after the frame, if any.
+    /// The noise apart from the frame, if any.
     pub(crate) fn noise(&self, line: Line) -> Option<Text> {
+        self.noise_characters(line).filter(|_| !self.noise_before)
+    }
+
+    fn noise_characters(&self, line: Line) -> Option<Text> {
         let mut rng = Rng::branch(self.noise?);
         let mut text = Text::default();
         for place in 0..=(rng.next() % 8) as usize {
@@ -283,6 +547,12 @@ impl FrameFaults {
     }
 }
 
+/// Length of a frame of `count` characters without its end: at least 1, and less than `count` if possible.
+fn shortened(count: usize, number: u64) -> usize {
+    let longest = count.saturating_sub(1) as u64;
+    if longest == 0 { count } else { 1 + (number % longest) as usize }
+}
+
 /// Mask of the data bits of a character.
 pub(crate) fn data_bits(line: Line) -> u8 {
     if line.data == 7 { 0x7F } else { 0xFF }
@@ -294,6 +564,16 @@ pub(crate) struct Text {
     pub(crate) bytes: Vec<u8>,
     /// Indices of characters with a parity or framing error.
     pub(crate) unreadable: Vec<usize>,
+}
+
+impl Text {
+    /// These characters, then those of `other`.
+    fn then(mut self, other: &Self) -> Self {
+        let before = self.bytes.len();
+        self.bytes.extend_from_slice(&other.bytes);
+        self.unreadable.extend(other.unreadable.iter().map(|place| place + before));
+        self
+    }
 }
 
 /// A request that is refused without being executed.
@@ -318,6 +598,18 @@ impl Refusal {
         Some((refusal, framed(line, unit, &pdu)))
     }
 
+    /// Code of the exception.
+    pub(crate) fn code(self) -> u8 {
+        self.code
+    }
+
+    /// The request that was refused, from the one that the drives received instead.
+    pub(crate) fn request(self, line: Line, instead: &[u8]) -> Option<Vec<u8>> {
+        let (unit, mut pdu) = opened(line, instead)?;
+        *pdu.first_mut()? = self.function;
+        Some(framed(line, unit, &pdu))
+    }
+
     /// The exception that replaces a drive's reply; `None` if `reply` does not answer the refused request.
     pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
         let (unit, pdu) = opened(line, reply)?;
@@ -336,7 +628,7 @@ pub(crate) fn readdressed(line: Line, reply: &[u8], taken: &[i64]) -> Option<Vec
 }
 
 /// Address and PDU of a frame on a Modbus line; `None` if the frame is not valid.
-fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
+pub(crate) fn opened(line: Line, frame: &[u8]) -> Option<(u8, Vec<u8>)> {
     let split = |body: &[u8]| body.split_first().map(|(&unit, pdu)| (unit, pdu.to_vec()));
     if ascii::is_on(line) { split(&ascii::decode(frame)?) } else { split(rtu::verify_crc(frame)?) }
 }
@@ -350,18 +642,31 @@ fn framed(line: Line, unit: u8, pdu: &[u8]) -> Vec<u8> {
 mod tests {
     use super::*;
 
+    fn rate(rate: f64) -> FaultRule {
+        FaultRule::rate(rate)
+    }
+
     #[test]
     fn what_is_out_of_range_is_named() {
         let wrong = |faults: LineFaults| faults.check().unwrap_err();
         let quiet = LineFaults::NONE;
         assert_eq!(quiet, LineFaults::default());
         assert_eq!(quiet.check(), Ok(()));
-        assert_eq!(LineFaults { drop: 1.0, mute: true, baud: Some(50), ..quiet }.check(), Ok(()));
+        assert_eq!(
+            LineFaults { drop: rate(1.0), mute: FaultRule::ALL, baud: Some(50), ..quiet }.check(),
+            Ok(())
+        );
         for (faults, message) in [
-            (LineFaults { drop: 1.5, ..quiet }, "drop takes a share of the frames from 0 to 1, not 1.5"),
-            (LineFaults { noise: -0.1, ..quiet }, "noise takes a share of the frames from 0 to 1, not -0.1"),
             (
-                LineFaults { corrupt: f64::NAN, ..quiet },
+                LineFaults { drop: rate(1.5), ..quiet },
+                "drop takes a share of the frames from 0 to 1, not 1.5",
+            ),
+            (
+                LineFaults { noise: rate(-0.1), ..quiet },
+                "noise takes a share of the frames from 0 to 1, not -0.1",
+            ),
+            (
+                LineFaults { corrupt: rate(f64::NAN), ..quiet },
                 "corrupt takes a share of the frames from 0 to 1, not NaN",
             ),
             (LineFaults { exception_code: 0, ..quiet }, "exception_code takes 1 to 255, not 0"),
@@ -376,15 +681,15 @@ mod tests {
     fn only_modbus_knows_addresses_and_exceptions() {
         let port = |name, framing| PortSpec { name, framing, line: None };
         let (rs485, usb) = (port("rs485", Framing::Silence), port("usb", Framing::Character));
-        let faults = LineFaults { exception: 0.1, ..LineFaults::NONE };
+        let faults = LineFaults { exception: rate(0.1), ..LineFaults::NONE };
         assert_eq!(faults.check_for(&rs485), Ok(()));
         assert_eq!(
             faults.check_for(&usb).unwrap_err(),
             "exception is for Modbus lines only, and usb is not one"
         );
-        let both = LineFaults { drop: 2.0, ..faults };
+        let both = LineFaults { drop: rate(2.0), ..faults };
         assert!(both.check_for(&usb).unwrap_err().starts_with("drop "));
-        assert_eq!(LineFaults { drop: 0.5, ..LineFaults::NONE }.check_for(&usb), Ok(()));
+        assert_eq!(LineFaults { drop: rate(0.5), ..LineFaults::NONE }.check_for(&usb), Ok(()));
     }
 
     #[test]

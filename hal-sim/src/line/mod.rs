@@ -2,6 +2,7 @@
 
 mod client_buffers;
 pub(crate) mod collisions;
+pub(crate) mod fault_rules;
 pub mod faults;
 mod misread;
 mod request_boundaries;
@@ -13,10 +14,12 @@ use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
 use crate::record::early::EarlyRequests;
+use crate::record::effects::FrameEffects;
 use crate::record::journal::{Entry, Journal};
 use crate::record::requests::RequestLog;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
+use fault_rules::Content;
 use faults::{Disturbance, Refusal, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
@@ -120,6 +123,8 @@ pub(crate) struct SerialLine {
     /// Requests so far.
     pub(crate) requests: RequestLog,
     pub(crate) disturbance: Disturbance,
+    /// Content of the last request, if a fault needs it.
+    pub(crate) asked: Option<Content>,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
     /// The refusal of the present request, if a fault refuses it.
@@ -134,6 +139,8 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
+    /// Effects of faults on the present frame.
+    pub(crate) on_request: FrameEffects,
 }
 
 /// The last request on a line, for a judgement of the silence before the next one.
@@ -161,6 +168,8 @@ pub(crate) struct Request {
     pub(crate) refused: Option<(Refusal, Vec<u8>)>,
     /// True for noise, which no client has sent.
     pub(crate) noise: bool,
+    /// Effects of faults on the request.
+    pub(crate) effects: FrameEffects,
 }
 
 /// State of a line.
@@ -206,6 +215,7 @@ impl SerialLine {
             continues: None,
             requests: RequestLog::default(),
             disturbance: Disturbance::new(seed, name),
+            asked: None,
             behind: VecDeque::new(),
             refusal: None,
             held_up: Instant::ZERO,
@@ -213,6 +223,7 @@ impl SerialLine {
             journal: Journal::default(),
             unclaimed: None,
             claimed: false,
+            on_request: FrameEffects::NONE,
         }
     }
 

@@ -7,6 +7,7 @@ use std::ops::Deref;
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 
 use crate::record::early::EarlyRequest;
+use crate::record::effects::FrameEffects;
 
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;
@@ -28,6 +29,10 @@ pub enum Outcome {
     Sending,
     /// The request was too early, and the strict line dropped it.
     TooEarly(EarlyRequest),
+    /// A fault of the line or TCP port took the message.
+    Lost,
+    /// A fault of the line or TCP port refused the message with this code.
+    RefusedByFault(u8),
 }
 
 /// A message with its outcome.
@@ -47,6 +52,10 @@ pub struct Entry {
     pub unreadable: u8,
     /// Time from the message until the drive receives; zero if it received, `None` if unknown.
     pub deaf_for: Option<Duration>,
+    /// Effects of faults on the message.
+    pub on_message: FrameEffects,
+    /// Effects of faults on the answer.
+    pub on_answer: FrameEffects,
     /// Length of the message in `bytes`.
     message: u16,
     /// Length of the answer in `bytes`, after the message.
@@ -129,6 +138,13 @@ impl Entry {
         self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
     }
 
+    /// The entry with another message and answer, refused by a fault with this code.
+    pub(crate) fn refused_by_fault(&mut self, message: &[u8], answer: &[u8], code: u8) {
+        self.bytes = Bytes::joined([message, answer, &[]]);
+        (self.message, self.answer) = (message.len() as u16, answer.len() as u16);
+        (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
+    }
+
     /// The entry with these addresses instead of codes, for the journal of a line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);
@@ -187,6 +203,8 @@ impl Draft {
             ascii: false,
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
+            on_message: FrameEffects::NONE,
+            on_answer: FrameEffects::NONE,
             message: message as u16,
             answer: answer as u16,
             bytes,
@@ -218,6 +236,21 @@ impl Journal {
         *last += 1;
         entry.number = *last;
         self.entries.push_back(entry);
+    }
+
+    /// The latest entry.
+    pub(crate) fn last_mut(&mut self) -> Option<&mut Entry> {
+        self.entries.back_mut()
+    }
+
+    /// The latest entry of a port, if these bytes are in its answer.
+    pub(crate) fn answered_with(&mut self, port: Port, bytes: &[u8]) -> Option<&mut Entry> {
+        let kept = &bytes[..bytes.len().min(LONGEST)];
+        let last = self.entries.iter_mut().rev().find(|entry| entry.port == port);
+        last.filter(|entry| {
+            let answer = entry.answer();
+            answer.windows(kept.len().max(1)).any(|part| part == kept)
+        })
     }
 
     /// The entries, the oldest first.

@@ -1,8 +1,9 @@
 //! Recordings: inputs and outputs of drives (traces), frames on the lines (captures), and messages with
-//! their outcomes (journals, requests that are too early).
+//! their outcomes (journals, requests that are too early, effects of line faults).
 
 pub mod capture;
 pub mod early;
+pub mod effects;
 pub mod journal;
 pub mod requests;
 pub mod trace;

@@ -10,6 +10,8 @@ pub(crate) use tournament::Tournament;
 /// Order of events at one instant.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(crate) enum Phase {
+    /// An action of a scenario, which schedules the inputs of the same instant.
+    Scenario,
     Power,
     Fault,
     Pin,

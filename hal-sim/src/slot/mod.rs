@@ -13,6 +13,7 @@ use drivetwin_firmware::device::{
 };
 use drivetwin_firmware::motor::Parameters;
 
+use crate::record::effects::FrameEffects;
 use crate::record::journal::{Entry, Outcome};
 use crate::record::trace::{InputRecord, Power, Trace};
 use crate::rng::Rng;
@@ -257,7 +258,12 @@ impl Slot {
             InputRecord::Message { port, link, bytes } => {
                 return self.state.reception.message(at, *port, *link, bytes);
             }
-            InputRecord::Closed { port, link } => return self.state.reception.closed(*port, *link),
+            InputRecord::Closed { port, link } => {
+                if let Some(port) = self.state.ports.get_mut(usize::from(port.0)) {
+                    port.on_echo = FrameEffects::NONE;
+                }
+                return self.state.reception.closed(*port, *link);
+            }
             _ => return,
         };
         if self.state.reception.overhears {

@@ -3,6 +3,7 @@
 use drivetwin_firmware::device::{Duration, Framing, Instant, Line, PortSpec};
 
 use super::tcp_port::Tcp;
+use crate::record::effects::FrameEffects;
 
 /// Statistics of a port since its device was added.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -45,13 +46,15 @@ pub(crate) struct PortState {
     /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
+    /// Effects of faults on what the drive has sent on a port with lines of text before the end of the line.
+    pub(crate) on_echo: FrameEffects,
 }
 
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.framing == Framing::Silence));
         let tcp = spec.is_tcp().then(|| Tcp::new(spec));
-        Self { serial, tcp, statistics: Statistics::default() }
+        Self { serial, tcp, statistics: Statistics::default(), on_echo: FrameEffects::NONE }
     }
 }
 

@@ -73,9 +73,6 @@ pub(crate) struct Sent {
 
 /// A message of a drive on a TCP connection.
 pub(crate) struct TcpSend {
-    pub(crate) drive: u32,
-    pub(crate) port: Port,
-    pub(crate) link: Link,
     /// The client of the connection.
     pub(crate) client: u32,
     /// Number of bytes, which are in [`Outputs::messages`]; `None` if the drive closes the connection.
@@ -319,11 +316,10 @@ impl SlotState {
 
     /// Sends bytes on a TCP connection, or closes it (`None`). Without a client this has no effect.
     fn send_tcp(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outputs: &mut Outputs) {
-        let drive = self.drive;
         let Some(tcp) = self.tcp(port) else { return };
         let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
         let Some(client) = client else { return };
-        outputs.tcp_sends.push(TcpSend { drive, port, link, client, count: bytes.map(<[u8]>::len) });
+        outputs.tcp_sends.push(TcpSend { client, count: bytes.map(<[u8]>::len) });
         outputs.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
@@ -360,7 +356,10 @@ impl SlotState {
     /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
     /// entry, unless this drive executed or refused the message. The bench also counts the messages that come while a
     /// drive starts.
-    pub(crate) fn enter(&mut self, entry: Entry, outputs: &mut Outputs) {
+    pub(crate) fn enter(&mut self, mut entry: Entry, outputs: &mut Outputs) {
+        if let Some(port) = self.ports.get_mut(usize::from(entry.port.0)) {
+            entry.on_answer = std::mem::take(&mut port.on_echo);
+        }
         let serial = self.serial(entry.port).map(|serial| serial.framed);
         let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));
         let framed = serial == Some(true) || (serial.is_some() && starts);

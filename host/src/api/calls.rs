@@ -6,16 +6,16 @@ use axum::http::StatusCode;
 use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, PresetError, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{DriveId, PinStimulus};
-use drivetwin_sim::config::layout::no_line;
 use drivetwin_sim::config::preset::{self, Preset};
 use drivetwin_sim::config::time_mode::TimeMode;
-use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::faults::Party;
 use tokio::sync::oneshot;
 
+use super::faults::Faults;
 use super::guard::Body;
 use super::problem::Problem;
 use super::schema::{
-    Advance, Bench, Bus, Drive, Driven, Faults, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn,
+    Advance, Bench, Bus, Drive, Driven, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn,
 };
 use super::{Api, stopping};
 use crate::event_loop::EventLoop;
@@ -209,36 +209,34 @@ pub(super) async fn power(
     .await?
 }
 
-/// The serial lines and their faults.
+/// The serial lines and TCP ports, and their faults.
 #[utoipa::path(get, path = "/api/buses", responses((status = 200, body = Vec<Bus>)))]
 pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Problem> {
     let places = api.places.clone();
     Ok(Json(api.call(move |event_loop| Bus::all(&event_loop.bench, &places)).await?))
 }
 
-/// Sets the faults of a line, from its next frame on. A fault that the request does not name is off.
+/// Sets the faults of a line or TCP port, from its next frame on. A fault that the request does not name is off.
 #[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
 pub(super) async fn disturb(
     State(api): State<Api>,
     Path(name): Path<String>,
     Body(faults): Body<Faults>,
 ) -> Result<StatusCode, Problem> {
-    let faults = LineFaults::try_from(faults).map_err(Problem::refused)?;
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
-        let bus = bench.find_bus(&name).ok_or_else(|| {
-            if bench.has_tcp_port(&name) {
-                return Problem::not_found(no_line(&name));
-            }
-            let buses = bench.buses();
-            let names = buses.iter().map(|&bus| bench.bus_name(bus));
-            Problem::not_found(suggest::unknown("bus", &name, names))
+        let outlet = bench.find_outlet(&name).ok_or_else(|| {
+            let names: Vec<String> =
+                bench.outlets().into_iter().map(|outlet| bench.outlet_name(outlet)).collect();
+            Problem::not_found(suggest::unknown("bus", &name, names.iter().map(String::as_str)))
         })?;
-        for &(id, port) in bench.ports(bus) {
-            let port = bench.spec(id).ports.get(usize::from(port.0));
-            port.map_or(Ok(()), |port| faults.check_for(port)).map_err(Problem::refused)?;
+        let drives = bench.drives_at(outlet);
+        let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
+        let faults = faults.on(&drives.iter().map(party).collect::<Vec<_>>()).map_err(Problem::refused)?;
+        if let Some(port) = bench.port_at(outlet) {
+            faults.check_for(port).map_err(Problem::refused)?;
         }
-        bench.set_line_faults(bus, faults);
+        bench.set_faults(outlet, faults);
         event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })

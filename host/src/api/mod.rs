@@ -6,6 +6,7 @@
 mod calls;
 mod downloads;
 mod event_stream;
+mod faults;
 mod guard;
 mod openapi;
 mod problem;

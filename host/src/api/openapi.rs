@@ -6,6 +6,7 @@ use utoipa::openapi::{self, Content, Ref, RefOr, Response};
 
 use super::downloads::Format;
 use super::event_stream::{Happened, Lost, ReceivedEvent};
+use super::faults::{Rule, Way};
 use super::problem::{self, Problem};
 
 /// The part of the document that is not derived from the calls.
@@ -16,7 +17,7 @@ use super::problem::{self, Problem};
         description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents. \
                        A request that changes something needs `Content-Type: application/json`, even without a body."
     ),
-    components(schemas(Problem, Format, Happened, Lost, ReceivedEvent))
+    components(schemas(Problem, Format, Happened, Lost, ReceivedEvent, Rule, Way))
 )]
 struct Frame;
 
@@ -149,13 +150,25 @@ mod tests {
     #[test]
     fn faults_have_the_ranges_of_the_line() {
         let document = document();
-        let faults = document["components"]["schemas"]["Faults"]["properties"].as_object().unwrap();
-        for (name, schema) in faults {
+        let schemas = &document["components"]["schemas"];
+        let longest = LONGEST_DELAY / Duration::millis(1);
+        for (name, schema) in schemas["Faults"]["properties"].as_object().unwrap() {
             let (least, most) = match name.as_str() {
-                "mute" => continue,
-                "delay_ms" => (0, LONGEST_DELAY / Duration::millis(1)),
+                "delay_ms" => (0, longest),
                 "baud" => (u64::from(*BAUDS.start()), u64::from(*BAUDS.end())),
                 "exception_code" => (1, u64::from(u8::MAX)),
+                _ => (0, 1),
+            };
+            let number = schema["anyOf"].get(0).unwrap_or(schema);
+            assert_eq!((&number["minimum"], &number["maximum"]), (&json!(least), &json!(most)), "{name}");
+        }
+        for (name, schema) in schemas["Rule"]["properties"].as_object().unwrap() {
+            let (least, most) = match name.as_str() {
+                "direction" | "drive" | "register" | "before" => continue,
+                "ms" | "spread_ms" => (0, longest),
+                "count" => (0, u64::from(u32::MAX)),
+                "function" => (1, 127),
+                "code" => (1, u64::from(u8::MAX)),
                 _ => (0, 1),
             };
             assert_eq!((&schema["minimum"], &schema["maximum"]), (&json!(least), &json!(most)), "{name}");

@@ -142,7 +142,8 @@ struct ReceivedRegister {
 }
 
 /// `done`; `refused`; `without effect`: accepted, and without effect; `not for it`: no drive has the address; `bad
-/// frame`: corrupt; `too early`: dropped by a strict line; `not listening`: the drive starts, sends or has no power.
+/// frame`: corrupt; `too early`: dropped by a strict line; `not listening`: the drive starts, sends or has no power; `lost`: taken by
+/// a fault of the line or TCP port.
 #[derive(Clone, Copy, Serialize, ToSchema)]
 #[schema(as = Verdict)]
 enum VerdictSchema {
@@ -160,6 +161,8 @@ enum VerdictSchema {
     TooEarly,
     #[serde(rename = "not listening")]
     NotListening,
+    #[serde(rename = "lost")]
+    Lost,
 }
 
 impl From<Verdict> for VerdictSchema {
@@ -172,6 +175,7 @@ impl From<Verdict> for VerdictSchema {
             Verdict::BadFrame => Self::BadFrame,
             Verdict::TooEarly => Self::TooEarly,
             Verdict::NotListening => Self::NotListening,
+            Verdict::Lost => Self::Lost,
         }
     }
 }

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin, Port, Role};
+use drivetwin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction};
-use drivetwin_sim::line::faults::{LONGEST_DELAY, LineFaults};
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
 use utoipa::ToSchema;
 
+use super::faults::Faults;
 use crate::event_loop::EventLoop;
 
 /// An object whose members are in the order of the manual.
@@ -38,63 +38,24 @@ struct Seated {
     powered: bool,
 }
 
-/// A serial line.
+/// A serial line, or a TCP port of a drive.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Bus {
     name: String,
-    /// Serial settings now.
+    /// Serial settings now; null for a TCP port.
     #[schema(example = "9600 8E1")]
-    line: String,
-    /// Names of the drives on the line.
+    line: Option<String>,
+    /// Names of the drives on the line, or of the drive with the port.
     drives: Vec<String>,
     /// Listening addresses, as URIs.
     #[schema(example = json!(["pty:/dev/pts/4", "tcp:127.0.0.1:5020"]))]
     listen: Vec<String>,
-    /// Faults of the line.
+    /// Faults of the line or port.
     faults: Faults,
     /// True if the line drops requests that are too early.
     strict: bool,
     /// Number of requests so far that were too early: without a silence of t3.5 before or after them.
     early_requests: u64,
-}
-
-/// Faults of a line. Rates are shares of the frames, 0 to 1, for requests and replies alike unless stated otherwise.
-#[derive(Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
-#[schema(example = json!({"drop": 0.01, "delay_ms": 5}))]
-pub(super) struct Faults {
-    /// Share of frames that are lost.
-    #[schema(minimum = 0, maximum = 1)]
-    drop: f64,
-    /// Share of frames in which one bit is inverted.
-    #[schema(minimum = 0, maximum = 1)]
-    corrupt: f64,
-    /// Share of frames that are delivered twice.
-    #[schema(minimum = 0, maximum = 1)]
-    duplicate: f64,
-    /// Share of frames whose end is missing.
-    #[schema(minimum = 0, maximum = 1)]
-    truncate: f64,
-    /// Share of replies with an address that no drive of the line has.
-    #[schema(minimum = 0, maximum = 1)]
-    wrong_address: f64,
-    /// Share of requests that are not executed but answered with `exception_code`.
-    #[schema(minimum = 0, maximum = 1)]
-    exception: f64,
-    /// Modbus exception code for `exception`.
-    #[schema(minimum = 1, maximum = 255)]
-    exception_code: u8,
-    /// Share of frames that are followed by some characters of noise.
-    #[schema(minimum = 0, maximum = 1)]
-    noise: f64,
-    /// Delay of every reply, in milliseconds.
-    #[schema(minimum = 0, maximum = 60000)]
-    delay_ms: f64,
-    /// True if no reply is delivered.
-    mute: bool,
-    /// Baud rate of the clients. By default it is that of the drives.
-    #[schema(minimum = 50, maximum = 4000000)]
-    baud: Option<u32>,
 }
 
 /// A motor on the bench.
@@ -372,16 +333,22 @@ impl Bench {
 
 impl Bus {
     pub(super) fn all(bench: &bench::Bench, places: &Places) -> Vec<Self> {
-        let bus = |bus: bench::Bus| Self {
-            name: bench.bus_name(bus).to_owned(),
-            line: bench.line(bus).to_string(),
-            drives: bench.ports(bus).iter().map(|&(id, _)| bench.name(id).to_owned()).collect(),
-            listen: places.get(&Outlet::Line(bus)).cloned().unwrap_or_default(),
-            faults: bench.line_faults(bus).into(),
-            strict: bench.is_strict(bus),
-            early_requests: bench.early_requests(bus).count,
+        let bus = |outlet: Outlet| Self {
+            name: bench.outlet_name(outlet),
+            line: match outlet {
+                Outlet::Line(bus) => Some(bench.line(bus).to_string()),
+                Outlet::Tcp(..) => None,
+            },
+            drives: bench.drives_at(outlet).into_iter().map(|id| bench.name(id).to_owned()).collect(),
+            listen: places.get(&outlet).cloned().unwrap_or_default(),
+            faults: Faults::of(bench, outlet),
+            strict: matches!(outlet, Outlet::Line(bus) if bench.is_strict(bus)),
+            early_requests: match outlet {
+                Outlet::Line(bus) => bench.early_requests(bus).count,
+                Outlet::Tcp(..) => 0,
+            },
         };
-        bench.buses().into_iter().map(bus).collect()
+        bench.outlets().into_iter().map(bus).collect()
     }
 }
 
@@ -397,61 +364,6 @@ impl Motor {
             stalled,
             current: f64::from(ma) / 1_000.0,
         }
-    }
-}
-
-impl Default for Faults {
-    fn default() -> Self {
-        LineFaults::default().into()
-    }
-}
-
-impl From<LineFaults> for Faults {
-    fn from(faults: LineFaults) -> Self {
-        let LineFaults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
-        let LineFaults { exception, exception_code, noise, delay, mute, baud, .. } = faults;
-        let delay_ms = seconds(Instant::ZERO + delay) * 1_000.0;
-        Self {
-            drop,
-            corrupt,
-            duplicate,
-            truncate,
-            wrong_address,
-            exception,
-            exception_code,
-            noise,
-            delay_ms,
-            mute,
-            baud,
-        }
-    }
-}
-
-impl TryFrom<Faults> for LineFaults {
-    type Error = String;
-
-    fn try_from(faults: Faults) -> Result<Self, String> {
-        let Faults { drop, corrupt, duplicate, truncate, wrong_address, .. } = faults;
-        let Faults { exception, exception_code, noise, delay_ms, mute, baud, .. } = faults;
-        let longest = seconds(Instant::ZERO + LONGEST_DELAY) * 1_000.0;
-        if !(0.0..=longest).contains(&delay_ms) {
-            return Err(format!("delay_ms is 0 to {longest}"));
-        }
-        let delay = Duration::from_ticks((delay_ms / 1_000.0 * TICKS_PER_SECOND as f64).round() as u64);
-        let faults = Self {
-            drop,
-            corrupt,
-            duplicate,
-            truncate,
-            wrong_address,
-            exception,
-            exception_code,
-            noise,
-            delay,
-            mute,
-            baud,
-        };
-        faults.check().map(|()| faults)
     }
 }
 

@@ -391,7 +391,9 @@ impl Endpoint for Connection {
                 Ended::Broken(_) => {
                     warn!("{} is disconnected from {}: {ended}", self.peer, self.site.uri());
                 }
-                Ended::ByDrive | Ended::NoPower => info!("{}, {}: {ended}", self.peer, self.site.uri()),
+                Ended::ByDrive | Ended::NoPower | Ended::ByFault => {
+                    info!("{}, {}: {ended}", self.peer, self.site.uri());
+                }
             }
         }
         self.over |= self.is_leaving() && self.unread() == 0 && bench.is_served(self.client);

@@ -1,15 +1,15 @@
 //! Makes a plan from a seed. The plan depends on nothing else, and is the same on every 64-bit machine.
 
-use drivetwin_firmware::device::{Duration, Encoder, Fault, Framing, Pin, Role, Spec};
+use drivetwin_firmware::device::{Duration, Encoder, Fault, Framing, Pin, PortSpec, Role, Spec};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::bench_file;
-use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::faults::{Direction, FaultRule, LineFaults};
 use fastrand::Rng;
 
 use crate::dialect::{self, Family, one_of};
-use crate::plan::{Failing, NAMES, Name, Plan, Step, Who};
+use crate::plan::{Failing, Faults, NAMES, Name, Plan, Step, Who};
 use crate::replies::REPLY_DELAY;
 
 /// A drive of the plan.
@@ -90,7 +90,7 @@ fn address(family: Family, place: u8, rng: &mut Rng) -> u8 {
     if some.is_empty() || rng.bool() { one_of(rng, &any) } else { one_of(rng, &some) }
 }
 
-/// Adds serial lines, motors, encoders and switches on shafts, and wires to a plan.
+/// Adds serial lines, motors, encoders and switches on shafts, wires, and a scenario to a plan.
 fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
     let names = |drives: &[Drive]| {
         drives.iter().map(|drive| format!("\"{}\"", drive.name)).collect::<Vec<_>>().join(", ")
@@ -156,6 +156,48 @@ fn furnish(plan: &mut Plan, drives: &[Drive], rng: &mut Rng) {
             add(plan, format!("[[wire]]\nfrom = {}\nto = {}\n", pin_name(from, out), pin_name(to, pin)));
         }
     }
+    if rng.u8(..3) == 0 {
+        let scenario = scenario(drives, rng);
+        add(plan, scenario);
+    }
+}
+
+/// A scenario that changes pins and causes of faults. Power and lines stay as they are, because a scenario acts
+/// also while a well-behaved client waits for its answer.
+fn scenario(drives: &[Drive], rng: &mut Rng) -> String {
+    let mut at = 0;
+    let mut steps = String::new();
+    for _ in 0..rng.usize(1..5) {
+        let (drive, other) = (one_of(rng, drives), one_of(rng, drives));
+        let after = pause(rng).ticks() as f64 / 16_000.0;
+        at += rng.u32(1..500);
+        let rows: Vec<&str> =
+            other.spec.rows().filter(|(_, row)| row.access.writes()).map(|(_, row)| row.name).collect();
+        let when = match rng.u8(..3) {
+            0 => format!("at_s = {:.3}, ", f64::from(at) / 1e3),
+            1 if !rows.is_empty() => {
+                format!("when = {{ drive = \"{}\", register = \"{}\" }}, ", other.name, one_of(rng, &rows))
+            }
+            _ => String::new(),
+        };
+        let action = match (input(drive.spec, rng), rng.u8(..4)) {
+            (Some(pin), 0 | 1) => {
+                let level = one_of(rng, &["low", "high", "open"]);
+                format!("pin = {}, level = \"{level}\"", pin_name(drive, pin))
+            }
+            (Some(pin), 2) => {
+                let (count, hz) = (rng.u8(1..60), rng.u16(1..30_000));
+                format!("pin = {}, pulses = {count}, hz = {hz}", pin_name(drive, pin))
+            }
+            _ if !drive.spec.faults.is_empty() => {
+                let (what, fault) = (one_of(rng, &["fault", "clear"]), one_of(rng, drive.spec.faults));
+                format!("drive = \"{}\", {what} = \"{fault}\"", drive.name)
+            }
+            _ => continue,
+        };
+        steps += &format!("    {{ {when}after_ms = {after:.4}, {action} }},\n");
+    }
+    format!("[[scenario]]\nsteps = [\n{steps}]\n")
 }
 
 fn pin_name(drive: Drive, pin: Pin) -> String {
@@ -213,7 +255,7 @@ fn happen(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
             steps.push(Step::Power(name, action));
         }
         28 => steps.push(Step::Attach(name, rng.bool())),
-        29..31 => steps.push(Step::Disturb(name, Box::new(faults(spec, rng)))),
+        29..31 => steps.push(disturb(drive, rng)),
         31..35 => steps.push(Step::Ask(name, rng.u64(..))),
         35..38 => steps.push(Step::Save(
             name,
@@ -268,26 +310,78 @@ fn say(steps: &mut Vec<Step>, drive: Drive, rng: &mut Rng) {
     }
 }
 
-/// Faults of a line; in one case of three none, which ends earlier faults.
-fn faults(spec: &Spec, rng: &mut Rng) -> LineFaults {
+/// Sets the faults of a port; in one case of three none, which ends earlier faults.
+fn disturb(Drive { name, spec, .. }: Drive, rng: &mut Rng) -> Step {
+    let number = rng.u8(..spec.ports.len().max(1) as u8);
     let mut faults = LineFaults::NONE;
-    if rng.u8(..3) == 0 {
-        return faults;
+    let own = rng.u8(..4) == 0;
+    if rng.u8(..3) > 0 {
+        for (fault, rule) in faults.rules() {
+            *rule = if rng.u8(..3) == 0 { self::rule(spec, rng) } else { FaultRule::NONE };
+            // A silent drive ends most conversations.
+            if fault == "mute" && rng.u8(..5) > 0 {
+                *rule = FaultRule::NONE;
+            }
+        }
+        faults.noise_before = rng.bool();
+        if rng.u8(..4) == 0 {
+            (faults.delay, faults.delay_spread) = (pause(rng), pause(rng) * u64::from(rng.bool()));
+            faults.delayed = if rng.bool() { FaultRule::ALL } else { rule(spec, rng) };
+        }
+        faults.baud = (rng.u8(..16) == 0).then(|| one_of(rng, &[1_200, 9_600, 19_200, 115_200]));
     }
-    for (_, share) in faults.shares() {
-        if rng.u8(..3) == 0 {
-            *share = f64::from(rng.u8(0..=10)) / 10.0;
+    if let Some(port) = spec.ports.get(usize::from(number)) {
+        remove_impossible(&mut faults, port);
+    }
+    Step::Disturb(name, number, Box::new(Faults { faults, own }))
+}
+
+/// Frames that a fault disturbs.
+fn rule(spec: &Spec, rng: &mut Rng) -> FaultRule {
+    let rule = if rng.u8(..3) == 0 {
+        FaultRule::next(rng.u32(1..4))
+    } else {
+        FaultRule::rate(f64::from(rng.u8(0..=10)) / 10.0)
+    };
+    let rule = match rng.u8(..6) {
+        0 => rule.direction(Direction::Request),
+        1 => rule.direction(Direction::Reply),
+        _ => rule,
+    };
+    let rows: Vec<&str> = spec.rows().map(|(_, row)| row.name).collect();
+    match rng.u8(..6) {
+        0 => rule.function(one_of(rng, &[3, 6, 16])),
+        1 if !rows.is_empty() => rule.register(one_of(rng, &rows)),
+        _ => rule,
+    }
+}
+
+/// Removes the faults that a port cannot have, and the parts of rules that make them impossible.
+fn remove_impossible(faults: &mut LineFaults, port: &PortSpec) {
+    let possible = |rule: FaultRule, name: &str| {
+        let mut alone = LineFaults::NONE;
+        if name == "delay_ms" {
+            alone.delayed = rule;
+        }
+        for (_, own) in alone.rules().into_iter().filter(|(own, _)| *own == name) {
+            *own = rule;
+        }
+        alone.check_for(port).is_ok()
+    };
+    for (name, rule) in faults.rules() {
+        if !possible(*rule, name) {
+            *rule = FaultRule { direction: None, function: None, register: None, ..*rule };
+        }
+        if !possible(*rule, name) {
+            *rule = FaultRule::NONE;
         }
     }
-    if spec.ports.first().is_none_or(|port| port.framing != Framing::Silence) {
-        (faults.exception, faults.wrong_address) = (0.0, 0.0);
+    if !possible(faults.delayed, "delay_ms") {
+        faults.delayed = FaultRule::ALL;
     }
-    if rng.u8(..4) == 0 {
-        faults.delay = pause(rng);
+    if faults.check_for(port).is_err() {
+        faults.baud = None;
     }
-    faults.mute = rng.u8(..16) == 0;
-    faults.baud = (rng.u8(..16) == 0).then(|| one_of(rng, &[1_200, 9_600, 19_200, 115_200]));
-    faults
 }
 
 #[cfg(test)]
@@ -307,7 +401,8 @@ mod tests {
     fn plans_have_all_kinds_and_tables_and_steps() {
         let plans: Vec<String> = SEEDS.map(|seed| plan(seed).to_string()).collect();
         let kinds = catalog::specs().map(|spec| format!("kind = \"{}\"", spec.kind));
-        let tables = ["bus", "motor", "encoder", "switch", "wire"].map(|table| format!("[[{table}]]"));
+        let tables =
+            ["bus", "motor", "encoder", "switch", "wire", "scenario"].map(|table| format!("[[{table}]]"));
         let steps = [
             "wait",
             "says",

@@ -40,6 +40,14 @@ pub(crate) struct Who {
     pub(crate) number: u8,
 }
 
+/// Faults of a line or TCP port.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Faults {
+    pub(crate) faults: LineFaults,
+    /// True if all rules are for the drive of the step only.
+    pub(crate) own: bool,
+}
+
 /// An event. An event whose drive or pin is not on the bench does nothing.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Step {
@@ -59,7 +67,8 @@ pub(crate) enum Step {
     Power(Name, PowerAction),
     /// A program opens the host's end of the drive's serial line (`true`), or closes it (`false`).
     Attach(Name, bool),
-    Disturb(Name, Box<LineFaults>),
+    /// Sets the faults of a port's line, or of a TCP port.
+    Disturb(Name, u8, Box<Faults>),
     /// A well-behaved client writes, reads back, and requests registers that do not exist. The number is the
     /// seed of the requests, and of the pieces in which they are sent.
     Ask(Name, u64),
@@ -107,7 +116,7 @@ impl fmt::Display for Step {
             Self::Preset(drive, row, value) => write!(f, "row {row} of {drive} is preset to {value}"),
             Self::Power(drive, action) => write!(f, "power of {drive}: {action:?}"),
             Self::Attach(drive, here) => write!(f, "the port of {drive} is open: {here}"),
-            Self::Disturb(drive, faults) => write!(f, "the line of {drive}: {faults:?}"),
+            Self::Disturb(drive, port, faults) => write!(f, "the line of {drive}:{port}: {faults:?}"),
             Self::Ask(drive, seed) => write!(f, "{drive} is asked ({seed})"),
             Self::Save(drive, seed, failing) => write!(f, "{drive} saves ({seed}), power fails {failing:?}"),
             Self::Restart => f.write_str("all begin again with their memories"),

@@ -7,6 +7,7 @@ use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, Client, DriveId, PowerAction, Settings, Setup};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::Layout;
+use drivetwin_sim::line::faults::LineFaults;
 use drivetwin_sim::record::trace::{Recording, Retention};
 use fastrand::Rng;
 
@@ -225,10 +226,12 @@ impl Runner<'_> {
                     bench.attach(bus, here);
                 }
             }),
-            Step::Disturb(name, ref faults) => self.with(name, |bench, seat| {
-                if let Some(bus) = bench.bus(seat, Port(0)) {
-                    bench.set_line_faults(bus, **faults);
+            Step::Disturb(name, port, ref given) => self.with(name, |bench, seat| {
+                let mut faults = given.faults;
+                for (_, rule) in faults.rules().into_iter().filter(|_| given.own) {
+                    *rule = rule.drive(seat);
                 }
+                bench.set_faults(bench.outlet(seat, Port(port)), faults);
             }),
             Step::Ask(name, seed) => return self.ask_step(name, seed),
             Step::Save(name, seed, failing) => return self.save_step(name, seed, failing),
@@ -363,12 +366,12 @@ impl Runner<'_> {
         self.layout.drives.iter().any(|drive| drive.name == name && drive.fast_boot)
     }
 
-    /// Clears line faults and waits until all messages are answered. Then waits for the start-up, unless the
+    /// Clears the faults of lines and TCP ports, and waits until all messages are answered. Then waits for the start-up, unless the
     /// drive is on and starts fast. Switches the drive on if it is off.
     pub(crate) fn quiet(&mut self, name: Name) -> Result<(), Failure> {
         self.with(name, |bench, seat| {
-            if let Some(bus) = bench.bus(seat, Port(0)) {
-                bench.set_line_faults(bus, drivetwin_sim::line::faults::LineFaults::NONE);
+            for port in (0..bench.spec(seat).ports.len() as u8).map(Port) {
+                bench.set_faults(bench.outlet(seat, port), LineFaults::NONE);
             }
         });
         // At 1,200 baud, noise that a line fault duplicates takes some seconds.

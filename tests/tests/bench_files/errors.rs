@@ -418,7 +418,7 @@ fn faults_of_lines() {
                 "bus = 'line1'",
                 "line 3, column 7: there is no bus 'line1'; available: x.rs485, q.usb, r.rs485",
             ),
-            ("bus = 'rs485'", "line 3, column 7: several drives have a line 'rs485'; 'x.rs485' is one"),
+            ("bus = 'rs485'", "line 3, column 7: several drives have a port 'rs485'; 'x.rs485' is one"),
             ("bus = 'usb'\ndrop = 1.1", "line 4, column 8: drop takes a number from 0 to 1, not 1.1"),
             (
                 "bus = 'x.rs485'\nexception_code = 0",
@@ -440,6 +440,186 @@ fn faults_of_lines() {
             (
                 "bus = 'x.rs485'\n[[bus]]\nname = 'b'\ndrives = ['x']",
                 "line 3, column 7: x.rs485 is on the bus 'b'",
+            ),
+        ],
+    );
+}
+
+#[test]
+fn rules_of_faults() {
+    let drives = "drive = [{name = 'x', kind = 'md3'}, {name = 'y', kind = 'md3-low'}, \
+         {name = 'q', kind = 'qsb-m'}, {name = 'm', kind = 'mdrive'}]\n\
+         [[bus]]\nname = 'line1'\ndrives = ['x', 'y']\n[[fault]]\n";
+    check(
+        drives,
+        &[
+            (
+                "bus = 'line1'\ndrop = { rate = 0.5, count = 1 }",
+                "line 7, column 30: a fault takes rate or count, not both",
+            ),
+            (
+                "bus = 'line1'\ndrop = { count = -1 }",
+                "line 7, column 18: count takes a whole number from 0 to 4294967295, not -1",
+            ),
+            (
+                "bus = 'line1'\ndrop = { rat = 0.5 }",
+                "line 7, column 10: there is no key of drop 'rat'; the nearest is 'rate'",
+            ),
+            (
+                "bus = 'line1'\ndrop = { code = 4 }",
+                "line 7, column 10: there is no key of drop 'code'; available: rate, count, direction, drive, function, register",
+            ),
+            (
+                "bus = 'line1'\ndrop = { direction = 'answer' }",
+                "line 7, column 22: direction takes request or reply, not 'answer'",
+            ),
+            (
+                "bus = 'line1'\ndrop = { drive = 'q' }",
+                "line 7, column 18: there is no drive on this bus 'q'; the nearest is 'x'",
+            ),
+            (
+                "bus = 'line1'\ndrop = { register = 'Sped' }",
+                "line 7, column 21: there is no register on this bus 'Sped'; the nearest is 'Speed'",
+            ),
+            (
+                "bus = 'line1'\ndrop = { register = 'SpeedLow' }",
+                "line 7, column 21: register takes a whole register: Speed, not SpeedLow",
+            ),
+            (
+                "bus = 'line1'\ndrop = { function = 200 }",
+                "line 7, column 21: function takes a whole number from 1 to 127, not 200",
+            ),
+            (
+                "bus = 'usb'\ndrop = { function = 3 }",
+                "line 7, column 1: function of drop is for Modbus lines only, and usb is not one",
+            ),
+            ("bus = 'line1'\ndelay_ms = { spread_ms = 3 }", "line 7, column 12: delay_ms needs 'ms'"),
+            (
+                "bus = 'line1'\ndelay_ms = { ms = 59_999, spread_ms = 3 }",
+                "line 7, column 39: spread_ms takes a number from 0 to 1, not 3",
+            ),
+            (
+                "bus = 'line1'\nmute = { direction = 'request' }",
+                "line 5, column 1: mute is for replies only; leave out direction = 'request'",
+            ),
+            (
+                "bus = 'line1'\nclose = 0.1",
+                "line 7, column 1: close is for TCP ports only, and rs485 is a serial line",
+            ),
+            (
+                "bus = 'm.mcode'\nexception = { count = 1 }",
+                "line 7, column 1: exception is for Modbus lines only, and mcode is not one",
+            ),
+            (
+                "bus = 'modbus'\nbaud = 9_600",
+                "line 7, column 1: baud is for serial lines only, and modbus is a TCP port",
+            ),
+            ("bus = 'm.mcod'", "line 6, column 7: there is no port of mdrive 'mcod'; the nearest is 'mcode'"),
+        ],
+    );
+}
+
+#[test]
+fn scenarios() {
+    let drives = "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'm', kind = 'mdrive'}]\n\
+         [[scenario]]\n";
+    check(
+        drives,
+        &[("step = []", "line 3, column 1: there is no key of [[scenario]] 'step'; the nearest is 'steps'")],
+    );
+    check(
+        drives,
+        &[
+            ("steps = []", "line 2, column 1: a scenario needs a step"),
+            ("steps = 3", "line 3, column 9: steps takes a list of tables, like [{ … }], not 3"),
+        ],
+    );
+    let step = format!("{drives}steps = [\n");
+    check(
+        &step,
+        &[
+            (
+                "{ at_s = 1 }]",
+                "line 4, column 1: a step needs an action: faults, fault, clear, power, level, volts, pulses",
+            ),
+            (
+                "{ after_m = 1, drive = 'x', power = 'off' }]",
+                "line 4, column 3: there is no key of a step 'after_m'; the nearest is 'after_ms'",
+            ),
+            (
+                "{ at_s = -1, drive = 'x', power = 'off' }]",
+                "line 4, column 10: at_s takes a number from 0 to 1000000000, not -1",
+            ),
+            (
+                "{ at_s = 5, after_ms = 500, drive = 'x', power = 'off' },\n{ at_s = 5.4, drive = 'x', power = 'on' }]",
+                "line 5, column 10: at_s = 5.4 is before the step above, which is at 5.5 s",
+            ),
+            (
+                "{ at_s = 5, when = { drive = 'x', register = 'Speed' }, drive = 'x', power = 'off' }]",
+                "line 4, column 10: a step takes at_s or when, not both",
+            ),
+            (
+                "{ drive = 'y', power = 'off' }]",
+                "line 4, column 11: there is no drive 'y'; the nearest is 'x'",
+            ),
+            (
+                "{ drive = 'x', power = 'of' }]",
+                "line 4, column 24: power takes off, on, cycle or cut, not 'of'",
+            ),
+            ("{ power = 'off' }]", "line 4, column 1: a step needs 'drive'"),
+            (
+                "{ drive = 'x', power = 'off', fault = 'over_current' }]",
+                "line 4, column 31: a step with 'power' takes no 'fault'",
+            ),
+            (
+                "{ drive = 'x', fault = 'over_heat' }]",
+                "line 4, column 24: there is no fault of md3 'over_heat'; available: over_temperature, over_current",
+            ),
+            (
+                "{ pin = 'x.J2.1', level = 'low' }]",
+                "line 4, column 9: there is no pin of md3 'J2.1'; the nearest is 'J2.2'",
+            ),
+            (
+                "{ pin = 'x.STEP', level = 'low' }]",
+                "line 4, column 9: 'x.STEP' is an output; an input is wanted here",
+            ),
+            (
+                "{ pin = 'x.J2.2', level = 'up' }]",
+                "line 4, column 27: level takes low, high or open, not 'up'",
+            ),
+            ("{ pin = 'x.J2.2', volts = 3 }]", "line 4, column 19: x.J2.2 takes a level, not volts"),
+            ("{ pin = 'x.J2.2', pulses = 3 }]", "line 4, column 1: a step needs 'hz'"),
+            (
+                "{ bus = 'x.rs422', faults = { drop = 1 } }]",
+                "line 4, column 9: there is no port of md3 'rs422'; the nearest is 'rs485'",
+            ),
+            (
+                "{ bus = 'rs485', faults = { drip = 1 } }]",
+                "line 4, column 29: there is no key of faults 'drip'; the nearest is 'drop'",
+            ),
+            (
+                "{ bus = 'rs485', faults = { close = 1 } }]",
+                "line 4, column 29: close is for TCP ports only, and rs485 is a serial line",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'Sped' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: there is no register of md3 that a master writes 'Sped'; the nearest is 'Speed'",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'ProductInformation' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: no master writes ProductInformation of md3",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'SpeedLow' }, drive = 'x', power = 'off' }]",
+                "line 4, column 36: register takes a whole register: Speed, not SpeedLow",
+            ),
+            (
+                "{ when = { drive = 'z', register = 'Speed' }, drive = 'x', power = 'off' }]",
+                "line 4, column 20: there is no drive 'z'; the nearest is 'x'",
+            ),
+            (
+                "{ when = { drive = 'x' }, drive = 'x', power = 'off' }]",
+                "line 4, column 10: when needs 'register'",
             ),
         ],
     );

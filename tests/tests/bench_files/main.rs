@@ -7,6 +7,7 @@ mod examples;
 mod identity;
 mod order;
 mod ranges;
+mod scenarios;
 mod values;
 
 use drivetwin_firmware::device::Instant;

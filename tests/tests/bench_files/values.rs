@@ -11,7 +11,7 @@ use drivetwin_sim::config::layout::{At, Built, MotorKind};
 use drivetwin_sim::config::listen::Uri;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::LineMode;
-use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::faults::{Direction, FaultRule, LineFaults};
 use drivetwin_sim::record::trace::{Event, InputRecord, Trace};
 use drivetwin_sim::replay;
 
@@ -100,17 +100,18 @@ fn every_key_of_a_bench_file() {
     let disturbed = &layout.faults[0];
     assert_eq!(disturbed.bus, "b");
     let expected = LineFaults {
-        drop: 1.0,
-        corrupt: 0.5,
-        duplicate: 0.25,
-        truncate: 0.125,
-        wrong_address: 0.1,
-        exception: 0.2,
+        drop: FaultRule::rate(1.0),
+        corrupt: FaultRule::rate(0.5),
+        duplicate: FaultRule::rate(0.25),
+        truncate: FaultRule::rate(0.125),
+        wrong_address: FaultRule::rate(0.1),
+        exception: FaultRule::rate(0.2),
         exception_code: 255,
-        noise: 0.3,
+        noise: FaultRule::rate(0.3),
         delay: Duration::micros(500),
-        mute: true,
+        mute: FaultRule::ALL,
         baud: Some(19_200),
+        ..LineFaults::NONE
     };
     assert_eq!(disturbed.faults, expected);
 }
@@ -518,4 +519,45 @@ fn an_mdrobot_reads_its_contacts_at_power_on() {
     assert_eq!(moments(&bench, "r > pin START_STOP low"), [Instant::ZERO]);
     assert_eq!(moments(&bench, "r > pin DIR low"), [Instant::ZERO]);
     assert_eq!(moments(&bench, "m > pin J2.10 high"), [Instant::ZERO]);
+}
+
+/// Every fault takes a table, and a TCP port is a bus.
+#[test]
+fn faults_have_rules() {
+    let text = "drive = [{name = 'z', kind = 'md3'}, {name = 'b', kind = 'md3', address = 2}, {name = 'm', kind = 'mdrive'}]\n\
+        [[bus]]\nname = 'line1'\ndrives = ['z', 'b']\n\
+        [[fault]]\nbus = 'line1'\n\
+        drop = { count = 3, direction = 'reply', drive = 'z', function = 6, register = 'Speed' }\n\
+        corrupt = { rate = 0.25 }\n\
+        exception = { count = 1, code = 2 }\n\
+        delay_ms = { ms = 5, spread_ms = 2.5, function = 3 }\n\
+        mute = {}\n\
+        [[fault]]\nbus = 'm.modbus'\nclose = { count = 1, register = 'A' }\nwrong_transaction = 0.5\n\
+        [[fault]]\nbus = 'mcode'\ndrop = 1";
+    let layout = layout(text);
+    let built = layout.build(layout.settings(), Vec::new()).unwrap();
+    let (bench, [z, _, m]) = (built.bench, built.drives[..].try_into().unwrap());
+    let drop = FaultRule::next(3).direction(Direction::Reply).drive(z).function(6).register("Speed");
+    let expected = LineFaults {
+        drop,
+        corrupt: FaultRule::rate(0.25),
+        exception: FaultRule::next(1),
+        exception_code: 2,
+        delay: Duration::millis(5),
+        delay_spread: Duration::micros(2_500),
+        delayed: FaultRule::ALL.function(3),
+        mute: FaultRule::ALL,
+        ..LineFaults::NONE
+    };
+    assert_eq!(bench.faults(bench.find_outlet("line1").unwrap()), expected);
+    let expected = LineFaults {
+        close: FaultRule::next(1).register("A"),
+        wrong_transaction: FaultRule::rate(0.5),
+        ..LineFaults::NONE
+    };
+    assert_eq!(bench.faults(bench.outlet(m, Port(0))), expected);
+    assert_eq!(
+        bench.faults(bench.outlet(m, Port(1))),
+        LineFaults { drop: FaultRule::ALL, ..LineFaults::NONE }
+    );
 }

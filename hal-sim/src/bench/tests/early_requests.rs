@@ -225,8 +225,8 @@ fn a_retry_repeats_a_request_that_got_no_answer() {
         bench.run_until(bench.now() + 1.secs());
         bench.request_statistics(bus).retries
     };
-    let lost = LineFaults { drop: 1.0, ..QUIET };
-    let corrupt = LineFaults { corrupt: 1.0, ..QUIET };
+    let lost = LineFaults { drop: 1.0.into(), ..QUIET };
+    let corrupt = LineFaults { corrupt: 1.0.into(), ..QUIET };
     assert_eq!(retries(&mut bench, &ASKED, QUIET), 0);
     // A poll repeats a request that was answered.
     assert_eq!(retries(&mut bench, &ASKED, lost), 0);

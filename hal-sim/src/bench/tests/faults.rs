@@ -1,6 +1,7 @@
 //! Faults of lines: what drives and clients receive of each frame, and when.
 
 use super::*;
+use crate::line::faults::{Direction, FaultRule};
 use crate::record::capture::{Frame, Medium, Source};
 
 /// A request for the address of drive 1, with 8 characters; its answer has 7.
@@ -45,20 +46,55 @@ pub(super) fn leaves() -> Duration {
     EIGHT + T3_5 + CHARACTER
 }
 
+/// A rule from a number; small numbers cover no frame.
+fn rule_of(number: u64) -> FaultRule {
+    let field = |shift: u32, most: u64| (number >> shift) % most;
+    let rule = match field(0, 8) {
+        0..=2 => FaultRule::NONE,
+        3 => FaultRule::ALL,
+        4 => FaultRule::next(field(8, 4) as u32),
+        _ => FaultRule::rate(field(8, 11) as f64 / 10.0),
+    };
+    let pick = |shift, most| Some(field(shift, most)).filter(|&choice| choice < 2);
+    FaultRule {
+        direction: pick(16, 4).map(|choice| [Direction::Request, Direction::Reply][choice as usize]),
+        drive: pick(24, 8).map(|choice| DriveId(choice as u32)),
+        function: pick(32, 8).map(|choice| [3, 6][choice as usize]),
+        register: pick(40, 8).map(|choice| ["Speed", "MoveSteps"][choice as usize]),
+        ..rule
+    }
+}
+
+/// The same faults, without drives in the rules: their handles depend on the order of the drives.
+pub(super) fn of_all_drives(mut faults: LineFaults) -> LineFaults {
+    faults.delayed.drive = None;
+    faults.rules().into_iter().for_each(|(_, rule)| rule.drive = None);
+    faults
+}
+
 pub(super) fn any_faults() -> impl Strategy<Value = LineFaults> {
-    let share = || prop_oneof![3 => Just(0.0), 1 => Just(1.0), 2 => 0.0..1.0];
     let delay = prop_oneof![3 => Just(0_u64), 2 => 0..100_u64, 1 => Just(1_500)];
     let baud = prop_oneof![4 => Just(None), 1 => prop::sample::select(&[50, 9_600, 115_200, 4_000_000][..]).prop_map(Some)];
-    let shares: [_; 7] = std::array::from_fn(|_| share());
-    let mute = prop::bool::weighted(0.1);
-    (shares, any::<u8>(), delay, mute, baud).prop_map(|(shares, exception_code, delay, mute, baud)| {
-        let delay = Duration::millis(delay);
-        let mut faults = LineFaults { exception_code, delay, mute, baud, ..LineFaults::NONE };
-        for ((_, share), some) in faults.shares().into_iter().zip(shares) {
-            *share = some;
-        }
-        faults
-    })
+    let numbers = any::<[u64; 9]>();
+    (numbers, any::<u8>(), delay, 0..100_u64, baud).prop_map(
+        |(numbers, exception_code, delay, spread, baud)| {
+            let (delay, delay_spread) = (Duration::millis(delay), Duration::millis(spread / 50 * spread));
+            let rules = numbers.map(rule_of);
+            let mute = if numbers[7] % 10 == 0 { rules[7] } else { FaultRule::NONE };
+            let mut faults = LineFaults {
+                exception_code,
+                delay,
+                delay_spread,
+                delayed: if numbers[8] % 2 == 0 { FaultRule::ALL } else { rules[8] },
+                baud,
+                ..LineFaults::NONE
+            };
+            for ((_, rule), some) in faults.rules().into_iter().zip(rules).take(7) {
+                *rule = some;
+            }
+            LineFaults { mute, ..faults }
+        },
+    )
 }
 
 #[test]
@@ -76,7 +112,8 @@ fn an_undisturbed_line_is_as_it_is() {
 #[test]
 fn a_lost_request_is_over_when_it_would_be_judged() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, [x, _], _, client) = line_faults(line, 1, LineFaults { drop: 1.0, ..QUIET });
+        let (mut bench, [x, _], _, client) =
+            line_faults(line, 1, LineFaults { drop: FaultRule::rate(1.0), ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         if line == LineMode::Timed {
             assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
@@ -89,7 +126,8 @@ fn a_lost_request_is_over_when_it_would_be_judged() {
 #[test]
 fn a_muted_reply_takes_its_time() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, [x, y], bus, client) = line_faults(line, 1, LineFaults { mute: true, ..QUIET });
+        let (mut bench, [x, y], bus, client) =
+            line_faults(line, 1, LineFaults { mute: FaultRule::ALL, ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         if line == LineMode::Timed {
             assert_eq!(bench.now(), start() + leaves() + SEVEN);
@@ -115,7 +153,7 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
             let x = bench.add_with("x", Box::new(Md3::new()), setup).unwrap();
             bench.run_until(start());
             let bus = bench.bus(x, RS485).unwrap();
-            bench.set_line_faults(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            bench.set_line_faults(bus, LineFaults { corrupt: FaultRule::rate(1.0), ..QUIET });
             assert_eq!(bench.ask(x, &ASKED), [0; 0]);
             let Statistics { spoiled, crc, .. } = bench.statistics(x, RS485);
             assert_eq!((spoiled, crc), count);
@@ -126,7 +164,7 @@ fn a_bit_that_turns_over_is_a_wrong_parity_or_a_wrong_check_sum() {
             bench.set_line_faults(bus, QUIET);
             let client = bench.connect(bus);
             bench.send(client, &ASKED);
-            bench.set_line_faults(bus, LineFaults { corrupt: 1.0, ..QUIET });
+            bench.set_line_faults(bus, LineFaults { corrupt: FaultRule::rate(1.0), ..QUIET });
             bench.run_until_idle();
             let received = received_by(&mut bench, client);
             let turned: u32 =
@@ -141,7 +179,7 @@ fn a_frame_without_its_end_takes_all_its_time() {
     let mut lengths = [0; 8];
     for seed in 0..200 {
         let (mut bench, [x, _], _, client) =
-            line_faults(LineMode::Timed, seed, LineFaults { truncate: 1.0, ..QUIET });
+            line_faults(LineMode::Timed, seed, LineFaults { truncate: FaultRule::rate(1.0), ..QUIET });
         assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
         assert_eq!(bench.now(), start() + EIGHT + T3_5 + CHARACTER);
         let seen = frames(&bench);
@@ -158,7 +196,7 @@ fn a_frame_without_its_end_takes_all_its_time() {
 #[test]
 fn what_comes_twice_comes_again_behind_silence() {
     let (mut bench, [x, _], _, client) =
-        line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+        line_faults(LineMode::Timed, 1, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
     let write = rtu::write(1, 0x15, 7);
     let received = exchange(&mut bench, client, &write);
     assert_eq!(received, write.repeat(4), "the answer to a write is the write");
@@ -171,7 +209,8 @@ fn what_comes_twice_comes_again_behind_silence() {
     assert_eq!(frames(&bench).iter().map(|frame| frame.0).collect::<Vec<_>>(), expected);
     assert_eq!(bench.now(), start() + round + round - T3_5);
     // Clients that wait for the line wait for the repetitions, too.
-    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, LineFaults { duplicate: 1.0, ..QUIET });
+    let (mut bench, _, bus, client) =
+        line_faults(LineMode::Timed, 1, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
     let other = bench.connect(bus);
     bench.send(client, &write);
     bench.send(other, &rtu::read(2, 0, 1));
@@ -183,7 +222,7 @@ fn what_comes_twice_comes_again_behind_silence() {
 #[test]
 fn what_comes_twice_comes_twice_where_characters_take_no_time() {
     let (mut bench, [x, _], _, client) =
-        line_faults(LineMode::Fast, 1, LineFaults { duplicate: 1.0, ..QUIET });
+        line_faults(LineMode::Fast, 1, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
     let write = rtu::write(1, 0x15, 7);
     assert_eq!(exchange(&mut bench, client, &write), write.repeat(4));
     assert_eq!(bench.statistics(x, RS485).requests, 2);
@@ -193,7 +232,8 @@ fn what_comes_twice_comes_twice_where_characters_take_no_time() {
 #[test]
 fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let (mut bench, _, _, client) = line_faults(line, 1, LineFaults { wrong_address: 1.0, ..QUIET });
+        let (mut bench, _, _, client) =
+            line_faults(line, 1, LineFaults { wrong_address: FaultRule::rate(1.0), ..QUIET });
         let answer = exchange(&mut bench, client, &ASKED);
         // Address 2 is in use.
         assert_eq!(rtu::verify_crc(&answer), Some(&[3, 3, 2, 0, 1][..]));
@@ -201,14 +241,17 @@ fn a_wrong_address_is_one_that_no_drive_of_the_line_has() {
     let mut bench = Bench::new();
     let x = md3(&mut bench, "x", 247);
     bench.run_until(start());
-    bench.set_line_faults(bench.bus(x, RS485).unwrap(), LineFaults { wrong_address: 1.0, ..QUIET });
+    bench.set_line_faults(
+        bench.bus(x, RS485).unwrap(),
+        LineFaults { wrong_address: FaultRule::rate(1.0), ..QUIET },
+    );
     assert_eq!(bench.ask(x, &rtu::read(247, 0, 1))[0], 1);
 }
 
 #[test]
 fn a_refused_request_is_not_carried_out() {
     for line in [LineMode::Timed, LineMode::Fast] {
-        let faults = LineFaults { exception: 1.0, exception_code: 6, ..QUIET };
+        let faults = LineFaults { exception: FaultRule::rate(1.0), exception_code: 6, ..QUIET };
         let (mut bench, [x, _], bus, client) = line_faults(line, 1, faults);
         let write = rtu::write(1, 0x15, 7);
         let answer = exchange(&mut bench, client, &write);
@@ -232,7 +275,7 @@ fn a_refused_request_is_not_carried_out() {
 
 #[test]
 fn an_exception_that_there_is_not_acts_as_the_nearest() {
-    let faults = LineFaults { exception: 1.0, exception_code: 0, ..QUIET };
+    let faults = LineFaults { exception: FaultRule::rate(1.0), exception_code: 0, ..QUIET };
     let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, faults);
     assert_eq!(rtu::verify_crc(&exchange(&mut bench, client, &ASKED)), Some(&[1, 0x83, 1][..]));
 }
@@ -288,7 +331,8 @@ fn a_power_failure_cuts_only_the_output_of_its_drive() {
     assert_eq!(received_by(&mut bench, client), twice.chain(ANSWER[3..].iter().copied()).collect::<Vec<_>>());
 
     // The noise after an answer still reaches all clients.
-    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { noise: 1.0, ..QUIET });
+    let (mut bench, [x, _], _, client) =
+        line_faults(LineMode::Timed, 1, LineFaults { noise: FaultRule::rate(1.0), ..QUIET });
     bench.send(client, &ASKED);
     bench.run_until(start() + leaves() + CHARACTER * 3);
     bench.power(x, PowerAction::Off);
@@ -301,7 +345,7 @@ fn a_power_failure_cuts_only_the_output_of_its_drive() {
 
 #[test]
 fn noise_comes_behind_frames_and_spoils_none() {
-    let faults = LineFaults { noise: 1.0, ..QUIET };
+    let faults = LineFaults { noise: FaultRule::rate(1.0), ..QUIET };
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, faults);
     let received = exchange(&mut bench, client, &ASKED);
     let seen = frames(&bench);
@@ -359,23 +403,34 @@ fn characters_are_disturbed_by_what_was_written_at_once() {
         let toy = bench.add::<TestDevice>("t");
         let bus = bench.bus(toy, test_device::USB).unwrap();
         let client = bench.connect(bus);
-        bench.set_line_faults(bus, LineFaults { drop: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { drop: FaultRule::rate(1.0), ..QUIET });
         assert_eq!(exchange(&mut bench, client, b"rrr"), [0; 0]);
         assert_eq!(bench.backlog(client), 0);
-        bench.set_line_faults(bus, LineFaults { duplicate: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { duplicate: FaultRule::rate(1.0), ..QUIET });
         // Two requests arrive, and each answer of three characters is sent twice.
         assert_eq!(exchange(&mut bench, client, b"r").len(), 12);
-        bench.set_line_faults(bus, LineFaults { truncate: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { truncate: FaultRule::rate(1.0), ..QUIET });
         bench.send(client, b"10");
         bench.run_until_idle();
         assert_eq!(bench.level(toy, test_device::OUT), Level::High, "the 1 was heard, and the 0 was not");
-        bench.set_line_faults(bus, LineFaults { mute: true, wrong_address: 1.0, exception: 1.0, ..QUIET });
+        bench.set_line_faults(
+            bus,
+            LineFaults {
+                mute: FaultRule::ALL,
+                wrong_address: FaultRule::rate(1.0),
+                exception: FaultRule::rate(1.0),
+                ..QUIET
+            },
+        );
         assert_eq!(exchange(&mut bench, client, b"0r"), [0; 0]);
         assert_eq!(bench.level(toy, test_device::OUT), Level::Low);
-        bench.set_line_faults(bus, LineFaults { wrong_address: 1.0, exception: 1.0, ..QUIET });
+        bench.set_line_faults(
+            bus,
+            LineFaults { wrong_address: FaultRule::rate(1.0), exception: FaultRule::rate(1.0), ..QUIET },
+        );
         assert_eq!(exchange(&mut bench, client, b"r").len(), 3);
         let before = bench.capture().seen();
-        bench.set_line_faults(bus, LineFaults { noise: 1.0, ..QUIET });
+        bench.set_line_faults(bus, LineFaults { noise: FaultRule::rate(1.0), ..QUIET });
         bench.send(client, b"x");
         bench.run_until_idle();
         let noise = bench.capture().since(before).filter(|frame| frame.from == Source::Noise).count();
@@ -390,8 +445,15 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
     let bus = bench.bus(toy, test_device::USB).unwrap();
     let client = bench.connect(bus);
     bench.send(client, b"s");
-    bench
-        .set_line_faults(bus, LineFaults { duplicate: 1.0, noise: 1.0, delay: Duration::millis(7), ..QUIET });
+    bench.set_line_faults(
+        bus,
+        LineFaults {
+            duplicate: FaultRule::rate(1.0),
+            noise: FaultRule::rate(1.0),
+            delay: Duration::millis(7),
+            ..QUIET
+        },
+    );
     // A copy and the noise after it would each take 1.75 ms, but the next output comes after 3 ms, so there
     // is no room.
     bench.run_until(20.secs());
@@ -408,12 +470,13 @@ fn a_stream_that_comes_twice_does_not_pile_up() {
 fn shares_are_what_they_say() {
     // 10,000 frames, with a tolerance of 4 σ = 4·√(n·p·(1 − p)). An exchange has an answer if neither of its
     // two frames is lost.
-    let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, LineFaults { drop: 0.3, ..QUIET });
+    let (mut bench, [x, _], _, client) =
+        line_faults(LineMode::Fast, 1, LineFaults { drop: FaultRule::rate(0.3), ..QUIET });
     let answers = (0..10_000).filter(|_| !exchange(&mut bench, client, &ASKED).is_empty()).count();
     assert!(bench.statistics(x, RS485).requests.abs_diff(7_000) < 184);
     assert!(answers.abs_diff(4_900) < 200, "{answers}");
 
-    let faults = LineFaults { wrong_address: 0.2, exception: 0.1, ..QUIET };
+    let faults = LineFaults { wrong_address: FaultRule::rate(0.2), exception: FaultRule::rate(0.1), ..QUIET };
     let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, faults);
     let answers: Vec<Vec<u8>> = (0..10_000).map(|_| exchange(&mut bench, client, &ASKED)).collect();
     let refused = answers.iter().filter(|answer| answer[1] == 0x83).count();
@@ -422,8 +485,8 @@ fn shares_are_what_they_say() {
     assert_eq!(bench.statistics(x, RS485).refused, refused as u64);
 
     for (name, faults, ours) in [
-        ("corrupt", LineFaults { corrupt: 0.25, ..QUIET }, 0.25),
-        ("truncate", LineFaults { truncate: 0.05, ..QUIET }, 0.05),
+        ("corrupt", LineFaults { corrupt: FaultRule::rate(0.25), ..QUIET }, 0.25),
+        ("truncate", LineFaults { truncate: FaultRule::rate(0.05), ..QUIET }, 0.05),
     ] {
         let (mut bench, [x, _], _, client) = line_faults(LineMode::Fast, 1, faults);
         for _ in 0..10_000 {
@@ -433,7 +496,10 @@ fn shares_are_what_they_say() {
         let sigma = f64::sqrt(10_000.0 * ours * (1.0 - ours));
         assert!((good - 10_000.0 * (1.0 - ours)).abs() < 4.0 * sigma, "{name}: {good}");
     }
-    for faults in [LineFaults { duplicate: 0.15, ..QUIET }, LineFaults { noise: 0.15, ..QUIET }] {
+    for faults in [
+        LineFaults { duplicate: FaultRule::rate(0.15), ..QUIET },
+        LineFaults { noise: FaultRule::rate(0.15), ..QUIET },
+    ] {
         let (mut bench, _, _, client) = line_faults(LineMode::Fast, 1, faults);
         let silent = rtu::write(0, 0x15, 1);
         for _ in 0..10_000 {
@@ -460,7 +526,14 @@ fn answered(seed: u64, faults: LineFaults) -> (Vec<bool>, String) {
 
 #[test]
 fn the_same_seed_is_the_same_chance() {
-    let some = LineFaults { drop: 0.2, corrupt: 0.1, noise: 0.3, duplicate: 0.1, truncate: 0.1, ..QUIET };
+    let some = LineFaults {
+        drop: FaultRule::rate(0.2),
+        corrupt: FaultRule::rate(0.1),
+        noise: FaultRule::rate(0.3),
+        duplicate: FaultRule::rate(0.1),
+        truncate: FaultRule::rate(0.1),
+        ..QUIET
+    };
     let (received, seen) = answered(5, some);
     assert_eq!(answered(5, some), (received.clone(), seen));
     assert_ne!(answered(6, some).0, received);
@@ -482,9 +555,9 @@ proptest! {
 
     #[test]
     fn no_fault_moves_what_another_one_does_to_requests(faults in any_faults()) {
-        let reached = sent(LineFaults { drop: 0.2, ..QUIET });
+        let reached = sent(LineFaults { drop: FaultRule::rate(0.2), ..QUIET });
         prop_assert!((30..90).contains(&reached.iter().filter(|reached| !**reached).count()));
-        prop_assert_eq!(sent(LineFaults { drop: 0.2, ..faults }), reached);
+        prop_assert_eq!(sent(LineFaults { drop: FaultRule::rate(0.2), ..faults }), reached);
     }
 }
 
@@ -492,11 +565,14 @@ proptest! {
 /// choices for the following ones.
 #[test]
 fn as_long_as_as_many_answer_no_fault_moves_what_another_one_does_to_replies() {
-    let (received, _) = answered(5, LineFaults { drop: 0.2, ..QUIET });
-    let more = LineFaults { wrong_address: 0.5, exception: 0.3, ..QUIET };
-    for other in [more, LineFaults { noise: 1.0, ..more }, LineFaults { delay: Duration::millis(1), ..more }]
-    {
-        assert_eq!(answered(5, LineFaults { drop: 0.2, ..other }).0, received);
+    let (received, _) = answered(5, LineFaults { drop: FaultRule::rate(0.2), ..QUIET });
+    let more = LineFaults { wrong_address: FaultRule::rate(0.5), exception: FaultRule::rate(0.3), ..QUIET };
+    for other in [
+        more,
+        LineFaults { noise: FaultRule::rate(1.0), ..more },
+        LineFaults { delay: Duration::millis(1), ..more },
+    ] {
+        assert_eq!(answered(5, LineFaults { drop: FaultRule::rate(0.2), ..other }).0, received);
     }
 }
 
@@ -508,7 +584,7 @@ fn chances_go_by_the_number_of_a_frame() {
         let mut lost = Vec::new();
         for n in 0..300 {
             if n == from {
-                bench.set_line_faults(bus, LineFaults { drop: 0.2, ..QUIET });
+                bench.set_line_faults(bus, LineFaults { drop: FaultRule::rate(0.2), ..QUIET });
             }
             let before = bench.statistics(x, RS485).requests;
             exchange(&mut bench, client, &rtu::write(0, 0x15, 1));
@@ -526,8 +602,11 @@ fn chances_go_by_the_number_of_a_frame() {
 
 #[test]
 fn a_retry_loop_gets_every_answer_at_last() {
-    let (mut bench, _, _, client) =
-        line_faults(LineMode::Timed, 1, LineFaults { drop: 0.3, corrupt: 0.1, ..QUIET });
+    let (mut bench, _, _, client) = line_faults(
+        LineMode::Timed,
+        1,
+        LineFaults { drop: FaultRule::rate(0.3), corrupt: FaultRule::rate(0.1), ..QUIET },
+    );
     let mut tries = 0;
     for value in 0..200_u16 {
         let write = rtu::write(1, 0x15, value);
@@ -545,12 +624,12 @@ fn a_retry_loop_gets_every_answer_at_last() {
 #[test]
 fn a_disturbed_trace_replays_without_its_faults() {
     let faults = LineFaults {
-        drop: 0.1,
-        corrupt: 0.1,
-        duplicate: 0.2,
-        truncate: 0.1,
-        exception: 0.2,
-        noise: 0.3,
+        drop: FaultRule::rate(0.1),
+        corrupt: FaultRule::rate(0.1),
+        duplicate: FaultRule::rate(0.2),
+        truncate: FaultRule::rate(0.1),
+        exception: FaultRule::rate(0.2),
+        noise: FaultRule::rate(0.3),
         ..QUIET
     };
     for line in [LineMode::Timed, LineMode::Fast] {
@@ -688,4 +767,123 @@ fn a_turn_on_a_colliding_line_lasts_as_long_as_the_longest_in_it() {
     let spoiled: Vec<usize> = (0..37).filter(|&index| received[index] != clean[index]).collect();
     assert_eq!(spoiled, [1, 2, 3, 4, 5, 6, 7, 8]);
     assert_eq!((bench.statistics(x, RS485).requests, bench.statistics(y, RS485).requests), (2, 0));
+}
+
+/// Write 7 to the low word of Speed, 0x15 of an MD3 (7.17).
+fn write(unit: u8) -> Vec<u8> {
+    rtu::write(unit, 0x15, 7).to_vec()
+}
+
+#[test]
+fn a_count_disturbs_the_next_frames_and_then_none() {
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, _, bus, client) =
+            line_faults(line, 1, LineFaults { drop: FaultRule::next(2), ..QUIET });
+        // Without a direction a request is a frame, and a reply is one.
+        for (left, answer) in [(1, &[][..]), (0, &[]), (0, &ANSWER), (0, &ANSWER)] {
+            assert_eq!(exchange(&mut bench, client, &ASKED), answer);
+            assert_eq!(bench.line_faults(bus).drop, FaultRule::next(left));
+        }
+        let lost = FaultRule::next(1).direction(Direction::Reply);
+        bench.set_line_faults(bus, LineFaults { drop: lost, ..QUIET });
+        assert_eq!(exchange(&mut bench, client, &write(1)), [0; 0]);
+        assert_eq!(exchange(&mut bench, client, &write(1)), write(1));
+    }
+}
+
+#[test]
+fn a_rule_disturbs_the_frames_that_it_names() {
+    let lost = |rule: FaultRule| LineFaults { mute: rule, ..QUIET };
+    let (mut bench, [x, y], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+    let asks = |bench: &mut Bench, faults| {
+        bench.set_line_faults(bus, faults);
+        // Reads of register 0 and writes of Speed, of both drives.
+        let frames = [ASKED.to_vec(), write(1), rtu::read(2, 0, 1).to_vec(), write(2)];
+        frames.map(|frame| !exchange(bench, client, &frame).is_empty())
+    };
+    let all = FaultRule::ALL;
+    for (rule, expected) in [
+        (all, [false; 4]),
+        (all.drive(x), [false, false, true, true]),
+        (all.drive(y), [true, true, false, false]),
+        (all.function(6), [true, false, true, false]),
+        (all.register("Speed"), [true, false, true, false]),
+        (all.register("Speed").function(3), [true; 4]),
+        (all.register("Speed").drive(y), [true, true, true, false]),
+        (FaultRule::next(1).register("Speed"), [true, false, true, true]),
+        (FaultRule::next(0), [true; 4]),
+    ] {
+        assert_eq!(asks(&mut bench, lost(rule)), expected, "{rule:?}");
+        let in_drop = LineFaults { drop: rule, ..QUIET };
+        let requests = LineFaults { drop: rule.direction(Direction::Request), ..QUIET };
+        assert_eq!(asks(&mut bench, in_drop), expected, "{rule:?}");
+        assert_eq!(asks(&mut bench, requests), expected, "{rule:?}");
+    }
+}
+
+#[test]
+fn an_exception_of_a_rule_is_for_the_writes_of_a_register() {
+    let exception = FaultRule::next(1).register("Speed");
+    let faults = LineFaults { exception, exception_code: 2, ..QUIET };
+    let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, faults);
+    assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+    // No drive answers a broadcast, so it has no exception and does not count.
+    assert_eq!(exchange(&mut bench, client, &write(0)), [0; 0]);
+    assert_eq!(bench.line_faults(bus).exception, exception);
+    assert_eq!(rtu::verify_crc(&exchange(&mut bench, client, &write(1))), Some(&[1, 0x86, 2][..]));
+    assert_eq!(exchange(&mut bench, client, &write(1)), write(1));
+}
+
+#[test]
+fn delays_spread_between_the_least_and_the_greatest() {
+    let (delay, delay_spread) = (Duration::millis(5), Duration::millis(20));
+    let (mut bench, _, _, client) =
+        line_faults(LineMode::Timed, 1, LineFaults { delay, delay_spread, ..QUIET });
+    let mut delays = Vec::new();
+    for _ in 0..200 {
+        let start = bench.now();
+        assert_eq!(exchange(&mut bench, client, &ASKED), ANSWER);
+        delays.push(bench.now().since(start));
+        bench.run_until(bench.now() + 10.millis());
+    }
+    let (least, most) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
+    let usual = leaves() + SEVEN;
+    assert!(*least >= usual + delay && *least < usual + delay + 1.millis(), "{least:?}");
+    let longest = usual + delay + delay_spread;
+    assert!(*most <= longest && *most > longest - 1.millis(), "{most:?}");
+}
+
+#[test]
+fn a_delay_of_a_rule_is_for_its_replies() {
+    let delayed = FaultRule::next(1).function(6);
+    let delay = Duration::millis(50);
+    let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, delayed, ..QUIET });
+    let mut takes = |frame: &[u8]| {
+        let start = bench.now();
+        assert!(!exchange(&mut bench, client, frame).is_empty());
+        let takes = bench.now().since(start);
+        bench.run_until(bench.now() + 10.millis());
+        takes
+    };
+    assert!(takes(&ASKED) < delay && takes(&write(1)) > delay && takes(&write(1)) < delay);
+}
+
+proptest! {
+    /// A rule that covers no frame is as no rule, and the others have the same effect with it (BENCH-10).
+    #[test]
+    fn rules_without_frames_change_nothing(seed: u64, faults in any_faults(), writes in 1..20_usize) {
+        let run = |other: FaultRule| {
+            let mut faults = faults;
+            faults.duplicate = other;
+            let (mut bench, _, _, client) = line_faults(LineMode::Timed, seed, faults);
+            let received: Vec<Vec<u8>> = (0..writes)
+                .map(|n| exchange(&mut bench, client, if n % 2 == 0 { &ASKED } else { &[1, 3, 0, 0, 0, 2, 0xC4, 0x0B] }))
+                .collect();
+            (bench.trace().to_text(), received)
+        };
+        let none = run(FaultRule::NONE);
+        prop_assert_eq!(&none, &run(FaultRule::next(0)));
+        prop_assert_eq!(&none, &run(FaultRule::next(5).function(16)));
+        prop_assert_eq!(&none, &run(FaultRule::ALL.register("Speed")));
+    }
 }

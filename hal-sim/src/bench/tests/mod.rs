@@ -10,6 +10,7 @@ mod names;
 mod received;
 mod recordings;
 mod tcp;
+mod tcp_faults;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -1286,7 +1287,7 @@ enum Act {
     Power(usize, PowerAction),
     Fault(usize, bool),
     Poke(usize, i64),
-    Disturb(usize, LineFaults),
+    Disturb(usize, Box<LineFaults>),
     Collide(usize, bool),
 }
 
@@ -1365,7 +1366,7 @@ fn perform(acts: &[(u64, Act)], order: &[usize], chunks: &[u64], (line, twins): 
             Act::Power(n, action) => bench.power(slots[*n], *action),
             Act::Fault(n, on) => bench.fault(slots[*n], Fault(0), *on),
             Act::Poke(n, value) => drop(bench.poke(slots[*n], 0, *value)),
-            Act::Disturb(n, faults) => bench.set_line_faults(buses[n % buses.len()], *faults),
+            Act::Disturb(n, faults) => bench.set_line_faults(buses[n % buses.len()], **faults),
             Act::Collide(n, collide) => bench.set_collisions(buses[n % buses.len()], *collide),
         }
         for client in &clients {
@@ -1416,7 +1417,8 @@ fn act() -> impl Strategy<Value = Act> {
         2 => (drive.clone(), power).prop_map(|(n, power)| Act::Power(n, power)),
         1 => (drive.clone(), any::<bool>()).prop_map(|(n, on)| Act::Fault(n, on)),
         2 => (drive, 0_i64..300).prop_map(|(n, value)| Act::Poke(n, value)),
-        3 => (0..8_usize, faults::any_faults()).prop_map(|(n, faults)| Act::Disturb(n, faults)),
+        3 => (0..8_usize, faults::any_faults())
+            .prop_map(|(n, faults)| Act::Disturb(n, Box::new(faults::of_all_drives(faults)))),
         1 => (0..8_usize, any::<bool>()).prop_map(|(n, collide)| Act::Collide(n, collide)),
     ]
 }

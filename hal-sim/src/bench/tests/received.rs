@@ -428,3 +428,83 @@ fn a_bench_without_journals_keeps_nothing() {
     assert_eq!(bench.ask(x, &read).len(), 7);
     assert_eq!((bench.received(x).messages().count(), bench.received_count()), (0, 0));
 }
+
+/// Lines of a drive on a shared line and on its own, in the same words.
+#[test]
+fn faults_of_a_line_are_in_the_journal() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let quiet = LineFaults::NONE;
+    let reply = FaultRule::next(1).direction(Direction::Reply);
+    let request = FaultRule::next(1).direction(Direction::Request);
+    let speed = rtu::write(2, 0x15, 9_000);
+    for (faults, expected) in [
+        (
+            LineFaults { drop: request, ..quiet },
+            "write SpeedLow = 9000 -> lost; by a fault, the request was dropped",
+        ),
+        (
+            LineFaults { drop: reply, ..quiet },
+            "write SpeedLow = 9000 -> done; by a fault, the reply was dropped",
+        ),
+        (
+            LineFaults { mute: FaultRule::ALL, ..quiet },
+            "write SpeedLow = 9000 -> done; by a fault, the reply was not delivered",
+        ),
+        (
+            LineFaults { corrupt: reply, truncate: reply, delay: Duration::millis(2), ..quiet },
+            "write SpeedLow = 9000 -> done; by a fault, the reply was truncated and was corrupted and was delayed",
+        ),
+        (
+            LineFaults { wrong_address: FaultRule::next(1), ..quiet },
+            "write SpeedLow = 9000 -> done; by a fault, the reply had a wrong address",
+        ),
+        (
+            LineFaults { exception: FaultRule::next(1), exception_code: 6, ..quiet },
+            "write SpeedLow = 9000 -> refused: by a fault (06)",
+        ),
+    ] {
+        for shared in [false, true] {
+            let mut bench = Bench::new();
+            let row = Md3::default().spec().find("DeviceAddress").unwrap().row;
+            let x = bench.add_with(
+                "x",
+                Box::new(Md3::default()),
+                Setup { presets: vec![(row, 2)], ..Setup::default() },
+            );
+            let (x, y) = (x.unwrap(), bench.add::<Md3>("y"));
+            let mut bus = bench.bus(x, Port(0)).unwrap();
+            if shared {
+                bus = bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
+            }
+            ready(&mut bench);
+            bench.set_line_faults(bus, faults);
+            bench.ask(x, &speed);
+            assert_eq!(words(&bench, x), [format!("rs485 <- {expected}")], "{shared}");
+            assert_eq!(words(&bench, y), [""; 0], "{shared}");
+            ready(&mut bench);
+            bench.set_line_faults(bus, quiet);
+            bench.ask(x, &speed);
+            assert_eq!(words(&bench, x)[1..], ["rs485 <- write SpeedLow = 9000 -> done"]);
+        }
+    }
+}
+
+/// A lost request for no drive of a shared line, and noise, are in the journal of the line.
+#[test]
+fn lost_broadcasts_and_noise_are_in_the_journal_of_the_line() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let mut bench = Bench::new();
+    let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
+    let bus = bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
+    ready(&mut bench);
+    let request = FaultRule::next(1).direction(Direction::Request);
+    bench.set_line_faults(bus, LineFaults { drop: request, ..LineFaults::NONE });
+    bench.ask(x, &rtu::write(0, 0x15, 9_000));
+    let lost = "rs485 <- to all: write SpeedLow = 9000 -> lost; by a fault, the request was dropped";
+    assert_eq!((words(&bench, x), words(&bench, y)), (vec![lost.to_owned()], vec![lost.to_owned()]));
+    bench.set_line_faults(bus, LineFaults { noise: request, ..LineFaults::NONE });
+    bench.ask(x, &rtu::write(7, 0x15, 9_000));
+    let words = words(&bench, x);
+    assert!(words[1].ends_with("; by a fault, the request had noise beside it"), "{words:#?}");
+    assert!(words[2].ends_with("; by a fault, the request was noise"), "{words:#?}");
+}

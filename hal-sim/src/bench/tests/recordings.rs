@@ -61,7 +61,7 @@ fn answers_that_are_under_way_at_the_end_move_no_other_drive() {
 fn what_comes_at_one_instant_comes_in_its_order() {
     let (mut bench, qsb, bus) = bench(LineMode::Fast);
     bench.run_until(1.secs());
-    let noise = LineFaults { noise: 1.0, ..LineFaults::default() };
+    let noise = LineFaults { noise: crate::line::faults::FaultRule::rate(1.0), ..LineFaults::default() };
     bench.set_line_faults(bus, noise);
     let client = bench.connect(bus);
     for _ in 0..20 {

@@ -8,19 +8,19 @@ use crate::record::capture::{Frame, Medium, Source};
 use crate::testing::echo_device::{MCODE, MODBUS};
 
 /// A request for the maximum velocity of an MDrive (FB 4.2.4), with that transaction number.
-fn adu(transaction: u8) -> [u8; 12] {
+pub(super) fn adu(transaction: u8) -> [u8; 12] {
     [0, transaction, 0, 0, 0, 6, 1, 3, 0x00, 0x8B, 0x00, 0x02]
 }
 
 /// A bench at 1 ms with an echo device.
-fn echo() -> (Bench, DriveId) {
+pub(super) fn echo() -> (Bench, DriveId) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
     let drive = bench.add::<EchoDevice>("echo");
     bench.run_until(start());
     (bench, drive)
 }
 
-fn connected(bench: &mut Bench, drive: DriveId, port: Port) -> Client {
+pub(super) fn connected(bench: &mut Bench, drive: DriveId, port: Port) -> Client {
     let client = bench.connect_to(drive, port).unwrap();
     bench.run_until_idle();
     if port == MCODE {
@@ -30,20 +30,20 @@ fn connected(bench: &mut Bench, drive: DriveId, port: Port) -> Client {
 }
 
 /// Sends bytes, runs until the bench is idle, and returns the bytes that the client received.
-fn exchange(bench: &mut Bench, client: Client, bytes: &[u8]) -> Vec<u8> {
+pub(super) fn exchange(bench: &mut Bench, client: Client, bytes: &[u8]) -> Vec<u8> {
     bench.send(client, bytes);
     bench.run_until_idle();
     received_by(bench, client)
 }
 
 /// The inputs of all drives, without timestamps.
-fn input(bench: &Bench) -> Vec<String> {
+pub(super) fn input(bench: &Bench) -> Vec<String> {
     let trace = bench.trace();
     let input = trace.events().filter(|entry| matches!(entry.event, trace::Event::Input(_)));
     input.map(|entry| trace.words(entry)).collect()
 }
 
-fn replays(bench: &Bench) {
+pub(super) fn replays(bench: &Bench) {
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None), "{}", bench.trace().to_text());
 }
@@ -315,7 +315,7 @@ fn a_connection_to_a_serial_port_is_one_to_its_line() {
 }
 
 #[test]
-fn tcp_ports_have_names_and_are_no_lines() {
+fn tcp_ports_have_names() {
     let (mut bench, drive) = echo();
     assert_eq!((bench.bus(drive, MODBUS), bench.buses()), (None, vec![]));
     let names = |bench: &Bench| -> Vec<String> {
@@ -324,8 +324,12 @@ fn tcp_ports_have_names_and_are_no_lines() {
     assert_eq!(names(&bench), ["modbus", "mcode"]);
     bench.add::<EchoDevice>("a");
     assert_eq!(names(&bench), ["a.modbus", "a.mcode", "echo.modbus", "echo.mcode"]);
-    let known = ["mcode", "a.mcode", "b.mcode", "usb"].map(|name| bench.has_tcp_port(name));
-    assert_eq!(known, [true, true, false, false]);
+    let found = |bench: &Bench, name: &str| bench.find_outlet(name);
+    assert_eq!(found(&bench, "mcode"), None, "two ports have this name");
+    assert_eq!(found(&bench, "echo.mcode"), Some(Outlet::Tcp(drive, MCODE)));
+    assert_eq!((found(&bench, "b.mcode"), found(&bench, "usb")), (None, None));
+    let (bench, drive) = echo();
+    assert_eq!(found(&bench, "mcode"), Some(Outlet::Tcp(drive, MCODE)));
 }
 
 #[test]

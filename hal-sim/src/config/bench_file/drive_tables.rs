@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use drivetwin_firmware::device::{Fault, Framing, Pin, Port, PortSpec, Spec};
+use drivetwin_firmware::device::{Framing, Pin, Port, PortSpec, Spec};
 
 use super::Reader;
+use super::scenario_tables::find_fault;
 use super::table::{Located, LocatedError, Table};
 use crate::catalog;
 use crate::config::layout::{self, At, BusLayout, DriveLayout};
@@ -19,12 +20,12 @@ pub(super) const DRIVE: [&str; 9] =
 /// The keys of `[[bus]]`.
 pub(super) const BUS: [&str; 5] = ["name", "listen", "drives", "collisions", "strict"];
 
-/// A line of the bench.
+/// A line or TCP port of the bench.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Line {
     /// A shared line: index in the layout.
     Shared(usize),
-    /// The own line of a port: index of the drive, and port.
+    /// The own line of a serial port, or a TCP port: index of the drive, and port.
     Own(usize, Port),
 }
 
@@ -67,15 +68,7 @@ impl Reader {
             drive.listen.push(address);
         }
         for fault in table.texts("faults")?.map_or(Vec::new(), |faults| faults.is) {
-            let known = spec.faults.iter().position(|known| *known == fault.is);
-            let index = known.ok_or_else(|| {
-                fault.wrong(suggest::unknown(
-                    &format!("fault of {}", spec.kind),
-                    fault.is,
-                    spec.faults.iter().copied(),
-                ))
-            })?;
-            drive.faults.push(Fault(index as u8));
+            drive.faults.push(find_fault(spec, fault.is).map_err(LocatedError::at(fault.at))?);
         }
         let presets = presets(table, spec)?;
         drive.presets = presets.iter().map(|preset| preset.is).collect();
@@ -198,7 +191,7 @@ impl Reader {
         }
     }
 
-    /// The line with a name like `line1`, `rs485` or `x.rs485`.
+    /// The line or TCP port with a name like `line1`, `rs485` or `x.modbus`.
     pub(super) fn line_named(&self, text: &str) -> Result<Line, String> {
         if let Some(bus) = self.layout.buses.iter().position(|bus| bus.name == text) {
             return Ok(Line::Shared(bus));
@@ -216,13 +209,11 @@ impl Reader {
             if let Some(bus) = self.bus_of(drive, port) {
                 return Err(format!("{text} is on the bus '{}'", bus.name));
             }
-            let own = Line::Own(drive, port);
-            return if lines.contains(&own) { Ok(own) } else { Err(layout::no_line(text)) };
+            return Ok(Line::Own(drive, port));
         }
         let alike: Vec<Line> = lines.iter().copied().filter(|&line| self.port_name(line) == text).collect();
         match alike[..] {
             [line] => Ok(line),
-            [] if self.specs.iter().any(|spec| is_tcp_port(spec, text)) => Err(layout::no_line(text)),
             [] => {
                 let names: Vec<String> = (0..self.layout.buses.len())
                     .map(Line::Shared)
@@ -232,17 +223,17 @@ impl Reader {
                 Err(suggest::unknown("bus", text, names.iter().map(String::as_str)))
             }
             [first, ..] => {
-                Err(format!("several drives have a line '{text}'; '{}' is one", self.name_of(first)))
+                Err(format!("several drives have a port '{text}'; '{}' is one", self.name_of(first)))
             }
         }
     }
 
-    /// The lines of all serial ports that are on no bus.
+    /// The lines of all serial ports that are on no bus, and all TCP ports.
     fn own_lines(&self) -> Vec<Line> {
         let drives = 0..self.layout.drives.len();
         let ports = drives.flat_map(|drive| {
             let ports = (0..).map(Port).zip(self.spec(drive).ports);
-            ports.filter(|(_, of)| !of.is_tcp()).map(move |(port, _)| (drive, port))
+            ports.map(move |(port, _)| (drive, port))
         });
         ports
             .filter(|&(drive, port)| self.bus_of(drive, port).is_none())
@@ -285,11 +276,6 @@ impl Reader {
         };
         Ok((drive, pin.ok_or_else(unknown)?))
     }
-}
-
-/// Returns true if a TCP port of a drive has that name.
-fn is_tcp_port(spec: &Spec, name: &str) -> bool {
-    spec.ports.iter().any(|port| port.is_tcp() && port.name == name)
 }
 
 fn unknown_port(spec: &Spec, name: &str) -> String {

@@ -4,7 +4,9 @@
 
 mod drive_tables;
 mod expand;
+mod fault_tables;
 mod plant_tables;
+mod scenario_tables;
 mod table;
 
 use std::collections::BTreeMap;
@@ -13,14 +15,15 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
-use crate::config::layout::{FaultLayout, Layout};
+use crate::config::layout::Layout;
 use crate::config::listen::Uri;
 use crate::line::LineMode;
-use crate::line::faults::{BAUDS, LONGEST_DELAY, LineFaults};
 use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
-use drivetwin_firmware::device::{Duration, Spec};
+use drivetwin_firmware::device::Spec;
+use fault_tables::fault_keys;
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
+use scenario_tables::SCENARIO;
 use table::{Located, LocatedError, Table};
 
 /// First error in the text of a bench file, with its position.
@@ -98,17 +101,8 @@ pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Resu
 }
 
 /// The keys of a bench file.
-const KEYS: [&str; 10] =
-    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault"];
-/// The keys of `[[fault]]`.
-fn fault_keys() -> Vec<&'static str> {
-    let mut faults = LineFaults::NONE;
-    let shares = faults.shares().map(|(name, _)| name);
-    [&["bus"], &shares[..], &["exception_code", "delay_ms", "mute", "baud"]].concat()
-}
-
-/// Number of ticks in 1 ms.
-const MILLI: f64 = Duration::millis(1).ticks() as f64;
+const KEYS: [&str; 11] =
+    ["seed", "time", "line", "drive", "bus", "motor", "encoder", "switch", "wire", "fault", "scenario"];
 
 /// Tables that have been read so far, and the names in use.
 #[derive(Default)]
@@ -158,6 +152,9 @@ impl Reader {
         for table in root.each("fault", "[[fault]]", &fault_keys())? {
             self.fault(&table)?;
         }
+        for table in root.each("scenario", "[[scenario]]", &SCENARIO)? {
+            self.scenario(&table)?;
+        }
         Ok(self.layout)
     }
 
@@ -173,33 +170,6 @@ impl Reader {
             return Err(name.wrong(format!("there is a {other} '{}' already", name.is)));
         }
         Ok(name.is.to_owned())
-    }
-
-    fn fault(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
-        let bus = table.needed_text("bus")?;
-        let line = self.line_named(bus.is).map_err(LocatedError::at(bus.at))?;
-        let name = self.name_of(line);
-        if self.layout.faults.iter().any(|other| other.bus == name) {
-            return Err(bus.wrong(format!("'{name}' has a [[fault]] already")));
-        }
-        let mut faults = LineFaults::NONE;
-        for (name, share) in faults.shares() {
-            *share = table.number(name, 0.0, 1.0)?.map_or(0.0, |share| share.is);
-        }
-        if let Some(code) = table.whole("exception_code", 1, u8::MAX)? {
-            faults.exception_code = code.is;
-        }
-        let delay = table.number("delay_ms", 0.0, LONGEST_DELAY.ticks() as f64 / MILLI)?;
-        faults.delay =
-            delay.map_or(Duration::ZERO, |delay| Duration::from_ticks((delay.is * MILLI).round() as u64));
-        faults.mute = table.flag("mute")?.is_some_and(|mute| mute.is);
-        faults.baud = table.whole("baud", *BAUDS.start(), *BAUDS.end())?.map(|baud| baud.is);
-        if let Some(port) = self.port_of(line) {
-            let at = table.any_of(&["wrong_address", "exception"]).map_or(table.at, |key| key.at);
-            faults.check_for(port).map_err(LocatedError::at(at))?;
-        }
-        self.layout.faults.push(FaultLayout { bus: name, faults });
-        Ok(())
     }
 }
 
@@ -221,6 +191,7 @@ fn line_mode(text: &str) -> Result<LineMode, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::scenario_tables::{STEP, WHEN};
     use super::*;
 
     /// The reference has a heading for every table, and a row for every key of the table.
@@ -231,7 +202,7 @@ mod tests {
             let (_, rest) = reference.split_once(heading).unwrap_or_else(|| panic!("no {heading}"));
             rest.split("\n## ").next().unwrap_or_default()
         };
-        let tables: [(&str, &[&str]); 8] = [
+        let tables: [(&str, &[&str]); 9] = [
             ("\n## The bench\n", &KEYS[..3]),
             ("\n## `[[drive]]`\n", &DRIVE),
             ("\n## `[[bus]]`\n", &BUS),
@@ -240,6 +211,7 @@ mod tests {
             ("\n## `[[switch]]`\n", &SWITCH),
             ("\n## `[[wire]]`\n", &WIRE),
             ("\n## `[[fault]]`\n", &fault_keys()),
+            ("\n## `[[scenario]]`\n", &[&SCENARIO[..], &STEP, &WHEN[..]].concat()),
         ];
         assert_eq!(3 + tables.len() - 1, KEYS.len());
         for (heading, keys) in tables {
@@ -248,6 +220,10 @@ mod tests {
                 let is_row = |row: &str| row.replace('*', "").starts_with(&format!("| `{key}` |"));
                 assert!(section.lines().any(is_row), "{heading}: {key}");
             }
+        }
+        let fault = section("\n## `[[fault]]`\n");
+        for key in fault_tables::RULE.iter().chain(&["code", "before", "ms", "spread_ms"]) {
+            assert!(fault.lines().any(|row| row.starts_with(&format!("| `{key}` |"))), "{key}");
         }
     }
 }

@@ -198,7 +198,7 @@ impl Reader {
     }
 
     /// The pin with that name, which must be one that the drive reads.
-    fn input(&self, text: &Located<&str>) -> Result<At, LocatedError> {
+    pub(super) fn input(&self, text: &Located<&str>) -> Result<At, LocatedError> {
         let at = self.pin(text.is).map_err(LocatedError::at(text.at))?;
         match self.role(at) {
             Role::Input | Role::Both | Role::Analogue | Role::AnalogueOrDigital => Ok(at),

@@ -83,6 +83,25 @@ impl<'a> Table<'a> {
         tables.collect()
     }
 
+    /// The tables of a list, `[{ … }, { … }]`, each called `what` in error messages.
+    pub(super) fn tables(
+        &self,
+        key: &str,
+        what: &'static str,
+        known: &[&str],
+    ) -> Result<Option<Vec<Table<'a>>>, LocatedError> {
+        let wants = || "a list of tables, like [{ … }]".to_owned();
+        let Some(list) = self.get(key, wants, DeValue::as_array)? else { return Ok(None) };
+        let tables = list.is.iter().map(|value| match value.get_ref() {
+            DeValue::Table(keys) => Self::new(what, value.span().start, keys, self.filled, known),
+            other => {
+                let not = format!("{key} takes {}, and {} is not one", wants(), shown(other));
+                Err(LocatedError { at: value.span().start, what: not })
+            }
+        });
+        tables.collect::<Result<_, _>>().map(Some)
+    }
+
     /// All keys, in the order of the text.
     pub(super) fn keys(&self) -> Vec<Located<&'a str>> {
         let keys = self.keys.keys().map(|key| Located { is: key.get_ref().as_ref(), at: key.span().start });
@@ -94,6 +113,16 @@ impl<'a> Table<'a> {
     /// The first key in the text that is one of `keys`.
     pub(super) fn any_of(&self, keys: &[&str]) -> Option<Located<&'a str>> {
         self.keys().into_iter().find(|key| keys.contains(&key.is))
+    }
+
+    /// Returns true if the value of a key is a table.
+    pub(super) fn is_table(&self, key: &str) -> bool {
+        self.keys.get(key).is_some_and(|value| value.get_ref().as_table().is_some())
+    }
+
+    /// Returns true if the value of a key is `true` or `false`.
+    pub(super) fn is_flag(&self, key: &str) -> bool {
+        self.keys.get(key).is_some_and(|value| value.get_ref().as_bool().is_some())
     }
 
     /// Returns `value`; without a value, an error that the table needs the key.

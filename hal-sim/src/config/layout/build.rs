@@ -62,10 +62,18 @@ impl Layout {
         for bus in bench.buses().into_iter().filter(|_| self.strict) {
             bench.set_strict(bus, true);
         }
+        let on_bench = |DriveId(index)| ids.get(index as usize).copied().unwrap_or(DriveId(index));
         for entry in &self.faults {
-            let bus = bench.find_bus(&entry.bus);
-            let bus = bus.ok_or_else(|| format!("there is no bus '{}'", entry.bus))?;
-            bench.set_line_faults(bus, entry.faults);
+            let outlet = bench.find_outlet(&entry.bus);
+            let outlet = outlet.ok_or_else(|| format!("there is no bus '{}'", entry.bus))?;
+            let mut faults = entry.faults;
+            faults.map_drives(on_bench);
+            bench.set_faults(outlet, faults);
+        }
+        for scenario in &self.scenarios {
+            let mut scenario = scenario.clone();
+            scenario.map_drives(on_bench);
+            bench.play(scenario)?;
         }
         Ok(Built { bench, drives: ids, buses, motors })
     }

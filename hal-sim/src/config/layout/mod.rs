@@ -11,6 +11,7 @@ use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
 use drivetwin_firmware::motor;
 
 pub use self::build::Built;
+use crate::bench::scenario::Scenario;
 use crate::bench::{Closed, Settings};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::Preset;
@@ -63,6 +64,8 @@ pub struct Layout {
     pub wires: Vec<WireLayout>,
     /// Faults that lines have from the start.
     pub faults: Vec<FaultLayout>,
+    /// Scenarios that are played from the start. A drive in a scenario is an index in [`drives`](Self::drives).
+    pub scenarios: Vec<Scenario>,
 }
 
 impl Layout {
@@ -204,12 +207,13 @@ pub struct WireLayout {
     pub to: At,
 }
 
-/// Faults of a line from the start: table `[[fault]]` of a bench file.
+/// Faults of a line or TCP port from the start: table `[[fault]]` of a bench file.
 #[derive(Clone, Debug)]
 pub struct FaultLayout {
-    /// Name of the line, as [`Bench::find_bus`](crate::bench::Bench::find_bus) finds it.
+    /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
     pub bus: String,
-    /// Faults of the line, checked by [`LineFaults::check_for`].
+    /// Its faults, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
+    /// [`Layout::drives`].
     pub faults: LineFaults,
 }
 

@@ -1,0 +1,355 @@
+//! Faults of TCP ports, in the stream between a client and its drive (BENCH-19): a drive receives the disturbed
+//! requests, a client the disturbed replies.
+
+use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
+use drivetwin_protocol::line::Parity;
+use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
+use drivetwin_protocol::modbus::tcp::{self, Header, Splitter};
+
+use super::events::EventKind;
+use super::tcp_clients::{Connection, split_off};
+use super::{Bench, DriveId, Ended, Outlet};
+use crate::line::fault_rules::Content;
+use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
+use crate::record::capture::Source;
+use crate::record::effects::FrameEffects;
+use crate::scheduler::Phase;
+
+/// A stream has bytes of 8 bits and no parity.
+const STREAM: Line = Line::new(9_600, 8, Parity::None, 1);
+
+/// State of the faults on one connection.
+pub(super) struct DisturbedStream {
+    /// Bytes of requests behind the faults that are not scheduled for delivery to the drive yet.
+    pub(super) passed: Vec<u8>,
+    /// Splitter of `passed`, on a Modbus/TCP port.
+    splitter: Option<Splitter>,
+    /// True if a fault has changed the length of a request, so that `splitter` may have a part of one.
+    altered: bool,
+    /// Content of the last request, if a fault needs it.
+    asked: Option<Content>,
+    /// Effects of faults on requests that the drive has not received yet.
+    pub(super) on_requests: FrameEffects,
+    /// Number of delayed parts of the stream to the client, and of their bytes.
+    pub(super) late: usize,
+    pub(super) late_bytes: usize,
+    /// Time of the last of them.
+    late_until: Instant,
+}
+
+impl DisturbedStream {
+    pub(super) fn new(framed: bool) -> Self {
+        Self {
+            passed: Vec::new(),
+            splitter: framed.then(Splitter::new),
+            altered: false,
+            asked: None,
+            on_requests: FrameEffects::NONE,
+            late: 0,
+            late_bytes: 0,
+            late_until: Instant::ZERO,
+        }
+    }
+}
+
+/// A part of the stream to a client.
+#[derive(Debug)]
+pub(crate) enum StreamPart {
+    /// Bytes of the drive.
+    Bytes(Vec<u8>),
+    /// Bytes that no drive has sent.
+    Noise(Vec<u8>),
+    /// The end of the connection.
+    End(Ended),
+}
+
+impl StreamPart {
+    fn len(&self) -> usize {
+        match self {
+            Self::Bytes(bytes) | Self::Noise(bytes) => bytes.len(),
+            Self::End(_) => 0,
+        }
+    }
+}
+
+/// Faults of lines and TCP ports.
+impl Bench {
+    /// Sets the faults of a line or TCP port from its next frame on, as
+    /// [`set_line_faults`](Self::set_line_faults) does.
+    ///
+    /// # Panics
+    /// If there is no such line or port.
+    pub fn set_faults(&mut self, outlet: Outlet, faults: LineFaults) {
+        match outlet {
+            Outlet::Line(bus) => self.set_line_faults(bus, faults),
+            Outlet::Tcp(drive, port) => {
+                self.port_disturbance(drive, port).set(faults);
+                let all = self.connections.all.values_mut();
+                for connection in
+                    all.filter(|connection| (connection.drive, connection.port) == (drive, port))
+                {
+                    connection.disturbed.asked = None;
+                }
+            }
+        }
+    }
+
+    /// Checks that a line or TCP port can have these faults: all values are valid there, and the drives and
+    /// registers of the rules exist.
+    ///
+    /// # Errors
+    /// One sentence that names the fault and the reason.
+    ///
+    /// # Panics
+    /// If there is no such line or port.
+    pub fn check_faults(&self, outlet: Outlet, faults: &LineFaults) -> Result<(), String> {
+        match self.port_at(outlet) {
+            Some(port) => faults.check_for(port)?,
+            None => faults.check()?,
+        }
+        let party = |id| Party { id, name: self.name(id), spec: self.spec(id) };
+        let drives: Vec<Party<'_>> = self.drives_at(outlet).into_iter().map(party).collect();
+        faults.check_names(&drives)
+    }
+
+    /// Present faults of a line or TCP port; [`LineFaults::NONE`] by default.
+    ///
+    /// # Panics
+    /// If there is no such line.
+    #[must_use]
+    pub fn faults(&self, outlet: Outlet) -> LineFaults {
+        match outlet {
+            Outlet::Line(bus) => self.line_faults(bus),
+            Outlet::Tcp(drive, port) => {
+                let disturbance = self.connections.disturbances.get(&(drive, port));
+                disturbance.map_or(LineFaults::NONE, |disturbance| *disturbance.faults())
+            }
+        }
+    }
+
+    /// The faults of a TCP port.
+    fn port_disturbance(&mut self, drive: DriveId, port: Port) -> &mut Disturbance {
+        let (seed, slot) = (self.settings.seed, &self.slots[drive.0 as usize]);
+        self.connections.disturbances.entry((drive, port)).or_insert_with(|| {
+            let name = slot.spec.ports.get(usize::from(port.0)).map_or("", |port| port.name);
+            Disturbance::of_tcp_port(seed, &format!("{}.{name}", slot.name))
+        })
+    }
+
+    /// Returns true if the port of a client has faults, or the client's stream has been changed by one.
+    pub(super) fn is_disturbed(&self, client: u32) -> bool {
+        self.connections.all.get(&client).is_some_and(|connection| {
+            let port = self.connections.disturbances.get(&(connection.drive, connection.port));
+            connection.disturbed.altered
+                || !connection.disturbed.passed.is_empty()
+                || port.is_some_and(|port| !port.is_quiet())
+        })
+    }
+
+    /// The next message of a client that reaches its drive, after faults; `None` if there is none yet.
+    pub(super) fn next_disturbed(&mut self, client: u32) -> Result<Option<Vec<u8>>, Ended> {
+        loop {
+            let Some(connection) = self.connections.all.get_mut(&client) else { return Ok(None) };
+            let stream = &mut connection.disturbed;
+            if let Some(bytes) = split_off(&mut stream.splitter, &mut stream.passed).map_err(Ended::Broken)? {
+                return Ok(Some(bytes));
+            }
+            // Answers of the faults themselves wait for a client that does not read, too.
+            if !connection.reads() {
+                return Ok(None);
+            }
+            let Some(bytes) = connection.next().map_err(Ended::Broken)? else { return Ok(None) };
+            let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
+            let altered = connection.disturbed.altered;
+            let Some(fate) = self.request_fate(client, (drive, port), framed, &bytes) else {
+                if !altered {
+                    return Ok(Some(bytes));
+                }
+                self.pass(client, &bytes, 1);
+                continue;
+            };
+            if fate.refused && !fate.lost {
+                self.refuse(client, (drive, port), &bytes);
+                continue;
+            }
+            let effects = fate.effects();
+            let text = fate.apply(STREAM, &bytes);
+            if fate.lost || fate.is_closing() {
+                self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects);
+            }
+            if let Some(part) = fate.closes_after(&text.bytes) {
+                // The drive ignores a part of a request.
+                self.record_request(client, part);
+                return Err(Ended::ByFault);
+            }
+            if let Some(connection) = self.connections.all.get_mut(&client) {
+                let stream = &mut connection.disturbed;
+                stream.altered |= !text.bytes.is_empty() && text.bytes != bytes;
+                if !fate.lost {
+                    stream.on_requests = stream.on_requests.and(effects);
+                }
+            }
+            self.pass(client, &text.bytes, if fate.twice { 2 } else { 1 });
+        }
+    }
+
+    /// Appends a request to the stream to the drive.
+    fn pass(&mut self, client: u32, bytes: &[u8], times: usize) {
+        if let Some(connection) = self.connections.all.get_mut(&client) {
+            connection.disturbed.passed.extend(bytes.repeat(times));
+        }
+    }
+
+    /// Faults of a request.
+    fn request_fate(
+        &mut self,
+        client: u32,
+        (drive, port): (DriveId, Port),
+        framed: bool,
+        bytes: &[u8],
+    ) -> Option<FrameFaults> {
+        let spec = self.spec(drive);
+        let disturbance = self.port_disturbance(drive, port);
+        let pdu = if framed { tcp::parse(bytes).map_or(&[][..], |(_, pdu)| pdu) } else { &[] };
+        let refusable = pdu.first().is_some_and(|function| function & EXCEPTION_BIT == 0);
+        let content = disturbance.needs_content().then(|| Content::of_request(vec![(drive, spec)], pdu));
+        let fate = disturbance.request(bytes.len(), content.as_ref(), refusable);
+        if let Some(connection) = self.connections.all.get_mut(&client) {
+            connection.disturbed.asked = content;
+        }
+        let mut fate = fate?;
+        fate.refused &= refusable;
+        Some(fate)
+    }
+
+    /// Answers a request with the exception of the faults, without the drive (BENCH-12).
+    fn refuse(&mut self, client: u32, (drive, port): (DriveId, Port), request: &[u8]) {
+        let code = self.port_disturbance(drive, port).faults().exception_code;
+        let Some((header, &[function, ..])) = tcp::parse(request) else { return };
+        self.record_request(client, request);
+        let exception = tcp::frame(header, &[function | EXCEPTION_BIT, code]);
+        self.enter_refused(drive, port, request, &exception, code);
+        self.reply_to_client(client, &exception);
+    }
+
+    /// Records a request that does not reach its drive.
+    fn record_request(&mut self, client: u32, bytes: &[u8]) {
+        if let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) {
+            self.record_message((drive, port, link), Source::Client, bytes);
+        }
+    }
+
+    /// Sends a reply to a client, changed by the faults of its port.
+    pub(super) fn reply_to_client(&mut self, client: u32, bytes: &[u8]) {
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
+        let spec = self.spec(drive);
+        let content = self.tcp_reply_content(client, (drive, spec), framed, bytes);
+        let disturbance = self.port_disturbance(drive, port);
+        let Some(fate) = disturbance.reply(bytes.len(), content.as_ref()) else {
+            return self.send_part(client, Duration::ZERO, StreamPart::Bytes(bytes.to_vec()));
+        };
+        self.note_reply(drive, port, bytes, fate.effects());
+        let own_address = spec.address.map(|row| self.peek(drive, row));
+        let rewritten = if framed { readdressed(bytes, &fate, own_address) } else { None };
+        let sound = rewritten.as_deref().unwrap_or(bytes);
+        let delay = fate.delay;
+        if fate.lost || fate.muted {
+            return;
+        }
+        if let Some(noise) = fate.noise(STREAM) {
+            self.send_part(client, delay, StreamPart::Noise(noise.bytes));
+        }
+        let text = fate.apply(STREAM, sound);
+        if let Some(part) = fate.closes_after(&text.bytes) {
+            self.send_part(client, delay, StreamPart::Bytes(part.to_vec()));
+            return self.send_part(client, delay, StreamPart::End(Ended::ByFault));
+        }
+        let times = if fate.twice { 2 } else { 1 };
+        for _ in 0..times {
+            self.send_part(client, delay, StreamPart::Bytes(text.bytes.clone()));
+        }
+    }
+
+    /// Content of a reply, if a fault needs it.
+    fn tcp_reply_content(
+        &self,
+        client: u32,
+        drive: (DriveId, &'static Spec),
+        framed: bool,
+        bytes: &[u8],
+    ) -> Option<Content> {
+        let connection = self.connections.all.get(&client)?;
+        let disturbance = self.connections.disturbances.get(&(connection.drive, connection.port))?;
+        if !disturbance.needs_content() {
+            return None;
+        }
+        let pdu = if framed { tcp::parse(bytes).map_or(&[][..], |(_, pdu)| pdu) } else { &[] };
+        let asked = connection.disturbed.asked.as_ref();
+        Some(asked.map_or_else(|| Content::of_lone_reply(drive, pdu), |asked| asked.of_reply(drive)))
+    }
+
+    /// Ends a connection for its client when all earlier replies have reached the client.
+    pub(super) fn end_after_replies(&mut self, client: u32, ended: Ended) {
+        self.send_part(client, Duration::ZERO, StreamPart::End(ended));
+    }
+
+    /// Sends a part of the stream to a client after a delay, but not before earlier parts.
+    fn send_part(&mut self, client: u32, delay: Duration, part: StreamPart) {
+        let now = self.now;
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let (index, stream) = (connection.drive.0, &mut connection.disturbed);
+        if delay == Duration::ZERO && stream.late == 0 {
+            return self.deliver_part(client, part);
+        }
+        let at = (now + delay).max(stream.late_until);
+        stream.late_until = at;
+        stream.late += 1;
+        stream.late_bytes += part.len();
+        self.busy += 1;
+        self.schedule(at, Phase::Turn, index, EventKind::StreamPart { client, part });
+    }
+
+    /// Delivers a delayed part of the stream to a client.
+    pub(super) fn stream_part_arrives(&mut self, client: u32, part: StreamPart) {
+        self.busy -= 1;
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        connection.disturbed.late -= 1;
+        connection.disturbed.late_bytes -= part.len();
+        // What is under way when a connection breaks is lost.
+        if connection.ended.is_none() {
+            self.deliver_part(client, part);
+        }
+        self.resume_client(client);
+    }
+
+    fn deliver_part(&mut self, client: u32, part: StreamPart) {
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let drive = connection.drive;
+        match part {
+            StreamPart::Bytes(bytes) => self.deliver_to_client(client, Source::Drive(drive), &bytes),
+            StreamPart::Noise(bytes) => self.deliver_to_client(client, Source::Noise, &bytes),
+            StreamPart::End(ended) => {
+                // A drive that has not closed the connection itself is told of its end.
+                self.close_connection(client);
+                self.end_from_drive(client, ended);
+            }
+        }
+    }
+}
+
+/// The same reply with another address or the number of another transaction; `None` if it stays unchanged.
+fn readdressed(reply: &[u8], fate: &FrameFaults, address: Option<i64>) -> Option<Vec<u8>> {
+    if !fate.wrong_address && !fate.wrong_transaction {
+        return None;
+    }
+    let (Header { transaction, unit }, pdu) = tcp::parse(reply)?;
+    // The next one up to 247, as on a line (BENCH-13).
+    let mut others = (1..247).map(|up| ((u32::from(unit) + up - 1) % 247 + 1) as u8);
+    let other = others.find(|&other| address != Some(i64::from(other)));
+    let header = Header {
+        transaction: if fate.wrong_transaction { transaction.wrapping_add(1) } else { transaction },
+        unit: if fate.wrong_address { other.unwrap_or(unit) } else { unit },
+    };
+    Some(tcp::frame(header, pdu).to_vec())
+}
