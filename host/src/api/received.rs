@@ -36,12 +36,12 @@ pub(super) struct Received {
     /// Number of earlier messages that are not kept. 10,000 messages of each drive and of each line are kept.
     lost: u64,
     counts: Counts,
-    statistics: Statistics,
+    statistics: ReceivedStatistics,
 }
 
 /// Statistics of all requests so far, whatever is selected.
 #[derive(Serialize, ToSchema)]
-struct Statistics {
+struct ReceivedStatistics {
     /// Number of requests to the drive while it was starting, so that it did not receive them.
     starting: u64,
     /// Modbus lines, by the port of the drive.
@@ -61,7 +61,7 @@ struct LineStatistics {
     shortest_silence: Option<f64>,
 }
 
-impl Statistics {
+impl ReceivedStatistics {
     fn of(bench: &Bench, drive: DriveId) -> Self {
         let ports = (0..).map(Port).zip(bench.spec(drive).ports);
         let lines =
@@ -247,7 +247,7 @@ pub(super) async fn received(
                 .ok_or_else(|| Problem::refused(suggest::unknown("register", &register, names)))
         });
         let bench = &event_loop.bench;
-        let statistics = Statistics::of(bench, drive);
+        let statistics = ReceivedStatistics::of(bench, drive);
         Ok::<_, Problem>((bench.received(drive).since(since), register.transpose()?, statistics))
     });
     let (mut received, register, statistics) = received.await??;
