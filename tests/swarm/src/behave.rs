@@ -4,7 +4,7 @@ use drivetwin_firmware::device::{Duration, Port, Spec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
-use drivetwin_protocol::registers::Row;
+use drivetwin_protocol::registers::{Row, Space};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Client, DriveId, PowerAction};
 use drivetwin_sim::line::{PortParity, Sender};
@@ -31,6 +31,10 @@ const NO_ANSWER: &str = "no answer";
 /// Longest time that a client waits for a reply. How late a reply may be is judged in the trace
 /// ([`replies`](crate::replies)).
 const LONGEST_REPLY: Duration = Duration::secs(3);
+
+/// Counter 1 of an MDrive, its position (FB 5), and a variable that no other client uses.
+const COUNTER_1: u16 = 0x05;
+const USER_VARIABLE: &str = "Z9";
 
 /// Time for which the bench waits for the rest of a message.
 const FRAME_TIMEOUT: Duration = Duration::millis(20);
@@ -60,6 +64,13 @@ fn kept_rows(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)>
     let is_kept =
         move |row: &Row| row.saved != 0 && !in_block(row.address) && !family.changes_by_itself(row.address);
     dialect::settable(spec).filter(move |(_, row)| is_kept(row))
+}
+
+/// [`kept_rows`], and the saved values that are not on the bus, for example S1 of an MDrive.
+fn compared_rows(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
+    let off_bus = |row: &Row| matches!(row.space, Space::Variable | Space::Setting);
+    let others = spec.rows().filter(move |(_, row)| off_bus(row) && row.saved != 0 && !row.live);
+    kept_rows(spec).chain(others)
 }
 
 /// Bits of a register that are saved; all of them if the register is not saved.
@@ -178,6 +189,11 @@ impl Runner<'_> {
         self.power_on(name)?;
         self.set_others(seat, family, &mut rng);
         let values = self.values(name, block, &mut rng);
+        let variable = rng.i32(..);
+        if family == Family::Mdrive {
+            let lines = format!("VA {USER_VARIABLE}\r{USER_VARIABLE}={variable}\rPR {USER_VARIABLE}\r");
+            self.mcode(name, &lines, variable)?;
+        }
         self.save(name, block, &values, &mut rng)?;
         let address = self.addresses.get(name).copied();
         let saved = Saved { address, values, rows: self.saved_rows(seat) };
@@ -192,6 +208,9 @@ impl Runner<'_> {
         self.pass(10.millis())?;
         self.power_on(name)?;
         let found = self.find(name, seat, block, &may_be)?;
+        if family == Family::Mdrive && may_be.len() == 1 {
+            self.expect_after_power_on(name, variable)?;
+        }
         if may_be.len() > 1 {
             self.happened.after_cuts[found] += 1;
         }
@@ -231,7 +250,7 @@ impl Runner<'_> {
             // Power may fail before the answer is complete.
             let _ = self.save(name, block, &new.values, rng);
             if !self.bench.powered(seat) {
-                let rows = kept_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
+                let rows = compared_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
                 let factory = family.factory().map(|values| Saved {
                     address: old.address.map(|_| FACTORY_ADDRESS),
                     values: values.to_vec(),
@@ -256,10 +275,10 @@ impl Runner<'_> {
         }
     }
 
-    /// [`kept_rows`] of a drive by name, with only the bits that are saved.
+    /// [`compared_rows`] of a drive by name, with only the bits that are saved.
     fn saved_rows(&self, seat: DriveId) -> Rows {
         let value = |(place, row)| (row, self.bench.peek(seat, place));
-        let rows = kept_rows(self.bench.spec(seat)).map(value);
+        let rows = compared_rows(self.bench.spec(seat)).map(value);
         rows.map(|(row, value)| (row.name, value & saved_bits(row))).collect()
     }
 
@@ -553,16 +572,19 @@ impl Runner<'_> {
         }
     }
 
-    /// Sets a variable over MCode (MC 5-60) and prints it. The value must be printed in a text line of its
-    /// own.
+    /// Sets a variable over MCode (MC 5-60) and prints it.
     fn ask_mcode(&mut self, name: Name, rng: &mut Rng) -> Result<(), Failure> {
+        let value = rng.i32(..);
+        self.mcode(name, &format!("R4={value}\rPR R4\r"), value)
+    }
+
+    /// Sends lines to an MCode port. The value must be printed in a text line of its own.
+    fn mcode(&mut self, name: Name, lines: &str, value: i32) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
         // Esc stops a program.
         self.bench.send(client, b"\x1b\r");
         self.hear(client, usize::MAX, LONGEST_REPLY)?;
-        let value = rng.i32(..);
-        let lines = format!("R4={value}\rPR R4\r");
         self.bench.send(client, lines.as_bytes());
         self.pass(200.millis())?;
         let mut heard = Vec::new();
@@ -574,6 +596,15 @@ impl Runner<'_> {
             return Ok(());
         }
         judge(name, lines.as_bytes(), &printed, &heard)
+    }
+
+    /// Checks what an MDrive has after power-on beside its saved registers: the user variable that was saved
+    /// (MC 5-60), and a counter at 0 (MC 5-13).
+    fn expect_after_power_on(&mut self, name: Name, variable: i32) -> Result<(), Failure> {
+        let lost = |failure: Failure| failure.of("wrong after power-on");
+        let counter = Block { first: COUNTER_1, count: 2 };
+        self.expect(name, counter, &[0, 0]).map_err(lost)?;
+        self.mcode(name, &format!("PR {USER_VARIABLE}\r"), variable).map_err(lost)
     }
 
     /// A client at a QSB whose streams are stopped, and whose reply format is the factory's.
