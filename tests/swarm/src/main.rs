@@ -29,8 +29,8 @@ use run::MOST_EVENTS;
 
 /// Help text about `--planted`, an option of xtask itself.
 const PLANTED: &str = "\
-`cargo xtask swarm --planted [NAME]...` plants the defects of tests/swarm/planted, all or those with these names, in a
-copy of the last commit, and prints how soon each is found.";
+`cargo xtask swarm --planted [NAME]...`, without other options, plants the defects of tests/swarm/planted, all or those with these names, in a
+copy of the last commit, and prints how soon each is found. A process ends after 20 seeds that fail.";
 
 /// Random benches under an oracle.
 #[derive(Parser)]
