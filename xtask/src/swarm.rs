@@ -8,9 +8,11 @@ use xshell::{Shell, cmd};
 
 use crate::checks::{host, target_dir};
 
-/// Seeds that run for every commit. They are always the same, so only the commit decides whether they pass.
+/// Seeds that run for every commit, and the number of seeds of its own that each commit has besides. Only the
+/// commit decides whether they pass.
 const FIRST: &str = "1";
 const COUNT: &str = "200";
+const OWN_COUNT: &str = "50";
 
 /// Time limit in seconds for finding a planted defect.
 const MOST_SECONDS: &str = "60";
@@ -30,7 +32,15 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
     cmd!(sh, "cargo build --quiet {host...} --test '*' --bin swarm").run()?;
     let swarm = target_dir(sh).join("debug/swarm");
-    Ok(cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?)
+    cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?;
+    let own = first_of_commit(&cmd!(sh, "git rev-parse HEAD").read()?)?;
+    Ok(cmd!(sh, "{swarm} --first {own} --count {OWN_COUNT} --jobs 2").run()?)
+}
+
+/// The first seed of a commit: the first twelve digits of its hash.
+fn first_of_commit(hash: &str) -> Result<String> {
+    let digits = hash.get(..12).with_context(|| format!("{hash:?} is no hash of a commit"))?;
+    Ok(u64::from_str_radix(digits, 16)?.to_string())
 }
 
 /// Plants each defect of `tests/swarm/planted` (or only the `names` given) in a copy of the last commit, and
@@ -133,6 +143,13 @@ fn now() -> Instant {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_commit_has_seeds_of_its_own() {
+        let first = first_of_commit("0000000001ff0123456789abcdef0123456789ab");
+        assert_eq!(first.expect("a hash"), "511");
+        assert!(first_of_commit("HEAD").is_err());
+    }
 
     #[test]
     fn each_planted_patch_fits() {

@@ -1,16 +1,18 @@
 //! Well-behaved clients. They send valid requests on a quiet line and know the right answers.
 
 use drivetwin_firmware::device::{Duration, Port, Spec};
+use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::tcp::{self, Header};
 use drivetwin_protocol::modbus::{ascii, rtu};
-use drivetwin_protocol::registers::Row;
+use drivetwin_protocol::registers::{Row, Space};
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Client, DriveId, PowerAction};
+use drivetwin_sim::line::{PortParity, Sender};
 use drivetwin_sim::record::trace::Cut;
 use fastrand::Rng;
 
 use crate::dialect::{self, Block, Family, QSB, one_of};
-use crate::oracle::Failure;
+use crate::oracle::{Failure, TOO_MUCH};
 use crate::plan::{Failing, NAMES, Name};
 use crate::run::Runner;
 
@@ -18,8 +20,9 @@ use crate::run::Runner;
 const MODBUS: Port = Port(0);
 const MCODE: Port = Port(1);
 
-/// Exception code "illegal data address" (application 7), and an address that no drive has.
+/// Exception codes (application 7), and a register that no drive has.
 const ILLEGAL_ADDRESS: u8 = 2;
+const ILLEGAL_VALUE: u8 = 3;
 const NOWHERE: u16 = 0xF000;
 
 /// The failure of a drive that does not answer.
@@ -28,6 +31,13 @@ const NO_ANSWER: &str = "no answer";
 /// Longest time that a client waits for a reply. How late a reply may be is judged in the trace
 /// ([`replies`](crate::replies)).
 const LONGEST_REPLY: Duration = Duration::secs(3);
+
+/// Counter 1 of an MDrive, its position (FB 5), and a variable that no other client uses.
+const COUNTER_1: u16 = 0x05;
+const USER_VARIABLE: &str = "Z9";
+
+/// Time for which the bench waits for the rest of a message.
+const FRAME_TIMEOUT: Duration = Duration::millis(20);
 
 /// Address of a drive whose memory is bad.
 const FACTORY_ADDRESS: u8 = 1;
@@ -54,6 +64,13 @@ fn kept_rows(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)>
     let is_kept =
         move |row: &Row| row.saved != 0 && !in_block(row.address) && !family.changes_by_itself(row.address);
     dialect::settable(spec).filter(move |(_, row)| is_kept(row))
+}
+
+/// [`kept_rows`], and the saved values that are not on the bus, for example S1 of an MDrive.
+fn compared_rows(spec: &'static Spec) -> impl Iterator<Item = (usize, &'static Row)> {
+    let off_bus = |row: &Row| matches!(row.space, Space::Variable | Space::Setting);
+    let others = spec.rows().filter(move |(_, row)| off_bus(row) && row.saved != 0 && !row.live);
+    kept_rows(spec).chain(others)
 }
 
 /// Bits of a register that are saved; all of them if the register is not saved.
@@ -119,8 +136,8 @@ fn reading(family: Family, block: Block, values: &[u32]) -> Vec<Exchange> {
 }
 
 impl Runner<'_> {
-    /// A well-behaved client writes values that have no effect, reads them back, and requests registers that
-    /// do not exist.
+    /// A well-behaved client writes values, reads them back, and requests registers that do not exist. Often
+    /// the line has been disturbed just before.
     pub(crate) fn ask_step(&mut self, name: Name, seed: u64) -> Result<(), Failure> {
         let Some(family) = self.family(name) else { return Ok(()) };
         let mut rng = Rng::with_seed(seed);
@@ -142,8 +159,12 @@ impl Runner<'_> {
         let asked = [write, reading(family, block, &values), vec![nowhere]].concat();
         let at_once = if rng.bool() { asked.len() } else { 1 };
         for asked in asked.chunks(at_once) {
+            if rng.bool() {
+                self.disturb_line(name, block, &mut rng)?;
+            }
             self.exchange(name, asked, &mut rng)?;
         }
+        self.set_and_read(name, family, &mut rng)?;
         if family == Family::Mdrive {
             return self.ask_mcode(name, &mut rng);
         }
@@ -168,6 +189,11 @@ impl Runner<'_> {
         self.power_on(name)?;
         self.set_others(seat, family, &mut rng);
         let values = self.values(name, block, &mut rng);
+        let variable = rng.i32(..);
+        if family == Family::Mdrive {
+            let lines = format!("VA {USER_VARIABLE}\r{USER_VARIABLE}={variable}\rPR {USER_VARIABLE}\r");
+            self.mcode(name, &lines, variable)?;
+        }
         self.save(name, block, &values, &mut rng)?;
         let address = self.addresses.get(name).copied();
         let saved = Saved { address, values, rows: self.saved_rows(seat) };
@@ -182,6 +208,9 @@ impl Runner<'_> {
         self.pass(10.millis())?;
         self.power_on(name)?;
         let found = self.find(name, seat, block, &may_be)?;
+        if family == Family::Mdrive && may_be.len() == 1 {
+            self.expect_after_power_on(name, variable)?;
+        }
         if may_be.len() > 1 {
             self.happened.after_cuts[found] += 1;
         }
@@ -214,14 +243,18 @@ impl Runner<'_> {
         }
         // If a save is a single store, the power failure may be delayed to the next save. That happens to
         // half of them.
+        let mut last = Ok(());
         for _ in 0..64 {
             let values = self.values(name, block, rng);
             let new = Saved { address: old.address, values, rows: self.saved_rows(seat) };
             self.bench.cut_power(seat, any_cut(spec.memory.into(), rng));
             // Power may fail before the answer is complete.
-            let _ = self.save(name, block, &new.values, rng);
+            last = self.save(name, block, &new.values, rng);
+            if last.as_ref().is_err_and(|failure| failure.what == TOO_MUCH) {
+                return last.map(|()| Vec::new());
+            }
             if !self.bench.powered(seat) {
-                let rows = kept_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
+                let rows = compared_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
                 let factory = family.factory().map(|values| Saved {
                     address: old.address.map(|_| FACTORY_ADDRESS),
                     values: values.to_vec(),
@@ -231,7 +264,7 @@ impl Runner<'_> {
             }
             old = new;
         }
-        Err(Failure::new("no power cut", name))
+        Err(Failure::new("no power cut", format!("{name}, {}: {last:?}", spec.kind)))
     }
 
     /// Sets some saved registers outside the block to random values.
@@ -246,10 +279,10 @@ impl Runner<'_> {
         }
     }
 
-    /// [`kept_rows`] of a drive by name, with only the bits that are saved.
+    /// [`compared_rows`] of a drive by name, with only the bits that are saved.
     fn saved_rows(&self, seat: DriveId) -> Rows {
         let value = |(place, row)| (row, self.bench.peek(seat, place));
-        let rows = kept_rows(self.bench.spec(seat)).map(value);
+        let rows = compared_rows(self.bench.spec(seat)).map(value);
         rows.map(|(row, value)| (row.name, value & saved_bits(row))).collect()
     }
 
@@ -393,6 +426,100 @@ impl Runner<'_> {
         unchanged(&before, &self.line_rows(name, &[name]))
     }
 
+    /// Sends what no drive may answer: noise, a frame with a wrong checksum, characters with the wrong parity,
+    /// a frame for another address. Then waits only for the silence that the line needs.
+    fn disturb_line(&mut self, name: Name, block: Block, rng: &mut Rng) -> Result<(), Failure> {
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
+        let Some(line) = self.bench.port_line(seat, MODBUS) else { return Ok(()) };
+        let Ok(client) = self.bench.connect_to(seat, MODBUS) else { return Ok(()) };
+        let (is_ascii, free) = (ascii::is_on(line), self.free_unit(rng));
+        let read = pdu(3, &[block.first, 1]);
+        let unit = self.addresses.get(name).copied().unwrap_or(FACTORY_ADDRESS);
+        for _ in 0..rng.u8(1..3) {
+            let mut bytes = self.framed(name, unit, 0, &read);
+            let mut sender = Sender::default();
+            // The bench waits this long for the rest of a message that is not complete.
+            let mut patience = FRAME_TIMEOUT;
+            match rng.u8(..4) {
+                0 => bytes = std::iter::once(free).chain((0..rng.u8(1..40)).map(|_| rng.u8(..))).collect(),
+                1 if is_ascii => {
+                    let check = bytes.len() - 3;
+                    bytes[check] = if bytes[check] == b'0' { b'1' } else { b'0' };
+                }
+                1 => {
+                    let last = bytes.len() - 1;
+                    bytes[last] ^= 1 << rng.u8(..8);
+                }
+                2 => {
+                    let other = if line.parity == Parity::Odd { Parity::Even } else { Parity::Odd };
+                    sender.parity = PortParity::Known(other);
+                }
+                _ => {
+                    bytes = self.framed(name, free, 0, &read);
+                    patience = Duration::ZERO;
+                }
+            }
+            self.bench.send_from(client, &bytes, sender);
+            let silence = match (is_ascii, line.baud) {
+                (true, _) => Duration::ZERO,
+                (false, ..=19_200) => Duration::from_ticks(line.character().ticks() * 7 / 2),
+                (false, _) => Duration::micros(1_750),
+            };
+            self.pass(patience + line.character() * bytes.len() as u64 + silence + Duration::TICK * 2)?;
+        }
+        let mut heard = Vec::new();
+        self.bench.receive(client, &mut heard);
+        self.bench.disconnect(client);
+        if heard.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::new("an answer to a bad frame", format!("{name} says {heard:02X?}")))
+    }
+
+    /// Writes one of the registers that a drive saves, and reads it back. The register table determines
+    /// which values the drive refuses.
+    fn set_and_read(&mut self, name: Name, family: Family, rng: &mut Rng) -> Result<(), Failure> {
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
+        let spec = self.bench.spec(seat);
+        let is_set = |row: &Row| {
+            row.saved == u16::MAX
+                && row.clamp.is_none()
+                && !family.keeps_from_saving(row.address)
+                && !family.has_other_rules(row.address)
+                && usize::from(row.shape.words()) <= family.words_at_once()
+        };
+        let rows: Vec<_> = kept_rows(spec).filter(|(_, row)| is_set(row)).collect();
+        for _ in 0..rng.u8(1..4) {
+            let (_, row) = one_of(rng, &rows);
+            let value = dialect::any_value(row, rng);
+            let (least, greatest) = row.shape.limits();
+            let value = value.clamp(least, greatest);
+            let count = row.shape.words();
+            let word = |n: u16| u32::from(spec.registers.word(row.shape, value, n.into()));
+            let words: Vec<u32> = (0..count).map(word).collect();
+            let block = Block { first: row.address, count };
+            let mut write = writing(family, block, &words, rng);
+            if row.accepts(value) {
+                write.extend(reading(family, block, &words));
+            } else {
+                for (request, reply) in &mut write {
+                    *reply = vec![request[0] | 0x80, ILLEGAL_VALUE];
+                }
+            }
+            for asked in write {
+                self.exchange(name, &[asked], rng).map_err(|failure| failure.of(row.name))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// An address that no drive has.
+    fn free_unit(&self, rng: &mut Rng) -> u8 {
+        let is_free = |unit: &u8| self.addresses.values().all(|address| address != unit);
+        let free: Vec<u8> = (FACTORY_ADDRESS + 1..248).filter(is_free).collect();
+        one_of(rng, &free)
+    }
+
     /// Writes a block at an address that no drive has. Nobody may answer, and no drive may carry out the
     /// write.
     fn write_to_nobody(
@@ -405,9 +532,7 @@ impl Runner<'_> {
         let (Some(family), Some(seat)) = (self.family(name), self.bench.find_drive(name)) else {
             return Ok(());
         };
-        let is_free = |unit: &u8| self.addresses.values().all(|address| address != unit);
-        let free: Vec<u8> = (FACTORY_ADDRESS + 1..248).filter(is_free).collect();
-        let unit = one_of(rng, &free);
+        let unit = self.free_unit(rng);
         let before = self.line_rows(name, &[]);
         let Ok(client) = self.bench.connect_to(seat, MODBUS) else { return Ok(()) };
         for (write, _) in writing(family, block, values, rng) {
@@ -451,16 +576,19 @@ impl Runner<'_> {
         }
     }
 
-    /// Sets a variable over MCode (MC 5-60) and prints it. The value must be printed in a text line of its
-    /// own.
+    /// Sets a variable over MCode (MC 5-60) and prints it.
     fn ask_mcode(&mut self, name: Name, rng: &mut Rng) -> Result<(), Failure> {
+        let value = rng.i32(..);
+        self.mcode(name, &format!("R4={value}\rPR R4\r"), value)
+    }
+
+    /// Sends lines to an MCode port. The value must be printed in a text line of its own.
+    fn mcode(&mut self, name: Name, lines: &str, value: i32) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let Ok(client) = self.bench.connect_to(seat, MCODE) else { return Ok(()) };
         // Esc stops a program.
         self.bench.send(client, b"\x1b\r");
         self.hear(client, usize::MAX, LONGEST_REPLY)?;
-        let value = rng.i32(..);
-        let lines = format!("R4={value}\rPR R4\r");
         self.bench.send(client, lines.as_bytes());
         self.pass(200.millis())?;
         let mut heard = Vec::new();
@@ -472,6 +600,21 @@ impl Runner<'_> {
             return Ok(());
         }
         judge(name, lines.as_bytes(), &printed, &heard)
+    }
+
+    /// Checks what an MDrive has after power-on beside its saved registers: the user variable that was saved
+    /// (MC 5-60), and a counter at 0 (MC 5-13).
+    fn expect_after_power_on(&mut self, name: Name, variable: i32) -> Result<(), Failure> {
+        let lost = |failure: Failure| failure.of("wrong after power-on");
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
+        let spec = self.bench.spec(seat);
+        // Pins may turn the motor in clock mode and by jogging.
+        let is_set = |row: &str| spec.find(row).is_some_and(|found| self.bench.peek(seat, found.row) != 0);
+        if !is_set("CM") && !is_set("JE") {
+            let counter = Block { first: COUNTER_1, count: 2 };
+            self.expect(name, counter, &[0, 0]).map_err(lost)?;
+        }
+        self.mcode(name, &format!("PR {USER_VARIABLE}\r"), variable).map_err(lost)
     }
 
     /// A client at a QSB whose streams are stopped, and whose reply format is the factory's.

@@ -131,6 +131,17 @@ impl Family {
         self == Self::Mdrive && address == 0x8E
     }
 
+    /// Returns true if the register table alone does not say which values of a register a drive takes. An
+    /// MDrive compares VI with VM, HT with MT, and JE with CM. It refuses some values of EE and MS while it
+    /// moves or its loop is closed (MC 5). Of FUNC_CMD_TYPE an MDROBOT stores only the low byte (MDROBOT-3).
+    pub(crate) fn has_other_rules(self, address: u16) -> bool {
+        match self {
+            Self::Mdrive => matches!(address, 0x0B | 0x1E | 0x2C | 0x3F | 0x48 | 0x49 | 0x89 | 0x8B),
+            Self::Mdrobot => address == 183,
+            Self::Md3 | Self::Qsb | Self::Rs434 => false,
+        }
+    }
+
     /// Returns true if a drive changes a saved register without a write. An MD3 changes `IOPortData` with its
     /// pins (7.9), and the sign of `MoveSteps` when it moves to and fro (7.8). DIG I/O of a QSB reads the
     /// levels of pins. Inputs set DIRECTION of an RS drive (6.5).

@@ -16,7 +16,8 @@ mod replies;
 mod run;
 mod shrink;
 
-use std::process::{Command, ExitCode};
+use std::io::{BufRead as _, BufReader};
+use std::process::{Command, ExitCode, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -28,8 +29,8 @@ use run::MOST_EVENTS;
 
 /// Help text about `--planted`, an option of xtask itself.
 const PLANTED: &str = "\
-`cargo xtask swarm --planted [NAME]...` plants the defects of tests/swarm/planted, all or those with these names, in a
-copy of the last commit, and prints how soon each is found.";
+`cargo xtask swarm --planted [NAME]...`, without other options, plants the defects of tests/swarm/planted, all or those with these names, in a
+copy of the last commit, and prints how soon each is found. A process ends after 20 seeds that fail.";
 
 /// Random benches under an oracle.
 #[derive(Parser)]
@@ -54,21 +55,28 @@ struct Options {
     /// Difference between one seed and the next.
     #[arg(long, default_value_t = 1, hide = true)]
     stride: u64,
-    /// Each process ends with its first seed that fails.
+    /// Each process ends with its first seed that fails. Without this option it ends after 20 of them.
     #[arg(long)]
     until_failure: bool,
+    /// Runs the seeds in this process, and prints each seed before it begins.
+    #[arg(long, hide = true)]
+    child: bool,
 }
 
-/// Most seeds that are reported. More would show nothing new about a failure that frequent.
+/// Most seeds that a process reports. More would show nothing new about a failure that frequent.
 const MOST_FAILURES: u64 = 20;
+
+/// What a child prints before a seed.
+const BEGINS: &str = "begins ";
 
 fn main() -> ExitCode {
     let options = Options::parse();
     oracle::keep_panics();
-    let fails = match (options.seed, options.jobs) {
-        (Some(seed), _) => show(seed),
-        (None, 0..=1) => hunt(&options),
-        (None, jobs) => spread(&options, jobs),
+    let fails = match (options.child, options.seed) {
+        (true, Some(seed)) => show(seed),
+        (true, None) => hunt(&options),
+        (false, Some(seed)) => follow(Command::new(this()).args(["--child", "--seed", &seed.to_string()])),
+        (false, None) => spread(&options),
     };
     if fails { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
@@ -103,6 +111,7 @@ fn watch(shows: bool) -> Sender<u64> {
 /// Runs one seed and prints its plan. Returns true if the seed fails.
 fn show(seed: u64) -> bool {
     let plan = generate::plan(seed);
+    println!("{BEGINS}{seed}");
     let begins = watch(true);
     let _ = begins.send(seed);
     let judged = oracle::judge(&plan);
@@ -141,6 +150,7 @@ fn hunt(options: &Options) -> bool {
         }
         seeds += 1;
         let _ = begins.send(seed);
+        println!("{BEGINS}{seed}");
         match oracle::judge(&generate::plan(seed)) {
             Ok(tally) => all.add(tally),
             Err(failure) => {
@@ -167,26 +177,65 @@ fn fresh() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs() << 24
 }
 
+fn this() -> std::path::PathBuf {
+    std::env::current_exe().expect("a running program has a file")
+}
+
 /// Shares the seeds among processes. Returns true if a seed fails.
-fn spread(options: &Options, jobs: u64) -> bool {
-    let first = options.first.unwrap_or_else(fresh);
-    let this = std::env::current_exe().expect("a running program has a file");
-    let children: Vec<_> = (0..jobs)
-        .map(|job| {
-            let mut command = Command::new(&this);
-            command.args(["--first", &(first + job).to_string(), "--stride", &jobs.to_string()]);
-            if let Some(count) = options.count {
-                command.args(["--count", &((count + jobs - 1 - job) / jobs).to_string()]);
-            }
-            if let Some(minutes) = options.minutes {
-                command.args(["--minutes", &minutes.to_string()]);
-            }
-            if options.until_failure {
-                command.arg("--until-failure");
-            }
-            command.spawn().expect("a process can be started")
-        })
-        .collect();
-    let ended = children.into_iter().map(|mut child| child.wait().is_ok_and(|status| status.success()));
-    ended.fold(false, |fails, holds| fails | !holds)
+fn spread(options: &Options) -> bool {
+    let (jobs, first) = (options.jobs.max(1), options.first.unwrap_or_else(fresh));
+    let commands = (0..jobs).map(|job| {
+        let mut command = Command::new(this());
+        let (from, stride) = (first + job * options.stride, jobs * options.stride);
+        command.args(["--child", "--first", &from.to_string(), "--stride", &stride.to_string()]);
+        if let Some(count) = options.count {
+            command.args(["--count", &((count + jobs - 1 - job) / jobs).to_string()]);
+        }
+        if let Some(minutes) = options.minutes {
+            command.args(["--minutes", &minutes.to_string()]);
+        }
+        if options.until_failure {
+            command.arg("--until-failure");
+        }
+        command
+    });
+    let children: Vec<_> =
+        commands.map(|mut command| std::thread::spawn(move || follow(&mut command))).collect();
+    let fails = children.into_iter().map(|child| child.join().unwrap_or(true));
+    fails.fold(false, |fails, other| fails | other)
+}
+
+/// Runs a child, prints what it prints, and reports the seed at which it ends without a result: a stack
+/// overflow ends a process at once. Returns true if a seed fails.
+fn follow(command: &mut Command) -> bool {
+    let mut child = command.stdout(Stdio::piped()).spawn().expect("a process can be started");
+    let mut seed = None;
+    for line in BufReader::new(child.stdout.take().expect("a pipe")).lines().map_while(Result::ok) {
+        match line.strip_prefix(BEGINS) {
+            Some(begins) => seed = Some(begins.to_owned()),
+            None => println!("{line}"),
+        }
+    }
+    let status = child.wait().expect("a child that was started");
+    if let (None | Some(2..), Some(seed)) = (status.code(), seed) {
+        println!("seed {seed}: the process ends: {status}\n  cargo xtask swarm --seed {seed}");
+        // The process can print no more, and each attempt to shrink the plan would end it again.
+        if command.get_args().any(|argument| argument == "--seed") {
+            println!("\n{}", generate::plan(seed.parse().unwrap_or_default()));
+        }
+    }
+    !status.success()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_child_that_dies_is_a_failure() {
+        let fails = |script: &str| follow(Command::new("sh").args(["-c", script]));
+        assert!(fails("echo begins 7; kill -ABRT $$"));
+        assert!(fails("echo begins 7; exit 1"));
+        assert!(!fails("echo begins 7; echo swarm: 1 seeds"));
+    }
 }

@@ -80,8 +80,7 @@ pub(crate) const RING: usize = 64 << 10;
 /// Time between two reads of a client in [`Mode::Lean`].
 const READS: Duration = Duration::millis(20);
 
-/// Longer than any save takes. A plan waits this long before it switches power off, so power fails during a
-/// save only where a well-behaved client expects it.
+/// Longer than any save takes.
 const A_SAVE: Duration = Duration::millis(100);
 
 /// After this many events the rest of a plan is left out. Pulses on wires may make millions of events.
@@ -218,7 +217,7 @@ impl Runner<'_> {
                 self.with(name, |bench, seat| _ = bench.poke(seat, row, value));
             }
             Step::Power(name, action) => {
-                self.pass(A_SAVE)?;
+                self.finish_saves()?;
                 self.with(name, |bench, seat| bench.power(seat, action));
             }
             Step::Attach(name, here) => self.with(name, |bench, seat| {
@@ -386,9 +385,24 @@ impl Runner<'_> {
         if starts || !self.boots_fast(name) { self.power_on(name) } else { Ok(()) }
     }
 
+    /// Waits until all requests on lines are answered, and until a save that the last one began has ended. So power
+    /// fails during a save only where a well-behaved client expects it. A delayed reply is not waited for.
+    fn finish_saves(&mut self) -> Result<(), Failure> {
+        self.pass(A_SAVE)?;
+        for _ in 0..100 {
+            let mut drives = self.layout.drives.iter().filter_map(|drive| self.bench.find_drive(&drive.name));
+            if drives.all(|seat| self.bench.bus(seat, Port(0)).is_none_or(|bus| self.bench.is_answered(bus)))
+            {
+                break;
+            }
+            self.pass(A_SAVE)?;
+        }
+        self.pass(A_SAVE)
+    }
+
     /// Ends the emulator and starts it again with the contents of the drives' memories.
     fn restart(&mut self) -> Result<(), Failure> {
-        self.pass(A_SAVE)?;
+        self.finish_saves()?;
         let names = self.layout.drives.iter().map(|drive| drive.name.clone());
         let seats: Vec<Option<DriveId>> = names.map(|name| self.bench.find_drive(&name)).collect();
         let memory = |seat: &Option<DriveId>| seat.map(|seat| self.bench.memory(seat).to_vec());
