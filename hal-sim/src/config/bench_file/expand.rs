@@ -171,7 +171,8 @@ fn expand_names_of_bus(bus: &mut Spanned<DeValue<'_>>) -> Result<(), LocatedErro
     let mut all = DeArray::new();
     for name in std::mem::replace(drives, DeArray::new()) {
         let span = name.span();
-        let text = name.get_ref().as_str().unwrap_or_default();
+        // `{n}` of a numbered bus is filled later.
+        let text = name.get_ref().as_str().filter(|text| text.contains("..")).unwrap_or_default();
         match Range::find(text).map_err(LocatedError::at(span.start))? {
             None => all.push(name),
             Some(range) => {
@@ -367,6 +368,23 @@ mod tests {
         assert_eq!(layout.drives[0].kind, "md3");
         assert_eq!(layout.drives[0].nv.as_deref(), Some(std::path::Path::new("m{n}.nv")));
         assert_eq!(layout.drives[0].listen[0].1.to_string(), "tcp:127.0.0.1:0");
+    }
+
+    #[test]
+    fn a_numbered_bus_has_the_drive_of_its_number() {
+        let layout = read(
+            "
+            [[drive]]
+            name = 'x{1..2}'
+            kind = 'md3'
+            [[bus]]
+            name = 'b{1..2}'
+            drives = ['x{n}']
+            ",
+        )
+        .expect("a bench");
+        let buses: Vec<_> = layout.buses.iter().map(|bus| (bus.name.as_str(), bus.drives.len())).collect();
+        assert_eq!(buses, [("b1", 1), ("b2", 1)]);
     }
 
     #[test]
