@@ -232,3 +232,8 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_line_keeps_its_quotes() {
+    assert_eq!(super::text::printable(b"PR \"it's\"\x1b\r\n"), "PR \"it's\"\\x1b");
+}

@@ -10,11 +10,18 @@ use crate::value::Value;
 /// Maximum number of characters of a text.
 const LONGEST: usize = 80;
 
-/// A line without its end, printable.
+/// A line without its end, printable. Quotes stay as they are, because MCode has texts between quotes.
 pub(super) fn printable(line: &[u8]) -> String {
     let line = line.trim_ascii_end();
     let dots = if line.len() > LONGEST { "…" } else { "" };
-    format!("{}{dots}", line[..line.len().min(LONGEST)].escape_ascii())
+    let mut text = String::new();
+    for &byte in &line[..line.len().min(LONGEST)] {
+        match byte {
+            b'"' | b'\'' => text.push(char::from(byte)),
+            _ => text.extend(byte.escape_ascii().map(char::from)),
+        }
+    }
+    text + dots
 }
 
 /// Number of hexadecimal digits.
