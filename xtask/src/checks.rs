@@ -31,15 +31,17 @@ enum Group {
     Foreign,
     /// Checks of code for Cortex-M, and tests in emulators.
     Boards,
+    /// Checks of the bench: random runs, and other systems.
+    Bench,
 }
 
-const GROUPS: [(&str, Group); 3] =
-    [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards)];
+const GROUPS: [(&str, Group); 4] =
+    [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards), ("bench", Group::Bench)];
 
 /// Lanes that run at the same time; the groups of a lane run one after the other. Cargo locks the folder of a
 /// profile while it builds there. The first lane builds in `debug`, the second one in `firmware` and in the
 /// folders of the targets.
-const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards]];
+const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards, Group::Bench]];
 
 struct Check {
     group: Group,
@@ -74,8 +76,6 @@ const CHECKS: [Check; 28] = [
         Ok(doc.env("RUSTDOCFLAGS", "-D warnings").run()?)
     }),
     check(Group::Host, "tests", &[], tests),
-    check(Group::Host, "swarm", &[], swarm::check),
-    check(Group::Host, "bench on other systems", &[Tool::OtherSystems], other_systems),
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
@@ -112,6 +112,8 @@ const CHECKS: [Check; 28] = [
         &[Tool::ThumbTargets, Tool::Python, Tool::Qemu, Tool::Node],
         |sh| pytest(sh, &[BOARDS]),
     ),
+    check(Group::Bench, "bench on other systems", &[Tool::OtherSystems], other_systems),
+    check(Group::Bench, "swarm", &[], swarm::check),
 ];
 
 /// Runs the checks of these groups, or of all groups if there are none. Returns whether no check failed.
@@ -232,10 +234,11 @@ pub(crate) fn soak(sh: &Shell, cases: &str) -> Result<()> {
     Ok(soak.env("PROPTEST_CASES", cases.to_string()).run()?)
 }
 
-/// Checks that the bench builds for systems other than this one, all with one command.
+/// Checks that the bench builds for systems other than this one, all with one command. The profile is that of the
+/// lane, so that no lane waits for the other's builds.
 fn other_systems(sh: &Shell) -> Result<()> {
     let targets = tools::OTHER_SYSTEMS.iter().flat_map(|target| ["--target", target]);
-    Ok(cmd!(sh, "cargo check --package drivetwin-sim {targets...}").run()?)
+    Ok(cmd!(sh, "cargo check --profile firmware --package drivetwin-sim {targets...}").run()?)
 }
 
 /// Builds the binary like `cargo test`: with overflow checks, and without building again what the tests have
@@ -285,11 +288,11 @@ mod tests {
 
     #[test]
     fn groups_have_names() {
-        assert_eq!(chosen(&[]).expect("all"), [Group::Host, Group::Foreign, Group::Boards]);
+        assert_eq!(chosen(&[]).expect("all"), [Group::Host, Group::Foreign, Group::Boards, Group::Bench]);
         assert_eq!(chosen(&["boards"]).expect("one"), [Group::Boards]);
         assert_eq!(
             chosen(&["host", "nowhere"]).expect_err("no such group").to_string(),
-            "there is no group `nowhere`; there are: host, foreign, boards"
+            "there is no group `nowhere`; there are: host, foreign, boards, bench"
         );
     }
 

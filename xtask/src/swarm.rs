@@ -32,9 +32,9 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
     cmd!(sh, "cargo build --quiet {host...} --test '*' --bin swarm").run()?;
     let swarm = target_dir(sh).join("debug/swarm");
-    cmd!(sh, "{swarm} --first {FIRST} --count {COUNT} --jobs 2").run()?;
+    cmd!(sh, "{swarm} --first {FIRST} --count {COUNT}").run()?;
     let own = first_of_commit(&cmd!(sh, "git rev-parse HEAD").read()?)?;
-    Ok(cmd!(sh, "{swarm} --first {own} --count {OWN_COUNT} --jobs 2").run()?)
+    Ok(cmd!(sh, "{swarm} --first {own} --count {OWN_COUNT}").run()?)
 }
 
 /// The first seed of a commit: the first twelve digits of its hash.

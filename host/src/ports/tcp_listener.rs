@@ -88,15 +88,19 @@ fn watch_over(stream: &TcpStream, outlet: Outlet) -> io::Result<()> {
 }
 
 impl Bound {
-    /// Starts to listen.
+    /// Starts to listen. `backlog` is the number of connections that may wait to be accepted; the system may have a
+    /// smaller limit. A client that finds no place tries again only after a second.
     ///
     /// # Errors
     /// Another program listens at this address already.
-    pub(crate) fn listen(self) -> io::Result<TcpListener> {
-        rustix::net::listen(&self.0, 128)?;
+    pub(crate) fn listen(self, backlog: i32) -> io::Result<TcpListener> {
+        rustix::net::listen(&self.0, backlog)?;
         Ok(self.0.into())
     }
 }
+
+/// Connections to a port that may wait: a burst of clients must not wait for a second.
+const BACKLOG: i32 = 4_096;
 
 /// A listener for a line, or for a TCP port of a drive.
 pub(super) struct Listener {
@@ -176,7 +180,7 @@ impl Listener {
     }
 
     fn at(outlet: Outlet, com_port: Option<Bus>, bound: Bound) -> io::Result<Self> {
-        let socket = bound.listen()?;
+        let socket = bound.listen(BACKLOG)?;
         let address = socket.local_addr()?.to_string();
         let uri = if com_port.is_some() { Uri::Rfc2217(address) } else { Uri::Tcp(address) }.to_string();
         let site = Rc::new(Site::new(uri));

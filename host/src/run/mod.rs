@@ -88,6 +88,9 @@ impl Configuration {
     }
 }
 
+/// Connections to the control API that may wait. Those whose callers have left are still served, so there are few.
+const API_BACKLOG: i32 = 128;
+
 impl Prepared {
     /// Opens the ports and the control API, and starts the output files. Clients may connect from now on, but
     /// only [`Running::serve`] serves them.
@@ -101,7 +104,7 @@ impl Prepared {
             .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
         let mut banner = Banner::new(&bench, &drives, addresses);
         if let Some(bound) = control {
-            let api = bound.listen().and_then(|listener| {
+            let api = bound.listen(API_BACKLOG).and_then(|listener| {
                 let address = listener.local_addr()?;
                 api::serve(listener, &allow_host, handle, banner.places())?;
                 Ok(address)
