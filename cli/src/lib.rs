@@ -1,0 +1,70 @@
+//! The command `drivetwin`: emulated motion drives on ptys and TCP ports.
+//!
+//! A library, because the command is two programs: that of this crate, and that of the Python package.
+
+mod args;
+mod commands;
+mod log;
+
+use std::ffi::OsString;
+use std::io::{self, Write as _};
+
+use args::{Cli, Command};
+use clap::Parser as _;
+use commands::print;
+
+/// Exit code: the command is done.
+const SUCCESS: u8 = 0;
+/// Exit code: a replay differs from its recording.
+const DIFFERENT: u8 = 1;
+/// Exit code: wrong usage or configuration.
+const BAD_USAGE: u8 = 2;
+
+/// Runs the command with these arguments, the first of which is its own name, and returns its exit code. It catches
+/// signals and prints as a program does, so a process calls it once.
+#[must_use]
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let code = drivetwin(arguments);
+    // The end of a Rust program does that; another program does not. A closed stdout is not an error.
+    let _ = io::stdout().flush();
+    log::finish();
+    code
+}
+
+fn drivetwin(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => return fail(&args::sentence(error)),
+        Err(help) => {
+            return print(&help.render().to_string()).map_or_else(|error| fail(&error), |()| SUCCESS);
+        }
+    };
+    log::start(&cli);
+    match execute(cli.command) {
+        Ok(code) => code,
+        Err(sentence) => fail(&sentence),
+    }
+}
+
+fn execute(command: Command) -> Result<u8, String> {
+    match command {
+        Command::Run(run) => commands::run::run(*run)?,
+        Command::Check { file } => commands::check::check(file)?,
+        Command::List { json } => commands::list::list(json)?,
+        Command::Describe { kinds, json, markdown } => commands::describe::describe(&kinds, json, markdown)?,
+        Command::Replay { file } => {
+            let same = commands::replay::replay(&file)?;
+            return Ok(if same { SUCCESS } else { DIFFERENT });
+        }
+        Command::Plot(plot) => commands::plot::plot(plot)?,
+        Command::Asm(asm) => commands::asm::asm(&asm)?,
+        Command::Disasm { file } => commands::disasm::disasm(&file)?,
+        Command::Reference => commands::reference::reference()?,
+    }
+    Ok(SUCCESS)
+}
+
+fn fail(sentence: &str) -> u8 {
+    log::write_line(format!("drivetwin: {sentence}\n").as_bytes());
+    BAD_USAGE
+}
