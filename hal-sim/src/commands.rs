@@ -8,9 +8,9 @@
 //! let mut bench = Bench::new();
 //! let x = bench.add::<Md3>("x");
 //! commands::fault(&mut bench, x, "over_temperature", true)?;
-//! let wrong = commands::fault(&mut bench, x, "over_temp", true).unwrap_err();
+//! let wrong = commands::fault(&mut bench, x, "over_temprature", true).unwrap_err();
 //! assert!(matches!(wrong, Refusal::Unknown(_)));
-//! assert_eq!(wrong.to_string(), "there is no fault 'over_temp'; the nearest is 'over_temperature'");
+//! assert_eq!(wrong.to_string(), "there is no fault 'over_temprature'; the nearest is 'over_temperature'");
 //! # Ok::<(), Refusal>(())
 //! ```
 

@@ -43,6 +43,9 @@ const HOST: [&str; 12] = [
     "run",
 ];
 
+/// Modules of `python/src`, lowest first.
+const PYTHON: [&str; 8] = ["errors", "shared", "views", "tables", "named", "line", "drive", "bench"];
+
 /// Crate roots, and modules that only tests use.
 const APART: [&str; 2] = ["lib", "testing"];
 
@@ -105,6 +108,11 @@ fn folders_of_the_bench_use_only_those_below() {
 #[test]
 fn folders_of_the_host_use_only_those_below() {
     check("host", &HOST);
+}
+
+#[test]
+fn modules_of_the_python_package_use_only_those_below() {
+    check("python", &PYTHON);
 }
 
 #[test]

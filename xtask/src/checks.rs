@@ -10,7 +10,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::{Outcome, Report, Row, now};
 use crate::tools::{self, Tool, Tools};
-use crate::{board, crates, docs, panic_free, pico, size, swarm};
+use crate::{board, crates, docs, panic_free, pico, python, size, swarm};
 
 /// Crates that only a board, or a linker, can build.
 pub(crate) const BARE: [&str; 5] =
@@ -60,7 +60,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which a lane runs its checks.
-const CHECKS: [Check; 28] = [
+const CHECKS: [Check; 29] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -98,6 +98,7 @@ const CHECKS: [Check; 28] = [
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
     check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
+    check(Group::Foreign, "Python package", &[Tool::Python], python::check),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
     check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),

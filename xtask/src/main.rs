@@ -22,6 +22,7 @@ mod image;
 mod interrupts;
 mod panic_free;
 mod pico;
+mod python;
 mod qemu;
 mod report;
 mod size;

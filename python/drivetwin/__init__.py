@@ -1,0 +1,34 @@
+"""Motion drives for tests: five real products, emulated as their manuals describe them.
+
+    import drivetwin
+
+    bench = drivetwin.Bench()
+    x = bench.add("md3", name="x", fast_boot=True)
+    x.registers["Speed"] = 8000
+    x.ask(bytes.fromhex("010600110001180F"))  # Move, as a Modbus master asks for it
+    bench.advance(3.0)
+    assert x.motion.position == 10_000
+
+Times are in seconds of bench time, positions in steps or counts, currents in A. A name or value that is not valid raises
+`Error` with the sentence that the command `drivetwin` prints.
+"""
+
+from ._errors import Error, UnknownName
+from ._native import Bench, Drive, Line, Motion, Motor, Pins, Port, Registers, Request, RequestRegister, kinds
+from ._native import __version__
+
+__all__ = [
+    "Bench",
+    "Drive",
+    "Error",
+    "Line",
+    "Motion",
+    "Motor",
+    "Pins",
+    "Port",
+    "Registers",
+    "Request",
+    "RequestRegister",
+    "UnknownName",
+    "kinds",
+]

@@ -1,0 +1,398 @@
+//! A bench on virtual time.
+
+use std::collections::HashMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use drivetwin_firmware::device::Instant;
+use drivetwin_host::options::{Assignment, RunOptions};
+use drivetwin_host::{Configuration, Memories, Offline};
+use drivetwin_sim::bench::{self, DriveId, Settings};
+use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::has_own_motor;
+use drivetwin_sim::config::preset::{Number, Preset};
+use drivetwin_sim::record::trace::Retention;
+use drivetwin_sim::{catalog, commands, export};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyIterator, PyList};
+
+use crate::drive::Drive;
+use crate::errors::{Error, refused, wrong};
+use crate::line::Line;
+use crate::shared::{Bench, Shared, seconds, span};
+use crate::tables;
+use crate::views::Motor;
+
+/// Settings that keep the whole recording, as tests want it.
+fn keeping_all(settings: Settings) -> Settings {
+    Settings { trace: Retention::All, capture: Retention::All, shafts: true, ..settings }
+}
+
+impl Bench {
+    fn of(configuration: &Configuration) -> PyResult<Self> {
+        let offline = configuration.offline(keeping_all).map_err(|sentence| wrong(&sentence))?;
+        Ok(Self { shared: Shared::new(offline) })
+    }
+
+    fn drive(&self, py: Python<'_>, id: DriveId) -> PyResult<Drive> {
+        let (spec, name) =
+            self.shared.with(py, |open| (open.bench.spec(id), open.bench.name(id).to_owned()))?;
+        Ok(Drive { shared: Arc::clone(&self.shared), id, spec, name })
+    }
+
+    fn names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.shared.with(py, |open| {
+            let drives = open.bench.drives();
+            drives.map(|id| open.bench.name(id).to_owned()).collect()
+        })
+    }
+
+    /// Adds a table of a bench file.
+    fn add_table(&self, py: Python<'_>, name: &str, keys: &Bound<'_, PyDict>) -> PyResult<()> {
+        let text = tables::table(name, keys)?;
+        let added = self.shared.with(py, |open| tables::add(&mut open.bench, &text).map(drop))?;
+        added.map_err(|sentence| wrong(&sentence))
+    }
+}
+
+/// A number as an argument.
+fn number(value: &Bound<'_, PyAny>) -> PyResult<Number> {
+    let Ok(text) = value.extract::<String>() else { return Ok(Number::Decimal(value.extract()?)) };
+    Number::parse(&text)
+        .ok_or_else(|| Error::new_err(format!("'{text}' is not a number; 8000, -5 and 0x1F40 are")))
+}
+
+/// A register's value as text, as the option `--set` takes it.
+fn assigned(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    if let Ok(text) = value.extract::<String>() {
+        return Ok(text);
+    }
+    if let Ok(words) = value.extract::<Vec<i64>>() {
+        return Ok(words.iter().map(ToString::to_string).collect::<Vec<_>>().join(","));
+    }
+    Ok(value.extract::<i64>()?.to_string())
+}
+
+#[pymethods]
+impl Bench {
+    /// An empty bench. `seed` is that of every random choice; `line` is "timed", or "fast": characters take no time.
+    #[new]
+    #[pyo3(signature = (*, seed = 1, line = "timed"))]
+    fn new(seed: u64, line: &str) -> PyResult<Self> {
+        let line = bench_file::line_mode(line).map_err(|sentence| wrong(&sentence))?;
+        let settings = keeping_all(Settings { seed, line, ..Settings::default() });
+        let bench = bench::Bench::with(settings);
+        Ok(Self { shared: Shared::new(Offline { bench, memories: Memories::default() }) })
+    }
+
+    /// A bench from a bench file. Its ports are not opened. Paths in it are relative to its folder.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        let what = path.into_os_string().into_string();
+        let what = what.map_err(|path: OsString| Error::new_err(format!("{path:?} is not UTF-8")))?;
+        if !what.ends_with(".toml") {
+            return Err(Error::new_err(format!("'{what}' is not a bench file: its name ends in .toml")));
+        }
+        let options = RunOptions { what, ..RunOptions::default() };
+        Self::of(&Configuration::read(options).map_err(|sentence| wrong(&sentence))?)
+    }
+
+    /// A bench from the text of a bench file. Its ports are not opened. Paths in it are relative to the current folder.
+    #[staticmethod]
+    fn loads(text: &str) -> PyResult<Self> {
+        Self::of(&Configuration::parse(text, Path::new("")).map_err(|sentence| wrong(&sentence))?)
+    }
+
+    /// Adds a drive of a kind, for instance "md3", and switches its power on.
+    ///
+    /// `name` is its kind by default; `address` its bus address and `set` registers, as if saved before power-on; `fast_boot`
+    /// skips the start-up delay; `nv` is the file of its non-volatile memory, and `program` that of a user program (RS
+    /// drives). `motor` is a dict with the keys of a table [[motor]] of a bench file, for drives whose motor must be there
+    /// from the start: RS, MDROBOT, MDrive.
+    #[pyo3(signature = (kind, name = None, *, address = None, fast_boot = false, set = None, nv = None, program = None, motor = None))]
+    #[expect(clippy::too_many_arguments, reason = "each is a keyword argument of the method")]
+    fn add(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        name: Option<&str>,
+        address: Option<&Bound<'_, PyAny>>,
+        fast_boot: bool,
+        set: Option<&Bound<'_, PyDict>>,
+        nv: Option<PathBuf>,
+        program: Option<PathBuf>,
+        motor: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Drive> {
+        let spec = catalog::make(kind).map_err(|sentence| wrong(&sentence))?.spec();
+        let name = name.unwrap_or(kind);
+        let mut options =
+            RunOptions { what: kind.to_owned(), fast_boot, nv, program, ..RunOptions::default() };
+        options.address = address.map(number).transpose()?;
+        for (register, value) in set.into_iter().flat_map(|set| set.iter()) {
+            let (register, value) = (register.extract::<String>()?, assigned(&value)?);
+            Preset::typed(spec, &register, &value).map_err(|sentence| wrong(&format!("set: {sentence}")))?;
+            options.set.push(Assignment { register, value });
+        }
+        let motor = match motor {
+            None => String::new(),
+            Some(keys) => {
+                let keys = keys.copy()?;
+                keys.set_item("drive", name)?;
+                if !keys.contains("name")? {
+                    keys.set_item("name", self.free_motor_name(py)?)?;
+                }
+                tables::table("motor", &keys)?
+            }
+        };
+        let added = self.shared.with(py, |open| {
+            let (id, memories) = Configuration::read(options)?.add_to(&mut open.bench, name, &motor)?;
+            open.memories.extend(memories);
+            Ok::<_, String>(id)
+        })?;
+        self.drive(py, added.map_err(|sentence| wrong(&sentence))?)
+    }
+
+    /// The drive with that name.
+    fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<Drive> {
+        let found = self.shared.with(py, |open| commands::drive(&open.bench, name))?;
+        self.drive(py, found.map_err(refused)?)
+    }
+
+    fn __contains__(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
+        self.shared.with(py, |open| open.bench.find_drive(name).is_some())
+    }
+
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.shared.with(py, |open| open.bench.drives().len())
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        PyList::new(py, self.names(py)?)?.try_iter()
+    }
+
+    /// The names of the drives, in the order in which they were added.
+    fn keys(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.names(py)
+    }
+
+    /// The drives, in the order in which they were added.
+    fn values(&self, py: Python<'_>) -> PyResult<Vec<Drive>> {
+        let ids = self.shared.with(py, |open| open.bench.drives())?;
+        ids.map(|id| self.drive(py, id)).collect()
+    }
+
+    /// Bench time in seconds.
+    #[getter]
+    fn now(&self, py: Python<'_>) -> PyResult<f64> {
+        self.shared.with(py, |open| seconds(open.bench.now()))
+    }
+
+    /// Lets that many seconds of bench time pass, at once. Other threads run meanwhile, and Ctrl-C interrupts.
+    fn advance(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        let span = span("advance", seconds)?;
+        let until = self.shared.with(py, |open| open.bench.now() + span)?;
+        self.shared.run(py, until)
+    }
+
+    /// Lets bench time pass until `seconds`, at once, as `advance` does. Time does not go back.
+    fn run_until(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        let until = Instant::ZERO + span("run_until", seconds)?;
+        let now = self.shared.with(py, |open| open.bench.now())?;
+        if until < now {
+            let now = crate::shared::seconds(now);
+            return Err(Error::new_err(format!("{seconds} s have passed already: the bench is at {now} s")));
+        }
+        self.shared.run(py, until)
+    }
+
+    /// The line or TCP port with that name: the name of a bus of a bench file, or "DRIVE.PORT".
+    fn line(&self, py: Python<'_>, name: &str) -> PyResult<Line> {
+        let found = self.shared.with(py, |open| commands::outlet(&open.bench, name))?;
+        Ok(Line::new(Arc::clone(&self.shared), found.map_err(refused)?))
+    }
+
+    /// Connects the serial ports of several drives to one line: a table [[bus]] of a bench file.
+    #[pyo3(signature = (name, drives, **keys))]
+    fn bus(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        drives: &Bound<'_, PyAny>,
+        keys: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Line> {
+        let table = copy(py, keys)?;
+        table.set_item("name", name)?;
+        let names = drives.try_iter()?.map(|drive| drive_name(&drive?));
+        table.set_item("drives", names.collect::<PyResult<Vec<String>>>()?)?;
+        self.add_table(py, "bus", &table)?;
+        self.line(py, name)
+    }
+
+    /// Attaches a motor to a drive: a table [[motor]] of a bench file. Its name is by default "m", the next one "m2". The motor of an RS,
+    /// MDROBOT or MDrive must be there from the start: see `add`.
+    #[pyo3(signature = (drive, name = None, **keys))]
+    fn motor(
+        &self,
+        py: Python<'_>,
+        drive: &Bound<'_, PyAny>,
+        name: Option<String>,
+        keys: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Motor> {
+        let name = name.map_or_else(|| self.free_motor_name(py), Ok)?;
+        let table = copy(py, keys)?;
+        let drive = drive_name(drive)?;
+        table.set_item("name", &name)?;
+        table.set_item("drive", &drive)?;
+        if let Some(kind) = self.kind_with_own_motor(py, &drive)? {
+            return Err(Error::new_err(format!(
+                "the motor of {kind} must be there from the start: bench.add('{kind}', motor={{...}}), or a bench file"
+            )));
+        }
+        self.add_table(py, "motor", &table)?;
+        self.motors(py)?.remove(&name).ok_or_else(|| Error::new_err(format!("there is no motor '{name}'")))
+    }
+
+    /// The motors at this instant, by name.
+    #[getter]
+    fn motors(&self, py: Python<'_>) -> PyResult<HashMap<String, Motor>> {
+        self.shared.with(py, |open| {
+            let motors = open.bench.motors().map(|motor| Motor::of(&open.bench, motor));
+            motors.map(|motor| (motor.name.clone(), motor)).collect()
+        })
+    }
+
+    /// Puts an encoder on the shaft of a motor: a table [[encoder]] of a bench file.
+    fn encoder(
+        &self,
+        py: Python<'_>,
+        motor: &str,
+        cycles_per_rev: &Bound<'_, PyAny>,
+        to: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let table = PyDict::new(py);
+        table.set_item("motor", motor)?;
+        table.set_item("cycles_per_rev", cycles_per_rev)?;
+        table.set_item("to", to)?;
+        self.add_table(py, "encoder", &table)
+    }
+
+    /// Puts a switch on the shaft of a motor, which pulls a pin to ground within a range of positions: a table [[switch]] of
+    /// a bench file, for instance `closed={"below_rev": -2.0}, to="x.J2.2"`.
+    fn switch(
+        &self,
+        py: Python<'_>,
+        motor: &str,
+        closed: &Bound<'_, PyAny>,
+        to: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let table = PyDict::new(py);
+        table.set_item("motor", motor)?;
+        table.set_item("closed", closed)?;
+        table.set_item("to", to)?;
+        self.add_table(py, "switch", &table)
+    }
+
+    /// Connects an output pin to an input pin, for instance `wire("a.STEP", "b.J2.4")`.
+    fn wire(&self, py: Python<'_>, from_pin: &str, to: &str) -> PyResult<()> {
+        let table = PyDict::new(py);
+        table.set_item("from", from_pin)?;
+        table.set_item("to", to)?;
+        self.add_table(py, "wire", &table)
+    }
+
+    /// Plays a scenario: the steps of a table [[scenario]] of a bench file, for instance
+    /// `[{"at_s": 0.5, "drive": "x", "fault": "over_temperature"}]`.
+    fn scenario(&self, py: Python<'_>, steps: &Bound<'_, PyAny>) -> PyResult<()> {
+        let table = PyDict::new(py);
+        table.set_item("steps", steps)?;
+        self.add_table(py, "scenario", &table)
+    }
+
+    /// The recording so far, as text for `drivetwin replay`.
+    fn trace(&self, py: Python<'_>) -> PyResult<String> {
+        self.shared.with_detached(py, |open| open.bench.trace().to_text())
+    }
+
+    /// The waveforms of pins, motion and messages so far (VCD, for GTKWave).
+    fn vcd<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.shared.with_detached(py, |open| {
+            let mut bytes = Vec::new();
+            export::vcd::write(open.bench.trace(), &mut bytes).map(|()| bytes)
+        })?;
+        Ok(PyBytes::new(py, &bytes?))
+    }
+
+    /// The frames of the lines so far (pcapng, for Wireshark).
+    fn pcapng<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.shared.with_detached(py, |open| {
+            let mut bytes = Vec::new();
+            export::pcapng::write(&open.bench, &mut bytes).map(|()| bytes)
+        })?;
+        Ok(PyBytes::new(py, &bytes?))
+    }
+
+    /// Ends the bench and completes the files of memories. A later call of the bench or of its drives raises.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.shared.close(py)
+    }
+
+    fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_raised))]
+    fn __exit__(&self, py: Python<'_>, _raised: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.close(py)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.shared, &other.shared)
+    }
+
+    fn __hash__(&self) -> isize {
+        // The address is that of the bench as long as an object of it lives.
+        Arc::as_ptr(&self.shared).addr().cast_signed()
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let (now, drives) = self.shared.with(py, |open| (open.bench.now(), open.bench.drives().len()))?;
+        Ok(format!("<Bench at {} s with {drives} drives>", seconds(now)))
+    }
+}
+
+impl Bench {
+    /// A name for a motor that has none: "m", "m2" and so on.
+    fn free_motor_name(&self, py: Python<'_>) -> PyResult<String> {
+        let is_free = |name: &String| self.shared.with(py, |open| !open.bench.is_taken(name));
+        let mut name = "m".to_owned();
+        for number in 2.. {
+            if is_free(&name)? {
+                break;
+            }
+            name = format!("m{number}");
+        }
+        Ok(name)
+    }
+
+    /// The kind of a drive whose motor must be there from the start.
+    fn kind_with_own_motor(&self, py: Python<'_>, drive: &str) -> PyResult<Option<&'static str>> {
+        self.shared.with(py, |open| {
+            let spec = open.bench.spec(open.bench.find_drive(drive)?);
+            has_own_motor(spec).then_some(spec.kind)
+        })
+    }
+}
+
+/// The name of a drive that is given as itself or by its name.
+fn drive_name(drive: &Bound<'_, PyAny>) -> PyResult<String> {
+    match drive.cast::<Drive>() {
+        Ok(drive) => Ok(drive.get().name.clone()),
+        Err(_) => Ok(drive.extract()?),
+    }
+}
+
+/// A copy of keyword arguments.
+fn copy<'py>(py: Python<'py>, keys: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyDict>> {
+    keys.map_or_else(|| Ok(PyDict::new(py)), |keys| keys.copy())
+}

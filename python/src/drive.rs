@@ -1,0 +1,276 @@
+//! A drive of a bench.
+
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::sync::Arc;
+
+use drivetwin_firmware::device::{Fault, Port as PortNumber, Spec};
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+use drivetwin_sim::bench::{DriveId, PowerAction};
+use drivetwin_sim::signals::pulses::Pulse;
+use drivetwin_sim::{commands, suggest};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::errors::{Error, UnknownName, refused, wrong};
+use crate::line::{Line, Port};
+use crate::named::{Pins, Registers, is_light};
+use crate::shared::{Bench, Shared, seconds, span};
+use crate::views::{Motion, Request};
+
+/// A drive on a bench: what a person at it could see and do, and what a master on its line can ask.
+#[pyclass(frozen, module = "drivetwin")]
+pub(crate) struct Drive {
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) id: DriveId,
+    pub(crate) spec: &'static Spec,
+    pub(crate) name: String,
+}
+
+impl Drive {
+    /// The port with that name, or the first one.
+    fn find_port(&self, name: Option<&str>) -> PyResult<PortNumber> {
+        name.map_or(Ok(PortNumber(0)), |name| commands::port(self.spec, name).map_err(refused))
+    }
+
+    fn set_fault(&self, py: Python<'_>, name: &str, on: bool) -> PyResult<()> {
+        let set = self.shared.with(py, |open| commands::fault(&mut open.bench, self.id, name, on))?;
+        set.map_err(refused)
+    }
+}
+
+#[pymethods]
+impl Drive {
+    /// Name of the drive on its bench.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The bench that the drive is on.
+    #[getter]
+    fn bench(&self) -> Bench {
+        Bench { shared: Arc::clone(&self.shared) }
+    }
+
+    /// Kind of the drive, for instance "md3".
+    #[getter]
+    fn kind(&self) -> &'static str {
+        self.spec.kind
+    }
+
+    /// Names of the ports; the first one is that of `ask` and `line` without a name.
+    #[getter]
+    fn ports(&self) -> Vec<&'static str> {
+        self.spec.ports.iter().map(|port| port.name).collect()
+    }
+
+    /// Sends a whole message to a port, the first one if none is named, and returns the answer. b"" is silence. Bench
+    /// time goes on until the drive has answered, or will not.
+    #[pyo3(signature = (frame, port = None))]
+    fn ask<'py>(
+        &self,
+        py: Python<'py>,
+        frame: PyBackedBytes,
+        port: Option<&str>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let port = self.find_port(port)?;
+        let reply = self.shared.with(py, |open| open.bench.ask_at(self.id, port, &frame))?;
+        Ok(PyBytes::new(py, &reply))
+    }
+
+    /// The registers, by the manual's names.
+    #[getter]
+    fn registers(&self) -> Registers {
+        Registers::new(Arc::clone(&self.shared), self.id, self.spec)
+    }
+
+    /// The pins, by the manual's names.
+    #[getter]
+    fn pins(&self) -> Pins {
+        Pins::new(Arc::clone(&self.shared), self.id, self.spec)
+    }
+
+    /// The lights at this instant, by the manual's names: True while lit.
+    #[getter]
+    fn leds(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, bool>> {
+        use drivetwin_firmware::device::Level;
+        self.shared.with(py, |open| {
+            let lights = self.spec.pin_names().filter(|(_, pin)| is_light(self.spec, *pin));
+            lights.map(|(name, pin)| (name, open.bench.level(self.id, pin) == Level::High)).collect()
+        })
+    }
+
+    /// Motion of the first axis at this instant.
+    #[getter]
+    fn motion(&self, py: Python<'_>) -> PyResult<Motion> {
+        if self.spec.axes.is_empty() {
+            return Err(Error::new_err(format!(
+                "{} moves nothing: {} has no axis",
+                self.name, self.spec.kind
+            )));
+        }
+        self.shared.with(py, |open| Motion::of(&open.bench, self.id))
+    }
+
+    /// All pulses of the STEP output since the drive was added: a list of (seconds, +1 or -1), or, where numpy is
+    /// installed, a structured array with the fields "at" and "step".
+    fn pulses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        if self.spec.axes.first().is_none_or(|axis| axis.step_dir.is_none()) {
+            return Err(Error::new_err(format!("{} has no STEP output", self.name)));
+        }
+        let step = |pulse: Pulse| (seconds(pulse.rise), if pulse.forward { 1_i8 } else { -1 });
+        let pulses: Vec<(f64, i8)> =
+            self.shared.with_detached(py, |open| open.bench.pulses(self.id.step()).map(step).collect())?;
+        let Ok(numpy) = py.import("numpy") else { return pulses.into_pyobject(py) };
+        let bytes: Vec<u8> = pulses
+            .iter()
+            .flat_map(|(at, step)| at.to_ne_bytes().into_iter().chain(step.to_ne_bytes()))
+            .collect();
+        let fields = vec![("at", "=f8"), ("step", "i1")];
+        let array = numpy.call_method1("frombuffer", (PyBytes::new(py, &bytes), fields))?;
+        array.call_method0("copy")
+    }
+
+    /// Turns the encoder at the inputs A and B by `counts` edges, four per cycle, `hz` of them per second of bench time
+    /// (0.000001 to 16,000,000); backwards if `counts` is negative. The edges come while time advances.
+    fn encoder(&self, py: Python<'_>, counts: i64, hz: f64) -> PyResult<()> {
+        let begun = self.shared.with(py, |open| commands::encoder(&mut open.bench, self.id, counts, hz))?;
+        begun.map_err(refused)
+    }
+
+    /// Sends a train of `count` pulses into an input pin, `hz` of them per second of bench time (0.000001 to 8,000,000).
+    /// `duty` is the part of its period for which a pulse lasts.
+    #[pyo3(signature = (pin, count, hz, duty = 0.5))]
+    fn pulse(&self, py: Python<'_>, pin: &str, count: u32, hz: f64, duty: f64) -> PyResult<()> {
+        let begun = self
+            .shared
+            .with(py, |open| commands::pulse_pin(&mut open.bench, self.id, pin, count, hz, duty))?;
+        begun.map_err(refused)
+    }
+
+    /// Sets the cause of a fault, for instance "over_temperature".
+    fn fault(&self, py: Python<'_>, name: &str) -> PyResult<()> {
+        self.set_fault(py, name, true)
+    }
+
+    /// Clears the cause of a fault.
+    fn clear(&self, py: Python<'_>, name: &str) -> PyResult<()> {
+        self.set_fault(py, name, false)
+    }
+
+    /// Faults by name: True while the cause is present.
+    #[getter]
+    fn faults(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, bool>> {
+        self.shared.with(py, |open| {
+            let faults = (0..).map(Fault).zip(self.spec.faults);
+            faults.map(|(fault, &name)| (name, open.bench.faulty(self.id, fault))).collect()
+        })
+    }
+
+    /// Switches the power: "off", "on", "cycle" (off and on again), or "cut": it fails in the middle of the next save.
+    fn power(&self, py: Python<'_>, action: &str) -> PyResult<()> {
+        const ACTIONS: [(&str, PowerAction); 4] = [
+            ("off", PowerAction::Off),
+            ("on", PowerAction::On),
+            ("cycle", PowerAction::Cycle),
+            ("cut", PowerAction::Cut),
+        ];
+        let found = ACTIONS.iter().find(|(name, _)| *name == action).ok_or_else(|| {
+            let names = ACTIONS.iter().map(|(name, _)| *name);
+            UnknownName::new_err(suggest::unknown("power action", action, names))
+        })?;
+        self.shared.with(py, |open| open.bench.power(self.id, found.1))
+    }
+
+    /// True while the drive has power.
+    #[getter]
+    fn powered(&self, py: Python<'_>) -> PyResult<bool> {
+        self.shared.with(py, |open| open.bench.powered(self.id))
+    }
+
+    /// The line or TCP port of a port, the first one if none is named.
+    #[pyo3(signature = (port = None))]
+    fn line(&self, py: Python<'_>, port: Option<&str>) -> PyResult<Line> {
+        let port = self.find_port(port)?;
+        let outlet = self.shared.with(py, |open| open.bench.outlet(self.id, port))?;
+        Ok(Line::new(Arc::clone(&self.shared), outlet))
+    }
+
+    /// The latest messages that the drive has received, the oldest first: those since a bench time in seconds, with a
+    /// Modbus function, or that read or write a register.
+    #[pyo3(signature = (since = 0.0, function = None, register = None))]
+    fn received(
+        &self,
+        py: Python<'_>,
+        since: f64,
+        function: Option<u8>,
+        register: Option<&str>,
+    ) -> PyResult<Vec<Request>> {
+        use drivetwin_firmware::device::Instant;
+        let since = Instant::ZERO + span("since", since)?;
+        let register =
+            register.map(|name| commands::register(self.spec, name)).transpose().map_err(refused)?;
+        let mut received = self.shared.with(py, |open| open.bench.received(self.id))?.since(since);
+        if let Some(function) = function {
+            received = received.of_function(function);
+        }
+        if let Some(register) = register {
+            received = received.of_register(register);
+        }
+        Ok(received.messages().map(Request::from).collect())
+    }
+
+    /// Returns whether the drive executed a write of the register `first` before the first write of `then`.
+    fn wrote_before(&self, py: Python<'_>, first: &str, then: &str) -> PyResult<bool> {
+        let find = |name| commands::register(self.spec, name).map_err(refused);
+        let (first, then) = (find(first)?, find(then)?);
+        Ok(self.shared.with(py, |open| open.bench.received(self.id))?.wrote_before(first, then))
+    }
+
+    /// Statistics of the requests on a Modbus line, the first one if none is named, to all its drives: `requests`,
+    /// `early` (without a silence of t3.5), `retries`, `shortest_silence` in seconds, and `starting`, the requests to
+    /// this drive that it did not receive because it was starting.
+    #[pyo3(signature = (port = None))]
+    fn statistics<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyDict>> {
+        let port = self.find_port(port)?;
+        let (line, starting) = self.shared.with(py, |open| {
+            let line = open.bench.bus(self.id, port).map(|bus| open.bench.request_statistics(bus));
+            (line, open.bench.starting_requests(self.id))
+        })?;
+        let line = line.ok_or_else(|| Error::new_err("a TCP port has no statistics of silence"))?;
+        let statistics = PyDict::new(py);
+        statistics.set_item("requests", line.requests)?;
+        statistics.set_item("early", line.early)?;
+        statistics.set_item("retries", line.retries)?;
+        let silence = line.shortest_silence.map(|silence| silence.ticks() as f64 / TICKS_PER_SECOND as f64);
+        statistics.set_item("shortest_silence", silence)?;
+        statistics.set_item("starting", starting.count)?;
+        Ok(statistics)
+    }
+
+    /// Opens a port as a stream on virtual time.
+    fn port(&self, py: Python<'_>, name: &str) -> PyResult<Port> {
+        let port = self.find_port(Some(name))?;
+        let client = self.shared.with(py, |open| open.bench.connect_to(self.id, port))?;
+        let client =
+            client.map_err(|error| wrong(&format!("{} refuses a connection: {error}", self.name)))?;
+        Ok(Port::new(Arc::clone(&self.shared), client, format!("{}.{name}", self.name)))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.shared, &other.shared) && self.id == other.id
+    }
+
+    fn __hash__(&self) -> isize {
+        // The address is that of the bench as long as a drive of it lives.
+        let mut hasher = DefaultHasher::new();
+        (Arc::as_ptr(&self.shared).addr(), self.id).hash(&mut hasher);
+        hasher.finish().cast_signed() as isize
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Drive {} ({})>", self.name, self.spec.kind)
+    }
+}

@@ -1,0 +1,170 @@
+//! Lines and TCP ports of drives, and streams to them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use drivetwin_sim::bench::{Bench, Client, Outlet};
+use drivetwin_sim::line::faults::LineFaults;
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::errors::{Error, wrong};
+use crate::shared::Shared;
+use crate::tables;
+
+/// A serial line of one or more drives, or a TCP port of a drive.
+#[pyclass(frozen, module = "drivetwin")]
+pub(crate) struct Line {
+    shared: Arc<Shared>,
+    outlet: Outlet,
+}
+
+impl Line {
+    pub(crate) fn new(shared: Arc<Shared>, outlet: Outlet) -> Self {
+        Self { shared, outlet }
+    }
+}
+
+/// Name of a line in the table of a bench file: unique on every bench.
+fn unique_name(bench: &Bench, outlet: Outlet) -> String {
+    match outlet {
+        Outlet::Line(bus) if bench.shared_buses().any(|shared| shared == bus) => {
+            bench.bus_name(bus).to_owned()
+        }
+        _ => {
+            let drive = bench.drives_at(outlet).first().map_or("", |&drive| bench.name(drive));
+            format!("{drive}.{}", bench.port_at(outlet).map_or("", |port| port.name))
+        }
+    }
+}
+
+#[pymethods]
+impl Line {
+    /// Name of the line or TCP port.
+    #[getter]
+    fn name(&self, py: Python<'_>) -> PyResult<String> {
+        self.shared.with(py, |open| open.bench.outlet_name(self.outlet))
+    }
+
+    /// Sets the faults of the line from its next frame on, with the keys of a table [[fault]] of a bench file; without
+    /// an argument the line has no faults. A rate is a share of the frames, 0 to 1; a dict says which frames and how
+    /// many: `drop={"count": 1, "direction": "reply"}`.
+    #[pyo3(signature = (**faults))]
+    fn faults(&self, py: Python<'_>, faults: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+        let Some(faults) = faults else {
+            return self.shared.with(py, |open| open.bench.set_faults(self.outlet, LineFaults::NONE));
+        };
+        let keys = faults.copy()?;
+        let name = self.shared.with(py, |open| unique_name(&open.bench, self.outlet))?;
+        if keys.contains("bus")? {
+            return Err(Error::new_err("bus is not an argument: these are the faults of one line"));
+        }
+        keys.set_item("bus", name)?;
+        let text = tables::table("fault", &keys)?;
+        let set = self.shared.with(py, |open| tables::add(&mut open.bench, &text).map(drop))?;
+        set.map_err(|sentence| wrong(&sentence))
+    }
+
+    /// True if the line drops requests that are too early, as drives do: without a silence of t3.5 before them.
+    #[getter]
+    fn strict(&self, py: Python<'_>) -> PyResult<bool> {
+        let Outlet::Line(bus) = self.outlet else { return Ok(false) };
+        self.shared.with(py, |open| open.bench.is_strict(bus))
+    }
+
+    #[setter]
+    fn set_strict(&self, py: Python<'_>, strict: bool) -> PyResult<()> {
+        let Outlet::Line(bus) = self.outlet else {
+            return Err(Error::new_err("a TCP port is not strict: it has no silence between requests"));
+        };
+        self.shared.with(py, |open| open.bench.set_strict(bus, strict))
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("<Line {}>", self.name(py)?))
+    }
+}
+
+/// A connection to a port of a drive, on virtual time: nothing waits. What is written goes out while time advances.
+#[pyclass(frozen, module = "drivetwin")]
+pub(crate) struct Port {
+    shared: Arc<Shared>,
+    client: Client,
+    name: String,
+    closed: AtomicBool,
+}
+
+impl Port {
+    pub(crate) fn new(shared: Arc<Shared>, client: Client, name: String) -> Self {
+        Self { shared, client, name, closed: AtomicBool::new(false) }
+    }
+
+    fn check(&self) -> PyResult<()> {
+        if self.closed.load(Ordering::Relaxed) {
+            return Err(Error::new_err(format!("the port {} is closed", self.name)));
+        }
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl Port {
+    /// Sends bytes, without gaps, and returns their number. They arrive while time advances.
+    fn write(&self, py: Python<'_>, data: PyBackedBytes) -> PyResult<usize> {
+        self.check()?;
+        let ended = self.shared.with(py, |open| match open.bench.ended(self.client) {
+            None => {
+                open.bench.send(self.client, &data);
+                None
+            }
+            ended => ended,
+        })?;
+        match ended {
+            None => Ok(data.len()),
+            Some(ended) => Err(wrong(&format!("the connection to {} has ended: {ended}", self.name))),
+        }
+    }
+
+    /// Returns what has come until now; b"" if nothing has.
+    fn read<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.check()?;
+        let mut bytes = Vec::new();
+        self.shared.with(py, |open| open.bench.receive(self.client, &mut bytes))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Closes the connection.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        if self.closed.swap(true, Ordering::Relaxed) {
+            return Ok(());
+        }
+        self.shared.with(py, |open| open.bench.disconnect(self.client))
+    }
+
+    /// True if this end is closed.
+    #[getter]
+    fn closed(&self) -> bool {
+        self.closed.load(Ordering::Relaxed)
+    }
+
+    fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_raised))]
+    fn __exit__(&self, py: Python<'_>, _raised: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.close(py)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Port {}>", self.name)
+    }
+}
+
+impl Drop for Port {
+    fn drop(&mut self) {
+        // A bench that is closed, or another process, has no connection to end.
+        Python::attach(|py| self.close(py).ok());
+    }
+}
