@@ -17,6 +17,14 @@ from ._errors import Error, UnknownName
 from ._native import Bench, Drive, Line, Motion, Motor, Pins, Port, Registers, Request, RequestRegister, kinds
 from ._native import __version__
 
+try:
+    import serial
+except ImportError:
+    pass
+else:
+    # From now on, serial.serial_for_url("drivetwin://md3") finds the module drivetwin.urlhandler.protocol_drivetwin.
+    serial.protocol_handler_packages.append("drivetwin.urlhandler")
+
 __all__ = [
     "Bench",
     "Drive",

@@ -337,6 +337,12 @@ impl Bench {
         self.shared.close(py)
     }
 
+    /// True if the bench is closed.
+    #[getter]
+    fn closed(&self, py: Python<'_>) -> PyResult<bool> {
+        self.shared.is_closed(py)
+    }
+
     fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
         this
     }

@@ -253,10 +253,22 @@ impl Drive {
     /// Opens a port as a stream on virtual time.
     fn port(&self, py: Python<'_>, name: &str) -> PyResult<Port> {
         let port = self.find_port(Some(name))?;
-        let client = self.shared.with(py, |open| open.bench.connect_to(self.id, port))?;
+        let (client, bus) = self
+            .shared
+            .with(py, |open| (open.bench.connect_to(self.id, port), open.bench.bus(self.id, port)))?;
         let client =
             client.map_err(|error| wrong(&format!("{} refuses a connection: {error}", self.name)))?;
-        Ok(Port::new(Arc::clone(&self.shared), client, format!("{}.{name}", self.name)))
+        Ok(Port::new(Arc::clone(&self.shared), client, bus, format!("{}.{name}", self.name)))
+    }
+
+    /// A URL of a port, the first one if none is named, for `serial.serial_for_url` in this process; see the module
+    /// `drivetwin.urlhandler.protocol_drivetwin`. It is valid as long as the bench.
+    #[pyo3(signature = (port = None))]
+    fn url<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
+        let PortNumber(number) = self.find_port(port)?;
+        let name = self.spec.ports.get(usize::from(number)).map_or("", |port| port.name);
+        let handler = py.import("drivetwin.urlhandler")?;
+        handler.call_method1("url", (self.bench(), &self.name, name))
     }
 
     fn __eq__(&self, other: &Self) -> bool {

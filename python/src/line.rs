@@ -1,16 +1,18 @@
 //! Lines and TCP ports of drives, and streams to them.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use drivetwin_sim::bench::{Bench, Client, Outlet};
+use drivetwin_protocol::line::Parity;
+use drivetwin_sim::bench::{Bench, Bus, Client, Outlet};
 use drivetwin_sim::line::faults::LineFaults;
+use drivetwin_sim::line::{PortParity, Sender};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::errors::{Error, wrong};
-use crate::shared::Shared;
+use crate::shared::{Shared, span};
 use crate::tables;
 
 /// A serial line of one or more drives, or a TCP port of a drive.
@@ -91,13 +93,31 @@ impl Line {
 pub(crate) struct Port {
     shared: Arc<Shared>,
     client: Client,
+    /// Line of the port, if it is serial.
+    bus: Option<Bus>,
     name: String,
+    /// Serial settings with which it sends and receives.
+    settings: Mutex<Sender>,
     closed: AtomicBool,
 }
 
+/// Bench time in s between two looks for Ctrl-C, while nothing comes.
+const PIECE: f64 = 0.1;
+
 impl Port {
-    pub(crate) fn new(shared: Arc<Shared>, client: Client, name: String) -> Self {
-        Self { shared, client, name, closed: AtomicBool::new(false) }
+    pub(crate) fn new(shared: Arc<Shared>, client: Client, bus: Option<Bus>, name: String) -> Self {
+        Self {
+            shared,
+            client,
+            bus,
+            name,
+            settings: Mutex::new(Sender::default()),
+            closed: AtomicBool::new(false),
+        }
+    }
+
+    fn settings(&self) -> Sender {
+        *self.settings.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn check(&self) -> PyResult<()> {
@@ -113,9 +133,13 @@ impl Port {
     /// Sends bytes, without gaps, and returns their number. They arrive while time advances.
     fn write(&self, py: Python<'_>, data: PyBackedBytes) -> PyResult<usize> {
         self.check()?;
+        let settings = self.settings();
         let ended = self.shared.with(py, |open| match open.bench.ended(self.client) {
             None => {
-                open.bench.send(self.client, &data);
+                // A port of seven data bits has no eighth one.
+                let mask = settings.data.map_or(0xFF, |data| 0xFF >> (8 - data.min(8)));
+                let characters: Vec<u8> = data.iter().map(|byte| byte & mask).collect();
+                open.bench.send_from(self.client, &characters, settings);
                 None
             }
             ended => ended,
@@ -132,6 +156,91 @@ impl Port {
         let mut bytes = Vec::new();
         self.shared.with(py, |open| open.bench.receive(self.client, &mut bytes))?;
         Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Sets the serial settings of this end: `baud` in bits per second, `data` bits, `parity` "N", "E" or "O", `stop` bits. One
+    /// that is None fits every line. With other settings than its line's a drive hears errors, and does not answer.
+    #[pyo3(signature = (baud = None, data = None, parity = None, stop = None))]
+    fn configure(
+        &self,
+        py: Python<'_>,
+        baud: Option<u32>,
+        data: Option<u8>,
+        parity: Option<&str>,
+        stop: Option<u8>,
+    ) -> PyResult<()> {
+        self.check()?;
+        let parity = match parity {
+            None => PortParity::Unknown,
+            Some("N") => PortParity::Known(Parity::None),
+            Some("E") => PortParity::Known(Parity::Even),
+            Some("O") => PortParity::Known(Parity::Odd),
+            Some(other) => {
+                return Err(Error::new_err(format!("parity takes 'N', 'E' or 'O', not '{other}'")));
+            }
+        };
+        if data.is_some_and(|data| !(5..=8).contains(&data))
+            || stop.is_some_and(|stop| !(1..=2).contains(&stop))
+        {
+            return Err(Error::new_err("a port has 5 to 8 data bits, and 1 or 2 stop bits"));
+        }
+        let settings = Sender { baud, data, parity, stop };
+        *self.settings.lock().unwrap_or_else(PoisonError::into_inner) = settings;
+        self.shared.with(py, |open| open.bench.set_receiver(self.client, settings))
+    }
+
+    /// Switches DTR: tells the drives of the line that a program has opened this end, or closed it. It resets a QSB.
+    fn dtr(&self, py: Python<'_>, on: bool) -> PyResult<()> {
+        self.check()?;
+        let Some(bus) = self.bus else { return Ok(()) };
+        self.shared.with(py, |open| open.bench.attach(bus, on))
+    }
+
+    /// Lets bench time pass until something can be read, at most `seconds`. Returns whether something can be read.
+    fn wait(&self, py: Python<'_>, seconds: f64) -> PyResult<bool> {
+        self.check()?;
+        let (longest, piece) = (span("wait", seconds)?, span("wait", PIECE)?);
+        let until = self.shared.with(py, |open| open.bench.now() + longest)?;
+        loop {
+            let (is_readable, is_over) = self.shared.with_detached(py, |open| {
+                let at = until.min(open.bench.now() + piece);
+                open.bench.run_until_readable(self.client, at);
+                (open.bench.readable().any(|client| client == self.client), open.bench.now() >= until)
+            })?;
+            if is_readable || is_over {
+                return Ok(is_readable);
+            }
+            py.check_signals()?;
+        }
+    }
+
+    /// Lets bench time pass until every complete request is answered, or will not be.
+    fn settle(&self, py: Python<'_>) -> PyResult<()> {
+        self.check()?;
+        self.shared.with_detached(py, |open| open.bench.run_until_idle())
+    }
+
+    /// Lets bench time pass until all that was written is on the line, at most `seconds`.
+    fn drain(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        self.check()?;
+        let longest = span("drain", seconds)?;
+        self.shared.with_detached(py, |open| {
+            let until = open.bench.now() + longest;
+            open.bench.run_until_transmitted(self.client, until);
+        })
+    }
+
+    /// Number of bytes that are not on the line yet.
+    #[getter]
+    fn unsent(&self, py: Python<'_>) -> PyResult<usize> {
+        self.check()?;
+        self.shared.with(py, |open| open.bench.backlog(self.client))
+    }
+
+    /// Drops the bytes that are not on the line yet.
+    fn drop_unsent(&self, py: Python<'_>) -> PyResult<()> {
+        self.check()?;
+        self.shared.with(py, |open| open.bench.drop_backlog(self.client))
     }
 
     /// Closes the connection.

@@ -83,6 +83,11 @@ impl Shared {
         Ok(())
     }
 
+    pub(crate) fn is_closed(&self, py: Python<'_>) -> PyResult<bool> {
+        self.check_process()?;
+        Ok(self.open.lock_py_attached(py).is_ok_and(|open| open.is_none()))
+    }
+
     /// Ends the bench. Files of memories are then on the disk.
     pub(crate) fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.check_process()?;
