@@ -12,6 +12,7 @@ use std::io::{self, Write as _};
 use args::{Cli, Command};
 use clap::Parser as _;
 use commands::print;
+use drivetwin_host::options::RunOptions;
 
 /// Exit code: the command is done.
 const SUCCESS: u8 = 0;
@@ -29,6 +30,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let _ = io::stdout().flush();
     log::finish();
     code
+}
+
+/// Reads the arguments of `drivetwin run`, without the name of the command: a kind or a bench file, and options.
+///
+/// # Errors
+/// One sentence.
+pub fn run_options(arguments: impl IntoIterator<Item = OsString>) -> Result<RunOptions, String> {
+    let all = ["drivetwin", "run"].map(OsString::from).into_iter().chain(arguments);
+    match Cli::try_parse_from(all).map_err(args::sentence)?.command {
+        Command::Run(run) => Ok((*run).into()),
+        _ => Err("these are not the arguments of a run".to_owned()),
+    }
 }
 
 fn drivetwin(arguments: impl IntoIterator<Item = OsString>) -> u8 {

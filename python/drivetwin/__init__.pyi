@@ -6,6 +6,11 @@ from typing import Any, Literal, Optional, TypeVar, Union, overload
 
 from ._errors import Error as Error
 from ._errors import UnknownName as UnknownName
+from ._rack import Rack as Rack
+from ._rack import RackDrive as RackDrive
+from ._rack import RackLine as RackLine
+from ._rack import RackMotion as RackMotion
+from ._rack import RackRequest as RackRequest
 
 __version__: str
 
@@ -17,6 +22,25 @@ _Path = Union[str, PathLike[str]]
 _Fault = Union[float, bool, dict[str, Any]]
 
 def kinds() -> list[str]: ...
+def run(
+    what: _Path,
+    *,
+    listen: Union[str, Sequence[str]] = ...,
+    control: str = ...,
+    allow_host: Union[str, Sequence[str]] = ...,
+    time: Optional[str] = ...,
+    line: Optional[Literal["timed", "wire", "fast"]] = ...,
+    address: Union[int, str, None] = ...,
+    nv: Optional[_Path] = ...,
+    set: Optional[dict[str, _NewValue]] = ...,
+    program: Optional[_Path] = ...,
+    fast_boot: bool = ...,
+    strict: bool = ...,
+    seed: Optional[int] = ...,
+    record: Optional[_Path] = ...,
+    vcd: Optional[_Path] = ...,
+    pcap: Optional[_Path] = ...,
+) -> Rack: ...
 
 class Motion:
     @property

@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `errors` | exceptions with the sentences of the command line |
+//! | `server` | a bench with ports, in a thread |
 //! | `shared` | what the objects of a bench share: lock, process, end |
 //! | `views` | values that do not change: motion, requests, motors |
 //! | `tables` | keyword arguments as tables of a bench file |
@@ -21,6 +22,7 @@ mod drive;
 mod errors;
 mod line;
 mod named;
+mod server;
 mod shared;
 mod tables;
 mod views;
@@ -41,6 +43,12 @@ fn kinds() -> Vec<&'static str> {
     drivetwin_sim::catalog::specs().map(|spec| spec.kind).collect()
 }
 
+/// The sentence that there is no `what` called `name`, with the nearest of `names`.
+#[pyfunction]
+fn unknown(what: &str, name: &str, names: Vec<String>) -> String {
+    drivetwin_sim::suggest::unknown(what, name, names.iter().map(String::as_str))
+}
+
 /// Panics, so that a test sees what becomes of a panic.
 #[pyfunction]
 fn panic_for_test(bench: &shared::Bench, py: Python<'_>) -> PyResult<()> {
@@ -53,6 +61,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(kinds, module)?)?;
+    module.add_function(wrap_pyfunction!(unknown, module)?)?;
     module.add_function(wrap_pyfunction!(panic_for_test, module)?)?;
     module.add_class::<shared::Bench>()?;
     module.add_class::<drive::Drive>()?;
@@ -60,6 +69,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<named::Pins>()?;
     module.add_class::<line::Line>()?;
     module.add_class::<line::Port>()?;
+    module.add_class::<server::Server>()?;
     module.add_class::<views::Motion>()?;
     module.add_class::<views::Motor>()?;
     module.add_class::<views::Request>()?;

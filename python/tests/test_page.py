@@ -11,7 +11,7 @@ PAGE = Path(__file__).parents[2] / "docs/how-to/python.md"
 def test_the_page_is_right(tmp_path):
     text = PAGE.read_text(encoding="utf-8")
     files = dict(re.findall(r"```python file=(\S+)\n(.*?)```", text, re.DOTALL))
-    assert set(files) == {"test_axis.py", "test_master.py", "try.py"}
+    assert set(files) == {"test_axis.py", "test_master.py", "try.py", "ports.py"}
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     # Everything but blank lines counts.
@@ -22,7 +22,8 @@ def test_the_page_is_right(tmp_path):
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    printed = re.search(r"\$ python try.py\n(.*?)```", text, re.DOTALL).group(1)
-    assert run("try.py") == printed
+    for file in "try.py", "ports.py":
+        printed = re.search(rf"\$ python {file}\n(.*?)```", text, re.DOTALL).group(1)
+        assert run(file) == printed
     for file, passed in ("test_axis.py", "2 passed"), ("test_master.py", "1 passed"):
         assert passed in run("-m", "pytest", "-q", "-p", "no:cacheprovider", file)

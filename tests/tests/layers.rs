@@ -44,7 +44,8 @@ const HOST: [&str; 12] = [
 ];
 
 /// Modules of `python/src`, lowest first.
-const PYTHON: [&str; 8] = ["errors", "shared", "views", "tables", "named", "line", "drive", "bench"];
+const PYTHON: [&str; 9] =
+    ["errors", "server", "shared", "views", "tables", "named", "line", "drive", "bench"];
 
 /// Crate roots, and modules that only tests use.
 const APART: [&str; 2] = ["lib", "testing"];

@@ -17,6 +17,7 @@ use std::io;
 use std::net::TcpListener;
 use std::pin::pin;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use axum::Router;
@@ -104,8 +105,28 @@ fn too_many(what: &str) -> Problem {
     Problem::new(StatusCode::SERVICE_UNAVAILABLE, detail)
 }
 
-/// Serves the API on `listener`, on a thread of its own, until the process ends. It answers requests that
-/// name this machine or one of the `allowed` hosts.
+/// The thread that serves the API. It ends when this value is dropped.
+pub(crate) struct Server {
+    /// Tells the thread to end; `None` when it has been told.
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        if let Some(thread) = self.thread.take() {
+            // A thread that has panicked has ended, too.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Longest wait for downloads in progress when the API ends.
+const END_TIME: Duration = Duration::from_millis(100);
+
+/// Serves the API on `listener`, on a thread of its own. It answers requests that name this machine or one of the
+/// `allowed` hosts.
 ///
 /// # Errors
 /// The system gives no thread, or the runtime cannot be set up.
@@ -114,7 +135,7 @@ pub(crate) fn serve(
     allowed: &[String],
     handle: BenchHandle,
     places: Places,
-) -> io::Result<()> {
+) -> io::Result<Server> {
     let hosts = Hosts { here: listener.local_addr()?, allowed: allowed.into() };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let listener = {
@@ -125,10 +146,18 @@ pub(crate) fn serve(
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
     let api = Api { handle, places: Arc::new(places), advancing, readers, exports };
     let router = router(api, hosts);
-    std::thread::Builder::new().name("control".into()).spawn(move || {
-        runtime.block_on(accept(listener, router));
+    let (end, ended) = oneshot::channel();
+    let thread = std::thread::Builder::new().name("control".into()).spawn(move || {
+        runtime.block_on(async {
+            tokio::select! {
+                () = accept(listener, router) => {}
+                // The sender is dropped.
+                _ = ended => {}
+            }
+        });
+        runtime.shutdown_timeout(END_TIME);
     })?;
-    Ok(())
+    Ok(Server { end: Some(end), thread: Some(thread) })
 }
 
 fn router(api: Api, hosts: Hosts) -> Router {

@@ -46,6 +46,8 @@ pub struct Running {
     event_loop: EventLoop,
     banner: Banner,
     memories: Vec<Memory>,
+    /// The control API, if there is one.
+    api: Option<api::Server>,
 }
 
 impl Configuration {
@@ -95,18 +97,20 @@ impl Prepared {
         let (handle, inbox) = event_loop::handle()
             .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
         let mut banner = Banner::new(&bench, &drives, addresses);
+        let mut server = None;
         if let Some(bound) = control {
             let api = bound.listen(API_BACKLOG).and_then(|listener| {
                 let address = listener.local_addr()?;
-                api::serve(listener, &allow_host, handle, banner.places())?;
-                Ok(address)
+                Ok((api::serve(listener, &allow_host, handle, banner.places())?, address))
             });
-            banner.set_control(api.map_err(|error| format!("--control cannot listen: {error}"))?);
+            let (api, address) = api.map_err(|error| format!("--control cannot listen: {error}"))?;
+            banner.set_control(address);
+            server = Some(api);
         }
         let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
         let event_loop = EventLoop::new(bench, ports, time_mode, files, inbox);
-        Ok(Running { event_loop, banner, memories })
+        Ok(Running { event_loop, banner, memories, api: server })
     }
 }
 
@@ -137,6 +141,9 @@ impl Running {
             self.memories.iter().filter_map(|memory| memory.sync().err()).collect();
         failures.extend(self.event_loop.end_files());
         failures.extend(ended.err().map(|error| format!("the bench cannot go on: {error}")));
+        // Calls that wait for the bench get an error, and then the API ends.
+        drop(self.event_loop);
+        drop(self.api);
         if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
     }
 }
