@@ -7,7 +7,6 @@ mod commands;
 mod log;
 
 use std::ffi::OsString;
-use std::io::{self, Write as _};
 
 use args::{Cli, Command};
 use clap::Parser as _;
@@ -26,8 +25,6 @@ const BAD_USAGE: u8 = 2;
 #[must_use]
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let code = drivetwin(arguments);
-    // The end of a Rust program does that; another program does not. A closed stdout is not an error.
-    let _ = io::stdout().flush();
     log::finish();
     code
 }

@@ -1,5 +1,6 @@
 """A bench with ports, for masters that need them: in a thread of this process, reached through its control API."""
 
+import builtins
 import http.client
 import json
 import urllib.parse
@@ -182,9 +183,9 @@ class RackRequest:
 
     at: float
     port: str
-    bytes: bytes
+    bytes: builtins.bytes
     text: str
-    answer: Optional[bytes]
+    answer: Optional[builtins.bytes]
     verdict: str
     reason: Optional[str]
     outcome: str

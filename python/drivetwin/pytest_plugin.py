@@ -67,7 +67,7 @@ class Twin:
             bench.close()
 
 
-_TWIN = pytest.StashKey()
+_TWIN: "pytest.StashKey[Twin]" = pytest.StashKey()
 
 
 @pytest.fixture

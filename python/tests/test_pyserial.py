@@ -22,15 +22,15 @@ def opened(url, **settings):
 
 
 def test_pymodbus_moves_a_motor():
-    client = ModbusSerialClient("drivetwin://md3?address=2&Speed=8000&fast_boot=1", baudrate=9600, parity="E", retries=0)
+    client = ModbusSerialClient("drivetwin://md3?Speed=8000&fast_boot=1", baudrate=9600, parity="E", retries=0)
     assert client.connect()
-    assert client.read_holding_registers(0x14, count=2, device_id=2).registers == [0, 8000]
-    assert not client.write_register(0x11, 1, device_id=2).isError()
+    assert client.read_holding_registers(0x14, count=2).registers == [0, 8000]
+    assert not client.write_register(0x11, 1).isError()
     client.socket.bench.advance(3.0)
     assert client.socket.drive.motion.position == 10_000
     begin = time.monotonic()
     for _ in range(20):
-        assert not client.read_holding_registers(0x14, count=2, device_id=2).isError()
+        assert not client.read_holding_registers(0x14, count=2).isError()
     assert time.monotonic() - begin < 5.0, "nothing waits for the 25 ms that a request takes on the line, or a timeout"
     client.close()
     assert client.connect() and client.socket.drive.motion.position == 0, "a client that connects again has a new drive"
@@ -44,6 +44,14 @@ def test_a_port_that_is_opened_again_has_the_same_drive():
     port.open()
     port.write(SPEED)
     assert port.read(9)[3:7] == (9_000).to_bytes(4, "big")
+
+
+def test_a_drive_has_the_address_of_its_url():
+    port = opened("drivetwin://md3?address=2&fast_boot=yes&port=rs485&seed=7&line=fast")
+    port.write(read(2, 0x14, 2))
+    assert port.read(9)[:3] == bytes([2, 3, 4])
+    port.write(SPEED)
+    assert port.read(9) == b""
 
 
 def test_other_settings_than_those_of_the_line_have_no_answer():

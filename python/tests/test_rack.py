@@ -23,11 +23,11 @@ def master(drive):
 
 
 def test_pymodbus_moves_a_motor_in_manual_time():
-    with drivetwin.run("md3", **MANUAL, line="fast", set={"Speed": 8000}, address=2) as rack:
+    with drivetwin.run("md3", **MANUAL, line="fast", set={"Speed": 8000}) as rack:
         x = rack["md3"]
         with master(x) as client:
-            assert client.read_holding_registers(0x14, count=2, device_id=2).registers == [0, 8000]
-            assert not client.write_register(0x11, 1, device_id=2).isError()
+            assert client.read_holding_registers(0x14, count=2).registers == [0, 8000]
+            assert not client.write_register(0x11, 1).isError()
         rack.advance(0.5)
         assert x.motion.moving and 0 < x.motion.position < 10_000
         rack.advance(2.5)

@@ -20,7 +20,9 @@ use drivetwin_sim::record::trace::{Trace, whole_lines};
 /// # Errors
 /// One sentence: stdout cannot be written.
 pub(crate) fn print(text: &str) -> Result<(), String> {
-    match io::stdout().write_all(text.as_bytes()) {
+    let mut stdout = io::stdout();
+    // At its end a Rust program writes what is left; the Python package does not.
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         // A reader that closes stdout early, as in `drivetwin list | head -1`, is not an error.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(format!("stdout cannot be written: {error}"))

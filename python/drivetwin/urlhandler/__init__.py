@@ -7,7 +7,9 @@
 import itertools
 import urllib.parse
 
-SHARED = {}
+from .._native import Bench
+
+SHARED: "dict[int, Bench]" = {}
 """Benches of the process whose drives have URLs, by number."""
 
 _NUMBERS = itertools.count(1)

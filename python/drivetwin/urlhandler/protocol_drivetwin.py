@@ -20,7 +20,7 @@ import re
 import time
 import urllib.parse
 
-from serial.serialutil import PortNotOpenError, SerialBase, SerialException, to_bytes
+from serial import PortNotOpenError, SerialBase, SerialException
 
 import drivetwin
 from drivetwin import urlhandler
@@ -33,7 +33,7 @@ _FOREVER = 1e6
 _NAP = 0.001
 """Seconds of real time between two looks for bytes."""
 
-_FILES = {}
+_FILES: "dict[tuple[str, str], drivetwin.Bench]" = {}
 """Benches of bench files, by path and time: the drives of two ports may be on one bench."""
 
 
@@ -175,7 +175,7 @@ class Serial(SerialBase):
 
     def write(self, data):
         """Sends bytes. If the clock of the bench stands, complete requests are answered when it returns."""
-        data = to_bytes(data)
+        data = bytes(data)
         self._take()
         try:
             self._stream.write(data)

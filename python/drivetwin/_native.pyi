@@ -1,0 +1,25 @@
+from collections.abc import Sequence
+
+from . import Bench as Bench
+from . import Drive as Drive
+from . import Line as Line
+from . import Motion as Motion
+from . import Motor as Motor
+from . import Pins as Pins
+from . import Port as Port
+from . import Registers as Registers
+from . import Request as Request
+from . import RequestRegister as RequestRegister
+from . import kinds as kinds
+
+__version__: str
+
+class Server:
+    def __init__(self, arguments: Sequence[str]) -> None: ...
+    @property
+    def json(self) -> str: ...
+    def stop(self) -> None: ...
+
+def command(arguments: Sequence[str]) -> int: ...
+def unknown(what: str, name: str, names: Sequence[str]) -> str: ...
+def panic_for_test(bench: Bench) -> None: ...
