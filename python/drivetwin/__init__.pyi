@@ -2,7 +2,7 @@ import builtins
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from types import TracebackType
-from typing import Any, Literal, Optional, TypeVar, Union, overload
+from typing import Any, Literal, Optional, TypeVar, Union, final, overload
 
 from ._errors import Error as Error
 from ._errors import UnknownName as UnknownName
@@ -42,6 +42,7 @@ def run(
     pcap: Optional[_Path] = ...,
 ) -> Rack: ...
 
+@final
 class Motion:
     @property
     def position(self) -> int: ...
@@ -54,6 +55,7 @@ class Motion:
     @property
     def duty(self) -> float: ...
 
+@final
 class Motor:
     @property
     def name(self) -> str: ...
@@ -68,6 +70,7 @@ class Motor:
     @property
     def current(self) -> float: ...
 
+@final
 class RequestRegister:
     @property
     def name(self) -> str: ...
@@ -76,6 +79,7 @@ class RequestRegister:
     @property
     def written(self) -> bool: ...
 
+@final
 class Request:
     @property
     def at(self) -> float: ...
@@ -100,6 +104,7 @@ class Request:
     @property
     def registers(self) -> list[RequestRegister]: ...
 
+@final
 class Registers:
     def __getitem__(self, name: str) -> _Value: ...
     def __setitem__(self, name: str, value: _NewValue) -> None: ...
@@ -114,6 +119,7 @@ class Registers:
     @overload
     def get(self, name: str, default: _T) -> Union[_Value, _T]: ...
 
+@final
 class Pins:
     def __getitem__(self, name: str) -> _Level: ...
     def __setitem__(self, name: str, level: Union[_Level, float]) -> None: ...
@@ -129,6 +135,7 @@ class Pins:
     @overload
     def get(self, name: str, default: _T) -> Union[_Level, _T]: ...
 
+@final
 class Port:
     def write(self, data: Union[bytes, bytearray]) -> int: ...
     def read(self) -> bytes: ...
@@ -154,6 +161,7 @@ class Port:
         self, kind: Optional[type[BaseException]], error: Optional[BaseException], traceback: Optional[TracebackType]
     ) -> None: ...
 
+@final
 class Line:
     @property
     def name(self) -> str: ...
@@ -176,6 +184,7 @@ class Line:
         baud: int = ...,
     ) -> None: ...
 
+@final
 class Drive:
     @property
     def bench(self) -> Bench: ...
@@ -213,8 +222,9 @@ class Drive:
     def port(self, name: str) -> Port: ...
     def url(self, port: Optional[str] = ...) -> str: ...
 
+@final
 class Bench:
-    def __init__(self, *, seed: int = ..., line: Literal["timed", "wire", "fast"] = ...) -> None: ...
+    def __new__(cls, *, seed: int = ..., line: Literal["timed", "wire", "fast"] = ...) -> Bench: ...
     @staticmethod
     def load(path: _Path) -> Bench: ...
     @staticmethod

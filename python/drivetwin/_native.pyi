@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from typing import final
 
 from . import Bench as Bench
 from . import Drive as Drive
@@ -14,8 +15,9 @@ from . import kinds as kinds
 
 __version__: str
 
+@final
 class Server:
-    def __init__(self, arguments: Sequence[str]) -> None: ...
+    def __new__(cls, arguments: Sequence[str]) -> Server: ...
     @property
     def json(self) -> str: ...
     def stop(self) -> None: ...
