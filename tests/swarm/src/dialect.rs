@@ -160,13 +160,15 @@ impl Family {
 
     /// Returns true if a drive changes a saved register without a write. An MD3 changes `IOPortData` with its
     /// pins (7.9), and the sign of `MoveSteps` when it moves to and fro (7.8). DIG I/O of a QSB reads the
-    /// levels of pins. Inputs set DIRECTION of an RS drive (6.5).
+    /// levels of pins. Inputs set DIRECTION of an RS drive (6.5). A Hybrid sets MU to 0 while its bridge is off
+    /// (MC 5-50).
     pub(crate) fn changes_by_itself(self, address: u16) -> bool {
         match self {
             Self::Md3 => matches!(address, 0x0A | 0x12),
             Self::Qsb => address == 0x01,
             Self::Rs434 => address == 0x500E,
-            Self::Mdrobot | Self::Mdrive => false,
+            Self::Mdrive => address == 0xA0,
+            Self::Mdrobot => false,
         }
     }
 
