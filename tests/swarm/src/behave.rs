@@ -498,7 +498,9 @@ impl Runner<'_> {
                 && usize::from(row.shape.words()) <= family.words_at_once()
         };
         let rows: Vec<_> = kept_rows(spec).filter(|(_, row)| is_set(row)).collect();
-        for _ in 0..rng.u8(1..4) {
+        let is_ascii = self.bench.port_line(seat, MODBUS).is_some_and(ascii::is_on);
+        // Few plans have a line with ASCII, so more is written there.
+        for _ in 0..rng.u8(1..if is_ascii { 40 } else { 4 }) {
             let (_, row) = one_of(rng, &rows);
             let value = dialect::any_value(row, rng);
             let (least, greatest) = row.shape.limits();
