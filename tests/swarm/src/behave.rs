@@ -646,13 +646,20 @@ impl Runner<'_> {
     }
 
     /// Returns true if a motor or an encoder of a drive may have turned after power-on: a pin changed, or the
-    /// sensors of the drive's own motor did, which may coast on from before. An MDrive has a position of its own,
-    /// so pins change it only in clock mode, and by jogs.
+    /// sensors of the drive's own motor did, which may coast on from before. An MDrive has a position of its
+    /// own, so pins change it only in clock mode and with jogs. A QSB counts from 0 only with the factory's
+    /// MODE and MDR0: the others measure, or load the counter at an index.
     fn may_have_turned(&self, seat: DriveId, family: Family, (mark, on): (u64, Instant)) -> bool {
         let (trace, spec) = (self.bench.trace(), self.bench.spec(seat));
         let is_set = |row: &str| spec.find(row).is_some_and(|found| self.bench.peek(seat, found.row) != 0);
         if family == Family::Mdrive && !is_set("CM") && !is_set("JE") {
             return false;
+        }
+        let selects = |row: &Row| row.space != Space::Setting && matches!(row.address, 0x00 | 0x03);
+        let is_other =
+            |(place, row): (usize, &Row)| selects(row) && self.bench.peek(seat, place) != row.reset;
+        if family == Family::Qsb && spec.rows().any(is_other) {
+            return true;
         }
         let events = trace.since(mark);
         // A ring may have dropped the change of a pin.
@@ -702,8 +709,8 @@ impl Runner<'_> {
         })
     }
 
-    /// Writes some of the registers that a QSB saves, and reads them back. The register table determines which values
-    /// the QSB refuses.
+    /// Writes some of the registers that a QSB saves, and reads them back. The register table determines
+    /// which values the QSB refuses.
     fn set_and_read_qsb(&mut self, name: Name, client: Client, rng: &mut Rng) -> Result<(), Failure> {
         let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
         let is_set = |row: &Row| {
