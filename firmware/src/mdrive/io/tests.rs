@@ -45,6 +45,7 @@ impl Dut {
         let filters = Filters { clock: 2, pulse: 10, ..Filters::NONE };
         let mut dut = Self { io: Io::OPEN, filters, out: recorder(), now: Instant::ZERO };
         dut.io.power_on(dut.now, true, &mut dut.out);
+        dut.io.ready();
         dut.filter(|_| {});
         dut
     }
@@ -921,6 +922,7 @@ proptest! {
                 }
                 Act::Restart => {
                     io.power_on(now, false, out);
+                    io.ready();
                     told = [false; 5];
                 }
                 Act::Show(on) => io.update_outputs(now, StateFlags { moving: on, fault: !on, ..StateFlags::default() }, out),
