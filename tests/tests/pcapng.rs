@@ -19,7 +19,7 @@ struct Found {
     interface: u32,
     nanos: u64,
     bytes: Vec<u8>,
-    /// Wireshark's dissector: the value of the packet's first tag.
+    /// Name of Wireshark's dissector, which is the value of the packet's first tag.
     shown_by: String,
     flags: u32,
     lost: u64,

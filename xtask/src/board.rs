@@ -91,7 +91,7 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
 }
 
-/// Builds one image with logging for each board, because their linker scripts differ.
+/// Builds one image with logging for each board, because the linker scripts of the boards differ.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         let (bare, package) = (bare(board.target), board.package);

@@ -402,7 +402,7 @@ impl Drive {
         }
     }
 
-    /// Returns true while the drive stops the motor before it turns back from a limit switch.
+    /// Returns true while the drive stops a motor that is to turn back from a limit switch.
     pub(super) fn reverses(&self) -> bool {
         self.reference.reverses
     }

@@ -453,11 +453,11 @@ impl Ramp {
     }
 }
 
-/// The time in which `phase` passes at the mean speed of an interval of `d` ticks, in 1/64 tick. The phase
-/// must pass within a tick.
+/// Time that `phase` takes at the mean speed of an interval of `d` ticks, a step in `d` ticks. The time is in
+/// 1/64 tick, and must be within a tick.
 #[inline]
 fn ticks_64(phase: i64, d: u32) -> i32 {
-    /// 2³³ · 64 / STEP, in 2⁻²³.
+    /// 2³³ · 64 / STEP, in units of 2⁻²³.
     const RATE: i32 = ((1 << 62) / STEP as u64) as i32;
     let high = ((phase >> 18) as i32 * d.cast_signed()) >> 15;
     (high * RATE) >> 23
@@ -465,7 +465,7 @@ fn ticks_64(phase: i64, d: u32) -> i32 {
 
 /// As [`ticks_64`], for any phase and in whole ticks.
 fn ticks(phase: i64, d: u32) -> i32 {
-    /// 2⁴¹ / STEP, in 2⁻²⁰.
+    /// 2⁴¹ / STEP, in units of 2⁻²⁰.
     const RATE: i64 = (1 << 61) / STEP;
     let high = ((phase >> 16) * i64::from(d)) >> 25;
     ((high * RATE + (1 << 19)) >> 20) as i32
@@ -593,7 +593,8 @@ mod tests {
     /// distance is a·t²/2.
     fn due(step: u64, a: u32, ticks_64: u64) -> u64 {
         let square = u128::from(ticks_64 * ticks_64 * step) * u128::from(STEP.cast_unsigned());
-        // The rounding uses the root of four times the square, rounded down.
+        // The root of four times the square is twice the time, rounded down. Half of it, rounded up, is the
+        // time, rounded to the nearest.
         let twice = (4 * square / u128::from(a)).isqrt();
         twice.div_ceil(2) as u64
     }

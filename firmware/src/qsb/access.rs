@@ -225,7 +225,7 @@ impl Adapter {
     }
 }
 
-/// The value that a register stores of a written one (QSB-9).
+/// The value that a register stores when a master writes `value` (QSB-9).
 fn stored_value(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,

@@ -131,8 +131,8 @@ impl Bench {
                 (began + last.takes < replied).then_some(EarlyCause::InUse)
             }
         });
-        // Without a strict line, the second of two frames without silence is counted when its turn comes.
-        // In Modbus ASCII the first frame is whole without silence.
+        // On a line that is not strict, the second of two frames with no silence between them is counted when
+        // its own turn comes. In Modbus ASCII the first frame is complete without silence after it.
         let is_followed = || {
             let (_, next) = next.filter(|_| line.strict)?;
             (next < written + needs).then_some(EarlyCause::Followed)

@@ -145,7 +145,8 @@ impl Entry {
         (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
     }
 
-    /// The entry with these addresses instead of codes, for the journal of a line.
+    /// The entry of a message that is addressed to no drive, for the journal of a line. Instead of codes it
+    /// has `addresses`, those of the drives on the line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);
         Self { outcome: Outcome::NoDrive, answer: 0, bytes, ..self }

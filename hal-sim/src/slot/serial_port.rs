@@ -26,7 +26,8 @@ pub struct Statistics {
     pub starting: u64,
     /// Number of connections so far; only on a TCP port.
     pub connections: u64,
-    /// Number of messages to the drive; only on a TCP port. For MCode, the number of pieces of text lines.
+    /// Number of messages to the drive; only on a TCP port. On an MCode port a message is a text line or a
+    /// part of one.
     pub messages: u64,
     /// Number of connections closed because the client sent bytes that are not Modbus/TCP.
     pub broken: u64,

@@ -58,7 +58,7 @@ const BACKLOG_BYTES: usize = 4096;
 /// Time between two attempts to accept connections while the system has no room for more.
 const CROWDED: Duration = Duration::from_secs(1);
 
-/// Notes that the bytes which have just been read were sent by now.
+/// Notes the present time, because a client sent the bytes that were just read at this time at the latest.
 fn note_arrival(bench: &mut Bench, clock: Option<&Clock>) {
     if let Some(clock) = clock {
         bench.set_arrived_by(clock.now());

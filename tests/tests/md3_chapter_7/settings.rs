@@ -74,7 +74,7 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// MD3-10: code 0, full step, has 71 % of the current. The codes that the manual does not print act as 8.
+/// MD3-10: code 0, full step, has 71 % of the current. A code that the manual does not print acts as code 8.
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();

@@ -190,8 +190,8 @@ fn IO_IRQ_BANK0() {
     }
 }
 
-/// Reports to the drive the edges of a pin between the level last reported and the present level. `flags` has
-/// the edges that were raised before the present level is read.
+/// Reports to the drive the edges of a pin between the level last reported and the present level. `flags` are
+/// the edges that the chip had detected before this function reads the present level.
 fn tell(at: Instant, gpio: u32, flags: u32) {
     critical_section::with(|cs| {
         let Some(end) = ENDS.get(gpio as usize).and_then(|end| end.borrow(cs).get()) else { return };

@@ -500,7 +500,7 @@ fn outputs_with_a_type_show_what_is_so() {
     }
 }
 
-/// I5 for this set-up and voltage.
+/// Value of the variable I5 with this set-up and voltage.
 fn reads(values: [u16; 2], mv: i32) -> u16 {
     let mut dut = Dut::new();
     dut.io.set_up_analogue(dut.now, values).unwrap();
@@ -580,7 +580,7 @@ fn an_analogue_voltage_is_no_level() {
     assert_eq!((dut.io.raw_levels(), dut.events()), (0b1111, vec![]));
 }
 
-/// I/O 7 and 8 as inputs of a code that the motor follows.
+/// A drive whose motor follows I/O 7 and 8, which are inputs of the type `code`.
 fn follower(code: u16, active: [u16; 2], ratio: u16) -> Dut {
     let mut dut = Dut::new();
     dut.filter(|filters| (filters.clock, filters.ratio) = (0, ratio));

@@ -339,7 +339,7 @@ impl Drive {
     /// CP: clears all lines from a place on, and their labels. Without a place it clears all lines and LK.
     ///
     /// # Errors
-    /// 30, 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
+    /// MCode error 30 or 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
     pub(in crate::mdrive) fn clear_program(
         &mut self,
         at: Instant,

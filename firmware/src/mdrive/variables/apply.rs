@@ -46,7 +46,7 @@ impl Drive {
     /// is 0.
     ///
     /// # Errors
-    /// 6, 8, 9, 11, 12, 21, 30, 38, 39; nothing has changed then.
+    /// MCode error 6, 8, 9, 11, 12, 21, 30, 38 or 39; nothing has changed then.
     pub(in crate::mdrive) fn write_list(
         &mut self,
         at: Instant,
@@ -79,7 +79,7 @@ impl Drive {
     /// Sets up an I/O point.
     ///
     /// # Errors
-    /// 6, 8, 11, 21; nothing has changed then.
+    /// MCode error 6, 8, 11 or 21; nothing has changed then.
     pub(in crate::mdrive) fn set_up(
         &mut self,
         at: Instant,

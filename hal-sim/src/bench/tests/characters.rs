@@ -152,7 +152,8 @@ fn clients_take_turns_in_the_order_of_arrival() {
     let text = bench.trace().to_text();
     let said: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> rx ")?.1)).collect();
     assert_eq!(said.concat().replace("\"\"", ""), "\"110011\"");
-    // Between two clients the line is silent until the end of the first one's characters is detected.
+    // Before the line passes from one client to the other it is silent, until the end of the characters is
+    // detected.
     let ends =
         |n: u64| CHARACTER * n + (Timing::of(bench.line(bus)).t3_5 + CHARACTER) * (n - 1).div_euclid(2);
     assert_eq!(stamps(&bench, "> rx").len(), said.len());

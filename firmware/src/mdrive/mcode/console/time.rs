@@ -11,10 +11,10 @@ const SHORTEST: Duration = Duration::millis(1);
 const COMMON: Duration = Duration::millis(2);
 /// A line that is stored in the program.
 const STORING: Duration = Duration::millis(4);
-/// S, IP, FD, CP, L, and a long PR.
+/// S, IP, FD, CP and L; and the most that a long PR takes.
 const LONGEST: Duration = Duration::millis(5);
-/// Each item of PR, in addition to the shortest time. A client measured 24 ms at 9,600 baud for
-/// `pr EF,"_"ER`; 19.8 ms of these are its 19 characters.
+/// Added to [`SHORTEST`] for each item of a PR. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`; its
+/// 19 characters take 19.8 ms of these.
 const ITEM: Duration = Duration::millis(1);
 
 impl Drive {

@@ -26,7 +26,7 @@ impl Drive {
     /// ends.
     ///
     /// # Errors
-    /// 21, 30, 42; nothing has happened then.
+    /// MCode error 21, 30 or 42; nothing has happened then.
     pub(in crate::mdrive) fn start_program(
         &mut self,
         at: Instant,
