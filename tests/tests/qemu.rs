@@ -30,8 +30,8 @@ struct Board {
 }
 
 impl Board {
-    /// Starts the image and waits until it reports that the drive has power. Tests of other things run
-    /// without `watchdog`, because a busy machine may stop QEMU for a second.
+    /// Starts the image and waits until it reports that the drive has power. Only the test of the watchdog
+    /// sets `watchdog`, because a busy machine may stop QEMU for a second.
     fn boot(watchdog: bool) -> Self {
         let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
         let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));

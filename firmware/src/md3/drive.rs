@@ -311,7 +311,7 @@ impl Drive {
     /// Applies a register that was written or loaded. The cases are in the order of the manual.
     ///
     /// # Errors
-    /// The reason why a write does not do what it says.
+    /// The reason why the drive does not do what a write says.
     fn apply(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> Result<(), Why> {
         let mut done = Ok(());
         match reg {

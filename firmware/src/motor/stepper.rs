@@ -570,7 +570,7 @@ impl StepperMotor {
         if left < 0 {
             return Some(0);
         }
-        // The speed at which exactly this torque is left.
+        // The speed at which the torque is just enough.
         let fastest = (self.in_phase(pull_out_rpm.into(), 60) * left).checked_div(holds).unwrap_or(0);
         let headroom = fastest - i128::from(half_speed).abs();
         if headroom < 0 {

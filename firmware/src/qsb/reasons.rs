@@ -1,4 +1,4 @@
-//! Reasons why requests that the adapter accepts do not do what they say.
+//! Reasons why the adapter accepts a request, but does not do what the request says.
 
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 

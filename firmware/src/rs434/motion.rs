@@ -246,7 +246,7 @@ impl Drive {
     /// Applies a new DIRECTION to continuous rotation at once.
     ///
     /// # Errors
-    /// Each input has a direction of its own.
+    /// DIRECTION has no effect now, because each input has a direction of its own.
     pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         if self.is_by_both() {
             return Err(Why::DirectionOfInputs);

@@ -1,4 +1,4 @@
-//! Reasons why requests that the drive accepts do not do what they say.
+//! Reasons why the drive accepts a request, but does not do what the request says.
 
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 

@@ -83,7 +83,7 @@ mod tests {
 
     use super::*;
 
-    /// Bytes that a reader reads.
+    /// Bytes that a receiver with the settings `reader` reads if `bytes` are sent with the settings `sent`.
     fn bytes(sent: Line, bytes: &[u8], reader: Line) -> Vec<u8> {
         misread(sent, bytes, reader).into_iter().map(|(_, byte)| byte).collect()
     }

@@ -146,7 +146,7 @@ impl RemotePort {
         has_changed
     }
 
-    /// Passes the characters that have reached the port to the peer, if it wants some.
+    /// Passes the characters that have reached the port to the peer, if the peer wants characters now.
     pub(super) fn receive(&mut self, bench: &mut Bench, unread: &mut Unread) {
         bench.receive(self.client, &mut self.held);
         if !self.com_port.is_suspended() && !self.held.is_empty() {

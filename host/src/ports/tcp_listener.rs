@@ -456,7 +456,7 @@ mod tests {
     #[test]
     fn a_client_that_never_reads_is_disconnected_after_its_share_of_the_port() {
         let (mut bench, listener, mut connection, _far) = connected(MCODE);
-        // 12 MiB. The system holds a part of them.
+        // The answers have 12 MiB. The system buffers a part of them.
         bench.send(connection.client, &[b'f'; 12]);
         bench.run_until(Instant::ZERO);
         connection.deliver(&mut bench);

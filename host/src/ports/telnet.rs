@@ -10,7 +10,7 @@ pub(super) const IAC: u8 = 255;
 const SE: u8 = 240;
 const SB: u8 = 250;
 
-/// The commands of Telnet are the bytes from here on.
+/// The least byte that is a command of Telnet. All greater bytes are commands, too.
 const FIRST_COMMAND: u8 = 240;
 
 /// Maximum length of a subnegotiation. A longer one is ignored.

@@ -24,7 +24,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("VM", 34),
             ("PR FD", 35),
             ("PR H", 35),
-            // Not in program mode; no program is running.
+            // Lines for program mode only, or for a running program only.
             ("LB X1", 46),
             ("H", 40),
             ("H 100", 40),

@@ -47,8 +47,8 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// Expectations of a trace with one drive, and of its motor. `shared` are STEP and DIR if they share
-    /// pins.
+    /// Expectations from a trace with one drive, and from the motion of its motor. `shared` is STEP and DIR,
+    /// if their pins also serve other purposes.
     pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
         // The motor of an MDrive is inside the drive, and the board does not show its millions of steps.

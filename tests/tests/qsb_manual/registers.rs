@@ -339,7 +339,7 @@ fn time_stamp() {
     rig.after(1.micros());
     rig.says(&[("W0D0", "w 0D 00000000 !"), ("W0D2", "w 0D 00000002 !"), ("W0DFFFFFFFF", "w 0D FFFFFFFF !")]);
     rig.assert_time_stamp(0);
-    // Clears the register 30,000 of 31,250 parts after a tick.
+    // Clears the register when 30,000 of the 31,250 parts of a tick have passed.
     rig.past_tick(30_000);
     let cleared = rig.number();
     rig.says(&[("W0D1", "w 0D 00000001 !"), ("R0D", "r 0D 00000000 !")]);

@@ -1,4 +1,4 @@
-//! 6.5: ERROR: what sets each bit, whether the bit stops the motor, and what clears it.
+//! Section 6.5, ERROR: what sets each bit, whether the bit stops the motor, and what clears it.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};

@@ -1,4 +1,4 @@
-//! 6.1, and MODE_EXT_IN of 6.5: the contacts IN1, IN2 and HARD_STOP.
+//! Section 6.1, and MODE_EXT_IN of section 6.5: the contacts IN1, IN2 and HARD_STOP.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{PinStimulus, PowerAction};

@@ -1,4 +1,5 @@
-//! 6 and 6.4: the serial line: five types, eleven rates, ASCII, the delay of replies, parity.
+//! Sections 6 and 6.4: the five types and eleven rates of the serial line, ASCII, the delay of replies,
+//! parity.
 
 use drivetwin_firmware::device::{Line, Port};
 use drivetwin_protocol::line::Parity;

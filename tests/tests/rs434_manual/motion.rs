@@ -1,4 +1,4 @@
-//! 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors and current.
+//! Sections 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors and current.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_tests::rs434::{Rig, at};

@@ -1,4 +1,4 @@
-//! 6.5: MODE_ROTATION 2 and 3: moves by offset and to positions, exact to a Hall edge.
+//! Section 6.5, MODE_ROTATION 2 and 3: moves by offset and to positions, exact to a Hall edge.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};

@@ -88,7 +88,7 @@ const REGISTERS: [Row; 69] = [
     (0x8002, "HW_MINOR",                16, RO,                  -1,     false),
     (0x8003, "FW_MAJOR",                16, RO,                  -1,     false),
     (0x8004, "FW_MINOR",                16, RO,                  -1,     false),
-    // Fill the table to 69 rows, so that a missing row is a compile error.
+    // These rows fill the table to 69 rows, so that a missing row is a compile error.
     (0xFFFF, "", 0, RO, -1, false),
     (0xFFFF, "", 0, RO, -1, false),
 ];

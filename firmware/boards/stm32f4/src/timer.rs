@@ -29,7 +29,7 @@ const COMPARE: usize = TIMER + 0x34;
 /// Bit of the overflow in STATUS and INTERRUPTS. The bits of channels 1 and 2 follow.
 const ROUND: u32 = 1 << 0;
 
-/// Register for the parts that stop while a debugger halts the processor (23.16.4).
+/// Register that selects the peripherals which stop while a debugger halts the processor (23.16.4).
 const FROZEN: Register = Register::at(0xE004_2000, 0x08);
 
 /// Number of overflows.

@@ -1,4 +1,4 @@
-//! Reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive accepts a request, but does not do what the request says.
 
 use super::*;
 use crate::device::Effect::{self, Later, Nothing, Other};
@@ -151,14 +151,14 @@ fn the_usual_life_of_a_drive_has_no_reason() {
     }
     dut.wait(20.millis());
     write(&mut dut, 0x1a, 2);
-    // A home cycle.
+    // Commands a home cycle.
     write(&mut dut, 0x11, 0x04);
     dut.wait(1.secs());
     dut.pin(2, false);
     dut.wait(1.secs());
     dut.pin(2, true);
     assert_eq!(dut.control(), 0);
-    // A move, a jog with two speeds, and all stops; also stops of a motor that stands.
+    // Commands a move, a jog with two speeds, and all stops, also stops of a motor that stands.
     write(&mut dut, 0x11, 0x01);
     dut.wait(2.secs());
     assert_eq!(dut.control(), 0);

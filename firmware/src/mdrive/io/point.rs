@@ -109,7 +109,7 @@ impl SetUp {
     /// Checks a set-up: type, active state, sinking or sourcing.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the others.
+    /// Error 8 for the type, 21 for the others.
     pub(super) fn of([kind, active_high, sources]: [u16; 3]) -> Result<Self, Error> {
         let kind = Kind::of(kind).ok_or(Error::IllegalType)?;
         Ok(Self { kind, active_high: flag(active_high)?, sources: flag(sources)? })
@@ -119,7 +119,7 @@ impl SetUp {
 /// A value that is 0 or 1.
 ///
 /// # Errors
-/// 21: it is neither.
+/// Error 21: the value is neither 0 nor 1.
 pub(super) fn flag(value: u16) -> Result<bool, Error> {
     match value {
         0 => Ok(false),
@@ -233,7 +233,7 @@ impl Point {
     /// Makes an output active or inactive.
     ///
     /// # Errors
-    /// 9: the point is not a general purpose output.
+    /// Error 9: the point is not a general purpose output.
     pub(super) fn write(
         &mut self,
         at: Instant,

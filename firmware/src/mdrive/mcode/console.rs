@@ -383,7 +383,7 @@ impl Drive {
     /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
     ///
     /// # Errors
-    /// MCode error 30 or 42; 44 if the program is locked. Nothing has happened then.
+    /// Error 30 or 42; 44 if the program is locked. Nothing has happened then.
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {

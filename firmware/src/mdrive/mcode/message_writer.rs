@@ -34,7 +34,7 @@ impl Drive {
     /// Lists the stored lines from a place on, on these connections (L, MC 5-40).
     ///
     /// # Errors
-    /// MCode error 30, 42 or 44.
+    /// Error 30, 42 or 44.
     pub(super) fn list_program(
         &mut self,
         at: Instant,

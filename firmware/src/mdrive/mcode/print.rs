@@ -37,7 +37,7 @@ impl Drive {
     /// clears it.
     ///
     /// # Errors
-    /// 24, 30, 35, 37: nothing is printed then.
+    /// Error 24, 30, 35, 37: nothing is printed then.
     pub(in crate::mdrive) fn print(
         &mut self,
         at: Instant,

@@ -205,7 +205,7 @@ impl Vm {
     /// and phase are stored.
     ///
     /// # Errors
-    /// 43: too many nested calls.
+    /// Error 43: too many nested calls.
     pub(super) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
         let callers = self.calls.iter().filter(|call| !call.handles).count();
         if !handles && callers == DEPTH {
@@ -224,7 +224,7 @@ impl Vm {
     /// RT: returns to the caller. The time of an H has continued during the call.
     ///
     /// # Errors
-    /// 41: there is no call to return from.
+    /// Error 41: there is no call to return from.
     pub(super) fn ret(&mut self, at: Instant) -> Result<(), Error> {
         let call = self.calls.pop().ok_or(Error::StackOverflow)?;
         (self.address, self.phase) = (call.address, call.phase);

@@ -260,9 +260,8 @@ impl Motion {
     /// Executes a motion command.
     ///
     /// # Errors
-    /// 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
-    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin
-    /// now.
+    /// Error 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
+    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin now.
     pub(super) fn order(
         &mut self,
         at: Instant,

@@ -287,9 +287,10 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
     }
 }
 
-/// 400 mN·m at HC 25 % (100 mN·m) and 10 mN·m of friction hold 110 mN·m. 1 mN·m more at 4·10⁻⁵ kg·m² is 25
-/// rad/s²: 50 rad, 8 revolutions in 2 s. The limits of lag and lead are two revolutions. A rotor that moves
-/// at its bounds is not locked, but the time counts.
+/// A motor of 400 mN·m holds 100 mN·m at HC 25 %, and 10 mN·m of friction help: together 110 mN·m. A load of
+/// 1 mN·m more accelerates 4·10⁻⁵ kg·m² by 25 rad/s², and turns the shaft by 50 rad, or 8 revolutions, in 2
+/// s. The limits of lag and lead are two revolutions. A rotor that moves at its bounds is not locked, but the
+/// time counts.
 #[test]
 fn a_load_turns_a_rotor_at_rest() {
     for (load, way, limit) in [(109, 0, 0), (-109, 0, 0), (111, 1, 107), (-111, -1, 106)] {

@@ -1,4 +1,4 @@
-//! Tests of the reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive accepts a request, but does not do what the request says.
 
 use super::*;
 use crate::device::{Effect, Port};

@@ -110,7 +110,7 @@ impl Drive {
     /// Checks that outputs, one bit each, can be set active.
     ///
     /// # Errors
-    /// 9: one of them is not a general purpose output, or there is no such output at all.
+    /// Error 9 if a point is not a general purpose output, or if there is no such output at all.
     fn validate_outputs(&self, bits: i32) -> Result<(), Error> {
         let outputs = i32::from(self.io.outputs());
         if bits & !outputs == 0 && outputs != 0 { Ok(()) } else { Err(Error::NoOutput) }

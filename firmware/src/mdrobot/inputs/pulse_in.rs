@@ -29,7 +29,7 @@ pub(super) struct PulseIn {
     count: u32,
     /// Pulses of the last finished count, and its duration.
     counted: (u32, Duration),
-    /// Time at which the input counts as without pulses.
+    /// Time at which the drive decides that the input has no pulses.
     pub(super) due: Instant,
 }
 

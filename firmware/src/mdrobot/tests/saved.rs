@@ -294,7 +294,7 @@ fn sign(copy: &mut [u8]) {
     sum.copy_from_slice(&rtu::crc(summed).to_be_bytes());
 }
 
-/// The copy that a new drive saves first, which is the second one.
+/// The copy of its settings that a new drive saves first. This is the second copy in the memory.
 fn saved(pid: Pid, value: i64) -> Vec<u8> {
     let mut dut = Dut::ready();
     dut.set(pid, value);

@@ -1,4 +1,4 @@
-//! Reasons why requests that the adapter accepts do not do what they say.
+//! Tests of the reasons why the adapter accepts a request, but does not do what the request says.
 
 use super::*;
 use crate::device::Effect::{self, Later, Nothing, Other};

@@ -190,7 +190,7 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Returns true if no program was ever saved. It ends at its first line.
+    /// Returns true if no program was ever saved. Then execution ends at the first line.
     pub(super) fn is_new(&self) -> bool {
         self.flash == Content::New
     }

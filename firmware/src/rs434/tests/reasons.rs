@@ -1,4 +1,4 @@
-//! Tests of the reasons that the drive gives if it accepts a request but does not do what the request says.
+//! Tests of the reasons why the drive accepts a request, but does not do what the request says.
 
 use super::*;
 use crate::device::Effect;

@@ -61,9 +61,9 @@ fn manual_time_goes_to_the_end_of_all_answers() {
     let answers = received_by(&mut bench, client);
     assert_eq!(volumes(&answers), [9; 50]);
     assert_eq!(received_by(&mut bench, other), answers, "others hear it, too");
-    // The first character, then the answers without gaps.
+    // The line had the first character, then the answers without gaps.
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (1 + 50 * ANSWER as u64));
-    // Single characters, each sent after the answer to the one before.
+    // Sends single characters, each after the answer to the one before.
     for _ in 0..3 {
         assert_eq!(volumes(&bench.ask(drive, b"r")), [9]);
     }

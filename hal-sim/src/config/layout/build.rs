@@ -29,7 +29,8 @@ impl Layout {
     /// erased memory.
     ///
     /// # Errors
-    /// One sentence: a drive refuses a preset, a name is not valid, or there is no such kind, motor or line.
+    /// One sentence that says what is wrong: a drive refuses a preset, a name is not valid, or there is no
+    /// such kind, motor or line.
     ///
     /// # Panics
     /// If the layout has an index of a drive, motor or pin that does not exist, or two lines with the same
@@ -271,7 +272,7 @@ impl DriveLayout {
     /// not: the content of its memory.
     ///
     /// # Errors
-    /// One sentence: the name is taken or not valid, or the drive refuses a preset.
+    /// One sentence that says what is wrong: the name is taken or not valid, or the drive refuses a preset.
     pub fn add_to(self, bench: &mut Bench, setup: Setup) -> Result<DriveId, String> {
         let layout = Layout { drives: vec![self], ..Layout::default() };
         let (id, later) = layout.add_drive(bench, 0, setup)?;

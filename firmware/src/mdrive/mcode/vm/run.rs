@@ -15,7 +15,7 @@ impl Drive {
     /// Address of a line that exists.
     ///
     /// # Errors
-    /// 30 for a name that is not a label, 42 if there is no line.
+    /// Error 30 for a name that is not a label, 42 if there is no line.
     pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
         let address = self.address(place)?;
         let found = self.mcode.program.next(address) == Some(address);
@@ -26,7 +26,7 @@ impl Drive {
     /// ends.
     ///
     /// # Errors
-    /// MCode error 21, 30 or 42; nothing has happened then.
+    /// Error 21, 30 or 42; nothing has happened then.
     pub(in crate::mdrive) fn start_program(
         &mut self,
         at: Instant,
