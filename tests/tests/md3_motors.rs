@@ -211,7 +211,7 @@ fn the_counter_starts_at_0() {
         rig.write_pair(at::MOVE_STEPS, 160);
         rig.write(at::MOTION, bit::MOVE);
         rig.wait_ms(1_000);
-        // A tenth of a turn is 100 counts. If the index clears, it does so after 2 of them.
+        // A tenth of a turn is 100 counts. If the index clears the counter, it does so after 2 counts.
         let behind = if settings.ends_with("4") { 100 } else { 98 };
         assert_eq!(rig.count(), behind, "{settings}");
     }

@@ -117,7 +117,7 @@ pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     Ok(())
 }
 
-/// Ports of this machine that are forwarded to those of the drive, from the text of the monitor.
+/// Ports of this machine that QEMU forwards to the ports of the drive. QEMU's monitor lists them.
 fn forwarded(told: impl BufRead) -> Result<[u16; 2]> {
     let mut found = [None; PORTS.len()];
     for line in told.lines() {

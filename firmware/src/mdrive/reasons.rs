@@ -25,7 +25,7 @@ pub(super) enum Why {
     NotPaused,
     EndsProgram,
     StoresLine,
-    // These are of a Hybrid only.
+    // The following reasons are of a Hybrid only.
     RotorLocked,
     TorqueMode,
     NothingToCalibrate,

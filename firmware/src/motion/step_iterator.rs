@@ -589,8 +589,8 @@ mod tests {
         assert_eq!([-1, 1, 21, 61].map(|n| ticks_64(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
     }
 
-    /// The time of a step from standstill at `a` steps/s², in 1/`ticks_64` tick, rounded to the nearest: the
-    /// distance is a·t²/2.
+    /// The time t of a step after standstill at `a` steps/s², in 1/`ticks_64` tick, rounded to the nearest.
+    /// The step is at the distance a·t²/2.
     fn due(step: u64, a: u32, ticks_64: u64) -> u64 {
         let square = u128::from(ticks_64 * ticks_64 * step) * u128::from(STEP.cast_unsigned());
         // The root of four times the square is twice the time, rounded down. Half of it, rounded up, is the

@@ -74,8 +74,8 @@ impl ControlModel {
         self.full * ratio(ma.min(most).max(-most), self.stall_ma)
     }
 
-    /// Loss of speed by load and friction of a shaft that turns forward (1) or backward (−1). At rest (0)
-    /// only the part of the load that friction does not hold.
+    /// Loss of speed by load and friction. `way` is 1 for a shaft that turns forward, and −1 for one that
+    /// turns backward. At rest, 0, only the part of the load counts that friction does not hold.
     pub(crate) fn torque(&self, way: i64) -> I40F24 {
         match way {
             0 => self.load - self.load.max(-self.friction).min(self.friction),

@@ -198,7 +198,7 @@ mod tests {
             Self::with(kind, &[])
         }
 
-        /// The same, with registers that were saved before power-on.
+        /// A drive that is ready, and a connection. `saved` are registers that were saved before power-on.
         fn with(kind: &str, saved: &[(&str, i64)]) -> Self {
             let mut bench = Bench::new();
             let device = catalog::make(kind).unwrap();

@@ -27,7 +27,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Number of polls after which such a connection is closed. The time is twice the longest delay of a reply.
 const LINGER_POLLS: u32 = 120;
 
-/// The same number for a connection that the drive or the host has closed.
+/// Number of polls after which a connection is closed that the drive or the host has ended.
 const LINGER_POLLS_CLOSED: u32 = 5;
 
 /// Idle time of a client after which the system sends keep-alive probes.

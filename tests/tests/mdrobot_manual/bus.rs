@@ -196,7 +196,7 @@ fn page_3_silences() {
             let expected = if answered { &reply[..] } else { &[] };
             assert_eq!(fed(&frame), expected, "{silence} ticks before character {gap}");
         }
-        // The same silence before every character.
+        // Now the same silence is before every character.
         let frame: Vec<(u8, u64)> =
             read.iter().enumerate().map(|(n, &byte)| (byte, if n == 0 { 0 } else { silence })).collect();
         let expected = if answered { &reply[..] } else { &[] };

@@ -19,7 +19,7 @@ pub(crate) enum Word {
     Any,
     /// Least and greatest value. The word is signed if the first is negative.
     Range(i32, i32),
-    /// INPUT_TYPE has no 4 (p. 10).
+    /// Values of INPUT_TYPE, which do not include 4 (p. 10).
     InputType,
 }
 

@@ -76,7 +76,7 @@ fn edges_at_the_promised_rate_are_all_counted() {
     const EDGES: usize = 10_000;
     assert_eq!(counted(&[], &UP, EDGES, 70_000), "r 0E 00002710 !");
     assert_eq!(counted(&[], &DOWN, EDGES, 70_000), "r 0E FFFFD8F0 !");
-    // The same while the drive streams 512 values a second.
+    // The drive counts all edges also while it streams 512 values a second.
     assert_eq!(counted(&["W0C1", "S0E"], &UP, EDGES, 60_000), "r 0E 00002710 !");
 }
 

@@ -399,8 +399,8 @@ fn presets_with_power() {
 }
 
 impl Rig {
-    /// Asserts just after the next tick that register 0D reads the ticks since power-on, less `cleared`, the
-    /// ticks before it was cleared.
+    /// Asserts just after the next tick that register 0D reads the ticks since it was cleared. It was cleared
+    /// `cleared` ticks after power-on.
     #[track_caller]
     pub(crate) fn assert_time_stamp(&mut self, cleared: u64) {
         self.past_tick(50);

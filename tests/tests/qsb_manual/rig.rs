@@ -62,7 +62,7 @@ impl Rig {
         Self::ready_on(kind, LineMode::Fast)
     }
 
-    /// The same, in a given mode of the line.
+    /// A new QSB of that kind that has sent its banner, with a given mode of the line.
     pub(crate) fn ready_on(kind: &str, line: LineMode) -> Self {
         let mut rig = Self::new(kind, line, Setup::default());
         rig.until_banner(kind);

@@ -233,7 +233,7 @@ fn the_fastest_rate() {
         for pair in heard.windows(2) {
             assert_eq!(pair[1].0.since(pair[0].0), CHARACTER * characters);
         }
-        // A second of records without gaps, less the reply to S0E.
+        // The records fill a second without gaps, except for the reply to S0E.
         let expected = 16_000_000 / (694 * characters);
         assert!((expected - 2..=expected).contains(&(heard.len() as u64)), "{} of {expected}", heard.len());
     }

@@ -274,7 +274,7 @@ fn section_6_5_start_at_power_on() {
     assert!((5_000..10_000).contains(&rig.read(at::AX)));
 }
 
-/// RS434-26: a saved 2 does not start the program.
+/// RS434-26: if MODE_USER_PROGRAM was saved as 2, the program does not start at power-on.
 #[test]
 fn section_6_5_a_saved_start() {
     let mut rig = Rig::default();
@@ -396,7 +396,8 @@ fn section_6_9_a_jump_onto_a_constant() {
     assert_ended(&mut rig, status::END, 3);
 }
 
-/// RS434-29: a program that continues past line 1,023 fails, also if only its constant would be there.
+/// RS434-29: a program that continues past line 1,023 fails, also if only the constant of its last
+/// instruction would be there.
 #[test]
 fn section_6_9_past_the_last_line() {
     for last in

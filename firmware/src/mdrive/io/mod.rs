@@ -35,8 +35,8 @@ const CONTACTS: [Contact; 5] =
 /// Shortest pulses that the filters 0 to 9 let pass, in ns (MC 5-25, 5-26).
 const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
 
-/// Capacity of the event queue. One instant brings fewer events: for each of four inputs its own event and a
-/// trip, one for each contact, a capture, and three channels.
+/// Capacity of the event queue. One instant causes fewer events. Each of the four inputs causes its own event
+/// and a trip, each contact one event, and there are a capture and three channels.
 const EVENTS: usize = 20;
 
 /// Events of the I/O for the rest of the drive.

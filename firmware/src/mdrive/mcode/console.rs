@@ -353,7 +353,8 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
-                    // These are typed, not programmed. A line of a usual program is stored without a reason.
+                    // These statements are usually typed, not stored in a program. For a usual line of a
+                    // program no reason is reported.
                     if matches!(
                         statement,
                         Statement::Execute(..)

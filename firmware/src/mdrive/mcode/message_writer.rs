@@ -56,7 +56,7 @@ impl Drive {
     }
 }
 
-/// Output on connections, collected to messages.
+/// Collects output into messages, and sends them on connections.
 struct MessageWriter<'o> {
     at: Instant,
     links: Vec<Link, MAX_CONNECTIONS>,

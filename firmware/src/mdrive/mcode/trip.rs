@@ -184,7 +184,7 @@ impl Drive {
         };
         let subroutine = match (trip, place) {
             (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
-            // These may have no subroutine, because they make a pulse at the trip output.
+            // These trips may have no subroutine, because they make a pulse at the trip output.
             (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
             (_, None) => return Err(Error::MissingSeparator),
             (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,

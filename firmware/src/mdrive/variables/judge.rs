@@ -71,8 +71,8 @@ impl Drive {
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
         match reg {
-            // These come before the range checks: a value below VI is too low for VM, whatever else is wrong
-            // with the value.
+            // The next two checks come before the range checks: a value below VI is too low for VM, whatever
+            // else is wrong with the value.
             Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
             Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
             _ if !self.accepts(reg, value) => Err(illegal(reg)),

@@ -61,7 +61,7 @@ impl Drive {
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
             Reg::BY => self.mcode.vm.is_running().into(),
-            // These are commands, which store no value.
+            // These variables are commands, which store no value.
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),

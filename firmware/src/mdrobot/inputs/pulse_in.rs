@@ -6,7 +6,7 @@ use crate::device::{Duration, Instant};
 /// Minimum time for which pulses are counted.
 const GATE: Duration = Duration::millis(1);
 /// RC pulses are faster than 250 Hz, and counted pulses are faster still. After this time without a pulse the
-/// input counts as without pulses.
+/// drive decides that the input has no pulses.
 const SLOWEST: Duration = Duration::millis(4);
 
 /// Pulses per second at standstill and at full scale.

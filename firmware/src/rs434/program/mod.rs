@@ -209,7 +209,8 @@ pub(super) fn run(at: Instant, host: &mut impl Host) -> Option<Step> {
     if program.line_due > at {
         return None;
     }
-    // These are set before the execution, because the line may stop its own program or restart the drive.
+    // Status and time are set before the execution, because the line may stop its own program or restart the
+    // drive.
     (program.status, program.line_due) = (Status::Running, at + LINE);
     let step = vm::step(host);
     let program = host.program();

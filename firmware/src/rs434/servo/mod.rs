@@ -94,7 +94,8 @@ pub(super) struct Servo {
     /// Direction of the present or the last motion: 1 forward, −1 backward.
     direction: i8,
     duty: i32,
-    /// Duty left out because no duty between 0 and the least is possible. The next ticks add it.
+    /// Duty that the motor has not got yet, because a duty between 0 and the least duty is impossible. The
+    /// next ticks add it.
     owed: I40F24,
     /// Additional speed reference for a shaft that does not move although load and friction are compensated.
     breakaway: I40F24,

@@ -245,7 +245,7 @@ fn fast_lets_a_polled_drive_stream() {
     bench.run_until_idle();
     received_by(&mut bench, client);
     let begin = bench.now();
-    // This is more than 230,400 baud can transmit in a second.
+    // This number is more than 230,400 baud can transmit in a second.
     for n in 1..=20_000 {
         bench.run_until(begin + 50.micros() * n);
         bench.send(client, b"R0B\r");

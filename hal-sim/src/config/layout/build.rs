@@ -188,8 +188,8 @@ impl Layout {
     /// Adds encoders, switches and wires.
     fn connect_sensors(&self, bench: &mut Bench, ids: &[DriveId], motors: &[Motor]) {
         let at = |(drive, pin): At| (ids[drive], pin);
-        // They are added in the order of names, because the order of changes of one pin at one instant may
-        // matter.
+        // Each kind is added in the order of names, because the order of changes of one pin at one instant
+        // may matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
         let keys = |ats: [Option<At>; 3]| ats.map(|at| at.map(key));
         let named = |motor: usize| self.motors[motor].name.clone();

@@ -212,7 +212,7 @@ pub struct WireLayout {
 pub struct FaultLayout {
     /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
     pub bus: String,
-    /// Its faults, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
+    /// Faults of the line or port, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
     /// [`Layout::drives`].
     pub faults: LineFaults,
 }

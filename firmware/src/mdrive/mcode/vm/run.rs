@@ -149,7 +149,7 @@ impl Drive {
         let address = self.mcode.vm.address;
         let mut line = Vec::<u8, LINE_BYTES>::new();
         match self.mcode.program.line(out.memory(), address) {
-            // No stored line is longer.
+            // No stored line is longer than the buffer.
             Some(text) => line.extend_from_slice(text).unwrap_or_default(),
             // There are no more lines: a program without E ends here, as in MC 7.2.5.
             None => return self.end_program(),
