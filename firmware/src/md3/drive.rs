@@ -401,7 +401,7 @@ impl Drive {
     /// Applies a write of `EEPROMControl` (7.20). If both bits are set, the drive saves.
     ///
     /// # Errors
-    /// The drive does not save, or does not read.
+    /// The reason why the drive does not save, or does not read.
     fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
         let reads = word & eeprom_control::READ != 0;
         if word & eeprom_control::WRITE != 0 {

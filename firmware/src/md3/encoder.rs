@@ -233,7 +233,8 @@ struct Decoding {
     /// An index event loads the counter.
     clears: bool,
     max_count: u16,
-    /// The greatest count before the counter wraps: 0 follows it up, and it follows 0 down.
+    /// The greatest count before the counter wraps. Counting up, the next count is 0; counting down, this
+    /// count follows 0.
     top: u16,
 }
 

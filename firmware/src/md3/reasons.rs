@@ -2,7 +2,7 @@
 
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 
-/// Places in [`REASONS`].
+/// Indices in [`REASONS`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
 pub(super) enum Why {

@@ -188,9 +188,9 @@ impl Iterator for StepIterator {
 struct SegmentCursor<'a> {
     segment: &'a Segment,
     begin: u64,
-    /// Ticks of the segment that have passed by then.
+    /// Ticks of the segment that have passed at that tick.
     since: u64,
-    /// Steps made by then beyond the segment's `base`.
+    /// Steps made up to that tick, beyond the segment's `base`.
     made: i64,
 }
 
@@ -480,7 +480,8 @@ struct Cruise {
     remainder: i64,
     /// Phase that passes in a tick.
     phase_per_tick: i64,
-    /// Phase from half a tick after the last step's tick to the next step, `-phase_per_tick..0`.
+    /// Phase left to the next step, counted from half a tick after the tick of the last step. It is in
+    /// `-phase_per_tick..0`.
     phase_left: i64,
 }
 

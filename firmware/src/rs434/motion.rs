@@ -109,7 +109,7 @@ impl Drive {
     /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move is in progress.
     ///
     /// # Errors
-    /// Nothing starts.
+    /// The reason why nothing starts.
     pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) -> Result<(), Why> {
         if self.state != State::Ready {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Start of the drive, reset to the factory values, and the two lights (4, 7).
+//! Start of the drive, reset to the factory values, and the two lights (sections 4 and 7).
 
 use super::drive::{Drive, State};
 use super::program::Status;

@@ -47,7 +47,8 @@ pub(crate) struct PortState {
     /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
-    /// Effects of faults on what the drive has sent on a port with lines of text before the end of the line.
+    /// On a port with text lines: effects of faults on the characters that the drive has sent before the end
+    /// of the line.
     pub(crate) on_echo: FrameEffects,
 }
 

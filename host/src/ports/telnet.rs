@@ -1,7 +1,7 @@
 //! Telnet (RFC 854): commands and options in a stream of bytes.
 //!
-//! The state machines here know no socket. The longest subnegotiation that is kept has [`MOST`] bytes; all memory is
-//! bounded by that and by the bytes of one call.
+//! The state machines here know no socket. The longest subnegotiation that is kept has [`MOST`] bytes; this length and
+//! the bytes of one call bound all memory.
 
 /// "Interpret as command": begins every command. As a data byte it is sent twice.
 pub(super) const IAC: u8 = 255;

@@ -30,7 +30,7 @@ fn a_start_at_the_limit_is_no_error() {
 }
 
 /// Bit 11 is set if the limit stops the motor: if the shaft is held, or if the load is too high at rest or
-/// while turning. The limit that the user sets is that of the winding's current (2).
+/// while turning. The limit that the user sets is the limit of the winding's current (section 2).
 #[test]
 fn a_motor_that_is_held_back_shows_bit_11() {
     for halls in [0, 1, 2] {

@@ -467,7 +467,7 @@ fn section_7_8_commands_work_during_a_home_cycle() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// "Note that the entire homing process will take place automatically" (4).
+/// "Note that the entire homing process will take place automatically" (section 4).
 #[test]
 fn section_7_5_home_on_startup() {
     let mut rig = Rig::restarted(&[(at::HOMING, homing(0) | ON_STARTUP)]);

@@ -298,7 +298,7 @@ fn section_7_3_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
     rig.after(100.secs());
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
-    // The heartbeat continues (2): on for a quarter of every 1.5 s.
+    // The heartbeat continues (section 2): the light is on for a quarter of every 1.5 s.
     let beats = (0..15).filter(|_| {
         rig.after(100.millis());
         rig.lit(GREEN)

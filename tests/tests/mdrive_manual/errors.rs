@@ -52,7 +52,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("CP 2048", 42),
             ("PG 2048", 42),
             ("PG 0", 42),
-            // No home switch is configured; the type does not exist.
+            // Homing without a configured home switch, and types of homing that do not exist.
             ("HM 1", 80),
             ("HI 5", 81),
             ("HI 0", 81),

@@ -327,8 +327,8 @@ fn section_6_5_levels_at_power_up() {
     assert_turns(&mut rig, 2, 2);
 }
 
-/// "Operation is permitted with closed contact" (6). An open contact stops the motor at once and sets bit 5,
-/// which stays until a restart (RS434-20), with any MODE_DEVICE.
+/// "Operation is permitted with closed contact" (section 6). An open contact stops the motor at once and sets
+/// bit 5, which stays until a restart (RS434-20), with any MODE_DEVICE.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {

@@ -421,7 +421,8 @@ fn the_filter_looks_at_each_pin_by_itself() {
 
 #[test]
 fn levels_due_at_one_instant_come_in_the_order_a_b_index() {
-    // B before A would count down. The index before B would be valid at gate 0 or 1.
+    // If B came before A, the count would go down. If the index came before B, the index would be valid at
+    // gate 0 or 1.
     for (gating, index_count) in [(0, 0), (1, 0), (2, 0), (3, 1)] {
         let mut encoder = Encoder::new();
         encoder.configure(tick(0), X4_INDEX | gating << 4 | FILTER | 3 << 6, 1_999, true);

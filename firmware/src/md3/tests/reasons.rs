@@ -37,7 +37,7 @@ impl Fixture<Md3> {
 /// A set-up, an address, a value, and the expected effect, text and section.
 type Case = (fn(&mut Fixture<Md3>), u16, u16, Effect, &'static str, &'static str);
 
-/// A case for each reason, in their order, and further cases.
+/// A case for each reason, in the order of the reasons, and further cases.
 #[rustfmt::skip]
 const CASES: &[Case] = &[
     (|dut| dut.fault("over_current", true), 0x11, 0x01, Nothing, "Fault is 1: the motor does not move; write 1 to bit 15 first", "7.15"),

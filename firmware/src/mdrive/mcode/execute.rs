@@ -17,7 +17,7 @@ impl Drive {
     /// on the program that runs, also when typed.
     ///
     /// # Errors
-    /// Those of MC 9; nothing has changed then.
+    /// An error of MC 9; nothing has changed then.
     pub(in crate::mdrive) fn execute(
         &mut self,
         at: Instant,

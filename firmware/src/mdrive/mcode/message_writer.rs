@@ -17,7 +17,7 @@ impl Drive {
     /// Prints the items of PR on these connections.
     ///
     /// # Errors
-    /// Those of [`print`](Self::print).
+    /// The errors of [`print`](Self::print).
     pub(super) fn print_on(
         &mut self,
         at: Instant,

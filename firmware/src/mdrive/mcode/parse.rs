@@ -70,7 +70,7 @@ impl Drive {
     /// Parses a line for this drive.
     ///
     /// # Errors
-    /// Those of [`parse`].
+    /// The errors of [`parse`].
     pub(in crate::mdrive) fn parse<'a>(&self, line: &'a [u8]) -> Result<Statement<'a>, Error> {
         parse(line, self.variants(), &self.mcode.names)
     }

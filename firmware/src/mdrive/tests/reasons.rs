@@ -180,7 +180,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// More requests for reasons of [`cases`], with the places of these.
+/// More requests for the reasons of [`cases`], each with the index of its case.
 #[rustfmt::skip]
 fn more_cases() -> Vec<(Prepare, Request, usize)> {
     vec![

@@ -116,7 +116,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// The drive, a situation, a write in it, and the place of its reason in [`cases`].
+/// A drive, a situation, a write in this situation, and the index of its reason in [`cases`].
 type OtherCase = (fn() -> Dut, Prepare, u8, &'static [u16], usize);
 
 /// More writes for reasons of [`cases`].

@@ -42,7 +42,7 @@ fn after(drive: Qsb, commands: &[&str]) -> Dut {
 /// The adapter, commands before, a command, and the expected effect, text and section.
 type Case = (fn() -> Qsb, &'static [&'static str], &'static str, Effect, &'static str, &'static str);
 
-/// A case for each reason, in their order, and further cases.
+/// A case for each reason, in the order of the reasons, and further cases.
 #[rustfmt::skip]
 const CASES: &[Case] = &[
     (Qsb::m, &[], "S0E", Nothing, "INTERVAL RATE is FFFF: nothing streams; write W0C first", "INTERVAL RATE"),

@@ -644,7 +644,7 @@ fn swapped_hall_wires_are_an_error() {
         let mut bench =
             Bench::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: true, servo: None });
         bench.feed(tell::ROTATE, way);
-        // A few counts, with 16 per turn.
+        // The shaft turns by a few counts. A turn has 16.
         bench.run(Duration::millis(if speed == 30 { 2_000 } else { 200 }));
         assert_eq!(bench.ask(ask::ERRORS), 0x10, "{speed} rpm");
         // The position counts backward until the drive stops the motor.

@@ -24,7 +24,7 @@ fn the_whole_of_5000h_is_read_at_once() {
     let reply = dut.pdu(&[3, 0x50, 0, 0, 0x27]);
     assert_eq!(reply[..2], [3, 2 * 0x27]);
     // The factory values in the order of the registers. The manual prints the values of the line settings
-    // (6); the others are our choice (RS434-7).
+    // (section 6); the others are our choice (RS434-7).
     let mut words = [0; 0x27];
     words[..0x15]
         .copy_from_slice(&[1, 3, 9, 0, 1, 1, 1, 1, 1, 20_000, 3_000, 1_000, 100, 100, 1, 4, 2, 0, 0, 10, 10]);

@@ -73,7 +73,7 @@ impl Drive {
     /// E, as a command: ends the program.
     ///
     /// # Errors
-    /// Motion continues.
+    /// The reason why motion continues.
     pub(in crate::mdrive) fn end_by_command(&mut self) -> Result<(), Why> {
         self.end_program();
         if self.motion.is_moving() { Err(Why::EndsProgram) } else { Ok(()) }
