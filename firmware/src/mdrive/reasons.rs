@@ -1,4 +1,4 @@
-//! Reasons why the drive accepts a request, but does not do what the request says.
+//! Reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::drive::Model;
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};

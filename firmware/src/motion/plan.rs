@@ -251,7 +251,7 @@ impl Plan {
     }
 
     /// A ramp to standstill that ends on a whole step, at least half a step from the position at `at`. Before
-    /// the ramp the present speed continues for as long as this needs. It ends at the speed
+    /// the ramp the present speed continues for as long as this needs. The ramp ends at the speed
     /// `rates.start_speed`, or at the present speed if that is less. A shaft that follows the plan stays
     /// where the plan ends; with [`slew`](Self::slew) it would turn back by a part of a step.
     #[must_use]

@@ -188,9 +188,9 @@ impl Iterator for StepIterator {
 struct SegmentCursor<'a> {
     segment: &'a Segment,
     begin: u64,
-    /// Ticks of the segment that have passed at that tick.
+    /// Ticks of the segment up to the tick after which its steps are taken.
     since: u64,
-    /// Steps made up to that tick, beyond the segment's `base`.
+    /// Steps made up to the same tick, beyond the segment's `base`.
     made: i64,
 }
 
@@ -303,7 +303,7 @@ impl Motion {
     /// The motion of `segment`, `d` ticks after its start, relative to the step that is the `n`th beyond its
     /// `base`.
     fn of(segment: &Segment, d: u64, n: i64) -> Self {
-        // The difference is small, and 64 bits drop the same high bits of both terms.
+        // The difference fits in 64 bits. So the low 64 bits of both terms are enough.
         let phase_left = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
         Self { acceleration: segment.acceleration, speed: segment.speed(d), phase_left }
     }

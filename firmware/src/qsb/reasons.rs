@@ -1,4 +1,4 @@
-//! Reasons why the adapter accepts a request, but does not do what the request says.
+//! Reasons why the adapter does not do what a request says, although it accepts the request.
 
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 

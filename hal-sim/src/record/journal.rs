@@ -122,7 +122,7 @@ impl Entry {
         self.bytes.get(from..from + usize::from(self.answer)).unwrap_or_default()
     }
 
-    /// Reasons why the drive accepts the message, but does not do what the message says.
+    /// Reasons why the drive does not do what the message says, although it accepts the message.
     pub fn reasons(&self) -> impl Iterator<Item = Reason> {
         let codes = if self.outcome == Outcome::Accepted { self.codes() } else { &[] };
         codes.iter().map(|&code| Reason(code))

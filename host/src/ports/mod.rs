@@ -51,8 +51,8 @@ use unread::Unread;
 /// Most bytes that one read takes from a client.
 const READ_BYTES: usize = 4096;
 
-/// Reading from a client is suspended while this number of its bytes, or more, wait for the line, or while it
-/// has not read as many bytes of its answers.
+/// Reading from a client is suspended while at least this number of its bytes wait for the line, or while the
+/// client has at least this number of bytes to read.
 const BACKLOG_BYTES: usize = 4096;
 
 /// Time between two attempts to accept connections while the system has no room for more.

@@ -68,7 +68,8 @@ fn a_motor_that_is_held_back_shows_bit_11() {
 /// p. 16: the motor can use the whole of MAX_LOAD; OVER_LOAD is reported at MAX_LOAD and not below.
 #[test]
 fn velocity_control_reaches_the_whole_of_max_load() {
-    // 0.06 N·m/A and 10 mN·m of friction: the loads need 19.92 of 20 A, 5.17 and 5.25 of 5.3 A.
+    // With 0.06 N·m/A and 10 mN·m of friction, the loads need 19.92 A of 20 A, and 5.17 A and 5.25 A of 5.3
+    // A.
     for (max_load, load_unm) in [(200, 1_185_000), (53, 300_000), (53, 305_000)] {
         let mut rig = Rig::nominal(Drive::Mdrobot, |motor| Parameters { load_unm, ..motor });
         rig.hold(true);

@@ -125,14 +125,14 @@ fn what_calibrates() {
 fn what_a_calibration_forbids_and_what_forbids_it() {
     let mut dut = dut();
     dut.set(Reg::SC, 1);
-    // MC 9.6: 88 for moves, 87 for AS.
+    // MC 9.6: error 88 for moves, error 87 for AS.
     dut.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
     dut.wait(4.secs());
     dut.write(0x78, 2, 5_000);
     dut.wait(1.secs());
-    // In motion: 89 for SC, 94 for CF.
+    // In motion: error 89 for SC, error 94 for CF.
     dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
     dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
     assert_eq!(dut.get(Reg::AF) & CALIBRATED, CALIBRATED);

@@ -1,4 +1,4 @@
-//! Tests of the reasons why the drive accepts a request, but does not do what the request says.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::super::reasons::REASONS;
 use super::super::{DIR, RUN_BRAKE, START_STOP};
