@@ -1,6 +1,6 @@
-//! A host splits messages that arrive without gaps. On every drive they must have the same effect as with a
-//! silence after each: RTU requests with a CRC that is valid too early, pipelined ADUs, lines of MCode and of
-//! a QSB, in any reads.
+//! A host splits messages that arrive without gaps. On every drive such messages must have the same effect as
+//! messages with a silence after each. The tests send RTU requests with a CRC that is valid too early,
+//! pipelined ADUs, and lines of MCode and of a QSB. The host gets them in reads of any size.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};

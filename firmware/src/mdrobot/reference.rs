@@ -14,8 +14,9 @@ use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
 use crate::device::{Context, Instant, REPORTS_REASONS};
 
-/// A slower shaft counts as standing still for the limit switches. The ramp of 3,000 rpm in 15 s stops it
-/// within one count of 12 in a turn, and its last edge is at most a sixth of a second old.
+/// A slower shaft counts as standing still for the limit switches. From this speed, the ramp of 3,000 rpm in
+/// 15 s stops the shaft within one of the 12 counts of a turn. The last edge is then at most a sixth of a
+/// second old.
 const TURNS_RPM: u32 = 30;
 
 /// The present command, and the source of commands.

@@ -186,9 +186,9 @@ impl Constants {
         (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
     }
 
-    /// The interval from `now` on with a constant acceleration. It lasts one step at most. It may be longer
-    /// if the terminals are dead, or if they are open and the motor is not faster than its supply would turn
-    /// it.
+    /// The interval from `now` on with a constant acceleration. The interval lasts one step at most. It may
+    /// last longer if the terminals are dead. It may also last longer if they are open and the motor is not
+    /// faster than the supply would turn it.
     fn interval(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
         let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {

@@ -282,7 +282,7 @@ pub(super) mod tests {
         ends.windows(2).map(|ends| bytes[ends[0]..ends[1]].to_vec()).collect()
     }
 
-    /// Items in which adjacent data are one.
+    /// The items, but adjacent data are joined to one item.
     fn joined(items: impl IntoIterator<Item = Item>) -> Vec<Item> {
         let mut joined: Vec<Item> = Vec::new();
         for item in items {

@@ -51,7 +51,7 @@ unsafe extern "C" {
     fn qemu_plugin_outs(text: *const c_char);
 }
 
-/// The function with the same name that replaces the old one from version 3.
+/// From version 3 on, QEMU has another function with the name of the old one.
 mod since_3 {
     use std::ffi::c_void;
 

@@ -7,9 +7,9 @@ use crate::rig::{Drive, Rig};
 /// Bit 11 of ERROR: "consumption current limit is exceeded" (6.5).
 const CURRENT_LIMIT: i64 = 1 << 11;
 
-/// 6.5, 5009h: a start at the limit is not an error, however long it takes. CURRENT_VALID never shows more
-/// than REF_CURRENT. 1 A of this motor gives 76.4 mN·m, so with 400 g·cm² to 0.1 kg·m² it reaches 1,000 rpm
-/// in up to 27 s.
+/// Section 6.5, 5009h: a start at the limit is not an error, however long it takes. CURRENT_VALID never shows
+/// more than REF_CURRENT. 1 A of this motor gives 76.4 mN·m, so with 400 g·cm² to 0.1 kg·m² it reaches 1,000
+/// rpm in up to 27 s.
 #[test]
 fn a_start_at_the_limit_is_no_error() {
     for (ref_current, inertia_gcm2) in [(1_000, 400), (5_000, 400), (5_000, 20_000), (5_000, 1_000_000)] {

@@ -193,8 +193,8 @@ impl Expected {
         self.motion.iter().map(|(at, _)| *at).filter(move |at| (after..before).contains(at))
     }
 
-    /// Greatest number of steps that may slip because the board makes each plan up to `late` after its
-    /// instant: the steps of the old plan and of the new plan in that time.
+    /// Greatest number of steps that may slip, because the board begins each plan up to `late` after its
+    /// instant. These are the steps of the old plan and of the new plan in that time.
     pub(crate) fn slips(&self, at: Instant, late: Duration) -> i32 {
         let plans = self.motion.iter().take_while(|(from, _)| *from <= at);
         let plans: Vec<_> = plans

@@ -87,7 +87,7 @@ const REGISTERS: [Register; 22] = [
     },
     shown(0x13, "RS", "M", 1),
     shown(0x14, "R", "DMS", 0),
-    // 15 and 16 are tested below and in replies.rs. Higher registers do not exist.
+    // Registers 15 and 16 are tested below and in replies.rs. Higher registers do not exist.
     shown(0x17, "", "DMS", 0),
     shown(0x80, "", "DMS", 0),
     shown(0xFF, "", "DMS", 0),
@@ -218,7 +218,7 @@ fn commands() {
     for kind in KINDS {
         for number in 0..=9 {
             let mut rig = Rig::ready(kind);
-            // 8 and 9 are refused while the motor drive is inactive (QSB-27).
+            // Commands 8 and 9 are refused while the motor drive is inactive (QSB-27).
             let taken = match number {
                 1 | 3 => true,
                 8 | 9 => false,

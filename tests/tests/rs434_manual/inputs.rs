@@ -271,8 +271,8 @@ fn section_6_1_contact_bounce() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 6.5: with MODE_DEVICE 1 the inputs have no effect. With 2, START has no effect but gets a normal reply.
-/// STOP works in both (RS434-6).
+/// Section 6.5: with MODE_DEVICE 1 the inputs have no effect. With 2, START has no effect but gets a normal
+/// reply. STOP works in both (RS434-6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();

@@ -33,7 +33,7 @@ fn turning(settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// 6.3: STATUS, SPEED_VALID in rpm, and CURRENT_POSITION in Hall edges, in both directions.
+/// Section 6.3: STATUS, SPEED_VALID in rpm, and CURRENT_POSITION in Hall edges, in both directions.
 #[test]
 fn section_6_3_rotation() {
     for (direction, sign) in [(1, 1.0), (2, -1.0)] {

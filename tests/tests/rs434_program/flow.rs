@@ -69,7 +69,7 @@ fn assert_ended(rig: &mut Rig, status: u16, pc: u16) {
     assert_eq!(seen, [status, pc, error], "status, PC, ERROR");
 }
 
-// 6.6: the buffer.
+// Section 6.6: the buffer.
 
 /// A line is loaded through CMD_W and WRITE_CMD, and read back through READ_CMD and CMD_R. The low word is
 /// the command, the high word is its data.
@@ -186,7 +186,7 @@ fn section_6_6_power_lost_in_a_save() {
     assert_eq!((rig.read(at::AX), rig.read(at::STATUS_USER_PROGRAM)), (9, status::END));
 }
 
-// 6.3, 6.5: start and stop.
+// Sections 6.3, 6.5: start and stop.
 
 /// Status 2 is "a short period only": 100 µs. Then line 0 runs.
 #[test]
@@ -244,7 +244,8 @@ fn section_6_5_mode_user_program() {
     assert_eq!((rig.read(at::AX), rig.read(at::SPEED)), (before + 5, 500));
 }
 
-/// A saved 3 starts the program at power-on, with status 3 before 4. RS434-26: the register still reads 3.
+/// If MODE_USER_PROGRAM was saved as 3, the program starts at power-on. Its status is first 3, then 4.
+/// RS434-26: the register still reads 3.
 #[test]
 fn section_6_5_start_at_power_on() {
     let mut rig = Rig::default();
@@ -540,7 +541,7 @@ fn section_6_9_end_leaves_the_motor_turning() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Ways to write a 1 to START: NOT of the 0 that it reads, adding or subtracting a constant, a pair with 0
+/// Ways to write a 1 to START: NOT of the 0 that START reads, adding or subtracting a constant, a pair with 0
 /// for STOP, a register, OR with a register (RS434-32: any value other than 0 is 1).
 #[test]
 fn section_6_9_ways_to_start() {

@@ -145,7 +145,7 @@ impl Drive {
         }
     }
 
-    /// Handles a rotor that no torque is left to accelerate: it keeps its present speed, or stops.
+    /// Handles a rotor if no torque is left to accelerate it. The rotor keeps its present speed, or stops.
     fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let speed = self.motion.circuit_speed(at);
         if speed != 0 {

@@ -129,8 +129,9 @@ pub(super) fn flag(value: u16) -> Result<bool, Error> {
 }
 
 impl SetUp {
-    /// Returns true if a pin that is high at this set-up causes a reset, even if it falls then: "If setting
-    /// the input to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
+    /// Returns true if this set-up causes a reset when the pin is high, even if the pin falls immediately
+    /// after: "If setting the input to sourcing, active true, ground the input first or a reset will occur"
+    /// (MC 5-63, type 11).
     pub(super) fn resets_when_high(self) -> bool {
         self.kind == Kind::Command(Event::Reset) && self.sources && self.active_high
     }

@@ -248,7 +248,7 @@ impl Vm {
         self.paused = None;
     }
 
-    /// Begins the line at the address. In single steps it waits for a key first.
+    /// Begins the line at the address. In single steps the program waits for a key first.
     fn begin(&mut self, at: Instant) {
         if self.breaks() {
             self.mode = Mode::Step;

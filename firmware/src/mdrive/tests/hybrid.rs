@@ -86,7 +86,7 @@ fn power_on_calibrates_before_the_sign_on() {
     dut.power_on(false);
     dut.wait(400.millis());
     assert_eq!(dut.get(Reg::AF), 0);
-    // CT = 200: 150 ms less than with CT = 250.
+    // With CT = 200 a calibration takes 150 ms less than with CT = 250.
     dut.run_until(Duration::millis(300 + 2_969));
     assert_eq!(dut.get(Reg::AF), 0);
     dut.run_until(Duration::millis(300 + 2_970));

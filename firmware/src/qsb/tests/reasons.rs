@@ -107,7 +107,7 @@ fn each_reason_has_a_case_and_a_short_text() {
 fn the_usual_life_of_an_adapter_has_no_reason() {
     let mut dut = after(Qsb::m(), &[]);
     for command in [
-        // Set-up of the counter and the port; saved.
+        // Sets up the counter and the port, and saves the set-up.
         "W000",
         "W0343",
         "W0402",

@@ -285,7 +285,7 @@ fn two_connections_of_mcode_do_not_mix() {
     assert_eq!(words(&bench, drive), ["mcode <- PR P -> 0", "mcode <- PR VM -> 768000"]);
 }
 
-/// A device on Modbus/TCP that accepts every request, and for function 6 puts the reasons of the register's address:
+/// A device on Modbus/TCP that accepts every request. For function 6 the bits of the register's address select reasons:
 /// bit 0 the first one, bit 1 the second one, bit 2 the third one.
 #[derive(Default)]
 struct Reasoned;
