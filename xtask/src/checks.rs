@@ -222,7 +222,7 @@ fn tests(sh: &Shell) -> Result<()> {
         cmd!(sh, "cargo test {host...} --no-fail-fast --test program -- {WAITING...} --test-threads 8"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
     ];
-    // Each runs, whatever the others do.
+    // Each test command runs, even if another one fails.
     let results = tests.map(|test| test.env("PROPTEST_RNG_SEED", &seed).run());
     results.into_iter().try_for_each(|result| Ok(result?))
 }

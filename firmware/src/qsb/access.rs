@@ -213,7 +213,7 @@ impl Adapter {
         }
         self.catch_up(at, out);
         match reg {
-            // Only command 3 writes these two.
+            // Only command 3 writes these two registers.
             Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
             Reg::TimeStamp => self.clock.set_timestamp(at, value as u32),
             _ if !row.access.writes() => return Err(PresetError::ReadOnly),

@@ -296,7 +296,7 @@ fn user_variables_are_there_once_they_are_declared() {
                 assert_eq!(rig.value(row.name), value, "{}", row.name);
             }
         }
-        // One request reads two of them.
+        // One request can read two user variables.
         assert!(rig.try_words(0x00A8, 4).is_ok());
         rig.assert_no_error();
     }

@@ -138,7 +138,7 @@ impl Rig {
         std::mem::take(&mut self.heard)
     }
 
-    /// The same text lines without their times.
+    /// The text lines of [`hear`](Self::hear), without their times.
     pub(crate) fn texts(&mut self, span: Duration) -> Vec<String> {
         self.hear(span).into_iter().map(|(_, text)| text).collect()
     }

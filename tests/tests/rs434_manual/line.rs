@@ -28,7 +28,7 @@ fn timed() -> Rig {
     rig
 }
 
-/// The same drive, restarted after these settings were saved.
+/// A drive that was restarted after these settings were saved, on a line on which characters take time.
 fn restarted(settings: &[(u16, u16)]) -> Rig {
     let mut rig = timed();
     for &(address, value) in settings {

@@ -53,7 +53,7 @@ impl Kind {
             19 => Self::StateOutput(StateOutput::Stall),
             20 => Self::StateOutput(StateOutput::Changing),
             21 => Self::StateOutput(StateOutput::LockedRotor),
-            // MC table 7.7 numbers these three 22 to 24.
+            // MC table 7.7 gives the next three types the numbers 22 to 24.
             23 => Self::StateOutput(StateOutput::Positioning),
             24 => Self::StateOutput(StateOutput::Hybrid),
             25 => Self::StateOutput(StateOutput::MakesUp),

@@ -416,7 +416,7 @@ impl Drive {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| self.answers(console.address_state)) {
-            // There is room for one.
+            // The list has room for one connection.
             let _ = links.push(link);
         }
         links

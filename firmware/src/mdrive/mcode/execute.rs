@@ -136,7 +136,7 @@ impl Drive {
                 self.end_program();
                 self.mcode.vm.set_handler(None);
             }
-            // The caller executes these, because it knows the recipients.
+            // The caller executes these statements, because it knows the recipients.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
         }
         Ok(())

@@ -77,7 +77,7 @@ impl<'o> MessageWriter<'o> {
         if self.text.is_full() {
             self.flush();
         }
-        // There is room now.
+        // The text has room now.
         let _ = self.text.push(character);
     }
 

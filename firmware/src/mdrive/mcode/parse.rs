@@ -272,7 +272,7 @@ impl<'a> Scanner<'a> {
                 },
                 Some(_) => Parameter::Value(self.operand(Kind::Whole)?),
             };
-            // There is room for the longest list.
+            // `values` has room for the longest list.
             let _ = values.push(value);
             if !self.take(b',') {
                 self.end()?;

@@ -97,7 +97,7 @@ type Stored = Vec<u8, { FRAME + LINE_BYTES }>;
 fn record(address: u16, line: &[u8]) -> Stored {
     let [high, low] = address.to_be_bytes();
     let mut record = Vec::new();
-    // There is room for the longest line.
+    // The record has room for the longest line.
     let _ = record.extend_from_slice(&[high, low, line.len() as u8]);
     let _ = record.extend_from_slice(line);
     let sum = crc(&record).to_be_bytes();

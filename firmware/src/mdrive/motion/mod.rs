@@ -129,7 +129,7 @@ pub(super) enum Event {
     Announce,
 }
 
-/// The motor and what moves it.
+/// The motor, and the state of its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     settings: Settings,
@@ -138,7 +138,7 @@ pub(super) struct Motion {
     /// Offset of C1 to the position of the plan, and of C2 to the count of the encoder.
     c1: i32,
     c2: i32,
-    /// Steps by which the rotor is behind where a Hybrid reports a lag of 0.
+    /// Lag of the rotor, in steps, at which a Hybrid reports a lag of 0.
     lag_origin: i32,
     activity: Activity,
     /// Deadline of the activity.

@@ -514,7 +514,7 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
     dut.set(Reg::DE, 1);
     assert_eq!(dut.get(Reg::AF), 0, "it calibrates");
-    // With more friction it takes less time.
+    // With more friction the rotor stops earlier.
     let mut dut = at_full_speed();
     dut.set(Reg::Friction, 100);
     dut.set(Reg::DE, 0);
@@ -522,8 +522,8 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
 }
 
-/// The speed is that at which the torque is used up: at TQ 25 of 400 mN·m, minus 10 of friction, nine tenths
-/// of 3,000 rpm.
+/// The motor reaches the speed at which its torque is used up. TQ 25 of 400 mN·m is 100 mN·m. Friction takes
+/// 10 mN·m of this, a tenth, so the speed is nine tenths of 3,000 rpm.
 #[test]
 fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     let mut dut = dut();

@@ -340,7 +340,7 @@ fn a_memory_without_the_later_pids_is_good() {
     (words[24], words[25], words[26], words[27], words[28], words[29]) = (1_000, 10, 1_500, 240, 1, 2);
     let mut memory: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
     memory.extend(drivetwin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
-    // The old memory ends there.
+    // The old memory ends at this place.
     memory.resize(MEMORY, 0xFF);
     let mut dut = Dut::off(memory);
     dut.power_on_fast();

@@ -194,7 +194,7 @@ fn a_program_is_not_cleared_in_motion() {
 #[test]
 fn there_are_192_labels_and_variables() {
     let mut dut = Dut::quiet();
-    // No name of the language begins with these letters.
+    // No name of the language begins with the letters of the following names.
     let names: Vec<String> = (0..180)
         .map(|n| {
             std::format!(
