@@ -98,7 +98,7 @@ fn the_writer_makes_the_file_made_by_hand() {
     assert_eq!(made, include_bytes!("../captures/modbus-tcp.pcapng"));
 }
 
-/// End of `talk`.
+/// Time at which `talk` ends.
 const END: Duration = Duration::millis(1_500);
 
 /// Two drives on a line, one on its own line, and a QSB that streams and answers commands.

@@ -11,10 +11,10 @@ use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
 use drivetwin_sim::catalog;
 use proptest::prelude::*;
 
-/// Longer than the start-up of any drive with `boot_fast`.
+/// Time longer than the start-up of any drive with `boot_fast`.
 const START: Duration = Duration::secs(5);
 
-/// Longer than any drive takes to answer.
+/// Time longer than any drive takes to answer.
 const ANSWER: Duration = Duration::millis(100);
 
 const SERIAL: Port = Port(0);

@@ -55,7 +55,7 @@ pub(super) struct Drive {
     pub(super) pins: Pins,
     /// Levels of J2 pins 2, 3, 4, 5 and 9, 10, 12, in the bit positions of `IOPortData`.
     pub(super) levels: u16,
-    /// Bits of those of J2 pins 2, 3, 4, 5 that were active when the drive last read them.
+    /// Pins among J2 pins 2, 3, 4 and 5 that were active when the drive last read the pins, one bit each.
     pub(super) active: u16,
     /// True while INHIBIT is active.
     pub(super) inhibited: bool,

@@ -371,7 +371,7 @@ impl Plan {
     /// Signed speed at `at`, in steps/s.
     #[must_use]
     pub fn speed_at(&self, at: Instant) -> I48F16 {
-        /// 2¹⁶ / f in lowest terms.
+        /// The fraction 2¹⁶ / f in lowest terms: `BITS` / `FREQUENCY`.
         const BITS: i64 = 64;
         const FREQUENCY: i64 = 15_625;
         let (segment, d) = self.segment_at(at);

@@ -72,7 +72,7 @@ enum Bytes {
 }
 
 impl Bytes {
-    /// A read of a few registers, or a write, and its answer.
+    /// Number of bytes that a read of a few registers, or a write, has together with its answer.
     const FEW: usize = 38;
 
     fn joined(parts: [&[u8]; 3]) -> Self {

@@ -246,7 +246,7 @@ fn a_save_keeps_what_is_a_setting() {
     }
 }
 
-/// MC 5-32, 5-49: HT is 0, or 2 to 65535 less MT.
+/// MC 5-32, 5-49: HT is 0, or from 2 to 65535 − MT.
 #[test]
 fn both_delays_are_65535_ms_at_most() {
     let mut rig = Rig::plus();

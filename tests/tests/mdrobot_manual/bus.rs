@@ -14,7 +14,7 @@ use crate::rig::{BOOT, SILENCE, timed};
 /// Ticks of a character at 19,200 8N1. Its 10 bits are 8,333⅓ ticks, rounded.
 const CHARACTER: u64 = 8_333;
 
-/// 3.5 characters, rounded up.
+/// Duration of 3.5 characters, rounded up.
 const T35: Duration = Duration::from_ticks(29_166);
 
 /// Controllers with ids 1 and 2 on one line.

@@ -238,7 +238,7 @@ fn every_request_is_received_while_a_program_runs() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pins() {
     const REQUESTS: u64 = 60;
-    /// A request of 8 characters, a reply of 75, and silences.
+    /// Time for a request of 8 characters, a reply of 75 characters, and silences.
     const PACE: Nanos = 13 * MS;
     let mut script = Script::fast();
     let coil =

@@ -12,7 +12,7 @@ pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
 /// Time from power-on to the banner.
 pub(crate) const START_UP: Duration = Duration::millis(50);
 
-/// Longer than any reply takes, also while a stream fills the line at 9,600 baud.
+/// Time longer than any reply takes, also while a stream fills the line at 9,600 baud.
 const PATIENCE: Duration = Duration::millis(200);
 
 /// All variants, with the names that users type.

@@ -4,7 +4,7 @@ use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_tests::rs434::{BOOT, Rig, at};
 
-/// Longer than any ramp here, and longer than debouncing.
+/// Time longer than any ramp here, and longer than debouncing.
 const WHILE: Duration = Duration::secs(1);
 
 /// A drive that is controlled by its inputs.

@@ -3,7 +3,7 @@
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
 
-/// Longer than any move here takes, in s.
+/// Time longer than any move here takes, in s.
 const MOVE: u64 = 30;
 
 fn mover(mode: u16) -> Rig {

@@ -14,7 +14,7 @@ use crate::registers::Register;
 use crate::steps;
 use crate::vectors::interrupt;
 
-/// TIM2 (13.4).
+/// Registers of TIM2 (13.4).
 const TIMER: usize = 0x4000_0000;
 const CONTROL: Register = Register::at(TIMER, 0x00);
 const INTERRUPTS: Register = Register::at(TIMER, 0x0C);

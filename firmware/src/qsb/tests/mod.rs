@@ -24,7 +24,7 @@ use crate::device::{
 };
 use crate::testing::{Fixture, Treatment};
 
-/// 1/512 s.
+/// Period of the adapter's clock, 1/512 s.
 const TICK: Duration = Duration::from_ticks(31_250);
 
 /// An adapter, and a host that types commands.

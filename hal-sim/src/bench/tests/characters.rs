@@ -4,7 +4,7 @@ use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 
-/// A character of the test device's serial line, 115,200 8N1.
+/// Duration of a character of the test device's serial line, 115,200 8N1.
 const CHARACTER: Duration = Duration::from_ticks(1_389);
 /// Number of characters in the test device's answer to `r`.
 const ANSWER: usize = 3;

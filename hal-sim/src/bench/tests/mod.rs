@@ -29,10 +29,10 @@ use crate::replay;
 use crate::testing::echo_device::EchoDevice;
 use crate::testing::test_device::{self, TestDevice};
 
-/// A character of 9,600 8E1.
+/// Duration of a character of 9,600 8E1.
 const CHARACTER: Duration = Duration::from_ticks(18_333);
 const T3_5: Duration = Duration::from_ticks(64_166);
-/// A request or reply of eight characters.
+/// Duration of a request or reply of eight characters.
 const EIGHT: Duration = Duration::from_ticks(8 * 18_333);
 const RS485: Port = Port(0);
 
