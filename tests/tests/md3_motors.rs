@@ -175,7 +175,7 @@ fn the_factorys_gating_counts_the_index_and_clears() {
 /// in only one of them.
 #[test]
 fn one_of_four_gates_responds() {
-    // Without the filter, with it, with the slowest filter, and with A and B swapped.
+    // Tests the index without the filter, with it, with the slowest filter, and with A and B swapped.
     for others in [0, 1 << 9, 1 << 9 | 7 << 6, 1 << 3] {
         let responds: Vec<u16> = (0..4)
             .filter(|gate| {

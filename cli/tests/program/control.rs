@@ -403,7 +403,7 @@ fn a_web_page_is_refused() {
     assert!(request(target, "").problem(403).contains("Host"));
     assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
 
-    // A page of another origin, also one on this machine, and a page without an origin.
+    // The API refuses a page of another origin, also one on this machine, and a page without an origin.
     for origin in ["http://evil.example", "https://localhost:80", "http://localhost:81", "null"] {
         let ask = format!("{get}Host: localhost:80\r\nOrigin: {origin}");
         assert!(request(&ask, "").problem(403).contains("another origin"), "{origin}");

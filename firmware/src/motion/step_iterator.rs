@@ -586,7 +586,7 @@ mod tests {
         let tick = STEP / 1_000;
         let tenths = [-16, -14, -6, -4, 0, 4, 6, 14, 16];
         assert_eq!(tenths.map(|n| ticks(tick * n / 10, 1_000)), [-2, -1, -1, 0, 0, 0, 1, 1, 2]);
-        // In 1/64 tick, rounded down.
+        // The results are in 1/64 tick, rounded down.
         assert_eq!([-1, 1, 21, 61].map(|n| ticks_64(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
     }
 

@@ -197,7 +197,7 @@ fn half_a_value_is_read_but_not_written() {
     rig.write_long(0x005F, 0x1234_5678);
     assert_eq!(rig.try_words(0x005F, 1), Ok(vec![0x1234]));
     assert_eq!(rig.try_words(0x0060, 1), Ok(vec![0x5678]));
-    // The low word of R1 and the high word of R2.
+    // Reads the low word of R1 and the high word of R2.
     assert_eq!(rig.try_words(0x0060, 2), Ok(vec![0x5678, 0]));
     for (address, words) in [(0x005F, &[7][..]), (0x0060, &[7]), (0x0060, &[7, 7]), (0x005F, &[7, 7, 7])] {
         assert!(rig.try_write(address, words).is_err(), "{address:#06X} {words:?}");

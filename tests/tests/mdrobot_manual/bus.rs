@@ -131,7 +131,7 @@ fn page_3_noise() {
     let mut wrong_crc = rtu::write(1, pid::MAX_RPM, 1_000).to_vec();
     wrong_crc[7] ^= 0x10;
     let high_first = {
-        // The CRC's bytes in the other order.
+        // A frame with the bytes of the CRC in the other order.
         let mut frame = rtu::write(1, pid::MAX_RPM, 1_000).to_vec();
         frame.swap(6, 7);
         frame

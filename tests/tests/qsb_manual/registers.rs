@@ -310,7 +310,7 @@ fn clear_and_load() {
     rig.turn(-5);
     rig.says(&[
         ("R0E", "r 0E FFFFFFFB !"),
-        // Borrow, sign, and direction down.
+        // STR shows borrow, sign, and direction down.
         ("R06", "r 06 00000049 !"),
         ("W092", "w 09 00000002 !"),
         ("R0E", "r 0E 00000000 !"),

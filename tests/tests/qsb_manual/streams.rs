@@ -60,7 +60,7 @@ fn ten_seconds_with_commands_in_the_middle() {
     rig.ask("S0E");
     let mut heard = Vec::new();
     for n in 0..500_u64 {
-        // At different moments within a tick.
+        // Sends the command at different moments within a tick.
         heard.extend(rig.hear(20.millis() - Duration::from_ticks(n * 211 % 31_250)));
         let (command, reply) = match n % 5 {
             0 => ("R08", "r 08 000001F3 "),

@@ -157,7 +157,7 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
 #[test]
 fn an_output_drives_what_the_table_of_output_conditions_says() {
     use Level::{Float, High, Low};
-    // MC 5-64: the level for O = 1, then for O = 0.
+    // MC 5-64: each row has the level for O = 1, then the level for O = 0.
     for (values, on, off) in [
         ([16, 1, 0], Float, Low),
         ([16, 0, 0], Low, Float),
@@ -643,7 +643,7 @@ fn the_motor_follows_clocks_up_and_down() {
 
 #[test]
 fn the_clock_ratio_scales_what_comes_and_loses_nothing() {
-    // MC 5-14: a ratio of one half, of one and a half, and of two.
+    // MC 5-14: tests a ratio of one half, of one and a half, and of two.
     let pulses: Vec<(u8, u8)> = [(0, 1), (1, 1)].repeat(4);
     assert_eq!(follower(33, [0, 0], 500).clock(&pulses), [0, 0, 1, 0, 0, 0, 1, 0]);
     assert_eq!(follower(33, [0, 0], 1_500).clock(&pulses), [1, 0, 2, 0, 1, 0, 2, 0]);

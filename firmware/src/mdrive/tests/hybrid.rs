@@ -226,7 +226,7 @@ fn a_rotor_that_is_free_again_goes_on_and_lags() {
 
 #[test]
 fn missed_steps_are_made_up_for_at_mf_or_ss() {
-    // MC 5-46, 5-50: MU 1 at MF, 2 at SS: 10 MHz/(255 + 2) = 38,910.
+    // MC 5-46, 5-50: MU 1 makes up at MF, MU 2 at SS: 10 MHz/(255 + 2) = 38,910.
     for (mode, reg, value, frequency) in [(1, Reg::MF, 1_000, 1_000), (2, Reg::SS, 255, 38_910)] {
         let mut dut = dut();
         let counts = dut.get(Reg::C2);
@@ -627,7 +627,7 @@ fn an_overheated_drive_warns_and_switches_itself_off() {
     assert_eq!(dut.get(Reg::IT), 40);
     dut.set(Reg::WT, 60);
     dut.fault("over_temperature", true);
-    // 10 °C/s: above 60 °C after 2.1 s, at 90 °C after 5 s.
+    // The temperature rises by 10 °C/s: it is above 60 °C after 2.1 s, and 90 °C after 5 s.
     dut.wait(2_099.millis());
     assert_eq!((dut.get(Reg::IT), dut.error()), (60, 0));
     dut.wait(1.millis());

@@ -304,7 +304,7 @@ fn saved(pid: Pid, value: i64) -> Vec<u8> {
 #[test]
 fn a_memory_of_somebody_else_brings_no_function_that_is_none() {
     let [one, other] = [0, 3].map(|number| saved(Pid::FUNC_CMD_TYPE, number));
-    // The low byte, after the high one.
+    // The place of the low byte, which follows the high byte.
     let place = (0..one.len()).find(|&place| one[place] != other[place]).unwrap();
     for (number, brought) in [(0x0004_u16, 4), (0x0005, 0), (0x0104, 0), (0xFFFF, 0)] {
         let mut copy = one.clone();

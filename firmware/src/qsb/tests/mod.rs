@@ -62,7 +62,7 @@ impl Dut {
             | Output::Store { .. } => Treatment::Keep,
             _ => Treatment::Refuse,
         });
-        // 10 bits at 230,400: 694.4 ticks.
+        // A character of 10 bits at 230,400 baud takes 694.4 ticks.
         Self { fixture, character: Duration::from_ticks(694), seen: 0 }
     }
 

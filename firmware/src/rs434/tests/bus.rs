@@ -135,7 +135,7 @@ fn the_reply_leaves_after_the_silence() {
     let mut dut = ready();
     let first = dut.now + CHARACTER;
     dut.input(first, Input::Bytes { port: Port(0), bytes: &rtu::read(1, 0x500B, 1) });
-    // 1.75 ms of silence above 19,200 baud, and one more character.
+    // The end is detected after 1.75 ms of silence (above 19,200 baud) and one more character.
     let last = first + CHARACTER * 7;
     let silence = last + 1_750.micros() + CHARACTER;
     dut.run_until(silence - Duration::TICK);

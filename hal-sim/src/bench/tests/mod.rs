@@ -184,7 +184,7 @@ fn half_a_message_whose_rest_does_not_come_is_judged() {
     assert_eq!(bench.now(), start());
     let settling = bench.begin_idle_run_flushing();
     assert!(bench.continue_idle_run(settling, Instant::NEVER));
-    // The frame timeout, then three characters on the line and the silence after them.
+    // The frame timeout passes, then three characters on the line and the silence after them.
     assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(drive, RS485).dropped(), 1);
     assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);
