@@ -407,8 +407,8 @@ impl Drive {
         }
     }
 
-    /// SPEEDSEL has changed in a profile move: 7.8 says that the move ignores it, 7.18 that the move becomes
-    /// a jog (MD3-30). This function makes the jog.
+    /// SPEEDSEL has changed in a profile move: section 7.8 says that the move ignores it, section 7.18 that
+    /// the move becomes a jog (MD3-30). This function makes the jog.
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, is_ending: false });

@@ -138,7 +138,7 @@ pub(crate) static TABLE: &[Row] = &[
     rw(250, "FUNC_POSI", LONG, &[1_500, 240]),
 ];
 
-/// 32 PIDs that only 2.4 names.
+/// 32 PIDs that only section 2.4 names.
 pub(crate) const HEADER_ONLY: [u16; 32] = [
     4, 7, 14, 15, 18, 30, 31, 131, 137, 146, 147, 149, 150, 152, 159, 162, 163, 164, 193, 194, 198, 202, 203,
     205, 217, 225, 226, 227, 231, 234, 238, 241,

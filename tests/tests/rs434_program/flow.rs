@@ -315,7 +315,8 @@ fn section_6_5_a_start_after_an_error() {
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// 6.7 has AX to JX on the bus: a master can pass parameters to a running program, and read its results.
+/// Section 6.7 has AX to JX on the bus: a master can pass parameters to a running program, and read its
+/// results.
 #[test]
 fn section_6_7_a_master_and_a_program() {
     // The program waits until AX = BX, then sets CX to 1.

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::Channel::{A, B, Index};
 use super::{Channel, Encoder, Instant};
 
-/// The fields in the columns of 7.11, typed here again from the manual.
+/// The fields in the columns of section 7.11, typed here again from the manual.
 const ENABLE_INDEX: u16 = 0x001;
 const X2_INDEX: u16 = 0b00 << 1;
 const X2_MAX: u16 = 0b01 << 1;
@@ -183,7 +183,7 @@ fn max_count_0_holds_the_count() {
     assert_eq!((shaft.turn(3), shaft.turn(-7)), (0, 0));
 }
 
-/// The two tables of 7.11: the states (A, B) at which a short index pulse counts.
+/// The two tables of section 7.11: the states (A, B) at which a short index pulse counts.
 #[test]
 fn index_gating() {
     const LL: State = (false, false);

@@ -1,4 +1,5 @@
-//! Tests of moves, arithmetic, logic and shifts: every code in the tables of 6.9 with every form of operands.
+//! Tests of moves, arithmetic, logic and shifts: every code in the tables of section 6.9 with every form of
+//! operands.
 
 use super::*;
 
