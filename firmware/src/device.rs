@@ -413,7 +413,7 @@ pub enum LogEvent {
         /// Reason.
         why: DropReason,
     },
-    /// The request that the drive is executing does not do what it says. The
+    /// A reason why the drive does not do what the present request says, although it accepts the request. The
     /// [`Request`](Self::Request) of the same call follows. A request of several registers may have several
     /// reasons. A drive may also put a reason without a request, for instance for a pin or a user program;
     /// receivers ignore it.
@@ -613,7 +613,7 @@ pub enum Effect {
     Other,
 }
 
-/// A reason why a request that the drive accepts does not do what it says.
+/// A reason why a drive does not do what a request says, although it accepts the request.
 #[derive(Clone, Copy, Debug)]
 pub struct ReasonSpec {
     /// Effect of the request.
@@ -695,8 +695,8 @@ pub struct Spec {
     pub supply: Option<usize>,
     /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
-    /// Reasons why requests that the drive accepts do not do what they say. Without the feature `reasons` there are
-    /// none.
+    /// Reasons why the drive does not do what a request says, although it accepts the request. Without the feature
+    /// `reasons` there are none.
     pub reasons: &'static [ReasonSpec],
     /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],

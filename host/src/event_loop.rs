@@ -168,9 +168,10 @@ pub(crate) struct EventLoop {
     logged: u64,
     /// Number of requests that were too early when the log was last updated.
     logged_early: u64,
-    /// Number of such requests on each line from which on the log warns again.
+    /// For each line, the number of such requests at which the log warns again.
     early: HashMap<Bus, u64>,
-    /// The same for requests to drives that were starting.
+    /// Number of requests to starting drives when the log was last updated; and for each drive, the number at
+    /// which the log warns again.
     logged_starting: u64,
     starting: HashMap<DriveId, u64>,
 }

@@ -5,10 +5,10 @@ use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Shell, TX_ONE_REP
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
 use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
-/// An output of a drive as a board shows it. A pin shows each level that it takes as an output of its own.
+/// An output of a drive as a board shows it. Each change of the level of a pin is an output of its own.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Seen {
-    /// Any output that is not a pin's.
+    /// Any output other than the level of a pin.
     Output(OutputRecord),
     /// A pin changes to high (true) or low.
     Pin(Pin, bool),

@@ -1,4 +1,4 @@
-//! Files that follow a bench, on a system that may fail at any byte.
+//! Tests of files that are written while a bench runs. The system may fail at any byte.
 #![allow(missing_docs, reason = "a test")]
 
 use std::io::{self, Write};

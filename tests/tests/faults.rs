@@ -69,7 +69,7 @@ fn rs_ascii() -> (Bench, DriveId, Client) {
 /// Request for SPEED, and the reply, 1,000. LRC: 01 + 03 + 50 + 0B + 00 + 01 = 60h, and 60h + A0h = 100h.
 const SPEED: &[u8] = b":0103500B0001A0\r\n";
 const IS_1000: &str = r":01030203E80F\r\n";
-/// A character at 9,600 baud 7E1 has 10 bits.
+/// Duration of a character at 9,600 baud 7E1, which has 10 bits.
 const CHARACTER: Duration = Duration::from_ticks(16_667);
 
 #[test]

@@ -392,7 +392,7 @@ fn longest(drive: &dyn Device) -> Duration {
     match drive.spec().kind {
         "md3" | "md3-low" => Duration::secs(10),
         // A program may run without end. In less than 5 s no drive is reset to the factory settings, which
-        // would make it use RTU again (7).
+        // would make it use RTU again (section 7).
         "rs434544" | "rs434546" => Duration::millis(50),
         // The drive may stream without a pause.
         _ => Duration::millis(100),

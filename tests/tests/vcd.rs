@@ -242,7 +242,8 @@ fn lights_blink_as_the_manual_says() {
         let changes = file.wire("md3", name).iter();
         changes.map(|(at, value)| (at / ticks(1.millis()), *value == Value::V1)).collect()
     };
-    // Both flash twice, then alternately. Red ends when green begins its regular flashes (sections 2 and 4).
+    // Both lights flash twice, then alternately. The red light ends when the green light begins its regular
+    // flashes (sections 2 and 4).
     let flashes = [(0, true), (250, false), (500, true), (750, false)];
     assert_eq!(millis("D5"), [&flashes[..], &[(1_500, true), (2_000, false)]].concat());
     let beats = [(2_750, false), (4_000, true), (4_250, false), (5_500, true), (5_750, false)];

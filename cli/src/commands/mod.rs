@@ -18,7 +18,7 @@ use drivetwin_sim::record::trace::{Trace, whole_lines};
 /// Writes to stdout.
 ///
 /// # Errors
-/// One sentence: stdout cannot be written.
+/// One sentence that says what is wrong: stdout cannot be written.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     match io::stdout().write_all(text.as_bytes()) {
         // A reader that closes stdout early, as in `drivetwin list | head -1`, is not an error.

@@ -403,7 +403,7 @@ fn a_web_page_is_refused() {
     assert!(request(target, "").problem(403).contains("Host"));
     assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
 
-    // A page of another origin, also one on this machine, and a page without an origin.
+    // The API refuses a page of another origin, also one on this machine, and a page without an origin.
     for origin in ["http://evil.example", "https://localhost:80", "http://localhost:81", "null"] {
         let ask = format!("{get}Host: localhost:80\r\nOrigin: {origin}");
         assert!(request(&ask, "").problem(403).contains("another origin"), "{origin}");
@@ -594,7 +594,7 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
 }
 
 /// "Operation is permitted with closed contact" (RS, 6): the contact at HARD_STOP counts as closed until the
-/// input is used; `open` opens it. "Power supply protection, VDC: 8 - 30" (3).
+/// input is used; `open` opens it. "Power supply protection, VDC: 8 - 30" (section 3).
 #[test]
 fn an_emergency_stop_and_a_supply_out_of_its_range() {
     let rs434 = Running::start("rs434544", &["--time", "manual", "--fast-boot"], Stdio::inherit());

@@ -1,9 +1,9 @@
-//! Reasons why requests that the drive accepts do not do what they say.
+//! Reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::drive::Model;
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 
-/// Places in [`REASONS`].
+/// Indices in [`REASONS`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
 pub(super) enum Why {
@@ -25,7 +25,7 @@ pub(super) enum Why {
     NotPaused,
     EndsProgram,
     StoresLine,
-    // These are of a Hybrid only.
+    // The following reasons are of a Hybrid only.
     RotorLocked,
     TorqueMode,
     NothingToCalibrate,

@@ -61,9 +61,9 @@ impl Bench {
         self.buses[bus.0 as usize].strict
     }
 
-    /// Requests on a line so far that were too early. A request after that of another client, through a port
-    /// that [times characters itself](Self::set_self_paced), or on a line with faults is not judged, because
-    /// its client does not know when it may send.
+    /// Requests on a line so far that were too early. A request is not judged if its client cannot know when
+    /// it may send: after a request of another client, through a port that [times characters
+    /// itself](Self::set_self_paced), or on a line with faults.
     #[must_use]
     pub fn early_requests(&self, bus: Bus) -> EarlyRequests {
         self.buses[bus.0 as usize].early
@@ -101,12 +101,12 @@ impl Bench {
         }
     }
 
-    /// Judges the first `length` waiting bytes of a client, which are a frame. All times are such that a
-    /// request without the silence is proven.
+    /// Judges the first `length` waiting bytes of a client, which are a frame. The times are chosen so that
+    /// the silence was certainly missing.
     ///
-    /// A client that waits until its bytes are on the wire waits for nothing on a pty or a TCP connection, and is
-    /// earlier here than on a real line by the duration of its last request. This may be so unless the reply to the
-    /// last request was complete.
+    /// Some clients wait until their bytes are on the wire. On a pty or a TCP connection this wait takes no time, so
+    /// such a client is earlier here than on a real line, by the duration of its last request. This may be so unless
+    /// the reply to the last request was complete.
     pub(super) fn early_request(&mut self, bus: u32, client: u32, length: usize) -> Option<EarlyRequest> {
         let settings = self.framed(bus).filter(|_| !self.silence_is_free && !self.fast())?;
         let state = self.clients.get(&client)?;
@@ -131,8 +131,8 @@ impl Bench {
                 (began + last.takes < replied).then_some(EarlyCause::InUse)
             }
         });
-        // Without a strict line, the second of two frames without silence is counted when its turn comes.
-        // In Modbus ASCII the first frame is whole without silence.
+        // On a line that is not strict, the second of two frames with no silence between them is counted when
+        // its own turn comes. In Modbus ASCII the first frame is complete without silence after it.
         let is_followed = || {
             let (_, next) = next.filter(|_| line.strict)?;
             (next < written + needs).then_some(EarlyCause::Followed)
@@ -149,7 +149,7 @@ impl Bench {
         let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
         let line = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut line.continues, continues.then_some(client));
-        // In Modbus ASCII a frame is whole without silence.
+        // In Modbus ASCII a frame is complete without silence after it.
         if paces_itself || needs == Duration::ZERO || *line.disturbance.faults() != LineFaults::NONE {
             return None;
         }

@@ -182,7 +182,8 @@ impl Bench {
         }
     }
 
-    /// Enters the request that a fault refused in place of the one that the drive received and refused.
+    /// Corrects the journal after a fault refused a request. The drive received and refused another request
+    /// in its place; the journal gets the request of the client.
     fn note_refusal(&mut self, bus: u32, sent: &Sent, reply: &[u8]) {
         let Some(refusal) = self.buses[bus as usize].refusal else { return };
         let Some(exception) = refusal.answer(sent.line, reply) else { return };

@@ -375,8 +375,8 @@ impl Bench {
     }
 
     /// Sets registers that are not saved, now and after every power-on. These presets replace those of
-    /// [`Setup::presets`]. At power-on they are applied after the initial levels of the pins. Those of
-    /// [`Setup`] are applied before, because no wire is connected yet.
+    /// [`Setup::presets`]. At power-on the new presets are applied after the initial levels of the pins. The
+    /// presets of [`Setup`] are applied before these levels, because no wire is connected yet.
     ///
     /// # Errors
     /// The drive refuses a preset. The presets before it have been applied.

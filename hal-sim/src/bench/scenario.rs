@@ -55,9 +55,9 @@ pub struct Written {
 pub enum Action {
     /// Sets the faults of a line or TCP port.
     LineFaults {
-        /// Its name, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
+        /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
         bus: String,
-        /// Its faults from now on.
+        /// Faults of the line or port from now on.
         faults: Box<LineFaults>,
     },
     /// Sets or clears the cause of a fault of a drive.

@@ -118,7 +118,7 @@ impl Connection {
         self.pending.is_empty() && self.disturbed.passed.is_empty()
     }
 
-    /// Puts a message back to the front of the bytes that it came from.
+    /// Puts a message back in front of the bytes from which it was taken.
     fn put_back(&mut self, mut bytes: Vec<u8>, disturbed: bool) {
         let front = if disturbed { &mut self.disturbed.passed } else { &mut self.pending };
         bytes.append(front);

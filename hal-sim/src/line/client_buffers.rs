@@ -60,7 +60,7 @@ pub(super) struct Arrival {
     /// Position in the order of all arrivals on the bench.
     order: u64,
     pub(super) at: Instant,
-    /// Time by which the client had sent the bytes at the latest.
+    /// Latest time at which the client can have sent the bytes.
     latest: Instant,
     pub(super) count: usize,
     flags: CharFlags,

@@ -73,7 +73,7 @@ impl Sender {
             }
     }
 
-    /// The settings of the port; `line` has the ones that are not known.
+    /// The settings of the port. A setting that is not known is taken from `line`.
     #[must_use]
     pub fn or(self, line: Line) -> Line {
         let parity = match self.parity {

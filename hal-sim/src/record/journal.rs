@@ -72,7 +72,7 @@ enum Bytes {
 }
 
 impl Bytes {
-    /// A read of a few registers, or a write, and its answer.
+    /// Number of bytes that a read of a few registers, or a write, has together with its answer.
     const FEW: usize = 38;
 
     fn joined(parts: [&[u8]; 3]) -> Self {
@@ -122,7 +122,7 @@ impl Entry {
         self.bytes.get(from..from + usize::from(self.answer)).unwrap_or_default()
     }
 
-    /// Reasons why an accepted message does not do what it says.
+    /// Reasons why the drive does not do what the message says, although it accepts the message.
     pub fn reasons(&self) -> impl Iterator<Item = Reason> {
         let codes = if self.outcome == Outcome::Accepted { self.codes() } else { &[] };
         codes.iter().map(|&code| Reason(code))
@@ -145,7 +145,8 @@ impl Entry {
         (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
     }
 
-    /// The entry with these addresses instead of codes, for the journal of a line.
+    /// The entry of a message that is addressed to no drive, for the journal of a line. Instead of codes it
+    /// has `addresses`, those of the drives on the line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);
         Self { outcome: Outcome::NoDrive, answer: 0, bytes, ..self }

@@ -21,7 +21,7 @@ pub struct RequestStatistics {
 pub struct StartingRequests {
     /// Number of these requests.
     pub count: u64,
-    /// Time from the last one until the drive receives; `None` if unknown.
+    /// Time from the last of these requests until the drive receives; `None` if unknown.
     pub left: Option<Duration>,
 }
 

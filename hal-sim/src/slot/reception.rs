@@ -77,7 +77,7 @@ pub(crate) struct Reception {
     draft: Draft,
     /// What the drive sent on text ports in the present call, before the outcome.
     before: Vec<u8>,
-    /// Entries of the present call before that of `open`.
+    /// Entries that the present call has completed before the entry of `open`.
     done: Vec<Entry>,
     /// Port on which the drive ignores the characters of the present call, because it starts.
     ignores: Option<Port>,

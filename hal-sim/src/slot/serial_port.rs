@@ -26,7 +26,8 @@ pub struct Statistics {
     pub starting: u64,
     /// Number of connections so far; only on a TCP port.
     pub connections: u64,
-    /// Number of messages to the drive; only on a TCP port. For MCode, the number of pieces of text lines.
+    /// Number of messages to the drive; only on a TCP port. On an MCode port a message is a text line or a
+    /// part of one.
     pub messages: u64,
     /// Number of connections closed because the client sent bytes that are not Modbus/TCP.
     pub broken: u64,
@@ -46,7 +47,8 @@ pub(crate) struct PortState {
     /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
-    /// Effects of faults on what the drive has sent on a port with lines of text before the end of the line.
+    /// On a port with text lines: effects of faults on the characters that the drive has sent before the end
+    /// of the line.
     pub(crate) on_echo: FrameEffects,
 }
 

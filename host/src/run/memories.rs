@@ -33,7 +33,7 @@ impl Memory {
     /// returned memory but not yet into the file, which stays unchanged.
     ///
     /// # Errors
-    /// One sentence: the file cannot be used.
+    /// One sentence that says what is wrong: the file cannot be used.
     pub(super) fn open(
         configuration: &Configuration,
         index: usize,
@@ -70,7 +70,7 @@ impl Memory {
     /// Writes a user program to the file. The program is already in the memory.
     ///
     /// # Errors
-    /// One sentence: the file cannot be written.
+    /// One sentence that says what is wrong: the file cannot be written.
     pub(super) fn store_program(&self, program: &Image) -> Result<(), String> {
         let Some(MemoryFile { path, nv }) = &self.file else { return Ok(()) };
         let stored = nv.borrow_mut().store(program.offset, &program.bytes);
@@ -108,7 +108,7 @@ impl Memory {
     /// Waits until the file is on the disk.
     ///
     /// # Errors
-    /// One sentence: the file does not contain everything that the drive stored.
+    /// One sentence that says what is wrong: the file does not contain everything that the drive stored.
     pub(super) fn sync(&self) -> Result<(), String> {
         let Some(MemoryFile { path, nv }) = &self.file else { return Ok(()) };
         let synced = nv.borrow_mut().sync();

@@ -137,7 +137,8 @@ impl Running {
     /// Then completes the files.
     ///
     /// # Errors
-    /// One sentence: the files that are not complete, or the reason why the bench cannot continue.
+    /// One sentence that says what is wrong: the files that are not complete, or the reason why the bench
+    /// cannot continue.
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");

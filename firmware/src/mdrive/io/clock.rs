@@ -151,7 +151,7 @@ impl Clock {
     /// S7 or S8: sets the type of both points, and the active state of this one.
     ///
     /// # Errors
-    /// 11 for the type, 21 for the state.
+    /// Error 11 for the type, 21 for the state.
     pub(super) fn set_up(
         &mut self,
         at: Instant,

@@ -37,8 +37,8 @@ const CONTACTS: [Contact; 5] =
 /// Shortest pulses that the filters 0 to 9 let pass, in ns (MC 5-25, 5-26).
 const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
 
-/// Capacity of the event queue. One instant brings fewer events: for each of four inputs its own event and a
-/// trip, one for each contact, a capture, and three channels.
+/// Capacity of the event queue. One instant causes fewer events. Each of the four inputs causes its own event
+/// and a trip, each contact one event, and there are a capture and three channels.
 const EVENTS: usize = 20;
 
 /// Events of the I/O for the rest of the drive.
@@ -176,8 +176,8 @@ impl Io {
         }
     }
 
-    /// Ends the load. An input that is active now counts as active before. So a switch that is closed already
-    /// starts, stops or resets nothing.
+    /// Ends the loading. An input that is active now counts as if it had been active before. So a switch that
+    /// is closed already starts, stops or resets nothing.
     pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Context) {
         self.is_loading = false;
         for (point, pin) in self.points.iter_mut().zip(PINS) {
@@ -190,7 +190,7 @@ impl Io {
     /// has settled. If it is active then, this counts as an activation.
     ///
     /// # Errors
-    /// 6 if another point has the type, 8 for the type, 10 for `n`, 21 for the other values.
+    /// Error 6 if another point has the type, 8 for the type, 10 for `n`, 21 for the other values.
     pub(super) fn set_up(
         &mut self,
         at: Instant,
@@ -217,7 +217,7 @@ impl Io {
     /// Sets up S5: type 9 or 10, range.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the range.
+    /// Error 8 for the type, 21 for the range.
     pub(super) fn set_up_analogue(&mut self, at: Instant, values: [u16; 2]) -> Result<(), Error> {
         self.analogue.set_up(at, values)
     }
@@ -225,7 +225,7 @@ impl Io {
     /// Sets up S7 or S8 (`n` 7 or 8): clock type, active state.
     ///
     /// # Errors
-    /// 11 for the type, 21 for the state.
+    /// Error 11 for the type, 21 for the state.
     pub(super) fn set_up_clock(
         &mut self,
         at: Instant,
@@ -239,7 +239,7 @@ impl Io {
     /// Sets up S13: type 60 or 61, active state.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the state.
+    /// Error 8 for the type, 21 for the state.
     pub(super) fn set_up_capture(
         &mut self,
         at: Instant,
@@ -260,7 +260,7 @@ impl Io {
     /// Writes output `n`, 1 to 4.
     ///
     /// # Errors
-    /// 9: the point is an input, or has a type.
+    /// Error 9: the point is an input, or has a type.
     pub(super) fn write(
         &mut self,
         at: Instant,

@@ -353,7 +353,8 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
-                    // These are typed, not programmed. A line of a usual program is stored without a reason.
+                    // These statements are usually typed, not stored in a program. For a usual line of a
+                    // program no reason is reported.
                     if matches!(
                         statement,
                         Statement::Execute(..)
@@ -383,7 +384,7 @@ impl Drive {
     /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
     ///
     /// # Errors
-    /// 30, 42; 44 if the program is locked. Nothing has happened then.
+    /// Error 30 or 42; 44 if the program is locked. Nothing has happened then.
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
@@ -415,7 +416,7 @@ impl Drive {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| self.answers(console.address_state)) {
-            // There is room for one.
+            // The list has room for one connection.
             let _ = links.push(link);
         }
         links

@@ -1,4 +1,4 @@
-//! Tests of the reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::*;
 use crate::device::{Effect, Port};
@@ -180,7 +180,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// More requests for reasons of [`cases`], with the places of these.
+/// More requests for the reasons of [`cases`], each with the index of its case.
 #[rustfmt::skip]
 fn more_cases() -> Vec<(Prepare, Request, usize)> {
     vec![

@@ -8,7 +8,7 @@ use drivetwin_protocol::modbus::ascii;
 use super::*;
 
 const LINE: Line = Line::new(9_600, 7, Parity::Even, 1);
-/// A character of this line: 10 bits.
+/// Duration of a character of this line, 10 bits.
 const CHARACTER: Duration = Duration::from_ticks(16_667);
 /// Number of characters of [`ask`], and of an answer to it.
 const LENGTH: u64 = 9;

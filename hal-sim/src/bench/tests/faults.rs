@@ -659,7 +659,7 @@ fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Clie
 fn two_clients_that_speak_at_once_spoil_each_other() {
     let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // This is in the middle of a's third character.
+    // Client b sends in the middle of the third character of client a.
     let into = CHARACTER * 2 + Duration::from_ticks(9_000);
     bench.run_until(start() + into);
     bench.send(b, &ASKED);
@@ -683,7 +683,7 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
 fn a_client_that_sends_during_an_answer_corrupts_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // This is the end of the second character of the answer.
+    // Client b sends at the end of the second character of the answer.
     bench.run_until(start() + leaves() + CHARACTER * 2);
     bench.send(b, &rtu::read(2, 0, 1));
     bench.run_until_idle();

@@ -109,7 +109,7 @@ fn a_message_ends_with_its_last_character() {
     let start = bench.now();
     bench.ask(md3, &rtu::read(1, 0, 1));
     let message = bench.received(md3).messages().next().unwrap();
-    // 8 characters of 18,333 ticks.
+    // The message has 8 characters of 18,333 ticks.
     assert_eq!(message.at, start + Duration::from_ticks(8 * 18_333));
 }
 
@@ -285,7 +285,7 @@ fn two_connections_of_mcode_do_not_mix() {
     assert_eq!(words(&bench, drive), ["mcode <- PR P -> 0", "mcode <- PR VM -> 768000"]);
 }
 
-/// A device on Modbus/TCP that accepts every request, and for function 6 puts the reasons of the register's address:
+/// A device on Modbus/TCP that accepts every request. For function 6 the bits of the register's address select reasons:
 /// bit 0 the first one, bit 1 the second one, bit 2 the third one.
 #[derive(Default)]
 struct Reasoned;
@@ -373,12 +373,12 @@ fn requests_to_a_drive_that_starts_are_counted() {
     bench.share("line", &[(x, Port(0)), (y, Port(0))]);
     bench.run_until(Instant::from(Duration::millis(1_300)));
     bench.ask(x, &rtu::read(1, 0, 1));
-    // A frame for all, and one for nobody.
+    // Sends a frame for all drives, and one for an address that no drive has.
     bench.ask(x, &rtu::write(0, 0x1D, 7));
     bench.ask(x, &rtu::read(9, 0, 1));
     let starting = bench.starting_requests(x);
     assert_eq!((starting.count, bench.starting_requests(y).count, bench.starting_count()), (1, 0, 1));
-    // 2.5 s less 1.3 s and 8 characters of 11 bits at 9,600 baud.
+    // The time left is 2.5 s, minus 1.3 s, minus 8 characters of 11 bits at 9,600 baud.
     let left = starting.left.unwrap();
     assert!((Duration::millis(1_190)..Duration::millis(1_200)).contains(&left), "{left:?}");
     ready(&mut bench);
