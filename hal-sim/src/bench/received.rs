@@ -8,12 +8,13 @@ use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
+use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::record::effects::FrameEffects;
-use crate::record::journal::{Draft, Entry, Outcome};
+use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
@@ -354,6 +355,9 @@ impl Bench {
             *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
             self.starting_count += 1;
         }
+        if let (false, Outcome::NoMessage(_)) = (alone, entry.outcome) {
+            return self.enter_stray(bus, entry, entries);
+        }
         match (alone, for_other) {
             (true, true) if matches!(entry.outcome, Outcome::Dropped(DropReason::Address)) => {
                 let addresses: Vec<u8> = own.into_iter().collect();
@@ -368,6 +372,18 @@ impl Bench {
             (false, _) => {
                 let _ = self.buses[bus as usize].unclaimed.get_or_insert((entry, for_other));
             }
+        }
+    }
+
+    /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
+    /// line reports them.
+    fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+        let journal = &mut self.buses[bus as usize].journal;
+        let is_known = journal.last_mut().is_some_and(|last| {
+            (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
+        });
+        if !is_known {
+            journal.push(entries, entry);
         }
     }
 
@@ -413,6 +429,17 @@ impl Bench {
             (None, Outlet::Line(bus)) => self.buses[bus.0 as usize].journal.push(entries, entry),
             (None, Outlet::Tcp(..)) => {}
         }
+    }
+
+    /// Enters bytes on a Modbus/TCP connection that are no message.
+    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: Broken) {
+        if !self.settings.journals {
+            return;
+        }
+        let mut draft = Draft::default();
+        draft.begin(bytes);
+        let entry = draft.entry(self.now, port, Outcome::NoMessage(NoMessage::Header(why)));
+        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
     }
 
     /// Enters a request on a TCP port that a fault refused without the drive.

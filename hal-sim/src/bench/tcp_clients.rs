@@ -118,6 +118,16 @@ impl Connection {
         self.pending.is_empty() && self.disturbed.passed.is_empty()
     }
 
+    /// The bytes at which the stream to the drive is no longer Modbus/TCP.
+    fn broken_bytes(&self) -> Vec<u8> {
+        let DisturbedStream { splitter, passed, .. } = &self.disturbed;
+        [(&self.splitter, &self.pending), (splitter, passed)]
+            .into_iter()
+            .filter_map(|(splitter, rest)| Some([splitter.as_ref()?.broken()?, rest].concat()))
+            .next()
+            .unwrap_or_default()
+    }
+
     /// Puts a message back to the front of the bytes that it came from.
     fn put_back(&mut self, mut bytes: Vec<u8>, disturbed: bool) {
         let front = if disturbed { &mut self.disturbed.passed } else { &mut self.pending };
@@ -139,11 +149,12 @@ pub(super) fn split_off(
 ) -> Result<Option<Vec<u8>>, Broken> {
     let mut rest = bytes.as_slice();
     let message = match splitter {
-        Some(splitter) => splitter.next(&mut rest)?.map(<[u8]>::to_vec),
-        None => next_line(&mut rest).map(<[u8]>::to_vec),
+        Some(splitter) => splitter.next(&mut rest).map(|message| message.map(<[u8]>::to_vec)),
+        None => Ok(next_line(&mut rest).map(<[u8]>::to_vec)),
     };
     let taken = bytes.len() - rest.len();
     bytes.drain(..taken);
+    let message = message?;
     if bytes.is_empty() {
         bytes.shrink_to(KEPT_BYTES);
     }
@@ -481,8 +492,9 @@ impl Bench {
             }
             Ok(None) => false,
             Err(ended) => {
-                if let Ended::Broken(_) = ended {
+                if let Ended::Broken(why) = ended {
                     self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
+                    self.break_off(client, why);
                 }
                 self.close_connection(client);
                 match ended {
@@ -492,6 +504,15 @@ impl Bench {
                 false
             }
         }
+    }
+
+    /// Records the bytes of a client that are not Modbus/TCP.
+    fn break_off(&mut self, client: u32, why: Broken) {
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let &Connection { drive, port, link, .. } = connection;
+        let bytes = connection.broken_bytes();
+        self.record_message((drive, port, link), Source::Client, &bytes);
+        self.enter_broken(drive, port, &bytes, why);
     }
 
     /// Disconnects a client from a TCP port. If the client has not read its answers, none of its pending

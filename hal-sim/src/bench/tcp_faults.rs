@@ -23,7 +23,7 @@ pub(super) struct DisturbedStream {
     /// Bytes of requests behind the faults that are not scheduled for delivery to the drive yet.
     pub(super) passed: Vec<u8>,
     /// Splitter of `passed`, on a Modbus/TCP port.
-    splitter: Option<Splitter>,
+    pub(super) splitter: Option<Splitter>,
     /// True if a fault has changed the length of a request, so that `splitter` may have a part of one.
     altered: bool,
     /// Content of the last request, if a fault needs it.

@@ -79,8 +79,10 @@ struct PortState {
     /// Incomplete lines of text in both directions, each with its connection.
     received_text: Vec<(Link, Vec<u8>)>,
     sent_text: Vec<(Link, Vec<u8>)>,
-    /// The last line of text to the drive.
+    /// The last command of a QSB.
     command: Vec<u8>,
+    /// The last line of text of each connection whose echo has not been sent yet.
+    echoes: Vec<(Link, Vec<u8>)>,
 }
 
 impl PortState {
@@ -112,6 +114,7 @@ impl PortState {
             received_text: Vec::new(),
             sent_text: Vec::new(),
             command: Vec::new(),
+            echoes: Vec::new(),
         }
     }
 }
@@ -284,23 +287,20 @@ impl PortState {
     /// Appends characters to the incomplete line of a connection. Returns the line if it ends with them.
     fn received_line(&mut self, link: Link, bytes: &[u8]) -> Option<Vec<u8>> {
         let line = line(&mut self.received_text, link, bytes)?;
-        self.command.clear();
-        self.command.extend_from_slice(&line);
+        self.command.clone_from(&line);
+        self.echoes.retain(|(of, _)| *of != link);
+        self.echoes.push((link, text::typed(&line)));
         Some(line)
     }
 
-    /// Appends characters of a drive to the incomplete line of a connection. Returns what a line prints: the
-    /// last one without prompts, unless it is the echo of the command.
+    /// Appends characters of a drive to the incomplete line of a connection. Returns what a line prints: what
+    /// follows the echo of the command, without prompts.
     fn sent_line(&mut self, link: Link, bytes: &[u8]) -> Option<String> {
         let line = line(&mut self.sent_text, link, bytes)?;
-        let printed = line.split(|byte| matches!(byte, b'\r' | b'\n'));
-        let prompt = |byte: &u8| matches!(byte, b'>' | b'?' | b' ' | 0x06 | 0x15);
-        let printed = printed.map(|line| {
-            let start = line.iter().position(|byte| !prompt(byte)).unwrap_or(line.len());
-            line[start..].trim_ascii()
-        });
-        let printed: Vec<String> =
-            printed.filter(|line| !line.is_empty() && *line != self.command).map(text::printable).collect();
+        let echo = self.echoes.iter().position(|(of, _)| *of == link);
+        let mut echo = echo.map(|index| self.echoes.swap_remove(index).1);
+        let printed = text::printed_lines(&line, &mut echo);
+        self.echoes.extend(echo.map(|echo| (link, echo)));
         (!printed.is_empty()).then(|| printed.join(" / "))
     }
 }

@@ -5,16 +5,17 @@
 
 pub mod messages;
 mod modbus;
-mod text;
+pub(crate) mod text;
 
 use std::fmt;
 
 use drivetwin_firmware::device::{DropReason, Duration, Effect, Framing, Spec};
+use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use crate::record::effects::FrameEffects;
-use crate::record::journal::{Entry, Outcome};
+use crate::record::journal::{Entry, NoMessage, Outcome};
 use crate::value::Value;
 
 /// Result of a message.
@@ -209,9 +210,12 @@ fn bytes(bytes: &[u8]) -> String {
 pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     let framing = spec.ports.get(usize::from(entry.port.0)).map_or(Framing::Return, |port| port.framing);
     let message = Message { framing, ascii: entry.ascii, bytes: entry.message() };
-    let mut request = if matches!(entry.outcome, Outcome::Dropped(why) if why != DropReason::Starting && why != DropReason::Address)
-        && matches!(framing, Framing::Silence)
-    {
+    let is_corrupt = match entry.outcome {
+        Outcome::Dropped(why) => why != DropReason::Starting && why != DropReason::Address,
+        Outcome::NoMessage(_) => true,
+        _ => false,
+    };
+    let mut request = if is_corrupt && matches!(framing, Framing::Silence | Framing::Mbap) {
         // The text for a corrupt frame is its bytes; a description would be a guess.
         Request { text: bytes(entry.message()), ..Request::default() }
     } else {
@@ -221,6 +225,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::Accepted => accepted(spec, entry),
         Outcome::Refused(code) => (Verdict::Refused, Some(refusal(spec, &message, entry, code))),
         Outcome::Dropped(why) => dropped(&message, entry, why),
+        Outcome::NoMessage(why) => (Verdict::BadFrame, Some(no_message(entry.message(), why))),
         Outcome::NoDrive => (Verdict::NotForIt, Some(nobody(&message, entry.addresses()))),
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
@@ -313,6 +318,27 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
         },
     };
     (Verdict::BadFrame, Some(reason))
+}
+
+/// Reason why bytes are no message.
+fn no_message(bytes: &[u8], why: NoMessage) -> String {
+    match why {
+        NoMessage::NoColon => "a message in Modbus ASCII begins with a colon".to_owned(),
+        NoMessage::NextColon => "a colon begins the next message before the end of this one".to_owned(),
+        NoMessage::Header(why) => {
+            let (name, allowed, place) = match why {
+                Broken::Protocol => ("protocol identifier", "not 0", 2),
+                Broken::Length => ("length", "not from 2 to 254", 4),
+            };
+            match bytes.get(place..place + 2) {
+                Some(&[high, low]) => {
+                    let number = u16::from_be_bytes([high, low]);
+                    format!("the {name} in the header is {number}, {allowed}; the connection is closed")
+                }
+                _ => format!("the {name} in the header is {allowed}; the connection is closed"),
+            }
+        }
+    }
 }
 
 /// The wrong checksum of a message, and the right one.

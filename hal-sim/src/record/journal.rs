@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use std::ops::Deref;
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
+use drivetwin_protocol::modbus::tcp::Broken;
 
 use crate::record::early::EarlyRequest;
 use crate::record::effects::FrameEffects;
@@ -21,6 +22,8 @@ pub enum Outcome {
     Refused(u8),
     /// The drive ignored the message.
     Dropped(DropReason),
+    /// The bytes are no message, so the drive has not looked at them.
+    NoMessage(NoMessage),
     /// No drive of the line has the address.
     NoDrive,
     /// The drive had no power.
@@ -33,6 +36,17 @@ pub enum Outcome {
     Lost,
     /// A fault of the line or TCP port refused the message with this code.
     RefusedByFault(u8),
+}
+
+/// Reason why bytes are no message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum NoMessage {
+    /// No colon begins a message of Modbus ASCII.
+    NoColon,
+    /// A colon begins another message of Modbus ASCII before this one has ended.
+    NextColon,
+    /// A header that no Modbus/TCP message has. The connection is closed.
+    Header(Broken),
 }
 
 /// A message with its outcome.
