@@ -9,7 +9,7 @@ use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
-use super::{Bench, Bus};
+use super::{Bench, Bus, Receiver};
 use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
@@ -193,11 +193,12 @@ impl Bench {
         let mut entry = draft.entry(came, port, Outcome::TooEarly(early));
         entry.ascii = ascii;
         let entries = &mut self.outputs.entries;
-        if others.is_empty() {
-            self.slots[drive.0 as usize].state.journal.push(entries, entry);
-        } else {
-            line.journal.push(entries, entry);
+        let receiver = if others.is_empty() { Receiver::Drive(drive) } else { Receiver::Line(Bus(bus)) };
+        match receiver {
+            Receiver::Drive(drive) => self.slots[drive.0 as usize].state.journal.push(entries, entry),
+            Receiver::Line(_) => line.journal.push(entries, entry),
         }
+        self.record_outcomes(receiver);
         true
     }
 }

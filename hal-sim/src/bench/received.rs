@@ -13,6 +13,7 @@ use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
+use crate::record::capture::Medium;
 use crate::record::effects::FrameEffects;
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
@@ -72,8 +73,7 @@ pub struct ReceivedMessage {
 
 impl std::fmt::Display for ReceivedMessage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Exchange { request, outcome, .. } = &self.exchange;
-        write!(f, "{} <- {} -> {outcome}", self.port, request.text)
+        write!(f, "{} <- {}", self.port, self.exchange)
     }
 }
 
@@ -262,6 +262,28 @@ impl Bench {
         Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
     }
 
+    /// The latest entries of all journals, each with the drive; those of a line once for each of its drives. On a
+    /// bench of many drives they are fewer of each, about 100,000 in all.
+    #[must_use]
+    pub fn outcomes(&self) -> Vec<(DriveId, Entry)> {
+        const MOST_IN_ALL: usize = 100_000;
+        let most = MOST_IN_ALL / (self.slots.len() + self.buses.len()).max(1);
+        let own = self.drives().flat_map(|drive| {
+            self.at(drive).state.journal.entries().rev().take(most).map(move |entry| (drive, entry.clone()))
+        });
+        let of_lines = self.buses.iter().flat_map(|line| {
+            let ports = &line.ports;
+            line.journal.entries().rev().take(most).flat_map(move |entry| {
+                ports.iter().map(move |&(drive, port)| {
+                    let mut entry = entry.clone();
+                    entry.port = port;
+                    (drive, entry)
+                })
+            })
+        });
+        own.chain(of_lines).collect()
+    }
+
     /// Requests to a drive so far that it did not receive because it was starting.
     #[must_use]
     pub fn starting_requests(&self, drive: DriveId) -> StartingRequests {
@@ -315,8 +337,49 @@ impl Bench {
             Receiver::Drive(_) if self.slots.len() == 1 => message.to_string(),
             Receiver::Drive(drive) => format!("{}.{message}", self.name(drive)),
             Receiver::Line(bus) => {
-                let Exchange { request, outcome, .. } = &message.exchange;
-                format!("{} <- {} -> {outcome}", self.bus_name(bus), request.text)
+                format!("{} <- {}", self.bus_name(bus), message.exchange)
+            }
+        }
+    }
+
+    /// Records the outcomes of the new entries of a journal, in the trace and in the capture.
+    #[inline]
+    pub(super) fn record_outcomes(&mut self, receiver: Receiver) {
+        if !self.settings.outcomes && !self.capture.is_on() {
+            return;
+        }
+        let journal = match receiver {
+            Receiver::Drive(drive) => &mut self.slots[drive.0 as usize].state.journal,
+            Receiver::Line(Bus(bus)) => &mut self.buses[bus as usize].journal,
+        };
+        for entry in journal.take_new() {
+            self.record_outcome(receiver, &entry);
+        }
+    }
+
+    /// Records the outcome of a message, or its change.
+    pub(super) fn record_outcome(&mut self, receiver: Receiver, entry: &Entry) {
+        let line = match receiver {
+            Receiver::Drive(drive) => self.bus(drive, entry.port),
+            Receiver::Line(bus) => Some(bus),
+        };
+        self.capture.receive(
+            |medium| match (medium, receiver) {
+                (Medium::Line(bus), _) => Some(bus) == line,
+                (Medium::Tcp(drive, port, _), Receiver::Drive(of)) => (drive, port) == (of, entry.port),
+                (Medium::Tcp(..), Receiver::Line(_)) => false,
+            },
+            entry,
+        );
+        if self.settings.outcomes {
+            let drives = match receiver {
+                Receiver::Drive(drive) => vec![(drive, entry.port)],
+                Receiver::Line(bus) => self.ports(bus).to_vec(),
+            };
+            for (DriveId(drive), port) in drives {
+                let mut entry = entry.clone();
+                entry.port = port;
+                self.trace.record_received(self.now, drive, entry);
             }
         }
     }
@@ -329,6 +392,7 @@ impl Bench {
         self.slots[index as usize].state.enter(entry, &mut outputs);
         self.outputs = outputs;
         self.route_outputs();
+        self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
 
     /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
@@ -359,7 +423,7 @@ impl Bench {
             return self.enter_stray(bus, entry, entries);
         }
         match (alone, for_other) {
-            (true, true) if matches!(entry.outcome, Outcome::Dropped(DropReason::Address)) => {
+            (true, true) => {
                 let addresses: Vec<u8> = own.into_iter().collect();
                 self.at_mut(drive).state.journal.push(entries, entry.without_drive(&addresses));
             }
@@ -384,6 +448,7 @@ impl Bench {
         });
         if !is_known {
             journal.push(entries, entry);
+            self.record_outcomes(Receiver::Line(Bus(bus)));
         }
     }
 
@@ -425,8 +490,14 @@ impl Bench {
         (entry.ascii, entry.on_message) = (ascii, effects);
         let entries = &mut self.outputs.entries;
         match (receiver, outlet) {
-            (Some((drive, _)), _) => self.slots[drive.0 as usize].state.journal.push(entries, entry),
-            (None, Outlet::Line(bus)) => self.buses[bus.0 as usize].journal.push(entries, entry),
+            (Some((drive, _)), _) => {
+                self.slots[drive.0 as usize].state.journal.push(entries, entry);
+                self.record_outcomes(Receiver::Drive(drive));
+            }
+            (None, Outlet::Line(bus)) => {
+                self.buses[bus.0 as usize].journal.push(entries, entry);
+                self.record_outcomes(Receiver::Line(bus));
+            }
             (None, Outlet::Tcp(..)) => {}
         }
     }
@@ -440,6 +511,7 @@ impl Bench {
         draft.begin(bytes);
         let entry = draft.entry(self.now, port, Outcome::NoMessage(NoMessage::Header(why)));
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Drive(drive));
     }
 
     /// Enters a request on a TCP port that a fault refused without the drive.
@@ -459,6 +531,7 @@ impl Bench {
         draft.answer(answer);
         let entry = draft.entry(self.now, port, Outcome::RefusedByFault(code));
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Drive(drive));
     }
 
     /// Notes the effects of faults on the reply of a drive in the entry of its request.
@@ -466,6 +539,8 @@ impl Bench {
         let state = &mut self.at_mut(drive).state;
         if let Some(entry) = state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
         } else if let Some(port) = state.ports.get_mut(usize::from(port.0))
             && port.tcp.as_ref().is_some_and(|tcp| !tcp.framed)
         {
@@ -487,6 +562,7 @@ impl Bench {
         };
         let line = &mut self.buses[bus as usize];
         line.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Line(Bus(bus)));
     }
 
     /// Address of a drive on its line, from its register.

@@ -15,7 +15,7 @@ use drivetwin_protocol::text::next_line;
 
 use super::events::EventKind;
 use super::tcp_faults::DisturbedStream;
-use super::{Bench, Bus, Client, DriveId};
+use super::{Bench, Bus, Client, DriveId, Receiver};
 use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
 use crate::record::trace::InputRecord;
@@ -619,6 +619,10 @@ impl Bench {
         let journal = &mut self.slots[index as usize].state.journal;
         if let Some(entry) = journal.last_mut().filter(|entry| entry.number > before) {
             entry.on_message = std::mem::take(effects);
+            if !entry.on_message.is_empty() {
+                let entry = entry.clone();
+                self.record_outcome(Receiver::Drive(DriveId(index)), &entry);
+            }
         }
     }
 
@@ -681,6 +685,7 @@ impl Bench {
             line: None,
             bytes: bytes.to_vec(),
             collided: false,
+            received: Vec::new(),
         });
     }
 }

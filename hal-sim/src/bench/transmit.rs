@@ -339,6 +339,7 @@ impl Bench {
             bytes: bytes.to_vec(),
             collided: collisions
                 .is_some_and(|(collisions, number)| collisions.overlapped(number).next().is_some()),
+            received: Vec::new(),
         });
     }
 

@@ -142,6 +142,12 @@ impl Entry {
         codes.iter().map(|&code| Reason(code))
     }
 
+    /// Number of the drive's last error when it refused the message, if it has such a number.
+    #[must_use]
+    pub fn error(&self) -> Option<u8> {
+        if matches!(self.outcome, Outcome::Refused(_)) { self.codes().first().copied() } else { None }
+    }
+
     /// Addresses of the drives of the line, if no drive has the address of the message; otherwise empty.
     #[must_use]
     pub fn addresses(&self) -> &[u8] {
@@ -237,6 +243,8 @@ fn extend(to: &mut Vec<u8>, bytes: &[u8]) {
 pub(crate) struct Journal {
     entries: VecDeque<Entry>,
     lost: u64,
+    /// Number of the last entry whose outcome is recorded.
+    recorded: u64,
 }
 
 impl Journal {
@@ -265,6 +273,14 @@ impl Journal {
             let answer = entry.answer();
             answer.windows(kept.len().max(1)).any(|part| part == kept)
         })
+    }
+
+    /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.
+    pub(crate) fn take_new(&mut self) -> Vec<Entry> {
+        let recorded = self.recorded;
+        let new = self.entries.iter().rev().take_while(|entry| entry.number > recorded).count();
+        self.recorded = self.entries.back().map_or(recorded, |entry| entry.number);
+        self.entries.range(self.entries.len() - new..).cloned().collect()
     }
 
     /// The entries, the oldest first.

@@ -303,6 +303,9 @@ impl Slot {
         self.last = (at, phase);
         if self.state.reception.is_touched() {
             let device = &self.device;
+            if let Some(row) = self.spec.last_error {
+                self.state.reception.note_error(|| device.peek(at, row) as u8);
+            }
             let last = self.state.reception.finish(|| device.receives_from());
             for entry in self.state.reception.earlier_entries() {
                 self.state.enter(entry, context.outputs);

@@ -295,6 +295,13 @@ impl Reception {
         mem::take(&mut self.done)
     }
 
+    /// Notes the number of the error with which the drive refused the message.
+    pub(super) fn note_error(&mut self, number: impl FnOnce() -> u8) {
+        if self.open.is_some_and(|open| matches!(open.outcome, Outcome::Refused(_))) {
+            self.draft.reason(Reason(number()));
+        }
+    }
+
     /// Returns true if the present call has outcomes.
     pub(super) fn is_touched(&self) -> bool {
         self.touched

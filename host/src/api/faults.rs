@@ -462,7 +462,7 @@ mod tests {
                 json!({"exception": {"direction": "reply"}}),
                 "exception is for requests only; leave out direction = 'reply'",
             ),
-            (json!({"close": {"drive": "x"}}), "close: there is no drive on this bus 'x'"),
+            (json!({"close": {"drive": "x"}}), "close: there is no drive 'x' on this bus"),
         ] {
             assert_eq!(sentence(faults.clone()), expected, "{faults}");
         }

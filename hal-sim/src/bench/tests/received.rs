@@ -264,9 +264,9 @@ fn an_mdrive_on_both_ports() {
         words(&bench, drive),
         [
             "modbus <- read P -> P = 0",
-            "mcode <- VM 1000 -> refused: error 23",
+            "mcode <- VM 1000 -> refused: VM is set less than or equal to VI (error 23)",
             "mcode <- PR VM -> 768000",
-            "mcode <- VM 9999999 -> refused: error 21",
+            "mcode <- VM 9999999 -> refused: tried to set an incorrect value (error 21)",
         ]
     );
 }
@@ -582,7 +582,7 @@ fn bytes_that_are_not_modbus_tcp_have_an_entry() {
         the connection is closed";
     let read = "modbus <- read P -> P = 0";
     assert_eq!(words(&bench, drive), [read, read, protocol, protocol, length]);
-    let verdicts = bench.received(drive).messages().map(|message| message.exchange.verdict).last();
+    let verdicts = bench.received(drive).messages().map(|message| message.exchange.verdict).next_back();
     assert_eq!(verdicts, Some(Verdict::BadFrame));
 }
 
