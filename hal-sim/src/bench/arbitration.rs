@@ -261,7 +261,7 @@ impl Bench {
     fn free(&mut self, bus: u32, from: Instant) {
         let from = self.received_by_all(bus, from);
         let serial_line = &mut self.buses[bus as usize];
-        (serial_line.free, serial_line.refusal) = (from, None);
+        serial_line.free = from;
         if let Some(collisions) = &mut serial_line.collisions {
             collisions.transmitted.clear();
             collisions.free = from;

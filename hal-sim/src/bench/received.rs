@@ -415,14 +415,14 @@ impl Bench {
         }
     }
 
-    /// Enters a request on a TCP port that a fault refused without the drive.
+    /// Enters a request to a drive that ended at `at`, with the answer of a fault, if there is one.
     pub(super) fn enter_refused(
         &mut self,
-        drive: DriveId,
-        port: Port,
-        request: &[u8],
-        answer: &[u8],
-        code: u8,
+        (drive, port): (DriveId, Port),
+        at: Instant,
+        (request, answer): (&[u8], &[u8]),
+        outcome: Outcome,
+        effects: FrameEffects,
     ) {
         if !self.settings.journals {
             return;
@@ -430,7 +430,9 @@ impl Bench {
         let mut draft = Draft::default();
         draft.begin(request);
         draft.answer(answer);
-        let entry = draft.entry(self.now, port, Outcome::RefusedByFault(code));
+        let mut entry = draft.entry(at, port, outcome);
+        entry.ascii = self.bus(drive, port).is_some_and(|bus| ascii::is_on(self.line(bus)));
+        entry.on_message = effects;
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
     }
 

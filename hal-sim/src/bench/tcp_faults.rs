@@ -13,6 +13,7 @@ use crate::line::fault_rules::Content;
 use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
 use crate::record::capture::Source;
 use crate::record::effects::FrameEffects;
+use crate::record::journal::Outcome;
 use crate::scheduler::Phase;
 
 /// A stream has bytes of 8 bits and no parity.
@@ -168,11 +169,13 @@ impl Bench {
                 self.pass(client, &bytes, 1);
                 continue;
             };
-            if fate.refused && !fate.lost {
-                self.refuse(client, (drive, port), &bytes);
+            let effects = fate.effects();
+            if fate.refused {
+                for _ in 0..if fate.twice { 2 } else { 1 } {
+                    self.refuse(client, (drive, port), &bytes, effects);
+                }
                 continue;
             }
-            let effects = fate.effects();
             let text = fate.apply(STREAM, &bytes);
             if fate.lost || fate.is_closing() {
                 self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects);
@@ -217,18 +220,17 @@ impl Bench {
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.disturbed.asked = content;
         }
-        let mut fate = fate?;
-        fate.refused &= refusable;
-        Some(fate)
+        fate
     }
 
     /// Answers a request with the exception of the faults, without the drive (BENCH-12).
-    fn refuse(&mut self, client: u32, (drive, port): (DriveId, Port), request: &[u8]) {
-        let code = self.port_disturbance(drive, port).faults().exception_code;
+    fn refuse(&mut self, client: u32, at: (DriveId, Port), request: &[u8], effects: FrameEffects) {
+        let code = self.port_disturbance(at.0, at.1).faults().exception_code;
         let Some((header, &[function, ..])) = tcp::parse(request) else { return };
         self.record_request(client, request);
         let exception = tcp::frame(header, &[function | EXCEPTION_BIT, code]);
-        self.enter_refused(drive, port, request, &exception, code);
+        let outcome = Outcome::RefusedByFault(code);
+        self.enter_refused(at, self.now, (request, &exception), outcome, effects);
         self.reply_to_client(client, &exception);
     }
 

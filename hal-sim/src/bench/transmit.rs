@@ -71,18 +71,25 @@ struct TxTiming {
 impl Bench {
     /// Transmits a request or noise on a line from `start` on.
     pub(super) fn transmit_request(&mut self, bus: u32, start: Instant, request: &Request) {
-        let &Request { client, order, count, ref text, ref refused, noise, .. } = request;
+        let &Request { client, order, count, ref text, ref refusal, noise, .. } = request;
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
         let origin = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
-        let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
         let line = origin.settings_on(self.line(Bus(bus)));
-        let number = self.occupy_line(bus, start, line, bytes.len());
-        let burst = TxBurst { bytes, unreadable: &text.unreadable, origin, number };
+        let number = self.occupy_line(bus, start, line, text.bytes.len());
+        let burst = TxBurst { bytes: &text.bytes, unreadable: &text.unreadable, origin, number };
         let (mut last, mut detected) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             let timing = self.times(drive, port, start, count, origin);
-            self.schedule_characters(drive, port, start, burst);
+            match refusal {
+                None => self.schedule_characters(drive, port, start, burst),
+                Some(refusal) if (refusal.drive, refusal.port) == (drive, port) => {
+                    let (refusal, request) = (refusal.clone(), text.bytes.clone());
+                    let refused = EventKind::Refused { refusal, request, end: timing.last, number };
+                    self.schedule(timing.detected, Phase::Line, drive.0, refused);
+                }
+                Some(_) => {}
+            }
             (last, detected) = (last.max(timing.last), detected.max(timing.detected));
         }
         let framed = self.framed(bus).is_some();
@@ -92,7 +99,6 @@ impl Bench {
         let source = if noise { Source::Noise } else { Source::Client };
         self.record(bus, start, line, source, &text.bytes, number);
         let serial_line = &mut self.buses[bus as usize];
-        serial_line.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(serial_line.refusal);
         serial_line.free = serial_line.free.max(last);
         let free = serial_line.turn == LineState::Free;
         // On a line with timed characters, the next character is sent after the end of this one.
@@ -127,7 +133,7 @@ impl Bench {
 
     /// End of a character that begins at `start`, or one tick after now if that end is past: the line may
     /// have been free for a part of a character already.
-    fn first_ends(&self, start: Instant, character: Duration) -> Instant {
+    pub(super) fn first_ends(&self, start: Instant, character: Duration) -> Instant {
         (start + character).max(self.now + Duration::TICK)
     }
 
@@ -208,21 +214,20 @@ impl Bench {
     }
 
     /// Transmits the characters of a drive to all other ports and clients of its line.
-    fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
+    pub(super) fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(DriveId(sent.drive), sent.port) else { return };
         let content = self.reply_content(bus, sent, bytes);
         let serial_line = &mut self.buses[bus as usize];
         let start = sent.start.max(serial_line.held_up);
         match serial_line.disturbance.reply(bytes.len(), content.as_ref()) {
-            None if serial_line.refusal.is_none() => {
+            None => {
                 let end = start + self.takes(sent.line, bytes.len());
                 let serial_line = &mut self.buses[bus as usize];
                 serial_line.sends_until = serial_line.sends_until.max(end);
                 serial_line.requests.answer();
                 self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
-            fate => {
-                let fate = fate.unwrap_or_default();
+            Some(fate) => {
                 self.note_reply(DriveId(sent.drive), sent.port, bytes, fate.effects());
                 self.transmit_with_faults(bus, sent, bytes, &fate);
             }

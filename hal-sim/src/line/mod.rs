@@ -20,7 +20,7 @@ use crate::record::requests::RequestLog;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
 use fault_rules::Content;
-use faults::{Disturbance, Refusal, Text};
+use faults::{Disturbance, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
 /// Timing of characters on serial lines.
@@ -127,8 +127,6 @@ pub(crate) struct SerialLine {
     pub(crate) asked: Option<Content>,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
-    /// The refusal of the present request, if a fault refuses it.
-    pub(crate) refusal: Option<Refusal>,
     /// End of delayed and repeated replies; the next reply does not start earlier.
     pub(crate) held_up: Instant,
     /// Characters on the line; `None` if they cannot collide.
@@ -164,12 +162,23 @@ pub(crate) struct Request {
     pub(crate) count: usize,
     /// Characters as transmitted on the line.
     pub(crate) text: Text,
-    /// Refusal of the request, and the request that the drives receive instead.
-    pub(crate) refused: Option<(Refusal, Vec<u8>)>,
+    /// The exception that answers the request, if a fault refuses it.
+    pub(crate) refusal: Option<Refusal>,
     /// True for noise, which no client has sent.
     pub(crate) noise: bool,
     /// Effects of faults on the request.
     pub(crate) effects: FrameEffects,
+}
+
+/// Answer of a fault to a request, in place of the drive that the request is for (BENCH-12).
+#[derive(Clone, Debug)]
+pub(crate) struct Refusal {
+    pub(crate) drive: DriveId,
+    pub(crate) port: Port,
+    /// Code of the exception.
+    pub(crate) code: u8,
+    /// The exception as a frame.
+    pub(crate) answer: Vec<u8>,
 }
 
 /// State of a line.
@@ -217,7 +226,6 @@ impl SerialLine {
             disturbance: Disturbance::new(seed, name),
             asked: None,
             behind: VecDeque::new(),
-            refusal: None,
             held_up: Instant::ZERO,
             collisions: None,
             journal: Journal::default(),

@@ -138,13 +138,6 @@ impl Entry {
         self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
     }
 
-    /// The entry with another message and answer, refused by a fault with this code.
-    pub(crate) fn refused_by_fault(&mut self, message: &[u8], answer: &[u8], code: u8) {
-        self.bytes = Bytes::joined([message, answer, &[]]);
-        (self.message, self.answer) = (message.len() as u16, answer.len() as u16);
-        (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
-    }
-
     /// The entry with these addresses instead of codes, for the journal of a line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);

@@ -361,6 +361,11 @@ impl Slot {
         }
     }
 
+    /// Time from which the drive receives what arrives at its ports.
+    pub(crate) fn receives_from(&self) -> Instant {
+        self.device.receives_from()
+    }
+
     /// Returns true if the drive turns a brush or brushless motor, internal or of the bench.
     pub(crate) fn turns_motor(&self) -> bool {
         self.device.internal_motor().is_some()

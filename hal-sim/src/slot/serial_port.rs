@@ -108,7 +108,7 @@ impl Serial {
 
     /// Sends `count` characters after all queued ones. With `fast`, characters take no time. Returns the
     /// start of the first character, and its settings.
-    pub(super) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
+    pub(crate) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
         let start = at.max(self.sends_until);
         let line = self.line_at(start);
         let character = if fast { Duration::ZERO } else { line.character() };
