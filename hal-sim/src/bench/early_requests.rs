@@ -6,14 +6,14 @@
 //! Therefore each such request is counted, and a strict line drops it.
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
-use super::{Bench, Bus};
+use super::{Bench, Bus, Outlet};
 use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
-use crate::record::journal::{Draft, Outcome};
+use crate::record::effects::FrameEffects;
+use crate::record::journal::Outcome;
 use crate::record::requests::RequestStatistics;
 
 /// Requests that are too early.
@@ -176,7 +176,6 @@ impl Bench {
 
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
     pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
-        let ascii = ascii::is_on(self.line(Bus(bus)));
         let line = &mut self.buses[bus as usize];
         line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
         self.early_count += 1;
@@ -184,20 +183,13 @@ impl Bench {
         if !line.strict || self.silence_is_free {
             return false;
         }
-        if !self.settings.journals {
-            return true;
-        }
-        let &[(drive, port), ref others @ ..] = line.ports.as_slice() else { return true };
-        let mut draft = Draft::default();
-        draft.begin(bytes);
-        let mut entry = draft.entry(came, port, Outcome::TooEarly(early));
-        entry.ascii = ascii;
-        let entries = &mut self.outputs.entries;
-        if others.is_empty() {
-            self.slots[drive.0 as usize].state.journal.push(entries, entry);
-        } else {
-            line.journal.push(entries, entry);
-        }
+        self.enter_undelivered(
+            Outlet::Line(Bus(bus)),
+            came,
+            bytes,
+            Outcome::TooEarly(early),
+            FrameEffects::NONE,
+        );
         true
     }
 }

@@ -387,9 +387,21 @@ impl Bench {
         }
     }
 
-    /// Enters a message that a fault took at `at`: in the journal of the drive that it was for or, if there is
-    /// none or it was for all, in that of the line.
+    /// Enters a message that no drive receives whole because of a fault.
     pub(super) fn enter_lost(&mut self, outlet: Outlet, at: Instant, bytes: &[u8], effects: FrameEffects) {
+        self.enter_undelivered(outlet, at, bytes, Outcome::Lost, effects);
+    }
+
+    /// Enters a message that the line or TCP port did not deliver at `at`: in the journal of the drive that it was for
+    /// or, if there is none or it was for all, in that of the line.
+    pub(super) fn enter_undelivered(
+        &mut self,
+        outlet: Outlet,
+        at: Instant,
+        bytes: &[u8],
+        outcome: Outcome,
+        effects: FrameEffects,
+    ) {
         if !self.settings.journals {
             return;
         }
@@ -405,7 +417,7 @@ impl Bench {
         let Some(&(_, first)) = ports.first() else { return };
         let mut draft = Draft::default();
         draft.begin(bytes);
-        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), Outcome::Lost);
+        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), outcome);
         (entry.ascii, entry.on_message) = (ascii, effects);
         let entries = &mut self.outputs.entries;
         match (receiver, outlet) {
