@@ -1,8 +1,10 @@
 //! Faults of lines, and collisions of characters.
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Line, Port, Spec};
+use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
+use super::tcp_faults::is_whole_line;
 use super::transmit::{Origin, TxBurst};
 use super::{Bench, Bus, Client, DriveId, Outlet};
 use crate::line::collisions::CollisionTracker;
@@ -58,23 +60,25 @@ impl Bench {
         else {
             return self.queue(client, bytes, CharFlags::default());
         };
-        if fate.lost {
-            self.enter_lost(Outlet::Line(Bus(bus)), self.now, bytes, fate.effects());
+        let (text, effects) = (fate.apply(line, bytes), fate.effects());
+        if fate.lost || !is_whole_line(bytes, &text.bytes) {
+            self.enter_lost(Outlet::Line(Bus(bus)), self.now, bytes, effects);
         }
-        let text = fate.apply(line, bytes);
-        self.queue_text(client, &text, false);
+        let flags = CharFlags { effects, ..CharFlags::default() };
+        self.queue_text(client, &text, flags);
         if fate.twice {
-            self.queue_text(client, &text, false);
+            self.queue_text(client, &text, flags);
         }
         if let Some(noise) = fate.noise(line) {
-            self.queue_text(client, &noise, true);
+            let effects = FrameEffects::NONE.with(FrameEffect::WithNoise, true);
+            self.queue_text(client, &noise, CharFlags { noise: true, effects, ..flags });
         }
     }
 
-    fn queue_text(&mut self, client: Client, text: &Text, noise: bool) {
+    fn queue_text(&mut self, client: Client, text: &Text, flags: CharFlags) {
         for (index, byte) in text.bytes.iter().enumerate() {
             let unreadable = text.unreadable.contains(&index);
-            self.queue(client, &[*byte], CharFlags { noise, unreadable });
+            self.queue(client, &[*byte], CharFlags { unreadable, ..flags });
         }
     }
 
@@ -89,7 +93,9 @@ impl Bench {
         serial_line.asked = content;
         let Some(fate) = fate else { return request };
         let (text, effects) = (fate.apply(line, &request.text.bytes), fate.effects());
-        if fate.lost {
+        // Drives see a Modbus ASCII message only between its colon and its line feed.
+        let is_seen = !ascii::is_on(line) || text.has_ends_of_ascii();
+        if fate.lost || !is_seen {
             self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, effects);
         }
         let serial_line = &mut self.buses[bus as usize];

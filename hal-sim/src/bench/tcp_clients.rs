@@ -14,7 +14,7 @@ use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 
 use super::events::EventKind;
-use super::tcp_faults::DisturbedStream;
+use super::tcp_faults::{DisturbedStream, ends_line};
 use super::{Bench, Bus, Client, DriveId};
 use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
@@ -69,6 +69,8 @@ pub enum Ended {
     NoPower,
     /// The client sent bytes that are not Modbus/TCP.
     Broken(Broken),
+    /// A fault of the port changed a request so that it is not Modbus/TCP.
+    BrokenByFault(Broken),
     /// A fault of the port closed the connection in the middle of a message.
     ByFault,
 }
@@ -79,6 +81,7 @@ impl fmt::Display for Ended {
             Self::ByDrive => f.write_str("the drive closes the connection"),
             Self::NoPower => f.write_str("the drive has lost its power"),
             Self::Broken(broken) => write!(f, "it has sent {broken}"),
+            Self::BrokenByFault(broken) => write!(f, "a fault has made {broken} of a request"),
             Self::ByFault => f.write_str("a fault closes the connection"),
         }
     }
@@ -481,7 +484,7 @@ impl Bench {
             }
             Ok(None) => false,
             Err(ended) => {
-                if let Ended::Broken(_) = ended {
+                if let Ended::Broken(_) | Ended::BrokenByFault(_) = ended {
                     self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
                 }
                 self.close_connection(client);
@@ -586,18 +589,20 @@ impl Bench {
             }
             _ => return,
         }
-        let before = self.received_count();
+        self.note_disturbed(index, client, input);
         self.deliver(index, input);
-        self.note_disturbed(index, client, before);
     }
 
-    /// Notes the effects of faults on a message that a drive has received, in the entry of the message.
-    fn note_disturbed(&mut self, index: u32, client: u32, before: u64) {
+    /// Notes the effects of faults on a message that a drive receives now, for the entry of the message. Parts of a
+    /// line have one entry.
+    fn note_disturbed(&mut self, index: u32, client: u32, input: &InputRecord) {
+        let InputRecord::Message { port, bytes, .. } = input else { return };
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
-        let effects = &mut connection.disturbed.on_requests;
-        let journal = &mut self.slots[index as usize].state.journal;
-        if let Some(entry) = journal.last_mut().filter(|entry| entry.number > before) {
-            entry.on_message = std::mem::take(effects);
+        if connection.splitter.is_some() || ends_line(bytes) {
+            let effects = std::mem::take(&mut connection.disturbed.on_requests);
+            if let Some(port) = self.slots[index as usize].state.ports.get_mut(usize::from(port.0)) {
+                port.on_request = effects;
+            }
         }
     }
 

@@ -152,7 +152,9 @@ impl Bench {
         loop {
             let Some(connection) = self.connections.all.get_mut(&client) else { return Ok(None) };
             let stream = &mut connection.disturbed;
-            if let Some(bytes) = split_off(&mut stream.splitter, &mut stream.passed).map_err(Ended::Broken)? {
+            if let Some(bytes) =
+                split_off(&mut stream.splitter, &mut stream.passed).map_err(Ended::BrokenByFault)?
+            {
                 return Ok(Some(bytes));
             }
             // Answers of the faults themselves wait for a client that does not read, too.
@@ -177,7 +179,8 @@ impl Bench {
                 continue;
             }
             let text = fate.apply(STREAM, &bytes);
-            if fate.lost || fate.is_closing() {
+            let is_whole = is_whole(framed, &bytes, &text.bytes);
+            if fate.lost || fate.is_closing() || !is_whole {
                 self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects);
             }
             if let Some(part) = fate.closes_after(&text.bytes) {
@@ -187,7 +190,7 @@ impl Bench {
             }
             if let Some(connection) = self.connections.all.get_mut(&client) {
                 let stream = &mut connection.disturbed;
-                stream.altered |= !text.bytes.is_empty() && text.bytes != bytes;
+                stream.altered |= !fate.lost && !is_whole;
                 if !fate.lost {
                     stream.on_requests = stream.on_requests.and(effects);
                 }
@@ -338,6 +341,28 @@ impl Bench {
             }
         }
     }
+}
+
+/// Returns true if a request that a fault changed is still one message.
+fn is_whole(framed: bool, request: &[u8], changed: &[u8]) -> bool {
+    if framed {
+        let mut rest = changed;
+        matches!(Splitter::new().next(&mut rest), Ok(Some(_))) && rest.is_empty()
+    } else {
+        is_whole_line(request, changed)
+    }
+}
+
+/// Returns true if text that a fault changed still ends the line that it ended, and no new control character has ended or
+/// cancelled that line before.
+pub(super) fn is_whole_line(text: &[u8], changed: &[u8]) -> bool {
+    let controls = |text: &[u8]| text.iter().filter(|byte| byte.is_ascii_control()).count();
+    !ends_line(text) || (ends_line(changed) && controls(changed) <= controls(text))
+}
+
+/// Returns true if the last character of a text ends a line.
+pub(super) fn ends_line(text: &[u8]) -> bool {
+    matches!(text.last(), Some(b'\r' | b'\n'))
 }
 
 /// The same reply with another address or the number of another transaction; `None` if it stays unchanged.

@@ -5,10 +5,12 @@ use drivetwin_protocol::modbus::ascii;
 
 use super::events::EventKind;
 use super::lines::end_detection_time;
+use super::tcp_faults::ends_line;
 use super::{Bench, Bus, DriveId};
 use crate::decode::Message;
 use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
+use crate::record::effects::FrameEffects;
 use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
 use crate::slot::Sent;
@@ -93,6 +95,9 @@ impl Bench {
             (last, detected) = (last.max(timing.last), detected.max(timing.detected));
         }
         let framed = self.framed(bus).is_some();
+        if !framed {
+            self.note_character(bus, &text.bytes, request.effects);
+        }
         if noise && framed {
             self.deliver_to_clients(bus, start, line, &text.bytes, number, None);
         }
@@ -111,9 +116,27 @@ impl Bench {
             }
         }
         (serial_line.served, serial_line.served_order) = (client, order);
-        serial_line.on_request = request.effects;
+        if framed {
+            serial_line.on_request = request.effects;
+        }
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
+    }
+
+    /// Notes the effects of faults on a character of a line with timed characters, for the entry of its line of text.
+    fn note_character(&mut self, bus: u32, character: &[u8], effects: FrameEffects) {
+        let serial_line = &mut self.buses[bus as usize];
+        let ends = ends_line(character);
+        let begins = std::mem::replace(&mut serial_line.has_ended, ends) && !ends;
+        let before = if begins { FrameEffects::NONE } else { serial_line.on_request };
+        let effects = before.and(effects);
+        serial_line.on_request = effects;
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            if let Some(port) = self.at_mut(drive).state.ports.get_mut(usize::from(port.0)) {
+                port.on_request = effects;
+            }
+        }
     }
 
     /// Times at which `count` characters, sent to a port from `start` on, are received.

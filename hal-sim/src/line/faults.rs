@@ -574,6 +574,13 @@ pub(crate) struct Text {
 }
 
 impl Text {
+    /// Returns true if a receiver of Modbus ASCII finds the begin and the end of a message in these characters.
+    pub(crate) fn has_ends_of_ascii(&self) -> bool {
+        let readable = |place: usize| !self.unreadable.contains(&place);
+        let colon = (0..).zip(&self.bytes).find(|&(place, byte)| *byte == b':' && readable(place));
+        colon.is_some() && self.bytes.last() == Some(&b'\n') && readable(self.bytes.len() - 1)
+    }
+
     /// These characters, then those of `other`.
     fn then(mut self, other: &Self) -> Self {
         let before = self.bytes.len();

@@ -137,8 +137,10 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
-    /// Effects of faults on the present frame.
+    /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
+    /// True if the last character of a client ended a line of text.
+    pub(crate) has_ended: bool,
 }
 
 /// The last request on a line, for a judgement of the silence before the next one.
@@ -232,6 +234,7 @@ impl SerialLine {
             unclaimed: None,
             claimed: false,
             on_request: FrameEffects::NONE,
+            has_ended: true,
         }
     }
 

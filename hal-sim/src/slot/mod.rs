@@ -260,7 +260,7 @@ impl Slot {
             }
             InputRecord::Closed { port, link } => {
                 if let Some(port) = self.state.ports.get_mut(usize::from(port.0)) {
-                    port.on_echo = FrameEffects::NONE;
+                    (port.on_request, port.on_echo) = (FrameEffects::NONE, FrameEffects::NONE);
                 }
                 return self.state.reception.closed(*port, *link);
             }

@@ -358,6 +358,7 @@ impl SlotState {
     /// drive starts.
     pub(crate) fn enter(&mut self, mut entry: Entry, outputs: &mut Outputs) {
         if let Some(port) = self.ports.get_mut(usize::from(entry.port.0)) {
+            entry.on_message = std::mem::take(&mut port.on_request);
             entry.on_answer = std::mem::take(&mut port.on_echo);
         }
         let serial = self.serial(entry.port).map(|serial| serial.framed);

@@ -270,3 +270,32 @@ proptest! {
         replays(&bench);
     }
 }
+
+/// A wrong bit in the header may break the stream: then the fault is to blame, and not the client.
+#[test]
+fn a_header_that_a_fault_broke_is_not_blamed_on_the_client() {
+    let corrupt = FaultRule::next(1).direction(Direction::Request);
+    let mut broken = 0;
+    for seed in 0..200 {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let drive = bench.add::<EchoDevice>("echo");
+        let client = connected(&mut bench, drive, MODBUS);
+        set(&mut bench, drive, LineFaults { corrupt, ..QUIET });
+        exchange(&mut bench, client, &adu(1));
+        if let Some(ended) = bench.ended(client) {
+            broken += 1;
+            assert!(matches!(ended, Ended::BrokenByFault(_)), "{ended}");
+            assert!(ended.to_string().starts_with("a fault has made a header "), "{ended}");
+            let entries: Vec<String> =
+                bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+            // A shorter length makes two messages of the request.
+            assert!(entries.iter().all(|entry| entry.ends_with("by a fault, the request was corrupted")));
+            assert!(entries[0].ends_with("lost; by a fault, the request was corrupted"), "{entries:?}");
+        }
+    }
+    // Of 12 bytes, 2 are the protocol, and the higher byte of the length breaks the stream, too.
+    assert!((30..70).contains(&broken), "{broken}");
+    let (mut bench, _, client) = faulty(LineFaults { delay: Duration::millis(1), ..QUIET });
+    exchange(&mut bench, client, &[0, 1, 0, 9, 0, 6, 1, 3, 0, 0, 0, 1]);
+    assert_eq!(bench.ended(client), Some(Ended::Broken(drivetwin_protocol::modbus::tcp::Broken::Protocol)));
+}
