@@ -75,7 +75,7 @@ LINE = {
 
 TEXT = {
     "drop a request": "silence",
-    "drop a reply": "other text",
+    "drop a reply": "silence",
     "say nothing": "silence",
     "corrupt a reply": "other text",
     "truncate a reply": "other text",
@@ -84,7 +84,7 @@ TEXT = {
     "junk before a reply": "other text",
     "delay a reply": "late",
 }
-"""What a terminal sees. A reply is one output of the drive, which may be a part of an answer."""
+"""What a terminal sees. A reply is all that a line causes, with its echo."""
 
 SEEN = {
     "rtu on a pty": LINE,
@@ -106,7 +106,7 @@ SEEN = {
         "close in a request": "closed",
         "close in a reply": "closed",
     },
-    "commands of a qsb": TEXT | {"drop a reply": "silence"},
+    "commands of a qsb": TEXT,
     "mcode": TEXT | {"close in a request": "closed", "close in a reply": "closed"},
 }
 

@@ -450,11 +450,19 @@ impl Bench {
 
     /// Notes the effects of faults on the reply of a drive in the entry of its request.
     pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
-        let state = &mut self.at_mut(drive).state;
-        if let Some(entry) = state.journal.answered_with(port, bytes) {
+        if let Some(entry) = self.at_mut(drive).state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);
-        } else if let Some(port) = state.ports.get_mut(usize::from(port.0))
-            && port.tcp.as_ref().is_some_and(|tcp| !tcp.framed)
+        }
+    }
+
+    /// Notes the effects of faults on a reply on a port with lines of text in the entry after number `before`, or in
+    /// the next one if the line has not ended yet.
+    pub(super) fn note_text_reply(&mut self, drive: DriveId, port: Port, before: u64, effects: FrameEffects) {
+        let state = &mut self.at_mut(drive).state;
+        if let Some(entry) = state.journal.last_after(port, before) {
+            entry.on_answer = entry.on_answer.and(effects);
+        } else if state.reception.has_part(port)
+            && let Some(port) = state.ports.get_mut(usize::from(port.0))
         {
             port.on_echo = port.on_echo.and(effects);
         }

@@ -189,6 +189,7 @@ impl Connections {
             connection.ended.get_or_insert(ended);
             connection.pending = Vec::new();
             connection.disturbed.passed = Vec::new();
+            connection.disturbed.reply = None;
             if connection.has_left {
                 self.forget(client);
             } else {
@@ -444,6 +445,10 @@ impl Bench {
                 continue;
             }
             let takes = slot.takes(port);
+            if takes {
+                self.end_text_replies(DriveId(index), port);
+            }
+            let slot = &mut self.slots[index as usize];
             let Some(tcp) = slot.state.tcp(port) else { continue };
             match (takes, tcp.busy_with) {
                 (false, None) => {
@@ -610,7 +615,7 @@ impl Bench {
     pub(super) fn receive_from_drive(&mut self, send: &TcpSend, bytes: &[u8]) {
         let TcpSend { client, count, .. } = *send;
         match count {
-            Some(0) => {}
+            Some(_) if bytes.is_empty() => {}
             Some(_) => self.reply_to_client(client, bytes),
             None => self.end_after_replies(client, Ended::ByDrive),
         }

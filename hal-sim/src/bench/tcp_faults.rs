@@ -29,6 +29,8 @@ pub(super) struct DisturbedStream {
     altered: bool,
     /// Content of the last request, if a fault needs it.
     asked: Option<Content>,
+    /// The present reply, on a port with lines of text.
+    pub(super) reply: Option<TextReply>,
     /// Effects of faults on requests that the drive has not received yet.
     pub(super) on_requests: FrameEffects,
     /// Number of delayed parts of the stream to the client, and of their bytes.
@@ -45,12 +47,21 @@ impl DisturbedStream {
             splitter: framed.then(Splitter::new),
             altered: false,
             asked: None,
+            reply: None,
             on_requests: FrameEffects::NONE,
             late: 0,
             late_bytes: 0,
             late_until: Instant::ZERO,
         }
     }
+}
+
+/// A reply on a port with lines of text: all that the drive sends to a client until it takes the next message.
+pub(super) struct TextReply {
+    fate: Option<FrameFaults>,
+    effects: FrameEffects,
+    /// The reply so far, if its faults need the whole.
+    held: Vec<u8>,
 }
 
 /// A part of the stream to a client.
@@ -244,19 +255,80 @@ impl Bench {
         }
     }
 
-    /// Sends a reply to a client, changed by the faults of its port.
+    /// Handles what a drive sends to a client. On a port with lines of text it is a part of a reply.
     pub(super) fn reply_to_client(&mut self, client: u32, bytes: &[u8]) {
-        let Some(connection) = self.connections.all.get(&client) else { return };
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let (drive, port) = (connection.drive, connection.port);
+        if connection.splitter.is_some() {
+            let fate = self.reply_fate(client, bytes, bytes.len());
+            if let Some(fate) = &fate {
+                self.note_reply(drive, port, bytes, fate.effects());
+            }
+            return self.send_reply(client, bytes, fate.as_ref());
+        }
+        let mut reply = connection.disturbed.reply.take().unwrap_or_else(|| {
+            // If the drive does not take the next message yet, the reply has more characters.
+            let count = bytes.len() + usize::from(!self.at(drive).takes(port));
+            let fate = self.reply_fate(client, bytes, count);
+            if let Some(tcp) = self.at_mut(drive).state.tcp(port) {
+                tcp.replied_to.push(client);
+            }
+            let effects = fate.as_ref().map_or(FrameEffects::NONE, FrameFaults::effects);
+            TextReply { fate, effects, held: Vec::new() }
+        });
+        match &mut reply.fate {
+            Some(fate) if fate.needs_whole_frame() => reply.held.extend_from_slice(bytes),
+            fate => {
+                self.send_reply(client, bytes, fate.as_ref());
+                if let Some(fate) = fate {
+                    fate.clear_noise();
+                }
+            }
+        }
+        if let Some(connection) = self.connections.all.get_mut(&client) {
+            connection.disturbed.reply = Some(reply);
+        }
+    }
+
+    /// Ends the replies on a port with lines of text, because the drive takes the next message.
+    pub(super) fn end_text_replies(&mut self, drive: DriveId, port: Port) {
+        let entries = self.outputs.entries;
+        let Some(tcp) = self.at_mut(drive).state.tcp(port) else { return };
+        let before = std::mem::replace(&mut tcp.entries, entries);
+        for client in std::mem::take(&mut tcp.replied_to) {
+            let effects = self.end_text_reply(client);
+            self.note_text_reply(drive, port, before, effects);
+        }
+    }
+
+    /// Ends a reply on a port with lines of text. Returns the effects of faults on the reply.
+    pub(super) fn end_text_reply(&mut self, client: u32) -> FrameEffects {
+        let connection = self.connections.all.get_mut(&client);
+        let reply = connection.and_then(|connection| connection.disturbed.reply.take());
+        let Some(TextReply { fate, effects, held }) = reply else { return FrameEffects::NONE };
+        if !held.is_empty() {
+            self.send_reply(client, &held, fate.as_ref());
+        }
+        effects
+    }
+
+    /// Faults of a reply of `count` characters that begins with these bytes.
+    fn reply_fate(&mut self, client: u32, bytes: &[u8], count: usize) -> Option<FrameFaults> {
+        let connection = self.connections.all.get(&client)?;
         let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
-        let spec = self.spec(drive);
-        let content = self.tcp_reply_content(client, (drive, spec), framed, bytes);
-        let disturbance = self.port_disturbance(drive, port);
-        let Some(fate) = disturbance.reply(bytes.len(), content.as_ref()) else {
+        let content = self.tcp_reply_content(client, (drive, self.spec(drive)), framed, bytes);
+        self.port_disturbance(drive, port).reply(count, content.as_ref())
+    }
+
+    /// Sends a reply to a client with its faults.
+    fn send_reply(&mut self, client: u32, bytes: &[u8], fate: Option<&FrameFaults>) {
+        let Some(fate) = fate else {
             return self.send_part(client, Duration::ZERO, StreamPart::Bytes(bytes.to_vec()));
         };
-        self.note_reply(drive, port, bytes, fate.effects());
-        let own_address = spec.address.map(|row| self.peek(drive, row));
-        let rewritten = if framed { readdressed(bytes, &fate, own_address) } else { None };
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let (drive, framed) = (connection.drive, connection.splitter.is_some());
+        let own_address = self.spec(drive).address.map(|row| self.peek(drive, row));
+        let rewritten = if framed { readdressed(bytes, fate, own_address) } else { None };
         let sound = rewritten.as_deref().unwrap_or(bytes);
         let delay = fate.delay;
         if fate.lost || fate.muted {
@@ -296,6 +368,7 @@ impl Bench {
 
     /// Ends a connection for its client when all earlier replies have reached the client.
     pub(super) fn end_after_replies(&mut self, client: u32, ended: Ended) {
+        self.end_text_reply(client);
         self.send_part(client, Duration::ZERO, StreamPart::End(ended));
     }
 

@@ -13,7 +13,7 @@ use crate::record::capture::{Frame, Medium, Source};
 use crate::record::effects::FrameEffects;
 use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
-use crate::slot::Sent;
+use crate::slot::{Sent, TcpSend};
 
 /// Origin of characters on a line.
 #[derive(Clone, Copy)]
@@ -217,8 +217,10 @@ impl Bench {
             bytes = rest;
         }
         let mut messages = outputs.messages.as_slice();
-        for send in &outputs.tcp_sends {
-            let (message, rest) = messages.split_at(send.count.unwrap_or(0));
+        for sends in outputs.tcp_sends.chunk_by(TcpSend::is_continued_by) {
+            let Some(send) = sends.first() else { continue };
+            let count = sends.iter().filter_map(|send| send.count).sum();
+            let (message, rest) = messages.split_at(count);
             self.receive_from_drive(send, message);
             messages = rest;
         }

@@ -21,8 +21,10 @@ pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 /// Faults of a line or of a TCP port, set by [`Bench::set_faults`](crate::bench::Bench::set_faults). A
 /// [rule](FaultRule) says which frames a fault disturbs, requests and replies alike unless a field or the rule
 /// says otherwise. The default has no faults. On a line with timed characters, a frame is one write of a
-/// client or one output of a drive. On a Modbus/TCP port it is a request or a reply; on a text port a line or
-/// the part of a line that arrives at once, and one output of a drive.
+/// client or one output of a drive. On a Modbus/TCP port it is a request or a reply. On an MCode port a request is a
+/// line or the part of a line that arrives at once, and a reply is all that the drive then sends until it takes the
+/// next request: echo, answer and prompt. What a program prints meanwhile is in it; otherwise each output of a
+/// program is a reply.
 ///
 /// ```
 /// use drivetwin_firmware::device::{Duration, Instant, Port};
@@ -494,6 +496,16 @@ impl FrameFaults {
             .with(FrameEffect::Delayed, self.delay > Duration::ZERO)
             .with(FrameEffect::Closed, self.close.is_some())
             .with(FrameEffect::WithNoise, self.noise.is_some())
+    }
+
+    /// Returns true if the effects depend on the length of the frame.
+    pub(crate) fn needs_whole_frame(&self) -> bool {
+        self.cut.is_some() || self.flip.is_some() || self.twice || self.close.is_some()
+    }
+
+    /// Removes the noise, because it has been sent.
+    pub(crate) fn clear_noise(&mut self) {
+        self.noise = None;
     }
 
     /// Returns true if the connection is closed in the middle of the frame.

@@ -246,6 +246,12 @@ impl Journal {
         })
     }
 
+    /// The latest entry of a port after number `before`.
+    pub(crate) fn last_after(&mut self, port: Port, before: u64) -> Option<&mut Entry> {
+        let new = self.entries.iter_mut().rev().take_while(|entry| entry.number > before);
+        new.into_iter().find(|entry| entry.port == port)
+    }
+
     /// The entries, the oldest first.
     pub(crate) fn entries(&self) -> impl DoubleEndedIterator<Item = &Entry> + Clone {
         self.entries.iter()

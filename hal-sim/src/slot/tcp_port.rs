@@ -24,6 +24,10 @@ pub(crate) struct Tcp {
     /// Clients that wait until the drive takes messages, because they have sent more or have left; the first
     /// has waited longest.
     waiting: VecDeque<u32>,
+    /// Clients with a reply that is not over, on a port with lines of text.
+    pub(crate) replied_to: Vec<u32>,
+    /// Number of the last entry of a journal when the port last took messages.
+    pub(crate) entries: u64,
 }
 
 /// State of a connection number.
@@ -44,6 +48,8 @@ impl Tcp {
             busy_with: None,
             last_served: None,
             waiting: VecDeque::new(),
+            replied_to: Vec::new(),
+            entries: 0,
         }
     }
 

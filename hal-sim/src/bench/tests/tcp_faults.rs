@@ -299,3 +299,117 @@ fn a_header_that_a_fault_broke_is_not_blamed_on_the_client() {
     exchange(&mut bench, client, &[0, 1, 0, 9, 0, 6, 1, 3, 0, 0, 0, 1]);
     assert_eq!(bench.ended(client), Some(Ended::Broken(drivetwin_protocol::modbus::tcp::Broken::Protocol)));
 }
+
+/// An MDrive whose MCode port has these faults, and a client there. The sign-on has been read.
+fn mcode(seed: u64, faults: LineFaults) -> (Bench, DriveId, Client) {
+    let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+    let drive = bench.add_with("d", crate::catalog::make("mdrive").unwrap(), Setup::default()).unwrap();
+    bench.run_until(5.secs());
+    let port = bench.find_outlet("mcode").unwrap();
+    let client = bench.join(port).unwrap();
+    bench.run_until_idle();
+    received_by(&mut bench, client);
+    bench.set_faults(port, faults);
+    (bench, drive, client)
+}
+
+/// What a line causes is one reply: its echo, its answer and the prompt.
+#[test]
+fn a_reply_of_mcode_is_all_that_a_line_causes() {
+    const USUAL: &[u8] = b"PR VM\r\n768000\r\n>";
+    let reply = FaultRule::next(1).direction(Direction::Reply);
+    let delay = Duration::millis(5);
+    for (faults, effect) in [
+        (LineFaults { drop: reply, ..QUIET }, "was dropped"),
+        (LineFaults { mute: reply, ..QUIET }, "was not delivered"),
+        (LineFaults { corrupt: reply, ..QUIET }, "was corrupted"),
+        (LineFaults { truncate: reply, ..QUIET }, "was truncated"),
+        (LineFaults { duplicate: reply, ..QUIET }, "was sent twice"),
+        (LineFaults { noise: reply, ..QUIET }, "had noise beside it"),
+        (LineFaults { delay, delayed: reply, ..QUIET }, "was delayed"),
+        (LineFaults { close: reply, ..QUIET }, "was cut off by the end of the connection"),
+    ] {
+        for seed in 0..20 {
+            let (mut bench, drive, client) = mcode(seed, faults);
+            let begin = bench.now();
+            bench.send(client, b"PR VM\r");
+            bench.run_until(begin + 4.millis());
+            let soon = received_by(&mut bench, client);
+            bench.run_until(begin + 1.secs());
+            let late = received_by(&mut bench, client);
+            let all = [&soon[..], &late].concat();
+            match effect {
+                "was dropped" | "was not delivered" => assert_eq!(all, [0; 0]),
+                "was corrupted" => {
+                    let turned: u32 = all.iter().zip(USUAL).map(|(a, b)| (a ^ b).count_ones()).sum();
+                    assert_eq!((all.len(), turned), (USUAL.len(), 1));
+                }
+                "was truncated" | "was cut off by the end of the connection" => {
+                    assert!(USUAL.starts_with(&all) && !all.is_empty() && all.len() < USUAL.len(), "{all:?}");
+                }
+                "was sent twice" => assert_eq!(all, USUAL.repeat(2)),
+                "had noise beside it" => {
+                    assert!(all.ends_with(USUAL) && (1..=8).contains(&(all.len() - USUAL.len())), "{all:?}");
+                }
+                _ => assert_eq!((soon, late.as_slice()), (vec![], USUAL)),
+            }
+            let entries: Vec<String> =
+                bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+            assert_eq!(entries, [format!("mcode <- PR VM -> 768000; by a fault, the reply {effect}")]);
+            if bench.ended(client).is_none() {
+                assert_eq!(exchange(&mut bench, client, b"PR VM\r"), USUAL);
+                let last = bench.received(drive).messages().last().unwrap().to_string();
+                assert_eq!(last, "mcode <- PR VM -> 768000");
+            }
+        }
+    }
+}
+
+/// A client that types gets an echo for each character, so that a client that waits for it goes on.
+#[test]
+fn a_typed_character_has_a_reply_of_its_own() {
+    let reply = FaultRule::next(1).direction(Direction::Reply);
+    for (faults, first, last, effect) in [
+        (LineFaults { drop: reply, ..QUIET }, &b""[..], &b"\r\n768000\r\n>"[..], "was dropped"),
+        // A reply of one character has no end that could be missing.
+        (LineFaults { truncate: reply, ..QUIET }, b"P", b"", "was truncated"),
+        (LineFaults { duplicate: reply, ..QUIET }, b"PP", b"\r\n768000\r\n>", "was sent twice"),
+    ] {
+        let (mut bench, drive, client) = mcode(1, faults);
+        assert_eq!(exchange(&mut bench, client, b"P"), first, "{effect}");
+        for character in [b"R", b" ", b"V", b"M"] {
+            assert_eq!(exchange(&mut bench, client, character), character);
+        }
+        let end = exchange(&mut bench, client, b"\r");
+        if effect == "was truncated" {
+            assert!(b"\r\n768000\r\n>".starts_with(&end[..]) && end.len() < 11, "{end:?}");
+        } else {
+            assert_eq!(end, last, "{effect}");
+        }
+        let entries: Vec<String> = bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+        assert_eq!(entries, [format!("mcode <- PR VM -> 768000; by a fault, the reply {effect}")]);
+    }
+}
+
+/// The numbers of an undisturbed reply do not depend on how the drive sends it.
+#[test]
+fn a_quiet_reply_of_mcode_takes_the_numbers_of_one_reply() {
+    let rate = LineFaults { drop: FaultRule::rate(0.3).direction(Direction::Reply), ..QUIET };
+    let lost = |from: usize| {
+        let (mut bench, _, client) = mcode(7, QUIET);
+        let port = bench.find_outlet("mcode").unwrap();
+        let mut lost = Vec::new();
+        for n in 0..60 {
+            if n == from {
+                bench.set_faults(port, rate);
+            }
+            if exchange(&mut bench, client, b"PR VM\r").is_empty() {
+                lost.push(n);
+            }
+        }
+        lost
+    };
+    let all = lost(0);
+    assert!(all.len() > 8, "{all:?}");
+    assert_eq!(lost(30), all.into_iter().filter(|&n| n >= 30).collect::<Vec<_>>());
+}
