@@ -241,6 +241,7 @@ impl Bench {
         }
         let serial_line = &mut self.buses[bus as usize];
         serial_line.sends_until = serial_line.sends_until.max(end);
+        serial_line.late_by = start.since(sent.start);
         if end > sent.start + takes {
             serial_line.held_up = end;
         }

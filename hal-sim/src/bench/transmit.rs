@@ -250,6 +250,7 @@ impl Bench {
                 let serial_line = &mut self.buses[bus as usize];
                 serial_line.sends_until = serial_line.sends_until.max(end);
                 serial_line.requests.answer();
+                serial_line.late_by = start.since(sent.start);
                 self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
             Some(fate) => {
@@ -387,7 +388,7 @@ impl Bench {
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let serial_line = &mut self.buses[bus as usize];
             // Delayed replies and noise are still delivered.
-            let delay = serial_line.disturbance.last_delay();
+            let delay = serial_line.late_by;
             let until = now + delay;
             serial_line.sends_until = (sends_until + delay).max(serial_line.held_up);
             self.capture.cut(Bus(bus), DriveId(index), until);

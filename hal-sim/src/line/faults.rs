@@ -263,8 +263,6 @@ pub(crate) struct Disturbance {
     tcp: bool,
     requests: RandomNumbers,
     replies: RandomNumbers,
-    /// Delay of the last reply.
-    last_delay: Duration,
 }
 
 /// Random numbers for the frames of one direction.
@@ -298,7 +296,6 @@ impl Disturbance {
             tcp: false,
             requests: RandomNumbers::new(seed, "requests", line),
             replies: RandomNumbers::new(seed, "replies", line),
-            last_delay: Duration::ZERO,
         }
     }
 
@@ -328,11 +325,6 @@ impl Disturbance {
         !self.quiet && self.faults.all_rules().any(|(_, rule)| rule.needs_content())
     }
 
-    /// Delay of the last reply.
-    pub(crate) fn last_delay(&self) -> Duration {
-        self.last_delay
-    }
-
     /// Greatest delay of a reply.
     pub(crate) fn longest_delay(&self) -> Duration {
         self.faults.delay + self.faults.delay_spread
@@ -352,9 +344,7 @@ impl Disturbance {
     /// Faults of the next reply, of `count` characters; `None` if it has none.
     pub(crate) fn reply(&mut self, count: usize, content: Option<&Content>) -> Option<FrameFaults> {
         let frame = Drawn { direction: Direction::Reply, count, content, refusable: false, tcp: self.tcp };
-        let fate = self.fate(frame);
-        self.last_delay = fate.as_ref().map_or(Duration::ZERO, |fate| fate.delay);
-        fate
+        self.fate(frame)
     }
 
     fn fate(&mut self, frame: Drawn<'_>) -> Option<FrameFaults> {

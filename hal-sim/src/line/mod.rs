@@ -129,6 +129,9 @@ pub(crate) struct SerialLine {
     pub(crate) behind: VecDeque<Request>,
     /// End of delayed and repeated replies; the next reply does not start earlier.
     pub(crate) held_up: Instant,
+    /// Delay of the last reply on the line, behind earlier ones too: the line carries what the drive has transmitted by
+    /// then, also if its power fails meanwhile.
+    pub(crate) late_by: Duration,
     /// Characters on the line; `None` if they cannot collide.
     pub(crate) collisions: Option<CollisionTracker>,
     /// Frames of a shared line that were corrupt or for no drive.
@@ -229,6 +232,7 @@ impl SerialLine {
             asked: None,
             behind: VecDeque::new(),
             held_up: Instant::ZERO,
+            late_by: Duration::ZERO,
             collisions: None,
             journal: Journal::default(),
             unclaimed: None,

@@ -318,6 +318,50 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
 }
 
 #[test]
+fn a_late_reply_that_has_been_transmitted_comes_whole() {
+    let delay = Duration::millis(100);
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    bench.send(client, &ASKED);
+    bench.run_until(start() + leaves() + SEVEN);
+    bench.power(x, PowerAction::Off);
+    bench.run_until(start() + leaves() + SEVEN + delay - Duration::TICK);
+    assert_eq!(received_by(&mut bench, client), ANSWER[..6]);
+    bench.run_until(1.secs());
+    assert_eq!(received_by(&mut bench, client), ANSWER[6..]);
+}
+
+#[test]
+fn power_that_fails_during_a_reply_does_not_cut_a_late_one_before_it() {
+    let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
+    let toy = bench.add::<TestDevice>("t");
+    let bus = bench.bus(toy, test_device::USB).unwrap();
+    let client = bench.connect(bus);
+    let faults = LineFaults { delay: Duration::millis(100), delayed: FaultRule::next(1), ..QUIET };
+    bench.set_line_faults(bus, faults);
+    // Each answer of three characters leaves before the next request; only the first one is late.
+    let mut sent = Instant::ZERO;
+    for answers in 1..=2 {
+        bench.send(client, b"r");
+        while stamps(&bench, "< tx").len() < answers {
+            sent = bench.next();
+            bench.run_until(sent);
+        }
+        if answers == 1 {
+            bench.run_until(sent + 20.millis());
+        }
+    }
+    let character = bench.line(bus).character();
+    bench.run_until(sent + character);
+    let begin = stamps(&bench, "< tx").pop().unwrap().parse::<f64>().unwrap();
+    let transmitted = (bench.now().ticks() as f64 / 16_000.0 - begin) / (character.ticks() as f64 / 16_000.0);
+    bench.power(toy, PowerAction::Off);
+    bench.run_until(1.secs());
+    let received = received_by(&mut bench, client);
+    assert!((0.0..3.0).contains(&transmitted), "{transmitted}");
+    assert_eq!(received.len(), 3 + transmitted.round() as usize, "{received:?}");
+}
+
+#[test]
 fn a_power_failure_cuts_only_the_output_of_its_drive() {
     // Two drives with one address answer at the same time, and one of them loses power.
     let (mut bench, [x, y], _, client) = line_faults(LineMode::Timed, 1, QUIET);
