@@ -69,11 +69,21 @@ impl Bench {
         self.buses[bus.0 as usize].early
     }
 
-    /// Statistics of the requests on a Modbus line so far; all zero on another line.
+    /// Statistics of the requests on a Modbus line or Modbus/TCP port so far; all zero elsewhere. On a TCP port no
+    /// request is too early.
     #[must_use]
-    pub fn request_statistics(&self, bus: Bus) -> RequestStatistics {
-        let line = &self.buses[bus.0 as usize];
-        line.requests.statistics(line.early.count)
+    pub fn request_statistics(&self, outlet: impl Into<Outlet>) -> RequestStatistics {
+        match outlet.into() {
+            Outlet::Line(bus) => {
+                let line = &self.buses[bus.0 as usize];
+                line.requests.statistics(line.early.count)
+            }
+            Outlet::Tcp(drive, port) => {
+                let port = self.at(drive).state.ports.get(usize::from(port.0));
+                let tcp = port.and_then(|port| port.tcp.as_ref());
+                tcp.map(|tcp| tcp.requests.statistics(0)).unwrap_or_default()
+            }
+        }
     }
 
     /// Number of requests on all lines so far that were too early.

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Link, Port, PortSpec};
-use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
+use drivetwin_protocol::modbus::tcp::{self, Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 
 use super::events::EventKind;
@@ -35,6 +35,12 @@ pub enum Outlet {
     Line(Bus),
     /// A TCP port of a drive.
     Tcp(DriveId, Port),
+}
+
+impl From<Bus> for Outlet {
+    fn from(bus: Bus) -> Self {
+        Self::Line(bus)
+    }
 }
 
 /// Reason why a TCP port refuses a connection.
@@ -176,6 +182,11 @@ impl Connections {
     /// Returns true if a client has bytes to read, or its connection was closed.
     pub(super) fn is_readable(&self, client: u32) -> bool {
         self.readable.contains(&client)
+    }
+
+    /// Returns true if the connection of a client is open.
+    fn is_open(&self, client: u32) -> bool {
+        self.all.get(&client).is_some_and(|connection| connection.ended.is_none() && !connection.has_left)
     }
 
     /// Number of bytes of a client that are not delivered yet.
@@ -628,9 +639,13 @@ impl Bench {
             return;
         }
         let at = (connection.drive, connection.port, connection.link);
+        let is_reply = connection.splitter.is_some() && matches!(from, Source::Drive(_));
         if !connection.has_left {
             connection.inbox.extend_from_slice(bytes);
             self.connections.readable.insert(client);
+        }
+        if is_reply {
+            self.note_answer(client, bytes);
         }
         self.record_message(at, from, bytes);
     }
@@ -651,6 +666,33 @@ impl Bench {
             if let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) {
                 self.record_message((drive, port, link), Source::Drive(drive), &[]);
             }
+        }
+    }
+
+    /// Notes a request of a client on a Modbus/TCP port, for statistics. A request repeats the one before it also if its
+    /// transaction is another one, or if the client has connected anew.
+    pub(super) fn note_request(&mut self, client: u32, bytes: &[u8]) {
+        let Some(&Connection { drive, port, .. }) = self.connections.all.get(&client) else { return };
+        let Some((header, _)) = tcp::parse(bytes) else { return };
+        let connections = &self.connections;
+        let Some(tcp) = self.slots[drive.0 as usize].state.tcp(port) else { return };
+        // Other clients may ask the same.
+        if tcp.asked.is_some_and(|(other, _)| other != client && connections.is_open(other)) {
+            tcp.requests.answer();
+        }
+        // From the unit on.
+        tcp.requests.request(&bytes[tcp::HEADER_BYTES - 1..]);
+        tcp.asked = Some((client, header.transaction));
+    }
+
+    /// Notes a reply to a client on a Modbus/TCP port, for statistics.
+    fn note_answer(&mut self, client: u32, bytes: &[u8]) {
+        let Some(&Connection { drive, port, .. }) = self.connections.all.get(&client) else { return };
+        let Some((header, _)) = tcp::parse(bytes) else { return };
+        let Some(tcp) = self.slots[drive.0 as usize].state.tcp(port) else { return };
+        let is_own = tcp.asked == Some((client, header.transaction));
+        if is_own && tcp.requests.address() == Some(&[header.unit]) {
+            tcp.requests.answer();
         }
     }
 

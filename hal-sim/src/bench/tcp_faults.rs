@@ -175,6 +175,9 @@ impl Bench {
             let Some(bytes) = connection.next().map_err(Ended::Broken)? else { return Ok(None) };
             let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
             let altered = connection.disturbed.altered;
+            if framed {
+                self.note_request(client, &bytes);
+            }
             let Some(fate) = self.request_fate(client, (drive, port), framed, &bytes) else {
                 if !altered {
                     return Ok(Some(bytes));

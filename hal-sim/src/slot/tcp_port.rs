@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Framing, Link, PortSpec};
 
+use crate::record::requests::RequestLog;
+
 /// Maximum number of connections of a TCP port; further connections are refused.
 pub const MOST_CONNECTIONS: usize = 64;
 
@@ -26,6 +28,9 @@ pub(crate) struct Tcp {
     waiting: VecDeque<u32>,
     /// Clients with a reply that is not over, on a port with lines of text.
     pub(crate) replied_to: Vec<u32>,
+    /// Requests so far, on a Modbus/TCP port, and the client and transaction of the last one.
+    pub(crate) requests: RequestLog,
+    pub(crate) asked: Option<(u32, u16)>,
     /// Number of the last entry of a journal when the port last took messages.
     pub(crate) entries: u64,
 }
@@ -49,6 +54,8 @@ impl Tcp {
             last_served: None,
             waiting: VecDeque::new(),
             replied_to: Vec::new(),
+            requests: RequestLog::default(),
+            asked: None,
             entries: 0,
         }
     }

@@ -413,3 +413,41 @@ fn a_quiet_reply_of_mcode_takes_the_numbers_of_one_reply() {
     assert!(all.len() > 8, "{all:?}");
     assert_eq!(lost(30), all.into_iter().filter(|&n| n >= 30).collect::<Vec<_>>());
 }
+
+#[test]
+fn a_retry_on_tcp_repeats_a_request_without_an_answer() {
+    let (mut bench, drive, mut client) = faulty(QUIET);
+    let port = Outlet::Tcp(drive, MODBUS);
+    let mut transaction = 0;
+    let mut retries = |bench: &mut Bench, client: Client, faults: LineFaults| {
+        bench.set_faults(port, faults);
+        transaction += 1;
+        exchange(bench, client, &adu(transaction));
+        bench.request_statistics(port).retries
+    };
+    let all = FaultRule::ALL;
+    assert_eq!(retries(&mut bench, client, QUIET), 0);
+    assert_eq!(
+        retries(&mut bench, client, LineFaults { mute: all, ..QUIET }),
+        0,
+        "the one before had an answer"
+    );
+    for (faults, count) in [
+        (LineFaults { drop: all, ..QUIET }, 1),
+        (LineFaults { wrong_transaction: all, ..QUIET }, 2),
+        (LineFaults { wrong_address: all, ..QUIET }, 3),
+        (LineFaults { truncate: all.direction(Direction::Reply), ..QUIET }, 4),
+        (LineFaults { exception: all, ..QUIET }, 5),
+        (LineFaults { close: all.direction(Direction::Reply), ..QUIET }, 5),
+    ] {
+        assert_eq!(retries(&mut bench, client, faults), count, "{faults:?}");
+    }
+    // The master connects anew and repeats its request.
+    bench.disconnect(client);
+    client = connected(&mut bench, drive, MODBUS);
+    assert_eq!(retries(&mut bench, client, LineFaults { mute: all, ..QUIET }), 6);
+    // Another client asks the same, which is no retry.
+    let other = connected(&mut bench, drive, MODBUS);
+    assert_eq!(retries(&mut bench, other, QUIET), 6);
+    assert_eq!(bench.request_statistics(port).requests, 10);
+}
