@@ -403,6 +403,31 @@ def test_a_rule_covers_only_what_it_names(masters, disturb, transport):
         disturb(master, {})
 
 
+@pytest.mark.parametrize("fault", ["corrupt a request", "truncate a request"])
+@pytest.mark.parametrize("transport", MASTERS)
+def test_each_request_with_a_fault_is_in_the_journal(masters, disturb, caplog, transport, fault):
+    master = masters(transport)
+    master.log = caplog
+    kind = master.drivetwin.kind
+    clause = f"by a fault, the request was {fault.split()[0].removesuffix('e')}ed"
+
+    def told():
+        return sum(clause in str(entry["reason"]) for entry in received(master, kind))
+
+    before = told()
+    disturb(master, FAULTS[fault])
+    master.ask(SILENCE)
+    disturb(master, {})
+    master.recover()
+    assert told() > before
+    # The line of a terminal begins with what is left of the changed one.
+    master.ask(SILENCE)
+    master.recover()
+    usual = master.ask()
+    assert not isinstance(usual, str) or usual == "usual"
+    assert received(master, kind)[-1]["verdict"] == "done"
+
+
 def test_the_journal_says_why_nothing_came(masters, disturb, caplog):
     master = masters("modbus/tcp")
     master.log = caplog
