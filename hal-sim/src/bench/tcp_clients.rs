@@ -615,7 +615,8 @@ impl Bench {
         let InputRecord::Message { port, bytes, .. } = input else { return };
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         if connection.splitter.is_some() || ends_line(bytes) {
-            let effects = std::mem::take(&mut connection.disturbed.on_requests);
+            let stream = &mut connection.disturbed;
+            let effects = std::mem::replace(&mut stream.on_requests, std::mem::take(&mut stream.on_copy));
             if let Some(port) = self.slots[index as usize].state.ports.get_mut(usize::from(port.0)) {
                 port.on_request = effects;
             }

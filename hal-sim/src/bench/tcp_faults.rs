@@ -33,6 +33,8 @@ pub(super) struct DisturbedStream {
     pub(super) reply: Option<TextReply>,
     /// Effects of faults on requests that the drive has not received yet.
     pub(super) on_requests: FrameEffects,
+    /// The same for the copy of a request that is sent twice.
+    pub(super) on_copy: FrameEffects,
     /// Number of delayed parts of the stream to the client, and of their bytes.
     pub(super) late: usize,
     pub(super) late_bytes: usize,
@@ -49,6 +51,7 @@ impl DisturbedStream {
             asked: None,
             reply: None,
             on_requests: FrameEffects::NONE,
+            on_copy: FrameEffects::NONE,
             late: 0,
             late_bytes: 0,
             late_until: Instant::ZERO,
@@ -207,6 +210,7 @@ impl Bench {
                 stream.altered |= !fate.lost && !is_whole;
                 if !fate.lost {
                     stream.on_requests = stream.on_requests.and(effects);
+                    stream.on_copy = if fate.twice { effects } else { FrameEffects::NONE };
                 }
             }
             self.pass(client, &text.bytes, if fate.twice { 2 } else { 1 });

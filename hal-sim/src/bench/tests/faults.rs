@@ -691,6 +691,16 @@ fn a_disturbed_trace_replays_without_its_faults() {
     }
 }
 
+/// In recordings of versions before BENCH-12 was changed, a drive refuses function 110 in place of the request.
+#[test]
+fn an_old_recording_of_a_forced_exception_replays() {
+    let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, QUIET);
+    let refused = rtu::frame(1, &[0x80 | 110, 1]);
+    assert_eq!(exchange(&mut bench, client, &rtu::frame(1, &[110, 0, 0x15, 0, 7])), refused[..]);
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
 /// A bench at 1 ms with MD3s on a line where characters may collide, and two clients there.
 fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Client; 2]) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });

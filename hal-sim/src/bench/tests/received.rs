@@ -548,10 +548,9 @@ fn each_request_with_a_fault_has_an_entry() {
                 bench.run_until_idle();
                 let words = words(&bench, drive);
                 let clause = format!("by a fault, the request {effect}");
-                assert!(
-                    words.iter().any(|entry| entry.contains(&clause)),
-                    "{kind} {port} {seed} {clause}: {words:#?}"
-                );
+                let told = words.iter().filter(|entry| entry.contains(&clause)).count();
+                let least = if effect == "was sent twice" { 2 } else { 1 };
+                assert!(told >= least, "{kind} {port} {seed} {clause}: {words:#?}");
                 // The next request of another client has nothing of it.
                 let client = bench.join(outlet).unwrap();
                 bench.send(client, if port == "usb" { b"\r" } else { b"" });
