@@ -119,11 +119,11 @@ impl Bench {
     /// The exception of the faults for a request that begins at `start`. `None` if no drive would answer the request,
     /// so that there is nothing to refuse: the drive that it is for must be on the line and receive it.
     fn refusal(&self, bus: u32, start: Instant, request: &Request) -> Option<Refusal> {
-        let disturbance = &self.buses[bus as usize].disturbance;
-        if disturbance.is_quiet() || !request.text.unreadable.is_empty() {
+        let &LineFaults { exception: rule, exception_code: code, baud, .. } =
+            self.buses[bus as usize].disturbance.faults();
+        if !rule.is_active() || !request.text.unreadable.is_empty() {
             return None;
         }
-        let (code, baud) = (disturbance.faults().exception_code, disturbance.faults().baud);
         let sender = Sender { baud: baud.or(request.sender.baud), ..request.sender };
         self.ports(Bus(bus)).iter().find_map(|&(drive, port)| {
             let line = self.at(drive).line_at(port, start).filter(|line| sender.fits(*line))?;
