@@ -811,7 +811,8 @@ pub trait Device {
     }
 
     /// Time from which the drive receives what arrives at its ports: in the past if it receives now, in the
-    /// future while it starts, [`Instant::NEVER`] if the drive does not know the time yet. For logs only.
+    /// future while it starts, [`Instant::NEVER`] if the drive does not know the time yet. For logs and faults of lines
+    /// only.
     fn receives_from(&self) -> Instant {
         Instant::ZERO
     }

@@ -642,6 +642,9 @@ impl Bench {
                 let input = self.exposed(event.target, input, number);
                 self.deliver(event.target, &input);
             }
+            EventKind::Refused { refusal, request, end, number } => {
+                self.answer_refused(refusal, &request, end, number);
+            }
             EventKind::TcpInput { client, input } => self.tcp_input_arrives(event.target, client, &input),
             EventKind::StreamPart { client, part } => self.stream_part_arrives(client, part),
             EventKind::Stimulus { pin, stimulus } => self.stimulus_arrives(event.target, pin, stimulus),

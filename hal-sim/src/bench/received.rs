@@ -468,9 +468,21 @@ impl Bench {
         }
     }
 
-    /// Enters a message that a fault took at `at`: in the journal of the drive that it was for or, if there is
-    /// none or it was for all, in that of the line.
+    /// Enters a message that no drive receives whole because of a fault.
     pub(super) fn enter_lost(&mut self, outlet: Outlet, at: Instant, bytes: &[u8], effects: FrameEffects) {
+        self.enter_undelivered(outlet, at, bytes, Outcome::Lost, effects);
+    }
+
+    /// Enters a message that the line or TCP port did not deliver at `at`: in the journal of the drive that it was for
+    /// or, if there is none or it was for all, in that of the line.
+    pub(super) fn enter_undelivered(
+        &mut self,
+        outlet: Outlet,
+        at: Instant,
+        bytes: &[u8],
+        outcome: Outcome,
+        effects: FrameEffects,
+    ) {
         if !self.settings.journals {
             return;
         }
@@ -486,7 +498,7 @@ impl Bench {
         let Some(&(_, first)) = ports.first() else { return };
         let mut draft = Draft::default();
         draft.begin(bytes);
-        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), Outcome::Lost);
+        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), outcome);
         (entry.ascii, entry.on_message) = (ascii, effects);
         let entries = &mut self.outputs.entries;
         match (receiver, outlet) {
@@ -514,14 +526,14 @@ impl Bench {
         self.record_outcomes(Receiver::Drive(drive));
     }
 
-    /// Enters a request on a TCP port that a fault refused without the drive.
+    /// Enters a request to a drive that ended at `at`, with the answer of a fault, if there is one.
     pub(super) fn enter_refused(
         &mut self,
-        drive: DriveId,
-        port: Port,
-        request: &[u8],
-        answer: &[u8],
-        code: u8,
+        (drive, port): (DriveId, Port),
+        at: Instant,
+        (request, answer): (&[u8], &[u8]),
+        outcome: Outcome,
+        effects: FrameEffects,
     ) {
         if !self.settings.journals {
             return;
@@ -529,20 +541,32 @@ impl Bench {
         let mut draft = Draft::default();
         draft.begin(request);
         draft.answer(answer);
-        let entry = draft.entry(self.now, port, Outcome::RefusedByFault(code));
+        let mut entry = draft.entry(at, port, outcome);
+        entry.ascii = self.bus(drive, port).is_some_and(|bus| ascii::is_on(self.line(bus)));
+        entry.on_message = effects;
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Drive(drive));
     }
 
     /// Notes the effects of faults on the reply of a drive in the entry of its request.
     pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
-        let state = &mut self.at_mut(drive).state;
-        if let Some(entry) = state.journal.answered_with(port, bytes) {
+        if let Some(entry) = self.at_mut(drive).state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);
             let entry = entry.clone();
             self.record_outcome(Receiver::Drive(drive), &entry);
-        } else if let Some(port) = state.ports.get_mut(usize::from(port.0))
-            && port.tcp.as_ref().is_some_and(|tcp| !tcp.framed)
+        }
+    }
+
+    /// Notes the effects of faults on a reply on a port with lines of text in the entry after number `before`, or in
+    /// the next one if the line has not ended yet.
+    pub(super) fn note_text_reply(&mut self, drive: DriveId, port: Port, before: u64, effects: FrameEffects) {
+        let state = &mut self.at_mut(drive).state;
+        if let Some(entry) = state.journal.last_after(port, before) {
+            entry.on_answer = entry.on_answer.and(effects);
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        } else if state.reception.has_part(port)
+            && let Some(port) = state.ports.get_mut(usize::from(port.0))
         {
             port.on_echo = port.on_echo.and(effects);
         }

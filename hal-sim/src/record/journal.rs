@@ -158,13 +158,6 @@ impl Entry {
         self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
     }
 
-    /// The entry with another message and answer, refused by a fault with this code.
-    pub(crate) fn refused_by_fault(&mut self, message: &[u8], answer: &[u8], code: u8) {
-        self.bytes = Bytes::joined([message, answer, &[]]);
-        (self.message, self.answer) = (message.len() as u16, answer.len() as u16);
-        (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
-    }
-
     /// The entry with these addresses instead of codes, for the journal of a line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);
@@ -281,6 +274,12 @@ impl Journal {
         let new = self.entries.iter().rev().take_while(|entry| entry.number > recorded).count();
         self.recorded = self.entries.back().map_or(recorded, |entry| entry.number);
         self.entries.range(self.entries.len() - new..).cloned().collect()
+    }
+
+    /// The latest entry of a port after number `before`.
+    pub(crate) fn last_after(&mut self, port: Port, before: u64) -> Option<&mut Entry> {
+        let new = self.entries.iter_mut().rev().take_while(|entry| entry.number > before);
+        new.into_iter().find(|entry| entry.port == port)
     }
 
     /// The entries, the oldest first.

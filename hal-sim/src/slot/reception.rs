@@ -219,6 +219,11 @@ impl Reception {
         port.part.end = at;
     }
 
+    /// Returns true if a port has bytes without an outcome.
+    pub(crate) fn has_part(&self, port: Port) -> bool {
+        self.ports.get(usize::from(port.0)).is_some_and(|port| !port.part.is_empty())
+    }
+
     /// Forgets the incomplete line of a connection.
     pub(super) fn closed(&mut self, port: Port, link: Link) {
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };

@@ -652,3 +652,57 @@ fn requests_in_one_write_have_an_entry_each() {
     bench.run_until_idle();
     assert_eq!(words(&bench, qsb).len(), 5);
 }
+/// Each request that a fault changed has an entry that says so, also if its drive takes none from what arrives.
+#[test]
+fn each_request_with_a_fault_has_an_entry() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let request = FaultRule::next(1).direction(Direction::Request);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
+    for (kind, port, presets, bytes) in [
+        ("md3", "rs485", &[][..], rtu::write(1, 0x15, 9_000).to_vec()),
+        ("rs434544", "rs485", &ascii, drivetwin_protocol::modbus::ascii::frame(1, &[3, 0, 1, 0, 1]).to_vec()),
+        ("qsb-d", "usb", &[], b"R0E\r".to_vec()),
+        ("mdrive", "modbus", &[], tcp::frame(header, &[3, 0, 0x57, 0, 2]).to_vec()),
+        ("mdrive", "mcode", &[], b"PR VM\r".to_vec()),
+    ] {
+        for (fault, effect) in [
+            (LineFaults { drop: request, ..LineFaults::NONE }, "was dropped"),
+            (LineFaults { corrupt: request, ..LineFaults::NONE }, "was corrupted"),
+            (LineFaults { truncate: request, ..LineFaults::NONE }, "was truncated"),
+            (LineFaults { duplicate: request, ..LineFaults::NONE }, "was sent twice"),
+        ] {
+            for seed in 0..60 {
+                let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+                let device = crate::catalog::make(kind).unwrap();
+                let row = |name| device.spec().find(name).unwrap().row;
+                let presets = presets.iter().map(|&(name, value)| (row(name), value)).collect();
+                let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+                let drive = bench.add_with("x", device, setup).unwrap();
+                ready(&mut bench);
+                let number = bench.spec(drive).ports.iter().position(|spec| spec.name == port).unwrap();
+                let outlet = bench.outlet(drive, Port(number as u8));
+                bench.set_faults(outlet, fault);
+                let client = bench.join(outlet).unwrap();
+                bench.send(client, &bytes);
+                bench.run_until_idle();
+                bench.run_until(bench.now() + Duration::secs(2));
+                bench.disconnect(client);
+                bench.run_until_idle();
+                let words = words(&bench, drive);
+                let clause = format!("by a fault, the request {effect}");
+                let told = words.iter().filter(|entry| entry.contains(&clause)).count();
+                let least = if effect == "was sent twice" { 2 } else { 1 };
+                assert!(told >= least, "{kind} {port} {seed} {clause}: {words:#?}");
+                // The next request of another client has nothing of it.
+                let client = bench.join(outlet).unwrap();
+                bench.send(client, if port == "usb" { b"\r" } else { b"" });
+                bench.run_until_idle();
+                bench.send(client, &bytes);
+                bench.run_until_idle();
+                let last = super::received::words(&bench, drive).pop().unwrap();
+                assert!(!last.contains("by a fault"), "{kind} {port} {seed}: {last}");
+            }
+        }
+    }
+}
