@@ -404,7 +404,7 @@ def test_a_rule_covers_only_what_it_names(masters, disturb, transport):
 
 
 @pytest.mark.parametrize("fault", ["corrupt a request", "truncate a request"])
-@pytest.mark.parametrize("transport", MASTERS)
+@pytest.mark.parametrize("transport", ["rtu on a pty", "rtu over tcp", "ascii on a pty", "modbus/tcp"])
 def test_each_request_with_a_fault_is_in_the_journal(masters, disturb, caplog, transport, fault):
     master = masters(transport)
     master.log = caplog
@@ -420,9 +420,6 @@ def test_each_request_with_a_fault_is_in_the_journal(masters, disturb, caplog, t
     disturb(master, {})
     master.recover()
     assert told() > before
-    # The line of a terminal begins with what is left of the changed one.
-    master.ask(SILENCE)
-    master.recover()
     usual = master.ask()
     assert not isinstance(usual, str) or usual == "usual"
     assert received(master, kind)[-1]["verdict"] == "done"
