@@ -83,7 +83,8 @@ fn waves(file: Failing<'_>) -> io::Result<()> {
 
 fn frames(file: Failing<'_>) -> io::Result<()> {
     let begin = |bench: &Bench| Pcapng::new(bench, file);
-    scene(begin, &mut |writer, bench| writer.follow(bench))?.1.finish()
+    let (bench, writer) = scene(begin, &mut |writer, bench| writer.follow(bench))?;
+    writer.finish(&bench)
 }
 
 fn written(write: WriteFile, takes: usize, kind: io::ErrorKind) -> (Vec<u8>, io::Result<()>) {

@@ -142,7 +142,7 @@ fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
     }
     bench.run_until(END);
     pcapng.follow(&bench).unwrap();
-    pcapng.finish().unwrap();
+    pcapng.finish(&bench).unwrap();
     (bench, file)
 }
 

@@ -6,14 +6,14 @@
 //! Therefore each such request is counted, and a strict line drops it.
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
-use super::{Bench, Bus};
+use super::{Bench, Bus, Outlet};
 use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
-use crate::record::journal::{Draft, Outcome};
+use crate::record::effects::FrameEffects;
+use crate::record::journal::Outcome;
 use crate::record::requests::RequestStatistics;
 
 /// Requests that are too early.
@@ -69,11 +69,21 @@ impl Bench {
         self.buses[bus.0 as usize].early
     }
 
-    /// Statistics of the requests on a Modbus line so far; all zero on another line.
+    /// Statistics of the requests on a Modbus line or Modbus/TCP port so far; all zero elsewhere. On a TCP port no
+    /// request is too early.
     #[must_use]
-    pub fn request_statistics(&self, bus: Bus) -> RequestStatistics {
-        let line = &self.buses[bus.0 as usize];
-        line.requests.statistics(line.early.count)
+    pub fn request_statistics(&self, outlet: impl Into<Outlet>) -> RequestStatistics {
+        match outlet.into() {
+            Outlet::Line(bus) => {
+                let line = &self.buses[bus.0 as usize];
+                line.requests.statistics(line.early.count)
+            }
+            Outlet::Tcp(drive, port) => {
+                let port = self.at(drive).state.ports.get(usize::from(port.0));
+                let tcp = port.and_then(|port| port.tcp.as_ref());
+                tcp.map(|tcp| tcp.requests.statistics(0)).unwrap_or_default()
+            }
+        }
     }
 
     /// Number of requests on all lines so far that were too early.
@@ -176,7 +186,6 @@ impl Bench {
 
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
     pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
-        let ascii = ascii::is_on(self.line(Bus(bus)));
         let line = &mut self.buses[bus as usize];
         line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
         self.early_count += 1;
@@ -184,20 +193,13 @@ impl Bench {
         if !line.strict || self.silence_is_free {
             return false;
         }
-        if !self.settings.journals {
-            return true;
-        }
-        let &[(drive, port), ref others @ ..] = line.ports.as_slice() else { return true };
-        let mut draft = Draft::default();
-        draft.begin(bytes);
-        let mut entry = draft.entry(came, port, Outcome::TooEarly(early));
-        entry.ascii = ascii;
-        let entries = &mut self.outputs.entries;
-        if others.is_empty() {
-            self.slots[drive.0 as usize].state.journal.push(entries, entry);
-        } else {
-            line.journal.push(entries, entry);
-        }
+        self.enter_undelivered(
+            Outlet::Line(Bus(bus)),
+            came,
+            bytes,
+            Outcome::TooEarly(early),
+            FrameEffects::NONE,
+        );
         true
     }
 }

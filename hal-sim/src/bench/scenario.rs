@@ -46,7 +46,7 @@ pub struct Written {
     pub drive: DriveId,
     /// Row of the register in the drive's register map.
     pub row: usize,
-    /// The value, if only one value counts.
+    /// The value of the whole register, if only one value counts.
     pub value: Option<i64>,
 }
 
@@ -99,10 +99,14 @@ pub enum Action {
 }
 
 impl Written {
-    /// Returns true if a request that a drive has accepted is this write.
-    fn is_in(&self, registers: &[Register]) -> bool {
+    /// Returns true if a request that a drive has accepted is this write. A part of the register in the request
+    /// changes its `whole` value to this one.
+    fn is_in(&self, name: &str, registers: &[Register], whole: impl Fn() -> i64) -> bool {
         registers.iter().any(|register| {
-            let has_value = |wanted| register.value == Some(Value::Number(wanted));
+            let has_value = |wanted| {
+                let is_part = register.name != name;
+                register.value == Some(Value::Number(wanted)) && !is_part || is_part && whole() == wanted
+            };
             register.written && register.row == self.row && self.value.is_none_or(has_value)
         })
     }
@@ -262,7 +266,11 @@ impl Bench {
                 let slot = &self.slots[index as usize];
                 let new = slot.state.journal.entries().rev().take_while(|entry| entry.number > seen);
                 let mut accepted = new.filter(|entry| entry.outcome == Outcome::Accepted);
-                accepted.any(|entry| written.is_in(&exchange(slot.spec, entry).request.registers))
+                let name = slot.spec.registers.rows.get(written.row).map_or("", |row| row.name);
+                accepted.any(|entry| {
+                    let registers = exchange(slot.spec, entry).request.registers;
+                    written.is_in(name, &registers, || slot.peek(self.now, written.row))
+                })
             };
             let (now, last) = (self.now, self.received_count());
             let scenario = &mut self.scenarios[number];

@@ -7,6 +7,7 @@ use drivetwin_firmware::device::{Duration, Instant, Line};
 use super::Sender;
 use super::misread::misread;
 use crate::ids::DriveId;
+use crate::record::effects::FrameEffects;
 
 /// A client of a line, with its bytes in both directions.
 #[derive(Default)]
@@ -73,6 +74,8 @@ pub(crate) struct CharFlags {
     pub(crate) noise: bool,
     /// Received with a parity or framing error.
     pub(crate) unreadable: bool,
+    /// Effects of faults on the text that it belongs to.
+    pub(crate) effects: FrameEffects,
 }
 
 impl ClientState {

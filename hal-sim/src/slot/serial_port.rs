@@ -47,6 +47,8 @@ pub(crate) struct PortState {
     /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
+    /// Effects of faults on the message that the drive receives, unless it is on a half-duplex line.
+    pub(crate) on_request: FrameEffects,
     /// On a port with text lines: effects of faults on the characters that the drive has sent before the end
     /// of the line.
     pub(crate) on_echo: FrameEffects,
@@ -56,7 +58,13 @@ impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.framing == Framing::Silence));
         let tcp = spec.is_tcp().then(|| Tcp::new(spec));
-        Self { serial, tcp, statistics: Statistics::default(), on_echo: FrameEffects::NONE }
+        Self {
+            serial,
+            tcp,
+            statistics: Statistics::default(),
+            on_request: FrameEffects::NONE,
+            on_echo: FrameEffects::NONE,
+        }
     }
 }
 
@@ -110,7 +118,7 @@ impl Serial {
 
     /// Sends `count` characters after all queued ones. With `fast`, characters take no time. Returns the
     /// start of the first character, and its settings.
-    pub(super) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
+    pub(crate) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
         let start = at.max(self.sends_until);
         let line = self.line_at(start);
         let character = if fast { Duration::ZERO } else { line.character() };

@@ -5,7 +5,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use drivetwin_firmware::device::{Duration, Encoder, Fault, Pin, PinSpec, PresetError, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{DriveId, PinStimulus};
+use drivetwin_sim::bench::{DriveId, ENCODER_HZ, PULSE_HZ, PinStimulus};
 use drivetwin_sim::config::preset::{self, Preset};
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::faults::Party;
@@ -77,10 +77,11 @@ pub(super) async fn pulse_pin(
     api.call(move |event_loop| {
         let id = find_drive(event_loop, &name)?;
         let pin = input(event_loop, id, &pin)?;
-        if pulses.count == 0 || !(0.000_001..=8_000_000.0).contains(&pulses.hz) {
-            return Err(Problem::refused(
-                "a train has at least 1 pulse, and 0.000001 to 8000000 of them a second",
-            ));
+        if pulses.count == 0 || !PULSE_HZ.contains(&pulses.hz) {
+            let (least, most) = (PULSE_HZ.start(), PULSE_HZ.end());
+            return Err(Problem::refused(format!(
+                "a train has at least 1 pulse, and {least} to {most} of them a second"
+            )));
         }
         let duty = pulses.duty.unwrap_or(0.5);
         if !(duty > 0.0 && duty < 1.0) {
@@ -113,10 +114,11 @@ pub(super) async fn encoder(
             return Err(Problem::refused(format!("{name} has no encoder input")));
         }
         let counts = i32::try_from(turn.counts).ok().filter(|counts| *counts != 0);
-        let counts = counts.filter(|_| (0.000_001..=16_000_000.0).contains(&turn.hz)).ok_or_else(|| {
-            Problem::refused(
-                "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
-            )
+        let counts = counts.filter(|_| ENCODER_HZ.contains(&turn.hz)).ok_or_else(|| {
+            let (least, most) = (ENCODER_HZ.start(), ENCODER_HZ.end());
+            Problem::refused(format!(
+                "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and {least} to {most} of them a second"
+            ))
         })?;
         let begun = event_loop.bench.encoder(id, Encoder(0), counts, turn.hz);
         begun.map_err(|busy| Problem::conflict(busy.to_string()))?;

@@ -395,7 +395,7 @@ impl Endpoint for Connection {
                 Ended::Broken(_) => {
                     warn!("{} is disconnected from {}: {ended}", self.peer, self.site.uri());
                 }
-                Ended::ByDrive | Ended::NoPower | Ended::ByFault => {
+                Ended::ByDrive | Ended::NoPower | Ended::ByFault | Ended::BrokenByFault(_) => {
                     info!("{}, {}: {ended}", self.peer, self.site.uri());
                 }
             }

@@ -67,7 +67,8 @@ impl Configuration {
         let (trace, capture) = files.retention(control.is_some());
         // Waveforms show the motion of motors: those of `--vcd`, and those that the control API serves.
         let shafts = files.has_waves() || control.is_some();
-        let settings = Settings { trace, capture, shafts, ..self.layout.settings() };
+        let outcomes = files.has_waves();
+        let settings = Settings { trace, capture, shafts, outcomes, ..self.layout.settings() };
         let setup = |memory: &Memory| Setup {
             memory: memory.content(),
             persist: memory.persist_fn(),

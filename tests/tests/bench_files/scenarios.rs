@@ -111,6 +111,9 @@ fn a_step_waits_for_a_write() {
     let no_writes = [
         rtu::read(1, 0x14, 2).to_vec(),
         rtu::write(1, 0x15, 8_000).to_vec(),
+        // The low word alone is 9,000, but the whole value is not.
+        rtu::frame(1, &[16, 0, 0x14, 0, 2, 4, 0, 1, 0x23, 0x28]).to_vec(),
+        rtu::write(1, 0x15, 8_000).to_vec(),
         // Another register, another address, and a value that the MD3 refuses.
         rtu::write(1, 0x1D, 9_000).to_vec(),
         rtu::write(2, 0x15, 9_000).to_vec(),

@@ -141,12 +141,20 @@ impl Drive {
                 self.end_line(at, link);
             }
             CTRL_C if self.bank.word(Reg::CE) != 0 => {
+                note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
             }
-            _ if character == escape => self.abort(at, link, out),
+            _ if character == escape => {
+                note_key(at, character, out);
+                self.abort(at, link, out);
+            }
+            CTRL_C | CTRL_E | ESCAPE => {
+                report(Err(Why::KeyIsOff), at, out);
+                note_key(at, character, out);
+            }
             b' ' if steps && is_blank => self.mcode.vm.step(at, true),
             BACKSPACE | DELETE => {
                 let taken = console.line.pop().is_some();
@@ -450,6 +458,11 @@ enum Answer {
     RxError,
     /// The sign-on and a prompt were the answer.
     Greeting,
+}
+
+/// Notes a key that needs no end of a line.
+fn note_key(at: Instant, key: u8, out: &mut dyn Context) {
+    out.put(at, Output::Log(LogEvent::Request { port: MCODE, unit: 0, function: key }));
 }
 
 /// Sends bytes on a connection.
