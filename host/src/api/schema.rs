@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use drivetwin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction};
+use drivetwin_sim::commands::{Contact, InputLevel};
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
 use utoipa::ToSchema;
@@ -194,20 +195,31 @@ struct Statistics {
 #[schema(example = json!({"level": "low"}))]
 pub(super) struct PinLevel {
     /// `low` pulls the pin low, `high` drives it high, `open` does not drive it.
-    pub(super) level: Option<Driven>,
+    level: Option<Driven>,
     /// A voltage, on an analogue input.
-    pub(super) volts: Option<f64>,
+    volts: Option<f64>,
     /// A current in mA, on an analogue input that can measure one.
-    pub(super) milliamps: Option<f64>,
+    milliamps: Option<f64>,
 }
 
 /// A level from outside.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Driven {
+enum Driven {
     Low,
     High,
     Open,
+}
+
+impl From<PinLevel> for InputLevel {
+    fn from(PinLevel { level, volts, milliamps }: PinLevel) -> Self {
+        let level = level.map(|level| match level {
+            Driven::Low => Contact::Low,
+            Driven::High => Contact::High,
+            Driven::Open => Contact::Open,
+        });
+        Self { level, volts, milliamps }
+    }
 }
 
 /// A train of pulses.

@@ -15,7 +15,8 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
-use crate::config::layout::Layout;
+use crate::catalog;
+use crate::config::layout::{DriveLayout, Layout};
 use crate::config::listen::Uri;
 use crate::line::LineMode;
 use crate::record::trace;
@@ -85,6 +86,32 @@ pub fn parse(text: &str) -> Result<Layout, FileError> {
 /// # Errors
 /// The first error of the text, with its line and column.
 pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Result<Layout, FileError> {
+    read(text, variable, Reader::default())
+}
+
+/// Reads tables for a bench that has drives already: they may refer to what `layout` has. Returns the layout with the
+/// entries of both.
+///
+/// ```
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::config::bench_file::parse_more;
+/// use drivetwin_sim::config::layout::Layout;
+///
+/// let mut bench = Bench::new();
+/// bench.add::<Md3>("x");
+/// let layout = parse_more("[[motor]]\nname = 'm'\ndrive = 'x'", Layout::of(&bench)).unwrap();
+/// layout.add_to(&mut bench, Vec::new()).unwrap();
+/// assert_eq!(bench.motors().len(), 1);
+/// ```
+///
+/// # Errors
+/// The first error of the text, with its line and column.
+pub fn parse_more(text: &str, layout: Layout) -> Result<Layout, FileError> {
+    read(text, &|_| None, Reader::after(layout))
+}
+
+fn read(text: &str, variable: &dyn Fn(&str) -> Option<String>, reader: Reader) -> Result<Layout, FileError> {
     let (mut root, errors) = DeTable::parse_recoverable(text);
     let errors = errors.iter().map(|error| LocatedError {
         at: error.span().map_or(0, |span| span.start),
@@ -94,7 +121,7 @@ pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Resu
         Some(wrong) => Err(wrong),
         None => expand::expand(root.get_mut(), variable).and_then(|filled| {
             let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, &KEYS)?;
-            Reader::default().read(&root)
+            reader.read(&root)
         }),
     };
     layout.map_err(|wrong| FileError::new(text, wrong))
@@ -121,13 +148,28 @@ struct Reader {
 }
 
 impl Reader {
+    /// A reader that has read a layout.
+    fn after(layout: Layout) -> Self {
+        let drives = layout.drives.iter().map(|drive| (&drive.name, "drive"));
+        let buses = layout.buses.iter().map(|bus| (&bus.name, "bus"));
+        let motors = layout.motors.iter().map(|motor| (&motor.name, "motor"));
+        let names = drives.chain(buses).chain(motors).map(|(name, what)| (name.clone(), what)).collect();
+        let spec = |drive: &DriveLayout| {
+            catalog::make(drive.kind).map_or(const { &Spec::EMPTY }, |device| device.spec())
+        };
+        let specs = layout.drives.iter().map(spec).collect();
+        let no_listen = vec![true; layout.drives.len()];
+        let memories = layout.drives.iter().filter_map(|drive| drive.nv.clone()).collect();
+        Self { names, specs, no_listen, addresses: Vec::new(), memories, layout }
+    }
+
     fn read(mut self, root: &Table<'_>) -> Result<Layout, LocatedError> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
         self.layout.time =
             read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
         self.layout.line = read_as(root.text("line")?, line_mode)?;
         let drives = root.each("drive", "[[drive]]", &DRIVE)?;
-        if drives.is_empty() {
+        if drives.is_empty() && self.layout.drives.is_empty() {
             return Err(LocatedError { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
         }
         for table in drives {
@@ -181,7 +223,11 @@ fn read_as<T>(
     text.map(|text| read(text.is).map_err(LocatedError::at(text.at))).transpose()
 }
 
-fn line_mode(text: &str) -> Result<LineMode, String> {
+/// Reads the value of the key `line`: `timed` or `fast`.
+///
+/// # Errors
+/// One sentence: it is neither.
+pub fn line_mode(text: &str) -> Result<LineMode, String> {
     match text {
         "timed" | "wire" => Ok(LineMode::Timed),
         "fast" => Ok(LineMode::Fast),
