@@ -788,7 +788,7 @@ pub struct Shaft {
 }
 
 /// A drive, or any other device on a bench.
-pub trait Device {
+pub trait Device: Send {
     /// Description of this kind of device.
     fn spec(&self) -> &'static Spec;
 

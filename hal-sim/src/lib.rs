@@ -6,6 +6,7 @@
 //! | [`blocking`] | ports on virtual time for masters that wait |
 //! | [`board`] | simulated hardware: embedded-hal, embedded-io and embedded-storage on virtual time |
 //! | [`catalog`] | the kinds of drive |
+//! | [`commands`] | what is done to a bench by name: pins, pulses, registers, faults |
 //! | [`config`] | bench files, and the configuration of a bench as plain data |
 //! | [`decode`] | messages and their outcomes in the words of the manual |
 //! | [`export`] | waveforms (VCD), frames of the lines (pcapng), pictures of traces (SVG) |
@@ -24,6 +25,7 @@ pub mod bench;
 pub mod blocking;
 pub mod board;
 pub mod catalog;
+pub mod commands;
 pub mod config;
 pub mod decode;
 pub mod export;

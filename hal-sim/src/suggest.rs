@@ -40,6 +40,12 @@ pub(crate) fn unknown_at<'a>(
     sentence
 }
 
+/// Returns true if a sentence, or a clause of it, is one of [`unknown`].
+#[must_use]
+pub fn is_unknown(sentence: &str) -> bool {
+    sentence.contains("there is no ")
+}
+
 /// The first characters of a name, at most `MOST`.
 fn cut(name: &str) -> &str {
     name.char_indices().nth(MOST).map_or(name, |(end, _)| &name[..end])
@@ -57,6 +63,8 @@ mod tests {
             "there is no register 'sped'; the nearest is 'Speed'"
         );
         assert_eq!(unknown("fault", "stall", [].into_iter()), "there is no fault 'stall'");
+        assert!(is_unknown(&format!("--set: {}", unknown("register", "sped", names.into_iter()))));
+        assert!(!is_unknown("x has no power"));
     }
 
     #[test]

@@ -47,4 +47,4 @@ mod ports;
 pub mod rs_programs;
 mod run;
 
-pub use run::{Configuration, Prepared, Running};
+pub use run::{Configuration, Memories, Offline, Prepared, Running};

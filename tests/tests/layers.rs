@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules of `hal-sim/src`, lowest first.
-const HAL_SIM: [&str; 18] = [
+const HAL_SIM: [&str; 19] = [
     "ids",
     "rng",
     "suggest",
@@ -24,6 +24,7 @@ const HAL_SIM: [&str; 18] = [
     "replay",
     "export",
     "config",
+    "commands",
 ];
 
 /// Modules of `host/src`, lowest first.

@@ -237,6 +237,49 @@ fn an_encoder_turns() {
 }
 
 #[test]
+fn a_scenario_has_the_steps_of_a_bench_file() {
+    let md3 = md3();
+    md3.advance(3.0);
+    let play = |steps: &str| md3.call("POST", "/api/scenario", &format!("{{\"steps\":[{steps}]}}"));
+    let powered = || md3.call("GET", "/api/bench", "").ok()["drives"][0]["powered"] == true;
+    // After a write of MotionControl, and at a time.
+    let when = "{\"drive\":\"md3\",\"register\":\"MotionControl\",\"value\":1}";
+    let cut = format!("{{\"when\":{when},\"after_ms\":100,\"drive\":\"md3\",\"power\":\"off\"}}");
+    let again = "{\"after_ms\":1e2,\"drive\":\"md3\",\"power\":\"on\"}";
+    assert_eq!(play(&format!("{cut},{again}")).status, 204);
+    let at = "{\"at_s\":9,\"bus\":\"rs485\",\"faults\":{\"drop\":{\"count\":1}}}";
+    assert_eq!(play(at).status, 204);
+    let request = rtu::write(1, 0x11, 1);
+    ask(&mut md3.connect(), &request, request.len());
+    assert!(powered());
+    md3.advance(0.15);
+    assert!(!powered());
+    md3.advance(0.1);
+    assert!(powered());
+    md3.advance(9.0);
+    let drop = &md3.call("GET", "/api/buses", "").ok()[0]["faults"]["drop"];
+    assert_eq!(drop.to_string(), "{\"count\":1}");
+
+    let past = play("{\"at_s\":9,\"drive\":\"md3\",\"power\":\"on\"}").problem(422);
+    assert!(past.starts_with("step 1: at_s = 9 is past: the bench is at 12.2"), "{past}");
+    for (wrong, sentence) in [
+        ("", "a scenario needs a step"),
+        (
+            &format!("{again},{{\"drive\":\"md4\",\"power\":\"on\"}}"),
+            "step 2: there is no drive 'md4'; the nearest is 'md3'",
+        ),
+        ("{\"drive\":null}", "step 1: null is not a value"),
+        (
+            "{\"drive\":\"\u{7f}\\u0000\",\"power\":\"on\"}",
+            "step 1: there is no drive '\u{7f}\0'; available: md3",
+        ),
+        ("3", "the body has '3' where it takes an object"),
+    ] {
+        assert_eq!(play(wrong).problem(422), sentence);
+    }
+}
+
+#[test]
 fn an_encoder_is_refused_what_it_cannot_do() {
     let md3 = md3();
     let turn = |body: &str| md3.call("POST", "/api/drives/md3/encoder", body);

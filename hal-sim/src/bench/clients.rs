@@ -143,8 +143,13 @@ impl Bench {
     /// idle](Self::run_until_idle), and returns the reply, or nothing if there is none. If the frame could be
     /// the beginning of a longer one, the bench treats it as complete.
     pub fn ask(&mut self, drive: DriveId, frame: &[u8]) -> Vec<u8> {
+        self.ask_at(drive, Port(0), frame)
+    }
+
+    /// Like [`ask`](Self::ask), at a port of the drive.
+    pub fn ask_at(&mut self, drive: DriveId, port: Port, frame: &[u8]) -> Vec<u8> {
         let mut reply = Vec::new();
-        if let Ok(client) = self.connect_to(drive, Port(0)) {
+        if let Ok(client) = self.connect_to(drive, port) {
             self.send(client, frame);
             let idle_run = self.begin_idle_run_flushing();
             self.continue_idle_run(idle_run, Instant::NEVER);

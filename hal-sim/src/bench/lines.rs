@@ -74,6 +74,11 @@ impl Bench {
         lines
     }
 
+    /// The lines of [`share`](Self::share), in the order of these calls.
+    pub fn shared_buses(&self) -> impl Iterator<Item = Bus> {
+        (0..).map(Bus).zip(&self.buses).filter(|(_, line)| line.port.is_none()).map(|(bus, _)| bus)
+    }
+
     /// The line of that name. The name of a port alone also finds the line of that port if no other line has
     /// a port of the same name.
     #[must_use]

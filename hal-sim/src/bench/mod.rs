@@ -196,7 +196,7 @@ pub struct IdleRun {
 ///
 /// [Add](Self::add) drives. Time [advances](Self::run_until) on request only. Tests [send
 /// requests](Self::ask), [drive pins](Self::set_pin) and read registers, pins and motion. The [module](self)
-/// has an example.
+/// has an example. A bench may move to another thread.
 pub struct Bench {
     settings: Settings,
     now: Instant,
@@ -482,25 +482,44 @@ impl Bench {
     pub fn run_until(&mut self, at: impl Into<Instant>) {
         let at = at.into();
         self.index();
-        loop {
-            let (due, rank) = self.deadlines.first();
-            match self.scheduled.first() {
-                Some(key) if (key.at, key.phase) < (due, Phase::Deadline) => {
-                    if key.at > at {
-                        break;
-                    }
-                    self.now = self.now.max(key.at);
-                    if let Some(event) = self.scheduled.pop() {
-                        self.handle(event);
-                    }
+        while self.handle_next(at) {}
+        self.arrive(at);
+    }
+
+    /// Runs like [`run_until`](Self::run_until), but handles at most `most` events, so that the caller can stop. Returns
+    /// true if the bench has arrived at `at`. The number of calls makes no difference.
+    pub fn run_some(&mut self, at: impl Into<Instant>, most: usize) -> bool {
+        let at = at.into();
+        self.index();
+        let arrived = (0..most).any(|_| !self.handle_next(at));
+        self.arrive(if arrived { at } else { self.now });
+        arrived
+    }
+
+    /// Handles the next event if it is not after `at`. Returns whether there was one.
+    fn handle_next(&mut self, at: Instant) -> bool {
+        let (due, rank) = self.deadlines.first();
+        match self.scheduled.first() {
+            Some(key) if (key.at, key.phase) < (due, Phase::Deadline) => {
+                if key.at > at {
+                    return false;
                 }
-                _ if due > at || due == Instant::NEVER => break,
-                _ => {
-                    self.now = self.now.max(due);
-                    self.wake(rank, due);
+                self.now = self.now.max(key.at);
+                if let Some(event) = self.scheduled.pop() {
+                    self.handle(event);
                 }
             }
+            _ if due > at || due == Instant::NEVER => return false,
+            _ => {
+                self.now = self.now.max(due);
+                self.wake(rank, due);
+            }
         }
+        true
+    }
+
+    /// Moves the clock to `at`, when all events until then are handled.
+    fn arrive(&mut self, at: Instant) {
         if at < Instant::NEVER {
             self.now = self.now.max(at);
         }

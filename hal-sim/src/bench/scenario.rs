@@ -130,6 +130,9 @@ impl Scenario {
     }
 }
 
+/// Most scenarios that a bench plays at once.
+const MOST_SCENARIOS: usize = 1_000;
+
 /// A scenario that is being played.
 #[derive(Debug)]
 pub(super) struct Playing {
@@ -159,6 +162,11 @@ impl Playing {
                 None
             }
         }
+    }
+
+    /// Returns true if there is no step left.
+    fn is_over(&self) -> bool {
+        self.steps.len() == 0 && self.waits.is_none() && self.action.is_none()
     }
 
     /// The write that the present step waits for, and the number of the last entry that cannot be it.
@@ -215,7 +223,8 @@ impl Bench {
     /// ```
     ///
     /// # Errors
-    /// There is no line or TCP port of a name in the scenario; nothing is played then.
+    /// There is no line or TCP port of a name in the scenario, or 1,000 scenarios have not ended yet; nothing is
+    /// played then.
     pub fn play(&mut self, scenario: Scenario) -> Result<(), String> {
         let unknown = scenario.steps.iter().find_map(|step| match &step.action {
             Action::LineFaults { bus, .. } if self.find_outlet(bus).is_none() => Some(bus),
@@ -224,8 +233,19 @@ impl Bench {
         if let Some(bus) = unknown {
             return Err(format!("there is no bus '{bus}'"));
         }
-        self.scenarios.push(Playing::new(scenario));
-        self.begin_step(self.scenarios.len() - 1);
+        let ended = self.scenarios.iter().position(Playing::is_over);
+        if ended.is_none() && self.scenarios.len() >= MOST_SCENARIOS {
+            return Err(format!(
+                "a bench plays {MOST_SCENARIOS} scenarios at once; wait until one has ended"
+            ));
+        }
+        let number = ended.unwrap_or(self.scenarios.len());
+        let playing = Playing::new(scenario);
+        match self.scenarios.get_mut(number) {
+            Some(ended) => *ended = playing,
+            None => self.scenarios.push(playing),
+        }
+        self.begin_step(number);
         Ok(())
     }
 

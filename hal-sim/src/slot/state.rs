@@ -16,7 +16,7 @@ use crate::rng::Rng;
 use crate::signals::pin_waveform::PinOutput;
 
 /// Function that is called for each store to the memory: offset of the first byte, and the bytes.
-pub type PersistFn = Box<dyn FnMut(u16, &[u8])>;
+pub type PersistFn = Box<dyn FnMut(u16, &[u8]) + Send>;
 
 /// State of a drive between calls: memory, power and outputs.
 pub(crate) struct SlotState {

@@ -175,6 +175,7 @@ fn of_serde(words: &str, place: &str) -> String {
             ("f64", "a number"),
             ("a boolean", "true or false"),
             ("a string", "a text"),
+            ("a map", "an object"),
         ];
         let known = shapes.into_iter().find(|(shape, _)| *shape == words);
         known.map_or_else(|| names(words), |(_, text)| text.to_owned())

@@ -2,6 +2,7 @@
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use drivetwin_sim::commands::Refusal;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -47,6 +48,16 @@ impl Problem {
     /// The request is well formed but cannot be executed.
     pub(super) fn refused(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, detail)
+    }
+}
+
+impl From<Refusal> for Problem {
+    fn from(refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::Unknown(sentence) => Self::not_found(sentence),
+            Refusal::Invalid(sentence) => Self::refused(sentence),
+            Refusal::Conflict(sentence) => Self::conflict(sentence),
+        }
     }
 }
 

@@ -58,6 +58,11 @@ impl Configuration {
         Ok(this)
     }
 
+    /// The configuration of a layout without options.
+    pub(super) fn of_layout(layout: Layout) -> Self {
+        Self { options: RunOptions::default(), layout, file: None }
+    }
+
     /// Checks a bench file, or the options of a single drive, without opening a port. Returns a summary and
     /// warnings, one sentence each.
     ///

@@ -1,13 +1,12 @@
 //! Non-volatile memories of the drives, and the files that store them.
 
-use std::cell::RefCell;
 use std::fs::Metadata;
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use drivetwin_sim::bench::PersistFn;
+use drivetwin_sim::bench::{PersistFn, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::rsasm::Image;
 use tracing::{error, warn};
@@ -25,7 +24,35 @@ pub(super) struct Memory {
 #[derive(Clone)]
 struct MemoryFile {
     path: PathBuf,
-    nv: Rc<RefCell<Nv>>,
+    nv: Arc<Mutex<Nv>>,
+}
+
+impl MemoryFile {
+    fn lock(&self) -> MutexGuard<'_, Nv> {
+        // A store that panicked has written a part of the file, as a power cut does.
+        self.nv.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Configuration {
+    /// Opens the memory of each drive. `programs` has the user program of each drive.
+    ///
+    /// # Errors
+    /// One sentence: a file cannot be used.
+    pub(super) fn memories(&self, programs: &[Option<Image>]) -> Result<Vec<Memory>, String> {
+        let open = |(index, program): (usize, &Option<Image>)| Memory::open(self, index, program.as_ref());
+        programs.iter().enumerate().map(open).collect()
+    }
+}
+
+/// Writes user programs to the files of their drives.
+///
+/// # Errors
+/// One sentence: a file cannot be written.
+pub(super) fn store_programs(memories: &[Memory], programs: &[Option<Image>]) -> Result<(), String> {
+    let mut with =
+        memories.iter().zip(programs).filter_map(|(memory, program)| Some((memory, program.as_ref()?)));
+    with.try_for_each(|(memory, program)| memory.store_program(program))
 }
 
 impl Memory {
@@ -34,11 +61,7 @@ impl Memory {
     ///
     /// # Errors
     /// One sentence that says what is wrong: the file cannot be used.
-    pub(super) fn open(
-        configuration: &Configuration,
-        index: usize,
-        program: Option<&Image>,
-    ) -> Result<Self, String> {
+    fn open(configuration: &Configuration, index: usize, program: Option<&Image>) -> Result<Self, String> {
         let drive = &configuration.layout.drives[index];
         let spec = catalog::make(drive.kind)?.spec();
         let size = usize::from(spec.memory);
@@ -54,7 +77,7 @@ impl Memory {
                 return Err(configuration.of(index, "program", &longer));
             }
             memory.content = Some(content);
-            memory.file = Some(MemoryFile { path: path.clone(), nv: Rc::new(RefCell::new(nv)) });
+            memory.file = Some(MemoryFile { path: path.clone(), nv: Arc::new(Mutex::new(nv)) });
         }
         if let Some(program) = program {
             program.put_into(memory.content.get_or_insert_with(|| vec![0xFF; size]));
@@ -62,36 +85,35 @@ impl Memory {
         Ok(memory)
     }
 
-    /// Initial content; `None` for erased memory.
-    pub(super) fn content(&self) -> Option<Vec<u8>> {
-        self.content.clone()
+    /// Initial content, and a function that writes to the file what the drive stores.
+    pub(super) fn setup(&self) -> Setup {
+        Setup { memory: self.content.clone(), persist: self.persist_fn(), ..Setup::default() }
     }
 
     /// Writes a user program to the file. The program is already in the memory.
     ///
     /// # Errors
     /// One sentence that says what is wrong: the file cannot be written.
-    pub(super) fn store_program(&self, program: &Image) -> Result<(), String> {
-        let Some(MemoryFile { path, nv }) = &self.file else { return Ok(()) };
-        let stored = nv.borrow_mut().store(program.offset, &program.bytes);
-        stored.map_err(|error| format!("{}: {error}", path.display()))
+    fn store_program(&self, program: &Image) -> Result<(), String> {
+        let Some(file) = &self.file else { return Ok(()) };
+        let stored = file.lock().store(program.offset, &program.bytes);
+        stored.map_err(|error| format!("{}: {error}", file.path.display()))
     }
 
-    /// A function that writes to the file what the drive stores.
-    pub(super) fn persist_fn(&self) -> Option<PersistFn> {
-        let MemoryFile { path, nv } = self.file.clone()?;
+    fn persist_fn(&self) -> Option<PersistFn> {
+        let file = self.file.clone()?;
         Some(Box::new(move |offset, bytes| {
-            if let Err(error) = nv.borrow_mut().store(offset, bytes) {
-                error!("{} does not keep what the drive stores: {error}", path.display());
+            if let Err(error) = file.lock().store(offset, bytes) {
+                error!("{} does not keep what the drive stores: {error}", file.path.display());
             }
         }))
     }
 
     /// Logs a warning if the file belongs to another drive.
     pub(super) fn warn(&self) {
-        let Some(MemoryFile { path, nv }) = &self.file else { return };
-        if nv.borrow().is_longer() {
-            let path = path.display();
+        let Some(file) = &self.file else { return };
+        if file.lock().is_longer() {
+            let path = file.path.display();
             warn!(
                 "{path} is longer than the memory of its drive, so it belongs to another drive; the first save replaces it"
             );
@@ -100,8 +122,8 @@ impl Memory {
 
     /// Returns whether this memory is stored in `file`.
     pub(super) fn is_in(&self, file: &Metadata) -> io::Result<bool> {
-        let Some(MemoryFile { nv, .. }) = &self.file else { return Ok(false) };
-        let own = nv.borrow().metadata()?;
+        let Some(of) = &self.file else { return Ok(false) };
+        let own = of.lock().metadata()?;
         Ok((own.dev(), own.ino()) == (file.dev(), file.ino()))
     }
 
@@ -110,8 +132,9 @@ impl Memory {
     /// # Errors
     /// One sentence that says what is wrong: the file does not contain everything that the drive stored.
     pub(super) fn sync(&self) -> Result<(), String> {
-        let Some(MemoryFile { path, nv }) = &self.file else { return Ok(()) };
-        let synced = nv.borrow_mut().sync();
-        synced.map_err(|error| format!("{} does not keep what the drive stored: {error}", path.display()))
+        let Some(file) = &self.file else { return Ok(()) };
+        let synced = file.lock().sync();
+        synced
+            .map_err(|error| format!("{} does not keep what the drive stored: {error}", file.path.display()))
     }
 }

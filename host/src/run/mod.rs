@@ -5,12 +5,13 @@
 
 mod configuration;
 mod memories;
+mod offline;
 mod output_files;
 mod reserved_ports;
 
 use std::os::fd::AsFd;
 
-use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings, Setup};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings};
 use drivetwin_sim::config::layout::Built;
 use drivetwin_sim::config::time_mode::TimeMode;
 use tracing::info;
@@ -21,7 +22,8 @@ use crate::event_loop::{self, EventLoop};
 use crate::options::Control;
 use crate::ports::Bound;
 pub use configuration::Configuration;
-use memories::Memory;
+use memories::{Memory, store_programs};
+pub use offline::{Memories, Offline};
 use output_files::OutputFiles;
 use reserved_ports::ReservedPorts;
 
@@ -58,10 +60,7 @@ impl Configuration {
             Control::Off => None,
             Control::At(address) => Some(reserved_ports::reserve_tcp("--control ", address)?),
         };
-        let mut memories = Vec::new();
-        for (index, program) in programs.iter().enumerate() {
-            memories.push(Memory::open(&self, index, program.as_ref())?);
-        }
+        let memories = self.memories(&programs)?;
         let files = OutputFiles::open(&self.options, &memories)?;
 
         let (trace, capture) = files.retention(control.is_some());
@@ -69,17 +68,10 @@ impl Configuration {
         let shafts = files.has_waves() || control.is_some();
         let outcomes = files.has_waves();
         let settings = Settings { trace, capture, shafts, outcomes, ..self.layout.settings() };
-        let setup = |memory: &Memory| Setup {
-            memory: memory.content(),
-            persist: memory.persist_fn(),
-            ..Setup::default()
-        };
-        let setups = memories.iter().map(setup).collect();
+        let setups = memories.iter().map(Memory::setup).collect();
         let built = self.layout.build(settings, setups);
         let Built { mut bench, drives, buses, .. } = built.map_err(|sentence| self.wrong(&sentence))?;
-        for (memory, program) in memories.iter().zip(&programs) {
-            program.as_ref().map_or(Ok(()), |program| memory.store_program(program))?;
-        }
+        store_programs(&memories, &programs)?;
 
         // A drive may change its line after it has read its pins.
         bench.run_until(bench.now());

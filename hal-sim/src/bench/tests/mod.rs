@@ -12,8 +12,7 @@ mod recordings;
 mod tcp;
 mod tcp_faults;
 
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Line, Pin};
 use drivetwin_firmware::md3::{Md3, Reg};
@@ -849,15 +848,27 @@ fn a_bench_stays_as_it_was_when_a_seat_is_refused() {
     assert_eq!(bench.drives().len(), 1);
 }
 
+/// Another thread may own a bench: that of an event loop, or of an interpreter.
+#[test]
+fn a_bench_can_move_to_another_thread() {
+    let mut bench = Bench::new();
+    let md3 = bench.add::<drivetwin_firmware::md3::Md3>("x");
+    let moved = std::thread::spawn(move || {
+        bench.run_until(3.secs());
+        bench.ask(md3, &drivetwin_protocol::modbus::rtu::write(1, 0x11, 1))
+    });
+    assert!(!moved.join().unwrap().is_empty());
+}
+
 /// A test device whose power fails during the save that it begins at once. Returns its memory after the
 /// failure, the memory that was persisted, and the time of the last store.
 fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     let mut bench = Bench::with(Settings { seed, ..Settings::default() });
-    let kept = Rc::new(RefCell::new(vec![0xFF; 10]));
-    let keeper = Rc::clone(&kept);
+    let kept = Arc::new(Mutex::new(vec![0xFF; 10]));
+    let keeper = Arc::clone(&kept);
     let keep: PersistFn = Box::new(move |offset, bytes| {
         let from = usize::from(offset);
-        keeper.borrow_mut()[from..from + bytes.len()].copy_from_slice(bytes);
+        keeper.lock().unwrap()[from..from + bytes.len()].copy_from_slice(bytes);
     });
     let toy = bench
         .add_with("toy", Box::new(TestDevice::default()), Setup { persist: Some(keep), ..Setup::default() })
@@ -869,7 +880,7 @@ fn cut(seed: u64) -> (Vec<u8>, Vec<u8>, String) {
     assert!(!bench.powered(toy));
     let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
     assert_eq!(replay::run(&trace, &make), Ok(None));
-    let kept = kept.borrow().clone();
+    let kept = kept.lock().unwrap().clone();
     (bench.memory(toy).to_vec(), kept, stamps(&bench, "< store").last().cloned().unwrap())
 }
 

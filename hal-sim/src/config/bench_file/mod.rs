@@ -15,12 +15,15 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
-use crate::config::layout::Layout;
+use crate::bench::Bench;
+use crate::bench::scenario::Scenario;
+use crate::catalog;
+use crate::config::layout::{DriveLayout, Layout};
 use crate::config::listen::Uri;
 use crate::line::LineMode;
 use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
-use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::device::{Instant, Spec};
 use fault_tables::fault_keys;
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
 use scenario_tables::SCENARIO;
@@ -85,19 +88,78 @@ pub fn parse(text: &str) -> Result<Layout, FileError> {
 /// # Errors
 /// The first error of the text, with its line and column.
 pub fn parse_with(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Result<Layout, FileError> {
+    read(text, variable, Reader::default())
+}
+
+/// Reads tables for a bench that has drives already: they may refer to what `layout` has. Returns the layout with the
+/// entries of both.
+///
+/// ```
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::config::bench_file::parse_more;
+/// use drivetwin_sim::config::layout::Layout;
+///
+/// let mut bench = Bench::new();
+/// bench.add::<Md3>("x");
+/// let layout = parse_more("[[motor]]\nname = 'm'\ndrive = 'x'", Layout::of(&bench)).unwrap();
+/// layout.add_to(&mut bench, Vec::new()).unwrap();
+/// assert_eq!(bench.motors().len(), 1);
+/// ```
+///
+/// # Errors
+/// The first error of the text, with its line and column.
+pub fn parse_more(text: &str, layout: Layout) -> Result<Layout, FileError> {
+    read(text, &|_| None, Reader::after(layout))
+}
+
+/// Reads the `[[scenario]]` tables of a text for a bench, for [`Bench::play`]. Other tables are errors.
+///
+/// ```
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::config::bench_file::parse_scenarios;
+///
+/// let mut bench = Bench::new();
+/// bench.add::<Md3>("x");
+/// let text = "[[scenario]]\nsteps = [{ after_ms = 100, drive = 'x', power = 'off' }]";
+/// for scenario in parse_scenarios(text, &bench)? {
+///     bench.play(scenario)?;
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// The first error of the text, with its line and column. A step at a bench time that is past is an error, too.
+pub fn parse_scenarios(text: &str, bench: &Bench) -> Result<Vec<Scenario>, FileError> {
+    let reader = Reader { now: bench.now(), ..Reader::after(Layout::of(bench)) };
+    read_root(text, &|_| None, &["scenario"], |root| reader.read_scenarios(root))
+}
+
+fn read(text: &str, variable: &dyn Fn(&str) -> Option<String>, reader: Reader) -> Result<Layout, FileError> {
+    read_root(text, variable, &KEYS, |root| reader.read(root))
+}
+
+/// Reads a text whose tables and keys at the top are `keys`.
+fn read_root<T>(
+    text: &str,
+    variable: &dyn Fn(&str) -> Option<String>,
+    keys: &[&str],
+    read: impl FnOnce(&Table<'_>) -> Result<T, LocatedError>,
+) -> Result<T, FileError> {
     let (mut root, errors) = DeTable::parse_recoverable(text);
     let errors = errors.iter().map(|error| LocatedError {
         at: error.span().map_or(0, |span| span.start),
         what: format!("this is not TOML: {}", error.message()),
     });
-    let layout = match errors.min_by_key(|wrong| wrong.at) {
+    let result = match errors.min_by_key(|wrong| wrong.at) {
         Some(wrong) => Err(wrong),
         None => expand::expand(root.get_mut(), variable).and_then(|filled| {
-            let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, &KEYS)?;
-            Reader::default().read(&root)
+            let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, keys)?;
+            read(&root)
         }),
     };
-    layout.map_err(|wrong| FileError::new(text, wrong))
+    result.map_err(|wrong| FileError::new(text, wrong))
 }
 
 /// The keys of a bench file.
@@ -118,16 +180,33 @@ struct Reader {
     addresses: Vec<Uri>,
     /// All memory files so far.
     memories: Vec<PathBuf>,
+    /// Bench time at which scenarios begin.
+    now: Instant,
 }
 
 impl Reader {
+    /// A reader that has read a layout.
+    fn after(layout: Layout) -> Self {
+        let drives = layout.drives.iter().map(|drive| (&drive.name, "drive"));
+        let buses = layout.buses.iter().map(|bus| (&bus.name, "bus"));
+        let motors = layout.motors.iter().map(|motor| (&motor.name, "motor"));
+        let names = drives.chain(buses).chain(motors).map(|(name, what)| (name.clone(), what)).collect();
+        let spec = |drive: &DriveLayout| {
+            catalog::make(drive.kind).map_or(const { &Spec::EMPTY }, |device| device.spec())
+        };
+        let specs = layout.drives.iter().map(spec).collect();
+        let no_listen = vec![true; layout.drives.len()];
+        let memories = layout.drives.iter().filter_map(|drive| drive.nv.clone()).collect();
+        Self { names, specs, no_listen, addresses: Vec::new(), memories, layout, now: Instant::ZERO }
+    }
+
     fn read(mut self, root: &Table<'_>) -> Result<Layout, LocatedError> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
         self.layout.time =
             read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
         self.layout.line = read_as(root.text("line")?, line_mode)?;
         let drives = root.each("drive", "[[drive]]", &DRIVE)?;
-        if drives.is_empty() {
+        if drives.is_empty() && self.layout.drives.is_empty() {
             return Err(LocatedError { at: root.at, what: "a bench needs a [[drive]]".to_owned() });
         }
         for table in drives {
@@ -181,7 +260,11 @@ fn read_as<T>(
     text.map(|text| read(text.is).map_err(LocatedError::at(text.at))).transpose()
 }
 
-fn line_mode(text: &str) -> Result<LineMode, String> {
+/// Reads the value of the key `line`: `timed` or `fast`.
+///
+/// # Errors
+/// One sentence: it is neither.
+pub fn line_mode(text: &str) -> Result<LineMode, String> {
     match text {
         "timed" | "wire" => Ok(LineMode::Timed),
         "fast" => Ok(LineMode::Fast),

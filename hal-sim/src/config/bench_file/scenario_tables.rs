@@ -39,11 +39,19 @@ const LATEST_S: f64 = 1e9;
 const LONGEST_MS: f64 = LATEST_S * 1e3;
 
 impl Reader {
+    /// Reads a text that has nothing but scenarios.
+    pub(super) fn read_scenarios(mut self, root: &Table<'_>) -> Result<Vec<Scenario>, LocatedError> {
+        for table in root.each("scenario", "[[scenario]]", &SCENARIO)? {
+            self.scenario(&table)?;
+        }
+        Ok(self.layout.scenarios)
+    }
+
     pub(super) fn scenario(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let tables = table.needs("steps", table.tables("steps", "a step", &STEP)?)?;
         let mut steps = Vec::new();
         // The earliest time of the next step.
-        let mut earliest = Instant::ZERO;
+        let mut earliest = self.now;
         for table in tables {
             let step = self.step(&table, earliest)?;
             let begins = match step.trigger {
@@ -68,6 +76,10 @@ impl Reader {
             (Some(at), Some(_)) => return Err(at.wrong("a step takes at_s or when, not both")),
             (Some(at), None) => {
                 let begins = Instant::ZERO + ticks(at.is);
+                if begins < self.now {
+                    let now = self.now.since(Instant::ZERO).ticks() as f64 / SECOND;
+                    return Err(at.wrong(format!("at_s = {} is past: the bench is at {now} s", at.is)));
+                }
                 if begins < earliest {
                     let before = earliest.since(Instant::ZERO).ticks() as f64 / SECOND;
                     let what = format!("at_s = {} is before the step above, which is at {before} s", at.is);

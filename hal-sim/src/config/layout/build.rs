@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{PresetError, Spec};
 use drivetwin_firmware::motor::{self, stepper};
 
-use super::{At, BrushKeys, DriveLayout, Layout, MotorKind};
+use super::{At, BrushKeys, BusLayout, DriveLayout, Layout, MotorKind, MotorLayout};
 use crate::bench::{AddError, Bench, Bus, DriveId, Motor, MotorModel, Settings, Setup};
 use crate::catalog;
 use crate::config::preset::{self, Preset};
@@ -15,6 +15,16 @@ pub struct Built {
     /// Handles of [`Layout::drives`], in that order.
     pub drives: Vec<DriveId>,
     /// Handles of [`Layout::buses`], in that order; [`Bench::bus`] finds the lines of other ports.
+    pub buses: Vec<Bus>,
+    /// Handles of [`Layout::motors`], in that order.
+    pub motors: Vec<Motor>,
+}
+
+/// Handles of the entries of a [`Layout`] on a bench.
+pub struct Added {
+    /// Handles of [`Layout::drives`], in that order.
+    pub drives: Vec<DriveId>,
+    /// Handles of [`Layout::buses`], in that order.
     pub buses: Vec<Bus>,
     /// Handles of [`Layout::motors`], in that order.
     pub motors: Vec<Motor>,
@@ -38,20 +48,68 @@ impl Layout {
     /// are always correct.
     pub fn build(&self, settings: Settings, setups: Vec<Setup>) -> Result<Built, String> {
         let mut bench = Bench::with(settings);
+        let Added { drives, buses, motors } = self.add_to(&mut bench, setups)?;
+        Ok(Built { bench, drives, buses, motors })
+    }
+
+    /// The drives, shared lines and motors of a bench, so that the tables of a bench file can refer to them:
+    /// [`parse_more`](crate::config::bench_file::parse_more) reads these tables, and [`add_to`](Self::add_to) adds
+    /// what they have to the bench.
+    #[must_use]
+    pub fn of(bench: &Bench) -> Self {
+        let drives = bench.drives().map(|id| DriveLayout {
+            name: bench.name(id).to_owned(),
+            kind: bench.spec(id).kind,
+            listen: Vec::new(),
+            nv: None,
+            presets: Vec::new(),
+            program: None,
+            fast_boot: false,
+            faults: Vec::new(),
+        });
+        let buses = bench.shared_buses().map(|bus| BusLayout {
+            name: bench.bus_name(bus).to_owned(),
+            listen: Vec::new(),
+            drives: bench.ports(bus).iter().map(|&(DriveId(drive), port)| (drive as usize, port)).collect(),
+            collisions: false,
+            strict: false,
+        });
+        let motors = bench.motors().map(|motor| {
+            let (DriveId(drive), axis) = bench.turned_by(motor);
+            let is = MotorKind::Stepper(stepper::StepperParameters::NOMINAL);
+            MotorLayout { name: bench.motor_name(motor).to_owned(), drive: drive as usize, axis, is }
+        });
+        Self { drives: drives.collect(), buses: buses.collect(), motors: motors.collect(), ..Self::default() }
+    }
+
+    /// Adds to a bench what the layout has more than the bench. The first drives, shared lines and motors of the
+    /// layout are those [of](Self::of) the bench. `setups` are those of the new drives; see [`build`](Self::build).
+    ///
+    /// # Errors
+    /// As [`build`](Self::build). What was added before the error remains on the bench.
+    ///
+    /// # Panics
+    /// As [`build`](Self::build).
+    pub fn add_to(&self, bench: &mut Bench, setups: Vec<Setup>) -> Result<Added, String> {
+        let before: Vec<DriveId> = bench.drives().collect();
         let mut setups: Vec<Setup> = setups;
-        setups.resize_with(self.drives.len(), Setup::default);
-        let by_name = sorted(&self.drives, |drive| drive.name.clone());
-        let mut ids = vec![None; self.drives.len()];
+        setups.resize_with(self.drives.len() - before.len(), Setup::default);
+        let by_name: Vec<usize> = sorted(&self.drives, |drive| drive.name.clone())
+            .into_iter()
+            .filter(|&index| index >= before.len())
+            .collect();
+        let mut ids: Vec<Option<DriveId>> = before.iter().copied().map(Some).collect();
+        ids.resize(self.drives.len(), None);
         let mut later = vec![Vec::new(); self.drives.len()];
         for &index in &by_name {
-            let setup = std::mem::take(&mut setups[index]);
-            let (id, not_saved) = self.add_drive(&mut bench, index, setup)?;
+            let setup = std::mem::take(&mut setups[index - before.len()]);
+            let (id, not_saved) = self.add_drive(bench, index, setup)?;
             (ids[index], later[index]) = (Some(id), not_saved);
         }
         let ids: Vec<DriveId> = ids.into_iter().flatten().collect();
-        let buses = self.share(&mut bench, &ids);
-        let motors = self.attach_motors(&mut bench, &ids, &later)?;
-        self.connect_sensors(&mut bench, &ids, &motors);
+        let buses = self.share(bench, &ids);
+        let motors = self.attach_motors(bench, &ids, &later)?;
+        self.connect_sensors(bench, &ids, &motors);
         // Presets come after all connections, because a preset ends the start-up of a drive with a fast
         // start.
         for index in by_name {
@@ -76,7 +134,7 @@ impl Layout {
             scenario.map_drives(on_bench);
             bench.play(scenario)?;
         }
-        Ok(Built { bench, drives: ids, buses, motors })
+        Ok(Added { drives: ids, buses, motors })
     }
 
     /// Adds a drive with its saved presets, and returns the other presets.
@@ -134,8 +192,11 @@ impl Layout {
     }
 
     fn share(&self, bench: &mut Bench, ids: &[DriveId]) -> Vec<Bus> {
-        let mut buses = vec![None; self.buses.len()];
-        for index in sorted(&self.buses, |bus| bus.name.clone()) {
+        let mut buses: Vec<Option<Bus>> = bench.shared_buses().map(Some).collect();
+        let before = buses.len();
+        buses.resize(self.buses.len(), None);
+        let by_name = sorted(&self.buses, |bus| bus.name.clone());
+        for index in by_name.into_iter().filter(|&index| index >= before) {
             let shared = &self.buses[index];
             let ports: Vec<_> = shared.drives.iter().map(|&(drive, port)| (ids[drive], port)).collect();
             let bus = bench.share(&shared.name, &ports);
@@ -152,8 +213,11 @@ impl Layout {
         ids: &[DriveId],
         presets: &[Vec<(usize, i64)>],
     ) -> Result<Vec<Motor>, String> {
-        let mut motors = vec![None; self.motors.len()];
-        for index in sorted(&self.motors, |motor| motor.name.clone()) {
+        let mut motors: Vec<Option<Motor>> = bench.motors().map(Some).collect();
+        let before = motors.len();
+        motors.resize(self.motors.len(), None);
+        let by_name = sorted(&self.motors, |motor| motor.name.clone());
+        for index in by_name.into_iter().filter(|&index| index >= before) {
             let motor = &self.motors[index];
             let id = ids[motor.drive];
             let is = match &motor.is {
@@ -224,6 +288,14 @@ fn sorted<T, K: Ord>(things: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..things.len()).collect();
     places.sort_by_key(|&index| key(&things[index]));
     places
+}
+
+/// Returns true if a drive of this kind has its own motor, which a motor of a bench replaces only from the first
+/// power-on of the drive on.
+#[must_use]
+pub fn has_own_motor(spec: &Spec) -> bool {
+    let is_brush = catalog::make(spec.kind).is_ok_and(|device| device.internal_motor().is_some());
+    is_brush || own_stepper(&stepper::StepperParameters::NOMINAL, spec).next().is_some()
 }
 
 /// Presets that give the internal motor of a drive the parameters of a stepper motor of the layout.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
 use drivetwin_firmware::motor;
 
-pub use self::build::Built;
+pub use self::build::{Added, Built, has_own_motor};
 use crate::bench::scenario::Scenario;
 use crate::bench::{Closed, Settings};
 use crate::config::listen::{Listen, Uri};
