@@ -35,7 +35,13 @@ impl fmt::Debug for Bench {
 
 /// Settings that keep the whole trace, as tests want it.
 fn settings() -> Settings {
-    Settings { trace: Retention::All, capture: Retention::All, shafts: true, ..Settings::default() }
+    Settings {
+        trace: Retention::All,
+        capture: Retention::All,
+        shafts: true,
+        outcomes: true,
+        ..Settings::default()
+    }
 }
 
 impl Bench {
@@ -58,8 +64,9 @@ impl Bench {
     /// The line in the text, and what is wrong there.
     pub fn from_toml(text: &str) -> Result<Self, Error> {
         let layout = bench_file::parse(text).map_err(|error| Error::from(error.to_string()))?;
-        let Settings { trace, capture, shafts, .. } = settings();
-        let built = layout.build(Settings { trace, capture, shafts, ..layout.settings() }, Vec::new())?;
+        let Settings { trace, capture, shafts, outcomes, .. } = settings();
+        let built =
+            layout.build(Settings { trace, capture, shafts, outcomes, ..layout.settings() }, Vec::new())?;
         Ok(Self { shared: SharedBench::new(built.bench) })
     }
 

@@ -262,11 +262,11 @@ impl Drive {
     }
 
     /// Statistics of the requests on the line of the drive's first port, to all its drives: silence, retries, requests
-    /// that were too early.
+    /// that were too early. If that port is a TCP port, of the requests on it: retries.
     #[must_use]
     pub fn request_statistics(&self) -> RequestStatistics {
         let bench = self.bench.bench();
-        bench.bus(self.id, Port(0)).map(|bus| bench.request_statistics(bus)).unwrap_or_default()
+        bench.request_statistics(bench.outlet(self.id, Port(0)))
     }
 
     /// Requests to the drive that it did not receive because it was starting.

@@ -48,8 +48,9 @@
 //! # Ok::<(), drivetwin::Error>(())
 //! ```
 //!
-//! A blocking master, of one's own or of another crate, runs unchanged: a port is [`std::io::Read`] and
-//! [`std::io::Write`], and those of embedded-io; a delay is that of embedded-hal.
+//! A blocking master, your own or one of another crate, runs unchanged. A port implements [`std::io::Read`]
+//! and [`std::io::Write`], and the traits of embedded-io with these names. A delay implements the trait of
+//! embedded-hal.
 //!
 //! ```
 //! use std::io::{Read as _, Write as _};

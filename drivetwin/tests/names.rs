@@ -49,7 +49,7 @@ fn wrong_names_are_refused_with_the_nearest() {
     let lost = LineFaults { drop: FaultRule::next(1).register("Sped"), ..LineFaults::NONE };
     assert_eq!(
         refused(bench.set_faults("x.rs485", lost)),
-        "drop: there is no register on this bus 'Sped'; the nearest is 'Speed'"
+        "drop: there is no register 'Sped' on x; the nearest is 'Speed'"
     );
     assert_eq!(
         refused(bench.set_faults("x.rs485", LineFaults { close: FaultRule::ALL, ..LineFaults::NONE })),

@@ -62,7 +62,7 @@
 
 pub use drivetwin_protocol::line::Line;
 pub use drivetwin_protocol::modbus::DropReason;
-use drivetwin_protocol::modbus::server::Outcome;
+use drivetwin_protocol::modbus::server::{Outcome, Rules};
 use drivetwin_protocol::registers::{Named, Row, Table};
 pub use drivetwin_protocol::time::{Duration, Instant};
 use fixed::types::I48F16;
@@ -413,7 +413,7 @@ pub enum LogEvent {
         /// Reason.
         why: DropReason,
     },
-    /// The request that the drive is executing does not do what it says. The
+    /// A reason why the drive does not do what the present request says, although it accepts the request. The
     /// [`Request`](Self::Request) of the same call follows. A request of several registers may have several
     /// reasons. A drive may also put a reason without a request, for instance for a pin or a user program;
     /// receivers ignore it.
@@ -613,7 +613,7 @@ pub enum Effect {
     Other,
 }
 
-/// A reason why a request that the drive accepts does not do what it says.
+/// A reason why a drive does not do what a request says, although it accepts the request.
 #[derive(Clone, Copy, Debug)]
 pub struct ReasonSpec {
     /// Effect of the request.
@@ -642,9 +642,9 @@ impl ReasonSpec {
 /// that finds them.
 pub(crate) const REPORTS_REASONS: bool = cfg!(any(test, feature = "reasons"));
 
-/// The reasons of a drive, if drives report reasons.
-pub(crate) const fn reported(reasons: &'static [ReasonSpec]) -> &'static [ReasonSpec] {
-    if REPORTS_REASONS { reasons } else { &[] }
+/// The reasons or errors of a drive, if drives report reasons.
+pub(crate) const fn reported<T>(texts: &'static [T]) -> &'static [T] {
+    if REPORTS_REASONS { texts } else { &[] }
 }
 
 impl Reason {
@@ -695,9 +695,18 @@ pub struct Spec {
     pub supply: Option<usize>,
     /// The row and its bit that select a brush motor instead of a stepper; `None` if the drive has no such choice.
     pub dc_motor: Option<(usize, u16)>,
-    /// Reasons why requests that the drive accepts do not do what they say. Without the feature `reasons` there are
-    /// none.
+    /// Reasons why the drive does not do what a request says, although it accepts the request. Without the feature
+    /// `reasons` there are none.
     pub reasons: &'static [ReasonSpec],
+    /// Rules of the Modbus ports.
+    pub rules: Option<&'static Rules>,
+    /// Errors by their numbers, in the manual's words, if the drive refuses messages with them. Without the feature
+    /// `reasons` there are none.
+    pub errors: &'static [(u8, &'static str)],
+    /// Row of the number of the last error.
+    pub last_error: Option<usize>,
+    /// The only reason of Modbus exception 04; empty if there are several.
+    pub failure: &'static str,
     /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],
 }
@@ -724,6 +733,10 @@ impl Spec {
         supply: None,
         dc_motor: None,
         reasons: &[],
+        rules: None,
+        errors: &[],
+        last_error: None,
+        failure: "",
         not_modelled: &[],
     };
 
@@ -798,7 +811,8 @@ pub trait Device: Send {
     }
 
     /// Time from which the drive receives what arrives at its ports: in the past if it receives now, in the
-    /// future while it starts, [`Instant::NEVER`] if the drive does not know the time yet. For logs only.
+    /// future while it starts, [`Instant::NEVER`] if the drive does not know the time yet. For logs and faults of lines
+    /// only.
     fn receives_from(&self) -> Instant {
         Instant::ZERO
     }

@@ -220,7 +220,7 @@ mod tests {
 
     const WORDS: usize = 4;
     const BYTES: usize = 10;
-    /// 12 34, A1 A2 A3 A4, and of 000F the bits in F0h.
+    /// The bytes 12 34 and A1 A2 A3 A4, and those bits of 000F that are in F0h.
     const FACTORY: [u8; 8] = [0x12, 0x34, 0xA1, 0xA2, 0xA3, 0xA4, 0, 0];
     const START: Instant = Instant::from_ticks(5);
     const TIME: Duration = Duration::millis(3);

@@ -545,8 +545,8 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         }
     }
 
-    /// If the drive's deadline is handled too late, the drive asks for more than the board can do. Delays the
-    /// drive's clock then.
+    /// Delays the drive's clock if the drive's deadline is handled too late. In this case the drive needs
+    /// more time than the board has.
     fn wait_for(&mut self, due: Instant, now: Instant) {
         let late = now.since(due + self.clock_offset);
         if late > MAX_LATENESS {

@@ -22,7 +22,7 @@ pub fn specs() -> impl Iterator<Item = &'static Spec> {
 /// Makes a new drive of a kind, for instance `md3`.
 ///
 /// # Errors
-/// One sentence that there is no such kind, with the nearest kind.
+/// One sentence that says that there is no such kind, and names the nearest kind.
 pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
     let found = ALL.iter().map(|make| make()).find(|device| device.spec().kind == kind);
     found.ok_or_else(|| suggest::unknown("kind", kind, specs().map(|spec| spec.kind)))

@@ -19,7 +19,7 @@ use std::fmt;
 use drivetwin_firmware::device::{Encoder, Fault, Pin, PinSpec, Port, Role, Spec};
 use drivetwin_protocol::registers::Named;
 
-use crate::bench::{Bench, DriveId, Outlet, PinStimulus};
+use crate::bench::{Bench, DriveId, ENCODER_HZ, Outlet, PULSE_HZ, PinStimulus};
 use crate::config::preset::{self, Number, Preset};
 use crate::suggest;
 
@@ -197,7 +197,7 @@ fn stimulus(pin: &PinSpec, wanted: InputLevel) -> Result<PinStimulus, Refusal> {
     }
 }
 
-/// Sends a train of pulses into an input pin: `hz` of them per second (1 µHz to 8 MHz), each for the part `duty` of
+/// Sends a train of pulses into an input pin: `hz` of them per second ([`PULSE_HZ`]), each for the part `duty` of
 /// its period (above 0, below 1).
 ///
 /// # Errors
@@ -211,8 +211,9 @@ pub fn pulse_pin(
     duty: f64,
 ) -> Result<(), Refusal> {
     let (pin, spec) = input(bench.spec(drive), name)?;
-    if count == 0 || !(0.000_001..=8_000_000.0).contains(&hz) {
-        return Err(invalid("a train has at least 1 pulse, and 0.000001 to 8000000 of them a second"));
+    if count == 0 || !PULSE_HZ.contains(&hz) {
+        let (least, most) = (PULSE_HZ.start(), PULSE_HZ.end());
+        return Err(invalid(format!("a train has at least 1 pulse, and {least} to {most} of them a second")));
     }
     if !(duty > 0.0 && duty < 1.0) {
         return Err(invalid("the duty of a pulse is between 0 and 1"));
@@ -224,7 +225,7 @@ pub fn pulse_pin(
     begun.map_err(|busy| Refusal::Conflict(busy.to_string()))
 }
 
-/// Turns the encoder at the inputs A and B of a drive by `counts` edges, `hz` of them per second (1 µHz to 16 MHz);
+/// Turns the encoder at the inputs A and B of a drive by `counts` edges, `hz` of them per second ([`ENCODER_HZ`]);
 /// backwards if `counts` is negative.
 ///
 /// # Errors
@@ -234,10 +235,11 @@ pub fn encoder(bench: &mut Bench, drive: DriveId, counts: i64, hz: f64) -> Resul
         return Err(invalid(format!("{} has no encoder input", bench.name(drive))));
     }
     let counts = i32::try_from(counts).ok().filter(|counts| *counts != 0);
-    let counts = counts.filter(|_| (0.000_001..=16_000_000.0).contains(&hz)).ok_or_else(|| {
-        invalid(
-            "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and 0.000001 to 16000000 of them a second",
-        )
+    let counts = counts.filter(|_| ENCODER_HZ.contains(&hz)).ok_or_else(|| {
+        let (least, most) = (ENCODER_HZ.start(), ENCODER_HZ.end());
+        invalid(format!(
+            "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and {least} to {most} of them a second"
+        ))
     })?;
     let begun = bench.encoder(drive, Encoder(0), counts, hz);
     begun.map_err(|busy| Refusal::Conflict(busy.to_string()))

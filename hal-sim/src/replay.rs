@@ -77,7 +77,7 @@ pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplaya
 }
 
 /// The drives after a replay, each on a bench of its own, in the order of [`Trace::drives`]. The traces of the
-/// benches have the plans of all motions, and the motion of motors.
+/// benches have the plans of all motions, the motion of motors, and the outcomes of messages.
 ///
 /// # Errors
 /// As [`run`].
@@ -88,7 +88,7 @@ pub fn benches(trace: &Trace, make: &Make<'_>) -> Result<Vec<Bench>, Unplayable>
 /// Delivers the recorded inputs to the drives, up to the end of the trace. The inputs of a drive include the
 /// effects of other drives. Therefore each drive has its own bench, and events of other drives do not affect
 /// its deadlines.
-fn play(trace: &Trace, make: &Make<'_>, shafts: bool) -> Result<Vec<Bench>, Unplayable> {
+fn play(trace: &Trace, make: &Make<'_>, is_shown: bool) -> Result<Vec<Bench>, Unplayable> {
     if trace.lost > 0 {
         return Err(Unplayable::Lost(trace.lost));
     }
@@ -102,7 +102,7 @@ fn play(trace: &Trace, make: &Make<'_>, shafts: bool) -> Result<Vec<Bench>, Unpl
         .drives
         .iter()
         .zip(input)
-        .map(|(drive, input)| play_drive(trace, drive, &input, make, shafts))
+        .map(|(drive, input)| play_drive(trace, drive, &input, make, is_shown))
         .collect()
 }
 
@@ -112,10 +112,13 @@ fn play_drive(
     drive: &TraceDrive,
     input: &[(Instant, &InputRecord)],
     make: &Make<'_>,
-    shafts: bool,
+    is_shown: bool,
 ) -> Result<Bench, Unplayable> {
     let line = if drive.fast_line { LineMode::Fast } else { LineMode::Timed };
-    let settings = Settings { seed: trace.seed, line, trace: Retention::All, shafts, ..Settings::default() };
+    let (shafts, outcomes) = (is_shown, is_shown);
+    let retention = Retention::All;
+    let settings =
+        Settings { seed: trace.seed, line, trace: retention, shafts, outcomes, ..Settings::default() };
     let mut bench = Bench::with(settings);
     if drive.from <= trace.end {
         bench.run_until(drive.from);

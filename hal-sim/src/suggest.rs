@@ -13,9 +13,19 @@ const MOST: usize = 64;
 /// of all names if none is near.
 #[must_use]
 pub fn unknown<'a>(what: &str, name: &str, names: impl Iterator<Item = &'a str>) -> String {
+    unknown_at(what, name, "", names)
+}
+
+/// As [`unknown`], with a place after the name: ` on this bus`.
+pub(crate) fn unknown_at<'a>(
+    what: &str,
+    name: &str,
+    place: &str,
+    names: impl Iterator<Item = &'a str>,
+) -> String {
     let short = cut(name);
     let dots = if short.len() < name.len() { "…" } else { "" };
-    let mut sentence = format!("there is no {what} '{short}{dots}'");
+    let mut sentence = format!("there is no {what} '{short}{dots}'{place}");
     let names: Vec<&str> = names.collect();
     let lower = short.to_lowercase();
     let distance = |other: &&str| strsim::damerau_levenshtein(&lower, &cut(other).to_lowercase());

@@ -166,13 +166,34 @@ pub(crate) struct EventLoop {
     inbox: Inbox,
     /// Number of the last received message that is in the log.
     logged: u64,
+    /// Number of received messages that are not in the log, because there were too many at once.
+    left_out: u64,
+    left_out_logged: Milestones,
     /// Number of requests that were too early when the log was last updated.
     logged_early: u64,
-    /// Number of such requests on each line from which on the log warns again.
-    early: HashMap<Bus, u64>,
-    /// The same for requests to drives that were starting.
+    /// The warnings of such requests on each line.
+    early: HashMap<Bus, Milestones>,
+    /// Number of requests to starting drives when the log was last updated.
     logged_starting: u64,
-    starting: HashMap<DriveId, u64>,
+    /// The warnings of such requests to each drive.
+    starting: HashMap<DriveId, Milestones>,
+}
+
+/// The counts that the log shows of what happens again and again: the first one, and again at each power of ten.
+#[derive(Default)]
+struct Milestones {
+    next: u64,
+}
+
+impl Milestones {
+    /// Returns true if the log shows this count.
+    fn is_reached(&mut self, count: u64) -> bool {
+        let is_reached = count > 0 && count >= self.next;
+        if is_reached {
+            self.next = 10_u64.saturating_pow(count.ilog10() + 1);
+        }
+        is_reached
+    }
 }
 
 impl EventLoop {
@@ -196,6 +217,8 @@ impl EventLoop {
             alarm: None,
             inbox,
             logged: 0,
+            left_out: 0,
+            left_out_logged: Milestones::default(),
             logged_early: 0,
             early: HashMap::new(),
             logged_starting: 0,
@@ -301,7 +324,7 @@ impl EventLoop {
     }
 
     /// Writes the messages that the drives have received to the log (`-v`), a line each. If there are too many
-    /// to write, those that are left out are counted.
+    /// to write at once, those that are left out are counted in a line of their own, at each power of ten.
     fn log_received(&mut self) {
         let count = self.bench.received_count();
         if count == self.logged {
@@ -312,9 +335,12 @@ impl EventLoop {
             for (receiver, message) in news.messages() {
                 info!("{}", self.bench.received_line(receiver, &message));
             }
-            let left_out = count - news.last() + news.lost();
-            if left_out > 0 {
-                info!("{left_out} more messages, too many for the log");
+            self.left_out += count - news.last() + news.lost();
+            if self.left_out_logged.is_reached(self.left_out) {
+                info!(
+                    "messages so far that are not in this log, because there were too many: {}",
+                    self.left_out
+                );
             }
         }
         self.logged = count;
@@ -328,9 +354,9 @@ impl EventLoop {
         self.logged_early = self.bench.early_count();
         for bus in self.bench.buses() {
             let EarlyRequests { count, last } = self.bench.early_requests(bus);
-            let warned = self.early.entry(bus).or_default();
-            let Some(last) = last.filter(|_| count >= *warned) else { continue };
-            *warned = 10 * 10_u64.pow(count.ilog10());
+            let Some(last) = last.filter(|_| self.early.entry(bus).or_default().is_reached(count)) else {
+                continue;
+            };
             let name = self.bench.bus_name(bus);
             let times = if count == 1 { String::new() } else { format!(", {count} times so far") };
             if self.bench.is_strict(bus) && self.clock.is_some() {
@@ -349,11 +375,9 @@ impl EventLoop {
         self.logged_starting = self.bench.starting_count();
         for drive in self.bench.drives() {
             let StartingRequests { count, left } = self.bench.starting_requests(drive);
-            let warned = self.starting.entry(drive).or_default();
-            if count == 0 || count < *warned {
+            if !self.starting.entry(drive).or_default().is_reached(count) {
                 continue;
             }
-            *warned = 10 * 10_u64.pow(count.ilog10());
             let (name, starting) = (self.bench.name(drive), decode::starting(left));
             let times = if count == 1 { String::new() } else { format!(", {count} times so far") };
             warn!("{name}: a request was lost: {starting}{times}");
@@ -505,6 +529,18 @@ fn wake(waker: &OwnedFd) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_log_shows_the_first_count_and_powers_of_ten() {
+        let mut milestones = Milestones::default();
+        let shown: Vec<u64> = (0..=1_000).filter(|&count| milestones.is_reached(count)).collect();
+        assert_eq!(shown, [1, 10, 100, 1_000]);
+        // A count that jumps is shown where it lands.
+        assert_eq!(
+            [9_999, 10_500, 99_999, 250_000].map(|count| milestones.is_reached(count)),
+            [false, true, false, true]
+        );
+    }
 
     #[test]
     fn work_whose_caller_has_left_is_dropped() {

@@ -53,8 +53,8 @@ impl Writer for Pcapng<File> {
         Self::follow(self, bench)
     }
 
-    fn finish(self: Box<Self>, _: &Bench) -> io::Result<()> {
-        Self::finish(*self)
+    fn finish(self: Box<Self>, bench: &Bench) -> io::Result<()> {
+        Self::finish(*self, bench)
     }
 }
 

@@ -46,7 +46,7 @@ pub fn disasm(file: &Path) -> Result<String, String> {
 /// Assembles a program for a drive.
 ///
 /// # Errors
-/// One sentence: the drive has no user programs, or the error in the program.
+/// One sentence that says what is wrong: the drive has no user programs, or the error in the program.
 pub(crate) fn load(file: &Path, spec: &Spec) -> Result<Image, String> {
     if !rsasm::runs_on(spec) {
         let kinds: Vec<_> =

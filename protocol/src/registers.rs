@@ -688,8 +688,9 @@ impl Entries {
         self.offsets.get(row).copied().map_or(usize::MAX, usize::from)
     }
 
-    /// Indices in the bank of the words that a read of `count` from `first` returns. `None` if an address in
-    /// this range cannot be read, or if `count` is not that of the object at `first`.
+    /// Indices in the bank of the words that a read returns: of `count` addresses from `first` on, or of the
+    /// object at `first` with `count` words. `None` if an address cannot be read, or if the object does not
+    /// have `count` words.
     #[must_use]
     pub fn readable(&self, space: Space, first: u16, count: u16) -> Option<Range<usize>> {
         for range in self.ranges {

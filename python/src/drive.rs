@@ -229,17 +229,16 @@ impl Drive {
         Ok(self.shared.with(py, |open| open.bench.received(self.id))?.wrote_before(first, then))
     }
 
-    /// Statistics of the requests on a Modbus line, the first one if none is named, to all its drives: `requests`,
+    /// Statistics of the requests on a Modbus line or Modbus/TCP port, the first one if none is named: `requests`,
     /// `early` (without a silence of t3.5), `retries`, `shortest_silence` in seconds, and `starting`, the requests to
     /// this drive that it did not receive because it was starting.
     #[pyo3(signature = (port = None))]
     fn statistics<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyDict>> {
         let port = self.find_port(port)?;
         let (line, starting) = self.shared.with(py, |open| {
-            let line = open.bench.bus(self.id, port).map(|bus| open.bench.request_statistics(bus));
-            (line, open.bench.starting_requests(self.id))
+            let outlet = open.bench.outlet(self.id, port);
+            (open.bench.request_statistics(outlet), open.bench.starting_requests(self.id))
         })?;
-        let line = line.ok_or_else(|| Error::new_err("a TCP port has no statistics of silence"))?;
         let statistics = PyDict::new(py);
         statistics.set_item("requests", line.requests)?;
         statistics.set_item("early", line.early)?;

@@ -1,4 +1,5 @@
-//! Timing errors of the worst and of the last step of a move: prints the table of docs/explanation/motion.md.
+//! Prints the table of docs/explanation/motion.md: the timing errors of the worst and of the last step of
+//! moves.
 
 use drivetwin_tests::ramps::{rows, table};
 

@@ -1,5 +1,6 @@
-//! An RTU request, function 3 for 10 registers, from its characters to its reply. An MD3 runs as for users,
-//! through `dyn Device` and `dyn Context`, and is compared with the `rmodbus` crate on the same frame.
+//! Time and instructions of an RTU request, function 3 for 10 registers, from its characters to its reply. An
+//! MD3 runs as in `drivetwin`, through `dyn Device` and `dyn Context`. It is compared with the `rmodbus`
+//! crate on the same frame.
 //!
 //! The time is the shortest of many runs. valgrind counts the instructions.
 

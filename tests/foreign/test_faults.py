@@ -75,7 +75,7 @@ LINE = {
 
 TEXT = {
     "drop a request": "silence",
-    "drop a reply": "other text",
+    "drop a reply": "silence",
     "say nothing": "silence",
     "corrupt a reply": "other text",
     "truncate a reply": "other text",
@@ -84,7 +84,7 @@ TEXT = {
     "junk before a reply": "other text",
     "delay a reply": "late",
 }
-"""What a terminal sees. A reply is one output of the drive, which may be a part of an answer."""
+"""What a terminal sees. A reply is all that a line causes, with its echo."""
 
 SEEN = {
     "rtu on a pty": LINE,
@@ -106,7 +106,7 @@ SEEN = {
         "close in a request": "closed",
         "close in a reply": "closed",
     },
-    "commands of a qsb": TEXT | {"drop a reply": "silence"},
+    "commands of a qsb": TEXT,
     "mcode": TEXT | {"close in a request": "closed", "close in a reply": "closed"},
 }
 
@@ -401,6 +401,28 @@ def test_a_rule_covers_only_what_it_names(masters, disturb, transport):
         disturb(master, {"exception": {"code": BUSY, "count": 1, **rule}})
         assert master.ask() == ("exception" if covered else usual), rule
         disturb(master, {})
+
+
+@pytest.mark.parametrize("fault", ["corrupt a request", "truncate a request"])
+@pytest.mark.parametrize("transport", ["rtu on a pty", "rtu over tcp", "ascii on a pty", "modbus/tcp"])
+def test_each_request_with_a_fault_is_in_the_journal(masters, disturb, caplog, transport, fault):
+    master = masters(transport)
+    master.log = caplog
+    kind = master.drivetwin.kind
+    clause = f"by a fault, the request was {fault.split()[0].removesuffix('e')}ed"
+
+    def told():
+        return sum(clause in str(entry["reason"]) for entry in received(master, kind))
+
+    before = told()
+    disturb(master, FAULTS[fault])
+    master.ask(SILENCE)
+    disturb(master, {})
+    master.recover()
+    assert told() > before
+    usual = master.ask()
+    assert not isinstance(usual, str) or usual == "usual"
+    assert received(master, kind)[-1]["verdict"] == "done"
 
 
 def test_the_journal_says_why_nothing_came(masters, disturb, caplog):

@@ -75,11 +75,11 @@ def test_requests_and_replies_are_modbus_rtu(run, tmp_path):
     ]
     assert fields(file, "frame.interface_name", "mbrtu.unit_id") == [["rs485", "1"]] * 6
     assert fields(file, "frame.comment") == [
-        ["read SPEED, ACC"],
+        ["read SPEED, ACC -> SPEED = 777, ACC = 100"],
         ["SPEED = 777, ACC = 100"],
-        ["write SPEED = 1234, ACC = 100"],
+        ["write SPEED = 1234, ACC = 100 -> done"],
         ["done"],
-        ["read 0x0000"],
+        ["read 0x0000 -> refused: there is no register at 0x0000 (02)"],
         ["refused: there is no register at 0x0000 (02)"],
     ]
     assert fields(file, "frame.packet_flags_direction") == [["0x00000001"], ["0x00000002"]] * 3
@@ -148,7 +148,7 @@ def test_text_is_lines(run, tmp_path):
         ("0x00000002", b"r 0E 00000000 !\r\n"),
     ]
     assert shown(file) == [["Text", ""]] * 3
-    assert fields(file, "frame.comment") == [[""], ["read ReadEncoder"], [""]]
+    assert fields(file, "frame.comment") == [[""], ["read ReadEncoder -> ReadEncoder = 0"], [""]]
 
 
 def test_messages_in_ascii_are_lines(run, tmp_path):

@@ -66,7 +66,7 @@ def test_the_tracks_are_the_factory_move(moved):
             assert abs(steps - 5_000 * ((at - begin) / NS) ** 2) <= 1
     assert len([value for _, value in changes["STEP"] if value == "1"]) == 10_000
     words = [value.replace("\\x20", " ") for _, value in changes["rs485_rx"]]
-    assert words == [" ", "write MotionControl = 1", " "]
+    assert words == [" ", "write MotionControl = 1", " ", "write MotionControl = 1 -> done", " "]
 
 
 def test_sigrok_loads_it(moved):

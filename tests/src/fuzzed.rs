@@ -245,8 +245,8 @@ fn program(bytes: &[u8]) {
     }
 }
 
-/// Input: the kind, the boot mode, and a saved memory, with its check sums corrected or as given. The drive
-/// stores nothing without a save.
+/// Input: the kind, the boot mode, and a saved memory. The check sums of the memory are corrected, or used as
+/// given. The drive stores nothing without a save.
 fn memory(mut bytes: &[u8]) {
     let (Some(kind), Some(how)) = (take(&mut bytes), take(&mut bytes)) else { return };
     let specs: Vec<_> = catalog::specs().collect();

@@ -6,51 +6,51 @@ use drivetwin_sim::bench::{Bench, DriveId};
 /// First addresses of the registers, as in the table at the head of chapter 7. A pair has its high half
 /// first.
 pub mod at {
-    /// 7.1
+    /// Section 7.1
     pub const DEVICE_ADDRESS: u16 = 0x00;
-    /// 7.2
+    /// Section 7.2
     pub const CURRENT_AND_MICROSTEPPING: u16 = 0x01;
-    /// 7.3
+    /// Section 7.3
     pub const CURRENT_CUTBACK: u16 = 0x02;
-    /// 7.4
+    /// Section 7.4
     pub const STARTUP_DELAY: u16 = 0x03;
-    /// 7.5
+    /// Section 7.5
     pub const HOMING: u16 = 0x04;
-    /// 7.6, a pair
+    /// Section 7.6, a pair
     pub const PRE_HOME_OFFSET: u16 = 0x05;
-    /// 7.7, a pair
+    /// Section 7.7, a pair
     pub const HOME_OFFSET: u16 = 0x07;
-    /// 7.8
+    /// Section 7.8
     pub const PINS: u16 = 0x09;
-    /// 7.9
+    /// Section 7.9
     pub const IO_PORT: u16 = 0x0a;
-    /// 7.11
+    /// Section 7.11
     pub const ENCODER: u16 = 0x0c;
-    /// 7.12
+    /// Section 7.12
     pub const MAX_COUNT: u16 = 0x0d;
-    /// 7.13, a pair
+    /// Section 7.13, a pair
     pub const INDEX_COUNT: u16 = 0x0e;
-    /// 7.14
+    /// Section 7.14
     pub const ENCODER_COUNT: u16 = 0x10;
-    /// 7.15
+    /// Section 7.15
     pub const MOTION: u16 = 0x11;
-    /// 7.16, a pair
+    /// Section 7.16, a pair
     pub const MOVE_STEPS: u16 = 0x12;
-    /// 7.17, a pair
+    /// Section 7.17, a pair
     pub const SPEED: u16 = 0x14;
-    /// 7.18, a pair
+    /// Section 7.18, a pair
     pub const ALTERNATE_SPEED: u16 = 0x16;
-    /// 7.19, a pair
+    /// Section 7.19, a pair
     pub const ACCEL_DECEL: u16 = 0x18;
-    /// 7.20
+    /// Section 7.20
     pub const EEPROM: u16 = 0x1a;
-    /// 7.21
+    /// Section 7.21
     pub const PRODUCT: u16 = 0x1b;
-    /// 7.22
+    /// Section 7.22
     pub const SERIAL_PORT: u16 = 0x1c;
-    /// 7.23
+    /// Section 7.23
     pub const USER: u16 = 0x1d;
-    /// 7.24, a pair
+    /// Section 7.24, a pair
     pub const SERIAL_NUMBER: u16 = 0x1e;
 }
 

@@ -5,10 +5,10 @@ use drivetwin_firmware::shell::{BoardEvent, Inputs, LinkEvent, Shell, TX_ONE_REP
 use drivetwin_sim::board::virtual_board::{Board, Done, SimOutputs};
 use drivetwin_sim::record::trace::{Course, Event, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 
-/// An output of a drive as a board shows it. A pin shows each level that it takes as an output of its own.
+/// An output of a drive as a board shows it. Each change of the level of a pin is an output of its own.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Seen {
-    /// Any output that is not a pin's.
+    /// Any output other than the level of a pin.
     Output(OutputRecord),
     /// A pin changes to high (true) or low.
     Pin(Pin, bool),
@@ -21,7 +21,7 @@ pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
     let mut pins = vec![Vec::new(); trace.drives.first().map_or(0, |drive| drive.spec.pins.len())];
     for entry in trace.events() {
         match &entry.event {
-            Event::Input(_) | Event::Shaft { .. } => {}
+            Event::Input(_) | Event::Shaft { .. } | Event::Received(_) => {}
             Event::Output(did @ (OutputRecord::Level { pin, .. } | OutputRecord::Wave { pin, .. })) => {
                 pins[usize::from(pin.0)].push((entry.at, did.clone()));
             }

@@ -154,8 +154,9 @@ fn avr446(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     made
 }
 
-/// Steps of the library `AccelStepper`: single floats, and intervals in whole microseconds. After each step
-/// it compares v²/2a with the remaining distance.
+/// Times of the steps that the library `AccelStepper` makes, in ticks. It computes with single floats, and
+/// its intervals are whole microseconds. After each step it compares the braking distance v²/2a with the
+/// remaining distance.
 fn accelstepper(steps: u32, acceleration: u32, speed: u32) -> Vec<f64> {
     let a = acceleration as f32;
     let first = 0.676 * (2.0 / a).sqrt() * 1e6;

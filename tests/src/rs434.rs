@@ -23,113 +23,113 @@ pub const LINE: Duration = Duration::micros(100);
 /// Register addresses as chapter 6 prints them, each with its section. A 32-bit register has the address of
 /// its low word.
 pub mod at {
-    /// 6.1
+    /// Section 6.1
     pub const IN1: u16 = 0x1000;
-    /// 6.1
+    /// Section 6.1
     pub const IN2: u16 = 0x1001;
-    /// 6.1
+    /// Section 6.1
     pub const IN_HARD_STOP: u16 = 0x1002;
-    /// 6.2
+    /// Section 6.2
     pub const START: u16 = 0x2000;
-    /// 6.2
+    /// Section 6.2
     pub const STOP: u16 = 0x2001;
-    /// 6.2
+    /// Section 6.2
     pub const HARD_STOP: u16 = 0x2002;
-    /// 6.2
+    /// Section 6.2
     pub const CLR_POSITION: u16 = 0x2003;
-    /// 6.3
+    /// Section 6.3
     pub const STATUS: u16 = 0x3000;
-    /// 6.3
+    /// Section 6.3
     pub const CURRENT_VALID: u16 = 0x3001;
-    /// 6.3
+    /// Section 6.3
     pub const SPEED_VALID: u16 = 0x3002;
-    /// 6.3, a pair
+    /// Section 6.3, a pair
     pub const CURRENT_POSITION: u16 = 0x3003;
-    /// 6.3
+    /// Section 6.3
     pub const TEMPERATURE_MCU: u16 = 0x3005;
-    /// 6.3
+    /// Section 6.3
     pub const TEMPERATURE_MOSFET: u16 = 0x3006;
-    /// 6.3
+    /// Section 6.3
     pub const TEMPERATURE_BRAKE: u16 = 0x3007;
-    /// 6.3
+    /// Section 6.3
     pub const TASK_COUNTER: u16 = 0x3008;
-    /// 6.3
+    /// Section 6.3
     pub const STATUS_USER_PROGRAM: u16 = 0x3009;
-    /// 6.4
+    /// Section 6.4
     pub const SLAVE_ADDRESS: u16 = 0x5000;
-    /// 6.4
+    /// Section 6.4
     pub const TYPE: u16 = 0x5001;
-    /// 6.4
+    /// Section 6.4
     pub const BITRATE: u16 = 0x5002;
-    /// 6.4
+    /// Section 6.4
     pub const TIMEOUT: u16 = 0x5003;
-    /// 6.5
+    /// Section 6.5
     pub const MODE_DEVICE: u16 = 0x5004;
-    /// 6.5
+    /// Section 6.5
     pub const MODE_USER_PROGRAM: u16 = 0x5005;
-    /// 6.5
+    /// Section 6.5
     pub const MODE_ROTATION: u16 = 0x5006;
-    /// 6.5
+    /// Section 6.5
     pub const MODE_EXT_IN: u16 = 0x5007;
-    /// 6.5
+    /// Section 6.5
     pub const POSITION_N: u16 = 0x5008;
-    /// 6.5
+    /// Section 6.5
     pub const REF_CURRENT: u16 = 0x5009;
-    /// 6.5
+    /// Section 6.5
     pub const RATED_SPEED: u16 = 0x500A;
-    /// 6.5
+    /// Section 6.5
     pub const SPEED: u16 = 0x500B;
-    /// 6.5
+    /// Section 6.5
     pub const ACC: u16 = 0x500C;
-    /// 6.5
+    /// Section 6.5
     pub const DEC: u16 = 0x500D;
-    /// 6.5
+    /// Section 6.5
     pub const DIRECTION: u16 = 0x500E;
-    /// 6.5
+    /// Section 6.5
     pub const PULSES: u16 = 0x500F;
-    /// 6.5
+    /// Section 6.5
     pub const USE_HALL: u16 = 0x5010;
-    /// 6.5
+    /// Section 6.5
     pub const MODE_COIL: u16 = 0x5011;
-    /// 6.5
+    /// Section 6.5
     pub const OFFSET_COMPENSATION: u16 = 0x5012;
-    /// 6.1
+    /// Section 6.1
     pub const PRESSED: u16 = 0x5013;
-    /// 6.1
+    /// Section 6.1
     pub const WAITED: u16 = 0x5014;
-    /// 6.5, a pair
+    /// Section 6.5, a pair
     pub const OFFSET: u16 = 0x5015;
-    /// 6.5, a pair
+    /// Section 6.5, a pair
     pub const OFFSET_CONST: u16 = 0x5017;
-    /// 6.5, a pair
+    /// Section 6.5, a pair
     pub const TARGET_POSITION: u16 = 0x5019;
-    /// 6.5: the first of four pairs
+    /// Section 6.5: the first of four pairs
     pub const TARGET_POSITION1: u16 = 0x501B;
-    /// 6.5, a pair
+    /// Section 6.5, a pair
     pub const TARGET_POSITION4: u16 = 0x5021;
-    /// 6.5
+    /// Section 6.5
     pub const ERROR: u16 = 0x5023;
-    /// 6.5
+    /// Section 6.5
     pub const SAVE_INI: u16 = 0x5024;
-    /// 6.6
+    /// Section 6.6
     pub const SAVE_PROGRAM: u16 = 0x5025;
-    /// 6.5
+    /// Section 6.5
     pub const RESTART: u16 = 0x5026;
-    /// 6.6
+    /// Section 6.6
     pub const WRITE_CMD: u16 = 0x6000;
-    /// 6.6, a pair
+    /// Section 6.6, a pair
     pub const CMD_W: u16 = 0x6001;
-    /// 6.6
+    /// Section 6.6
     pub const READ_CMD: u16 = 0x6003;
-    /// 6.6, a pair
+    /// Section 6.6, a pair
     pub const CMD_R: u16 = 0x6004;
-    /// 6.7: AX to FX, up to 7005h
+    /// Section 6.7: AX to FX, up to 7005h
     pub const AX: u16 = 0x7000;
-    /// 6.7
+    /// Section 6.7
     pub const PC: u16 = 0x7006;
-    /// 6.7: GX to JX, up to 700Ah
+    /// Section 6.7: GX to JX, up to 700Ah
     pub const GX: u16 = 0x7007;
-    /// 6.8: the first of four, up to 8004h
+    /// Section 6.8: the first of four, up to 8004h
     pub const HW_MAJOR: u16 = 0x8001;
 }
 

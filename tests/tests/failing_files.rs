@@ -1,4 +1,4 @@
-//! Files that follow a bench, on a system that may fail at any byte.
+//! Tests of files that are written while a bench runs. The system may fail at any byte.
 #![allow(missing_docs, reason = "a test")]
 
 use std::io::{self, Write};
@@ -83,7 +83,8 @@ fn waves(file: Failing<'_>) -> io::Result<()> {
 
 fn frames(file: Failing<'_>) -> io::Result<()> {
     let begin = |bench: &Bench| Pcapng::new(bench, file);
-    scene(begin, &mut |writer, bench| writer.follow(bench))?.1.finish()
+    let (bench, writer) = scene(begin, &mut |writer, bench| writer.follow(bench))?;
+    writer.finish(&bench)
 }
 
 fn written(write: WriteFile, takes: usize, kind: io::ErrorKind) -> (Vec<u8>, io::Result<()>) {

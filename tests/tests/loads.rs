@@ -174,8 +174,8 @@ fn a_load_that_is_too_heavy_turns_a_motor_at_its_current() {
     }
 }
 
-/// After Disable ends, 1 A brakes the shaft with 520 mN·m less the load. Then the shaft follows steps from
-/// where it stopped.
+/// After Disable ends, the current of 1 A brakes the shaft with 520 mN·m minus the load. Then the shaft
+/// follows steps from the position at which it stopped.
 #[test]
 fn current_that_comes_back_holds_the_shaft_where_it_is() {
     for load in [120.0, -120.0] {

@@ -66,7 +66,7 @@ fn loaded(cutback: u16, load: &str) -> Rig {
     ))
 }
 
-/// 7.3: the cutback lasts until the next command. 7.15: Move moves by MoveSteps.
+/// Section 7.3: the cutback lasts until the next command. Section 7.15: Move moves by MoveSteps.
 #[test]
 fn a_move_after_the_cutback_has_the_full_current_from_its_first_step() {
     // 0.1 to 0.9 A hold 10 to 90 mN·m. The motor needs 95 mN·m.
@@ -150,9 +150,9 @@ impl Rig {
     }
 }
 
-/// 7.11: the factory's 0x0005 clears the counter at the index while A and B are low, where US Digital's
-/// encoders have their index. 7.13: 5 rotations in one direction count 5, and 3 rotations in the other
-/// direction subtract 3.
+/// Section 7.11: the factory's 0x0005 clears the counter at the index while A and B are low, where US
+/// Digital's encoders have their index. 7.13: 5 rotations in one direction count 5, and 3 rotations in the
+/// other direction subtract 3.
 #[test]
 fn the_factorys_gating_counts_the_index_and_clears() {
     for filter in ["", "QuadratureEncoderConfiguration = 0x0205", "QuadratureEncoderConfiguration = 0x020d"] {
@@ -171,11 +171,11 @@ fn the_factorys_gating_counts_the_index_and_clears() {
     }
 }
 
-/// 7.11: x4 decoding gates the index with one of four states of A and B. The index of an encoder is in only
-/// one of them.
+/// Section 7.11: x4 decoding gates the index with one of four states of A and B. The index of an encoder is
+/// in only one of them.
 #[test]
 fn one_of_four_gates_responds() {
-    // Without the filter, with it, with the slowest filter, and with A and B swapped.
+    // Tests the index without the filter, with it, with the slowest filter, and with A and B swapped.
     for others in [0, 1 << 9, 1 << 9 | 7 << 6, 1 << 3] {
         let responds: Vec<u16> = (0..4)
             .filter(|gate| {
@@ -211,7 +211,7 @@ fn the_counter_starts_at_0() {
         rig.write_pair(at::MOVE_STEPS, 160);
         rig.write(at::MOTION, bit::MOVE);
         rig.wait_ms(1_000);
-        // A tenth of a turn is 100 counts. If the index clears, it does so after 2 of them.
+        // A tenth of a turn is 100 counts. If the index clears the counter, it does so after 2 counts.
         let behind = if settings.ends_with("4") { 100 } else { 98 };
         assert_eq!(rig.count(), behind, "{settings}");
     }
@@ -223,7 +223,7 @@ const WATCHED: &str = "line = 'fast'\n\
      [[motor]]\nname = 'm'\ndrive = 'x'\n\
      [[wire]]\nfrom = 'x.STEP'\nto = 'y.J2.10'\n[[wire]]\nfrom = 'x.DIR'\nto = 'y.J2.12'\n";
 
-/// 7.8, mode 0000: a falling edge of pin 4 makes a step, at up to 250 kHz. Pin 5 at that edge is the
+/// Section 7.8, mode 0000: a falling edge of pin 4 makes a step, at up to 250 kHz. Pin 5 at that edge is the
 /// direction.
 #[test]
 fn a_direction_that_alternates_at_250_khz_settles_before_each_step() {
@@ -304,7 +304,7 @@ impl Rig {
     }
 }
 
-/// 7.2, 7.17: the on time in counts turns the motor. The sign of the on time is the direction.
+/// Sections 7.2, 7.17: the on time in counts turns the motor. The sign of the on time is the direction.
 #[test]
 fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
     let mut rig = dc(0x0a, "friction_mnm = 10");
@@ -328,7 +328,7 @@ fn a_dc_motor_turns_with_its_duty_and_its_encoder_is_counted() {
     assert_eq!(replay::run(&trace, &make), Ok(None));
 }
 
-/// 7.2: the phase current parameter limits the current of a DC motor, which is on phase B.
+/// Section 7.2: the phase current parameter limits the current of a DC motor, which is on phase B.
 #[test]
 fn the_phase_current_limits_a_dc_motor() {
     // 1 A makes 76.4 mN·m, 1.4 A make 106.9 mN·m.
@@ -354,7 +354,8 @@ fn the_phase_current_limits_a_dc_motor() {
     assert!(rig.rpm() < 0.0, "{} rpm", rig.rpm());
 }
 
-/// 7.15: Stop leaves the current on, so the motor brakes. Disable switches it off, so the motor coasts.
+/// Section 7.15: Stop leaves the current on, so the motor brakes. Disable switches it off, so the motor
+/// coasts.
 #[test]
 fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
     let way = |bits: u16| {
@@ -375,8 +376,8 @@ fn a_dc_motor_is_braked_by_stop_and_coasts_when_disabled() {
     assert!(way(bit::DECEL_STOP) < 10.0);
 }
 
-/// 7.2: the motor must fit the motor mode. A motor with brushes does not turn in stepper mode, and a stepper
-/// motor does not turn in DC motor mode.
+/// Section 7.2: the motor must fit the motor mode. A motor with brushes does not turn in stepper mode, and a
+/// stepper motor does not turn in DC motor mode.
 #[test]
 fn a_motor_of_the_other_mode_does_not_turn() {
     let mut rig = dc(0x0a, "");

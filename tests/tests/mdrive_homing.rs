@@ -287,7 +287,7 @@ fn check(scene: &Scene) {
     rig.after((debounce_ms + 1).cast_unsigned().millis());
     rig.set("HM", (*kind).into());
 
-    // Time to return at VI from the furthest point, and for several such ways at VM.
+    // Time to return from the furthest point at VI, and to go this way several times at VM.
     let span = 20.0 + 4.0 * rates.turns(rates.ramp(rates.speed) + rates.speed * 0.02);
     let most = 10.0 * span * (1.0 / rates.turns(rates.start) + 1.0 / rates.turns(rates.speed)) + 60.0;
     rig.run_out(most);

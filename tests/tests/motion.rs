@@ -496,7 +496,7 @@ fn a_reversal_that_is_pending_takes_orders_in_each_of_its_parts() {
     assert_eq!(on.position_at(ms(2_300)), 1_975 + 50);
     let stop = back.ramp_to(ms(2_150), I24F8::ZERO, 10_000);
     assert_eq!((stop.end(), stop.position_at(stop.end())), (ms(2_200), 1_975));
-    // An order in the cruise backward.
+    // The next order arrives in the cruise backward.
     let on = back.ramp_to(ms(2_300), thousand, 10_000);
     assert_eq!((on.position_at(ms(2_300)), on.position_at(ms(2_400))), (1_850, 1_800));
     for plan in [on, stop, back] {

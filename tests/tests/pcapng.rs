@@ -19,7 +19,7 @@ struct Found {
     interface: u32,
     nanos: u64,
     bytes: Vec<u8>,
-    /// Wireshark's dissector: the value of the packet's first tag.
+    /// Name of Wireshark's dissector, which is the value of the packet's first tag.
     shown_by: String,
     flags: u32,
     lost: u64,
@@ -98,7 +98,7 @@ fn the_writer_makes_the_file_made_by_hand() {
     assert_eq!(made, include_bytes!("../captures/modbus-tcp.pcapng"));
 }
 
-/// End of `talk`.
+/// Time at which `talk` ends.
 const END: Duration = Duration::millis(1_500);
 
 /// Two drives on a line, one on its own line, and a QSB that streams and answers commands.
@@ -142,7 +142,7 @@ fn talk(stops: &[Duration]) -> (Bench, Vec<u8>) {
     }
     bench.run_until(END);
     pcapng.follow(&bench).unwrap();
-    pcapng.finish().unwrap();
+    pcapng.finish(&bench).unwrap();
     (bench, file)
 }
 

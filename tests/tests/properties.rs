@@ -2,6 +2,8 @@
 //! characters changes nothing, and no input makes the drive hang or panic.
 #![allow(missing_docs, reason = "a test")]
 
+use std::process::Command;
+
 use drivetwin_firmware::device::{
     Boot, Device, Duration, Encoder, Fault, Framing, Input, Instant, Link, Pin, Port, advance,
 };
@@ -390,7 +392,7 @@ fn longest(drive: &dyn Device) -> Duration {
     match drive.spec().kind {
         "md3" | "md3-low" => Duration::secs(10),
         // A program may run without end. In less than 5 s no drive is reset to the factory settings, which
-        // would make it use RTU again (7).
+        // would make it use RTU again (section 7).
         "rs434544" | "rs434546" => Duration::millis(50),
         // The drive may stream without a pause.
         _ => Duration::millis(100),
@@ -593,4 +595,25 @@ fn every_drive_names_what_its_spec_points_to() {
 fn twice(names: impl Iterator<Item = &'static str>) -> Option<&'static str> {
     let mut seen = std::collections::BTreeSet::new();
     names.into_iter().find(|name| !seen.insert(*name))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 3, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_property_says_each_of_its_cases(_ in any::<bool>()) {
+        println!("a case");
+    }
+}
+
+/// `cargo xtask soak` sets PROPTEST_CASES, which must replace the number of cases that a test gives.
+#[test]
+fn proptest_cases_replaces_the_number_of_a_test() {
+    let run = |cases: &str| {
+        let mut test = Command::new(std::env::current_exe().expect("this program"));
+        test.args(["--exact", "a_property_says_each_of_its_cases", "--nocapture"]);
+        let output = test.env("PROPTEST_CASES", cases).output().expect("this program runs");
+        String::from_utf8_lossy(&output.stdout).matches("a case").count()
+    };
+    assert_eq!([run("1"), run("7")], [1, 7]);
 }

@@ -30,8 +30,8 @@ struct Board {
 }
 
 impl Board {
-    /// Starts the image and waits until it reports that the drive has power. Tests of other things run
-    /// without `watchdog`, because a busy machine may stop QEMU for a second.
+    /// Starts the image and waits until it reports that the drive has power. Only the test of the watchdog
+    /// sets `watchdog`, because a busy machine may stop QEMU for a second.
     fn boot(watchdog: bool) -> Self {
         let control = TcpListener::bind("127.0.0.1:0").expect("a port is free");
         let qtest = format!("tcp:{}", control.local_addr().expect("it is bound"));
@@ -124,20 +124,20 @@ fn the_board_answers() {
     let mut board = Board::boot(false);
     // Chapter 7: SpeedHigh and SpeedLow of a new drive.
     assert_eq!(board.ask(&rtu::read(1, at::SPEED, 2)), answer(&[3, 4, 0x00, 0x00, 0x13, 0x88]));
-    // 6.2, 7.23: a write and a read of UserRegister.
+    // Sections 6.2, 7.23: a write and a read of UserRegister.
     board.write(at::USER, 0x1234);
     assert_eq!(board.ask(&rtu::read(1, at::USER, 1)), answer(&[3, 2, 0x12, 0x34]));
-    // 6.1, 6.2: exceptions.
+    // Sections 6.1, 6.2: exceptions.
     assert_eq!(board.ask(&rtu::frame(1, &[4, 0, 0, 0, 1])), answer(&[0x84, 1]));
     assert_eq!(board.ask(&rtu::write(1, at::PRODUCT, 0)), answer(&[0x86, 2]));
-    // 7.15: the bit of a move reads 1 while the motor moves, then 0.
+    // Section 7.15: the bit of a move reads 1 while the motor moves, then 0.
     board.write(at::MOTION, bit::MOVE);
     assert_eq!(board.ask(&rtu::read(1, at::MOTION, 1)), answer(&[3, 2, 0, 1]));
     board.wait_for(at::MOTION, 0);
-    // 7.20: after a save the status of the CRC is 0.
+    // Section 7.20: after a save the status of the CRC is 0.
     board.write(at::EEPROM, 1);
     board.wait_for(at::EEPROM, 0);
-    // 7.22: the UART changes its rate after the reply, and communication continues.
+    // Section 7.22: the UART changes its rate after the reply, and communication continues.
     board.write(at::SERIAL_PORT, 0x25);
     assert_eq!(board.ask(&rtu::read(1, at::SERIAL_PORT, 1)), answer(&[3, 2, 0, 0x25]));
 }

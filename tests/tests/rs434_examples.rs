@@ -150,7 +150,7 @@ fn the_speed_profile_climbs_and_descends_both_ways() {
     for status in [FORWARD, BACKWARD] {
         let before = rig.get("CURRENT_POSITION");
         let start = rig.until_status(status, 1.secs());
-        // In the middle of each half second.
+        // Reads the speed in the middle of each half second.
         for (n, rpm) in (0..).zip([500, 750, 1_000, 1_250, 1_500, 1_500, 1_500, 1_250, 1_000, 750, 500]) {
             rig.bench.run_until(start + 250.millis() + 500.millis() * n);
             let speed = rig.get("SPEED_VALID");

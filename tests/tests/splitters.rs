@@ -1,6 +1,6 @@
-//! A host splits messages that arrive without gaps. On every drive they must have the same effect as with a
-//! silence after each: RTU requests with a CRC that is valid too early, pipelined ADUs, lines of MCode and of
-//! a QSB, in any reads.
+//! A host splits messages that arrive without gaps. On every drive such messages must have the same effect as
+//! messages with a silence after each. The tests send RTU requests with a CRC that is valid too early,
+//! pipelined ADUs, and lines of MCode and of a QSB. The host gets them in reads of any size.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Boot, Duration, Framing, Input, Instant, Port, advance, feed};
@@ -11,10 +11,10 @@ use drivetwin_sim::bench::{Bench, Client, Settings, Setup};
 use drivetwin_sim::catalog;
 use proptest::prelude::*;
 
-/// Longer than the start-up of any drive with `boot_fast`.
+/// Time longer than the start-up of any drive with `boot_fast`.
 const START: Duration = Duration::secs(5);
 
-/// Longer than any drive takes to answer.
+/// Time longer than any drive takes to answer.
 const ANSWER: Duration = Duration::millis(100);
 
 const SERIAL: Port = Port(0);

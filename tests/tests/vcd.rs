@@ -242,7 +242,8 @@ fn lights_blink_as_the_manual_says() {
         let changes = file.wire("md3", name).iter();
         changes.map(|(at, value)| (at / ticks(1.millis()), *value == Value::V1)).collect()
     };
-    // Both flash twice, then alternately. Red ends when green begins its regular flashes (sections 2 and 4).
+    // Both lights flash twice, then alternately. The red light ends when the green light begins its regular
+    // flashes (sections 2 and 4).
     let flashes = [(0, true), (250, false), (500, true), (750, false)];
     assert_eq!(millis("D5"), [&flashes[..], &[(1_500, true), (2_000, false)]].concat());
     let beats = [(2_750, false), (4_000, true), (4_250, false), (5_500, true), (5_750, false)];
@@ -320,7 +321,7 @@ fn without_power_all_wires_are_unknown() {
 
 /// A bench that keeps its whole trace and the motion of motors, with a drive of that kind named like it.
 fn moving_bench(kind: &str) -> (Bench, DriveId) {
-    let settings = Settings { trace: Retention::All, shafts: true, ..Settings::default() };
+    let settings = Settings { trace: Retention::All, shafts: true, outcomes: true, ..Settings::default() };
     let mut bench = Bench::with(settings);
     let setup = Setup { boot_fast: true, ..Setup::default() };
     let drive = bench.add_with(kind, catalog::make(kind).unwrap(), setup).unwrap();
@@ -409,8 +410,10 @@ fn a_move_of_an_mdrive_is_a_track() {
     assert_eq!(file.number("mdrive", "position", file.end), 51_200.0);
     assert!(file.track("mdrive", "speed").len() > 100);
     let texts = file.texts("mdrive", "mcode_rx");
-    let [(begin, end, words)] = &texts[..] else { panic!("{texts:?}") };
+    // A line takes no time, and its outcome is known when it has been executed.
+    let [(begin, end, words), (known, _, outcome)] = &texts[..] else { panic!("{texts:?}") };
     assert_eq!((end - begin, words.as_str()), (ticks(1.millis()), "MR 51200"));
+    assert!(known >= end && outcome == "MR 51200 -> done", "{texts:?}");
 }
 
 #[test]
@@ -468,7 +471,7 @@ fn recording_the_motion_of_a_motor_changes_nothing_else() {
 
 #[test]
 fn a_motor_of_the_bench_is_a_track_and_also_in_a_replay() {
-    let settings = Settings { trace: Retention::All, shafts: true, ..Settings::default() };
+    let settings = Settings { trace: Retention::All, shafts: true, outcomes: true, ..Settings::default() };
     let mut bench = Bench::with(settings);
     let setup = Setup { external_motor: true, ..Setup::default() };
     let drive = bench.add_with("x", catalog::make("rs434544").unwrap(), setup).unwrap();
@@ -516,7 +519,14 @@ fn frames_are_words_from_their_begin_to_their_end() {
     let words = |texts: &[(u64, u64, String)]| texts.iter().map(|text| text.2.clone()).collect::<Vec<_>>();
     assert_eq!(
         words(&received),
-        ["write SpeedLow = 9000", "write Reserved = 5", "8 bytes 01 06 00 15 23 28 81 21"]
+        [
+            "write SpeedLow = 9000",
+            "write SpeedLow = 9000 -> done",
+            "write Reserved = 5",
+            "write Reserved = 5 -> refused: 0x000B Reserved is read only (02)",
+            "8 bytes 01 06 00 15 23 28 81 21",
+            "8 bytes 01 06 00 15 23 28 81 21 -> CRC wrong: 81 21 instead of 81 20",
+        ]
     );
     assert_eq!(words(&sent), ["done", "refused: 0x000B Reserved is read only (02)"]);
     // 8 characters of 11 bits at 9600 baud, 1.146 ms each; the first is heard at its end. The reply follows
@@ -525,5 +535,7 @@ fn frames_are_words_from_their_begin_to_their_end() {
     let [(begin, end, _), ..] = &received[..] else { panic!("{received:?}") };
     assert_eq!(end - begin, 7 * character);
     let [(replies, replied, _), ..] = &sent[..] else { panic!("{sent:?}") };
+    // The outcome is known when the drive answers, and is shown for 1 ms.
+    assert_eq!((received[1].0, received[1].1 - received[1].0), (*replies, ticks(1.millis())));
     assert_eq!((replies - end, replied - replies), (64_166 + character, 8 * character));
 }

@@ -66,8 +66,8 @@ pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
 
-/// Arguments of cargo that select everything that runs on a processor. The packages are always the same: with
-/// others cargo may select other features of their dependencies, and build these again.
+/// Arguments of cargo that select everything that runs on a processor. The packages are always the same. For
+/// other packages cargo may select other features of the dependencies, and build the dependencies again.
 pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
     let board = BOARDS.iter().filter(|board| board.target == target).map(|board| board.package);
     let packages = board.chain(["panic-free"]);
@@ -91,7 +91,7 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
 }
 
-/// Builds one image with logging for each board, because their linker scripts differ.
+/// Builds one image with logging for each board, because the linker scripts of the boards differ.
 pub(crate) fn logging(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         let (bare, package) = (bare(board.target), board.package);

@@ -209,8 +209,8 @@ const SEED: &str = "434544";
 /// hands over the bytes of a pty some ms late (HOST-2), and tests of ptys fail.
 const WAITING: [&str; 3] = ["ceilings::", "scale::", "machinery::"];
 
-/// Runs every test of the host. Optimising pays for what runs long: the drives and the bench below the tests of whole
-/// drives. Their own unit tests take longer to optimise than to run.
+/// Runs every test of the host. Optimising pays for the drives and the bench when whole drives are tested, because
+/// these tests run long. The unit tests of the drives and the bench take longer to optimise than to run.
 fn tests(sh: &Shell) -> Result<()> {
     let seed = std::env::var("PROPTEST_RNG_SEED").unwrap_or_else(|_| SEED.into());
     let host = &host();
@@ -223,7 +223,7 @@ fn tests(sh: &Shell) -> Result<()> {
         cmd!(sh, "cargo test {host...} --no-fail-fast --test program -- {WAITING...} --test-threads 8"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
     ];
-    // Each runs, whatever the others do.
+    // Each test command runs, even if another one fails.
     let results = tests.map(|test| test.env("PROPTEST_RNG_SEED", &seed).run());
     results.into_iter().try_for_each(|result| Ok(result?))
 }

@@ -20,7 +20,7 @@ const PORTS: [u16; 2] = [502, 503];
 const NETWORK: &str = "user,model=stellaris,net=192.168.33.0/24,host=192.168.33.2,dhcpstart=192.168.33.15";
 /// Address of the drive in this network.
 const DRIVE: &str = "192.168.33.1";
-/// End of the log line of the board from which on the drive receives.
+/// End of the line that the board logs when the drive can receive.
 const BOOTED: &str = " has power";
 
 /// Builds the image of a kind of drive and runs it until the process is stopped. Its UART0, or its TCP ports,
@@ -117,7 +117,7 @@ pub(crate) fn wait_for_power(said: &mut impl BufRead) -> Result<()> {
     Ok(())
 }
 
-/// Ports of this machine that are forwarded to those of the drive, from the text of the monitor.
+/// Ports of this machine that QEMU forwards to the ports of the drive. QEMU's monitor lists them.
 fn forwarded(told: impl BufRead) -> Result<[u16; 2]> {
     let mut found = [None; PORTS.len()];
     for line in told.lines() {

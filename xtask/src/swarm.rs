@@ -26,8 +26,8 @@ pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
 }
 
 /// Runs the seeds for a commit. The swarm is built like the tests, because optimising takes longer than it
-/// saves. With `--test` cargo selects for the crates the features with which the tests have built them
-/// already.
+/// saves. With `--test` cargo selects the features of the crates as for the tests, which have built the
+/// crates with these features already.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let host = host();
     cmd!(sh, "cargo build --quiet {host...} --test '*' --bin swarm").run()?;

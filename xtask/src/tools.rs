@@ -46,10 +46,10 @@ pub(crate) enum Tool {
     Tshark,
     /// sigrok for the command line.
     Sigrok,
-    /// Python with `venv`, and in this environment the packages of `tests/foreign/requirements.txt`: masters,
-    /// and programs that test the control API.
+    /// Python with `venv`. The environment has the packages of `tests/foreign/requirements.txt`: masters, and
+    /// programs that test the control API.
     Python,
-    /// Node and npm, and in `node_modules` of each of [`PACKAGES`] the packages of its lock file.
+    /// Node and npm. Each folder of [`PACKAGES`] has the packages of its lock file in `node_modules`.
     Node,
 }
 

@@ -8,7 +8,7 @@ use super::print;
 /// Describes kinds of drive: as JSON, as the reference in docs/, or as text.
 ///
 /// # Errors
-/// One sentence: there is no such kind.
+/// One sentence that says what is wrong: there is no such kind.
 pub(crate) fn describe(kinds: &[String], json: bool, markdown: bool) -> Result<(), String> {
     let specs: Vec<_> =
         kinds.iter().map(|kind| Ok(catalog::make(kind)?.spec())).collect::<Result<_, String>>()?;

@@ -7,7 +7,7 @@ use super::print;
 /// Lists the kinds of drive.
 ///
 /// # Errors
-/// One sentence: stdout cannot be written.
+/// One sentence that says what is wrong: stdout cannot be written.
 pub(crate) fn list(json: bool) -> Result<(), String> {
     print(&if json { as_json() } else { as_text() })
 }

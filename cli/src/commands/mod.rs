@@ -18,7 +18,7 @@ use drivetwin_sim::record::trace::{Trace, whole_lines};
 /// Writes to stdout.
 ///
 /// # Errors
-/// One sentence: stdout cannot be written.
+/// One sentence that says what is wrong: stdout cannot be written.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     let mut stdout = io::stdout();
     // At its end a Rust program writes what is left; the Python package does not.

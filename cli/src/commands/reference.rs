@@ -35,7 +35,7 @@ only errors. The environment variable `RUST_LOG` has priority over these options
 /// Prints the page.
 ///
 /// # Errors
-/// One sentence: stdout cannot be written.
+/// One sentence that says what is wrong: stdout cannot be written.
 pub(crate) fn reference() -> Result<(), String> {
     print(&page())
 }

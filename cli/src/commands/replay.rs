@@ -10,7 +10,7 @@ use super::{print, trace};
 /// Replays a recording. Returns whether the drives did the same as in the recording.
 ///
 /// # Errors
-/// One sentence: the file cannot be read or is not a trace.
+/// One sentence that says what is wrong: the file cannot be read or is not a trace.
 pub(crate) fn replay(file: &Path) -> Result<bool, String> {
     let path = file.display();
     let bytes = std::fs::read(file).map_err(|error| format!("{path}: {error}"))?;

@@ -108,7 +108,7 @@ fn an_error_in_a_file_has_its_position() {
     let program = said(&format!("{x}program = 'x.rsasm'\n"));
     assert!(program.starts_with(&format!("{file}: program of x: ")), "{program}");
     std::fs::remove_dir(&memory).unwrap();
-    // Two paths of the same memory file.
+    // Two drives use the same memory file by two paths.
     std::os::unix::fs::symlink("x.nv", scratch.file("y.nv")).unwrap();
     let y = x.replace("'x'", "'y'");
     let twice = said(&format!("{x}nv = 'x.nv'\n{y}nv = 'y.nv'\n"));

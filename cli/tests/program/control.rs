@@ -237,6 +237,49 @@ fn an_encoder_turns() {
 }
 
 #[test]
+fn a_scenario_has_the_steps_of_a_bench_file() {
+    let md3 = md3();
+    md3.advance(3.0);
+    let play = |steps: &str| md3.call("POST", "/api/scenario", &format!("{{\"steps\":[{steps}]}}"));
+    let powered = || md3.call("GET", "/api/bench", "").ok()["drives"][0]["powered"] == true;
+    // After a write of MotionControl, and at a time.
+    let when = "{\"drive\":\"md3\",\"register\":\"MotionControl\",\"value\":1}";
+    let cut = format!("{{\"when\":{when},\"after_ms\":100,\"drive\":\"md3\",\"power\":\"off\"}}");
+    let again = "{\"after_ms\":1e2,\"drive\":\"md3\",\"power\":\"on\"}";
+    assert_eq!(play(&format!("{cut},{again}")).status, 204);
+    let at = "{\"at_s\":9,\"bus\":\"rs485\",\"faults\":{\"drop\":{\"count\":1}}}";
+    assert_eq!(play(at).status, 204);
+    let request = rtu::write(1, 0x11, 1);
+    ask(&mut md3.connect(), &request, request.len());
+    assert!(powered());
+    md3.advance(0.15);
+    assert!(!powered());
+    md3.advance(0.1);
+    assert!(powered());
+    md3.advance(9.0);
+    let drop = &md3.call("GET", "/api/buses", "").ok()[0]["faults"]["drop"];
+    assert_eq!(drop.to_string(), "{\"count\":1}");
+
+    let past = play("{\"at_s\":9,\"drive\":\"md3\",\"power\":\"on\"}").problem(422);
+    assert!(past.starts_with("step 1: at_s = 9 is past: the bench is at 12.2"), "{past}");
+    for (wrong, sentence) in [
+        ("", "a scenario needs a step"),
+        (
+            &format!("{again},{{\"drive\":\"md4\",\"power\":\"on\"}}"),
+            "step 2: there is no drive 'md4'; the nearest is 'md3'",
+        ),
+        ("{\"drive\":null}", "step 1: null is not a value"),
+        (
+            "{\"drive\":\"\u{7f}\\u0000\",\"power\":\"on\"}",
+            "step 1: there is no drive '\u{7f}\0'; available: md3",
+        ),
+        ("3", "the body has '3' where it takes an object"),
+    ] {
+        assert_eq!(play(wrong).problem(422), sentence);
+    }
+}
+
+#[test]
 fn an_encoder_is_refused_what_it_cannot_do() {
     let md3 = md3();
     let turn = |body: &str| md3.call("POST", "/api/drives/md3/encoder", body);
@@ -403,7 +446,7 @@ fn a_web_page_is_refused() {
     assert!(request(target, "").problem(403).contains("Host"));
     assert!(request("GET /api/bench HTTP/1.0", "").problem(403).contains("Host"));
 
-    // A page of another origin, also one on this machine, and a page without an origin.
+    // The API refuses a page of another origin, also one on this machine, and a page without an origin.
     for origin in ["http://evil.example", "https://localhost:80", "http://localhost:81", "null"] {
         let ask = format!("{get}Host: localhost:80\r\nOrigin: {origin}");
         assert!(request(&ask, "").problem(403).contains("another origin"), "{origin}");
@@ -450,9 +493,13 @@ fn every_error_is_a_problem_document() {
     md3.call("PUT", "/api/time", " [\"manual\"]").problem(422);
     md3.call("PUT", "/api/time", &" ".repeat(70_000)).problem(413);
     let query = |path: &str| md3.call("GET", path, "").problem(422);
-    assert!(query("/api/trace?format=text").contains("expected one of `trace`, `vcd`, `pcapng`"));
-    assert!(query("/api/trace?fromat=vcd").contains("unknown field `fromat`, expected `format`"));
-    assert!(query("/api/trace?format=vcd&format=trace").contains("duplicate field `format`"));
+    assert_eq!(
+        query("/api/trace?format=text"),
+        "the query has 'text' where it takes 'trace', 'vcd', 'pcapng'"
+    );
+    assert_eq!(query("/api/trace?fromat=vcd"), "the query has no parameter 'fromat'; allowed: format");
+    assert!(query("/api/trace?format=vcd&format=trace").contains("duplicate field 'format'"));
+    assert_eq!(query("/api/drives/md3/received?since=x"), "since in the query takes a number");
     assert!(query("/api/events?drive=md4").contains("the nearest is 'md3'"));
     assert_eq!(query("/api/bench?drive=md3"), "this call takes no query");
     assert_eq!(md3.call("GET", "/api/bench?", "").status, 200);
@@ -484,7 +531,11 @@ fn a_line_is_disturbed_by_what_is_named_and_by_nothing_else() {
     assert_eq!(faults(), quiet);
 
     assert!(put("rs458", "{}").problem(404).contains("the nearest is 'rs485'"));
-    assert!(put("rs485", "{\"drops\":1}").problem(422).contains("unknown field `drops`"));
+    assert!(
+        put("rs485", "{\"drops\":1}")
+            .problem(422)
+            .contains("the body has no member 'drops'; allowed: drop, corrupt")
+    );
     for wrong in [
         "\"drop\":1.5",
         "\"noise\":-0.1",
@@ -594,7 +645,7 @@ fn a_current_is_driven_into_the_input_that_measures_one() {
 }
 
 /// "Operation is permitted with closed contact" (RS, 6): the contact at HARD_STOP counts as closed until the
-/// input is used; `open` opens it. "Power supply protection, VDC: 8 - 30" (3).
+/// input is used; `open` opens it. "Power supply protection, VDC: 8 - 30" (section 3).
 #[test]
 fn an_emergency_stop_and_a_supply_out_of_its_range() {
     let rs434 = Running::start("rs434544", &["--time", "manual", "--fast-boot"], Stdio::inherit());

@@ -216,7 +216,7 @@ fn waves(file: &str, pin: &str) -> Vec<(char, u64)> {
     let mut waves = Vec::new();
     for line in changes.lines() {
         if let Some(stamp) = line.strip_prefix('#') {
-            // From ns, rounded down, to ticks of 62.5 ns.
+            // Converts from ns, which were rounded down, to ticks of 62.5 ns.
             at = (stamp.parse::<u64>().unwrap() * 2).div_ceil(125);
         } else if line.get(1..) == Some(code) {
             waves.push((line.chars().next().unwrap(), at));

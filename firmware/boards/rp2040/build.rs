@@ -1,7 +1,7 @@
-//! Linker arguments for the board. Its own linker script sets all addresses.
+//! Linker arguments for the board. The board has its own linker script, which sets all addresses.
 
-/// Stack sizes in bytes that differ from that in `pico.x`: of drives with a large memory, which is on the
-/// stack with the drive, and of a drive whose computations need much stack.
+/// Drives whose stack does not have the size that `pico.x` gives, and the size in bytes. Two of them keep a
+/// large memory on the stack. The computations of the third need much stack.
 const STACKS: [(&str, u32); 3] = [("rs434544", 17 << 10), ("rs434546", 17 << 10), ("mdrobot", 8 << 10)];
 
 fn main() {

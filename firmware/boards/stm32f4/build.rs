@@ -1,7 +1,7 @@
-//! Linker arguments for the board. Its own linker script sets all addresses.
+//! Linker arguments for the board. The board has its own linker script, which sets all addresses.
 
-/// Stack sizes in bytes that differ from that in `black_pill.x`: of drives with a large memory, which is on
-/// the stack with the drive.
+/// Drives whose stack does not have the size that `black_pill.x` gives, and the size in bytes. These drives
+/// keep a large memory on the stack.
 const STACKS: [(&str, u32); 2] = [("rs434544", 18 << 10), ("rs434546", 18 << 10)];
 
 fn main() {

@@ -373,7 +373,7 @@ enum Function {
     LoadOtr,
 }
 
-/// Masks of the levels of A and B at which INDEX/ acts: in the synchronous mode, and otherwise.
+/// Masks of the levels of A and B at which INDEX/ acts. The first one is for the synchronous mode.
 const BOTH_ALIKE: u8 = 0b1001;
 const ANY: u8 = 0b1111;
 

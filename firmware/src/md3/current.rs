@@ -34,7 +34,7 @@ impl Drive {
     /// again.
     ///
     /// # Errors
-    /// The fault stays.
+    /// The reason why the fault stays.
     pub(super) fn clear_fault(&mut self, at: Instant) -> Result<(), Why> {
         self.causes &= 1 << OVER_TEMPERATURE.0;
         if !self.fault {

@@ -55,7 +55,7 @@ pub(super) struct Drive {
     pub(super) pins: Pins,
     /// Levels of J2 pins 2, 3, 4, 5 and 9, 10, 12, in the bit positions of `IOPortData`.
     pub(super) levels: u16,
-    /// Bits of those of J2 pins 2, 3, 4, 5 that were active when the drive last read them.
+    /// Pins among J2 pins 2, 3, 4 and 5 that were active when the drive last read the pins, one bit each.
     pub(super) active: u16,
     /// True while INHIBIT is active.
     pub(super) inhibited: bool,
@@ -311,7 +311,7 @@ impl Drive {
     /// Applies a register that was written or loaded. The cases are in the order of the manual.
     ///
     /// # Errors
-    /// The reason why a write does not do what it says.
+    /// The reason why the drive does not do what a write says.
     fn apply(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> Result<(), Why> {
         let mut done = Ok(());
         match reg {
@@ -401,7 +401,7 @@ impl Drive {
     /// Applies a write of `EEPROMControl` (7.20). If both bits are set, the drive saves.
     ///
     /// # Errors
-    /// The drive does not save, or does not read.
+    /// The reason why the drive does not save, or does not read.
     fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
         let reads = word & eeprom_control::READ != 0;
         if word & eeprom_control::WRITE != 0 {

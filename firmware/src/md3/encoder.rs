@@ -15,8 +15,8 @@
 //!   all modes the event counts the index pulse in the direction of the last edge of A or B. Before the first
 //!   such edge the direction is up. A pulse that ends before A and B reach the gated state is not counted.
 //! - Edges of one instant are handled in the order of the calls. After the filter, a rising index is handled
-//!   after A and B and a falling index before them, so that an index as wide as one state of A and B overlaps
-//!   that state only (MD3-34).
+//!   after A and B, and a falling index before A and B. So an index that is as wide as one state of A and B
+//!   overlaps only that state (MD3-34).
 //! - Only edges change a count. A new configuration takes effect on the present levels at the next edge.
 //!   While pins 9, 10 and 12 are outputs (7.8), both counters keep their values, but the drive still tracks
 //!   levels and direction.
@@ -233,7 +233,8 @@ struct Decoding {
     /// An index event loads the counter.
     clears: bool,
     max_count: u16,
-    /// The greatest count before the counter wraps: 0 follows it up, and it follows 0 down.
+    /// The greatest count before the counter wraps. Counting up, the next count is 0; counting down, this
+    /// count follows 0.
     top: u16,
 }
 

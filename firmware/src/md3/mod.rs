@@ -117,6 +117,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         address: Some(Reg::DeviceAddress as usize),
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
         reasons: reasons::REASONS,
+        rules: Some(&RULES),
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

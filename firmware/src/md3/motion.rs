@@ -70,7 +70,7 @@ impl Drive {
     /// `INHIBIT_MODBUS_MOTION` is active, only Disable has an effect (7.8).
     ///
     /// # Errors
-    /// The first reason why a bit has no effect, or another one.
+    /// The first reason why a bit has no effect, or has another effect.
     pub(super) fn command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
         let obeyed = if self.bus_inhibited { word & motion_control::DISABLE } else { word };
         let permitted = if obeyed == word { Ok(()) } else { Err(Why::BusInhibited) };
@@ -117,7 +117,7 @@ impl Drive {
     /// Starts a profile move, from standstill only.
     ///
     /// # Errors
-    /// The motor does not move.
+    /// The reason why the motor does not move.
     pub(super) fn profile(&mut self, reversed: bool, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         self.can_step()?;
         let steps = self.bank.get(Reg::MoveSteps) as i32;
@@ -129,7 +129,7 @@ impl Drive {
     /// Starts a move from standstill as `motion`.
     ///
     /// # Errors
-    /// The move takes no time (MD3-7).
+    /// The reason why the move takes no time (MD3-7).
     fn start_profile(
         &mut self,
         motion: Motion,
@@ -223,7 +223,7 @@ impl Drive {
     /// Starts a home cycle, from standstill only (MD3-37).
     ///
     /// # Errors
-    /// The motor does not move.
+    /// The reason why the motor does not move.
     pub(super) fn home(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         self.can_step()?;
         if homing::mode(self.homing()).is_none() {
@@ -238,7 +238,7 @@ impl Drive {
     /// Starts the move by an offset, as `phase` of a home cycle.
     ///
     /// # Errors
-    /// The move takes no time.
+    /// The reason why the move takes no time.
     fn home_by(
         &mut self,
         phase: HomePhase,
@@ -254,7 +254,7 @@ impl Drive {
     /// Starts the search, or the home offset if the flag is already present.
     ///
     /// # Errors
-    /// The motion takes no time.
+    /// The reason why the motion takes no time.
     fn search_on(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         let (speed, acceleration) = (magnitude(self.normal_speed()), self.acceleration());
         if speed == 0 {
@@ -407,8 +407,8 @@ impl Drive {
         }
     }
 
-    /// SPEEDSEL has changed in a profile move: 7.8 says that the move ignores it, 7.18 that the move becomes
-    /// a jog (MD3-30). This function makes the jog.
+    /// SPEEDSEL has changed in a profile move: section 7.8 says that the move ignores it, section 7.18 that
+    /// the move becomes a jog (MD3-30). This function makes the jog.
     pub(super) fn jog_on(&mut self, at: Instant, out: &mut dyn Context) {
         let speed = I24F8::ZERO;
         self.motion = Motion::Jog(Jog { by_pins: false, reversed: false, speed, is_ending: false });

@@ -164,7 +164,7 @@ impl Drive {
     pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
         let mut text = heapless::Vec::new();
         for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
-            // There is room for two halves.
+            // The text has room for two halves.
             let _ = text.push(character);
         }
         text

@@ -2,6 +2,8 @@
 
 use drivetwin_protocol::modbus::pdu::Exception;
 
+use crate::device::reported;
+
 /// An error, by its number (MC 9.1 to 9.7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -99,6 +101,73 @@ pub(super) enum Error {
     LagLimit = 107,
     CalibrationFailed = 109,
 }
+
+/// The errors by their numbers, in the words of MC 9, shortened.
+pub(super) const TEXTS: &[(u8, &str)] = reported(&[
+    (6, "an I/O is already set to this type"),
+    (8, "tried to set an I/O to an incorrect I/O type"),
+    (9, "tried to write to an I/O that is set as input or has a type"),
+    (10, "illegal I/O number"),
+    (11, "incorrect clock type"),
+    (12, "illegal trip or capture"),
+    (20, "tried to set an unknown variable or flag"),
+    (21, "tried to set an incorrect value"),
+    (22, "VI is set greater than or equal to VM"),
+    (23, "VM is set less than or equal to VI"),
+    (24, "illegal data entered"),
+    (25, "variable or flag is read only"),
+    (26, "variable or flag is not allowed to be incremented or decremented"),
+    (27, "trip not defined"),
+    (28, "trying to redefine a program label or variable"),
+    (29, "trying to redefine a built in command, variable or flag"),
+    (30, "unknown label or user variable"),
+    (31, "program label or user variable table is full"),
+    (32, "trying to set a label (LB)"),
+    (33, "trying to set an instruction"),
+    (34, "trying to execute a variable or flag"),
+    (35, "trying to print an illegal variable or flag"),
+    (36, "illegal motor count to encoder count ratio"),
+    (37, "command, variable or flag not available in drive"),
+    (38, "missing parameter separator"),
+    (39, "trip on position and trip on relative distance not allowed together"),
+    (40, "program not running"),
+    (41, "stack overflow"),
+    (42, "illegal program address"),
+    (43, "tried to overflow program stack"),
+    (44, "program locked"),
+    (45, "trying to overflow program space"),
+    (46, "not in program mode"),
+    (48, "program execution stopped by I/O set as stop"),
+    (61, "trying to set illegal BAUD rate"),
+    (62, "IV already pending or IF flag already true"),
+    (64, "startup calibration failed"),
+    (70, "FLASH check sum fault"),
+    (71, "internal temperature warning"),
+    (72, "internal over temp fault, disabling drive"),
+    (73, "tried to save while moving"),
+    (74, "tried to initialize parameters (IP) or clear program (CP) while moving"),
+    (75, "linear overtemperature error"),
+    (80, "HOME switch not defined"),
+    (81, "HOME type not defined"),
+    (82, "went to both limits and did not find home"),
+    (83, "reached plus LIMIT switch"),
+    (84, "reached minus LIMIT switch"),
+    (85, "MA or MR is not allowed during a HOME, and a HOME not while in motion"),
+    (86, "stall detected"),
+    (87, "JOG not allowed in clock mode; Hybrid: AS not allowed while calibrating"),
+    (88, "moves not allowed while calibration is in progress"),
+    (89, "calibration not allowed while motion is in progress"),
+    (90, "motion variables are too low switching to EE=1"),
+    (91, "motion stopped by I/O set as stop"),
+    (92, "position error in closed loop"),
+    (93, "MR or MA not allowed while correcting position at end of previous MR or MA"),
+    (94, "clear locked rotor fault not allowed while in motion"),
+    (104, "locked rotor"),
+    (105, "maximum position count reached"),
+    (106, "lead limit reached"),
+    (107, "lag limit reached"),
+    (109, "calibration failed"),
+]);
 
 impl Error {
     /// Returns true if this error ends the program, provided that OE's handler is not called. After any other

@@ -157,6 +157,9 @@ const fn spec(
         registers,
         variant: model.variant(),
         reasons: reasons::reasons(model),
+        rules: Some(&modbus::RULES),
+        errors: error::TEXTS,
+        last_error: Some(Reg::ER as usize),
         not_modelled: match model {
             Model::Plus => NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0,
             Model::Hybrid => &NOT_MODELLED,

@@ -26,7 +26,7 @@ const WRITE_SPECIFIC: u8 = 66;
 
 /// Limits of a request: up to four registers (FB 4.2.4, 4.2.5), inputs (FB 4.2.1) or outputs (FB 4.2.2). Half
 /// of a value cannot be written (MDRIVE-2).
-static RULES: Rules = Rules {
+pub(super) static RULES: Rules = Rules {
     functions: &[1, 2, 3, 5, 16, ENCAPSULATED_INTERFACE, READ_SPECIFIC, WRITE_SPECIFIC],
     broadcast: None,
     max_read: 4,

@@ -1,9 +1,9 @@
-//! Reasons why requests that the drive accepts do not do what they say.
+//! Reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::drive::Model;
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 
-/// Places in [`REASONS`].
+/// Indices in [`REASONS`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
 pub(super) enum Why {
@@ -25,7 +25,8 @@ pub(super) enum Why {
     NotPaused,
     EndsProgram,
     StoresLine,
-    // These are of a Hybrid only.
+    KeyIsOff,
+    // The following reasons are of a Hybrid only.
     RotorLocked,
     TorqueMode,
     NothingToCalibrate,
@@ -65,6 +66,7 @@ const REASONS: &[ReasonSpec] = reported(&[
     ReasonSpec::nothing("PS holds nothing: there is nothing to resume", "MC 5-61"),
     ReasonSpec::other("E ends the program only: stop the motor by SL 0 or Esc", "MC 5-20"),
     ReasonSpec::later("program mode: the line is stored, not executed; type PG first", "MC 5-55"),
+    ReasonSpec::nothing("this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E", "MC 5-11, 5-23"),
     ReasonSpec::nothing("the rotor was locked and the bridge is off: write CF first", "MDRIVE-30"),
     ReasonSpec::nothing("AS is 3: torque mode makes no moves; write AS = 0, 1 or 2 first", "MDRIVE-28"),
     ReasonSpec::nothing("AS or DE is 0, or the bridge is off: there is nothing to calibrate", "MC 5-67"),
@@ -75,7 +77,7 @@ const REASONS: &[ReasonSpec] = reported(&[
 ]);
 
 /// Number of entries at the end of [`REASONS`] that apply to the Hybrid only.
-const OF_HYBRID: usize = Why::TorqueCurrent as usize - Why::StoresLine as usize;
+const OF_HYBRID: usize = Why::TorqueCurrent as usize - Why::KeyIsOff as usize;
 
 /// Reasons of a model.
 pub(super) const fn reasons(model: Model) -> &'static [ReasonSpec] {

@@ -118,7 +118,7 @@ impl Drive {
     /// S: begins to save.
     ///
     /// # Errors
-    /// 73 in motion.
+    /// Error 73 in motion.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::SaveInMotion);
@@ -181,7 +181,7 @@ impl Drive {
     /// IP: loads the variables and flags that were saved.
     ///
     /// # Errors
-    /// 70 if the saved values are bad, 74 in motion.
+    /// Error 70 if the saved values are bad, 74 in motion.
     pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::ClearInMotion);
@@ -197,7 +197,7 @@ impl Drive {
     /// also in the memory. Sets counters to 0 and sends the sign-on. Settings keep their values.
     ///
     /// # Errors
-    /// 73 in motion.
+    /// Error 73 in motion.
     pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
         if self.is_in_motion() {
             return Err(Error::SaveInMotion);

@@ -89,6 +89,7 @@ impl Drive {
     /// Begins to receive messages. A Hybrid calibrates now, unless it starts without delay.
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Calibrating;
+        self.io.ready();
         if self.model == Model::Hybrid {
             if self.boot.fast {
                 self.hybrid.set_calibrated();

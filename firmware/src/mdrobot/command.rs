@@ -127,8 +127,8 @@ impl Drive {
             As(pid) => self.written(at, pid, out),
             Set(pid, value) => self.set(at, pid, value, out),
             Erase(pids) => {
-                // All PIDs are set before the first save. If power is lost in that save, then no PID is
-                // erased, instead of one.
+                // All PIDs are set before the first save. So a loss of power in that save leaves all PIDs as
+                // they were, instead of erasing only the first.
                 for &pid in pids {
                     self.bank.set(pid, Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset));
                 }

@@ -130,6 +130,7 @@ static MD400: Spec = Spec {
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
     reasons: reasons::REASONS,
+    rules: Some(&RULES),
     not_modelled: &NOT_MODELLED,
     ..Spec::EMPTY
 };

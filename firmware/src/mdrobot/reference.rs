@@ -14,8 +14,9 @@ use super::registers::{Pid, function};
 use super::servo::{OUTPUTS, Order};
 use crate::device::{Context, Instant, REPORTS_REASONS};
 
-/// A slower shaft counts as standing still for the limit switches. The ramp of 3,000 rpm in 15 s stops it
-/// within one count of 12 in a turn, and its last edge is at most a sixth of a second old.
+/// A slower shaft counts as standing still for the limit switches. From this speed, the ramp of 3,000 rpm in
+/// 15 s stops the shaft within one of the 12 counts of a turn. The last edge is then at most a sixth of a
+/// second old.
 const TURNS_RPM: u32 = 30;
 
 /// The present command, and the source of commands.
@@ -402,7 +403,7 @@ impl Drive {
         }
     }
 
-    /// Returns true while the drive stops the motor before it turns back from a limit switch.
+    /// Returns true while the drive stops a motor that is to turn back from a limit switch.
     pub(super) fn reverses(&self) -> bool {
         self.reference.reverses
     }

@@ -250,10 +250,10 @@ impl Plan {
         }
     }
 
-    /// A ramp to standstill that ends on a whole step, at least half a step from the position at `at`. The
-    /// ramp begins late enough for this. It ends at the speed `rates.start_speed`, or at the present speed if
-    /// that is less. A shaft that follows the plan stays where the plan ends; with [`slew`](Self::slew) it
-    /// would turn back by a part of a step.
+    /// A ramp to standstill that ends on a whole step, at least half a step from the position at `at`. Before
+    /// the ramp the present speed continues for as long as this needs. The ramp ends at the speed
+    /// `rates.start_speed`, or at the present speed if that is less. A shaft that follows the plan stays
+    /// where the plan ends; with [`slew`](Self::slew) it would turn back by a part of a step.
     #[must_use]
     pub fn stop_on_step(&self, at: Instant, rates: Limits) -> Self {
         let (now, d) = self.segment_at(at);
@@ -371,7 +371,7 @@ impl Plan {
     /// Signed speed at `at`, in steps/s.
     #[must_use]
     pub fn speed_at(&self, at: Instant) -> I48F16 {
-        /// 2¹⁶ / f in lowest terms.
+        /// The fraction 2¹⁶ / f in lowest terms: `BITS` / `FREQUENCY`.
         const BITS: i64 = 64;
         const FREQUENCY: i64 = 15_625;
         let (segment, d) = self.segment_at(at);

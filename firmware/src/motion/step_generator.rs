@@ -172,7 +172,7 @@ pub trait StepTimer {
 #[derive(Debug)]
 pub struct PlanLoader {
     plan: Plan,
-    /// Steps that the pulses are ahead of the plan's position.
+    /// Number of steps by which the pulses are ahead of the plan's position.
     offset: i32,
     next: PendingPlan,
 }

@@ -188,9 +188,9 @@ impl Iterator for StepIterator {
 struct SegmentCursor<'a> {
     segment: &'a Segment,
     begin: u64,
-    /// Ticks of the segment that have passed by then.
+    /// Ticks of the segment up to the tick after which its steps are taken.
     since: u64,
-    /// Steps made by then beyond the segment's `base`.
+    /// Steps made up to the same tick, beyond the segment's `base`.
     made: i64,
 }
 
@@ -303,7 +303,7 @@ impl Motion {
     /// The motion of `segment`, `d` ticks after its start, relative to the step that is the `n`th beyond its
     /// `base`.
     fn of(segment: &Segment, d: u64, n: i64) -> Self {
-        // The difference is small, and 64 bits drop the same high bits of both terms.
+        // The difference fits in 64 bits. So the low 64 bits of both terms are enough.
         let phase_left = n.wrapping_mul(STEP).wrapping_sub(segment.phase(d) as i64);
         Self { acceleration: segment.acceleration, speed: segment.speed(d), phase_left }
     }
@@ -453,11 +453,11 @@ impl Ramp {
     }
 }
 
-/// The time in which `phase` passes at the mean speed of an interval of `d` ticks, in 1/64 tick. The phase
-/// must pass within a tick.
+/// Time that `phase` takes at the mean speed of an interval of `d` ticks, a step in `d` ticks. The time is in
+/// 1/64 tick, and must be within a tick.
 #[inline]
 fn ticks_64(phase: i64, d: u32) -> i32 {
-    /// 2³³ · 64 / STEP, in 2⁻²³.
+    /// 2³³ · 64 / STEP, in units of 2⁻²³.
     const RATE: i32 = ((1 << 62) / STEP as u64) as i32;
     let high = ((phase >> 18) as i32 * d.cast_signed()) >> 15;
     (high * RATE) >> 23
@@ -465,7 +465,7 @@ fn ticks_64(phase: i64, d: u32) -> i32 {
 
 /// As [`ticks_64`], for any phase and in whole ticks.
 fn ticks(phase: i64, d: u32) -> i32 {
-    /// 2⁴¹ / STEP, in 2⁻²⁰.
+    /// 2⁴¹ / STEP, in units of 2⁻²⁰.
     const RATE: i64 = (1 << 61) / STEP;
     let high = ((phase >> 16) * i64::from(d)) >> 25;
     ((high * RATE + (1 << 19)) >> 20) as i32
@@ -480,7 +480,8 @@ struct Cruise {
     remainder: i64,
     /// Phase that passes in a tick.
     phase_per_tick: i64,
-    /// Phase from half a tick after the last step's tick to the next step, `-phase_per_tick..0`.
+    /// Phase left to the next step, counted from half a tick after the tick of the last step. It is in
+    /// `-phase_per_tick..0`.
     phase_left: i64,
 }
 
@@ -585,15 +586,16 @@ mod tests {
         let tick = STEP / 1_000;
         let tenths = [-16, -14, -6, -4, 0, 4, 6, 14, 16];
         assert_eq!(tenths.map(|n| ticks(tick * n / 10, 1_000)), [-2, -1, -1, 0, 0, 0, 1, 1, 2]);
-        // In 1/64 tick, rounded down.
+        // The results are in 1/64 tick, rounded down.
         assert_eq!([-1, 1, 21, 61].map(|n| ticks_64(tick * n / 128, 1_000)), [-1, 0, 10, 30]);
     }
 
-    /// The time of a step from standstill at `a` steps/s², in 1/`ticks_64` tick, rounded to the nearest: the
-    /// distance is a·t²/2.
+    /// The time t of a step after standstill at `a` steps/s², in 1/`ticks_64` tick, rounded to the nearest.
+    /// The step is at the distance a·t²/2.
     fn due(step: u64, a: u32, ticks_64: u64) -> u64 {
         let square = u128::from(ticks_64 * ticks_64 * step) * u128::from(STEP.cast_unsigned());
-        // The rounding uses the root of four times the square, rounded down.
+        // The root of four times the square is twice the time, rounded down. Half of it, rounded up, is the
+        // time, rounded to the nearest.
         let twice = (4 * square / u128::from(a)).isqrt();
         twice.div_ceil(2) as u64
     }

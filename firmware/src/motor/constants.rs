@@ -74,11 +74,12 @@ pub(super) struct Constants {
 
 impl Constants {
     pub(super) fn of(parameters: &Parameters) -> Self {
-        /// 60/2π in 1/65536: torque in µN·m per mA of a motor with 1 mV per rpm.
+        /// Torque in µN·m per mA of a motor with 1 mV per rpm: 60/2π, in 1/65536.
         const TORQUE: u64 = 625_823;
         /// 1 rpm in 2⁻⁶⁴ turns per tick.
         const RPM: u64 = (1 << 60) / (60 * TICKS_PER_SECOND / 16);
-        /// 10·2⁶⁴ / (2π·f²) in 1/16: acceleration by 1 µN·m at 1 g·cm², in 2⁻⁶⁴ turns per tick².
+        /// Acceleration by 1 µN·m at 1 g·cm²: 10·2⁶⁴ / (2π·f²), in 2⁻⁶⁴ turns per tick², where f is the
+        /// number of ticks per second. The constant is 16 times this value.
         const ACCELERATION: i64 = 1_834_932;
         let (least, most) = (Parameters::LEAST, Parameters::MOST);
         let supply = u64::from(parameters.supply_mv.clamp(least.supply_mv, most.supply_mv));
@@ -185,9 +186,9 @@ impl Constants {
         (next, ma.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
     }
 
-    /// The interval from `now` on with a constant acceleration. It lasts one step at most. It may be longer
-    /// if the terminals are dead, or if they are open and the motor is not faster than its supply would turn
-    /// it.
+    /// The interval from `now` on with a constant acceleration. The interval lasts one step at most. It may
+    /// last longer if the terminals are dead. It may also last longer if they are open and the motor is not
+    /// faster than the supply would turn it.
     fn interval(&self, now: MotionInterval, acceleration: i64, terminals: Terminals) -> MotionInterval {
         let coasts = now.with(acceleration, MotionInterval::LONGEST);
         let steady = match terminals {

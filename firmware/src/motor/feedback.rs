@@ -74,8 +74,8 @@ impl ControlModel {
         self.full * ratio(ma.min(most).max(-most), self.stall_ma)
     }
 
-    /// Loss of speed by load and friction of a shaft that turns forward (1) or backward (−1). At rest (0)
-    /// only the part of the load that friction does not hold.
+    /// Loss of speed by load and friction. `way` is 1 for a shaft that turns forward, and −1 for one that
+    /// turns backward. At rest, 0, only the part of the load counts that friction does not hold.
     pub(crate) fn torque(&self, way: i64) -> I40F24 {
         match way {
             0 => self.load - self.load.max(-self.friction).min(self.friction),
@@ -95,18 +95,19 @@ impl ControlModel {
         (current + self.torque(way) * way) * self.gain
     }
 
-    /// The duty at which the speed without current is `rpm`, limited far beyond the whole supply voltage.
+    /// The duty at which the speed without current is `rpm`. Its limit is far beyond the whole supply
+    /// voltage.
     pub(crate) fn duty(&self, rpm: I40F24) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 30);
         rpm.saturating_mul(self.per_rpm).clamp(-MOST, MOST)
     }
 
-    /// The speed at a duty without current.
+    /// The speed without current at a duty.
     pub(crate) fn rpm(&self, duty: i32) -> I40F24 {
         I40F24::from_bits((self.full.to_bits() * i64::from(duty)) >> 16)
     }
 
-    /// The duty that brings the speed from `rpm` to `wanted` in a [`TICK`], limited far beyond the whole
+    /// The duty that brings the speed from `rpm` to `wanted` in a [`TICK`]. Its limit is far beyond the whole
     /// supply voltage.
     pub(crate) fn duty_to_reach(&self, rpm: I40F24, wanted: I40F24) -> I40F24 {
         let way = if rpm == 0 { wanted.signum() } else { rpm.signum() };

@@ -93,8 +93,8 @@ impl MotionInterval {
         self.at(self.end()).speed
     }
 
-    /// State at `at`, at any later time, if the acceleration continues until standstill or the greatest
-    /// speed.
+    /// State at `at`, which may be after the end of the interval. The acceleration continues until standstill
+    /// or the greatest speed.
     pub(super) fn extrapolated_to(&self, at: Instant) -> Self {
         let last = if self.slows() { 0 } else { MOST * self.acceleration.signum() };
         let passed = at.since(self.since).ticks();

@@ -44,7 +44,8 @@ impl Rotation {
 
     /// The speed in rpm.
     pub(super) fn rpm(self) -> I40F24 {
-        // 2⁻⁵⁶ turns per tick are 60·f·2⁻³² times 2⁻²⁴ rpm.
+        // With f ticks per second, a speed of 2⁻⁵⁶ turns per tick is 60·f·2⁻⁵⁶ rpm. This is 60·f·2⁻³² in the
+        // unit of the result, 2⁻²⁴ rpm.
         const RATE: i64 = (60 * TICKS_PER_SECOND).cast_signed();
         I40F24::from_bits(((self.speed >> 11) * RATE) >> 21)
     }

@@ -44,7 +44,8 @@ const PERIOD: i64 = 4;
 /// The greatest speed of the shaft, as [`MotionInterval::half_speed`]. With this limit no number here exceeds
 /// 127 bits.
 const FASTEST: i128 = 1 << 56;
-/// 2π/10 in 2⁻²⁴: torque in µN·m that accelerates 1 g·cm² by 1 turn/s². Torques are in 1/256 µN·m.
+/// Torque in µN·m that accelerates 1 g·cm² by 1 turn/s²: 2π/10, in 2⁻²⁴. Other torques here are in 1/256
+/// µN·m.
 const TORQUE: i128 = 10_541_437;
 /// More current than any drive gives, in mA.
 const MOST_MA: u32 = 1_000_000;
@@ -570,7 +571,7 @@ impl StepperMotor {
         if left < 0 {
             return Some(0);
         }
-        // The speed at which exactly this torque is left.
+        // The speed at which the torque is just enough.
         let fastest = (self.in_phase(pull_out_rpm.into(), 60) * left).checked_div(holds).unwrap_or(0);
         let headroom = fastest - i128::from(half_speed).abs();
         if headroom < 0 {

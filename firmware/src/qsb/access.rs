@@ -213,7 +213,7 @@ impl Adapter {
         }
         self.catch_up(at, out);
         match reg {
-            // Only command 3 writes these two.
+            // Only command 3 writes these two registers.
             Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
             Reg::TimeStamp => self.clock.set_timestamp(at, value as u32),
             _ if !row.access.writes() => return Err(PresetError::ReadOnly),
@@ -225,7 +225,7 @@ impl Adapter {
     }
 }
 
-/// The value that a register stores of a written one (QSB-9).
+/// The value that a register stores when a master writes `value` (QSB-9).
 fn stored_value(reg: Reg, value: i64) -> i64 {
     match reg {
         Reg::Mode => value & 3,

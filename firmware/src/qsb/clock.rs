@@ -2,7 +2,7 @@
 
 use crate::device::{Duration, Instant};
 
-/// 1/512 s, exactly.
+/// Period of the clock: 1/512 s, exactly.
 pub(super) const TICK: Duration = Duration::from_ticks(31_250);
 /// Unit of the timestamp in an analogue packet.
 const HALF_MILLISECOND: Duration = Duration::micros(500);

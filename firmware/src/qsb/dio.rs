@@ -103,14 +103,15 @@ impl Adapter {
         }
     }
 
-    /// Checks a write of DIG I/O CONFIG that changes these bits: it must be for a line that is free.
+    /// Checks a write of DIG I/O CONFIG that changes the bits `changed`. At least one of their lines must be
+    /// free.
     pub(super) fn check_config(&self, changed: u16) -> Result<(), Why> {
         let pulse = if changed & config::PULSE != 0 { 1 } else { 0 };
         let lines = (changed | changed >> config::CAPTURES | changed >> config::OUTPUTS) as u8 & LINES;
         self.check_lines(lines | pulse)
     }
 
-    /// Checks a write for these lines: one of them must be free.
+    /// Checks a write for these lines. At least one of the lines must be free.
     fn check_lines(&self, lines: u8) -> Result<(), Why> {
         if !REPORTS_REASONS || lines == 0 || lines & self.free_lines() != 0 {
             Ok(())

@@ -25,7 +25,7 @@ pub(super) enum Order {
     Jog,
 }
 
-/// Unit in which speeds and accelerations are used.
+/// Speeds in steps/s and accelerations in steps/s² are rounded to a multiple of this.
 pub(super) const UNIT: i64 = 16;
 
 /// The registers 0F to 12, as written. An order reads its parameters from them; a later write does not change

@@ -1,8 +1,8 @@
-//! Reasons why requests that the adapter accepts do not do what they say.
+//! Reasons why the adapter does not do what a request says, although it accepts the request.
 
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 
-/// Places in [`REASONS`].
+/// Indices in [`REASONS`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
 pub(super) enum Why {

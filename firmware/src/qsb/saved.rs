@@ -8,7 +8,7 @@ use super::{MEMORY, Words};
 use crate::device::{Context, Duration, Instant, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Duration of a save; the list does not give it (QSB-8).
+/// Duration of a save; the QSB Command List does not give it (QSB-8).
 const SAVE: Duration = Duration::millis(10);
 
 /// Rows of one word each that the oldest memories do not have. A memory without them is still valid.

@@ -34,7 +34,8 @@ const fn bit(reg: Reg) -> u8 {
 #[derive(Clone, Debug)]
 pub(super) struct Streams {
     running: u8,
-    /// Value of each register that was sent last; of READ ENCODER the value that is compared with THRESHOLD.
+    /// For each register the value that was sent last. For READ ENCODER the value that is compared with
+    /// THRESHOLD.
     sent: [u32; STREAMS.len()],
     /// Time since which a stream other than READ ENCODER differs from its last record; [`Instant::NEVER`] if
     /// none differs.

@@ -32,7 +32,7 @@ impl Drive {
     /// restore.
     ///
     /// # Errors
-    /// No line of a saved program will be executed.
+    /// The reason why no line of a saved program will be executed.
     pub(super) fn start_program(
         &mut self,
         at: Instant,

@@ -53,7 +53,7 @@ const CAUSES: [u16; 8] = [
     error::CURRENT_LIMIT,
 ];
 
-/// Range of the supply voltage in which the drive works, in 0.1 V (3, power supply protection).
+/// Range of the supply voltage in which the drive works, in 0.1 V (section 3, power supply protection).
 const GOOD_SUPPLY: RangeInclusive<u16> = 80..=300;
 
 /// The register ERROR, and injected values that affect it.

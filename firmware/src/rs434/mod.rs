@@ -120,6 +120,8 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         address: Some(Reg::SLAVE_ADDRESS_MODBUS as usize),
         supply: Some(Reg::SUPPLY as usize),
         reasons: reasons::REASONS,
+        rules: Some(&RULES),
+        failure: "a user program is running, so no program can be saved",
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }

@@ -109,7 +109,7 @@ impl Drive {
     /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move is in progress.
     ///
     /// # Errors
-    /// Nothing starts.
+    /// The reason why nothing starts.
     pub(super) fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) -> Result<(), Why> {
         if self.state != State::Ready {
             return Ok(());
@@ -246,7 +246,7 @@ impl Drive {
     /// Applies a new DIRECTION to continuous rotation at once.
     ///
     /// # Errors
-    /// Each input has a direction of its own.
+    /// DIRECTION has no effect now, because each input has a direction of its own.
     pub(super) fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
         if self.is_by_both() {
             return Err(Why::DirectionOfInputs);

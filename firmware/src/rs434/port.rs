@@ -106,8 +106,9 @@ impl Serial {
         self.deadline() <= at
     }
 
-    /// Takes the message that has ended, or whose end the line has detected: address and PDU, with the
-    /// checksum verified. `None` if there is none. In ASCII an incomplete message stays in the receiver.
+    /// Takes the message that has ended, or whose end the line has detected. Returns its address and PDU, if
+    /// its checksum is right; `None` if there is no message. In ASCII an incomplete message stays in the
+    /// receiver.
     ///
     /// # Errors
     /// The reason why the received characters are not a message.

@@ -14,7 +14,7 @@ pub(super) enum Model {
     Rs434546,
 }
 
-/// Supply voltage of a drive if none is configured, in 0.1 V: the rated 24 V (3).
+/// Supply voltage of a drive if none is configured, in 0.1 V: the rated 24 V (section 3).
 pub(super) const SUPPLY: u16 = 240;
 
 const LAST_LINE: i64 = LINES as i64 - 1;
@@ -279,12 +279,12 @@ impl Reg {
 }
 
 impl Model {
-    /// Rated current of the motor, in mA (3): the factory value of REF_CURRENT.
+    /// Rated current of the motor, in mA (section 3): the factory value of REF_CURRENT.
     pub(super) fn rated_ma(self) -> u16 {
         self.entries().list.get(Reg::REF_CURRENT.row()).map_or(0, |entry| entry.reset as u16)
     }
 
-    /// Least current that counts as a short circuit, in mA (3).
+    /// Least current that counts as a short circuit, in mA (section 3).
     pub(super) fn short_ma(self) -> u32 {
         match self {
             Self::Rs434544 => 30_000,
@@ -301,7 +301,7 @@ impl Model {
     }
 }
 
-/// Factory settings of the serial line (6).
+/// Factory settings of the serial line (section 6).
 pub(super) const FACTORY_LINE: Line = line(factory(Reg::TYPE_MODBUS), factory(Reg::BITRATE_MODBUS));
 
 /// The factory value of a register.

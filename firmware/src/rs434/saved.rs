@@ -41,7 +41,7 @@ impl Drive {
         self.save = Some(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
     }
 
-    /// Resets the settings to the factory values, also in the flash (7).
+    /// Resets the settings to the factory values, also in the flash (section 7).
     pub(super) fn reset_settings(&mut self, at: Instant, out: &mut dyn Context) {
         memory::reset(self.model.entries(), self.bank.words_mut());
         self.set_servo(at, out);

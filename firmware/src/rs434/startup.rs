@@ -1,4 +1,4 @@
-//! Start of the drive, reset to the factory values, and the two lights (4, 7).
+//! Start of the drive, reset to the factory values, and the two lights (sections 4 and 7).
 
 use super::drive::{Drive, State};
 use super::program::Status;
@@ -8,9 +8,9 @@ use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// Time from power-on to the first received character (RS434-9).
 const BOOT: Duration = Duration::millis(500);
-/// Time for which CLR_FLASH must be closed for a reset (7; RS434-10).
+/// Time for which CLR_FLASH must be closed for a reset (section 7; RS434-10).
 const RESET: Duration = Duration::secs(5);
-/// Time for which each light is on in turn during this time.
+/// While CLR_FLASH is closed, the lights are on in turn, each for this time.
 const TURN: Duration = Duration::millis(250);
 
 /// State while CLR_FLASH is closed at the start.

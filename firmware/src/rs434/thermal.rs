@@ -59,7 +59,7 @@ pub(super) struct Thermal {
 }
 
 impl Thermal {
-    /// Parts at rest.
+    /// State with all parts cold.
     pub(super) fn new(at: Instant, rated_ma: u16) -> Self {
         let rated_ma = u32::from(rated_ma);
         Self { rated_ma, since: at, power: Body::COLD, brake: Body::COLD, injected: [None; 3] }

@@ -24,8 +24,8 @@ pub type Rule = fn(&Output<'_>) -> Treatment;
 
 /// Records the outputs of a device, by kind and with their timestamps, and writes stores into its memory.
 ///
-/// A [`Rule`] decides which outputs the device may put. An output that is [refused](Treatment::Refuse)
-/// panics.
+/// A [`Rule`] decides which outputs the device may make. A [refused](Treatment::Refuse) output causes a
+/// panic.
 #[derive(Clone, Debug)]
 pub struct Recorder {
     /// Non-volatile memory.

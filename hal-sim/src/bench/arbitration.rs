@@ -134,8 +134,9 @@ impl Bench {
         }
         let unreadable = if flags.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };
+        let (noise, effects) = (flags.noise, flags.effects);
         let request =
-            Request { client, order, sender, count: length, text, noise: flags.noise, ..Request::default() };
+            Request { client, order, sender, count: length, text, noise, effects, ..Request::default() };
         let serial_line = &self.buses[bus as usize];
         let start = came.max(match &serial_line.collisions {
             // The client transmits while others do.
@@ -261,7 +262,7 @@ impl Bench {
     fn free(&mut self, bus: u32, from: Instant) {
         let from = self.received_by_all(bus, from);
         let serial_line = &mut self.buses[bus as usize];
-        (serial_line.free, serial_line.refusal) = (from, None);
+        serial_line.free = from;
         if let Some(collisions) = &mut serial_line.collisions {
             collisions.transmitted.clear();
             collisions.free = from;

@@ -86,8 +86,8 @@ impl Bench {
     }
 
     /// Number of bytes of a client that are not on the line yet, or on a TCP connection not delivered to the
-    /// drive yet. A host that reads from a client only while this number is small slows down clients that
-    /// send faster than the line, or that do not read their answers.
+    /// drive yet. If a host reads from a client only while this number is small, the host slows down clients
+    /// that send faster than the line, or that do not read their answers.
     #[must_use]
     pub fn backlog(&self, client: Client) -> usize {
         let on_a_line = self.clients.get(&client.0).map(ClientState::backlog);

@@ -6,14 +6,14 @@
 //! Therefore each such request is counted, and a strict line drops it.
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
-use super::{Bench, Bus};
+use super::{Bench, Bus, Outlet};
 use crate::line::LastRequest;
 use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
-use crate::record::journal::{Draft, Outcome};
+use crate::record::effects::FrameEffects;
+use crate::record::journal::Outcome;
 use crate::record::requests::RequestStatistics;
 
 /// Requests that are too early.
@@ -61,19 +61,29 @@ impl Bench {
         self.buses[bus.0 as usize].strict
     }
 
-    /// Requests on a line so far that were too early. A request after that of another client, through a port
-    /// that [times characters itself](Self::set_self_paced), or on a line with faults is not judged, because
-    /// its client does not know when it may send.
+    /// Requests on a line so far that were too early. A request is not judged if its client cannot know when
+    /// it may send: after a request of another client, through a port that [times characters
+    /// itself](Self::set_self_paced), or on a line with faults.
     #[must_use]
     pub fn early_requests(&self, bus: Bus) -> EarlyRequests {
         self.buses[bus.0 as usize].early
     }
 
-    /// Statistics of the requests on a Modbus line so far; all zero on another line.
+    /// Statistics of the requests on a Modbus line or Modbus/TCP port so far; all zero elsewhere. On a TCP port no
+    /// request is too early.
     #[must_use]
-    pub fn request_statistics(&self, bus: Bus) -> RequestStatistics {
-        let line = &self.buses[bus.0 as usize];
-        line.requests.statistics(line.early.count)
+    pub fn request_statistics(&self, outlet: impl Into<Outlet>) -> RequestStatistics {
+        match outlet.into() {
+            Outlet::Line(bus) => {
+                let line = &self.buses[bus.0 as usize];
+                line.requests.statistics(line.early.count)
+            }
+            Outlet::Tcp(drive, port) => {
+                let port = self.at(drive).state.ports.get(usize::from(port.0));
+                let tcp = port.and_then(|port| port.tcp.as_ref());
+                tcp.map(|tcp| tcp.requests.statistics(0)).unwrap_or_default()
+            }
+        }
     }
 
     /// Number of requests on all lines so far that were too early.
@@ -101,12 +111,12 @@ impl Bench {
         }
     }
 
-    /// Judges the first `length` waiting bytes of a client, which are a frame. All times are such that a
-    /// request without the silence is proven.
+    /// Judges the first `length` waiting bytes of a client, which are a frame. The times are chosen so that
+    /// the silence was certainly missing.
     ///
-    /// A client that waits until its bytes are on the wire waits for nothing on a pty or a TCP connection, and is
-    /// earlier here than on a real line by the duration of its last request. This may be so unless the reply to the
-    /// last request was complete.
+    /// Some clients wait until their bytes are on the wire. On a pty or a TCP connection this wait takes no time, so
+    /// such a client is earlier here than on a real line, by the duration of its last request. This may be so unless
+    /// the reply to the last request was complete.
     pub(super) fn early_request(&mut self, bus: u32, client: u32, length: usize) -> Option<EarlyRequest> {
         let settings = self.framed(bus).filter(|_| !self.silence_is_free && !self.fast())?;
         let state = self.clients.get(&client)?;
@@ -131,8 +141,8 @@ impl Bench {
                 (began + last.takes < replied).then_some(EarlyCause::InUse)
             }
         });
-        // Without a strict line, the second of two frames without silence is counted when its turn comes.
-        // In Modbus ASCII the first frame is whole without silence.
+        // On a line that is not strict, the second of two frames with no silence between them is counted when
+        // its own turn comes. In Modbus ASCII the first frame is complete without silence after it.
         let is_followed = || {
             let (_, next) = next.filter(|_| line.strict)?;
             (next < written + needs).then_some(EarlyCause::Followed)
@@ -149,7 +159,7 @@ impl Bench {
         let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
         let line = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut line.continues, continues.then_some(client));
-        // In Modbus ASCII a frame is whole without silence.
+        // In Modbus ASCII a frame is complete without silence after it.
         if paces_itself || needs == Duration::ZERO || *line.disturbance.faults() != LineFaults::NONE {
             return None;
         }
@@ -176,7 +186,6 @@ impl Bench {
 
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
     pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
-        let ascii = ascii::is_on(self.line(Bus(bus)));
         let line = &mut self.buses[bus as usize];
         line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
         self.early_count += 1;
@@ -184,20 +193,13 @@ impl Bench {
         if !line.strict || self.silence_is_free {
             return false;
         }
-        if !self.settings.journals {
-            return true;
-        }
-        let &[(drive, port), ref others @ ..] = line.ports.as_slice() else { return true };
-        let mut draft = Draft::default();
-        draft.begin(bytes);
-        let mut entry = draft.entry(came, port, Outcome::TooEarly(early));
-        entry.ascii = ascii;
-        let entries = &mut self.outputs.entries;
-        if others.is_empty() {
-            self.slots[drive.0 as usize].state.journal.push(entries, entry);
-        } else {
-            line.journal.push(entries, entry);
-        }
+        self.enter_undelivered(
+            Outlet::Line(Bus(bus)),
+            came,
+            bytes,
+            Outcome::TooEarly(early),
+            FrameEffects::NONE,
+        );
         true
     }
 }

@@ -3,6 +3,7 @@
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
 
 use super::tcp_faults::StreamPart;
+use crate::line::Refusal;
 use crate::record::trace::InputRecord;
 use crate::slot::PinStimulus;
 
@@ -16,6 +17,9 @@ pub(crate) enum EventKind {
     /// A received character that is corrupt if it overlaps another one. `number` identifies its transmission
     /// on the line.
     MayCollide { input: InputRecord, number: u32 },
+    /// A fault answers a request on a line that ended at `end`, in place of a drive. `number` identifies the request if
+    /// characters may collide.
+    Refused { refusal: Refusal, request: Vec<u8>, end: Instant, number: Option<u32> },
     /// An input of a drive on a TCP connection. It is dropped if the client's connection has been closed by
     /// then.
     TcpInput { client: u32, input: InputRecord },

@@ -1,16 +1,19 @@
 //! Faults of lines, and collisions of characters.
 
-use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
+use drivetwin_firmware::device::{DropReason, Duration, Instant, Line, Port, Spec};
+use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
+use super::tcp_faults::is_whole_line;
 use super::transmit::{Origin, TxBurst};
 use super::{Bench, Bus, Client, DriveId, Outlet};
 use crate::line::collisions::CollisionTracker;
 use crate::line::fault_rules::Content;
-use crate::line::faults::{FrameFaults, LineFaults, Refusal, Text, opened, readdressed};
-use crate::line::{CharFlags, PendingFrame, Request, Sender};
+use crate::line::faults::{FrameFaults, LineFaults, Text, exception, opened, readdressed};
+use crate::line::{CharFlags, PendingFrame, Refusal, Request, Sender};
 use crate::record::capture::Source;
 use crate::record::effects::{FrameEffect, FrameEffects};
+use crate::record::journal::Outcome;
 use crate::record::trace::InputRecord;
 use crate::slot::Sent;
 
@@ -57,23 +60,25 @@ impl Bench {
         else {
             return self.queue(client, bytes, CharFlags::default());
         };
-        if fate.lost {
-            self.enter_lost(Outlet::Line(Bus(bus)), self.now, bytes, fate.effects());
+        let (text, effects) = (fate.apply(line, bytes), fate.effects());
+        if fate.lost || !is_whole_line(bytes, &text.bytes) {
+            self.enter_lost(Outlet::Line(Bus(bus)), self.now, bytes, effects);
         }
-        let text = fate.apply(line, bytes);
-        self.queue_text(client, &text, false);
+        let flags = CharFlags { effects, ..CharFlags::default() };
+        self.queue_text(client, &text, flags);
         if fate.twice {
-            self.queue_text(client, &text, false);
+            self.queue_text(client, &text, flags);
         }
         if let Some(noise) = fate.noise(line) {
-            self.queue_text(client, &noise, true);
+            let effects = FrameEffects::NONE.with(FrameEffect::WithNoise, true);
+            self.queue_text(client, &noise, CharFlags { noise: true, effects, ..flags });
         }
     }
 
-    fn queue_text(&mut self, client: Client, text: &Text, noise: bool) {
+    fn queue_text(&mut self, client: Client, text: &Text, flags: CharFlags) {
         for (index, byte) in text.bytes.iter().enumerate() {
             let unreadable = text.unreadable.contains(&index);
-            self.queue(client, &[*byte], CharFlags { noise, unreadable });
+            self.queue(client, &[*byte], CharFlags { unreadable, ..flags });
         }
     }
 
@@ -81,25 +86,23 @@ impl Bench {
     pub(super) fn disturbed_request(&mut self, bus: u32, start: Instant, request: Request) -> Request {
         let line = self.line(Bus(bus));
         let content = self.request_content(bus, Some((line, &request.text.bytes)));
-        let disturbance = &mut self.buses[bus as usize].disturbance;
-        let code = disturbance.faults().exception_code;
-        let refusal =
-            if disturbance.is_quiet() { None } else { Refusal::of(line, &request.text.bytes, code) };
-        let fate = disturbance.request(request.text.bytes.len(), content.as_ref(), refusal.is_some());
+        let refusal = self.refusal(bus, start, &request);
         let serial_line = &mut self.buses[bus as usize];
+        let count = request.text.bytes.len();
+        let fate = serial_line.disturbance.request(count, content.as_ref(), refusal.is_some());
         serial_line.asked = content;
         let Some(fate) = fate else { return request };
-        if fate.lost {
-            self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, fate.effects());
+        let (text, effects) = (fate.apply(line, &request.text.bytes), fate.effects());
+        // Drives see a Modbus ASCII message only between its colon and its line feed.
+        let is_seen = !ascii::is_on(line) || text.has_ends_of_ascii();
+        if fate.lost || !is_seen {
+            self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, effects);
         }
         let serial_line = &mut self.buses[bus as usize];
-        let refused = refusal.filter(|_| fate.refused);
-        let refused = refused.map(|(refusal, instead)| (refusal, fate.apply(line, &instead).bytes));
-        let text = fate.apply(line, &request.text.bytes);
-        let effects = fate.effects();
+        let refusal = refusal.filter(|_| fate.refused);
         // Noise before the request makes the transmission longer.
         let count = request.count.max(text.bytes.len());
-        let request = Request { count, text, refused, effects, ..request };
+        let request = Request { count, text, refusal, effects, ..request };
         if fate.twice && !fate.lost {
             serial_line.behind.push_back(request.clone());
         }
@@ -111,6 +114,68 @@ impl Bench {
             ..Request::default()
         }));
         request
+    }
+
+    /// The exception of the faults for a request that begins at `start`. `None` if no drive would answer the request,
+    /// so that there is nothing to refuse: the drive that it is for must be on the line and receive it.
+    fn refusal(&self, bus: u32, start: Instant, request: &Request) -> Option<Refusal> {
+        let &LineFaults { exception: rule, exception_code: code, baud, .. } =
+            self.buses[bus as usize].disturbance.faults();
+        if !rule.is_active() || !request.text.unreadable.is_empty() {
+            return None;
+        }
+        let sender = Sender { baud: baud.or(request.sender.baud), ..request.sender };
+        self.ports(Bus(bus)).iter().find_map(|&(drive, port)| {
+            let line = self.at(drive).line_at(port, start).filter(|line| sender.fits(*line))?;
+            let (unit, answer) = exception(line, &request.text.bytes, code)?;
+            let receives =
+                self.address(drive).is_none_or(|own| own == unit) && self.is_receiving(drive, port, start);
+            receives.then_some(Refusal { drive, port, code, answer })
+        })
+    }
+
+    /// Returns true if a drive receives characters that begin at `start`.
+    fn is_receiving(&self, drive: DriveId, port: Port, start: Instant) -> bool {
+        let slot = self.at(drive);
+        let Some(serial) = slot.serial(port).filter(|_| slot.state.powered) else { return false };
+        let first = self.first_ends(start, self.takes(serial.line_at(start), 1));
+        serial.sends_until <= start && slot.receives_from() <= first
+    }
+
+    /// Answers a request that ended at `end` with the exception of the faults, without its drive. `number` identifies
+    /// the request if characters may collide.
+    pub(super) fn answer_refused(
+        &mut self,
+        refusal: Refusal,
+        request: &[u8],
+        end: Instant,
+        number: Option<u32>,
+    ) {
+        let Refusal { drive, port, code, ref answer } = refusal;
+        let Some(Bus(bus)) = self.bus(drive, port) else { return };
+        let collisions = self.buses[bus as usize].collisions.as_ref().zip(number);
+        let outcome = if collisions.is_some_and(|(all, number)| all.overlapped(number).next().is_some()) {
+            Outcome::Dropped(DropReason::RxError)
+        } else if self.powered(drive) {
+            Outcome::RefusedByFault(code)
+        } else {
+            Outcome::NoPower
+        };
+        let answers = outcome == Outcome::RefusedByFault(code);
+        let effects = self.buses[bus as usize].on_request;
+        self.enter_refused(
+            (drive, port),
+            end,
+            (request, if answers { answer } else { &[] }),
+            outcome,
+            effects,
+        );
+        let (now, fast) = (self.now, self.fast());
+        if let Some(serial) = self.at_mut(drive).state.serial(port).filter(|_| answers) {
+            let (start, line) = serial.send(now, answer.len(), fast);
+            let sent = Sent { drive: drive.0, port, start, line, count: answer.len() };
+            self.transmit_from_drive(&sent, answer);
+        }
     }
 
     /// Content of a request on a line, if a fault needs it: the drives that it is for and, on a Modbus line, the
@@ -150,7 +215,6 @@ impl Bench {
         let LineFaults { baud, .. } = self.line_faults(Bus(bus));
         let line = sent.line;
         let modbus = self.framed(bus).is_some();
-        self.note_refusal(bus, sent, bytes);
         let rewritten = if modbus { self.rewritten(bus, line, bytes, fate) } else { None };
         let sound = rewritten.as_deref().unwrap_or(bytes);
         let text = if fate.muted { Text::default() } else { fate.apply(line, sound) };
@@ -177,34 +241,20 @@ impl Bench {
         }
         let serial_line = &mut self.buses[bus as usize];
         serial_line.sends_until = serial_line.sends_until.max(end);
+        serial_line.late_by = start.since(sent.start);
         if end > sent.start + takes {
             serial_line.held_up = end;
         }
     }
 
-    /// Enters the request that a fault refused in place of the one that the drive received and refused.
-    fn note_refusal(&mut self, bus: u32, sent: &Sent, reply: &[u8]) {
-        let Some(refusal) = self.buses[bus as usize].refusal else { return };
-        let Some(exception) = refusal.answer(sent.line, reply) else { return };
-        let journal = &mut self.at_mut(DriveId(sent.drive)).state.journal;
-        if let Some(entry) = journal.answered_with(sent.port, reply)
-            && let Some(request) = refusal.request(sent.line, entry.message())
-        {
-            entry.refused_by_fault(&request, &exception, refusal.code());
-        }
-    }
-
-    /// The reply that replaces `reply`: the exception for a refused request, the reply with another address,
-    /// or both. `None` if the reply stays unchanged.
+    /// The reply with a wrong address; `None` if the reply stays unchanged.
     fn rewritten(&self, bus: u32, line: Line, reply: &[u8], fate: &FrameFaults) -> Option<Vec<u8>> {
-        let refusal = self.buses[bus as usize].refusal;
-        let refused = refusal.and_then(|refusal| refusal.answer(line, reply));
         if !fate.wrong_address {
-            return refused;
+            return None;
         }
         let address = |&(drive, _): &(DriveId, Port)| Some(self.peek(drive, self.spec(drive).address?));
         let taken: Vec<i64> = self.ports(Bus(bus)).iter().filter_map(address).collect();
-        readdressed(line, refused.as_deref().unwrap_or(reply), &taken).or(refused)
+        readdressed(line, reply, &taken)
     }
 
     /// Transmits noise from `start` on to all clients, and to all drives except one.

@@ -68,6 +68,7 @@ pub use pin_wires::StepOutput;
 pub use received::{Accesses, Counts, News, Received, ReceivedMessage, Receiver};
 use scenario::Playing;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
+pub use stimulus::{ENCODER_HZ, PULSE_HZ};
 use tcp_clients::Connections;
 pub use tcp_clients::{ConnectError, Ended, Outlet};
 
@@ -87,6 +88,8 @@ pub struct Settings {
     /// True to record the motion of brush and brushless motors in the trace, for waveforms. The motion of
     /// stepper motors is in the trace anyway, as plans. Default: false.
     pub shafts: bool,
+    /// True to record the outcomes of messages in the trace, for waveforms. Default: false.
+    pub outcomes: bool,
     /// True if drives and lines keep [journals](Bench::received). Default: true.
     pub journals: bool,
 }
@@ -100,6 +103,7 @@ impl Default for Settings {
             trace: Retention::default(),
             capture: Retention::Off,
             shafts: false,
+            outcomes: false,
             journals: true,
         }
     }
@@ -375,8 +379,8 @@ impl Bench {
     }
 
     /// Sets registers that are not saved, now and after every power-on. These presets replace those of
-    /// [`Setup::presets`]. At power-on they are applied after the initial levels of the pins. Those of
-    /// [`Setup`] are applied before, because no wire is connected yet.
+    /// [`Setup::presets`]. At power-on the new presets are applied after the initial levels of the pins. The
+    /// presets of [`Setup`] are applied before these levels, because no wire is connected yet.
     ///
     /// # Errors
     /// The drive refuses a preset. The presets before it have been applied.
@@ -580,6 +584,7 @@ impl Bench {
         }
         self.update_tcp_busy(index);
         self.look_for_writes(index);
+        self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
 
     /// Handles the results of a call of a drive: its deadline, its outputs, and the end of its transmissions if power
@@ -598,6 +603,7 @@ impl Bench {
         }
         self.update_tcp_busy(index);
         self.look_for_writes(index);
+        self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
 
     /// Sorts the slots by name if drives were added.
@@ -654,6 +660,9 @@ impl Bench {
             EventKind::MayCollide { input, number } => {
                 let input = self.exposed(event.target, input, number);
                 self.deliver(event.target, &input);
+            }
+            EventKind::Refused { refusal, request, end, number } => {
+                self.answer_refused(refusal, &request, end, number);
             }
             EventKind::TcpInput { client, input } => self.tcp_input_arrives(event.target, client, &input),
             EventKind::StreamPart { client, part } => self.stream_part_arrives(client, part),

@@ -363,8 +363,8 @@ impl Bench {
         }
         for n in 0.. {
             let Some(&(_, motor)) = self.slots[index as usize].motors.get(n) else { break };
-            // This command comes before those that the drive gave one tick ago and that arrive at this
-            // instant.
+            // The drive's commands of one tick ago arrive at this instant, too. The command here takes effect
+            // before them.
             self.motors[motor as usize].inbox.push_front((self.now, MotorCommand::Blocked(on)));
             self.schedule_motor(motor as usize);
         }

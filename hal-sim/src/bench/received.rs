@@ -8,12 +8,14 @@ use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
+use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
+use crate::record::capture::Medium;
 use crate::record::effects::FrameEffects;
-use crate::record::journal::{Draft, Entry, Outcome};
+use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
@@ -71,8 +73,7 @@ pub struct ReceivedMessage {
 
 impl std::fmt::Display for ReceivedMessage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Exchange { request, outcome, .. } = &self.exchange;
-        write!(f, "{} <- {} -> {outcome}", self.port, request.text)
+        write!(f, "{} <- {}", self.port, self.exchange)
     }
 }
 
@@ -261,6 +262,28 @@ impl Bench {
         Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
     }
 
+    /// The latest entries of all journals, each with the drive; those of a line once for each of its drives. On a
+    /// bench of many drives they are fewer of each, about 100,000 in all.
+    #[must_use]
+    pub fn outcomes(&self) -> Vec<(DriveId, Entry)> {
+        const MOST_IN_ALL: usize = 100_000;
+        let most = MOST_IN_ALL / (self.slots.len() + self.buses.len()).max(1);
+        let own = self.drives().flat_map(|drive| {
+            self.at(drive).state.journal.entries().rev().take(most).map(move |entry| (drive, entry.clone()))
+        });
+        let of_lines = self.buses.iter().flat_map(|line| {
+            let ports = &line.ports;
+            line.journal.entries().rev().take(most).flat_map(move |entry| {
+                ports.iter().map(move |&(drive, port)| {
+                    let mut entry = entry.clone();
+                    entry.port = port;
+                    (drive, entry)
+                })
+            })
+        });
+        own.chain(of_lines).collect()
+    }
+
     /// Requests to a drive so far that it did not receive because it was starting.
     #[must_use]
     pub fn starting_requests(&self, drive: DriveId) -> StartingRequests {
@@ -314,8 +337,49 @@ impl Bench {
             Receiver::Drive(_) if self.slots.len() == 1 => message.to_string(),
             Receiver::Drive(drive) => format!("{}.{message}", self.name(drive)),
             Receiver::Line(bus) => {
-                let Exchange { request, outcome, .. } = &message.exchange;
-                format!("{} <- {} -> {outcome}", self.bus_name(bus), request.text)
+                format!("{} <- {}", self.bus_name(bus), message.exchange)
+            }
+        }
+    }
+
+    /// Records the outcomes of the new entries of a journal, in the trace and in the capture.
+    #[inline]
+    pub(super) fn record_outcomes(&mut self, receiver: Receiver) {
+        if !self.settings.outcomes && !self.capture.is_on() {
+            return;
+        }
+        let journal = match receiver {
+            Receiver::Drive(drive) => &mut self.slots[drive.0 as usize].state.journal,
+            Receiver::Line(Bus(bus)) => &mut self.buses[bus as usize].journal,
+        };
+        for entry in journal.take_new() {
+            self.record_outcome(receiver, &entry);
+        }
+    }
+
+    /// Records the outcome of a message, or its change.
+    pub(super) fn record_outcome(&mut self, receiver: Receiver, entry: &Entry) {
+        let line = match receiver {
+            Receiver::Drive(drive) => self.bus(drive, entry.port),
+            Receiver::Line(bus) => Some(bus),
+        };
+        self.capture.receive(
+            |medium| match (medium, receiver) {
+                (Medium::Line(bus), _) => Some(bus) == line,
+                (Medium::Tcp(drive, port, _), Receiver::Drive(of)) => (drive, port) == (of, entry.port),
+                (Medium::Tcp(..), Receiver::Line(_)) => false,
+            },
+            entry,
+        );
+        if self.settings.outcomes {
+            let drives = match receiver {
+                Receiver::Drive(drive) => vec![(drive, entry.port)],
+                Receiver::Line(bus) => self.ports(bus).to_vec(),
+            };
+            for (DriveId(drive), port) in drives {
+                let mut entry = entry.clone();
+                entry.port = port;
+                self.trace.record_received(self.now, drive, entry);
             }
         }
     }
@@ -328,6 +392,7 @@ impl Bench {
         self.slots[index as usize].state.enter(entry, &mut outputs);
         self.outputs = outputs;
         self.route_outputs();
+        self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
 
     /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
@@ -354,8 +419,11 @@ impl Bench {
             *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
             self.starting_count += 1;
         }
+        if let (false, Outcome::NoMessage(_)) = (alone, entry.outcome) {
+            return self.enter_stray(bus, entry, entries);
+        }
         match (alone, for_other) {
-            (true, true) if matches!(entry.outcome, Outcome::Dropped(DropReason::Address)) => {
+            (true, true) => {
                 let addresses: Vec<u8> = own.into_iter().collect();
                 self.at_mut(drive).state.journal.push(entries, entry.without_drive(&addresses));
             }
@@ -368,6 +436,19 @@ impl Bench {
             (false, _) => {
                 let _ = self.buses[bus as usize].unclaimed.get_or_insert((entry, for_other));
             }
+        }
+    }
+
+    /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
+    /// line reports them.
+    fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+        let journal = &mut self.buses[bus as usize].journal;
+        let is_known = journal.last_mut().is_some_and(|last| {
+            (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
+        });
+        if !is_known {
+            journal.push(entries, entry);
+            self.record_outcomes(Receiver::Line(Bus(bus)));
         }
     }
 
@@ -387,9 +468,21 @@ impl Bench {
         }
     }
 
-    /// Enters a message that a fault took at `at`: in the journal of the drive that it was for or, if there is
-    /// none or it was for all, in that of the line.
+    /// Enters a message that no drive receives whole because of a fault.
     pub(super) fn enter_lost(&mut self, outlet: Outlet, at: Instant, bytes: &[u8], effects: FrameEffects) {
+        self.enter_undelivered(outlet, at, bytes, Outcome::Lost, effects);
+    }
+
+    /// Enters a message that the line or TCP port did not deliver at `at`: in the journal of the drive that it was for
+    /// or, if there is none or it was for all, in that of the line.
+    pub(super) fn enter_undelivered(
+        &mut self,
+        outlet: Outlet,
+        at: Instant,
+        bytes: &[u8],
+        outcome: Outcome,
+        effects: FrameEffects,
+    ) {
         if !self.settings.journals {
             return;
         }
@@ -405,24 +498,42 @@ impl Bench {
         let Some(&(_, first)) = ports.first() else { return };
         let mut draft = Draft::default();
         draft.begin(bytes);
-        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), Outcome::Lost);
+        let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), outcome);
         (entry.ascii, entry.on_message) = (ascii, effects);
         let entries = &mut self.outputs.entries;
         match (receiver, outlet) {
-            (Some((drive, _)), _) => self.slots[drive.0 as usize].state.journal.push(entries, entry),
-            (None, Outlet::Line(bus)) => self.buses[bus.0 as usize].journal.push(entries, entry),
+            (Some((drive, _)), _) => {
+                self.slots[drive.0 as usize].state.journal.push(entries, entry);
+                self.record_outcomes(Receiver::Drive(drive));
+            }
+            (None, Outlet::Line(bus)) => {
+                self.buses[bus.0 as usize].journal.push(entries, entry);
+                self.record_outcomes(Receiver::Line(bus));
+            }
             (None, Outlet::Tcp(..)) => {}
         }
     }
 
-    /// Enters a request on a TCP port that a fault refused without the drive.
+    /// Enters bytes on a Modbus/TCP connection that are no message.
+    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: Broken) {
+        if !self.settings.journals {
+            return;
+        }
+        let mut draft = Draft::default();
+        draft.begin(bytes);
+        let entry = draft.entry(self.now, port, Outcome::NoMessage(NoMessage::Header(why)));
+        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Drive(drive));
+    }
+
+    /// Enters a request to a drive that ended at `at`, with the answer of a fault, if there is one.
     pub(super) fn enter_refused(
         &mut self,
-        drive: DriveId,
-        port: Port,
-        request: &[u8],
-        answer: &[u8],
-        code: u8,
+        (drive, port): (DriveId, Port),
+        at: Instant,
+        (request, answer): (&[u8], &[u8]),
+        outcome: Outcome,
+        effects: FrameEffects,
     ) {
         if !self.settings.journals {
             return;
@@ -430,17 +541,32 @@ impl Bench {
         let mut draft = Draft::default();
         draft.begin(request);
         draft.answer(answer);
-        let entry = draft.entry(self.now, port, Outcome::RefusedByFault(code));
+        let mut entry = draft.entry(at, port, outcome);
+        entry.ascii = self.bus(drive, port).is_some_and(|bus| ascii::is_on(self.line(bus)));
+        entry.on_message = effects;
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Drive(drive));
     }
 
     /// Notes the effects of faults on the reply of a drive in the entry of its request.
     pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
-        let state = &mut self.at_mut(drive).state;
-        if let Some(entry) = state.journal.answered_with(port, bytes) {
+        if let Some(entry) = self.at_mut(drive).state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);
-        } else if let Some(port) = state.ports.get_mut(usize::from(port.0))
-            && port.tcp.as_ref().is_some_and(|tcp| !tcp.framed)
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
+    /// Notes the effects of faults on a reply on a port with lines of text in the entry after number `before`, or in
+    /// the next one if the line has not ended yet.
+    pub(super) fn note_text_reply(&mut self, drive: DriveId, port: Port, before: u64, effects: FrameEffects) {
+        let state = &mut self.at_mut(drive).state;
+        if let Some(entry) = state.journal.last_after(port, before) {
+            entry.on_answer = entry.on_answer.and(effects);
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        } else if state.reception.has_part(port)
+            && let Some(port) = state.ports.get_mut(usize::from(port.0))
         {
             port.on_echo = port.on_echo.and(effects);
         }
@@ -460,6 +586,7 @@ impl Bench {
         };
         let line = &mut self.buses[bus as usize];
         line.journal.push(&mut self.outputs.entries, entry);
+        self.record_outcomes(Receiver::Line(Bus(bus)));
     }
 
     /// Address of a drive on its line, from its register.

@@ -46,7 +46,7 @@ pub struct Written {
     pub drive: DriveId,
     /// Row of the register in the drive's register map.
     pub row: usize,
-    /// The value, if only one value counts.
+    /// The value of the whole register, if only one value counts.
     pub value: Option<i64>,
 }
 
@@ -55,9 +55,9 @@ pub struct Written {
 pub enum Action {
     /// Sets the faults of a line or TCP port.
     LineFaults {
-        /// Its name, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
+        /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
         bus: String,
-        /// Its faults from now on.
+        /// Faults of the line or port from now on.
         faults: Box<LineFaults>,
     },
     /// Sets or clears the cause of a fault of a drive.
@@ -99,10 +99,14 @@ pub enum Action {
 }
 
 impl Written {
-    /// Returns true if a request that a drive has accepted is this write.
-    fn is_in(&self, registers: &[Register]) -> bool {
+    /// Returns true if a request that a drive has accepted is this write. A part of the register in the request
+    /// changes its `whole` value to this one.
+    fn is_in(&self, name: &str, registers: &[Register], whole: impl Fn() -> i64) -> bool {
         registers.iter().any(|register| {
-            let has_value = |wanted| register.value == Some(Value::Number(wanted));
+            let has_value = |wanted| {
+                let is_part = register.name != name;
+                register.value == Some(Value::Number(wanted)) && !is_part || is_part && whole() == wanted
+            };
             register.written && register.row == self.row && self.value.is_none_or(has_value)
         })
     }
@@ -125,6 +129,9 @@ impl Scenario {
         }
     }
 }
+
+/// Most scenarios that a bench plays at once.
+const MOST_SCENARIOS: usize = 1_000;
 
 /// A scenario that is being played.
 #[derive(Debug)]
@@ -155,6 +162,11 @@ impl Playing {
                 None
             }
         }
+    }
+
+    /// Returns true if there is no step left.
+    fn is_over(&self) -> bool {
+        self.steps.len() == 0 && self.waits.is_none() && self.action.is_none()
     }
 
     /// The write that the present step waits for, and the number of the last entry that cannot be it.
@@ -211,7 +223,8 @@ impl Bench {
     /// ```
     ///
     /// # Errors
-    /// There is no line or TCP port of a name in the scenario; nothing is played then.
+    /// There is no line or TCP port of a name in the scenario, or 1,000 scenarios have not ended yet; nothing is
+    /// played then.
     pub fn play(&mut self, scenario: Scenario) -> Result<(), String> {
         let unknown = scenario.steps.iter().find_map(|step| match &step.action {
             Action::LineFaults { bus, .. } if self.find_outlet(bus).is_none() => Some(bus),
@@ -220,8 +233,19 @@ impl Bench {
         if let Some(bus) = unknown {
             return Err(format!("there is no bus '{bus}'"));
         }
-        self.scenarios.push(Playing::new(scenario));
-        self.begin_step(self.scenarios.len() - 1);
+        let ended = self.scenarios.iter().position(Playing::is_over);
+        if ended.is_none() && self.scenarios.len() >= MOST_SCENARIOS {
+            return Err(format!(
+                "a bench plays {MOST_SCENARIOS} scenarios at once; wait until one has ended"
+            ));
+        }
+        let number = ended.unwrap_or(self.scenarios.len());
+        let playing = Playing::new(scenario);
+        match self.scenarios.get_mut(number) {
+            Some(ended) => *ended = playing,
+            None => self.scenarios.push(playing),
+        }
+        self.begin_step(number);
         Ok(())
     }
 
@@ -262,7 +286,11 @@ impl Bench {
                 let slot = &self.slots[index as usize];
                 let new = slot.state.journal.entries().rev().take_while(|entry| entry.number > seen);
                 let mut accepted = new.filter(|entry| entry.outcome == Outcome::Accepted);
-                accepted.any(|entry| written.is_in(&exchange(slot.spec, entry).request.registers))
+                let name = slot.spec.registers.rows.get(written.row).map_or("", |row| row.name);
+                accepted.any(|entry| {
+                    let registers = exchange(slot.spec, entry).request.registers;
+                    written.is_in(name, &registers, || slot.peek(self.now, written.row))
+                })
             };
             let (now, last) = (self.now, self.received_count());
             let scenario = &mut self.scenarios[number];

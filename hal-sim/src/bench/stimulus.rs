@@ -1,5 +1,7 @@
 //! Stimulus from outside: pins, faults, power and registers.
 
+use std::ops::RangeInclusive;
+
 use drivetwin_firmware::device::{
     Axis, Duration, Encoder, EncoderSpec, Fault, Level, Pin, Port, PresetError,
 };
@@ -16,10 +18,19 @@ use crate::value::Value;
 /// Maximum number of edges per second: one per tick.
 const MOST_HZ: f64 = TICKS_PER_SECOND as f64;
 
+/// Least number of pulses or edges per second.
+const LEAST_HZ: f64 = 1e-6;
+
+/// Numbers of pulses per second of a pulse train: a pulse has two edges.
+pub const PULSE_HZ: RangeInclusive<f64> = LEAST_HZ..=MOST_HZ / 2.0;
+
+/// Numbers of edges per second of an encoder.
+pub const ENCODER_HZ: RangeInclusive<f64> = LEAST_HZ..=MOST_HZ;
+
 /// Ticks between edges at `hz` edges per second, clamped to the range from one edge per 1,000,000 s to one
 /// per tick. NaN counts as the slowest rate.
 fn ticks_per_edge(hz: f64) -> f64 {
-    MOST_HZ / if hz > 0.0 { hz.clamp(1e-6, MOST_HZ) } else { 1e-6 }
+    MOST_HZ / if hz > 0.0 { hz.clamp(LEAST_HZ, MOST_HZ) } else { LEAST_HZ }
 }
 
 /// Pins, faults, power and registers.

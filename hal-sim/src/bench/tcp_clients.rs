@@ -10,11 +10,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Link, Port, PortSpec};
-use drivetwin_protocol::modbus::tcp::{Broken, Splitter};
+use drivetwin_protocol::modbus::tcp::{self, Broken, Splitter};
 use drivetwin_protocol::text::next_line;
 
 use super::events::EventKind;
-use super::tcp_faults::DisturbedStream;
+use super::tcp_faults::{DisturbedStream, ends_line};
 use super::{Bench, Bus, Client, DriveId};
 use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
@@ -35,6 +35,12 @@ pub enum Outlet {
     Line(Bus),
     /// A TCP port of a drive.
     Tcp(DriveId, Port),
+}
+
+impl From<Bus> for Outlet {
+    fn from(bus: Bus) -> Self {
+        Self::Line(bus)
+    }
 }
 
 /// Reason why a TCP port refuses a connection.
@@ -69,6 +75,8 @@ pub enum Ended {
     NoPower,
     /// The client sent bytes that are not Modbus/TCP.
     Broken(Broken),
+    /// A fault of the port changed a request so that it is not Modbus/TCP.
+    BrokenByFault(Broken),
     /// A fault of the port closed the connection in the middle of a message.
     ByFault,
 }
@@ -79,6 +87,7 @@ impl fmt::Display for Ended {
             Self::ByDrive => f.write_str("the drive closes the connection"),
             Self::NoPower => f.write_str("the drive has lost its power"),
             Self::Broken(broken) => write!(f, "it has sent {broken}"),
+            Self::BrokenByFault(broken) => write!(f, "a fault has made {broken} of a request"),
             Self::ByFault => f.write_str("a fault closes the connection"),
         }
     }
@@ -118,7 +127,17 @@ impl Connection {
         self.pending.is_empty() && self.disturbed.passed.is_empty()
     }
 
-    /// Puts a message back to the front of the bytes that it came from.
+    /// The bytes at which the stream to the drive is no longer Modbus/TCP.
+    fn broken_bytes(&self) -> Vec<u8> {
+        let DisturbedStream { splitter, passed, .. } = &self.disturbed;
+        [(&self.splitter, &self.pending), (splitter, passed)]
+            .into_iter()
+            .filter_map(|(splitter, rest)| Some([splitter.as_ref()?.broken()?, rest].concat()))
+            .next()
+            .unwrap_or_default()
+    }
+
+    /// Puts a message back in front of the bytes from which it was taken.
     fn put_back(&mut self, mut bytes: Vec<u8>, disturbed: bool) {
         let front = if disturbed { &mut self.disturbed.passed } else { &mut self.pending };
         bytes.append(front);
@@ -139,11 +158,12 @@ pub(super) fn split_off(
 ) -> Result<Option<Vec<u8>>, Broken> {
     let mut rest = bytes.as_slice();
     let message = match splitter {
-        Some(splitter) => splitter.next(&mut rest)?.map(<[u8]>::to_vec),
-        None => next_line(&mut rest).map(<[u8]>::to_vec),
+        Some(splitter) => splitter.next(&mut rest).map(|message| message.map(<[u8]>::to_vec)),
+        None => Ok(next_line(&mut rest).map(<[u8]>::to_vec)),
     };
     let taken = bytes.len() - rest.len();
     bytes.drain(..taken);
+    let message = message?;
     if bytes.is_empty() {
         bytes.shrink_to(KEPT_BYTES);
     }
@@ -175,6 +195,11 @@ impl Connections {
         self.readable.contains(&client)
     }
 
+    /// Returns true if the connection of a client is open.
+    fn is_open(&self, client: u32) -> bool {
+        self.all.get(&client).is_some_and(|connection| connection.ended.is_none() && !connection.has_left)
+    }
+
     /// Number of bytes of a client that are not delivered yet.
     pub(super) fn backlog(&self, client: u32) -> usize {
         self.all.get(&client).map_or(0, |connection| connection.pending.len())
@@ -186,6 +211,7 @@ impl Connections {
             connection.ended.get_or_insert(ended);
             connection.pending = Vec::new();
             connection.disturbed.passed = Vec::new();
+            connection.disturbed.reply = None;
             if connection.has_left {
                 self.forget(client);
             } else {
@@ -441,6 +467,10 @@ impl Bench {
                 continue;
             }
             let takes = slot.takes(port);
+            if takes {
+                self.end_text_replies(DriveId(index), port);
+            }
+            let slot = &mut self.slots[index as usize];
             let Some(tcp) = slot.state.tcp(port) else { continue };
             match (takes, tcp.busy_with) {
                 (false, None) => {
@@ -481,8 +511,12 @@ impl Bench {
             }
             Ok(None) => false,
             Err(ended) => {
-                if let Ended::Broken(_) = ended {
+                if let Ended::Broken(_) | Ended::BrokenByFault(_) = ended {
                     self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
+                }
+                // A request that a fault changed has an entry already.
+                if let Ended::Broken(why) = ended {
+                    self.break_off(client, why);
                 }
                 self.close_connection(client);
                 match ended {
@@ -492,6 +526,15 @@ impl Bench {
                 false
             }
         }
+    }
+
+    /// Records the bytes of a client that are not Modbus/TCP.
+    fn break_off(&mut self, client: u32, why: Broken) {
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let &Connection { drive, port, link, .. } = connection;
+        let bytes = connection.broken_bytes();
+        self.record_message((drive, port, link), Source::Client, &bytes);
+        self.enter_broken(drive, port, &bytes, why);
     }
 
     /// Disconnects a client from a TCP port. If the client has not read its answers, none of its pending
@@ -586,18 +629,21 @@ impl Bench {
             }
             _ => return,
         }
-        let before = self.received_count();
+        self.note_disturbed(index, client, input);
         self.deliver(index, input);
-        self.note_disturbed(index, client, before);
     }
 
-    /// Notes the effects of faults on a message that a drive has received, in the entry of the message.
-    fn note_disturbed(&mut self, index: u32, client: u32, before: u64) {
+    /// Notes the effects of faults on a message that a drive receives now, for the entry of the message. Parts of a
+    /// line have one entry.
+    fn note_disturbed(&mut self, index: u32, client: u32, input: &InputRecord) {
+        let InputRecord::Message { port, bytes, .. } = input else { return };
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
-        let effects = &mut connection.disturbed.on_requests;
-        let journal = &mut self.slots[index as usize].state.journal;
-        if let Some(entry) = journal.last_mut().filter(|entry| entry.number > before) {
-            entry.on_message = std::mem::take(effects);
+        if connection.splitter.is_some() || ends_line(bytes) {
+            let stream = &mut connection.disturbed;
+            let effects = std::mem::replace(&mut stream.on_requests, std::mem::take(&mut stream.on_copy));
+            if let Some(port) = self.slots[index as usize].state.ports.get_mut(usize::from(port.0)) {
+                port.on_request = effects;
+            }
         }
     }
 
@@ -605,7 +651,7 @@ impl Bench {
     pub(super) fn receive_from_drive(&mut self, send: &TcpSend, bytes: &[u8]) {
         let TcpSend { client, count, .. } = *send;
         match count {
-            Some(0) => {}
+            Some(_) if bytes.is_empty() => {}
             Some(_) => self.reply_to_client(client, bytes),
             None => self.end_after_replies(client, Ended::ByDrive),
         }
@@ -618,9 +664,13 @@ impl Bench {
             return;
         }
         let at = (connection.drive, connection.port, connection.link);
+        let is_reply = connection.splitter.is_some() && matches!(from, Source::Drive(_));
         if !connection.has_left {
             connection.inbox.extend_from_slice(bytes);
             self.connections.readable.insert(client);
+        }
+        if is_reply {
+            self.note_answer(client, bytes);
         }
         self.record_message(at, from, bytes);
     }
@@ -644,6 +694,33 @@ impl Bench {
         }
     }
 
+    /// Notes a request of a client on a Modbus/TCP port, for statistics. A request repeats the one before it also if its
+    /// transaction is another one, or if the client has connected anew.
+    pub(super) fn note_request(&mut self, client: u32, bytes: &[u8]) {
+        let Some(&Connection { drive, port, .. }) = self.connections.all.get(&client) else { return };
+        let Some((header, _)) = tcp::parse(bytes) else { return };
+        let connections = &self.connections;
+        let Some(tcp) = self.slots[drive.0 as usize].state.tcp(port) else { return };
+        // Other clients may ask the same.
+        if tcp.asked.is_some_and(|(other, _)| other != client && connections.is_open(other)) {
+            tcp.requests.answer();
+        }
+        // From the unit on.
+        tcp.requests.request(&bytes[tcp::HEADER_BYTES - 1..]);
+        tcp.asked = Some((client, header.transaction));
+    }
+
+    /// Notes a reply to a client on a Modbus/TCP port, for statistics.
+    fn note_answer(&mut self, client: u32, bytes: &[u8]) {
+        let Some(&Connection { drive, port, .. }) = self.connections.all.get(&client) else { return };
+        let Some((header, _)) = tcp::parse(bytes) else { return };
+        let Some(tcp) = self.slots[drive.0 as usize].state.tcp(port) else { return };
+        let is_own = tcp.asked == Some((client, header.transaction));
+        if is_own && tcp.requests.address() == Some(&[header.unit]) {
+            tcp.requests.answer();
+        }
+    }
+
     /// Records a message on a connection; a message without bytes is the end of the connection.
     pub(super) fn record_message(
         &mut self,
@@ -660,6 +737,7 @@ impl Bench {
             line: None,
             bytes: bytes.to_vec(),
             collided: false,
+            received: Vec::new(),
         });
     }
 }

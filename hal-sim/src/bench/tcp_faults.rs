@@ -13,6 +13,7 @@ use crate::line::fault_rules::Content;
 use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
 use crate::record::capture::Source;
 use crate::record::effects::FrameEffects;
+use crate::record::journal::Outcome;
 use crate::scheduler::Phase;
 
 /// A stream has bytes of 8 bits and no parity.
@@ -23,13 +24,17 @@ pub(super) struct DisturbedStream {
     /// Bytes of requests behind the faults that are not scheduled for delivery to the drive yet.
     pub(super) passed: Vec<u8>,
     /// Splitter of `passed`, on a Modbus/TCP port.
-    splitter: Option<Splitter>,
+    pub(super) splitter: Option<Splitter>,
     /// True if a fault has changed the length of a request, so that `splitter` may have a part of one.
     altered: bool,
     /// Content of the last request, if a fault needs it.
     asked: Option<Content>,
+    /// The present reply, on a port with lines of text.
+    pub(super) reply: Option<TextReply>,
     /// Effects of faults on requests that the drive has not received yet.
     pub(super) on_requests: FrameEffects,
+    /// The same for the copy of a request that is sent twice.
+    pub(super) on_copy: FrameEffects,
     /// Number of delayed parts of the stream to the client, and of their bytes.
     pub(super) late: usize,
     pub(super) late_bytes: usize,
@@ -44,12 +49,22 @@ impl DisturbedStream {
             splitter: framed.then(Splitter::new),
             altered: false,
             asked: None,
+            reply: None,
             on_requests: FrameEffects::NONE,
+            on_copy: FrameEffects::NONE,
             late: 0,
             late_bytes: 0,
             late_until: Instant::ZERO,
         }
     }
+}
+
+/// A reply on a port with lines of text: all that the drive sends to a client until it takes the next message.
+pub(super) struct TextReply {
+    fate: Option<FrameFaults>,
+    effects: FrameEffects,
+    /// The reply so far, if its faults need the whole.
+    held: Vec<u8>,
 }
 
 /// A part of the stream to a client.
@@ -151,7 +166,9 @@ impl Bench {
         loop {
             let Some(connection) = self.connections.all.get_mut(&client) else { return Ok(None) };
             let stream = &mut connection.disturbed;
-            if let Some(bytes) = split_off(&mut stream.splitter, &mut stream.passed).map_err(Ended::Broken)? {
+            if let Some(bytes) =
+                split_off(&mut stream.splitter, &mut stream.passed).map_err(Ended::BrokenByFault)?
+            {
                 return Ok(Some(bytes));
             }
             // Answers of the faults themselves wait for a client that does not read, too.
@@ -161,6 +178,9 @@ impl Bench {
             let Some(bytes) = connection.next().map_err(Ended::Broken)? else { return Ok(None) };
             let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
             let altered = connection.disturbed.altered;
+            if framed {
+                self.note_request(client, &bytes);
+            }
             let Some(fate) = self.request_fate(client, (drive, port), framed, &bytes) else {
                 if !altered {
                     return Ok(Some(bytes));
@@ -168,13 +188,16 @@ impl Bench {
                 self.pass(client, &bytes, 1);
                 continue;
             };
-            if fate.refused && !fate.lost {
-                self.refuse(client, (drive, port), &bytes);
+            let effects = fate.effects();
+            if fate.refused {
+                for _ in 0..if fate.twice { 2 } else { 1 } {
+                    self.refuse(client, (drive, port), &bytes, effects);
+                }
                 continue;
             }
-            let effects = fate.effects();
             let text = fate.apply(STREAM, &bytes);
-            if fate.lost || fate.is_closing() {
+            let is_whole = is_whole(framed, &bytes, &text.bytes);
+            if fate.lost || fate.is_closing() || !is_whole {
                 self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects);
             }
             if let Some(part) = fate.closes_after(&text.bytes) {
@@ -184,9 +207,10 @@ impl Bench {
             }
             if let Some(connection) = self.connections.all.get_mut(&client) {
                 let stream = &mut connection.disturbed;
-                stream.altered |= !text.bytes.is_empty() && text.bytes != bytes;
+                stream.altered |= !fate.lost && !is_whole;
                 if !fate.lost {
                     stream.on_requests = stream.on_requests.and(effects);
+                    stream.on_copy = if fate.twice { effects } else { FrameEffects::NONE };
                 }
             }
             self.pass(client, &text.bytes, if fate.twice { 2 } else { 1 });
@@ -217,18 +241,17 @@ impl Bench {
         if let Some(connection) = self.connections.all.get_mut(&client) {
             connection.disturbed.asked = content;
         }
-        let mut fate = fate?;
-        fate.refused &= refusable;
-        Some(fate)
+        fate
     }
 
     /// Answers a request with the exception of the faults, without the drive (BENCH-12).
-    fn refuse(&mut self, client: u32, (drive, port): (DriveId, Port), request: &[u8]) {
-        let code = self.port_disturbance(drive, port).faults().exception_code;
+    fn refuse(&mut self, client: u32, at: (DriveId, Port), request: &[u8], effects: FrameEffects) {
+        let code = self.port_disturbance(at.0, at.1).faults().exception_code;
         let Some((header, &[function, ..])) = tcp::parse(request) else { return };
         self.record_request(client, request);
         let exception = tcp::frame(header, &[function | EXCEPTION_BIT, code]);
-        self.enter_refused(drive, port, request, &exception, code);
+        let outcome = Outcome::RefusedByFault(code);
+        self.enter_refused(at, self.now, (request, &exception), outcome, effects);
         self.reply_to_client(client, &exception);
     }
 
@@ -239,19 +262,80 @@ impl Bench {
         }
     }
 
-    /// Sends a reply to a client, changed by the faults of its port.
+    /// Handles what a drive sends to a client. On a port with lines of text it is a part of a reply.
     pub(super) fn reply_to_client(&mut self, client: u32, bytes: &[u8]) {
-        let Some(connection) = self.connections.all.get(&client) else { return };
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let (drive, port) = (connection.drive, connection.port);
+        if connection.splitter.is_some() {
+            let fate = self.reply_fate(client, bytes, bytes.len());
+            if let Some(fate) = &fate {
+                self.note_reply(drive, port, bytes, fate.effects());
+            }
+            return self.send_reply(client, bytes, fate.as_ref());
+        }
+        let mut reply = connection.disturbed.reply.take().unwrap_or_else(|| {
+            // If the drive does not take the next message yet, the reply has more characters.
+            let count = bytes.len() + usize::from(!self.at(drive).takes(port));
+            let fate = self.reply_fate(client, bytes, count);
+            if let Some(tcp) = self.at_mut(drive).state.tcp(port) {
+                tcp.replied_to.push(client);
+            }
+            let effects = fate.as_ref().map_or(FrameEffects::NONE, FrameFaults::effects);
+            TextReply { fate, effects, held: Vec::new() }
+        });
+        match &mut reply.fate {
+            Some(fate) if fate.needs_whole_frame() => reply.held.extend_from_slice(bytes),
+            fate => {
+                self.send_reply(client, bytes, fate.as_ref());
+                if let Some(fate) = fate {
+                    fate.clear_noise();
+                }
+            }
+        }
+        if let Some(connection) = self.connections.all.get_mut(&client) {
+            connection.disturbed.reply = Some(reply);
+        }
+    }
+
+    /// Ends the replies on a port with lines of text, because the drive takes the next message.
+    pub(super) fn end_text_replies(&mut self, drive: DriveId, port: Port) {
+        let entries = self.outputs.entries;
+        let Some(tcp) = self.at_mut(drive).state.tcp(port) else { return };
+        let before = std::mem::replace(&mut tcp.entries, entries);
+        for client in std::mem::take(&mut tcp.replied_to) {
+            let effects = self.end_text_reply(client);
+            self.note_text_reply(drive, port, before, effects);
+        }
+    }
+
+    /// Ends a reply on a port with lines of text. Returns the effects of faults on the reply.
+    pub(super) fn end_text_reply(&mut self, client: u32) -> FrameEffects {
+        let connection = self.connections.all.get_mut(&client);
+        let reply = connection.and_then(|connection| connection.disturbed.reply.take());
+        let Some(TextReply { fate, effects, held }) = reply else { return FrameEffects::NONE };
+        if !held.is_empty() {
+            self.send_reply(client, &held, fate.as_ref());
+        }
+        effects
+    }
+
+    /// Faults of a reply of `count` characters that begins with these bytes.
+    fn reply_fate(&mut self, client: u32, bytes: &[u8], count: usize) -> Option<FrameFaults> {
+        let connection = self.connections.all.get(&client)?;
         let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
-        let spec = self.spec(drive);
-        let content = self.tcp_reply_content(client, (drive, spec), framed, bytes);
-        let disturbance = self.port_disturbance(drive, port);
-        let Some(fate) = disturbance.reply(bytes.len(), content.as_ref()) else {
+        let content = self.tcp_reply_content(client, (drive, self.spec(drive)), framed, bytes);
+        self.port_disturbance(drive, port).reply(count, content.as_ref())
+    }
+
+    /// Sends a reply to a client with its faults.
+    fn send_reply(&mut self, client: u32, bytes: &[u8], fate: Option<&FrameFaults>) {
+        let Some(fate) = fate else {
             return self.send_part(client, Duration::ZERO, StreamPart::Bytes(bytes.to_vec()));
         };
-        self.note_reply(drive, port, bytes, fate.effects());
-        let own_address = spec.address.map(|row| self.peek(drive, row));
-        let rewritten = if framed { readdressed(bytes, &fate, own_address) } else { None };
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let (drive, framed) = (connection.drive, connection.splitter.is_some());
+        let own_address = self.spec(drive).address.map(|row| self.peek(drive, row));
+        let rewritten = if framed { readdressed(bytes, fate, own_address) } else { None };
         let sound = rewritten.as_deref().unwrap_or(bytes);
         let delay = fate.delay;
         if fate.lost || fate.muted {
@@ -291,6 +375,7 @@ impl Bench {
 
     /// Ends a connection for its client when all earlier replies have reached the client.
     pub(super) fn end_after_replies(&mut self, client: u32, ended: Ended) {
+        self.end_text_reply(client);
         self.send_part(client, Duration::ZERO, StreamPart::End(ended));
     }
 
@@ -336,6 +421,28 @@ impl Bench {
             }
         }
     }
+}
+
+/// Returns true if a request that a fault changed is still one message.
+fn is_whole(framed: bool, request: &[u8], changed: &[u8]) -> bool {
+    if framed {
+        let mut rest = changed;
+        matches!(Splitter::new().next(&mut rest), Ok(Some(_))) && rest.is_empty()
+    } else {
+        is_whole_line(request, changed)
+    }
+}
+
+/// Returns true if text that a fault changed still ends the line that it ended, and no new control character has ended or
+/// cancelled that line before.
+pub(super) fn is_whole_line(text: &[u8], changed: &[u8]) -> bool {
+    let controls = |text: &[u8]| text.iter().filter(|byte| byte.is_ascii_control()).count();
+    !ends_line(text) || (ends_line(changed) && controls(changed) <= controls(text))
+}
+
+/// Returns true if the last character of a text ends a line.
+pub(super) fn ends_line(text: &[u8]) -> bool {
+    matches!(text.last(), Some(b'\r' | b'\n'))
 }
 
 /// The same reply with another address or the number of another transaction; `None` if it stays unchanged.

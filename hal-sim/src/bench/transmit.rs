@@ -5,13 +5,15 @@ use drivetwin_protocol::modbus::ascii;
 
 use super::events::EventKind;
 use super::lines::end_detection_time;
+use super::tcp_faults::ends_line;
 use super::{Bench, Bus, DriveId};
 use crate::decode::Message;
 use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
+use crate::record::effects::FrameEffects;
 use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
-use crate::slot::Sent;
+use crate::slot::{Sent, TcpSend};
 
 /// Origin of characters on a line.
 #[derive(Clone, Copy)]
@@ -71,28 +73,37 @@ struct TxTiming {
 impl Bench {
     /// Transmits a request or noise on a line from `start` on.
     pub(super) fn transmit_request(&mut self, bus: u32, start: Instant, request: &Request) {
-        let &Request { client, order, count, ref text, ref refused, noise, .. } = request;
+        let &Request { client, order, count, ref text, ref refusal, noise, .. } = request;
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
         let origin = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
-        let bytes = refused.as_ref().map_or(&text.bytes, |(_, instead)| instead);
         let line = origin.settings_on(self.line(Bus(bus)));
-        let number = self.occupy_line(bus, start, line, bytes.len());
-        let burst = TxBurst { bytes, unreadable: &text.unreadable, origin, number };
+        let number = self.occupy_line(bus, start, line, text.bytes.len());
+        let burst = TxBurst { bytes: &text.bytes, unreadable: &text.unreadable, origin, number };
         let (mut last, mut detected) = (start, start);
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             let timing = self.times(drive, port, start, count, origin);
-            self.schedule_characters(drive, port, start, burst);
+            match refusal {
+                None => self.schedule_characters(drive, port, start, burst),
+                Some(refusal) if (refusal.drive, refusal.port) == (drive, port) => {
+                    let (refusal, request) = (refusal.clone(), text.bytes.clone());
+                    let refused = EventKind::Refused { refusal, request, end: timing.last, number };
+                    self.schedule(timing.detected, Phase::Line, drive.0, refused);
+                }
+                Some(_) => {}
+            }
             (last, detected) = (last.max(timing.last), detected.max(timing.detected));
         }
         let framed = self.framed(bus).is_some();
+        if !framed {
+            self.note_character(bus, &text.bytes, request.effects);
+        }
         if noise && framed {
             self.deliver_to_clients(bus, start, line, &text.bytes, number, None);
         }
         let source = if noise { Source::Noise } else { Source::Client };
         self.record(bus, start, line, source, &text.bytes, number);
         let serial_line = &mut self.buses[bus as usize];
-        serial_line.refusal = refused.as_ref().map(|&(refusal, _)| refusal).or(serial_line.refusal);
         serial_line.free = serial_line.free.max(last);
         let free = serial_line.turn == LineState::Free;
         // On a line with timed characters, the next character is sent after the end of this one.
@@ -105,9 +116,27 @@ impl Bench {
             }
         }
         (serial_line.served, serial_line.served_order) = (client, order);
-        serial_line.on_request = request.effects;
+        if framed {
+            serial_line.on_request = request.effects;
+        }
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
+    }
+
+    /// Notes the effects of faults on a character of a line with timed characters, for the entry of its line of text.
+    fn note_character(&mut self, bus: u32, character: &[u8], effects: FrameEffects) {
+        let serial_line = &mut self.buses[bus as usize];
+        let ends = ends_line(character);
+        let begins = std::mem::replace(&mut serial_line.has_ended, ends) && !ends;
+        let before = if begins { FrameEffects::NONE } else { serial_line.on_request };
+        let effects = before.and(effects);
+        serial_line.on_request = effects;
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            if let Some(port) = self.at_mut(drive).state.ports.get_mut(usize::from(port.0)) {
+                port.on_request = effects;
+            }
+        }
     }
 
     /// Times at which `count` characters, sent to a port from `start` on, are received.
@@ -127,7 +156,7 @@ impl Bench {
 
     /// End of a character that begins at `start`, or one tick after now if that end is past: the line may
     /// have been free for a part of a character already.
-    fn first_ends(&self, start: Instant, character: Duration) -> Instant {
+    pub(super) fn first_ends(&self, start: Instant, character: Duration) -> Instant {
         (start + character).max(self.now + Duration::TICK)
     }
 
@@ -188,8 +217,10 @@ impl Bench {
             bytes = rest;
         }
         let mut messages = outputs.messages.as_slice();
-        for send in &outputs.tcp_sends {
-            let (message, rest) = messages.split_at(send.count.unwrap_or(0));
+        for sends in outputs.tcp_sends.chunk_by(TcpSend::is_continued_by) {
+            let Some(send) = sends.first() else { continue };
+            let count = sends.iter().filter_map(|send| send.count).sum();
+            let (message, rest) = messages.split_at(count);
             self.receive_from_drive(send, message);
             messages = rest;
         }
@@ -208,21 +239,21 @@ impl Bench {
     }
 
     /// Transmits the characters of a drive to all other ports and clients of its line.
-    fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
+    pub(super) fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
         let Some(Bus(bus)) = self.bus(DriveId(sent.drive), sent.port) else { return };
         let content = self.reply_content(bus, sent, bytes);
         let serial_line = &mut self.buses[bus as usize];
         let start = sent.start.max(serial_line.held_up);
         match serial_line.disturbance.reply(bytes.len(), content.as_ref()) {
-            None if serial_line.refusal.is_none() => {
+            None => {
                 let end = start + self.takes(sent.line, bytes.len());
                 let serial_line = &mut self.buses[bus as usize];
                 serial_line.sends_until = serial_line.sends_until.max(end);
                 serial_line.requests.answer();
+                serial_line.late_by = start.since(sent.start);
                 self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
             }
-            fate => {
-                let fate = fate.unwrap_or_default();
+            Some(fate) => {
                 self.note_reply(DriveId(sent.drive), sent.port, bytes, fate.effects());
                 self.transmit_with_faults(bus, sent, bytes, &fate);
             }
@@ -339,6 +370,7 @@ impl Bench {
             bytes: bytes.to_vec(),
             collided: collisions
                 .is_some_and(|(collisions, number)| collisions.overlapped(number).next().is_some()),
+            received: Vec::new(),
         });
     }
 
@@ -357,7 +389,7 @@ impl Bench {
             let sends_until = serials.map(|serial| serial.sends_until).max().unwrap_or(now);
             let serial_line = &mut self.buses[bus as usize];
             // Delayed replies and noise are still delivered.
-            let delay = serial_line.disturbance.last_delay();
+            let delay = serial_line.late_by;
             let until = now + delay;
             serial_line.sends_until = (sends_until + delay).max(serial_line.held_up);
             self.capture.cut(Bus(bus), DriveId(index), until);

@@ -553,7 +553,7 @@ mod tests {
         (sent, shell.failures())
     }
 
-    /// A character at 230,400 8N1: 694.4 ticks, rounded.
+    /// Duration of a character at 230,400 8N1: 694.4 ticks, rounded.
     const CHARACTER: Duration = Duration::from_ticks(694);
     const ANSWER: &[u8] = b"r 14 0000110E !\r\n";
 

@@ -29,7 +29,8 @@ impl Preset {
     /// Preset of `value` for the register called `name`.
     ///
     /// # Errors
-    /// One sentence: there is no such register, or the register does not take the value.
+    /// One sentence that says what is wrong: there is no such register, or the register does not take the
+    /// value.
     pub fn new(spec: &Spec, name: &str, value: &Number) -> Result<Self, String> {
         let Place { row, half, shape, is } = Place::find(spec, name)?;
         let (least, greatest) = shape.limits();

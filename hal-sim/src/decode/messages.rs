@@ -9,8 +9,12 @@ use std::mem;
 use drivetwin_firmware::device::{Duration, Framing, Instant, Line, Link, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
 
-use super::{Message, Request, bytes, reply, text};
+use super::{Exchange, Mark, Message, Request, bytes, exchange, reply, text};
+use crate::record::journal::{self, Outcome};
 use crate::record::trace::{Entry, Event, InputRecord, OutputRecord, Power, Trace};
+
+/// Time after the end of a message within which an event may belong to it.
+const NEAR: Duration = Duration::millis(1);
 
 /// Maximum number of characters of a line of text; of a longer one the first are left out.
 const LONGEST: usize = 1 << 10;
@@ -29,8 +33,24 @@ pub struct PortMessage {
     /// End of the message; its begin if it takes no time.
     pub end: Instant,
     /// The message in words. If a message arrives in parts, each part gives the words of all parts so far,
-    /// with the same begin.
+    /// with the same begin. The outcome of a message to the drive comes as a message of its own, which takes no
+    /// time: `write Speed = 9000 -> done`.
     pub text: String,
+    /// The outcome of a message to the drive, when it is known.
+    pub outcome: Option<KnownOutcome>,
+}
+
+/// Outcome of a message to a drive.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct KnownOutcome {
+    /// Begin of the message.
+    pub begin: Instant,
+    /// The message alone in words.
+    pub request: String,
+    /// The outcome in words.
+    pub text: String,
+    /// Mark of the message in a picture.
+    pub mark: Mark,
 }
 
 /// Finds the messages in the events of a trace.
@@ -75,12 +95,15 @@ struct PortState {
     /// The last Modbus message of the drive, and the begin of its first character.
     reply: Vec<u8>,
     sent: Instant,
+    first_ends: Instant,
     sends_until: Instant,
     /// Incomplete lines of text in both directions, each with its connection.
     received_text: Vec<(Link, Vec<u8>)>,
     sent_text: Vec<(Link, Vec<u8>)>,
-    /// The last line of text to the drive.
+    /// The last command of a QSB.
     command: Vec<u8>,
+    /// The last line of text of each connection whose echo has not been sent yet.
+    echoes: Vec<(Link, Vec<u8>)>,
 }
 
 impl PortState {
@@ -108,10 +131,12 @@ impl PortState {
             end: Instant::ZERO,
             reply: Vec::new(),
             sent: Instant::ZERO,
+            first_ends: Instant::ZERO,
             sends_until: Instant::ZERO,
             received_text: Vec::new(),
             sent_text: Vec::new(),
             command: Vec::new(),
+            echoes: Vec::new(),
         }
     }
 }
@@ -157,8 +182,37 @@ impl Messages {
             Event::Output(OutputRecord::Message { port, link, bytes }) => {
                 self.message(at, index, *port, *link, bytes, true)
             }
+            Event::Received(received) => self.outcome(at, index, received),
             _ => None,
         }
+    }
+
+    /// The outcome of a message, which is known at `at`.
+    fn outcome(&mut self, at: Instant, drive: usize, entry: &journal::Entry) -> Option<PortMessage> {
+        let spec = self.drives.get(drive)?.spec;
+        let state = self.port(drive, entry.port)?;
+        let is_present = (state.begin..=state.end + NEAR).contains(&entry.at) && !state.request.is_empty();
+        let begin = match (state.framing, entry.outcome) {
+            (Framing::Silence, _) if is_present => state.begin,
+            // The drive has not received these.
+            (
+                Framing::Silence,
+                Outcome::Lost
+                | Outcome::RefusedByFault(_)
+                | Outcome::TooEarly(_)
+                | Outcome::NoPower
+                | Outcome::Sending,
+            ) => entry.at,
+            // What another drive of the line sends is no message to this one.
+            (Framing::Silence, _) => return None,
+            _ => entry.at,
+        };
+        let exchange = exchange(spec, entry);
+        let mark = Mark::of(entry, exchange.verdict);
+        let words = exchange.to_string();
+        let Exchange { request, outcome, .. } = exchange;
+        let outcome = KnownOutcome { begin, request: request.text, text: outcome, mark };
+        Some(PortMessage { outcome: Some(outcome), ..message(drive, entry.port, false, at, at, words) })
     }
 
     fn port(&mut self, drive: usize, port: Port) -> Option<&mut PortState> {
@@ -204,11 +258,7 @@ impl Messages {
     fn is_overheard(&self, at: Instant, drive: usize, bytes: &[u8]) -> bool {
         let others = self.drives.iter().enumerate().filter(|(index, _)| *index != drive);
         let mut ports = others.flat_map(|(_, other)| &other.ports);
-        ports.any(|port| {
-            port.framing == Framing::Silence
-                && port.reply == bytes
-                && (port.sent..=port.sends_until + Duration::millis(1)).contains(&at)
-        })
+        ports.any(|port| port.framing == Framing::Silence && port.has_sent(at, bytes))
     }
 
     /// Characters that a drive puts at `at` to be sent on a serial port.
@@ -219,7 +269,7 @@ impl Messages {
         let line = state.line_at(begin)?;
         let character = if fast_line { Duration::ZERO } else { line.character() };
         let end = begin + character * bytes.len() as u64;
-        (state.sent, state.sends_until) = (begin, end);
+        (state.sent, state.first_ends, state.sends_until) = (begin, begin + character, end);
         if state.framing == Framing::Character {
             let answer = bytes.trim_ascii();
             let text = match (answer.first(), text::response(spec, answer, &mut Request::default())) {
@@ -269,6 +319,25 @@ impl Messages {
 }
 
 impl PortState {
+    /// Returns true if characters of which the first ends at `at` are the last message of the drive, or a part of it
+    /// in its place with a few characters that a fault has changed.
+    fn has_sent(&self, at: Instant, bytes: &[u8]) -> bool {
+        // A fault changes at most the address and the checksum.
+        const MOST_CHANGED: usize = 3;
+        if !(self.sent..=self.sends_until + NEAR).contains(&at) {
+            return false;
+        }
+        let character = self.first_ends.since(self.sent);
+        let place = at.since(self.first_ends).ticks().checked_div(character.ticks());
+        let place = place.filter(|&place| self.first_ends + character * place == at);
+        let place = place.and_then(|place| usize::try_from(place).ok());
+        let part = place.and_then(|place| self.reply.get(place..place + bytes.len()));
+        let is_part = part.is_some_and(|part| {
+            part.iter().zip(bytes).filter(|(sent, heard)| sent != heard).count() <= MOST_CHANGED
+        });
+        self.reply == bytes || is_part
+    }
+
     /// The last Modbus message to the drive.
     fn frame(&self, ascii: bool) -> Message<'_> {
         Message { framing: self.framing, ascii, bytes: &self.request }
@@ -284,23 +353,20 @@ impl PortState {
     /// Appends characters to the incomplete line of a connection. Returns the line if it ends with them.
     fn received_line(&mut self, link: Link, bytes: &[u8]) -> Option<Vec<u8>> {
         let line = line(&mut self.received_text, link, bytes)?;
-        self.command.clear();
-        self.command.extend_from_slice(&line);
+        self.command.clone_from(&line);
+        self.echoes.retain(|(of, _)| *of != link);
+        self.echoes.push((link, text::typed(&line)));
         Some(line)
     }
 
-    /// Appends characters of a drive to the incomplete line of a connection. Returns what a line prints: the
-    /// last one without prompts, unless it is the echo of the command.
+    /// Appends characters of a drive to the incomplete line of a connection. Returns what a line prints: what
+    /// follows the echo of the command, without prompts.
     fn sent_line(&mut self, link: Link, bytes: &[u8]) -> Option<String> {
         let line = line(&mut self.sent_text, link, bytes)?;
-        let printed = line.split(|byte| matches!(byte, b'\r' | b'\n'));
-        let prompt = |byte: &u8| matches!(byte, b'>' | b'?' | b' ' | 0x06 | 0x15);
-        let printed = printed.map(|line| {
-            let start = line.iter().position(|byte| !prompt(byte)).unwrap_or(line.len());
-            line[start..].trim_ascii()
-        });
-        let printed: Vec<String> =
-            printed.filter(|line| !line.is_empty() && *line != self.command).map(text::printable).collect();
+        let echo = self.echoes.iter().position(|(of, _)| *of == link);
+        let mut echo = echo.map(|index| self.echoes.swap_remove(index).1);
+        let printed = text::printed_lines(&line, &mut echo);
+        self.echoes.extend(echo.map(|echo| (link, echo)));
         (!printed.is_empty()).then(|| printed.join(" / "))
     }
 }
@@ -328,7 +394,7 @@ fn words(spec: &Spec, framing: Framing, line: &[u8]) -> String {
 }
 
 fn message(drive: usize, port: Port, sent: bool, begin: Instant, end: Instant, text: String) -> PortMessage {
-    PortMessage { drive, port, sent, begin, end, text }
+    PortMessage { drive, port, sent, begin, end, text, outcome: None }
 }
 
 #[cfg(test)]
@@ -363,6 +429,40 @@ mod tests {
             words(&bench),
             ["0 > to 2: read SpeedLow", "1 > to 2: read SpeedLow", "1 < SpeedLow = 5000"]
         );
+    }
+
+    #[test]
+    fn a_disturbed_answer_of_another_drive_is_no_request() {
+        use crate::line::faults::{FaultRule, LineFaults};
+        let mut bench = Bench::new();
+        let row = Md3::new().spec().find("DeviceAddress").unwrap().row;
+        let address = |address| Setup { boot_fast: true, presets: vec![(row, address)], ..Setup::default() };
+        let x = bench.add_with("x", Box::new(Md3::new()), address(1)).unwrap();
+        let y = bench.add_with("y", Box::new(Md3::new()), address(2)).unwrap();
+        let bus = bench.share("line", &[(x, Port(0)), (y, Port(0))]);
+        bench.run_until(100.millis());
+        let reply =
+            FaultRule { direction: Some(crate::line::faults::Direction::Reply), ..FaultRule::next(1) };
+        for _ in 0..20 {
+            bench.set_line_faults(bus, LineFaults { corrupt: reply, ..LineFaults::NONE });
+            bench.ask(x, &rtu::read(2, 0x14, 2));
+        }
+        let to_x = words(&bench).into_iter().filter(|words| words.starts_with("0 > "));
+        assert_eq!(to_x.collect::<Vec<_>>(), vec!["0 > to 2: read Speed"; 20]);
+    }
+
+    #[test]
+    fn the_answer_of_mcode_follows_its_echo() {
+        let mut bench = Bench::new();
+        bench.add_with("m", crate::catalog::make("mdrive").unwrap(), Setup::default()).unwrap();
+        bench.run_until(3.secs());
+        let [a, b] = [(); 2].map(|()| bench.connect_to(bench.find_drive("m").unwrap(), Port(1)).unwrap());
+        // The lines of two connections, and one that is corrected.
+        for (client, text) in [(a, "PR "), (b, "PR PV\x08 \x08M"), (a, "P\r"), (b, "\x08\x08VM\r")] {
+            bench.send(client, text.as_bytes());
+            bench.run_until_idle();
+        }
+        assert_eq!(words(&bench), ["0 > PR P", "0 < 0", "0 > PR VM", "0 < 768000"]);
     }
 
     #[test]

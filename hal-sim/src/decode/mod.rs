@@ -4,17 +4,18 @@
 //! them: the log, the control API, captures. Bytes that are not a message give a text, too.
 
 pub mod messages;
-mod modbus;
-mod text;
+pub(crate) mod modbus;
+pub(crate) mod text;
 
 use std::fmt;
 
 use drivetwin_firmware::device::{DropReason, Duration, Effect, Framing, Spec};
+use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use crate::record::effects::FrameEffects;
-use crate::record::journal::{Entry, Outcome};
+use crate::record::journal::{Entry, NoMessage, Outcome};
 use crate::value::Value;
 
 /// Result of a message.
@@ -73,6 +74,42 @@ impl fmt::Display for Verdict {
     }
 }
 
+/// Mark of a message in a picture.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Mark {
+    /// The drive executed the message.
+    Done,
+    /// The drive refused the message.
+    Refused,
+    /// The drive accepted the message, and it has no effect.
+    WithoutEffect,
+    /// No drive received the message, or could read it.
+    NotReceived,
+    /// A fault of the line or TCP port acted on the message or its answer.
+    ByFault,
+}
+
+impl Mark {
+    /// The mark of an entry of a journal with this verdict.
+    #[must_use]
+    pub fn of(entry: &Entry, verdict: Verdict) -> Self {
+        let by_fault = !entry.on_message.is_empty()
+            || !entry.on_answer.is_empty()
+            || matches!(entry.outcome, Outcome::Lost | Outcome::RefusedByFault(_));
+        match verdict {
+            _ if by_fault => Self::ByFault,
+            Verdict::Done => Self::Done,
+            Verdict::Refused => Self::Refused,
+            Verdict::WithoutEffect => Self::WithoutEffect,
+            Verdict::NotForIt
+            | Verdict::BadFrame
+            | Verdict::TooEarly
+            | Verdict::NotListening
+            | Verdict::Lost => Self::NotReceived,
+        }
+    }
+}
+
 /// A register in a message.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Register {
@@ -110,6 +147,12 @@ pub struct Exchange {
     pub reason: Option<String>,
     /// The outcome in one clause: `done`, `Speed = 9000`, `refused: 0x000B Reserved is read only (02)`.
     pub outcome: String,
+}
+
+impl fmt::Display for Exchange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} -> {}", self.request.text, self.outcome)
+    }
 }
 
 /// A message: a frame on a Modbus port, or a line of text.
@@ -209,9 +252,12 @@ fn bytes(bytes: &[u8]) -> String {
 pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     let framing = spec.ports.get(usize::from(entry.port.0)).map_or(Framing::Return, |port| port.framing);
     let message = Message { framing, ascii: entry.ascii, bytes: entry.message() };
-    let mut request = if matches!(entry.outcome, Outcome::Dropped(why) if why != DropReason::Starting && why != DropReason::Address)
-        && matches!(framing, Framing::Silence)
-    {
+    let is_corrupt = match entry.outcome {
+        Outcome::Dropped(why) => why != DropReason::Starting && why != DropReason::Address,
+        Outcome::NoMessage(_) => true,
+        _ => false,
+    };
+    let mut request = if is_corrupt && matches!(framing, Framing::Silence | Framing::Mbap) {
         // The text for a corrupt frame is its bytes; a description would be a guess.
         Request { text: bytes(entry.message()), ..Request::default() }
     } else {
@@ -221,6 +267,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::Accepted => accepted(spec, entry),
         Outcome::Refused(code) => (Verdict::Refused, Some(refusal(spec, &message, entry, code))),
         Outcome::Dropped(why) => dropped(&message, entry, why),
+        Outcome::NoMessage(why) => (Verdict::BadFrame, Some(no_message(entry.message(), why))),
         Outcome::NoDrive => (Verdict::NotForIt, Some(nobody(&message, entry.addresses()))),
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
@@ -288,11 +335,18 @@ fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> Strin
                 return format!("{} ({code:02})", starting(Some(left)));
             }
             let pdu = message.body().map(|(_, pdu)| pdu).unwrap_or_default();
-            modbus::refusal(spec, &pdu, code)
+            modbus::refusal(spec, &pdu, code, entry.error())
         }
         Framing::Character => text::refused_command(spec, message.bytes, code),
-        Framing::Return => format!("error {code}"),
+        Framing::Return => {
+            error(spec, code).map_or_else(|| format!("error {code}"), |text| format!("{text} (error {code})"))
+        }
     }
+}
+
+/// The text of an error of a drive, by its number.
+fn error(spec: &Spec, number: u8) -> Option<&'static str> {
+    spec.errors.iter().find(|(known, _)| *known == number).map(|(_, text)| *text)
 }
 
 /// Verdict on a message that the drive ignored.
@@ -300,6 +354,7 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
     let reason = match why {
         DropReason::Starting => return (Verdict::NotListening, Some(starting(entry.deaf_for))),
         DropReason::Address => return (Verdict::NotForIt, Some(nobody(message, &[]))),
+        DropReason::Crc if is_too_short(message) => "no frame has this length".to_owned(),
         DropReason::Crc => wrong_sum(message),
         DropReason::Gap if message.ascii => "more than 1 s between two characters".to_owned(),
         DropReason::Gap => "a gap of more than 1.5 characters inside the frame".to_owned(),
@@ -313,6 +368,27 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
         },
     };
     (Verdict::BadFrame, Some(reason))
+}
+
+/// Reason why bytes are no message.
+fn no_message(bytes: &[u8], why: NoMessage) -> String {
+    match why {
+        NoMessage::NoColon => "a message in Modbus ASCII begins with a colon".to_owned(),
+        NoMessage::NextColon => "a colon begins the next message before the end of this one".to_owned(),
+        NoMessage::Header(why) => {
+            let (name, allowed, place) = match why {
+                Broken::Protocol => ("protocol identifier", "not 0", 2),
+                Broken::Length => ("length", "not from 2 to 254", 4),
+            };
+            match bytes.get(place..place + 2) {
+                Some(&[high, low]) => {
+                    let number = u16::from_be_bytes([high, low]);
+                    format!("the {name} in the header is {number}, {allowed}; the connection is closed")
+                }
+                _ => format!("the {name} in the header is {allowed}; the connection is closed"),
+            }
+        }
+    }
 }
 
 /// The wrong checksum of a message, and the right one.
@@ -380,6 +456,22 @@ fn answer(spec: &Spec, message: &Message<'_>, entry: &Entry, request: &mut Reque
     }
 }
 
+/// The reason why nobody can read a Modbus frame on a serial line; empty for a valid frame, and on other ports.
+#[must_use]
+pub fn flaw(message: &Message<'_>) -> String {
+    match message.is_whole() {
+        true => String::new(),
+        false if is_too_short(message) => "no frame has this length".to_owned(),
+        false => wrong_sum(message),
+    }
+}
+
+/// Returns true if a message is too short for address, function and checksum.
+fn is_too_short(message: &Message<'_>) -> bool {
+    // In ASCII with a colon, CR and LF.
+    message.framing == Framing::Silence && message.bytes.len() < if message.ascii { 9 } else { 4 }
+}
+
 /// Words for a reply alone, of which the request is not known.
 #[must_use]
 pub fn reply(spec: &Spec, request: Option<&Message<'_>>, reply: &Message<'_>) -> String {
@@ -387,7 +479,7 @@ pub fn reply(spec: &Spec, request: Option<&Message<'_>>, reply: &Message<'_>) ->
     let asked = request.and_then(Message::body);
     match (asked, answer.as_slice()) {
         (Some((_, pdu)), [function, code, ..]) if function & 0x80 != 0 => {
-            format!("refused: {}", modbus::refusal(spec, &pdu, *code))
+            format!("refused: {}", modbus::refusal(spec, &pdu, *code, None))
         }
         (Some((_, pdu)), _) => {
             let mut request = modbus::request(spec, &pdu);

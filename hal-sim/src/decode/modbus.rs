@@ -5,6 +5,7 @@ use drivetwin_protocol::modbus::pdu::{
     self, ENCAPSULATED_INTERFACE, EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
 };
+use drivetwin_protocol::modbus::server::Rules;
 use drivetwin_protocol::registers::{Legal, Order, Row, Shape, Space};
 
 use super::{Register, Request, bytes};
@@ -116,6 +117,21 @@ impl<'a> Access<'a> {
         parts
     }
 
+    fn has_bits(&self) -> bool {
+        matches!(self.space, Space::Coil | Space::Discrete)
+    }
+
+    /// The largest quantity that rules allow for such an access.
+    fn most(&self, rules: &Rules) -> u16 {
+        let words = if self.data.is_some() { rules.max_written } else { rules.max_read };
+        if self.has_bits() { words.saturating_mul(rules.bits_per_word) } else { words }
+    }
+
+    fn way_and_unit(&self) -> (&'static str, &'static str) {
+        let way = if self.data.is_some() { "writes" } else { "reads" };
+        (way, if self.has_bits() { "bits" } else { "registers" })
+    }
+
     /// The registers of the access, with values from `data`.
     fn registers(&self, spec: &Spec, data: Option<&Data<'_>>) -> Vec<Register> {
         let written = self.data.is_some();
@@ -183,7 +199,11 @@ fn value(spec: &Spec, part: &Part, data: &Data<'_>) -> Option<Value> {
 pub(super) fn request(spec: &Spec, pdu: &[u8]) -> Request {
     let function = pdu.first().copied();
     let Some(parsed) = pdu::Request::parse(pdu) else {
-        let text = format!("function {}, {}", function.unwrap_or(0), bytes(pdu.get(1..).unwrap_or_default()));
+        let text = format!(
+            "function {}, {}",
+            number(function.unwrap_or(0)),
+            bytes(pdu.get(1..).unwrap_or_default())
+        );
         return Request { text, function, ..Request::default() };
     };
     let Some(access) = Access::of(parsed) else {
@@ -193,9 +213,24 @@ pub(super) fn request(spec: &Spec, pdu: &[u8]) -> Request {
     let registers = access.registers(spec, data.as_ref());
     let text = match data {
         None => format!("read {}", names(spec, &access)),
+        // Neither on nor off.
+        Some(Data::Word(0))
+            if !matches!(pdu, [WRITE_SINGLE_COIL, _, _, 0, 0]) && function == Some(WRITE_SINGLE_COIL) =>
+        {
+            let value = pdu
+                .get(3..5)
+                .and_then(|value| value.first_chunk())
+                .map_or(0, |value| u16::from_be_bytes(*value));
+            format!("write {} = 0x{value:04X}", names(spec, &access))
+        }
         Some(data) => format!("write {}", values(spec, &access, &data)),
     };
     Request { text, address: None, function, registers }
+}
+
+/// The number of a function; that of an exception in hexadecimal.
+fn number(function: u8) -> String {
+    if function & EXCEPTION_BIT != 0 { format!("0x{function:02X}") } else { function.to_string() }
 }
 
 /// A request of a function that reads and writes no registers (application, chapter 6).
@@ -213,8 +248,8 @@ fn other(pdu: &[u8]) -> String {
         (23, _) => "read and write registers",
         (24, _) => "read a FIFO",
         (ENCAPSULATED_INTERFACE, [14, ..]) => "read the identification",
-        _ if data.is_empty() => return format!("function {function}"),
-        _ => return format!("function {function}, {}", bytes(data)),
+        _ if data.is_empty() => return format!("function {}", number(function)),
+        _ => return format!("function {}, {}", number(function), bytes(data)),
     };
     name.to_owned()
 }
@@ -279,12 +314,23 @@ pub(super) fn answer(spec: &Spec, pdu: &[u8], reply: &[u8], request: &mut Reques
 }
 
 /// Reason of an exception, as far as the register map states it, with the code.
-pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8) -> String {
-    let why = cause(spec, pdu, code).unwrap_or_else(|| {
+///
+/// `error` is the number of the drive's last error. It belongs to this message if the drive itself refused it: a
+/// register that exists, with a value that its row takes, or anything with exception 04.
+pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8, error: Option<u8>) -> String {
+    let is_access = || pdu::Request::parse(pdu).is_some_and(|request| Access::of(request).is_some());
+    let of_drive = || {
+        let number = error.filter(|_| code == 4 || (code == 3 && is_access()))?;
+        super::error(spec, number).map(|text| format!("{text} (error {number})"))
+    };
+    let why = if code == 4 { None } else { cause(spec, pdu, code) };
+    let why = why.or_else(of_drive).unwrap_or_else(|| {
         match code {
             1 => "illegal function",
             2 => "illegal data address",
+            3 if is_access() => "the drive does not take this value",
             3 => "illegal data value",
+            4 if !spec.failure.is_empty() => spec.failure,
             4 => "the drive cannot execute it now",
             6 => "busy",
             _ => "exception",
@@ -298,11 +344,29 @@ pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8) -> String {
 fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<String> {
     let function = pdu.first()? & !EXCEPTION_BIT;
     if code == 1 {
-        return Some(format!("the drive has no function {function}"));
+        return Some(match pdu.first()? {
+            exception if exception & EXCEPTION_BIT != 0 => {
+                format!("the drive has no function 0x{exception:02X}, a code of answers")
+            }
+            _ => format!("the drive has no function {function}"),
+        });
+    }
+    if let &[WRITE_SINGLE_COIL, _, _, high, low] = pdu
+        && !matches!([high, low], [0xFF | 0, 0])
+    {
+        return Some(format!("a coil takes 0x0000 or 0xFF00, not 0x{high:02X}{low:02X}"));
     }
     let access = Access::of(pdu::Request::parse(pdu)?)?;
-    if access.count == 0 || access.count > LARGEST {
-        return Some(format!("a quantity of {} is not allowed", access.count));
+    if access.count == 0 {
+        return Some("a quantity of 0 is not allowed".to_owned());
+    }
+    let most = spec.rules.map_or(LARGEST, |rules| access.most(rules));
+    if access.count > most {
+        let (way, unit) = access.way_and_unit();
+        return Some(format!(
+            "a quantity of {} is not allowed, a request {way} at most {most} {unit}",
+            access.count
+        ));
     }
     let parts = access.parts(spec);
     let (writes, objects) = (access.data.is_some(), spec.registers.layout.objects);
@@ -351,7 +415,7 @@ fn kind(space: Space) -> &'static str {
 }
 
 /// The values that a row takes.
-pub(super) fn legal(row: &Row) -> String {
+pub(crate) fn legal(row: &Row) -> String {
     let between = |least: i64, greatest: i64| format!("it takes {least} to {greatest}");
     match row.legal {
         Legal::Range(least, greatest) => between(least, greatest),

@@ -87,12 +87,70 @@ fn answers_of_an_md3() {
         ),
         (&[5, 0, 0x0B, 0xFF, 0], &[0x85, 1], "refused: the drive has no function 5 (01)"),
         (&[3, 0, 0x14, 0, 0], &[0x83, 3], "refused: a quantity of 0 is not allowed (03)"),
+        (
+            &[3, 0, 0, 0, 33],
+            &[0x83, 2],
+            "refused: a quantity of 33 is not allowed, a request reads at most 32 registers (02)",
+        ),
+        (&[0x90, 2], &[0x90, 1], "refused: the drive has no function 0x90, a code of answers (01)"),
         (&[6, 0, 0x11, 0, 1], &[0x86, 4], "refused: the drive cannot execute it now (04)"),
         // Too short for its quantity.
         (&[3, 0, 0x14, 0, 2], &[3, 2, 0, 0], "Speed"),
     ] {
         assert_eq!(told(md3(), pdu, answer), words, "{pdu:02X?}");
     }
+}
+
+#[test]
+fn a_coil_is_on_or_off() {
+    let rs = rs434544();
+    // RS 434544 6.2: START_bit is coil 0x2000. A coil takes 0x0000 or 0xFF00 (application 6.5).
+    let pdu = [5, 0x20, 0, 0x12, 0];
+    assert_eq!(asked(rs.spec(), &pdu), "write START_bit = 0x1200");
+    assert_eq!(told(rs.spec(), &pdu, &[0x85, 3]), "refused: a coil takes 0x0000 or 0xFF00, not 0x1200 (03)");
+    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0xFF, 0]), "write START_bit = 1");
+    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0, 0]), "write START_bit = 0");
+}
+
+#[test]
+fn exceptions_of_a_drive_that_exist_have_its_reasons() {
+    // FB 4.2.4: a request has up to four registers. MC 9: error 73.
+    let refused = |pdu: &[u8], code, error| modbus::refusal(mdrive(), pdu, code, error);
+    assert_eq!(
+        refused(&[3, 0, 0x57, 0, 5], 3, Some(73)),
+        "a quantity of 5 is not allowed, a request reads at most 4 registers (03)"
+    );
+    // VM is 0x8B and 0x8C.
+    let write = [16, 0, 0x8B, 0, 2, 4, 0, 0, 3, 0xE8];
+    assert_eq!(refused(&write, 3, Some(23)), "VM is set less than or equal to VI (error 23) (03)");
+    assert_eq!(refused(&write, 4, Some(73)), "tried to save while moving (error 73) (04)");
+    // RS434-28
+    let rs = rs434544();
+    let save = [6, 0x80, 0x06, 0, 1];
+    assert_eq!(
+        modbus::refusal(rs.spec(), &save, 4, None),
+        "a user program is running, so no program can be saved (04)"
+    );
+}
+
+#[test]
+fn a_single_byte_is_no_frame() {
+    let byte = rtu_message(&[3]);
+    assert_eq!(flaw(&byte), "no frame has this length");
+    assert_eq!(
+        dropped(
+            &byte,
+            &Draft::default().entry(
+                Default::default(),
+                drivetwin_firmware::device::Port(0),
+                Outcome::NoPower
+            ),
+            DropReason::Crc
+        )
+        .1
+        .unwrap(),
+        "no frame has this length"
+    );
 }
 
 #[test]
@@ -156,7 +214,10 @@ fn lines_of_mcode() {
     let pair = |text: &str, outcome: &str| (text.to_owned(), outcome.to_owned());
     assert_eq!(line(b"PR P\r\n", Outcome::Accepted, b"\r\n51200\r\n>"), pair("PR P", "51200"));
     assert_eq!(line(b"VM=1000\r", Outcome::Accepted, b"\r\n>"), pair("VM=1000", "done"));
-    assert_eq!(line(b"H\r", Outcome::Refused(40), b"\r\n?"), pair("H", "refused: error 40"));
+    assert_eq!(
+        line(b"H\r", Outcome::Refused(40), b"\r\n?"),
+        pair("H", "refused: program not running (error 40)")
+    );
     let message = |bytes| Message { framing: Framing::Return, ascii: false, bytes };
     let register = |bytes| message(bytes).request(mdrive()).registers.into_iter().next().unwrap();
     let vm = register(b"vm -1000\r");

@@ -10,6 +10,37 @@ use crate::value::Value;
 /// Maximum number of characters of a text.
 const LONGEST: usize = 80;
 
+/// The key that erases a character of a line.
+pub(crate) const BACKSPACE: u8 = 0x08;
+const DELETE: u8 = 0x7F;
+
+/// Keys of MCode that act without the end of a line, with their names.
+const KEYS: [(u8, &str); 3] = [(0x03, "Ctrl-C"), (0x05, "Ctrl-E"), (0x1B, "Esc")];
+
+/// Returns true for a key of MCode that acts without the end of a line.
+pub(crate) fn is_key(byte: u8) -> bool {
+    KEYS.iter().any(|(key, _)| *key == byte)
+}
+
+/// The key of MCode at the end of a text, with the text before it.
+pub(crate) fn key_at_end(text: &[u8]) -> Option<(&'static str, &[u8])> {
+    let (last, before) = text.split_last()?;
+    KEYS.iter().find(|(key, _)| key == last).map(|(_, name)| (*name, before))
+}
+
+/// The line that is left of typed characters: without those that are erased, and without control characters.
+pub(crate) fn typed(line: &[u8]) -> Vec<u8> {
+    let mut typed = Vec::new();
+    for &byte in line {
+        match byte {
+            BACKSPACE | DELETE => _ = typed.pop(),
+            b'\t' | b' '.. => typed.push(byte),
+            _ => {}
+        }
+    }
+    typed
+}
+
 /// A line without its end, printable. Quotes stay as they are, because MCode has texts between quotes.
 pub(super) fn printable(line: &[u8]) -> String {
     let line = line.trim_ascii_end();
@@ -115,7 +146,12 @@ pub(super) fn response(spec: &Spec, bytes: &[u8], request: &mut Request) -> Opti
 
 /// A line of MCode. Its registers are the variables that it names.
 pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
-    let text = printable(line);
+    if let Some((key, before)) = key_at_end(line) {
+        let unfinished = printable(&typed(before));
+        let text = if unfinished.is_empty() { key.to_owned() } else { format!("{key} after {unfinished}") };
+        return Request { text, ..Request::default() };
+    }
+    let text = printable(&typed(line));
     let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let words: Vec<&str> = words.collect();
     let registers = words.iter().enumerate().filter_map(|(n, word)| {
@@ -133,13 +169,28 @@ pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
     Request { text, registers, ..Request::default() }
 }
 
+/// The lines that MCode printed, without prompts and acknowledgements. The first one that is the line `echo` is its
+/// echo: it is left out and removed from `echo`.
+pub(super) fn printed_lines(bytes: &[u8], echo: &mut Option<Vec<u8>>) -> Vec<String> {
+    let is_prompt = |byte: &u8| matches!(byte, b'>' | b'?' | b' ' | 0x06 | 0x15);
+    let lines = bytes.split(|byte| matches!(byte, b'\r' | b'\n')).filter_map(|line| {
+        let start = line.iter().position(|byte| !is_prompt(byte))?;
+        let line = typed(&line[start..]);
+        let line = line.trim_ascii();
+        if line.is_empty() || echo.take_if(|echo| echo.trim_ascii() == line).is_some() {
+            return None;
+        }
+        Some(printable(line))
+    });
+    lines.collect()
+}
+
 /// What a line of MCode printed: the answer without echo and prompt.
 pub(super) fn printed(spec: &Spec, line: &[u8], bytes: &[u8], request: &mut Request) -> Option<String> {
-    let echo = line.trim_ascii();
-    let text: Vec<&[u8]> =
-        bytes.split(|byte| matches!(byte, b'\r' | b'\n' | b'>' | b'?' | 0x06 | 0x15)).collect();
-    let texts = text.iter().map(|text| text.trim_ascii()).filter(|text| !text.is_empty() && *text != echo);
-    let printed: Vec<String> = texts.map(printable).collect();
+    if key_at_end(line).is_some() {
+        return None;
+    }
+    let printed = printed_lines(bytes, &mut Some(typed(line)));
     if printed.is_empty() {
         return None;
     }

@@ -158,10 +158,10 @@ fn text(value: &Value) -> String {
         Value::Number(Some(millionths)) => format!("r{} ", *millionths as f64 / 1e6),
         Value::Number(None) => "rnan ".to_owned(),
         // Readers skip a space, so no words are one space.
-        Value::Words(words) if words.is_empty() => "s\\x20 ".to_owned(),
+        Value::Words(words) if words.text.is_empty() => "s\\x20 ".to_owned(),
         Value::Words(words) => {
             let mut text = "s".to_owned();
-            for char in words.chars() {
+            for char in words.text.chars() {
                 match char {
                     // A text is one word. Readers know the escapes of C.
                     ' ' => text.push_str("\\x20"),
@@ -401,7 +401,7 @@ r0.038146 (
         #![proptest_config(ProptestConfig::with_cases(8))]
         #[test]
         fn looking_often_or_once_makes_the_same_file(pauses in proptest::collection::vec(0_u64..200_000, 1..20)) {
-            let mut bench = Bench::with(Settings { shafts: true, ..Settings::default() });
+            let mut bench = Bench::with(Settings { shafts: true, outcomes: true, ..Settings::default() });
             let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
             let z = bench.add_with("z", Box::new(rs434544()), Setup::default()).unwrap();
             let mut followed = Vec::new();

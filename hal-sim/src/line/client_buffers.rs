@@ -7,6 +7,7 @@ use drivetwin_firmware::device::{Duration, Instant, Line};
 use super::Sender;
 use super::misread::misread;
 use crate::ids::DriveId;
+use crate::record::effects::FrameEffects;
 
 /// A client of a line, with its bytes in both directions.
 #[derive(Default)]
@@ -60,7 +61,7 @@ pub(super) struct Arrival {
     /// Position in the order of all arrivals on the bench.
     order: u64,
     pub(super) at: Instant,
-    /// Time by which the client had sent the bytes at the latest.
+    /// Latest time at which the client can have sent the bytes.
     latest: Instant,
     pub(super) count: usize,
     flags: CharFlags,
@@ -73,6 +74,8 @@ pub(crate) struct CharFlags {
     pub(crate) noise: bool,
     /// Received with a parity or framing error.
     pub(crate) unreadable: bool,
+    /// Effects of faults on the text that it belongs to.
+    pub(crate) effects: FrameEffects,
 }
 
 impl ClientState {

@@ -131,7 +131,8 @@ impl FaultRule {
     /// One sentence with the nearest name.
     pub fn drive_named(self, name: &str, drives: &[Party<'_>]) -> Result<Self, String> {
         let found = drives.iter().find(|drive| drive.name == name);
-        let unknown = || suggest::unknown("drive on this bus", name, drives.iter().map(|drive| drive.name));
+        let unknown =
+            || suggest::unknown_at("drive", name, " on this bus", drives.iter().map(|drive| drive.name));
         Ok(self.drive(found.ok_or_else(unknown)?.id))
     }
 
@@ -144,7 +145,13 @@ impl FaultRule {
         let own = || drives.iter().filter(|drive| self.drive.is_none_or(|id| drive.id == id));
         let Some((spec, named)) = own().find_map(|drive| Some((drive.spec, drive.spec.find(name)?))) else {
             let names = own().flat_map(|drive| drive.spec.rows().filter(|(_, row)| has_address(row)));
-            return Err(suggest::unknown("register on this bus", name, names.map(|(_, row)| row.name)));
+            let drives: Vec<&str> = own().map(|drive| drive.name).collect();
+            let place = match drives[..] {
+                [one] => format!(" on {one}"),
+                [_, .., _] if drives.len() > 4 => format!(" on the {} drives of this bus", drives.len()),
+                _ => format!(" on this bus, with the drives {}", drives.join(", ")),
+            };
+            return Err(suggest::unknown_at("register", name, &place, names.map(|(_, row)| row.name)));
         };
         let row = spec.registers.rows.get(named.row).ok_or_else(|| format!("{name} has no row"))?;
         if named.word.is_some() {
@@ -387,14 +394,17 @@ mod tests {
         let rule = FaultRule::ALL;
         assert_eq!(rule.drive_named("axis", &drives).unwrap().drive, Some(DriveId(1)));
         let error = rule.drive_named("axes", &drives).unwrap_err();
-        assert_eq!(error, "there is no drive on this bus 'axes'; the nearest is 'axis'");
+        assert_eq!(error, "there is no drive 'axes' on this bus; the nearest is 'axis'");
         assert_eq!(rule.register_named("Speed", &drives).unwrap().register, Some("Speed"));
         let error = rule.register_named("Sped", &drives).unwrap_err();
-        assert_eq!(error, "there is no register on this bus 'Sped'; the nearest is 'Speed'");
+        assert_eq!(
+            error,
+            "there is no register 'Sped' on this bus, with the drives x, axis; the nearest is 'Speed'"
+        );
         let error = rule.register_named("SpeedHigh", &drives).unwrap_err();
         assert_eq!(error, "register takes a whole register: Speed, not SpeedHigh");
         let error = rule.drive(DriveId(1)).register_named("Acceleration", &drives).unwrap_err();
-        assert!(error.starts_with("there is no register on this bus 'Acceleration'"), "{error}");
+        assert!(error.starts_with("there is no register 'Acceleration' on axis"), "{error}");
         assert_eq!(Direction::named("reply"), Ok(Direction::Reply));
         let error = Direction::named("answer").unwrap_err();
         assert_eq!(error, "direction takes request or reply, not 'answer'");

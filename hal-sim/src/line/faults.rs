@@ -21,8 +21,10 @@ pub const BAUDS: std::ops::RangeInclusive<u32> = 50..=4_000_000;
 /// Faults of a line or of a TCP port, set by [`Bench::set_faults`](crate::bench::Bench::set_faults). A
 /// [rule](FaultRule) says which frames a fault disturbs, requests and replies alike unless a field or the rule
 /// says otherwise. The default has no faults. On a line with timed characters, a frame is one write of a
-/// client or one output of a drive. On a Modbus/TCP port it is a request or a reply; on a text port a line or
-/// the part of a line that arrives at once, and one output of a drive.
+/// client or one output of a drive. On a Modbus/TCP port it is a request or a reply. On an MCode port a request is a
+/// line or the part of a line that arrives at once, and a reply is all that the drive then sends until it takes the
+/// next request: echo, answer and prompt. What a program prints meanwhile is in it; otherwise each output of a
+/// program is a reply.
 ///
 /// ```
 /// use drivetwin_firmware::device::{Duration, Instant, Port};
@@ -58,7 +60,8 @@ pub struct LineFaults {
     pub wrong_address: FaultRule,
     /// Replies with the number of another transaction, the next higher one; only on Modbus/TCP ports.
     pub wrong_transaction: FaultRule,
-    /// Requests that are not executed but answered with the exception `exception_code`; only with Modbus.
+    /// Requests that do not reach their drive and are answered with the exception `exception_code`; only with Modbus.
+    /// A request that no drive would answer has no exception.
     pub exception: FaultRule,
     /// Code of the exception, 1 to 255.
     pub exception_code: u8,
@@ -260,8 +263,6 @@ pub(crate) struct Disturbance {
     tcp: bool,
     requests: RandomNumbers,
     replies: RandomNumbers,
-    /// Delay of the last reply.
-    last_delay: Duration,
 }
 
 /// Random numbers for the frames of one direction.
@@ -295,7 +296,6 @@ impl Disturbance {
             tcp: false,
             requests: RandomNumbers::new(seed, "requests", line),
             replies: RandomNumbers::new(seed, "replies", line),
-            last_delay: Duration::ZERO,
         }
     }
 
@@ -325,11 +325,6 @@ impl Disturbance {
         !self.quiet && self.faults.all_rules().any(|(_, rule)| rule.needs_content())
     }
 
-    /// Delay of the last reply.
-    pub(crate) fn last_delay(&self) -> Duration {
-        self.last_delay
-    }
-
     /// Greatest delay of a reply.
     pub(crate) fn longest_delay(&self) -> Duration {
         self.faults.delay + self.faults.delay_spread
@@ -349,9 +344,7 @@ impl Disturbance {
     /// Faults of the next reply, of `count` characters; `None` if it has none.
     pub(crate) fn reply(&mut self, count: usize, content: Option<&Content>) -> Option<FrameFaults> {
         let frame = Drawn { direction: Direction::Reply, count, content, refusable: false, tcp: self.tcp };
-        let fate = self.fate(frame);
-        self.last_delay = fate.as_ref().map_or(Duration::ZERO, |fate| fate.delay);
-        fate
+        self.fate(frame)
     }
 
     fn fate(&mut self, frame: Drawn<'_>) -> Option<FrameFaults> {
@@ -395,7 +388,7 @@ pub(crate) struct FrameFaults {
     pub(crate) wrong_address: bool,
     /// The frame has the number of another transaction.
     pub(crate) wrong_transaction: bool,
-    /// The request is refused with an exception.
+    /// The request is answered with an exception, without its drive.
     pub(crate) refused: bool,
     /// Random number for the noise beside the frame.
     noise: Option<u64>,
@@ -447,7 +440,6 @@ impl FrameFaults {
         let lost = hits(&mut faults.drop, lost, true);
         let muted = replies && hits(&mut faults.mute, muted, !lost);
         let sent = !lost && !muted;
-        let refused = !replies && hits(&mut faults.exception, refused, sent && refusable);
         let which = |rule: &mut FaultRule, (chosen, number): (bool, u64), possible: bool| {
             hits(rule, chosen, possible).then_some(number)
         };
@@ -457,20 +449,27 @@ impl FrameFaults {
         };
         let has_delay = faults.delay + faults.delay_spread > Duration::ZERO;
         let delayed = if replies && has_delay { which(&mut faults.delayed, delayed, sent) } else { None };
+        let cut = which(&mut faults.truncate, cut, sent && count > 1);
+        let flip = which(&mut faults.corrupt, flip, sent);
+        let noise = which(&mut faults.noise, noise, if tcp { replies } else { sent || !faults.noise_before });
+        let noise_before = faults.noise_before && !tcp;
+        let close = which(&mut faults.close, close, sent && tcp);
+        let is_whole = cut.is_none() && flip.is_none() && close.is_none();
+        let arrives = !replies && sent && is_whole && !(noise_before && noise.is_some());
         Self {
             lost,
-            cut: which(&mut faults.truncate, cut, sent && count > 1),
-            flip: which(&mut faults.corrupt, flip, sent),
+            cut,
+            flip,
             twice: hits(&mut faults.duplicate, twice, sent),
             wrong_address: replies && hits(&mut faults.wrong_address, wrong_address, sent),
             wrong_transaction: replies && hits(&mut faults.wrong_transaction, wrong_transaction, sent && tcp),
-            refused,
-            noise: which(&mut faults.noise, noise, if tcp { replies } else { sent || !faults.noise_before }),
-            noise_before: faults.noise_before && !tcp,
+            refused: arrives && refusable && hits(&mut faults.exception, refused, true),
+            noise,
+            noise_before,
             garbage,
             muted,
             delay: delayed.map_or(Duration::ZERO, |number| faults.delay + spread(number)),
-            close: which(&mut faults.close, close, sent && tcp),
+            close,
         }
     }
 
@@ -487,6 +486,16 @@ impl FrameFaults {
             .with(FrameEffect::Delayed, self.delay > Duration::ZERO)
             .with(FrameEffect::Closed, self.close.is_some())
             .with(FrameEffect::WithNoise, self.noise.is_some())
+    }
+
+    /// Returns true if the effects depend on the length of the frame.
+    pub(crate) fn needs_whole_frame(&self) -> bool {
+        self.cut.is_some() || self.flip.is_some() || self.twice || self.close.is_some()
+    }
+
+    /// Removes the noise, because it has been sent.
+    pub(crate) fn clear_noise(&mut self) {
+        self.noise = None;
     }
 
     /// Returns true if the connection is closed in the middle of the frame.
@@ -567,6 +576,13 @@ pub(crate) struct Text {
 }
 
 impl Text {
+    /// Returns true if a receiver of Modbus ASCII finds the begin and the end of a message in these characters.
+    pub(crate) fn has_ends_of_ascii(&self) -> bool {
+        let readable = |place: usize| !self.unreadable.contains(&place);
+        let colon = (0..).zip(&self.bytes).find(|&(place, byte)| *byte == b':' && readable(place));
+        colon.is_some() && self.bytes.last() == Some(&b'\n') && readable(self.bytes.len() - 1)
+    }
+
     /// These characters, then those of `other`.
     fn then(mut self, other: &Self) -> Self {
         let before = self.bytes.len();
@@ -576,46 +592,12 @@ impl Text {
     }
 }
 
-/// A request that is refused without being executed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Refusal {
-    unit: u8,
-    function: u8,
-    code: u8,
-}
-
-impl Refusal {
-    /// A user-defined function code (application, 5) that no drive supports (BENCH-12).
-    const UNUSED_FUNCTION: u8 = 110;
-
-    /// Refusal of a request on a Modbus line, and the request that the drives receive instead. `None` if the
-    /// message cannot be refused, because it is a broadcast or no request.
-    pub(crate) fn of(line: Line, request: &[u8], code: u8) -> Option<(Self, Vec<u8>)> {
-        let (unit, mut pdu) = opened(line, request)?;
-        let function = pdu.first_mut().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
-        let refusal = Self { unit, function: *function, code };
-        *function = Self::UNUSED_FUNCTION;
-        Some((refusal, framed(line, unit, &pdu)))
-    }
-
-    /// Code of the exception.
-    pub(crate) fn code(self) -> u8 {
-        self.code
-    }
-
-    /// The request that was refused, from the one that the drives received instead.
-    pub(crate) fn request(self, line: Line, instead: &[u8]) -> Option<Vec<u8>> {
-        let (unit, mut pdu) = opened(line, instead)?;
-        *pdu.first_mut()? = self.function;
-        Some(framed(line, unit, &pdu))
-    }
-
-    /// The exception that replaces a drive's reply; `None` if `reply` does not answer the refused request.
-    pub(crate) fn answer(self, line: Line, reply: &[u8]) -> Option<Vec<u8>> {
-        let (unit, pdu) = opened(line, reply)?;
-        let refused = unit == self.unit && pdu.first() == Some(&(Self::UNUSED_FUNCTION | EXCEPTION_BIT));
-        refused.then(|| framed(line, unit, &[self.function | EXCEPTION_BIT, self.code]))
-    }
+/// The unit that a request on a Modbus line is for, and the exception with this code that answers the request. `None`
+/// if no drive answers it: it is a broadcast, or no request.
+pub(crate) fn exception(line: Line, request: &[u8], code: u8) -> Option<(u8, Vec<u8>)> {
+    let (unit, pdu) = opened(line, request)?;
+    let function = *pdu.first().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
+    Some((unit, framed(line, unit, &[function | EXCEPTION_BIT, code])))
 }
 
 /// The same reply with another address and a valid checksum. The address is the next higher free one of 1 to

@@ -83,7 +83,7 @@ mod tests {
 
     use super::*;
 
-    /// Bytes that a reader reads.
+    /// Bytes that a receiver with the settings `reader` reads if `bytes` are sent with the settings `sent`.
     fn bytes(sent: Line, bytes: &[u8], reader: Line) -> Vec<u8> {
         misread(sent, bytes, reader).into_iter().map(|(_, byte)| byte).collect()
     }
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn at_twice_the_rate_each_bit_is_read_twice() {
         let (fast, slow) = (line(9_600, 8, Parity::None), line(4_800, 8, Parity::None));
-        // 00 11 11 11 11 00 00 00 00 11: two characters of ten bits.
+        // The receiver sees 00 11 11 11 11 00 00 00 00 11, which are two characters of ten bits.
         assert_eq!(bytes(slow, &[0x0F], fast), [0xFE, 0x80]);
         // A slow reader reads one character while two fast ones pass.
         let read = misread(fast, &[0x33, 0x33], slow);

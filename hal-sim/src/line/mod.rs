@@ -20,7 +20,7 @@ use crate::record::requests::RequestLog;
 pub(crate) use client_buffers::{CharFlags, ClientState, Clients, RxBurst};
 pub(crate) use collisions::CollisionTracker;
 use fault_rules::Content;
-use faults::{Disturbance, Refusal, Text};
+use faults::{Disturbance, Text};
 pub(crate) use request_boundaries::PendingFrame;
 
 /// Timing of characters on serial lines.
@@ -73,7 +73,7 @@ impl Sender {
             }
     }
 
-    /// The settings of the port; `line` has the ones that are not known.
+    /// The settings of the port. A setting that is not known is taken from `line`.
     #[must_use]
     pub fn or(self, line: Line) -> Line {
         let parity = match self.parity {
@@ -127,10 +127,11 @@ pub(crate) struct SerialLine {
     pub(crate) asked: Option<Content>,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
-    /// The refusal of the present request, if a fault refuses it.
-    pub(crate) refusal: Option<Refusal>,
     /// End of delayed and repeated replies; the next reply does not start earlier.
     pub(crate) held_up: Instant,
+    /// Delay of the last reply on the line, behind earlier ones too: the line carries what the drive has transmitted by
+    /// then, also if its power fails meanwhile.
+    pub(crate) late_by: Duration,
     /// Characters on the line; `None` if they cannot collide.
     pub(crate) collisions: Option<CollisionTracker>,
     /// Frames of a shared line that were corrupt or for no drive.
@@ -139,8 +140,10 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
-    /// Effects of faults on the present frame.
+    /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
+    /// True if the last character of a client ended a line of text.
+    pub(crate) has_ended: bool,
 }
 
 /// The last request on a line, for a judgement of the silence before the next one.
@@ -164,12 +167,23 @@ pub(crate) struct Request {
     pub(crate) count: usize,
     /// Characters as transmitted on the line.
     pub(crate) text: Text,
-    /// Refusal of the request, and the request that the drives receive instead.
-    pub(crate) refused: Option<(Refusal, Vec<u8>)>,
+    /// The exception that answers the request, if a fault refuses it.
+    pub(crate) refusal: Option<Refusal>,
     /// True for noise, which no client has sent.
     pub(crate) noise: bool,
     /// Effects of faults on the request.
     pub(crate) effects: FrameEffects,
+}
+
+/// Answer of a fault to a request, in place of the drive that the request is for (BENCH-12).
+#[derive(Clone, Debug)]
+pub(crate) struct Refusal {
+    pub(crate) drive: DriveId,
+    pub(crate) port: Port,
+    /// Code of the exception.
+    pub(crate) code: u8,
+    /// The exception as a frame.
+    pub(crate) answer: Vec<u8>,
 }
 
 /// State of a line.
@@ -217,13 +231,14 @@ impl SerialLine {
             disturbance: Disturbance::new(seed, name),
             asked: None,
             behind: VecDeque::new(),
-            refusal: None,
             held_up: Instant::ZERO,
+            late_by: Duration::ZERO,
             collisions: None,
             journal: Journal::default(),
             unclaimed: None,
             claimed: false,
             on_request: FrameEffects::NONE,
+            has_ended: true,
         }
     }
 

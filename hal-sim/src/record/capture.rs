@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use drivetwin_firmware::device::{Duration, Instant, Line, Link, Port};
 
 use crate::ids::{Bus, DriveId};
+use crate::record::journal::Entry;
 use crate::record::trace::{Retention, allocated, make_room};
 
 /// Recorded frames of the lines and TCP connections of a bench, see [`Bench::capture`](crate::bench::Bench::capture).
@@ -35,6 +36,8 @@ pub struct Frame {
     pub bytes: Vec<u8>,
     /// True if some of its characters overlapped others on the line.
     pub collided: bool,
+    /// Entries of journals for the messages that end with this frame of a client.
+    pub received: Vec<Entry>,
 }
 
 /// Medium of a frame: a serial line or a TCP connection.
@@ -126,6 +129,29 @@ impl Capture {
         }
     }
 
+    /// Returns true if frames are recorded.
+    pub(crate) fn is_on(&self) -> bool {
+        self.retention != Retention::Off
+    }
+
+    /// Adds the entry of a journal to the frame of a client that ended the message, or replaces the entry there. A
+    /// message that no frame ended on `is_medium` is not on the wires.
+    pub(crate) fn receive(&mut self, is_medium: impl Fn(Medium) -> bool, entry: &Entry) {
+        // More frames than drives on a line send between a message and its outcome.
+        const RECENT: usize = 1_000;
+        let of_client = |frame: &&mut Frame| frame.from == Source::Client && is_medium(frame.on);
+        let recent = self.frames.iter_mut().rev().take(RECENT).filter(of_client);
+        let ends =
+            |frame: &&mut Frame| (frame.at..=frame.end()).contains(&entry.at) && !frame.bytes.is_empty();
+        let Some(frame) = recent.into_iter().find(ends) else { return };
+        self.bytes -= frame.size();
+        match frame.received.iter_mut().find(|known| known.number == entry.number) {
+            Some(known) => *known = entry.clone(),
+            None => frame.received.push(entry.clone()),
+        }
+        self.bytes += frame.size();
+    }
+
     /// Records a frame; the ring drops its oldest frames if it is full.
     pub(crate) fn record(&mut self, frame: impl FnOnce() -> Frame) {
         if self.retention == Retention::Off {
@@ -155,6 +181,8 @@ impl Frame {
 
     /// Memory of the frame, in bytes.
     fn size(&self) -> usize {
-        size_of::<Self>() + allocated(self.bytes.len())
+        size_of::<Self>()
+            + allocated(self.bytes.len())
+            + allocated(self.received.capacity() * size_of::<Entry>())
     }
 }

@@ -7,7 +7,7 @@ use drivetwin_firmware::device::Duration;
 /// A request without the silence that its line needs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct EarlyRequest {
-    /// The silence that there was.
+    /// The silence around the request.
     pub cause: EarlyCause,
     /// The silence that the line needs: t3.5, or zero in Modbus ASCII, where characters mark the ends of a frame.
     pub needs: Duration,
@@ -31,9 +31,9 @@ pub enum EarlyCause {
 /// Requests on a line that were too early.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct EarlyRequests {
-    /// Number of such requests.
+    /// Number of requests that were too early.
     pub count: u64,
-    /// The last such request.
+    /// The last request that was too early.
     pub last: Option<EarlyRequest>,
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Effect of a fault of a line or TCP port on a frame.
+/// Effect of a fault of a line or TCP port on a frame. Each effect has the name of its fault in bench files.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FrameEffect {
     /// `drop`.

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use std::ops::Deref;
 
 use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
+use drivetwin_protocol::modbus::tcp::Broken;
 
 use crate::record::early::EarlyRequest;
 use crate::record::effects::FrameEffects;
@@ -21,6 +22,8 @@ pub enum Outcome {
     Refused(u8),
     /// The drive ignored the message.
     Dropped(DropReason),
+    /// The bytes are no message, so the drive has not looked at them.
+    NoMessage(NoMessage),
     /// No drive of the line has the address.
     NoDrive,
     /// The drive had no power.
@@ -33,6 +36,17 @@ pub enum Outcome {
     Lost,
     /// A fault of the line or TCP port refused the message with this code.
     RefusedByFault(u8),
+}
+
+/// Reason why bytes are no message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum NoMessage {
+    /// No colon begins a message of Modbus ASCII.
+    NoColon,
+    /// A colon begins another message of Modbus ASCII before this one has ended.
+    NextColon,
+    /// A header that no Modbus/TCP message has. The connection is closed.
+    Header(Broken),
 }
 
 /// A message with its outcome.
@@ -72,7 +86,7 @@ enum Bytes {
 }
 
 impl Bytes {
-    /// A read of a few registers, or a write, and its answer.
+    /// Number of bytes that a read of a few registers, or a write, has together with its answer.
     const FEW: usize = 38;
 
     fn joined(parts: [&[u8]; 3]) -> Self {
@@ -122,10 +136,16 @@ impl Entry {
         self.bytes.get(from..from + usize::from(self.answer)).unwrap_or_default()
     }
 
-    /// Reasons why an accepted message does not do what it says.
+    /// Reasons why the drive does not do what the message says, although it accepts the message.
     pub fn reasons(&self) -> impl Iterator<Item = Reason> {
         let codes = if self.outcome == Outcome::Accepted { self.codes() } else { &[] };
         codes.iter().map(|&code| Reason(code))
+    }
+
+    /// Number of the drive's last error when it refused the message, if it has such a number.
+    #[must_use]
+    pub fn error(&self) -> Option<u8> {
+        if matches!(self.outcome, Outcome::Refused(_)) { self.codes().first().copied() } else { None }
     }
 
     /// Addresses of the drives of the line, if no drive has the address of the message; otherwise empty.
@@ -138,14 +158,8 @@ impl Entry {
         self.bytes.get(usize::from(self.message) + usize::from(self.answer)..).unwrap_or_default()
     }
 
-    /// The entry with another message and answer, refused by a fault with this code.
-    pub(crate) fn refused_by_fault(&mut self, message: &[u8], answer: &[u8], code: u8) {
-        self.bytes = Bytes::joined([message, answer, &[]]);
-        (self.message, self.answer) = (message.len() as u16, answer.len() as u16);
-        (self.outcome, self.deaf_for) = (Outcome::RefusedByFault(code), Some(Duration::ZERO));
-    }
-
-    /// The entry with these addresses instead of codes, for the journal of a line.
+    /// The entry of a message that is addressed to no drive, for the journal of a line. Instead of codes it
+    /// has `addresses`, those of the drives on the line.
     pub(crate) fn without_drive(self, addresses: &[u8]) -> Self {
         let bytes = Bytes::joined([self.message(), addresses, &[]]);
         Self { outcome: Outcome::NoDrive, answer: 0, bytes, ..self }
@@ -223,6 +237,8 @@ fn extend(to: &mut Vec<u8>, bytes: &[u8]) {
 pub(crate) struct Journal {
     entries: VecDeque<Entry>,
     lost: u64,
+    /// Number of the last entry whose outcome is recorded.
+    recorded: u64,
 }
 
 impl Journal {
@@ -251,6 +267,20 @@ impl Journal {
             let answer = entry.answer();
             answer.windows(kept.len().max(1)).any(|part| part == kept)
         })
+    }
+
+    /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.
+    pub(crate) fn take_new(&mut self) -> Vec<Entry> {
+        let recorded = self.recorded;
+        let new = self.entries.iter().rev().take_while(|entry| entry.number > recorded).count();
+        self.recorded = self.entries.back().map_or(recorded, |entry| entry.number);
+        self.entries.range(self.entries.len() - new..).cloned().collect()
+    }
+
+    /// The latest entry of a port after number `before`.
+    pub(crate) fn last_after(&mut self, port: Port, before: u64) -> Option<&mut Entry> {
+        let new = self.entries.iter_mut().rev().take_while(|entry| entry.number > before);
+        new.into_iter().find(|entry| entry.port == port)
     }
 
     /// The entries, the oldest first.

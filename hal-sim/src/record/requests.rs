@@ -2,7 +2,7 @@
 
 use drivetwin_firmware::device::Duration;
 
-/// Statistics of the requests on a Modbus line so far.
+/// Statistics of the requests on a Modbus line or Modbus/TCP port so far.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct RequestStatistics {
     /// Number of requests.
@@ -12,7 +12,7 @@ pub struct RequestStatistics {
     /// Number of requests that repeat the request before them, which had no answer.
     pub retries: u64,
     /// Shortest silence between a reply and the next request. `None` if there was none, or if the silence is not known:
-    /// in manual time, with `--line fast`, on a serial port, on a line with faults.
+    /// in manual time, with `--line fast`, on a serial port, on a line with faults, on a TCP port.
     pub shortest_silence: Option<Duration>,
 }
 
@@ -21,7 +21,7 @@ pub struct RequestStatistics {
 pub struct StartingRequests {
     /// Number of these requests.
     pub count: u64,
-    /// Time from the last one until the drive receives; `None` if unknown.
+    /// Time from the last of these requests until the drive receives; `None` if unknown.
     pub left: Option<Duration>,
 }
 

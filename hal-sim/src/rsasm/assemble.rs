@@ -60,10 +60,10 @@ pub fn assemble(source: &str) -> Result<Vec<u32>, Error> {
 
 /// A command or a directive.
 struct Part<'a> {
-    /// First line of the part in the program.
+    /// Number of the program line at which the part begins.
     at: usize,
     content: Content,
-    /// Operands of the part in the text.
+    /// Cursor at the operands of the part in the text.
     operands: Cursor<'a>,
 }
 

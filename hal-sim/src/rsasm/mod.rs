@@ -95,7 +95,7 @@ pub fn to_bytes(program: &[u32]) -> Vec<u8> {
 /// The program in the bytes of a file; see [`to_bytes`].
 ///
 /// # Errors
-/// One sentence: the bytes are not a program.
+/// A sentence that says why the bytes are not a program.
 pub fn from_bytes(bytes: &[u8]) -> Result<Vec<u32>, String> {
     let (lines, rest) = bytes.as_chunks();
     match bytes.len() {

@@ -30,7 +30,7 @@ fn each_form_of_operands_has_its_fields() {
         ("djmp_gx_less_ix rel +2", vec![line(2, 0, 0, 1, 0x66)]),
         ("call 7", vec![line(7, 0, 0, 0, 0x0A)]),
         ("return", vec![line(0, 0, 0, 0, 0x0B)]),
-        // The example of 6.9: 23 commands, 5 times.
+        // The example of section 6.9 of the manual: 23 commands, 5 times.
         ("for 23, 5", vec![line(0x1705, 0, 0, 0, 0x0C)]),
         ("not_sysreg jx", vec![line(0, 0, 9, 0, 0x15)]),
         ("not_modbus START_bit", vec![line(0x2000, 1, 0, 0, 0x16)]),

@@ -1,4 +1,4 @@
-//! A tournament of deadlines.
+//! A tournament of deadlines, a tree in which the earliest deadline wins.
 
 use drivetwin_firmware::device::Instant;
 

@@ -8,7 +8,8 @@
 //! | `speed` | steps or counts per second, signed |
 //! | `current` | A: peak phase current, or the current that the motor draws |
 //! | `duty` | duty of a motor without steps, −1 to 1 |
-//! | `rs485_rx` `rs485_tx` | words of the message to or from the drive on that port, while it lasts; else empty |
+//! | `rs485_rx` | words of the message to the drive on that port while it lasts, and with its outcome when that is known; else empty |
+//! | `rs485_tx` | words of the message of the drive on that port while it lasts; else empty |
 //!
 //! A second axis has its name before those of its variables.
 //!
@@ -32,7 +33,7 @@ use drivetwin_firmware::device::{
     Axis, Duration, HIGH_MV, Instant, LOGIC_HIGH_MV, Level, Pin, PinSpec, Role, Spec,
 };
 
-use crate::decode::messages::{Messages, PortMessage};
+use crate::decode::messages::{KnownOutcome, Messages, PortMessage};
 use crate::record::trace::{Entry, Event, Group, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 use crate::scheduler::Tournament;
 use crate::signals::motion::{Commanded, Motion};
@@ -49,8 +50,17 @@ pub enum Value {
     Level(char),
     /// A number in millionths; `None` if it is unknown.
     Number(Option<i64>),
-    /// Words of a message; empty while there is none.
-    Words(String),
+    /// Words of a message.
+    Words(Words),
+}
+
+/// Words of a message; empty while there is none.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Words {
+    /// The words.
+    pub text: String,
+    /// The outcome of the message, if the words have it.
+    pub outcome: Option<KnownOutcome>,
 }
 
 /// Type of a variable.
@@ -205,7 +215,7 @@ struct PinContent {
 /// Messages on a port in one direction.
 #[derive(Default)]
 struct TextContent {
-    text: String,
+    words: Words,
     /// End of the message that is shown.
     ends: Option<Instant>,
     /// Later messages.
@@ -375,6 +385,7 @@ impl Waveforms {
                 _ => {}
             },
             &Event::Shaft { axis, shaft } => self.record(drive, axis, shaft.into()),
+            Event::Received(_) => {}
         }
         Ok(())
     }
@@ -650,10 +661,11 @@ impl TextContent {
             && let Some(message) = self.later.pop_front()
         {
             let shown = if message.end > message.begin { message.end } else { message.begin + GLANCE };
-            (self.text, self.ends) = (message.text, Some(shown));
+            let PortMessage { text, outcome, .. } = message;
+            (self.words, self.ends) = (Words { text, outcome }, Some(shown));
         }
         if self.ends.is_some_and(|ends| ends <= now) {
-            (self.text, self.ends) = (String::new(), None);
+            (self.words, self.ends) = (Words::default(), None);
         }
         let begins = self.later.front().map(|message| message.begin);
         begins.into_iter().chain(self.ends).min().unwrap_or(Instant::NEVER)
@@ -665,14 +677,14 @@ impl Content {
         match self {
             Self::Pin(pin) => pin.value(at),
             Self::Number(number) => Value::Number(*number),
-            Self::Text(text) => Value::Words(text.text.clone()),
+            Self::Text(text) => Value::Words(text.words.clone()),
         }
     }
 
     /// Returns true if `value` is the present value.
     fn shows(&self, at: Instant, value: &Value) -> bool {
         match (self, value) {
-            (Self::Text(text), Value::Words(words)) => text.text == *words,
+            (Self::Text(text), Value::Words(words)) => text.words == *words,
             _ => self.value(at) == *value,
         }
     }

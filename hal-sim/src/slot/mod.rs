@@ -260,7 +260,7 @@ impl Slot {
             }
             InputRecord::Closed { port, link } => {
                 if let Some(port) = self.state.ports.get_mut(usize::from(port.0)) {
-                    port.on_echo = FrameEffects::NONE;
+                    (port.on_request, port.on_echo) = (FrameEffects::NONE, FrameEffects::NONE);
                 }
                 return self.state.reception.closed(*port, *link);
             }
@@ -303,6 +303,9 @@ impl Slot {
         self.last = (at, phase);
         if self.state.reception.is_touched() {
             let device = &self.device;
+            if let Some(row) = self.spec.last_error {
+                self.state.reception.note_error(|| device.peek(at, row) as u8);
+            }
             let last = self.state.reception.finish(|| device.receives_from());
             for entry in self.state.reception.earlier_entries() {
                 self.state.enter(entry, context.outputs);
@@ -359,6 +362,11 @@ impl Slot {
         {
             trace.record_shaft(at, drive, axis, shaft);
         }
+    }
+
+    /// Time from which the drive receives what arrives at its ports.
+    pub(crate) fn receives_from(&self) -> Instant {
+        self.device.receives_from()
     }
 
     /// Returns true if the drive turns a brush or brushless motor, internal or of the bench.

@@ -18,7 +18,8 @@ use drivetwin_firmware::device::{
 };
 use drivetwin_protocol::modbus::ascii;
 
-use crate::record::journal::{Draft, Entry, Outcome};
+use crate::decode::text::{BACKSPACE, is_key, key_at_end, typed};
+use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 
 /// Maximum number of bytes that wait for an outcome; further bytes are left out.
 const LONGEST: usize = 1 << 10;
@@ -77,7 +78,7 @@ pub(crate) struct Reception {
     draft: Draft,
     /// What the drive sent on text ports in the present call, before the outcome.
     before: Vec<u8>,
-    /// Entries of the present call before that of `open`.
+    /// Entries that the present call has completed before the entry of `open`.
     done: Vec<Entry>,
     /// Port on which the drive ignores the characters of the present call, because it starts.
     ignores: Option<Port>,
@@ -144,17 +145,45 @@ impl Reception {
     ) {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
-        // In ASCII a colon begins a message anew.
-        if port.ascii && bytes.first() == Some(&b':') {
-            port.part.clear();
-        }
         let part = &mut port.part;
         let room = LONGEST.saturating_sub(part.bytes.len()).min(bytes.len());
         part.bytes.extend_from_slice(&bytes[..room]);
         part.unreadable = part.unreadable.saturating_add(u8::from(bytes.is_empty()));
         part.end = at + character * bytes.len().saturating_sub(1) as u64;
+        let is_ascii = port.ascii;
         if self.ignores.take() == Some(number) {
-            self.begin(number, Outcome::Dropped(DropReason::Starting));
+            self.begin(number, 0, Outcome::Dropped(DropReason::Starting));
+        } else if is_ascii {
+            self.take_stray(number);
+        }
+    }
+
+    /// Enters the characters that are no part of a message of Modbus ASCII, because the drive does not look at
+    /// them: those before the last colon, and a text without a colon up to its line feed.
+    fn take_stray(&mut self, number: Port) {
+        let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
+        let Part { bytes, end, overheard, .. } = &mut port.part;
+        let stray = match bytes.iter().rposition(|&character| character == b':') {
+            Some(colon) => colon,
+            None if bytes.ends_with(b"\n") || bytes.len() == LONGEST => bytes.len(),
+            None => 0,
+        };
+        if stray == 0 {
+            return;
+        }
+        let why = if bytes.first() == Some(&b':') { NoMessage::NextColon } else { NoMessage::NoColon };
+        // An end of a line alone, after a message of which a part was lost, says nothing.
+        if !*overheard && bytes[..stray].iter().any(u8::is_ascii_graphic) {
+            let mut draft = Draft::default();
+            draft.begin(&bytes[..stray]);
+            let mut entry = draft.entry(*end, number, Outcome::NoMessage(why));
+            entry.ascii = true;
+            self.done.push(entry);
+            self.touched = true;
+        }
+        bytes.drain(..stray);
+        if bytes.is_empty() {
+            port.part.clear();
         }
     }
 
@@ -190,6 +219,11 @@ impl Reception {
         port.part.end = at;
     }
 
+    /// Returns true if a port has bytes without an outcome.
+    pub(crate) fn has_part(&self, port: Port) -> bool {
+        self.ports.get(usize::from(port.0)).is_some_and(|port| !port.part.is_empty())
+    }
+
     /// Forgets the incomplete line of a connection.
     pub(super) fn closed(&mut self, port: Port, link: Link) {
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
@@ -213,9 +247,9 @@ impl Reception {
                 self.finish_message();
                 self.draft.reason(Reason(code));
             }
-            LogEvent::Request { port, .. } => self.begin(port, Outcome::Accepted),
-            LogEvent::Refused { port, code, .. } => self.begin(port, Outcome::Refused(code)),
-            LogEvent::Dropped { port, why } => self.begin(port, Outcome::Dropped(why)),
+            LogEvent::Request { port, function, .. } => self.begin(port, function, Outcome::Accepted),
+            LogEvent::Refused { port, code, function } => self.begin(port, function, Outcome::Refused(code)),
+            LogEvent::Dropped { port, why } => self.begin(port, 0, Outcome::Dropped(why)),
         }
     }
 
@@ -240,7 +274,7 @@ impl Reception {
     /// Notes that the drive does not receive the noted characters, because it has no power or is sending.
     /// Returns the entry when the message is complete.
     pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
-        self.begin(port, Outcome::Dropped(DropReason::Starting));
+        self.begin(port, 0, Outcome::Dropped(DropReason::Starting));
         let open = self.open.take()?;
         let mut entry = self.draft.entry(open.at, port, outcome);
         (entry.ascii, entry.deaf_for) = (self.ports.get(usize::from(port.0))?.ascii, None);
@@ -266,13 +300,20 @@ impl Reception {
         mem::take(&mut self.done)
     }
 
+    /// Notes the number of the error with which the drive refused the message.
+    pub(super) fn note_error(&mut self, number: impl FnOnce() -> u8) {
+        if self.open.is_some_and(|open| matches!(open.outcome, Outcome::Refused(_))) {
+            self.draft.reason(Reason(number()));
+        }
+    }
+
     /// Returns true if the present call has outcomes.
     pub(super) fn is_touched(&self) -> bool {
         self.touched
     }
 
-    /// Begins the entry of the bytes that an outcome concerns.
-    fn begin(&mut self, number: Port, outcome: Outcome) {
+    /// Begins the entry of the bytes that an outcome concerns. `function` is that of the message.
+    fn begin(&mut self, number: Port, function: u8, outcome: Outcome) {
         self.finish_message();
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         let part = &mut port.part;
@@ -284,7 +325,14 @@ impl Reception {
         if incomplete {
             return;
         }
-        let bytes = if is_text { last_line(&part.bytes) } else { &part.bytes };
+        // A key of MCode acts without the end of a line; more may follow it.
+        let is_key = port.framing == Framing::Return && is_key(function);
+        let key = part.bytes.iter().position(|&byte| is_key && byte == function);
+        let rest = key.map(|key| part.bytes.split_off(key + 1)).unwrap_or_default();
+        let bytes = match port.framing {
+            Framing::Character | Framing::Return => last_line(port.framing, &part.bytes),
+            Framing::Silence | Framing::Mbap => &part.bytes,
+        };
         if (bytes.is_empty() && part.unreadable == 0) || part.overheard {
             self.draft.clear();
         } else {
@@ -295,6 +343,7 @@ impl Reception {
         }
         self.before.clear();
         part.clear();
+        part.bytes = rest;
     }
 
     /// Completes the entry whose outcome is known, because the call has another one.
@@ -315,13 +364,19 @@ impl Reception {
     }
 }
 
-/// The last line of text, without the line ends before it, and without text that a control character has
-/// cancelled.
-fn last_line(text: &[u8]) -> &[u8] {
+/// The last line of text, without the line ends before it; empty if nothing is left of it. In a line of a QSB a
+/// backspace cancels the text before it.
+fn last_line(framing: Framing, text: &[u8]) -> &[u8] {
     let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
     let end = text.iter().rposition(|byte| !is_end(byte)).map_or(0, |place| place + 1);
-    let begin = text[..end].iter().rposition(|byte| *byte < b' ').map_or(0, |place| place + 1);
-    if begin == end { &[] } else { &text[begin..] }
+    let cancels = |byte: &u8| framing == Framing::Character && *byte == BACKSPACE;
+    let begin =
+        text[..end].iter().rposition(|byte| is_end(byte) || cancels(byte)).map_or(0, |place| place + 1);
+    let is_empty = match framing {
+        Framing::Return => typed(&text[begin..end]).is_empty() && key_at_end(&text[begin..end]).is_none(),
+        _ => begin == end,
+    };
+    if is_empty { &[] } else { &text[begin..] }
 }
 
 #[cfg(test)]
@@ -330,17 +385,20 @@ mod tests {
 
     #[test]
     fn the_last_line_is_what_the_drive_took() {
-        // A line feed after a carriage return; backspace (QSB); Esc (MCode).
-        for (text, line) in [
-            (&b"R00\r"[..], &b"R00\r"[..]),
-            (b"\nR00\r\n", b"R00\r\n"),
-            (b"R0\x08R01\r", b"R01\r"),
-            (b"MR 5\x1bPR P\r\n", b"PR P\r\n"),
-            (b"\r\n", b""),
-            (b"", b""),
-            (b"R\x08\r", b""),
+        let (qsb, mcode) = (Framing::Character, Framing::Return);
+        for (framing, text, line) in [
+            (qsb, &b"R00\r"[..], &b"R00\r"[..]),
+            (qsb, b"\nR00\r\n", b"R00\r\n"),
+            (qsb, b"R0\x08R01\r", b"R01\r"),
+            (qsb, b"R0\x09\r", b"R0\x09\r"),
+            (qsb, b"\x00\r", b"\x00\r"),
+            (mcode, b"PR PV\x08\r\n", b"PR PV\x08\r\n"),
+            (mcode, b"P\x08\r\n", b""),
+            (qsb, b"\r\n", b""),
+            (qsb, b"", b""),
+            (qsb, b"R\x08\r", b""),
         ] {
-            assert_eq!(last_line(text), line, "{}", text.escape_ascii());
+            assert_eq!(last_line(framing, text), line, "{}", text.escape_ascii());
         }
     }
 }

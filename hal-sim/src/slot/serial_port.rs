@@ -26,7 +26,8 @@ pub struct Statistics {
     pub starting: u64,
     /// Number of connections so far; only on a TCP port.
     pub connections: u64,
-    /// Number of messages to the drive; only on a TCP port. For MCode, the number of pieces of text lines.
+    /// Number of messages to the drive; only on a TCP port. On an MCode port a message is a text line or a
+    /// part of one.
     pub messages: u64,
     /// Number of connections closed because the client sent bytes that are not Modbus/TCP.
     pub broken: u64,
@@ -46,7 +47,10 @@ pub(crate) struct PortState {
     /// State of a TCP port.
     pub(crate) tcp: Option<Tcp>,
     pub(crate) statistics: Statistics,
-    /// Effects of faults on what the drive has sent on a port with lines of text before the end of the line.
+    /// Effects of faults on the message that the drive receives, unless it is on a half-duplex line.
+    pub(crate) on_request: FrameEffects,
+    /// On a port with text lines: effects of faults on the characters that the drive has sent before the end
+    /// of the line.
     pub(crate) on_echo: FrameEffects,
 }
 
@@ -54,7 +58,13 @@ impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.framing == Framing::Silence));
         let tcp = spec.is_tcp().then(|| Tcp::new(spec));
-        Self { serial, tcp, statistics: Statistics::default(), on_echo: FrameEffects::NONE }
+        Self {
+            serial,
+            tcp,
+            statistics: Statistics::default(),
+            on_request: FrameEffects::NONE,
+            on_echo: FrameEffects::NONE,
+        }
     }
 }
 
@@ -108,7 +118,7 @@ impl Serial {
 
     /// Sends `count` characters after all queued ones. With `fast`, characters take no time. Returns the
     /// start of the first character, and its settings.
-    pub(super) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
+    pub(crate) fn send(&mut self, at: Instant, count: usize, fast: bool) -> (Instant, Line) {
         let start = at.max(self.sends_until);
         let line = self.line_at(start);
         let character = if fast { Duration::ZERO } else { line.character() };

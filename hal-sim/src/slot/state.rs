@@ -77,6 +77,15 @@ pub(crate) struct TcpSend {
     pub(crate) client: u32,
     /// Number of bytes, which are in [`Outputs::messages`]; `None` if the drive closes the connection.
     pub(crate) count: Option<usize>,
+    /// True on a port with lines of text.
+    is_text: bool,
+}
+
+impl TcpSend {
+    /// Returns true if `next` continues the text of this message.
+    pub(crate) fn is_continued_by(&self, next: &Self) -> bool {
+        self.is_text && next.client == self.client && self.count.is_some() && next.count.is_some()
+    }
 }
 
 /// Change of an output that has a wire.
@@ -317,9 +326,10 @@ impl SlotState {
     /// Sends bytes on a TCP connection, or closes it (`None`). Without a client this has no effect.
     fn send_tcp(&mut self, port: Port, link: Link, bytes: Option<&[u8]>, outputs: &mut Outputs) {
         let Some(tcp) = self.tcp(port) else { return };
+        let is_text = !tcp.framed;
         let client = if bytes.is_some() { tcp.known(link) } else { tcp.close(link) };
         let Some(client) = client else { return };
-        outputs.tcp_sends.push(TcpSend { client, count: bytes.map(<[u8]>::len) });
+        outputs.tcp_sends.push(TcpSend { client, count: bytes.map(<[u8]>::len), is_text });
         outputs.messages.extend_from_slice(bytes.unwrap_or_default());
     }
 
@@ -358,6 +368,7 @@ impl SlotState {
     /// drive starts.
     pub(crate) fn enter(&mut self, mut entry: Entry, outputs: &mut Outputs) {
         if let Some(port) = self.ports.get_mut(usize::from(entry.port.0)) {
+            entry.on_message = std::mem::take(&mut port.on_request);
             entry.on_answer = std::mem::take(&mut port.on_echo);
         }
         let serial = self.serial(entry.port).map(|serial| serial.framed);

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 use drivetwin_firmware::device::{Framing, Link, PortSpec};
 
+use crate::record::requests::RequestLog;
+
 /// Maximum number of connections of a TCP port; further connections are refused.
 pub const MOST_CONNECTIONS: usize = 64;
 
@@ -24,6 +26,13 @@ pub(crate) struct Tcp {
     /// Clients that wait until the drive takes messages, because they have sent more or have left; the first
     /// has waited longest.
     waiting: VecDeque<u32>,
+    /// Clients with a reply that is not over, on a port with lines of text.
+    pub(crate) replied_to: Vec<u32>,
+    /// Requests so far, on a Modbus/TCP port, and the client and transaction of the last one.
+    pub(crate) requests: RequestLog,
+    pub(crate) asked: Option<(u32, u16)>,
+    /// Number of the last entry of a journal when the port last took messages.
+    pub(crate) entries: u64,
 }
 
 /// State of a connection number.
@@ -44,6 +53,10 @@ impl Tcp {
             busy_with: None,
             last_served: None,
             waiting: VecDeque::new(),
+            replied_to: Vec::new(),
+            requests: RequestLog::default(),
+            asked: None,
+            entries: 0,
         }
     }
 

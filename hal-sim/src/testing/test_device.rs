@@ -73,7 +73,7 @@ pub struct TestDevice {
     volume: u8,
     next: Option<Instant>,
     saved: Option<Instant>,
-    /// Deadline at the instant of power-on, when the output goes high.
+    /// Deadline of the output going high, which is the instant of power-on.
     started: Option<Instant>,
     /// Last state of the fault `stall`.
     stalled: bool,

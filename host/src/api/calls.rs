@@ -14,7 +14,9 @@ use tokio::sync::oneshot;
 use super::faults::Faults;
 use super::guard::Body;
 use super::problem::Problem;
-use super::schema::{Advance, Bench, Bus, Drive, Mode, NewValue, PinLevel, Power, Pulses, Time, Turn};
+use super::schema::{
+    Advance, Bench, Bus, Drive, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Time, Turn,
+};
 use super::{Api, stopping};
 use crate::event_loop::EventLoop;
 
@@ -191,6 +193,27 @@ pub(super) async fn disturb(
             faults.check_for(port).map_err(Problem::refused)?;
         }
         bench.set_faults(outlet, faults);
+        event_loop.begin_idle_run();
+        Ok(StatusCode::NO_CONTENT)
+    })
+    .await?
+}
+
+/// Plays a scenario from now on, beside those that are played already.
+#[utoipa::path(post, path = "/api/scenario", request_body = Scenario, responses(
+    (status = 204),
+    (status = 409, description = "The bench plays 1,000 scenarios already.", body = Problem,
+        content_type = "application/problem+json"),
+))]
+pub(super) async fn play(
+    State(api): State<Api>,
+    Body(scenario): Body<Scenario>,
+) -> Result<StatusCode, Problem> {
+    api.call(move |event_loop| {
+        let bench = &mut event_loop.bench;
+        for scenario in scenario.on(bench).map_err(Problem::refused)? {
+            bench.play(scenario).map_err(Problem::conflict)?;
+        }
         event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })

@@ -81,7 +81,9 @@ pub(super) async fn trace(
             ("text/plain; charset=utf-8", Box::new(move |out| trace.write(out)))
         }
         Format::Vcd => {
-            let trace = events(&api).await?;
+            let mut trace = events(&api).await?;
+            let outcomes = api.query(Bench::outcomes).await?;
+            trace.add_outcomes(outcomes);
             ("text/plain; charset=utf-8", Box::new(move |out| vcd::write(&trace, out)))
         }
         Format::Pcapng => {

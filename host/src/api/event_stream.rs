@@ -195,7 +195,7 @@ impl Reader {
             let kind = match entry.event {
                 trace::Event::Input(_) => "fed",
                 trace::Event::Output(_) => "did",
-                trace::Event::Shaft { .. } => return None,
+                trace::Event::Shaft { .. } | trace::Event::Received(_) => return None,
             };
             let drive = self.outline.drives.get(entry.drive)?.name.clone();
             let words = self.outline.words(entry);

@@ -39,7 +39,7 @@ pub(super) struct Faults {
     /// Replies with the number of the next transaction; only on Modbus/TCP ports.
     #[schema(schema_with = rate_or_rule)]
     wrong_transaction: Setting,
-    /// Requests that are not executed but answered with an exception; only with Modbus.
+    /// Requests that do not reach their drive and are answered with an exception; only with Modbus.
     #[schema(schema_with = rate_or_rule)]
     exception: Setting,
     /// Modbus exception code for `exception`, unless its table has a `code`.
@@ -462,7 +462,7 @@ mod tests {
                 json!({"exception": {"direction": "reply"}}),
                 "exception is for requests only; leave out direction = 'reply'",
             ),
-            (json!({"close": {"drive": "x"}}), "close: there is no drive on this bus 'x'"),
+            (json!({"close": {"drive": "x"}}), "close: there is no drive 'x' on this bus"),
         ] {
             assert_eq!(sentence(faults.clone()), expected, "{faults}");
         }

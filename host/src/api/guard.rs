@@ -109,7 +109,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for QueryParameter
         query.map(|Query(query)| Self(query)).map_err(|error| {
             // The source of the error has the reason without the name of the framework.
             let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
-            Problem::refused(format!("the query is not valid: {why}"))
+            Problem::refused(of_serde(&why, "the query"))
         })
     }
 }
@@ -147,14 +147,124 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
         serde_json::from_slice(&bytes).map(Self).map_err(|error| {
             let status =
                 if error.is_data() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::BAD_REQUEST };
-            Problem::new(status, format!("the body is not valid: {error}"))
+            Problem::new(status, sentence(&error))
         })
     }
+}
+
+/// What is wrong with a body, in one sentence.
+fn sentence(error: &serde_json::Error) -> String {
+    if !error.is_data() {
+        return format!("the body is not JSON: line {}, column {}", error.line(), error.column());
+    }
+    of_serde(&error.to_string(), "the body")
+}
+
+/// An error of serde about the body or the query, in one sentence.
+fn of_serde(words: &str, place: &str) -> String {
+    let words = words.split(" at line ").next().unwrap_or(words);
+    let member = if place == "the query" { "parameter" } else { "member" };
+    let names = |words: &str| words.replace('`', "'").replace("f64", "a number");
+    let whole = |words: &str| {
+        let shapes = [
+            ("u8", "a whole number from 0 to 255"),
+            ("u16", "a whole number from 0 to 65535"),
+            ("u32", "a whole number from 0 to 4294967295"),
+            ("u64", "a whole number from 0 on"),
+            ("i64", "a whole number"),
+            ("f64", "a number"),
+            ("a boolean", "true or false"),
+            ("a string", "a text"),
+            ("a map", "an object"),
+        ];
+        let known = shapes.into_iter().find(|(shape, _)| *shape == words);
+        known.map_or_else(|| names(words), |(_, text)| text.to_owned())
+    };
+    let expected = words.split_once(", expected ");
+    if let Some((name, expected)) =
+        words.split_once("unknown field ").map(|(_, words)| words).and_then(|words| words.split_once(", "))
+    {
+        let allowed = expected.trim_start_matches("expected ").trim_start_matches("one of ");
+        return format!(
+            "{place} has no {member} {}; allowed: {}",
+            names(name),
+            names(allowed).replace('\'', "")
+        );
+    }
+    let literals = [
+        ("invalid float literal", "takes a number"),
+        ("invalid digit found in string", "takes a whole number from 0 on"),
+        ("number too large to fit in target type", "takes a smaller number"),
+        ("cannot parse", "takes another value"),
+    ];
+    if let Some((literal, allowed)) = literals.into_iter().find(|(literal, _)| words.contains(literal)) {
+        let name = words.split_once(literal).map_or("", |(name, _)| name).trim_end_matches([':', ' ']);
+        let name = if name.is_empty() { place.to_owned() } else { format!("{name} in {place}") };
+        return format!("{name} {allowed}");
+    }
+    if let Some(name) = words.strip_prefix("missing field ") {
+        return format!("{place} needs the {member} {}", names(name));
+    }
+    if let Some((got, expected)) = expected {
+        let got = got.trim_start_matches("invalid type: ").trim_start_matches("invalid value: ");
+        let got = ["floating point ", "integer ", "string ", "boolean "]
+            .iter()
+            .fold(got, |got, prefix| got.trim_start_matches(prefix))
+            .trim();
+        let got = got.split_once("unknown variant ").map_or(got, |(_, name)| name);
+        let expected = expected.trim_start_matches("one of ");
+        return format!("{place} has {} where it takes {}", names(got), whole(expected));
+    }
+    format!("{place} is not valid: {}", names(words))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_wrong_with_a_body() {
+        #[derive(serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        #[expect(dead_code, reason = "only read")]
+        struct Train {
+            count: u32,
+            hz: f64,
+            action: Option<Action>,
+        }
+        #[derive(serde::Deserialize)]
+        #[serde(rename_all = "lowercase")]
+        enum Action {
+            On,
+            Off,
+        }
+        for (body, expected) in [
+            ("{", "the body is not JSON: line 1, column 1"),
+            ("{}", "the body needs the member 'count'"),
+            (r#"{"count": 1, "hertz": 1}"#, "the body has no member 'hertz'; allowed: count, hz, action"),
+            (r#"{"count": 0.5}"#, "the body has '0.5' where it takes a whole number from 0 to 4294967295"),
+            (r#"{"count": -1}"#, "the body has '-1' where it takes a whole number from 0 to 4294967295"),
+            (r#"{"count": 1, "hz": "fast"}"#, "the body has \"fast\" where it takes a number"),
+            (r#"{"count": true}"#, "the body has 'true' where it takes a whole number from 0 to 4294967295"),
+            (r#"{"action": "up"}"#, "the body has 'up' where it takes 'on' or 'off'"),
+        ] {
+            let error = serde_json::from_str::<Train>(body).err().unwrap();
+            assert_eq!(sentence(&error), expected, "{body}");
+        }
+        for (words, expected) in [
+            ("since: invalid float literal", "since in the query takes a number"),
+            (
+                "function: invalid digit found in string",
+                "function in the query takes a whole number from 0 on",
+            ),
+            (
+                "unknown field `regs`, expected `since` or `register`",
+                "the query has no parameter 'regs'; allowed: since or register",
+            ),
+        ] {
+            assert_eq!(of_serde(words, "the query"), expected);
+        }
+    }
 
     #[test]
     fn hosts() {

@@ -185,6 +185,7 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(calls::power))
         .routes(routes!(calls::buses))
         .routes(routes!(calls::disturb))
+        .routes(routes!(calls::play))
         .routes(routes!(calls::pace))
         .routes(routes!(calls::advance))
         .layer(from_fn(guard::no_query))

@@ -44,11 +44,11 @@ pub(super) struct Received {
 struct ReceivedStatistics {
     /// Number of requests to the drive while it was starting, so that it did not receive them.
     starting: u64,
-    /// Modbus lines, by the port of the drive.
+    /// Modbus lines and Modbus/TCP ports, by the port of the drive.
     lines: BTreeMap<&'static str, LineStatistics>,
 }
 
-/// Statistics of the requests on a Modbus line, to all its drives.
+/// Statistics of the requests on a Modbus line, to all its drives, or on a Modbus/TCP port.
 #[derive(Serialize, ToSchema)]
 struct LineStatistics {
     requests: u64,
@@ -56,7 +56,8 @@ struct LineStatistics {
     early: u64,
     /// Number of requests that repeat the request before them, which had no answer.
     retries: u64,
-    /// Shortest silence between a reply and the next request, in seconds; null if it is not known, as in manual time.
+    /// Shortest silence between a reply and the next request, in seconds; null if it is not known, as in manual time
+    /// or on a TCP port.
     #[schema(example = 0.0052)]
     shortest_silence: Option<f64>,
 }
@@ -64,14 +65,14 @@ struct LineStatistics {
 impl ReceivedStatistics {
     fn of(bench: &Bench, drive: DriveId) -> Self {
         let ports = (0..).map(Port).zip(bench.spec(drive).ports);
-        let lines =
-            ports.filter(|(_, port)| port.framing == Framing::Silence).filter_map(|(number, port)| {
-                let RequestStatistics { requests, early, retries, shortest_silence } =
-                    bench.request_statistics(bench.bus(drive, number)?);
-                let shortest_silence =
-                    shortest_silence.map(|silence| silence.ticks() as f64 / TICKS_PER_SECOND as f64);
-                Some((port.name, LineStatistics { requests, early, retries, shortest_silence }))
-            });
+        let modbus = ports.filter(|(_, port)| matches!(port.framing, Framing::Silence | Framing::Mbap));
+        let lines = modbus.map(|(number, port)| {
+            let RequestStatistics { requests, early, retries, shortest_silence } =
+                bench.request_statistics(bench.outlet(drive, number));
+            let shortest_silence =
+                shortest_silence.map(|silence| silence.ticks() as f64 / TICKS_PER_SECOND as f64);
+            (port.name, LineStatistics { requests, early, retries, shortest_silence })
+        });
         Self { starting: bench.starting_requests(drive).count, lines: lines.collect() }
     }
 }

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 
 use drivetwin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction};
+use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction, scenario};
 use drivetwin_sim::commands::{Contact, InputLevel};
+use drivetwin_sim::config::bench_file::parse_scenarios;
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value as Json;
 use utoipa::ToSchema;
 
 use super::faults::Faults;
@@ -319,6 +321,56 @@ pub(super) struct Advance {
     /// Bench time to run, 0 to 86,400 s.
     #[schema(minimum = 0, maximum = 86400, example = 1.25)]
     pub(super) seconds: f64,
+}
+
+/// Actions that happen at a time, or after a request of a master.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Scenario {
+    /// The steps, each with the keys of a step of a `[[scenario]]` in a bench file.
+    #[schema(value_type = Vec<Object>, min_items = 1, example = json!([
+        {"when": {"drive": "md3", "register": "MotionControl"}, "after_ms": 100, "drive": "md3", "power": "cut"}
+    ]))]
+    steps: Vec<serde_json::Map<String, Json>>,
+}
+
+impl Scenario {
+    /// The scenario for a bench.
+    ///
+    /// # Errors
+    /// The first error, with the number of the step.
+    pub(super) fn on(&self, bench: &bench::Bench) -> Result<Vec<scenario::Scenario>, String> {
+        let steps = self.steps.iter().zip(1..).map(|(step, number)| {
+            toml(&Json::Object(step.clone())).ok_or_else(|| format!("step {number}: null is not a value"))
+        });
+        let steps = steps.collect::<Result<Vec<_>, _>>()?.join(",\n");
+        // Each step has a line of its own. The first one is line 3.
+        let text = format!("[[scenario]]\nsteps = [\n{steps}\n]");
+        parse_scenarios(&text, bench).map_err(|error| match error.line {
+            line @ 3.. if line - 3 < self.steps.len() => format!("step {}: {}", line - 2, error.what),
+            _ => error.what,
+        })
+    }
+}
+
+/// A value of JSON on one line of TOML; `None` if it has a null. A text of JSON is one of TOML, too, except that TOML
+/// takes DEL only as an escape.
+fn toml(json: &Json) -> Option<String> {
+    Some(match json {
+        Json::Null => return None,
+        Json::Bool(_) | Json::Number(_) | Json::String(_) => json.to_string().replace('\u{7f}', "\\u007f"),
+        Json::Array(values) => {
+            let values: Option<Vec<String>> = values.iter().map(toml).collect();
+            format!("[{}]", values?.join(", "))
+        }
+        Json::Object(members) => {
+            let member = |(key, value): (&String, &Json)| {
+                Some(format!("{} = {}", toml(&Json::String(key.clone()))?, toml(value)?))
+            };
+            let members: Option<Vec<String>> = members.iter().map(member).collect();
+            format!("{{ {} }}", members?.join(", "))
+        }
+    })
 }
 
 /// URIs of each line and TCP port.

@@ -124,8 +124,8 @@ impl ComPort {
         std::mem::take(&mut self.beginning)
     }
 
-    /// Handles bytes of the peer, and appends the answers. `line` has the present settings of the drive, which the
-    /// port has until the peer sets other ones.
+    /// Handles bytes of the peer, and appends the answers. `line` is the present serial settings of the drive. The port
+    /// uses them until the peer sets others.
     pub(super) fn receive(&mut self, bytes: &[u8], line: Line, answers: &mut Vec<u8>) -> Vec<Event> {
         let mut events = Vec::new();
         let beginning;

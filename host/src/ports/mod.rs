@@ -51,14 +51,14 @@ use unread::Unread;
 /// Most bytes that one read takes from a client.
 const READ_BYTES: usize = 4096;
 
-/// Number of bytes from which on reading from a client is suspended: bytes of the client that wait for the
-/// line, or bytes that the client has not read.
+/// Reading from a client is suspended while at least this number of its bytes wait for the line, or while the
+/// client has at least this number of bytes to read.
 const BACKLOG_BYTES: usize = 4096;
 
 /// Time between two attempts to accept connections while the system has no room for more.
 const CROWDED: Duration = Duration::from_secs(1);
 
-/// Notes that the bytes which have just been read were sent by now.
+/// Notes the present time, because a client sent the bytes that were just read at this time at the latest.
 fn note_arrival(bench: &mut Bench, clock: Option<&Clock>) {
     if let Some(clock) = clock {
         bench.set_arrived_by(clock.now());
@@ -80,8 +80,8 @@ trait Endpoint {
     /// effect before more input is taken.
     fn take(&mut self, bench: &mut Bench, ready: EventFlags, clock: Option<&Clock>) -> bool;
 
-    /// Delivers the output of the drives so far. Returns true if input of the client, which was held back
-    /// because it did not read its answers, now goes on to the drive.
+    /// Delivers the output of the drives so far. A client that does not read its answers has its input held
+    /// back. Returns true if such input now goes on to the drive.
     fn deliver(&mut self, bench: &mut Bench) -> bool;
 
     /// Time at which the endpoint is to be closed.

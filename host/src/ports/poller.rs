@@ -1,4 +1,4 @@
-//! Waiting for many descriptors at once, and for an alarm.
+//! Waiting for many descriptors at once, and for a timer, the alarm.
 //!
 //! The system keeps the list of descriptors, so a wake-up costs time only for the descriptors that are ready.
 //! The alarm is a descriptor, too, because a timer has a resolution of nanoseconds, which `epoll_wait` does
@@ -20,7 +20,7 @@ const READY: usize = 256;
 /// Number of the alarm. No descriptor has this number.
 const ALARM: u64 = 0;
 
-/// Descriptors to wait for, each identified by a number, and an alarm.
+/// Descriptors to wait for, each identified by a number, and the alarm, a timer that ends the wait.
 pub(super) struct Poller {
     epoll: OwnedFd,
     alarm: OwnedFd,

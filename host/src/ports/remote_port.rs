@@ -146,7 +146,7 @@ impl RemotePort {
         has_changed
     }
 
-    /// Passes the characters that have reached the port to the peer, if it wants some.
+    /// Passes the characters that have reached the port to the peer, if the peer wants characters now.
     pub(super) fn receive(&mut self, bench: &mut Bench, unread: &mut Unread) {
         bench.receive(self.client, &mut self.held);
         if !self.com_port.is_suspended() && !self.held.is_empty() {
@@ -198,7 +198,7 @@ mod tests {
             Self::with(kind, &[])
         }
 
-        /// The same, with registers that were saved before power-on.
+        /// A drive that is ready, and a connection. `saved` are registers that were saved before power-on.
         fn with(kind: &str, saved: &[(&str, i64)]) -> Self {
             let mut bench = Bench::new();
             let device = catalog::make(kind).unwrap();

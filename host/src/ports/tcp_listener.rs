@@ -27,7 +27,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Number of polls after which such a connection is closed. The time is twice the longest delay of a reply.
 const LINGER_POLLS: u32 = 120;
 
-/// The same number for a connection that the drive or the host has closed.
+/// Number of polls after which a connection is closed that the drive or the host has ended.
 const LINGER_POLLS_CLOSED: u32 = 5;
 
 /// Idle time of a client after which the system sends keep-alive probes.
@@ -395,7 +395,7 @@ impl Endpoint for Connection {
                 Ended::Broken(_) => {
                     warn!("{} is disconnected from {}: {ended}", self.peer, self.site.uri());
                 }
-                Ended::ByDrive | Ended::NoPower | Ended::ByFault => {
+                Ended::ByDrive | Ended::NoPower | Ended::ByFault | Ended::BrokenByFault(_) => {
                     info!("{}, {}: {ended}", self.peer, self.site.uri());
                 }
             }
@@ -456,7 +456,7 @@ mod tests {
     #[test]
     fn a_client_that_never_reads_is_disconnected_after_its_share_of_the_port() {
         let (mut bench, listener, mut connection, _far) = connected(MCODE);
-        // 12 MiB. The system holds a part of them.
+        // The answers have 12 MiB. The system buffers a part of them.
         bench.send(connection.client, &[b'f'; 12]);
         bench.run_until(Instant::ZERO);
         connection.deliver(&mut bench);

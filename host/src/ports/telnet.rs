@@ -1,7 +1,7 @@
 //! Telnet (RFC 854): commands and options in a stream of bytes.
 //!
-//! The state machines here know no socket. The longest subnegotiation that is kept has [`MOST`] bytes; all memory is
-//! bounded by that and by the bytes of one call.
+//! The state machines here know no socket. The longest subnegotiation that is kept has [`MOST`] bytes; this length and
+//! the bytes of one call bound all memory.
 
 /// "Interpret as command": begins every command. As a data byte it is sent twice.
 pub(super) const IAC: u8 = 255;
@@ -10,7 +10,7 @@ pub(super) const IAC: u8 = 255;
 const SE: u8 = 240;
 const SB: u8 = 250;
 
-/// The commands of Telnet are the bytes from here on.
+/// The least byte that is a command of Telnet. All greater bytes are commands, too.
 const FIRST_COMMAND: u8 = 240;
 
 /// Maximum length of a subnegotiation. A longer one is ignored.
@@ -282,7 +282,7 @@ pub(super) mod tests {
         ends.windows(2).map(|ends| bytes[ends[0]..ends[1]].to_vec()).collect()
     }
 
-    /// Items in which adjacent data are one.
+    /// The items, but adjacent data are joined to one item.
     fn joined(items: impl IntoIterator<Item = Item>) -> Vec<Item> {
         let mut joined: Vec<Item> = Vec::new();
         for item in items {

@@ -356,7 +356,8 @@ fn while_the_clock_is_advanced_all_is_answered() {
     assert!(running.call(|bench, _| bench.now()) > Instant::ZERO);
 }
 
-/// A remote port (RFC 2217) of a QSB, and what a client gets that sends `bytes` and then closes its direction.
+/// Runs a QSB with a remote port (RFC 2217). A client sends `bytes`, and then closes its direction of the connection.
+/// Returns the bytes that the client gets, and the trace.
 fn remote_port(bytes: &[u8]) -> (Vec<u8>, String) {
     let (mut stop, stopped) = UnixStream::pair().unwrap();
     let (ready, started) = mpsc::channel();

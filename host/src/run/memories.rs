@@ -60,7 +60,7 @@ impl Memory {
     /// returned memory but not yet into the file, which stays unchanged.
     ///
     /// # Errors
-    /// One sentence: the file cannot be used.
+    /// One sentence that says what is wrong: the file cannot be used.
     fn open(configuration: &Configuration, index: usize, program: Option<&Image>) -> Result<Self, String> {
         let drive = &configuration.layout.drives[index];
         let spec = catalog::make(drive.kind)?.spec();
@@ -93,7 +93,7 @@ impl Memory {
     /// Writes a user program to the file. The program is already in the memory.
     ///
     /// # Errors
-    /// One sentence: the file cannot be written.
+    /// One sentence that says what is wrong: the file cannot be written.
     fn store_program(&self, program: &Image) -> Result<(), String> {
         let Some(file) = &self.file else { return Ok(()) };
         let stored = file.lock().store(program.offset, &program.bytes);
@@ -130,7 +130,7 @@ impl Memory {
     /// Waits until the file is on the disk.
     ///
     /// # Errors
-    /// One sentence: the file does not contain everything that the drive stored.
+    /// One sentence that says what is wrong: the file does not contain everything that the drive stored.
     pub(super) fn sync(&self) -> Result<(), String> {
         let Some(file) = &self.file else { return Ok(()) };
         let synced = file.lock().sync();

@@ -68,7 +68,8 @@ impl Configuration {
         let (trace, capture) = files.retention(control.is_some());
         // Waveforms show the motion of motors: those of `--vcd`, and those that the control API serves.
         let shafts = files.has_waves() || control.is_some();
-        let settings = Settings { trace, capture, shafts, ..self.layout.settings() };
+        let outcomes = files.has_waves();
+        let settings = Settings { trace, capture, shafts, outcomes, ..self.layout.settings() };
         let setups = memories.iter().map(Memory::setup).collect();
         let built = self.layout.build(settings, setups);
         let Built { mut bench, drives, buses, .. } = built.map_err(|sentence| self.wrong(&sentence))?;
@@ -133,7 +134,8 @@ impl Running {
     /// Then completes the files.
     ///
     /// # Errors
-    /// One sentence: the files that are not complete, or the reason why the bench cannot continue.
+    /// One sentence that says what is wrong: the files that are not complete, or the reason why the bench
+    /// cannot continue.
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");

@@ -146,7 +146,7 @@ fn reserve(uri: &Uri) -> Result<Place, String> {
 /// Reserves `HOST:PORT`; `what` begins the error message.
 ///
 /// # Errors
-/// One sentence: the address cannot be reserved.
+/// One sentence that says what is wrong: the address cannot be reserved.
 pub(super) fn reserve_tcp(what: &str, address: &str) -> Result<Bound, String> {
     ports::bind(address).map_err(|error| match error.kind() {
         io::ErrorKind::AddrInUse => {

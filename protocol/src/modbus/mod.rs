@@ -48,14 +48,14 @@ pub enum DropReason {
 /// not know the gaps between the characters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Scan {
-    /// The first bytes, this many, are a whole frame. The bench passes them to the drives together.
+    /// The burst begins with a whole frame of this many bytes. The bench passes them to the drives together.
     Complete(usize),
     /// The frame is not complete yet.
     Incomplete,
     /// The bytes may be a whole frame, or have the length of a frame but no valid CRC. Only the following
     /// silence decides.
     Ambiguous,
-    /// The first bytes, this many, can no longer become a frame.
+    /// The burst begins with this many bytes that can no longer become a frame.
     Invalid(usize),
 }
 

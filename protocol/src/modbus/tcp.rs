@@ -139,6 +139,13 @@ impl Splitter {
         Self { buffer: Adu::new() }
     }
 
+    /// The invalid header after which the connection cannot be read any further, as far as it was read; `None`
+    /// until then.
+    #[must_use]
+    pub fn broken(&self) -> Option<&[u8]> {
+        adu_length(&self.buffer).is_err().then_some(&self.buffer)
+    }
+
     /// Removes the next whole ADU from the front of `segment` and returns it; `None` when the segment is used
     /// up. An ADU that is completely in the segment is not copied.
     ///
@@ -256,6 +263,7 @@ mod tests {
             assert_eq!(split(&mut splitter, [last]), (Vec::new(), Some(broken)), "{bytes:?}");
             assert_eq!(split(&mut splitter, [REQUEST]), (Vec::new(), Some(broken)), "for good");
             assert_eq!(splitter.next(&mut &[][..]), Err(broken), "for good");
+            assert!(bytes.starts_with(splitter.broken().unwrap()), "{bytes:?}");
             // The invalid header comes after a valid ADU in the same segment.
             let together = [REQUEST, bytes, REQUEST].concat();
             let mut splitter = Splitter::new();

@@ -3,8 +3,8 @@
 
 use std::process::Command;
 
-/// Instructions of a round of `what`; `None` without valgrind. This program is started again with the
-/// arguments `count`, `what` and a number of rounds.
+/// Number of instructions in a round of the work named `what`; `None` without valgrind. This program is
+/// started again with the arguments `count`, `what` and a number of rounds.
 pub(crate) fn instructions(what: &str, few: u64, many: u64) -> Option<f64> {
     let collected = |rounds: u64| {
         let this = std::env::current_exe().expect("this program has a path");

@@ -123,7 +123,7 @@ impl Counter {
 
     fn end_part(&mut self) {
         if let (Some(began), Some(group)) = (self.began.take(), self.groups.last_mut()) {
-            // Without the mark at the end of the part.
+            // The mark at the end of the part is not counted.
             let instructions = self.total - began - 1;
             group.parts += 1;
             group.instructions += instructions;

@@ -51,7 +51,7 @@ unsafe extern "C" {
     fn qemu_plugin_outs(text: *const c_char);
 }
 
-/// The function with the same name that replaces the old one from version 3.
+/// From version 3 on, QEMU has another function with the name of the old one.
 mod since_3 {
     use std::ffi::c_void;
 
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn qemu_plugin_install(
     }
     // SAFETY: `id` is the number of the plugin that is being installed.
     unsafe { qemu_plugin_register_vcpu_tb_trans_cb(id, on_translation) };
-    // SAFETY: the same.
+    // SAFETY: as above, `id` is the number of the plugin.
     unsafe { qemu_plugin_register_atexit_cb(id, on_exit, ptr::null_mut()) };
     0
 }

@@ -126,6 +126,20 @@ impl Family {
         self == Self::Mdrobot
     }
 
+    /// The register of the position that the drive counts: the function that reads it, its address, and its
+    /// words. It is 0 after power-on: MD3 7.14, where no value is saved; RS434-9; MDROBOT-6; MC 5-13. A QSB has its
+    /// own command.
+    pub(crate) fn position(self) -> Option<(u8, Block)> {
+        let at = |function, first, count| Some((function, Block { first, count }));
+        match self {
+            Self::Md3 => at(3, 0x10, 1),
+            Self::Rs434 => at(4, 0x3003, 2),
+            Self::Mdrobot => at(3, 197, 2),
+            Self::Mdrive => at(3, 0x05, 2),
+            Self::Qsb => None,
+        }
+    }
+
     /// Returns true if a register may keep a drive from saving: a Hybrid in torque mode (AS) does not save.
     pub(crate) fn keeps_from_saving(self, address: u16) -> bool {
         self == Self::Mdrive && address == 0x8E
@@ -134,23 +148,27 @@ impl Family {
     /// Returns true if the register table alone does not say which values of a register a drive takes. An
     /// MDrive compares VI with VM, HT with MT, and JE with CM. It refuses some values of EE and MS while it
     /// moves or its loop is closed (MC 5). Of FUNC_CMD_TYPE an MDROBOT stores only the low byte (MDROBOT-3).
+    /// Of MODE and MDR1 a QSB stores only some bits (QSB-9), and EOR changes the format of its answers.
     pub(crate) fn has_other_rules(self, address: u16) -> bool {
         match self {
             Self::Mdrive => matches!(address, 0x0B | 0x1E | 0x2C | 0x3F | 0x48 | 0x49 | 0x89 | 0x8B),
             Self::Mdrobot => address == 183,
-            Self::Md3 | Self::Qsb | Self::Rs434 => false,
+            Self::Qsb => matches!(address, 0x00 | 0x04 | 0x15),
+            Self::Md3 | Self::Rs434 => false,
         }
     }
 
     /// Returns true if a drive changes a saved register without a write. An MD3 changes `IOPortData` with its
     /// pins (7.9), and the sign of `MoveSteps` when it moves to and fro (7.8). DIG I/O of a QSB reads the
-    /// levels of pins. Inputs set DIRECTION of an RS drive (6.5).
+    /// levels of pins. Inputs set DIRECTION of an RS drive (6.5). A Hybrid sets MU to 0 while its bridge is off
+    /// (MC 5-50).
     pub(crate) fn changes_by_itself(self, address: u16) -> bool {
         match self {
             Self::Md3 => matches!(address, 0x0A | 0x12),
             Self::Qsb => address == 0x01,
             Self::Rs434 => address == 0x500E,
-            Self::Mdrobot | Self::Mdrive => false,
+            Self::Mdrive => address == 0xA0,
+            Self::Mdrobot => false,
         }
     }
 

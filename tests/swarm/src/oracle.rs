@@ -21,7 +21,7 @@ static ALLOCATED: PeakAlloc = PeakAlloc;
 /// received.
 const MOST_BYTES: usize = 4 << 20;
 
-/// Name of the failure of a plan with too many events. It shows no defect of a drive.
+/// Name of the failure of a plan whose pins change too often. It shows no defect of a drive.
 pub(crate) const TOO_MUCH: &str = "too much";
 
 /// A property that does not hold.
@@ -37,8 +37,12 @@ impl Failure {
         Self { what: what.into(), detail: detail.to_string() }
     }
 
-    /// The same failure under another name.
+    /// The same failure under another name. A plan with [too many events](TOO_MUCH) keeps its name, so that
+    /// it is given up wherever that happens.
     pub(crate) fn of(self, what: &str) -> Self {
+        if self.what == TOO_MUCH {
+            return self;
+        }
         Self { what: what.into(), detail: format!("{}: {}", self.what, self.detail) }
     }
 }
@@ -55,7 +59,7 @@ pub(crate) struct Tally {
     pub(crate) answered: u64,
     pub(crate) saved: u64,
     pub(crate) events: u64,
-    /// Plans that were given up because they had too many events.
+    /// Plans that were given up because their pins changed too often.
     pub(crate) given_up: u64,
     /// Plans whose last steps were left out because there were enough events.
     pub(crate) cut_short: u64,

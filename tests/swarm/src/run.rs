@@ -8,7 +8,7 @@ use drivetwin_sim::bench::{Bench, Client, DriveId, PowerAction, Settings, Setup}
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::Layout;
 use drivetwin_sim::line::faults::LineFaults;
-use drivetwin_sim::record::trace::{Recording, Retention};
+use drivetwin_sim::record::trace::{Event, InputRecord, Recording, Retention, Trace};
 use fastrand::Rng;
 
 use crate::dialect::Family;
@@ -91,9 +91,13 @@ pub(crate) const MOST_EVENTS: u64 = 30_000;
 const MOST_AT_ONCE: u64 = 4_096;
 const MOST_A_TICK: u64 = 16;
 
-/// If one step of a plan makes more events than this, the plan is given up. An output that is wired to an
-/// input of the same drive may change at every tick.
+/// If one step of a plan with wires makes more events than this, the plan is given up or fails: see
+/// [`too_many`].
 const MOST_A_STEP: u64 = 300_000;
+
+/// Every this many events, at least, a pin must change in a plan that is given up. A change of an input
+/// seldom makes more than three events.
+const EVENTS_OF_AN_EDGE: usize = 8;
 
 /// With wires on the bench, time advances by at most this much before the events are counted.
 const SLICE: Duration = Duration::millis(10);
@@ -164,6 +168,19 @@ fn build(layout: &Layout, mode: Mode, given: Vec<Setup>) -> Result<(Bench, Recor
     let recording =
         Recording::new(bench.trace(), Vec::new()).map_err(|error| Failure::new("no recording", error))?;
     Ok((bench, recording))
+}
+
+/// The failure of a step with more than [`MOST_A_STEP`] events, after the first `mark`. If inputs cause them,
+/// the plan is given up: an output that is wired to an input of the same drive may change at every tick. If
+/// drives make them without inputs, a drive is at fault.
+fn too_many(trace: &Trace, mark: u64) -> Failure {
+    let events = trace.since(mark);
+    let (count, is_edge) =
+        (events.len(), |event: &Event| matches!(event, Event::Input(InputRecord::Edge { .. })));
+    let edges = events.filter(|entry| is_edge(&entry.event)).count();
+    let detail =
+        format!("more than {MOST_A_STEP} events in a step; of the last {count}, {edges} are edges at inputs");
+    Failure::new(if edges * EVENTS_OF_AN_EDGE >= count { TOO_MUCH } else { "too many events" }, detail)
 }
 
 /// The address that the bench file sets for a drive.
@@ -309,7 +326,7 @@ impl Runner<'_> {
         while self.bench.now() < until {
             self.bench.run_until(until.min(self.bench.now() + SLICE));
             if self.bench.trace().mark() - before > MOST_A_STEP {
-                return Err(Failure::new(TOO_MUCH, format!("{MOST_A_STEP} events in a step")));
+                return Err(too_many(self.bench.trace(), before));
             }
         }
         // Handles what is due at the instant `until` itself.
@@ -432,5 +449,43 @@ impl Runner<'_> {
         let bench = std::mem::take(&mut self.bench);
         self.happened.lives.push(Life { bench, recording });
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_sim::catalog;
+
+    use super::*;
+    use crate::oracle;
+
+    /// An MD3 whose cutback light, D5, is wired to its LOWCURRENT input. LOWCURRENT switches the light on
+    /// (MD3-39), and the light ends LOWCURRENT.
+    #[test]
+    fn a_plan_whose_wires_oscillate_is_given_up() {
+        let parts = [
+            "[[drive]]\nname = \"a\"\nkind = \"md3\"\nfast_boot = true\nset = { HomingConfiguration = 8 }\n",
+            "[[wire]]\nfrom = \"a.D5\"\nto = \"a.J2.2\"\n",
+        ];
+        let parts = parts.map(str::to_owned).to_vec();
+        let plan = Plan { seed: 1, fast: true, parts, steps: vec![Step::Wait(1.secs())] };
+        assert_eq!(oracle::judge(&plan).map(|tally| tally.given_up), Ok(1));
+        let renamed = run(&plan, Mode::Whole).map(drop).map_err(|failure| failure.of("HomingConfiguration"));
+        assert_eq!(renamed.map_err(|failure| failure.what), Err(TOO_MUCH.to_owned()));
+    }
+
+    #[test]
+    fn many_outputs_without_inputs_are_a_failure() {
+        let make = |kind: &str| catalog::make(kind).ok();
+        let judged = |edges: usize| {
+            let head = "drivetwin trace 1\nseed 1\ndrive a md3\n";
+            let text = format!(
+                "{head}{}{}",
+                "0.000000 < pin D5 low\n".repeat(700),
+                "0.000000 > pin J2.2 low\n".repeat(edges)
+            );
+            too_many(&Trace::parse(&text, &make).expect("a trace"), 0).what
+        };
+        assert_eq!([judged(0), judged(99), judged(100)], ["too many events", "too many events", TOO_MUCH]);
     }
 }

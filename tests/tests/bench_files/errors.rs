@@ -475,11 +475,11 @@ fn rules_of_faults() {
             ),
             (
                 "bus = 'line1'\ndrop = { drive = 'q' }",
-                "line 7, column 18: there is no drive on this bus 'q'; the nearest is 'x'",
+                "line 7, column 18: there is no drive 'q' on this bus; the nearest is 'x'",
             ),
             (
                 "bus = 'line1'\ndrop = { register = 'Sped' }",
-                "line 7, column 21: there is no register on this bus 'Sped'; the nearest is 'Speed'",
+                "line 7, column 21: there is no register 'Sped' on this bus, with the drives x, y; the nearest is 'Speed'",
             ),
             (
                 "bus = 'line1'\ndrop = { register = 'SpeedLow' }",
@@ -603,7 +603,7 @@ fn scenarios() {
             ),
             (
                 "{ when = { drive = 'x', register = 'Sped' }, drive = 'x', power = 'off' }]",
-                "line 4, column 36: there is no register of md3 that a master writes 'Sped'; the nearest is 'Speed'",
+                "line 4, column 36: there is no register 'Sped' of md3 that a master writes; the nearest is 'Speed'",
             ),
             (
                 "{ when = { drive = 'x', register = 'ProductInformation' }, drive = 'x', power = 'off' }]",
@@ -612,6 +612,14 @@ fn scenarios() {
             (
                 "{ when = { drive = 'x', register = 'SpeedLow' }, drive = 'x', power = 'off' }]",
                 "line 4, column 36: register takes a whole register: Speed, not SpeedLow",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'DeviceAddress', value = 300 }, drive = 'x', power = 'off' }]",
+                "line 4, column 61: DeviceAddress never has the value 300: it takes 1 to 247",
+            ),
+            (
+                "{ when = { drive = 'x', register = 'Speed', value = 9_000_000_000 }, drive = 'x', power = 'off' }]",
+                "line 4, column 53: Speed never has the value 9000000000: it takes -2147483648 to 2147483647",
             ),
             (
                 "{ when = { drive = 'z', register = 'Speed' }, drive = 'x', power = 'off' }]",

@@ -77,7 +77,7 @@ fn the_reference_has_the_ranges_of_parts_on_a_shaft() {
     assert_says("closed", &format!("±{}", written(FURTHEST_REV)));
 }
 
-/// The defaults in the reference, which follow the range, are those of a new drive.
+/// The defaults in the reference, printed after the ranges, are the values of a new drive.
 #[test]
 fn the_reference_has_the_defaults_of_motors() {
     let default = |key: &str, value: f64| assert_says(key, &format!("| {} |", written(value)));

@@ -4,6 +4,7 @@ use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Port};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{Bench, DriveId, Outlet};
+use drivetwin_sim::config::bench_file::parse_scenarios;
 use drivetwin_sim::line::faults::FaultRule;
 use drivetwin_sim::record::trace::Trace;
 use drivetwin_sim::{catalog, replay};
@@ -111,6 +112,9 @@ fn a_step_waits_for_a_write() {
     let no_writes = [
         rtu::read(1, 0x14, 2).to_vec(),
         rtu::write(1, 0x15, 8_000).to_vec(),
+        // The low word alone is 9,000, but the whole value is not.
+        rtu::frame(1, &[16, 0, 0x14, 0, 2, 4, 0, 1, 0x23, 0x28]).to_vec(),
+        rtu::write(1, 0x15, 8_000).to_vec(),
         // Another register, another address, and a value that the MD3 refuses.
         rtu::write(1, 0x1D, 9_000).to_vec(),
         rtu::write(2, 0x15, 9_000).to_vec(),
@@ -194,4 +198,31 @@ fn pulses_and_voltages_and_tcp_ports() {
     assert!(edges == 6, "{edges} edges at pin {index:?}");
     assert_eq!(bench.motion(x, Axis(0)).position, 0);
     replays(&mut bench);
+}
+
+#[test]
+fn ended_scenarios_make_room_for_others() {
+    let mut bench = built(DRIVES).bench;
+    let off = parse_scenarios("[[scenario]]\nsteps = [{ after_ms = 1, drive = 'x', power = 'off' }]", &bench)
+        .unwrap();
+    for _ in 0..1_000 {
+        bench.play(off[0].clone()).unwrap();
+    }
+    let full = "a bench plays 1000 scenarios at once; wait until one has ended";
+    assert_eq!(bench.play(off[0].clone()), Err(full.to_owned()));
+    bench.run_until(bench.now() + Duration::millis(1));
+    for _ in 0..1_000 {
+        bench.play(off[0].clone()).unwrap();
+    }
+    assert_eq!(bench.play(off[0].clone()), Err(full.to_owned()));
+}
+
+#[test]
+fn a_text_of_scenarios_has_no_other_tables() {
+    let bench = built(DRIVES).bench;
+    let wrong = parse_scenarios("[[drive]]\nname = 'y'\nkind = 'md3'", &bench).unwrap_err();
+    assert_eq!(
+        wrong.to_string(),
+        "line 1, column 3: there is no key of a bench file 'drive'; available: scenario"
+    );
 }

@@ -7,9 +7,9 @@ use crate::rig::{Drive, Rig};
 /// Bit 11 of ERROR: "consumption current limit is exceeded" (6.5).
 const CURRENT_LIMIT: i64 = 1 << 11;
 
-/// 6.5, 5009h: a start at the limit is not an error, however long it takes. CURRENT_VALID never shows more
-/// than REF_CURRENT. 1 A of this motor gives 76.4 mN·m, so with 400 g·cm² to 0.1 kg·m² it reaches 1,000 rpm
-/// in up to 27 s.
+/// Section 6.5, 5009h: a start at the limit is not an error, however long it takes. CURRENT_VALID never shows
+/// more than REF_CURRENT. 1 A of this motor gives 76.4 mN·m, so with 400 g·cm² to 0.1 kg·m² it reaches 1,000
+/// rpm in up to 27 s.
 #[test]
 fn a_start_at_the_limit_is_no_error() {
     for (ref_current, inertia_gcm2) in [(1_000, 400), (5_000, 400), (5_000, 20_000), (5_000, 1_000_000)] {
@@ -30,7 +30,7 @@ fn a_start_at_the_limit_is_no_error() {
 }
 
 /// Bit 11 is set if the limit stops the motor: if the shaft is held, or if the load is too high at rest or
-/// while turning. The limit that the user sets is that of the winding's current (2).
+/// while turning. The limit that the user sets is the limit of the winding's current (section 2).
 #[test]
 fn a_motor_that_is_held_back_shows_bit_11() {
     for halls in [0, 1, 2] {
@@ -68,7 +68,8 @@ fn a_motor_that_is_held_back_shows_bit_11() {
 /// p. 16: the motor can use the whole of MAX_LOAD; OVER_LOAD is reported at MAX_LOAD and not below.
 #[test]
 fn velocity_control_reaches_the_whole_of_max_load() {
-    // 0.06 N·m/A and 10 mN·m of friction: the loads need 19.92 of 20 A, 5.17 and 5.25 of 5.3 A.
+    // With 0.06 N·m/A and 10 mN·m of friction, the loads need 19.92 A of 20 A, and 5.17 A and 5.25 A of 5.3
+    // A.
     for (max_load, load_unm) in [(200, 1_185_000), (53, 300_000), (53, 305_000)] {
         let mut rig = Rig::nominal(Drive::Mdrobot, |motor| Parameters { load_unm, ..motor });
         rig.hold(true);

@@ -27,8 +27,8 @@ pub(crate) enum Drive {
 }
 
 impl Drive {
-    /// REF_CURRENT and MAX_LOAD of a new drive are 20 A. The RS drive uses at most 0.98 of the supply (3).
-    /// ACC 1,000 is 5,000 rps² (6.5); a VEL_CMD without SLOW_START has no ramp.
+    /// REF_CURRENT and MAX_LOAD of a new drive are 20 A. The RS drive uses at most 0.98 of the supply
+    /// (section 3). ACC 1,000 is 5,000 rps² (6.5); a VEL_CMD without SLOW_START has no ramp.
     pub(crate) fn limits(self) -> Limits {
         match self {
             Self::Rs434544 => Limits { amps: 20.0, duty: 0.98, ramp: 300_000.0 },

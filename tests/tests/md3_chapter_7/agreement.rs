@@ -1,5 +1,5 @@
-//! After any sequence of actions a drive's indications agree: MotionControl (7.15), BUSY and the lights (2),
-//! the current (7.2, 7.3), the motion.
+//! After any sequence of actions a drive's indications agree: MotionControl (7.15), BUSY and the lights
+//! (section 2), the current (7.2, 7.3), the motion.
 
 use drivetwin_protocol::time::{Duration, Span};
 use proptest::prelude::*;

@@ -345,7 +345,7 @@ fn section_7_6_and_7_7_offsets_run_at_the_undivided_speed() {
     rig.assert_on_its_way(2_500, 5_000.0);
     rig.after(750.millis());
     rig.after(1.secs());
-    // Search: 5,000/128 = 39.0625/s, reached in 4 ms.
+    // The speed of the search is 5,000/128 = 39.0625 steps/s, which is reached in 4 ms.
     rig.assert_on_its_way(5_000 - 39, -39.0625);
     rig.low(FLAG);
     rig.after(4.micros());
@@ -467,7 +467,7 @@ fn section_7_8_commands_work_during_a_home_cycle() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// "Note that the entire homing process will take place automatically" (4).
+/// "Note that the entire homing process will take place automatically" (section 4).
 #[test]
 fn section_7_5_home_on_startup() {
     let mut rig = Rig::restarted(&[(at::HOMING, homing(0) | ON_STARTUP)]);

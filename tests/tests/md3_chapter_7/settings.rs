@@ -28,8 +28,8 @@ fn section_7_1_the_address_can_be_broadcast() {
     assert_eq!(words(&rig.ask(&rtu::read(9, 0x00, 1))), [9]);
 }
 
-/// Peak currents of the high current version in mA, as 7.2 prints them from code 0 on. From code 0x15 a step
-/// is 500 mA instead of 100 mA.
+/// Peak currents of the high current version in mA, as section 7.2 prints them from code 0 on. From code 0x15
+/// a step is 500 mA instead of 100 mA.
 const STANDARD: [u32; 31] = [
     0, 100, 200, 300, 400, 500, 600, 700, 800, 900, // 0x00 … 0x09
     1_000, 1_100, 1_200, 1_300, 1_400, 1_500, 1_600, 1_700, 1_800, 1_900, // 0x0a … 0x13
@@ -74,7 +74,7 @@ fn section_7_2_initial_currents() {
     assert_eq!(Rig::ready_kind("md3-low").current(), 500);
 }
 
-/// MD3-10: code 0, full step, has 71 % of the current. The codes that the manual does not print act as 8.
+/// MD3-10: code 0, full step, has 71 % of the current. A code that the manual does not print acts as code 8.
 #[test]
 fn section_7_2_full_step_gives_71_percent() {
     let mut rig = Rig::ready();
@@ -152,7 +152,7 @@ fn section_7_2_dc_codes_that_the_manual_does_not_print() {
     }
 }
 
-/// The example of 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
+/// The example of section 7.17 means code 5 (16 kHz, 5,000): 2,500 gives 50 %.
 #[test]
 fn section_7_17_dc_example() {
     let mut rig = dc(5);
@@ -298,7 +298,7 @@ fn section_7_3_cutback() {
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
     rig.after(100.secs());
     assert_eq!((rig.current(), rig.lit(RED)), (500, true));
-    // The heartbeat continues (2): on for a quarter of every 1.5 s.
+    // The heartbeat continues (section 2): the light is on for a quarter of every 1.5 s.
     let beats = (0..15).filter(|_| {
         rig.after(100.millis());
         rig.lit(GREEN)

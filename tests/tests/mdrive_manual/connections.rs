@@ -127,7 +127,7 @@ fn bytes_that_mean_nothing_do_no_harm() {
             seed
         };
         for _ in 0..200 {
-            // Without Ctrl-C, Ctrl-E and Esc, because they have a meaning.
+            // Ctrl-C, Ctrl-E and Esc are left out, because the drive would act on them.
             let bytes: Vec<u8> =
                 (0..next() % 90).map(|_| next() as u8).filter(|b| ![3, 5, 27].contains(b)).collect();
             let client = rig.bench.connect_to(rig.seat, MCODE).expect("room");

@@ -434,7 +434,8 @@ const TYPED: &[Typed] = &[
         rig.after(1.secs());
         rig.long(C1).into()
     }, PLUS),
-    // CW is in 50 ns: the pulse of a trip lasts more or less than 5 µs, but not 15 (MC 5-15).
+    // CW is the width of a pulse in units of 50 ns. So the pulse of a trip lasts more or less than 5 µs, but
+    // always less than 15 µs (MC 5-15).
     typed(|rig| rig.set(&["S13=61,1", "TP=20,0", "TE=2"]), &[("CW=40", 0), ("CW=255", 1)], |rig| {
         rig.write_long(SL, 1_000);
         rig.wait(1.secs(), 1.micros(), |rig| rig.level("CAPTURE") == Level::High);

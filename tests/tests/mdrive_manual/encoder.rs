@@ -259,8 +259,9 @@ fn a_load_turns_a_shaft_that_nothing_holds() {
     assert!((2_995.0..3_000.0).contains(&turn.revolutions), "{turn:?}");
 }
 
-/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23): after DE
-/// is 1 again, at VI, to within DB. The shaft stays away without PM, and with SM = 0 if it is SF counts away.
+/// "The motor will be driven back to its final position if it was forced out of position" (MC 7-23). This
+/// begins when DE is 1 again. The speed is VI, and the shaft stops within DB. The shaft stays away if PM is
+/// 0, or if SM is 0 and it is SF counts away.
 #[test]
 fn position_maintenance_brings_the_shaft_back() {
     for (set, comes_back) in [

@@ -24,7 +24,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("VM", 34),
             ("PR FD", 35),
             ("PR H", 35),
-            // Not in program mode; no program is running.
+            // Lines for program mode only, or for a running program only.
             ("LB X1", 46),
             ("H", 40),
             ("H 100", 40),
@@ -52,7 +52,7 @@ fn what_is_wrong_with_a_line_has_a_number() {
             ("CP 2048", 42),
             ("PG 2048", 42),
             ("PG 0", 42),
-            // No home switch is configured; the type does not exist.
+            // Homing without a configured home switch, and types of homing that do not exist.
             ("HM 1", 80),
             ("HI 5", 81),
             ("HI 0", 81),

@@ -10,7 +10,8 @@ use crate::rig::{CALIBRATION, Kind, Rig, START};
 const LOCKED: i64 = 8;
 const CALIBRATED: i64 = 128;
 
-/// At power-on a Hybrid calibrates for 3.12 s if CT is 250 (MC 5-9), with CT 200 for three times 50 ms less.
+/// At power-on a Hybrid calibrates for 3.12 s if CT is 250 (MC 5-9). If CT is 200, the time is shorter by
+/// three times 50 ms.
 #[test]
 fn it_calibrates_at_power_on() {
     let mut rig = Rig::set_up(Kind::Hybrid, Setup::default());

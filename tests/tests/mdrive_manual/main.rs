@@ -1,5 +1,5 @@
 //! The MDrive's manuals as tests: *MODBUS/TCP Fieldbus Manual* R040611 (FB) and *MCode Programming and
-//! Software Reference* R062812 (MC). The tests see both ports and the pins as a master, a program and a
+//! Software Reference* R062812 (MC). The tests use both ports and the pins, as a master, a program and a
 //! machine do. Values are typed from the manuals, or follow from the arithmetic in the comments. "FB 4.2" is
 //! a section, "MC 5-31" a page.
 //!

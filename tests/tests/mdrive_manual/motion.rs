@@ -132,7 +132,7 @@ fn a_slew_changes_on_the_fly() {
         assert!((v - 100_000).abs() < 4_000, "{v}");
         rig.after(200.millis());
         rig.assert_values(&[("V", 20_000)]);
-        // Through 0 to the other direction.
+        // The speed goes through 0 to the other direction.
         rig.set(&["SL -50000"]);
         rig.after(300.millis());
         rig.assert_values(&[("V", -50_000)]);

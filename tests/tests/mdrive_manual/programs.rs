@@ -230,7 +230,7 @@ fn printed(rig: &mut Rig, text: &str) {
     assert_eq!(rig.value("ER"), 0, "the error");
 }
 
-/// MC 8.1
+/// Example program of MC 8.1.
 #[test]
 fn move_on_an_input() {
     let mut rig = Rig::plus();
@@ -411,7 +411,7 @@ fn closed_loop() {
     assert!(position.abs() <= 10, "within the deadband of 10: {position}");
 }
 
-/// MC 8.5
+/// Example program of MC 8.5.
 #[test]
 fn user_input_into_variables() {
     let mut rig = Rig::plus();
@@ -452,7 +452,7 @@ fn user_input_into_variables() {
     rig.assert_values(&[("P", 51_200), ("A", 500_000), ("D", 500_000), ("VM", 40_000), ("BY", 1), ("X1", 0)]);
 }
 
-/// MC 8.7
+/// Example program of MC 8.7.
 #[test]
 fn input_trip() {
     let mut rig = Rig::plus();

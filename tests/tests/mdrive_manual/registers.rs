@@ -197,7 +197,7 @@ fn half_a_value_is_read_but_not_written() {
     rig.write_long(0x005F, 0x1234_5678);
     assert_eq!(rig.try_words(0x005F, 1), Ok(vec![0x1234]));
     assert_eq!(rig.try_words(0x0060, 1), Ok(vec![0x5678]));
-    // The low word of R1 and the high word of R2.
+    // Reads the low word of R1 and the high word of R2.
     assert_eq!(rig.try_words(0x0060, 2), Ok(vec![0x5678, 0]));
     for (address, words) in [(0x005F, &[7][..]), (0x0060, &[7]), (0x0060, &[7, 7]), (0x005F, &[7, 7, 7])] {
         assert!(rig.try_write(address, words).is_err(), "{address:#06X} {words:?}");
@@ -246,7 +246,7 @@ fn a_save_keeps_what_is_a_setting() {
     }
 }
 
-/// MC 5-32, 5-49: HT is 0, or 2 to 65535 less MT.
+/// MC 5-32, 5-49: HT is 0, or from 2 to 65535 − MT.
 #[test]
 fn both_delays_are_65535_ms_at_most() {
     let mut rig = Rig::plus();
@@ -296,7 +296,7 @@ fn user_variables_are_there_once_they_are_declared() {
                 assert_eq!(rig.value(row.name), value, "{}", row.name);
             }
         }
-        // One request reads two of them.
+        // One request can read two user variables.
         assert!(rig.try_words(0x00A8, 4).is_ok());
         rig.assert_no_error();
     }

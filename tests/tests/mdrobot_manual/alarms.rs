@@ -159,7 +159,7 @@ fn page_13_volt_in() {
 fn page_13_the_supply() {
     let mut rig = Rig::armed(&[]);
     let row = rig.bench.spec(rig.seat).find("VOLT_IN").expect("a PID").row;
-    // 3,820 rpm at 24 V, less the 8 rpm that 10 mN·m of friction cost.
+    // The motor has 3,820 rpm at 24 V, minus 8 rpm because of 10 mN·m of friction.
     for (volts, rpm) in [(240, 3_812.0), (120, 1_902.0), (360, 5_722.0), (600, 9_542.0)] {
         assert_eq!(rig.bench.poke(rig.seat, row, volts), Ok(()));
         assert_eq!(i64::from(rig.read(pid::VOLT_IN)), volts);

@@ -194,7 +194,7 @@ fn page_7_inv_sign() {
     rig.write(pid::TQ_CMD, 300);
     rig.after(100.millis());
     assert!(rig.rpm() < 0.0, "{}", rig.rpm());
-    // Setting it back to 0 takes effect at once, too.
+    // Setting INV_SIGN_CMD back to 0 takes effect at once, too.
     rig.write(pid::INV_SIGN_CMD, 0);
     rig.velocity(400);
     rig.assert_turns(400.0);

@@ -14,7 +14,7 @@ use crate::rig::{BOOT, SILENCE, timed};
 /// Ticks of a character at 19,200 8N1. Its 10 bits are 8,333⅓ ticks, rounded.
 const CHARACTER: u64 = 8_333;
 
-/// 3.5 characters, rounded up.
+/// Duration of 3.5 characters, rounded up.
 const T35: Duration = Duration::from_ticks(29_166);
 
 /// Controllers with ids 1 and 2 on one line.
@@ -131,7 +131,7 @@ fn page_3_noise() {
     let mut wrong_crc = rtu::write(1, pid::MAX_RPM, 1_000).to_vec();
     wrong_crc[7] ^= 0x10;
     let high_first = {
-        // The CRC's bytes in the other order.
+        // A frame with the bytes of the CRC in the other order.
         let mut frame = rtu::write(1, pid::MAX_RPM, 1_000).to_vec();
         frame.swap(6, 7);
         frame
@@ -196,7 +196,7 @@ fn page_3_silences() {
             let expected = if answered { &reply[..] } else { &[] };
             assert_eq!(fed(&frame), expected, "{silence} ticks before character {gap}");
         }
-        // The same silence before every character.
+        // Now the same silence is before every character.
         let frame: Vec<(u8, u64)> =
             read.iter().enumerate().map(|(n, &byte)| (byte, if n == 0 { 0 } else { silence })).collect();
         let expected = if answered { &reply[..] } else { &[] };

@@ -168,7 +168,7 @@ fn page_17_factory_functions() {
     rig.write(pid::FUNC_CMD, 1);
     rig.after(5.secs());
     assert!(rig.position().abs_diff(240) <= 1, "{}", rig.position());
-    // Factory values of the speed function: 1,000 rpm for 1 s.
+    // The factory values of the speed function are 1,000 rpm for 1 s.
     let mut rig = Rig::with(&[(pid::FUNC_CMD_TYPE, SPEED), (pid::STOP_STATUS, 2)]);
     rig.write(pid::FUNC_CMD, 1);
     rig.after(990.millis());

@@ -29,9 +29,9 @@ fn frames_of_the_monitors() {
     }
 }
 
-/// PID 210 has speed, current, low and high word of the position for motor 1, the same for motor 2, and a
-/// word with CTRL_STATUS of motor 2 in the high byte and of motor 1 in the low byte. PID 216 is the same
-/// without currents. An MD400 has one motor.
+/// PID 210 has speed, current, and low and high word of the position, first for motor 1, then for motor 2.
+/// The last word has CTRL_STATUS of motor 2 in the high byte, and of motor 1 in the low byte. PID 216 is the
+/// same without currents. An MD400 has one motor.
 #[test]
 fn what_the_monitors_show() {
     for (rpm, pulls_ma) in [(1_000_i16, 5_000), (-1_000, -5_000)] {

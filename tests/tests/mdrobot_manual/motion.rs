@@ -130,7 +130,7 @@ fn page_12_open_loop() {
         let mirrored = speed(-output);
         assert!((once + mirrored).abs() <= once * 0.01, "{once} and {mirrored}");
     }
-    // 24 V at 0.06 Nm/A make 3,820 rpm, less the effect of friction.
+    // 24 V at 0.06 Nm/A make 3,820 rpm, minus the effect of friction.
     let full = speed(1_023);
     assert!((3_500.0..3_820.0).contains(&full), "{full}");
     let mut rig = Rig::armed(&[]);
@@ -158,8 +158,8 @@ fn page_12_torque() {
             rig.amperes()
         );
     }
-    // Twice the torque makes twice the acceleration, except for friction: 3 A make 0.18 Nm, less 0.01 Nm, on
-    // 5e-4 kg m².
+    // Twice the torque makes twice the acceleration, except for friction: 3 A make 0.18 Nm, minus 0.01 Nm of
+    // friction, on 5e-4 kg m².
     for (command, expected) in [(512_i16, 0.17 / 5e-4), (1_023, 0.35 / 5e-4), (-512, -0.17 / 5e-4)] {
         let mut rig = Rig::armed(&[(pid::MAX_LOAD, 60)]);
         rig.write_signed(pid::TQ_CMD, command);

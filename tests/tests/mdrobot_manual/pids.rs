@@ -268,7 +268,7 @@ fn page_15_func_cmd_type_keeps_dl() {
     }
 }
 
-/// 181 and 211 are the same MAX_LOAD. The speed limits have one PID each, and SPEED_LIMIT for both
+/// PIDs 181 and 211 are the same MAX_LOAD. The speed limits have one PID each, and SPEED_LIMIT for both
 /// (MDROBOT-8).
 #[test]
 fn page_14_values_with_two_pids() {

@@ -38,8 +38,8 @@ fn watch(rig: &mut Rig, goal: i32, seconds: f64) -> Way {
     Way { arrived, fastest, beyond, goal }
 }
 
-/// Asserts that a move is at most 15 % faster than its speed and at most 5 % beyond its goal, that it takes one
-/// to two times distance/speed, and that the motor then stays at the goal.
+/// Asserts four things of a move. It is at most 15 % faster than its speed. It goes at most 5 % beyond its goal. It
+/// takes one to two times distance/speed. Then the motor stays at the goal.
 #[track_caller]
 fn assert_moves(rig: &mut Rig, goal: i32, rpm: f64) {
     let distance = f64::from((goal - rig.position()).abs());

@@ -10,8 +10,8 @@ use crate::pids::rows;
 use crate::rig::{Rig, SILENCE, line, request, timed};
 use crate::table::Row;
 
-/// A value for a saved PID that differs from the factory's. PIDs that are aliases of the same value get the
-/// same.
+/// A value for a saved PID that differs from the factory's. PIDs that are aliases of one value get the same
+/// value.
 fn changed(row: &Row) -> Vec<u16> {
     match row.pid {
         16 | 19 | 36 | 37 | 40 | 44 | 45 => vec![1],

@@ -19,7 +19,7 @@ pub(crate) enum Word {
     Any,
     /// Least and greatest value. The word is signed if the first is negative.
     Range(i32, i32),
-    /// INPUT_TYPE has no 4 (p. 10).
+    /// Values of INPUT_TYPE, which do not include 4 (p. 10).
     InputType,
 }
 
@@ -59,7 +59,7 @@ const BIT: &[Word] = &[Range(0, 1)];
 const BYTE: &[Word] = &[Range(0, 255)];
 const WORD: &[Word] = &[Any];
 const LONG: &[Word] = &[Any, Any];
-/// 0 to 1,023 are 0 to 15 s (p. 13).
+/// Values of a ramp: 0 to 1,023 are 0 to 15 s (p. 13).
 const SLOW: &[Word] = &[Range(0, 1_023)];
 /// p. 12
 const OUTPUT: &[Word] = &[Range(-1_023, 1_023)];
@@ -90,7 +90,7 @@ pub(crate) static TABLE: &[Row] = &[
     // Nothing is wired. ENC_A and ENC_B are open, which reads as 1 (MDROBOT-22).
     r(48, "DI", BYTE, &[0b110_0000]),
     r(49, "IN_POSITION_OK", BYTE, &[0]),
-    // 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (MDROBOT-10).
+    // PIDs 66, 176, 178, 179, 210, 216, 220 and 230 are not in V1.1 (MDROBOT-10).
     fleeting(66, "TQ_RATIO", BYTE),
     fleeting(78, "UI_COM", BIT),
     fleeting(100, "START_STOP", &[Range(0, 2)]),
@@ -138,7 +138,7 @@ pub(crate) static TABLE: &[Row] = &[
     rw(250, "FUNC_POSI", LONG, &[1_500, 240]),
 ];
 
-/// 32 PIDs that only 2.4 names.
+/// 32 PIDs that only section 2.4 names.
 pub(crate) const HEADER_ONLY: [u16; 32] = [
     4, 7, 14, 15, 18, 30, 31, 131, 137, 146, 147, 149, 150, 152, 159, 162, 163, 164, 193, 194, 198, 202, 203,
     205, 217, 225, 226, 227, 231, 234, 238, 241,

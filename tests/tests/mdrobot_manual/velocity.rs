@@ -208,7 +208,7 @@ fn page_8_servo_lock() {
 #[test]
 fn page_8_stop_status() {
     for status in 0..=3 {
-        // 683 ramps down from 1,000 rpm in 3.34 s.
+        // A SLOW_DOWN of 683 is a ramp of 3.34 s from 1,000 rpm.
         for slow_down in [0, 683] {
             let mut rig = Rig::armed(&[(pid::STOP_STATUS, status), (pid::SLOW_DOWN, slow_down)]);
             rig.velocity(1_000);

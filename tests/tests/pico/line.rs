@@ -15,7 +15,7 @@ struct Rate {
     t35: Nanos,
 }
 
-/// 9600 8E1: 11 bits, 16.5 and 38.5 bits of silence.
+/// The rate 9600 8E1: a character has 11 bits, and the silences have 16.5 and 38.5 bits.
 const SLOW: Rate =
     Rate { code: 0x21, character: CHARACTER, t15: 16_500_000_000 / 9_600, t35: 38_500_000_000 / 9_600 };
 /// 115,200 8E1: "fixed values […] of 750 µs […] and 1.750 ms".
@@ -78,7 +78,7 @@ fn a_silence_longer_than_t15_breaks_a_frame() {
 fn a_silence_of_t35_ends_a_frame() {
     for rate in [SLOW, FAST] {
         let answered = answered(&rate, rate.t35, |script, at, silence| {
-            // A character for another device, then a request.
+            // The board receives a character for another device, then a request.
             script.hear(at, &[0x55]);
             script.hear(at + rate.character + silence, &question());
         });

@@ -51,7 +51,7 @@ fn what_was_saved_is_there_after_the_power_was_off() {
     let run = script.play(&image(), end);
     expect_written(&run, START, &[(at::USER, 0x1234), (at::EEPROM, 1)]);
     assert_eq!(value(&run, asked), 0x1234);
-    // 7.20: the status of a good CRC is 0x9a.
+    // Section 7.20: the status of a good CRC is 0x9a.
     assert_eq!(value(&run, asked + TURN), 0x9a00);
 }
 
@@ -97,7 +97,7 @@ impl Memory {
         match (value(run, asked), value(run, asked + TURN)) {
             (user, 0x9a00) if user == old => Self::Old,
             (user, 0x9a00) if user == new => Self::New,
-            // 7.20: 0xf1 means that the CRC was wrong; the registers have their defaults.
+            // Section 7.20: 0xf1 means that the CRC was wrong; the registers have their defaults.
             (0x0000, 0xf100) => Self::Bad,
             other => panic!("neither old nor new: {other:04x?}"),
         }

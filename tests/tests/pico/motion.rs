@@ -153,7 +153,7 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn moves_shorter_than_planning_them_lose_no_step_and_no_request() {
-    // 7.8: endless moves forward and backward, two steps at a time, at the greatest acceleration.
+    // Section 7.8: endless moves forward and backward, two steps at a time, at the greatest acceleration.
     let writes = [
         (at::MOVE_STEPS, 0),
         (at::MOVE_STEPS + 1, 2),

@@ -70,8 +70,8 @@ fn count(configured: u16, levels: &[(u8, &str)], edges: u16, rate: u64, counted:
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn edges_at_the_promised_rate_are_all_counted() {
-    // The rates are those of firmware/boards/rp2040/README.md. With this many edges a queue of 256 cannot
-    // hide a lag of 3 %.
+    // The rates are those of firmware/boards/rp2040/README.md. A board that is 3 % too slow loses some of so
+    // many edges, because its queue has room for only 256.
     const EDGES: u16 = 10_000;
     // If A leads B, the count goes up (7.11).
     let cycle = [(A, "high"), (B, "high"), (A, "low"), (B, "low")];

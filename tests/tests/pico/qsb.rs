@@ -71,12 +71,12 @@ fn counted(before: &[&str], cycle: &[(u8, &str)], count: usize, rate: u64) -> St
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn edges_at_the_promised_rate_are_all_counted() {
-    // The rates are those of firmware/boards/rp2040/README.md. With this many edges a queue of 256 cannot
-    // hide a lag of 3 %.
+    // The rates are those of firmware/boards/rp2040/README.md. A board that is 3 % too slow loses some of so
+    // many edges, because its queue has room for only 256.
     const EDGES: usize = 10_000;
     assert_eq!(counted(&[], &UP, EDGES, 70_000), "r 0E 00002710 !");
     assert_eq!(counted(&[], &DOWN, EDGES, 70_000), "r 0E FFFFD8F0 !");
-    // The same while the drive streams 512 values a second.
+    // The drive counts all edges also while it streams 512 values a second.
     assert_eq!(counted(&["W0C1", "S0E"], &UP, EDGES, 60_000), "r 0E 00002710 !");
 }
 

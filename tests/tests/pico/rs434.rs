@@ -90,8 +90,8 @@ fn a_contact_that_is_closed_when_power_comes_counts_from_there() {
         }
         let run = play(&script, 900 * MS);
         let lit = [RED, GREEN].map(|light| run.edges(light, Drive::High));
-        // With the contact closed the lights are on for 250 ms in turn, red first (7). Otherwise green shows
-        // after 500 ms that the drive is ready.
+        // With the contact closed the lights are on for 250 ms in turn, red first (section 7). Otherwise
+        // green shows after 500 ms that the drive is ready.
         let turns: [&[Nanos]; 2] = if closed { [&[0, 500], &[250, 750]] } else { [&[], &[500]] };
         for (lit, turns) in lit.iter().zip(turns) {
             assert_eq!(lit.len(), turns.len(), "{lit:?}");
@@ -238,7 +238,7 @@ fn every_request_is_received_while_a_program_runs() {
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn every_request_is_received_while_the_motor_turns_and_its_edges_show_at_the_pins() {
     const REQUESTS: u64 = 60;
-    /// A request of 8 characters, a reply of 75, and silences.
+    /// Time for a request of 8 characters, a reply of 75 characters, and silences.
     const PACE: Nanos = 13 * MS;
     let mut script = Script::fast();
     let coil =

@@ -47,8 +47,8 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// Expectations of a trace with one drive, and of its motor. `shared` are STEP and DIR if they share
-    /// pins.
+    /// Expectations from a trace with one drive, and from the motion of its motor. `shared` is STEP and DIR,
+    /// if their pins also serve other purposes.
     pub(crate) fn of(trace: &Trace, motion: Vec<(Instant, Done)>, shared: Option<(Pin, Pin)>) -> Self {
         let [drive] = trace.drives.as_slice() else { panic!("a board has one drive") };
         // The motor of an MDrive is inside the drive, and the board does not show its millions of steps.
@@ -193,8 +193,8 @@ impl Expected {
         self.motion.iter().map(|(at, _)| *at).filter(move |at| (after..before).contains(at))
     }
 
-    /// Greatest number of steps that may slip because the board makes each plan up to `late` after its
-    /// instant: the steps of the old plan and of the new plan in that time.
+    /// Greatest number of steps that may slip, because the board begins each plan up to `late` after its
+    /// instant. These are the steps of the old plan and of the new plan in that time.
     pub(crate) fn slips(&self, at: Instant, late: Duration) -> i32 {
         let plans = self.motion.iter().take_while(|(from, _)| *from <= at);
         let plans: Vec<_> = plans

@@ -248,7 +248,7 @@ impl Machine {
     /// Reads the time and the reason of a stop.
     fn stop(&mut self) -> Stop {
         self.stops += 1;
-        // The lower half of the count is enough for years.
+        // The low word of the count of periods is enough for years.
         let words = self.test.words(&[self.periods, SYST_CVR, ICSR, RIS]);
         let [periods, left, pending, ticked] = words.try_into().expect("four words");
         let periods = u64::from(periods) + u64::from(pending & PENDSTSET != 0);

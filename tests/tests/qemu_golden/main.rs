@@ -58,7 +58,8 @@ static SHIFTS: [u32; 4] = [4, 3, 2, 1];
 /// change only while the board sleeps, so for such a trace an instruction takes 1 ns.
 const CLOSE: Duration = Duration::micros(20);
 
-/// A kind of drive for its traces: functions that make the drive, and the motor orders of a trace.
+/// A kind of drive, to replay its traces: a function that makes the drive, and a function that finds the
+/// motor orders in a trace.
 struct Kind {
     make: fn() -> Box<dyn Device>,
     motion: fn(&Trace) -> Vec<(Instant, Done)>,

@@ -9,8 +9,8 @@ use crate::expected::Expected;
 /// next ones limit the run time of the code at 16 ns per instruction. The longest is a reply while the servo
 /// of an MDROBOT or RS drive runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
-/// Allowed delay of inputs from the network: frames, the frames that answer each of them, and all check sums.
-/// The longest is the list of a whole program of an MDrive (L), line by line: 764 µs.
+/// Allowed delay of inputs from the network. It includes the frames, the frames that answer each of them, and
+/// all check sums. The longest is the list of a whole program of an MDrive (L), line by line: 764 µs.
 const ON_NETWORK: Duration = Duration::micros(850);
 /// Allowed delay if the motor gets a new plan, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);

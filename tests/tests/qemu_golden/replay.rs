@@ -274,7 +274,7 @@ impl Replay {
 
     /// Allowed lateness of the board at `at`.
     fn patience(&self, at: Instant) -> Duration {
-        // The outputs of power-on have the time of the start-up.
+        // The outputs of power-on may be late by the time that the board needs to start.
         if at == self.origin { self.patience.boot } else { self.patience.at(&self.expected, at) }
     }
 

@@ -189,7 +189,7 @@ fn a_match_makes_a_pulse() {
         assert_eq!(dio0(&mut rig), rest);
         rig.turn(1);
         assert_pulses(&mut rig, rest);
-        // No pulse while counting down (QSB-17).
+        // There is no pulse while the count goes down (QSB-17).
         rig.turn(5);
         rig.turn(-5);
         assert_eq!(dio0(&mut rig), rest);

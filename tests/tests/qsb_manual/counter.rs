@@ -117,7 +117,7 @@ fn a_second_at_1_mhz() {
     pair.rig.says(&[("R0E", "r 0E 000F4240 !"), ("R06", "r 06 0000002A !")]);
     pair.rig.says(&[("W093", "w 09 00000003 !")]);
     pair.rig.turn(-1_000_001);
-    // Borrow, sign, and direction down.
+    // STR shows borrow, sign, and direction down.
     pair.rig.says(&[("R0E", "r 0E FFFFFFFF !"), ("R06", "r 06 00000049 !")]);
 }
 

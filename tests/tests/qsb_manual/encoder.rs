@@ -31,7 +31,8 @@ fn reads(kind: &str, pin: &str, on: u64, period: u64) -> (u32, u32) {
 /// bits.
 #[test]
 fn pwm_of_10_bits() {
-    // The cycle of an MA3 is 1,026 µs. 1 µs reads 0. 1,025 µs would be 1,024 and reads 1,023.
+    // The cycle of an MA3 is 1,026 µs. An on time of 1 µs reads 0. An on time of 1,025 µs would read 1,024,
+    // but the limit is 1,023.
     for (on, value) in
         [(1, 0), (2, 1), (513, 512), (1_000, 999), (1_023, 1_022), (1_024, 1_023), (1_025, 1_023)]
     {

@@ -17,7 +17,7 @@ const RATES: [(&str, u32, &str); 8] = [
     ("W1670A", 256_000, "w 16 0000070A !"),
 ];
 
-/// Longer than 17 characters at 9,600 baud.
+/// Time longer than 17 characters at 9,600 baud.
 const REPLY: Duration = Duration::millis(20);
 
 /// Duration of a start bit, eight data bits and a stop bit, rounded to 1/16 µs.

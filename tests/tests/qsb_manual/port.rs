@@ -8,7 +8,7 @@ use crate::rig::Rig;
 /// DIO3 to DIO0.
 const PINS: [&str; 4] = ["DIO3", "DIO2", "DIO1", "DIO0"];
 
-/// 6.1 and 6.3: as inputs all pins are pulled up. Register 01 reads their levels.
+/// Examples 6.1 and 6.3: as inputs all pins are pulled up. Register 01 reads their levels.
 #[test]
 fn inputs() {
     let mut rig = Rig::ready("qsb-m");
@@ -26,7 +26,7 @@ fn inputs() {
     assert_eq!(rig.read("01"), 0xF);
 }
 
-/// 6.2 and 6.4: outputs are open drain.
+/// Examples 6.2 and 6.4: outputs are open drain.
 #[test]
 fn outputs() {
     let mut rig = Rig::ready("qsb-m");
@@ -100,7 +100,7 @@ fn one_line() {
     assert!(!names.contains(&"DIO1") && !names.contains(&"DIO3"));
 }
 
-/// 6.5: "a new I/O state is output only if the I/O bit state has changed".
+/// Example 6.5: "a new I/O state is output only if the I/O bit state has changed".
 #[test]
 fn streamed() {
     let mut rig = Rig::ready("qsb-m");

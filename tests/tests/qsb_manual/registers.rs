@@ -87,7 +87,7 @@ const REGISTERS: [Register; 22] = [
     },
     shown(0x13, "RS", "M", 1),
     shown(0x14, "R", "DMS", 0),
-    // 15 and 16 are tested below and in replies.rs. Higher registers do not exist.
+    // Registers 15 and 16 are tested below and in replies.rs. Higher registers do not exist.
     shown(0x17, "", "DMS", 0),
     shown(0x80, "", "DMS", 0),
     shown(0xFF, "", "DMS", 0),
@@ -218,7 +218,7 @@ fn commands() {
     for kind in KINDS {
         for number in 0..=9 {
             let mut rig = Rig::ready(kind);
-            // 8 and 9 are refused while the motor drive is inactive (QSB-27).
+            // Commands 8 and 9 are refused while the motor drive is inactive (QSB-27).
             let taken = match number {
                 1 | 3 => true,
                 8 | 9 => false,
@@ -310,7 +310,7 @@ fn clear_and_load() {
     rig.turn(-5);
     rig.says(&[
         ("R0E", "r 0E FFFFFFFB !"),
-        // Borrow, sign, and direction down.
+        // STR shows borrow, sign, and direction down.
         ("R06", "r 06 00000049 !"),
         ("W092", "w 09 00000002 !"),
         ("R0E", "r 0E 00000000 !"),
@@ -339,7 +339,7 @@ fn time_stamp() {
     rig.after(1.micros());
     rig.says(&[("W0D0", "w 0D 00000000 !"), ("W0D2", "w 0D 00000002 !"), ("W0DFFFFFFFF", "w 0D FFFFFFFF !")]);
     rig.assert_time_stamp(0);
-    // Clears the register 30,000 of 31,250 parts after a tick.
+    // Clears the register when 30,000 of the 31,250 parts of a tick have passed.
     rig.past_tick(30_000);
     let cleared = rig.number();
     rig.says(&[("W0D1", "w 0D 00000001 !"), ("R0D", "r 0D 00000000 !")]);
@@ -399,8 +399,8 @@ fn presets_with_power() {
 }
 
 impl Rig {
-    /// Asserts just after the next tick that register 0D reads the ticks since power-on, less `cleared`, the
-    /// ticks before it was cleared.
+    /// Asserts just after the next tick that register 0D reads the ticks since it was cleared. It was cleared
+    /// `cleared` ticks after power-on.
     #[track_caller]
     pub(crate) fn assert_time_stamp(&mut self, cleared: u64) {
         self.past_tick(50);

@@ -12,7 +12,7 @@ pub(crate) const TICK: Duration = Duration::from_ticks(31_250);
 /// Time from power-on to the banner.
 pub(crate) const START_UP: Duration = Duration::millis(50);
 
-/// Longer than any reply takes, also while a stream fills the line at 9,600 baud.
+/// Time longer than any reply takes, also while a stream fills the line at 9,600 baud.
 const PATIENCE: Duration = Duration::millis(200);
 
 /// All variants, with the names that users type.
@@ -62,7 +62,7 @@ impl Rig {
         Self::ready_on(kind, LineMode::Fast)
     }
 
-    /// The same, in a given mode of the line.
+    /// A new QSB of that kind that has sent its banner, with a given mode of the line.
     pub(crate) fn ready_on(kind: &str, line: LineMode) -> Self {
         let mut rig = Self::new(kind, line, Setup::default());
         rig.until_banner(kind);
@@ -138,7 +138,7 @@ impl Rig {
         std::mem::take(&mut self.heard)
     }
 
-    /// The same text lines without their times.
+    /// The text lines of [`hear`](Self::hear), without their times.
     pub(crate) fn texts(&mut self, span: Duration) -> Vec<String> {
         self.hear(span).into_iter().map(|(_, text)| text).collect()
     }

@@ -205,7 +205,7 @@ impl Slow {
         (self.carry, self.borrow, self.compare, self.index, self.sign) = (false, false, false, false, false);
     }
 
-    /// STR, and a mask of those of its bits that are certain.
+    /// STR, and a mask of the bits of STR that the model knows for certain.
     pub(crate) fn str(&self) -> (u32, u32) {
         let up = if self.quadrature() == 0 { Some(self.b) } else { self.up };
         let bits = [

@@ -60,7 +60,7 @@ fn ten_seconds_with_commands_in_the_middle() {
     rig.ask("S0E");
     let mut heard = Vec::new();
     for n in 0..500_u64 {
-        // At different moments within a tick.
+        // Sends the command at different moments within a tick.
         heard.extend(rig.hear(20.millis() - Duration::from_ticks(n * 211 % 31_250)));
         let (command, reply) = match n % 5 {
             0 => ("R08", "r 08 000001F3 "),
@@ -233,7 +233,7 @@ fn the_fastest_rate() {
         for pair in heard.windows(2) {
             assert_eq!(pair[1].0.since(pair[0].0), CHARACTER * characters);
         }
-        // A second of records without gaps, less the reply to S0E.
+        // The records fill a second without gaps, except for the reply to S0E.
         let expected = 16_000_000 / (694 * characters);
         assert!((expected - 2..=expected).contains(&(heard.len() as u64)), "{} of {expected}", heard.len());
     }

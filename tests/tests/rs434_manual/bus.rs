@@ -132,7 +132,7 @@ fn section_6_2_several_coils_at_once() {
     }
 }
 
-/// 6.4: "0 - broadcast address, no reply message". The drive executes a broadcast write. It ignores a
+/// Section 6.4: "0 - broadcast address, no reply message". The drive executes a broadcast write. It ignores a
 /// broadcast read, a foreign address and a bad CRC (MODBUS-3).
 #[test]
 fn section_6_4_broadcasts_and_others() {

@@ -1,4 +1,4 @@
-//! 6.5: ERROR: what sets each bit, whether the bit stops the motor, and what clears it.
+//! Section 6.5, ERROR: what sets each bit, whether the bit stops the motor, and what clears it.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
@@ -45,8 +45,8 @@ fn section_6_5_faults_that_stop() {
     }
 }
 
-/// "Power supply protection, VDC: 8 - 30" (3). A supply outside this range sets bit 0, which stops the motor.
-/// The bit stays until a restart, even if the supply returns to the range.
+/// "Power supply protection, VDC: 8 - 30" (section 3). A supply outside this range sets bit 0, which stops
+/// the motor. The bit stays until a restart, even if the supply returns to the range.
 #[test]
 fn section_3_a_supply_out_of_its_range() {
     for (tenths, error) in

@@ -1,10 +1,10 @@
-//! 6.1, and MODE_EXT_IN of 6.5: the contacts IN1, IN2 and HARD_STOP.
+//! Section 6.1, and MODE_EXT_IN of section 6.5: the contacts IN1, IN2 and HARD_STOP.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{PinStimulus, PowerAction};
 use drivetwin_tests::rs434::{BOOT, Rig, at};
 
-/// Longer than any ramp here, and longer than debouncing.
+/// Time longer than any ramp here, and longer than debouncing.
 const WHILE: Duration = Duration::secs(1);
 
 /// A drive that is controlled by its inputs.
@@ -271,8 +271,8 @@ fn section_6_1_contact_bounce() {
     assert_turns(&mut rig, 1, 1);
 }
 
-/// 6.5: with MODE_DEVICE 1 the inputs have no effect. With 2, START has no effect but gets a normal reply.
-/// STOP works in both (RS434-6).
+/// Section 6.5: with MODE_DEVICE 1 the inputs have no effect. With 2, START has no effect but gets a normal
+/// reply. STOP works in both (RS434-6).
 #[test]
 fn section_6_5_mode_device() {
     let mut rig = Rig::default();
@@ -327,8 +327,8 @@ fn section_6_5_levels_at_power_up() {
     assert_turns(&mut rig, 2, 2);
 }
 
-/// "Operation is permitted with closed contact" (6). An open contact stops the motor at once and sets bit 5,
-/// which stays until a restart (RS434-20), with any MODE_DEVICE.
+/// "Operation is permitted with closed contact" (section 6). An open contact stops the motor at once and sets
+/// bit 5, which stays until a restart (RS434-20), with any MODE_DEVICE.
 #[test]
 fn section_6_hard_stop() {
     for mode in [1, 2] {

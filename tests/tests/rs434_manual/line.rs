@@ -1,4 +1,5 @@
-//! 6 and 6.4: the serial line: five types, eleven rates, ASCII, the delay of replies, parity.
+//! Sections 6 and 6.4: the five types and eleven rates of the serial line, ASCII, the delay of replies,
+//! parity.
 
 use drivetwin_firmware::device::{Line, Port};
 use drivetwin_protocol::line::Parity;
@@ -27,7 +28,7 @@ fn timed() -> Rig {
     rig
 }
 
-/// The same drive, restarted after these settings were saved.
+/// A drive that was restarted after these settings were saved, on a line on which characters take time.
 fn restarted(settings: &[(u16, u16)]) -> Rig {
     let mut rig = timed();
     for &(address, value) in settings {
@@ -189,7 +190,7 @@ fn section_6_4_ascii_messages() {
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0x01, 0xF4])), ":0106500B01F4A9\r\n");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 6, 0x50, 0x0B, 0, 1])), ":01860376\r\n");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[1, 5, 0x20, 0x03, 0xFF, 0])), ":01052003FF00D8\r\n");
-    // A broadcast and a foreign address.
+    // A broadcast and a foreign address get no reply.
     assert_eq!(ask_ascii(&mut rig, &ascii(&[0, 6, 0x50, 0x0B, 0x01, 0xF5])), "");
     assert_eq!(ask_ascii(&mut rig, &ascii(&[2, 6, 0x50, 0x0B, 0x01, 0xF6])), "");
     assert_eq!(ask_ascii(&mut rig, b":0103500B0001A0\r\n"), ":01030201F504\r\n");

@@ -1,4 +1,4 @@
-//! 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors and current.
+//! Sections 6.2, 6.3 and 6.5: rotation, speed, acceleration, Hall sensors and current.
 
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_tests::rs434::{Rig, at};
@@ -6,8 +6,8 @@ use drivetwin_tests::rs434::{Rig, at};
 /// Hall edges per turn: 2 sensors with 4 pulses of 2 edges each ("both leading and trailing", 6.3).
 const COUNTS: f64 = 16.0;
 
-/// Acceleration in turns/s². 6.5 prints two points: 10 is 100, 1,000 is 5,000. Values between them are linear
-/// (RS434-14).
+/// Acceleration in turns/s² for a register value. Section 6.5 prints two points: a value of 10 is 100
+/// turns/s², a value of 1,000 is 5,000 turns/s². Between them the acceleration is linear (RS434-14).
 fn rps2(value: u16) -> f64 {
     100.0 + (f64::from(value) - 10.0) * (5_000.0 - 100.0) / (1_000.0 - 10.0)
 }
@@ -33,7 +33,7 @@ fn turning(settings: &[(u16, u16)]) -> Rig {
     rig
 }
 
-/// 6.3: STATUS, SPEED_VALID in rpm, and CURRENT_POSITION in Hall edges, in both directions.
+/// Section 6.3: STATUS, SPEED_VALID in rpm, and CURRENT_POSITION in Hall edges, in both directions.
 #[test]
 fn section_6_3_rotation() {
     for (direction, sign) in [(1, 1.0), (2, -1.0)] {
@@ -70,8 +70,8 @@ fn section_6_5_speed() {
     }
 }
 
-/// RS434-19: a higher SPEED is accepted, and the motor turns as fast as it can. With 0.98 of the supply (3)
-/// that is at most 0.98 of RATED_SPEED.
+/// RS434-19: a higher SPEED is accepted, and the motor turns as fast as it can. The motor gets at most 0.98
+/// of the supply (section 3), so this is at most 0.98 of RATED_SPEED.
 #[test]
 fn section_6_5_more_than_the_motor_can() {
     let rig = turning(&[(at::SPEED, 15_000)]);

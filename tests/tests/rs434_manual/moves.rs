@@ -1,9 +1,9 @@
-//! 6.5: MODE_ROTATION 2 and 3: moves by offset and to positions, exact to a Hall edge.
+//! Section 6.5, MODE_ROTATION 2 and 3: moves by offset and to positions, exact to a Hall edge.
 
 use drivetwin_protocol::time::Span;
 use drivetwin_tests::rs434::{Rig, at};
 
-/// Longer than any move here takes, in s.
+/// Time longer than any move here takes, in s.
 const MOVE: u64 = 30;
 
 fn mover(mode: u16) -> Rig {

@@ -1,4 +1,4 @@
-//! 6.5 and 7: power-on, restart, saving, factory reset.
+//! Sections 6.5 and 7: power-on, restart, saving, factory reset.
 
 use drivetwin_firmware::device::Level;
 use drivetwin_protocol::modbus::rtu;

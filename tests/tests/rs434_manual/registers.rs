@@ -1,4 +1,5 @@
-//! The tables of 6.1 to 6.8: every register with its address, size, access, range, default and persistence.
+//! The tables of sections 6.1 to 6.8: every register with its address, size, access, range, default and
+//! persistence.
 
 use drivetwin_protocol::registers::Space;
 use drivetwin_protocol::time::Span;
@@ -88,12 +89,12 @@ const REGISTERS: [Row; 69] = [
     (0x8002, "HW_MINOR",                16, RO,                  -1,     false),
     (0x8003, "FW_MAJOR",                16, RO,                  -1,     false),
     (0x8004, "FW_MINOR",                16, RO,                  -1,     false),
-    // Fill the table to 69 rows, so that a missing row is a compile error.
+    // These rows fill the table to 69 rows, so that a missing row is a compile error.
     (0xFFFF, "", 0, RO, -1, false),
     (0xFFFF, "", 0, RO, -1, false),
 ];
 
-/// Registers of a model. 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
+/// Registers of a model. Sections 6.5 and 6.8 print two values for REF_CURRENT and HW_MAJOR.
 fn registers(kind: &str) -> impl Iterator<Item = Row> {
     let big = kind == "rs434546";
     REGISTERS.into_iter().filter(|row| row.2 > 0).map(move |row| match row.1 {

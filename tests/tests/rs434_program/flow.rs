@@ -69,7 +69,7 @@ fn assert_ended(rig: &mut Rig, status: u16, pc: u16) {
     assert_eq!(seen, [status, pc, error], "status, PC, ERROR");
 }
 
-// 6.6: the buffer.
+// Section 6.6: the buffer.
 
 /// A line is loaded through CMD_W and WRITE_CMD, and read back through READ_CMD and CMD_R. The low word is
 /// the command, the high word is its data.
@@ -186,7 +186,7 @@ fn section_6_6_power_lost_in_a_save() {
     assert_eq!((rig.read(at::AX), rig.read(at::STATUS_USER_PROGRAM)), (9, status::END));
 }
 
-// 6.3, 6.5: start and stop.
+// Sections 6.3, 6.5: start and stop.
 
 /// Status 2 is "a short period only": 100 µs. Then line 0 runs.
 #[test]
@@ -244,7 +244,8 @@ fn section_6_5_mode_user_program() {
     assert_eq!((rig.read(at::AX), rig.read(at::SPEED)), (before + 5, 500));
 }
 
-/// A saved 3 starts the program at power-on, with status 3 before 4. RS434-26: the register still reads 3.
+/// If MODE_USER_PROGRAM was saved as 3, the program starts at power-on. Its status is first 3, then 4.
+/// RS434-26: the register still reads 3.
 #[test]
 fn section_6_5_start_at_power_on() {
     let mut rig = Rig::default();
@@ -274,7 +275,7 @@ fn section_6_5_start_at_power_on() {
     assert!((5_000..10_000).contains(&rig.read(at::AX)));
 }
 
-/// RS434-26: a saved 2 does not start the program.
+/// RS434-26: if MODE_USER_PROGRAM was saved as 2, the program does not start at power-on.
 #[test]
 fn section_6_5_a_saved_start() {
     let mut rig = Rig::default();
@@ -314,7 +315,8 @@ fn section_6_5_a_start_after_an_error() {
     assert_eq!(rig.read(at::ERROR), 0x2000);
 }
 
-/// 6.7 has AX to JX on the bus: a master can pass parameters to a running program, and read its results.
+/// Section 6.7 has AX to JX on the bus: a master can pass parameters to a running program, and read its
+/// results.
 #[test]
 fn section_6_7_a_master_and_a_program() {
     // The program waits until AX = BX, then sets CX to 1.
@@ -396,7 +398,8 @@ fn section_6_9_a_jump_onto_a_constant() {
     assert_ended(&mut rig, status::END, 3);
 }
 
-/// RS434-29: a program that continues past line 1,023 fails, also if only its constant would be there.
+/// RS434-29: a program that continues past line 1,023 fails, also if only the constant of its last
+/// instruction would be there.
 #[test]
 fn section_6_9_past_the_last_line() {
     for last in
@@ -539,7 +542,7 @@ fn section_6_9_end_leaves_the_motor_turning() {
     assert_eq!(rig.read(at::STATUS), 0);
 }
 
-/// Ways to write a 1 to START: NOT of the 0 that it reads, adding or subtracting a constant, a pair with 0
+/// Ways to write a 1 to START: NOT of the 0 that START reads, adding or subtracting a constant, a pair with 0
 /// for STOP, a register, OR with a register (RS434-32: any value other than 0 is 1).
 #[test]
 fn section_6_9_ways_to_start() {

@@ -308,7 +308,7 @@ impl Oracle {
         Ok(next)
     }
 
-    /// Ends rounds and loops where `next` leaves their bodies (RS434-30). Returns the line that is really
+    /// Ends rounds and loops where `next` leaves their bodies (RS434-30). Returns the line that is executed
     /// next.
     fn end_of_rounds(&mut self, mut next: i32) -> i32 {
         while let Some(innermost) = self.loops.last_mut() {

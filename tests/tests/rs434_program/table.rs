@@ -404,7 +404,7 @@ fn check(row: &str, unused: u32) {
     }
 }
 
-/// Opcodes, grouped by the fields that they use, as in the table of 6.9.
+/// Opcodes, grouped by the fields that they use, as in the table of section 6.9.
 mod with {
     /// uAdrSysReg names one register.
     pub(super) const SYSTEM: [&[u16]; 6] = [

@@ -72,7 +72,8 @@ where
 
     fn release(&mut self, pin: Pin, released: bool) {
         if self.axis_pins == AxisPins::Shared(pin) {
-            // A level takes the pin from the axis. STEP and DIR are low when the axis takes them again.
+            // A level that the drive sets takes the pin from the axis. STEP and DIR are low when the axis
+            // gets them back.
             let _ = self.axis.with(|stepper, _| stepper.release());
         }
         if let Some(pin) = self.pin(pin) {

@@ -60,7 +60,7 @@ pub struct SerialBus<U> {
     has_room: AtomicBool,
     /// Duration of a character.
     character: Mutex<Cell<Duration>>,
-    /// The settings of the line after all characters have been sent, if `changes` is set.
+    /// Settings that the line gets after all characters have been sent. Valid only if `changes` is set.
     next: Mutex<Cell<Line>>,
     changes: AtomicBool,
     uart: PhantomData<fn() -> U>,

@@ -14,9 +14,10 @@ pub trait Sectors: Copy {
     const CAPACITY: usize;
     /// Number of bytes that are erased at once.
     const SECTOR: usize;
-    /// Smallest number of bytes that can be programmed. Offsets and lengths are multiples of this.
+    /// Smallest number of bytes that can be programmed. Offsets and lengths are multiples of this number.
     const WORD: usize;
-    /// Largest number of bytes that are programmed at once; they do not cross a multiple of this.
+    /// Largest number of bytes that are programmed at once. They do not cross an offset that is a multiple of
+    /// this number.
     const PAGE: usize;
 
     /// Reads a byte of this part.

@@ -19,7 +19,8 @@ pub enum End {
 const PORT: Port = Port(0);
 
 impl End {
-    /// The end with this name: a pin, or else a fault. `DTR` is an end only if the drive detects its host.
+    /// The pin with this name, or else the fault with this name. `DTR` is valid only if the drive detects its
+    /// host.
     #[must_use]
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         if let Some(pin) = spec.pin(name) {

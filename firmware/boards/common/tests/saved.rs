@@ -1,5 +1,5 @@
-//! Saved registers in flash, with the sectors and words of the boards that have flash, and with power
-//! failures.
+//! Tests of saved registers in flash. They use the sizes of sectors and words of the boards that have flash,
+//! and power fails during stores.
 #![allow(missing_docs, reason = "a test")]
 
 use std::cell::RefCell;
@@ -127,8 +127,8 @@ fn survives<const N: usize, const COUNT: usize, const SECTOR: usize, const WORD:
     let (mut done, mut cut) = (0, 0);
     for round in 0..rounds {
         let new = [(round % 255) as u8; N];
-        // Power fails at up to 1.5 times the steps of a store without an erase, so that some stores are
-        // completed.
+        // Power fails after at most 1.5 times as many steps as a store without an erase needs. So some stores
+        // are completed.
         let most = 3 * (N / WORD + N / PIECE * 16 + 32) / 2;
         if store(&chip, "kind", new, round * 7_919 % most) {
             done += 1;

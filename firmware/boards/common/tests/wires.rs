@@ -1,4 +1,4 @@
-//! Queues, and the pins and faults that the names of wires belong to.
+//! Tests of queues, and of the pins and faults to which the names of wires belong.
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_board::{AxisPins, End, Queue, is_full_duplex};

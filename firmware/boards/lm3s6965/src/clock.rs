@@ -23,7 +23,7 @@ pub(crate) const HZ: u32 = 1_000_000 * MHZ;
 /// Cycles in a period of SysTick, 0.1 s. SysTick can count to 2^24.
 const PERIOD: u32 = HZ / 10;
 
-/// System control (5.5).
+/// Registers of system control (5.5).
 const SYSTEM: usize = 0x400F_E000;
 const RIS: Register = Register::at(SYSTEM, 0x050);
 const RCC: Register = Register::at(SYSTEM, 0x060);

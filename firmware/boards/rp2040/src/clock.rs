@@ -8,7 +8,7 @@ pub(crate) const CRYSTAL_MHZ: u32 = 12;
 /// Cycles of the processor and of the UARTs in a second.
 pub(crate) const HZ: u32 = 125_000_000;
 
-/// Clocks (2.15.7).
+/// Registers of the clocks (2.15.7).
 const CLOCKS: usize = 0x4000_8000;
 const REF_CTRL: Register = Register::at(CLOCKS, 0x30);
 const REF_SELECTED: Register = Register::at(CLOCKS, 0x38);
@@ -16,25 +16,25 @@ const SYS_CTRL: Register = Register::at(CLOCKS, 0x3C);
 const SYS_SELECTED: Register = Register::at(CLOCKS, 0x44);
 const PERI_CTRL: Register = Register::at(CLOCKS, 0x48);
 
-/// Crystal oscillator (2.16.7).
+/// Registers of the crystal oscillator (2.16.7).
 const XOSC: usize = 0x4002_4000;
 const XOSC_CTRL: Register = Register::at(XOSC, 0x0);
 const XOSC_STATUS: Register = Register::at(XOSC, 0x4);
 const XOSC_STARTUP: Register = Register::at(XOSC, 0xC);
 
-/// The PLL of the system clock (2.18.4).
+/// Registers of the PLL of the system clock (2.18.4).
 const PLL: usize = 0x4002_8000;
 const PLL_CS: Register = Register::at(PLL, 0x0);
 const PLL_PWR: Register = Register::at(PLL, 0x4);
 const PLL_FBDIV: Register = Register::at(PLL, 0x8);
 const PLL_PRIM: Register = Register::at(PLL, 0xC);
 
-/// Resets of the peripherals (2.14.3).
+/// Registers of the resets of the peripherals (2.14.3).
 const RESETS: usize = 0x4000_C000;
 const RESET: Register = Register::at(RESETS, 0x0);
 const RESET_DONE: Register = Register::at(RESETS, 0x8);
 const RESET_PLL: u32 = 1 << 12;
-/// IO_BANK0, PADS_BANK0, TIMER, UART0.
+/// Resets of IO_BANK0, PADS_BANK0, TIMER and UART0.
 const RESET_REST: u32 = 1 << 5 | 1 << 8 | 1 << 21 | 1 << 22;
 
 /// Runs the processor at 125 MHz from the crystal, starts the microsecond tick, and resets the peripherals.

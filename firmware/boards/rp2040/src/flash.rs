@@ -29,7 +29,7 @@ const MOST_SMALL: usize = 256;
 const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
 /// The sectors before those of [`SMALL`], for large memories.
 const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
-/// Number of sectors of [`LARGE`], which has more than [`SMALL`].
+/// Number of sectors of [`LARGE`]. [`SMALL`] has fewer.
 pub(crate) const MOST_SECTORS: usize = 8;
 
 /// Sectors for a memory of `bytes` bytes.

@@ -22,7 +22,7 @@ pub(crate) const fn gp(n: u32) -> u32 {
     1 << n
 }
 
-/// Single-cycle IO (2.3.1.7).
+/// Registers of the single-cycle IO (2.3.1.7).
 const SIO: usize = 0xD000_0000;
 const IN: Register = Register::at(SIO, 0x04);
 const OUT_SET: Register = Register::at(SIO, 0x14);
@@ -30,7 +30,7 @@ const OUT_CLEAR: Register = Register::at(SIO, 0x18);
 const DRIVEN_SET: Register = Register::at(SIO, 0x24);
 const DRIVEN_CLEAR: Register = Register::at(SIO, 0x28);
 
-/// Functions of the pins, and their interrupts (2.19.6.1).
+/// Registers of the functions of the pins, and of their interrupts (2.19.6.1).
 const IO: usize = 0x4001_4000;
 /// Registers of the interrupts. Each register has eight pins, with four bits per pin.
 const RAISED: usize = IO + 0xF0;
@@ -39,7 +39,7 @@ const STATUS: usize = IO + 0x120;
 const FELL: u32 = 0b0100;
 const ROSE: u32 = 0b1000;
 
-/// Pulls (2.19.6.3).
+/// Registers of the pull resistors (2.19.6.3).
 const PADS: usize = 0x4001_C000;
 
 /// Functions of a pin (2.19.2).
@@ -190,8 +190,8 @@ fn IO_IRQ_BANK0() {
     }
 }
 
-/// Reports to the drive the edges of a pin between the level last reported and the present level. `flags` has
-/// the edges that were raised before the present level is read.
+/// Reports to the drive the edges of a pin between the level last reported and the present level. `flags` are
+/// the edges that the chip had detected before this function reads the present level.
 fn tell(at: Instant, gpio: u32, flags: u32) {
     critical_section::with(|cs| {
         let Some(end) = ENDS.get(gpio as usize).and_then(|end| end.borrow(cs).get()) else { return };

@@ -13,7 +13,7 @@ use crate::registers::Register;
 /// Ticks of drivetwin's time in a microsecond.
 pub(crate) const TICKS: u64 = 16;
 
-/// TIMER (4.6.5).
+/// Registers of TIMER (4.6.5).
 const TIMER: usize = 0x4005_4000;
 const ALARM: usize = TIMER + 0x10;
 const ARMED: Register = Register::at(TIMER, 0x20);

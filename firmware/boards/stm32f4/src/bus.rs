@@ -16,7 +16,7 @@ use crate::vectors::interrupt;
 use crate::wires::{DE, RX, TX};
 use crate::{QUEUE, timer};
 
-/// USART1 (19.6).
+/// Registers of USART1 (19.6).
 const USART: usize = 0x4001_1000;
 const STATUS: Register = Register::at(USART, 0x00);
 const DATA: Register = Register::at(USART, 0x04);

@@ -8,7 +8,7 @@ pub(crate) const MHZ: u32 = 96;
 /// Frequency of the Black Pill's crystal in MHz.
 const CRYSTAL_MHZ: u32 = 25;
 
-/// Reset and clock control (6.3).
+/// Registers of reset and clock control (6.3).
 const RCC: usize = 0x4002_3800;
 const CONTROL: Register = Register::at(RCC, 0x00);
 const PLL: Register = Register::at(RCC, 0x04);

@@ -37,7 +37,7 @@ global_asm!(
     const WINDOW + SAVED.end as usize
 );
 
-/// The flash interface (3.8).
+/// Registers of the flash interface (3.8).
 const INTERFACE: usize = 0x4002_3C00;
 const KEY: Register = Register::at(INTERFACE, 0x04);
 const STATUS: Register = Register::at(INTERFACE, 0x0C);

@@ -14,7 +14,7 @@ use crate::registers::Register;
 use crate::steps;
 use crate::vectors::interrupt;
 
-/// TIM2 (13.4).
+/// Registers of TIM2 (13.4).
 const TIMER: usize = 0x4000_0000;
 const CONTROL: Register = Register::at(TIMER, 0x00);
 const INTERRUPTS: Register = Register::at(TIMER, 0x0C);
@@ -29,7 +29,7 @@ const COMPARE: usize = TIMER + 0x34;
 /// Bit of the overflow in STATUS and INTERRUPTS. The bits of channels 1 and 2 follow.
 const ROUND: u32 = 1 << 0;
 
-/// Register for the parts that stop while a debugger halts the processor (23.16.4).
+/// Register that selects the peripherals which stop while a debugger halts the processor (23.16.4).
 const FROZEN: Register = Register::at(0xE004_2000, 0x08);
 
 /// Number of overflows.

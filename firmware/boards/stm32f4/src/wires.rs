@@ -120,9 +120,9 @@ const fn output(name: &'static str, gpio: Gpio) -> Row {
     ((name, gpio), false)
 }
 
-/// Returns the wires of `rows` after checking them: each uses a pin of its own and none that is `taken`, and
-/// each input uses an EXTI line of its own, whose number is that of the pin in its port. Otherwise the
-/// constant does not compile.
+/// Checks the wires of `rows`, and returns them. Each wire must use a pin of its own that is not in `taken`.
+/// Each input must also use an EXTI line of its own; the number of the line is the number of the pin in its
+/// port. A constant with other wires does not compile.
 const fn apart<const N: usize>(taken: &[Gpio], rows: [Row; N]) -> [Wire; N] {
     let mut wires = [("", TX); N];
     let (mut pins, mut lines) = (0, 0_u32);

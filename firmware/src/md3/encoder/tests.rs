@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::Channel::{A, B, Index};
 use super::{Channel, Encoder, Instant};
 
-/// The fields in the columns of 7.11, typed here again from the manual.
+/// The fields in the columns of section 7.11, typed here again from the manual.
 const ENABLE_INDEX: u16 = 0x001;
 const X2_INDEX: u16 = 0b00 << 1;
 const X2_MAX: u16 = 0b01 << 1;
@@ -142,7 +142,7 @@ fn a_level_told_again_is_no_edge() {
     assert_eq!(shaft.encoder.index_count(), -1);
 }
 
-/// 7.12, for an encoder of 500 cycles per revolution.
+/// Section 7.12, for an encoder of 500 cycles per revolution.
 #[test]
 fn max_count_is_one_less_than_a_revolution() {
     let mut x4 = Shaft::new(X4_MAX, 4 * 500 - 1);
@@ -183,7 +183,7 @@ fn max_count_0_holds_the_count() {
     assert_eq!((shaft.turn(3), shaft.turn(-7)), (0, 0));
 }
 
-/// The two tables of 7.11: the states (A, B) at which a short index pulse counts.
+/// The two tables of section 7.11: the states (A, B) at which a short index pulse counts.
 #[test]
 fn index_gating() {
     const LL: State = (false, false);
@@ -279,7 +279,8 @@ fn a_wide_index_pulse_clears_once_when_a_and_b_get_there() {
     assert_eq!(shaft.counts(), (1_999, 1));
 }
 
-/// 7.13: "5 CW rotations will increase the count by 5 and 3 CCW rotations will decrease the count by 3".
+/// Section 7.13: "5 CW rotations will increase the count by 5 and 3 CCW rotations will decrease the count by
+/// 3".
 #[test]
 fn the_index_count_follows_rotations_both_ways() {
     let mut shaft = Shaft::new(X4_INDEX | ENABLE_INDEX, 1_999);
@@ -341,7 +342,7 @@ fn a_new_configuration_shows_with_the_next_edge() {
     assert_eq!(shaft.counts(), (5, -1));
 }
 
-/// 7.8, bit 12 makes the pins outputs.
+/// Section 7.8, bit 12 makes the pins outputs.
 #[test]
 fn disabled_it_follows_levels_and_counts_nothing() {
     let mut shaft = Shaft::new(X4_INDEX, 1_999);
@@ -358,7 +359,7 @@ fn disabled_it_follows_levels_and_counts_nothing() {
     assert_eq!(shaft.counts(), (2, 0));
 }
 
-/// 7.11: "ignore pulses less than 3 clock periods in duration", in ticks of 62.5 ns.
+/// Section 7.11: "ignore pulses less than 3 clock periods in duration", in ticks of 62.5 ns.
 #[test]
 fn the_filter_ignores_pulses_shorter_than_three_periods() {
     #[rustfmt::skip]
@@ -421,7 +422,8 @@ fn the_filter_looks_at_each_pin_by_itself() {
 
 #[test]
 fn levels_due_at_one_instant_come_in_the_order_a_b_index() {
-    // B before A would count down. The index before B would be valid at gate 0 or 1.
+    // If B came before A, the count would go down. If the index came before B, the index would be valid at
+    // gate 0 or 1.
     for (gating, index_count) in [(0, 0), (1, 0), (2, 0), (3, 1)] {
         let mut encoder = Encoder::new();
         encoder.configure(tick(0), X4_INDEX | gating << 4 | FILTER | 3 << 6, 1_999, true);

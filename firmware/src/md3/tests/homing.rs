@@ -53,7 +53,7 @@ fn mode_1_stops_with_a_ramp() {
 
 #[test]
 fn offsets_go_at_the_undivided_speed_and_the_search_slower_and_backward() {
-    // Divisor 4, backward, mode 0.
+    // The drive searches with divisor 4, backward, in mode 0.
     let mut dut = dut(2 << 5 | 1 << 4);
     dut.preset(Reg::PreHomeOffset, 500);
     dut.preset(Reg::HomeOffset, 200);

@@ -25,7 +25,7 @@ use crate::device::{
 };
 use crate::testing::{Fixture, Treatment};
 
-/// A character of 9600 8E1: 11 bits, 18,333⅓ ticks.
+/// Duration of a character of 9600 8E1: 11 bits, 18,333⅓ ticks.
 const CHARACTER: Duration = Duration::from_ticks(18_333);
 /// Time from the end of a request to its reply: 3.5 characters (64,165.5 ticks, rounded up), and one more
 /// character in which no other sender started.

@@ -1,4 +1,4 @@
-//! Reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::*;
 use crate::device::Effect::{self, Later, Nothing, Other};
@@ -37,7 +37,7 @@ impl Fixture<Md3> {
 /// A set-up, an address, a value, and the expected effect, text and section.
 type Case = (fn(&mut Fixture<Md3>), u16, u16, Effect, &'static str, &'static str);
 
-/// A case for each reason, in their order, and further cases.
+/// A case for each reason, in the order of the reasons, and further cases.
 #[rustfmt::skip]
 const CASES: &[Case] = &[
     (|dut| dut.fault("over_current", true), 0x11, 0x01, Nothing, "Fault is 1: the motor does not move; write 1 to bit 15 first", "7.15"),
@@ -151,14 +151,14 @@ fn the_usual_life_of_a_drive_has_no_reason() {
     }
     dut.wait(20.millis());
     write(&mut dut, 0x1a, 2);
-    // A home cycle.
+    // Commands a home cycle.
     write(&mut dut, 0x11, 0x04);
     dut.wait(1.secs());
     dut.pin(2, false);
     dut.wait(1.secs());
     dut.pin(2, true);
     assert_eq!(dut.control(), 0);
-    // A move, a jog with two speeds, and all stops; also stops of a motor that stands.
+    // Commands a move, a jog with two speeds, and all stops, also stops of a motor that stands.
     write(&mut dut, 0x11, 0x01);
     dut.wait(2.secs());
     assert_eq!(dut.control(), 0);

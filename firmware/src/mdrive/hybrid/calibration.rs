@@ -78,7 +78,7 @@ impl Hybrid {
 }
 
 impl Drive {
-    /// SC, CF (`clears`): starts a calibration.
+    /// Executes SC, or CF if `clears` is true: starts a calibration.
     ///
     /// # Errors
     /// As [`Self::calibrate`].
@@ -94,8 +94,8 @@ impl Drive {
         Ok(())
     }
 
-    /// Starts a calibration: SC, CF (`clears`), AS, DE, MS, EE, power-on. If AS is 0 or the bridge is off,
-    /// nothing is calibrated, and it returns false.
+    /// Starts a calibration, because of SC, CF (`clears`), AS, DE, MS, EE or power-on. If AS is 0 or the
+    /// bridge is off, calibrates nothing and returns false.
     ///
     /// # Errors
     /// In motion 94 for CF, 89 for the others.

@@ -145,7 +145,7 @@ impl Drive {
         }
     }
 
-    /// Handles a rotor that no torque is left to accelerate: it keeps its present speed, or stops.
+    /// Handles a rotor if no torque is left to accelerate it. The rotor keeps its present speed, or stops.
     fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
         let speed = self.motion.circuit_speed(at);
         if speed != 0 {
@@ -184,7 +184,8 @@ impl Drive {
 
     /// Deceleration of the rotor by friction, in full steps/s².
     fn coasts(&self) -> u32 {
-        /// Full steps/s² of 1 µN·m at 1 g·cm²: 10 rad/s², 200 full steps in a revolution.
+        /// Acceleration by 1 µN·m at 1 g·cm², in full steps/s²: 10 rad/s², with 200 full steps in a
+        /// revolution.
         const EACH: u64 = 318;
         let long = |reg| u64::try_from(self.bank.get(reg)).unwrap_or(0);
         let by = (long(Reg::Friction) * 1_000 * EACH).checked_div(long(Reg::Inertia)).unwrap_or(0);

@@ -53,7 +53,7 @@ impl Analogue {
     /// a current is 4 to 20 mA.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the range.
+    /// Error 8 for the type, 21 for the range.
     pub(super) fn set_up(&mut self, at: Instant, [kind, second]: [u16; 2]) -> Result<(), Error> {
         let second = match kind {
             9 | 10 => flag(second)?,
@@ -98,7 +98,7 @@ impl Analogue {
 
     /// Present reading, without average.
     fn reading(&self) -> i32 {
-        // In parts of 10,000 of full scale, per mV.
+        // The part of full scale that 1 mV is, in 1/10,000, and the least reading.
         let (per_mv, least) = match self.range {
             Range::Volts5 => (2, 0),
             Range::Volts10 => (1, 0),

@@ -4,7 +4,6 @@
 use super::super::error::Error;
 use super::super::{IO7, IO8};
 use super::debounce::Debounce;
-use super::min_pulse;
 use super::point::flag;
 use crate::device::{Context, Duration, Instant, Level, Output, Pin, Plan};
 use crate::motion::{SETUP, Step, StepIterator};
@@ -152,7 +151,7 @@ impl Clock {
     /// S7 or S8: sets the type of both points, and the active state of this one.
     ///
     /// # Errors
-    /// 11 for the type, 21 for the state.
+    /// Error 11 for the type, 21 for the state.
     pub(super) fn set_up(
         &mut self,
         at: Instant,
@@ -205,10 +204,9 @@ impl Clock {
         }
     }
 
-    /// Sets the level of a point. `filter` is FM.
-    pub(super) fn sample(&mut self, at: Instant, pin: Pin, high: bool, filter: u8) {
-        let changed =
-            self.point(pin).is_some_and(|point| point.debounced.sample(at, high, min_pulse(filter)));
+    /// Sets the level of a point, which takes effect once it has lasted for `min_time`.
+    pub(super) fn sample(&mut self, at: Instant, pin: Pin, high: bool, min_time: Duration) {
+        let changed = self.point(pin).is_some_and(|point| point.debounced.sample(at, high, min_time));
         if changed {
             self.count_edge(pin);
         }

@@ -42,7 +42,7 @@ impl HighSpeed {
     /// S13: type, active state.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the state.
+    /// Error 8 for the type, 21 for the state.
     pub(super) fn set_up(
         &mut self,
         at: Instant,

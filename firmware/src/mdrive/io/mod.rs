@@ -3,7 +3,9 @@
 //!
 //! They do not depend on the rest of the drive. They queue events.
 //!
-//! A debounce timer that expires at the instant of an input is handled before the input.
+//! A debounce timer that expires at the instant of an input is handled before the input. While the drive
+//! starts, no filter delays a level: an input that is active when the drive is ready does not become active
+//! then (MDRIVE-20).
 
 mod analogue;
 mod clock;
@@ -35,8 +37,8 @@ const CONTACTS: [Contact; 5] =
 /// Shortest pulses that the filters 0 to 9 let pass, in ns (MC 5-25, 5-26).
 const MIN_PULSES: [u64; 10] = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900];
 
-/// Capacity of the event queue. One instant brings fewer events: for each of four inputs its own event and a
-/// trip, one for each contact, a capture, and three channels.
+/// Capacity of the event queue. One instant causes fewer events. Each of the four inputs causes its own event
+/// and a trip, each contact one event, and there are a capture and three channels.
 const EVENTS: usize = 20;
 
 /// Events of the I/O for the rest of the drive.
@@ -103,22 +105,12 @@ impl Filters {
         ratio: 1_000,
     };
 
-    fn debounce(&self, index: usize) -> Duration {
-        Duration::millis(self.debounce_ms.get(index).copied().unwrap_or(0).into())
-    }
-
     /// Width of an output pulse: to the nearest tick, but never zero.
     fn width(&self) -> Duration {
         const PER_SECOND: u64 = 1_000_000_000 / 50;
         let ticks = (u64::from(self.pulse) * TICKS_PER_SECOND + PER_SECOND / 2) / PER_SECOND;
         Duration::from_ticks(ticks).max(Duration::TICK)
     }
-}
-
-/// Time for which a level must last with a value of FC or FM: the pulse in whole ticks, rounded up.
-fn min_pulse(filter: u8) -> Duration {
-    let ns = MIN_PULSES.get(usize::from(filter)).copied().unwrap_or(0);
-    Duration::from_ticks((ns * TICKS_PER_SECOND).div_ceil(1_000_000_000))
 }
 
 /// All I/O points.
@@ -130,6 +122,8 @@ pub(super) struct Io {
     high_speed: HighSpeed,
     remote: Remote,
     filters: Filters,
+    /// True while the drive starts.
+    is_starting: bool,
     /// True while all set-ups are being loaded.
     is_loading: bool,
     /// The contacts that were last reported as active, in the order of [`CONTACTS`].
@@ -146,6 +140,7 @@ impl Io {
         high_speed: HighSpeed::OPEN,
         remote: Remote::OPEN,
         filters: Filters::NONE,
+        is_starting: false,
         is_loading: false,
         reported: [false; 5],
         events: Deque::new(),
@@ -155,10 +150,10 @@ impl Io {
     /// inputs follow as events; at a restart the levels stay.
     pub(super) fn power_on(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
         if whole {
-            *self = Self::OPEN;
+            *self = Self { is_starting: true, ..Self::OPEN };
             return;
         }
-        self.filters = Filters::NONE;
+        (self.filters, self.is_starting) = (Filters::NONE, true);
         self.analogue.restart();
         self.clock.restart(at, out);
         self.high_speed.restart(at, out);
@@ -166,6 +161,11 @@ impl Io {
         self.end_load(at, out);
         self.reported = [false; 5];
         self.events.clear();
+    }
+
+    /// Ends the start of the drive: from now on the filters apply.
+    pub(super) fn ready(&mut self) {
+        self.is_starting = false;
     }
 
     /// Begins to load all set-ups together, up to [`Self::end_load`].
@@ -176,8 +176,8 @@ impl Io {
         }
     }
 
-    /// Ends the load. An input that is active now counts as active before. So a switch that is closed already
-    /// starts, stops or resets nothing.
+    /// Ends the loading. An input that is active now counts as if it had been active before. So a switch that
+    /// is closed already starts, stops or resets nothing.
     pub(super) fn end_load(&mut self, at: Instant, out: &mut dyn Context) {
         self.is_loading = false;
         for (point, pin) in self.points.iter_mut().zip(PINS) {
@@ -190,7 +190,7 @@ impl Io {
     /// has settled. If it is active then, this counts as an activation.
     ///
     /// # Errors
-    /// 6 if another point has the type, 8 for the type, 10 for `n`, 21 for the other values.
+    /// Error 6 if another point has the type, 8 for the type, 10 for `n`, 21 for the other values.
     pub(super) fn set_up(
         &mut self,
         at: Instant,
@@ -204,7 +204,7 @@ impl Io {
         if set_up.kind.is_dedicated() && self.points.iter().enumerate().any(taken) {
             return Err(Error::TypeTaken);
         }
-        let (debounce, is_loading) = (self.filters.debounce(place), self.is_loading);
+        let (debounce, is_loading) = (self.debounce(place), self.is_loading);
         let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
         let was_high = point.level();
         if point.set_up(set_up) && !is_loading {
@@ -217,7 +217,7 @@ impl Io {
     /// Sets up S5: type 9 or 10, range.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the range.
+    /// Error 8 for the type, 21 for the range.
     pub(super) fn set_up_analogue(&mut self, at: Instant, values: [u16; 2]) -> Result<(), Error> {
         self.analogue.set_up(at, values)
     }
@@ -225,7 +225,7 @@ impl Io {
     /// Sets up S7 or S8 (`n` 7 or 8): clock type, active state.
     ///
     /// # Errors
-    /// 11 for the type, 21 for the state.
+    /// Error 11 for the type, 21 for the state.
     pub(super) fn set_up_clock(
         &mut self,
         at: Instant,
@@ -239,7 +239,7 @@ impl Io {
     /// Sets up S13: type 60 or 61, active state.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the state.
+    /// Error 8 for the type, 21 for the state.
     pub(super) fn set_up_capture(
         &mut self,
         at: Instant,
@@ -260,7 +260,7 @@ impl Io {
     /// Writes output `n`, 1 to 4.
     ///
     /// # Errors
-    /// 9: the point is an input, or has a type.
+    /// Error 9: the point is an input, or has a type.
     pub(super) fn write(
         &mut self,
         at: Instant,
@@ -268,7 +268,7 @@ impl Io {
         active: bool,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let debounce = self.filters.debounce(Self::place(n));
+        let debounce = self.debounce(Self::place(n));
         let Some((point, pin)) = self.point(n) else { return Err(Error::IllegalIo) };
         point.write(at, pin, active, debounce, out)
     }
@@ -329,8 +329,9 @@ impl Io {
 
     /// Updates the outputs that show a state of the drive.
     pub(super) fn update_outputs(&mut self, at: Instant, flags: StateFlags, out: &mut dyn Context) {
-        for (place, (point, pin)) in self.points.iter_mut().zip(PINS).enumerate() {
-            point.update_output(at, pin, flags, self.filters.debounce(place), out);
+        let debounces = [0, 1, 2, 3].map(|place| self.debounce(place));
+        for ((point, pin), debounce) in self.points.iter_mut().zip(PINS).zip(debounces) {
+            point.update_output(at, pin, flags, debounce, out);
         }
     }
 
@@ -343,9 +344,9 @@ impl Io {
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         self.timeout(at, out);
         match pin {
-            IO7 | IO8 => self.clock.sample(at, pin, high, self.filters.clock),
+            IO7 | IO8 => self.clock.sample(at, pin, high, self.min_pulse(self.filters.clock)),
             CAPTURE => {
-                if self.high_speed.sample(at, high, min_pulse(self.filters.capture)) {
+                if self.high_speed.sample(at, high, self.min_pulse(self.filters.capture)) {
                     self.push(Event::Capture);
                 }
             }
@@ -397,6 +398,18 @@ impl Io {
         }
     }
 
+    /// Debounce time of I/O 1 to 4.
+    fn debounce(&self, place: usize) -> Duration {
+        let ms = self.filters.debounce_ms.get(place).filter(|_| !self.is_starting);
+        Duration::millis(ms.copied().unwrap_or(0).into())
+    }
+
+    /// Time for which a level must last with a value of FC or FM: the pulse in whole ticks, rounded up.
+    fn min_pulse(&self, filter: u8) -> Duration {
+        let ns = MIN_PULSES.get(usize::from(filter)).filter(|_| !self.is_starting).copied().unwrap_or(0);
+        Duration::from_ticks((ns * TICKS_PER_SECOND).div_ceil(1_000_000_000))
+    }
+
     /// Index of I/O `n`, 1 to 4.
     fn place(n: u8) -> usize {
         usize::from(n.wrapping_sub(1))
@@ -408,7 +421,7 @@ impl Io {
 
     fn sample(&mut self, at: Instant, pin: Pin, outside: Option<bool>) {
         let Some(place) = PINS.iter().position(|&known| known == pin) else { return };
-        let debounce = self.filters.debounce(place);
+        let debounce = self.debounce(place);
         let became_active =
             self.points.get_mut(place).is_some_and(|point| point.sample(at, outside, debounce));
         self.report(place, became_active);
@@ -417,7 +430,7 @@ impl Io {
     /// Sets the level of a channel of a remote encoder; `None` if nothing drives it. FM filters it, too (MC
     /// 5-26).
     fn sample_channel(&mut self, at: Instant, channel: Channel, level: Option<bool>) {
-        if self.remote.sample(at, channel, level, min_pulse(self.filters.clock)) {
+        if self.remote.sample(at, channel, level, self.min_pulse(self.filters.clock)) {
             self.push(Event::Channel(channel, level));
         }
     }

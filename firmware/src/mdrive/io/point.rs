@@ -53,7 +53,7 @@ impl Kind {
             19 => Self::StateOutput(StateOutput::Stall),
             20 => Self::StateOutput(StateOutput::Changing),
             21 => Self::StateOutput(StateOutput::LockedRotor),
-            // MC table 7.7 numbers these three 22 to 24.
+            // MC table 7.7 gives the next three types the numbers 22 to 24.
             23 => Self::StateOutput(StateOutput::Positioning),
             24 => Self::StateOutput(StateOutput::Hybrid),
             25 => Self::StateOutput(StateOutput::MakesUp),
@@ -109,7 +109,7 @@ impl SetUp {
     /// Checks a set-up: type, active state, sinking or sourcing.
     ///
     /// # Errors
-    /// 8 for the type, 21 for the others.
+    /// Error 8 for the type, 21 for the others.
     pub(super) fn of([kind, active_high, sources]: [u16; 3]) -> Result<Self, Error> {
         let kind = Kind::of(kind).ok_or(Error::IllegalType)?;
         Ok(Self { kind, active_high: flag(active_high)?, sources: flag(sources)? })
@@ -119,7 +119,7 @@ impl SetUp {
 /// A value that is 0 or 1.
 ///
 /// # Errors
-/// 21: it is neither.
+/// Error 21: the value is neither 0 nor 1.
 pub(super) fn flag(value: u16) -> Result<bool, Error> {
     match value {
         0 => Ok(false),
@@ -129,8 +129,9 @@ pub(super) fn flag(value: u16) -> Result<bool, Error> {
 }
 
 impl SetUp {
-    /// Returns true if a pin that is high at this set-up causes a reset, even if it falls then: "If setting
-    /// the input to sourcing, active true, ground the input first or a reset will occur" (MC 5-63, type 11).
+    /// Returns true if this set-up causes a reset when the pin is high, even if the pin falls immediately
+    /// after: "If setting the input to sourcing, active true, ground the input first or a reset will occur"
+    /// (MC 5-63, type 11).
     pub(super) fn resets_when_high(self) -> bool {
         self.kind == Kind::Command(Event::Reset) && self.sources && self.active_high
     }
@@ -233,7 +234,7 @@ impl Point {
     /// Makes an output active or inactive.
     ///
     /// # Errors
-    /// 9: the point is not a general purpose output.
+    /// Error 9: the point is not a general purpose output.
     pub(super) fn write(
         &mut self,
         at: Instant,

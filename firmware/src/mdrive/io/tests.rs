@@ -45,6 +45,7 @@ impl Dut {
         let filters = Filters { clock: 2, pulse: 10, ..Filters::NONE };
         let mut dut = Self { io: Io::OPEN, filters, out: recorder(), now: Instant::ZERO };
         dut.io.power_on(dut.now, true, &mut dut.out);
+        dut.io.ready();
         dut.filter(|_| {});
         dut
     }
@@ -157,7 +158,7 @@ fn inputs_are_active_low_or_high_sinking_or_sourcing_driven_or_open() {
 #[test]
 fn an_output_drives_what_the_table_of_output_conditions_says() {
     use Level::{Float, High, Low};
-    // MC 5-64: the level for O = 1, then for O = 0.
+    // MC 5-64: each row has the level for O = 1, then the level for O = 0.
     for (values, on, off) in [
         ([16, 1, 0], Float, Low),
         ([16, 0, 0], Low, Float),
@@ -500,7 +501,7 @@ fn outputs_with_a_type_show_what_is_so() {
     }
 }
 
-/// I5 for this set-up and voltage.
+/// Value of the variable I5 with this set-up and voltage.
 fn reads(values: [u16; 2], mv: i32) -> u16 {
     let mut dut = Dut::new();
     dut.io.set_up_analogue(dut.now, values).unwrap();
@@ -580,7 +581,7 @@ fn an_analogue_voltage_is_no_level() {
     assert_eq!((dut.io.raw_levels(), dut.events()), (0b1111, vec![]));
 }
 
-/// I/O 7 and 8 as inputs of a code that the motor follows.
+/// A drive whose motor follows I/O 7 and 8, which are inputs of the type `code`.
 fn follower(code: u16, active: [u16; 2], ratio: u16) -> Dut {
     let mut dut = Dut::new();
     dut.filter(|filters| (filters.clock, filters.ratio) = (0, ratio));
@@ -643,7 +644,7 @@ fn the_motor_follows_clocks_up_and_down() {
 
 #[test]
 fn the_clock_ratio_scales_what_comes_and_loses_nothing() {
-    // MC 5-14: a ratio of one half, of one and a half, and of two.
+    // MC 5-14: tests a ratio of one half, of one and a half, and of two.
     let pulses: Vec<(u8, u8)> = [(0, 1), (1, 1)].repeat(4);
     assert_eq!(follower(33, [0, 0], 500).clock(&pulses), [0, 0, 1, 0, 0, 0, 1, 0]);
     assert_eq!(follower(33, [0, 0], 1_500).clock(&pulses), [1, 0, 2, 0, 1, 0, 2, 0]);
@@ -921,6 +922,7 @@ proptest! {
                 }
                 Act::Restart => {
                     io.power_on(now, false, out);
+                    io.ready();
                     told = [false; 5];
                 }
                 Act::Show(on) => io.update_outputs(now, StateFlags { moving: on, fault: !on, ..StateFlags::default() }, out),

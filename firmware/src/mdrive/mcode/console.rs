@@ -141,12 +141,20 @@ impl Drive {
                 self.end_line(at, link);
             }
             CTRL_C if self.bank.word(Reg::CE) != 0 => {
+                note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
             }
-            _ if character == escape => self.abort(at, link, out),
+            _ if character == escape => {
+                note_key(at, character, out);
+                self.abort(at, link, out);
+            }
+            CTRL_C | CTRL_E | ESCAPE => {
+                report(Err(Why::KeyIsOff), at, out);
+                note_key(at, character, out);
+            }
             b' ' if steps && is_blank => self.mcode.vm.step(at, true),
             BACKSPACE | DELETE => {
                 let taken = console.line.pop().is_some();
@@ -353,7 +361,8 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
-                    // These are typed, not programmed. A line of a usual program is stored without a reason.
+                    // These statements are usually typed, not stored in a program. For a usual line of a
+                    // program no reason is reported.
                     if matches!(
                         statement,
                         Statement::Execute(..)
@@ -383,7 +392,7 @@ impl Drive {
     /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
     ///
     /// # Errors
-    /// 30, 42; 44 if the program is locked. Nothing has happened then.
+    /// Error 30 or 42; 44 if the program is locked. Nothing has happened then.
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
@@ -415,7 +424,7 @@ impl Drive {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| self.answers(console.address_state)) {
-            // There is room for one.
+            // The list has room for one connection.
             let _ = links.push(link);
         }
         links
@@ -449,6 +458,11 @@ enum Answer {
     RxError,
     /// The sign-on and a prompt were the answer.
     Greeting,
+}
+
+/// Notes a key that needs no end of a line.
+fn note_key(at: Instant, key: u8, out: &mut dyn Context) {
+    out.put(at, Output::Log(LogEvent::Request { port: MCODE, unit: 0, function: key }));
 }
 
 /// Sends bytes on a connection.

@@ -17,7 +17,7 @@ impl Drive {
     /// on the program that runs, also when typed.
     ///
     /// # Errors
-    /// Those of MC 9; nothing has changed then.
+    /// An error of MC 9; nothing has changed then.
     pub(in crate::mdrive) fn execute(
         &mut self,
         at: Instant,
@@ -136,7 +136,7 @@ impl Drive {
                 self.end_program();
                 self.mcode.vm.set_handler(None);
             }
-            // The caller executes these, because it knows the recipients.
+            // The caller executes these statements, because it knows the recipients.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
         }
         Ok(())
@@ -145,7 +145,7 @@ impl Drive {
     /// Computes an expression in 32 bits that wrap, and drops the fraction of the result.
     ///
     /// # Errors
-    /// 21 for a division by 0, 30 for a name that is not a variable.
+    /// Error 21 for a division by 0, 30 for a name that is not a variable.
     pub(super) fn evaluate(&mut self, at: Instant, expression: &Expression<'_>) -> Result<i32, Error> {
         let ratio = expression.is_ratio();
         let value = self.compute(at, expression, ratio)?;
@@ -223,7 +223,7 @@ impl Drive {
     /// Checks that IV may wait for a variable.
     ///
     /// # Errors
-    /// 25 for a read-only variable, 30 for a name that is not a variable.
+    /// Error 25 for a read-only variable, 30 for a name that is not a variable.
     fn judge_input(&mut self, variable: Operand) -> Result<(), Error> {
         match variable {
             Operand::Variable(reg) if !entry(reg).access.writes() => Err(Error::ReadOnly),
@@ -281,7 +281,7 @@ impl Operator {
     /// Applies the operator to two values, in 32 bits that wrap, or in thousandths if `ratio`.
     ///
     /// # Errors
-    /// 21: a division by 0.
+    /// Error 21: a division by 0.
     fn apply(self, left: i64, right: i64, ratio: bool) -> Result<i64, Error> {
         let one = i64::from(RATIO_ONE);
         let value = match self {

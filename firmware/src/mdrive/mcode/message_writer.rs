@@ -17,7 +17,7 @@ impl Drive {
     /// Prints the items of PR on these connections.
     ///
     /// # Errors
-    /// Those of [`print`](Self::print).
+    /// The errors of [`print`](Self::print).
     pub(super) fn print_on(
         &mut self,
         at: Instant,
@@ -34,7 +34,7 @@ impl Drive {
     /// Lists the stored lines from a place on, on these connections (L, MC 5-40).
     ///
     /// # Errors
-    /// 30, 42, 44.
+    /// Error 30, 42 or 44.
     pub(super) fn list_program(
         &mut self,
         at: Instant,
@@ -56,7 +56,7 @@ impl Drive {
     }
 }
 
-/// Output on connections, collected to messages.
+/// Collects output into messages, and sends them on connections.
 struct MessageWriter<'o> {
     at: Instant,
     links: Vec<Link, MAX_CONNECTIONS>,
@@ -77,7 +77,7 @@ impl<'o> MessageWriter<'o> {
         if self.text.is_full() {
             self.flush();
         }
-        // There is room now.
+        // The text has room now.
         let _ = self.text.push(character);
     }
 

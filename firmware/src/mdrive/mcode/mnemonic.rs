@@ -84,7 +84,8 @@ pub(in crate::mdrive) enum Keyword {
 /// A name in capitals, padded with blanks.
 pub(in crate::mdrive) type Word = [u8; 3];
 
-/// Bit beside the variants of the product: the commands of drives with a serial port are available, too.
+/// Bit that is set, in addition to the bits of the variants, if the commands of drives with a serial port are
+/// available.
 pub(in crate::mdrive) const SERIAL: u8 = 1 << 7;
 
 /// Meaning of `word`, which is in capitals, for a drive of these variants; `None` if the user may define the

@@ -42,7 +42,7 @@ impl Names {
     /// Checks that [`Self::add`] would take a name.
     ///
     /// # Errors
-    /// 28 if the name exists, 31 if there is no room.
+    /// Error 28 if the name exists, 31 if there is no room.
     pub(in crate::mdrive) fn has_room_for(&self, name: Name) -> Result<(), Error> {
         if self.find(name).is_some() {
             Err(Error::Redefined)
@@ -56,7 +56,7 @@ impl Names {
     /// Adds a name.
     ///
     /// # Errors
-    /// 28 if the name exists, 31 if there is no room.
+    /// Error 28 if the name exists, 31 if there is no room.
     pub(in crate::mdrive) fn add(&mut self, name: Name, meaning: Meaning) -> Result<(), Error> {
         self.has_room_for(name)?;
         self.list.push((name, meaning)).map_err(|_| Error::LabelsFull)

@@ -18,7 +18,8 @@ use super::statement::{List, Name, Operand, Parameter, Place, Statement};
 /// Parses a line for a drive of these variants and with these user names.
 ///
 /// # Errors
-/// 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38, 81: no valid statement. 21: a number that no variable holds.
+/// Error 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38 or 81 if the line is not a valid statement; 21 if no
+/// variable can hold a number of it.
 pub(in crate::mdrive) fn parse<'a>(
     line: &'a [u8],
     variants: u8,
@@ -69,7 +70,7 @@ impl Drive {
     /// Parses a line for this drive.
     ///
     /// # Errors
-    /// Those of [`parse`].
+    /// The errors of [`parse`].
     pub(in crate::mdrive) fn parse<'a>(&self, line: &'a [u8]) -> Result<Statement<'a>, Error> {
         parse(line, self.variants(), &self.mcode.names)
     }
@@ -271,7 +272,7 @@ impl<'a> Scanner<'a> {
                 },
                 Some(_) => Parameter::Value(self.operand(Kind::Whole)?),
             };
-            // There is room for the longest list.
+            // `values` has room for the longest list.
             let _ = values.push(value);
             if !self.take(b',') {
                 self.end()?;

@@ -37,7 +37,7 @@ impl Drive {
     /// clears it.
     ///
     /// # Errors
-    /// 24, 30, 35, 37: nothing is printed then.
+    /// Error 24, 30, 35, 37: nothing is printed then.
     pub(in crate::mdrive) fn print(
         &mut self,
         at: Instant,
@@ -231,7 +231,7 @@ fn write_values(values: &[Parameter], to: &mut dyn Text) {
 pub(super) fn write_number(value: i32, to: &mut dyn Text) {
     let mut text = Vec::<u8, 11>::new();
     let mut rest = value.unsigned_abs();
-    // There is room for the longest one.
+    // The text has room for the longest number.
     loop {
         let _ = text.push(b'0' + (rest % 10) as u8);
         rest /= 10;

@@ -57,7 +57,7 @@ impl<'a> Record<'a> {
     /// Reads and checks the line at a position of the log; `None` after the last line.
     ///
     /// # Errors
-    /// 70: there is no valid line.
+    /// Error 70: there is no valid line.
     fn checked(memory: &'a [u8], place: usize) -> Result<Option<Self>, Error> {
         let Some((record, sum)) = Self::at(memory, place)? else { return Ok(None) };
         let good = is_address(record.address)
@@ -69,7 +69,7 @@ impl<'a> Record<'a> {
     /// Reads the line at a position of the log, and its CRC; `None` after the last line.
     ///
     /// # Errors
-    /// 70: there is no complete line.
+    /// Error 70: there is no complete line.
     fn at(memory: &'a [u8], place: usize) -> Result<Option<(Self, u16)>, Error> {
         let log = memory.get(saved::PROGRAM..).and_then(|log| log.get(..BYTES)).unwrap_or_default();
         let rest = log.get(place..).unwrap_or_default();
@@ -97,7 +97,7 @@ type Stored = Vec<u8, { FRAME + LINE_BYTES }>;
 fn record(address: u16, line: &[u8]) -> Stored {
     let [high, low] = address.to_be_bytes();
     let mut record = Vec::new();
-    // There is room for the longest line.
+    // The record has room for the longest line.
     let _ = record.extend_from_slice(&[high, low, line.len() as u8]);
     let _ = record.extend_from_slice(line);
     let sum = crc(&record).to_be_bytes();
@@ -172,7 +172,7 @@ impl Program {
     /// Stores a line.
     ///
     /// # Errors
-    /// 45: there is no such address, or no room.
+    /// Error 45: there is no such address, or no room.
     fn store(&mut self, at: Instant, address: u16, line: &[u8], out: &mut dyn Context) -> Result<(), Error> {
         let record = record(address, line);
         let has_room = |taken: usize| taken + record.len() < BYTES;
@@ -297,7 +297,7 @@ impl Drive {
     /// Address of a place in the program.
     ///
     /// # Errors
-    /// 30 for a name that is not a label, 42 for an address that no line can have.
+    /// Error 30 for a name that is not a label, 42 for an address that no line can have.
     pub(in crate::mdrive) fn address(&self, place: Place) -> Result<u16, Error> {
         match place {
             Place::Address(address) => u16::try_from(address)
@@ -339,7 +339,7 @@ impl Drive {
     /// CP: clears all lines from a place on, and their labels. Without a place it clears all lines and LK.
     ///
     /// # Errors
-    /// 30, 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
+    /// Error 30 or 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
     pub(in crate::mdrive) fn clear_program(
         &mut self,
         at: Instant,
@@ -368,7 +368,7 @@ impl Drive {
     /// Checks that the program may be listed and changed.
     ///
     /// # Errors
-    /// 44: LK is 1 (MC 5-42).
+    /// Error 44: LK is 1 (MC 5-42).
     pub(super) fn needs_unlocked(&self) -> Result<(), Error> {
         if self.bank.word(Reg::LK) == 0 { Ok(()) } else { Err(Error::Locked) }
     }

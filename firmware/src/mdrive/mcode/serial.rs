@@ -27,7 +27,7 @@ pub(super) enum Party {
 /// Addressee of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum PartyAddress {
-    /// This drive, because party mode is off.
+    /// This drive, without a name, because party mode is off.
     Plain,
     /// Not known yet: the next character selects the addressee.
     Next,

@@ -145,7 +145,8 @@ impl Trip {
     /// Index of the subroutine among [`Self::parameters`].
     const SUBROUTINE: usize = 1;
 
-    /// Parameters that this trip has, of three: its condition, its subroutine, its repeats.
+    /// Range of the parameters that this trip has. The parameters are 0, a condition; 1, a subroutine; 2, a
+    /// number of repeats.
     pub(super) fn parameters(self) -> Range<usize> {
         match self {
             Self::Capture => 1..2,

@@ -131,8 +131,8 @@ impl Drive {
     /// Defines a trip; 0 removes its definition. A trip that is enabled starts again.
     ///
     /// # Errors
-    /// 12 for a source that is not an input, 21 for another illegal value, 30 and 42 for a wrong subroutine,
-    /// 38 for a missing one; nothing has changed then.
+    /// Error 12 for a source that is not an input, 21 for another illegal value, 30 and 42 for a wrong
+    /// subroutine, 38 for a missing one; nothing has changed then.
     pub(in crate::mdrive) fn define_trip(
         &mut self,
         at: Instant,
@@ -184,7 +184,7 @@ impl Drive {
         };
         let subroutine = match (trip, place) {
             (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
-            // These may have no subroutine, because they make a pulse at the trip output.
+            // These trips may have no subroutine, because they make a pulse at the trip output.
             (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
             (_, None) => return Err(Error::MissingSeparator),
             (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
@@ -199,7 +199,7 @@ impl Drive {
     /// Checks that the source of a trip is an input.
     ///
     /// # Errors
-    /// 12: it is an output.
+    /// Error 12: the source is an output.
     fn judge_source(&self, trip: Trip, value: i32) -> Result<(), Error> {
         let set_up = match (trip, value) {
             (Trip::Input, 1) => Reg::S1,
@@ -226,8 +226,8 @@ impl Drive {
     /// 5-73).
     ///
     /// # Errors
-    /// 12 for a source that is not an input, 21 above 63, 27 for a trip that is not defined, 39 for 2 and 16
-    /// together; nothing has changed then.
+    /// Error 12 for a source that is not an input, 21 above 63, 27 for a trip that is not defined, 39 for 2
+    /// and 16 together; nothing has changed then.
     pub(in crate::mdrive) fn enable_trips(
         &mut self,
         at: Instant,

@@ -205,7 +205,7 @@ impl Vm {
     /// and phase are stored.
     ///
     /// # Errors
-    /// 43: too many nested calls.
+    /// Error 43: too many nested calls.
     pub(super) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
         let callers = self.calls.iter().filter(|call| !call.handles).count();
         if !handles && callers == DEPTH {
@@ -224,7 +224,7 @@ impl Vm {
     /// RT: returns to the caller. The time of an H has continued during the call.
     ///
     /// # Errors
-    /// 41: there is no call to return from.
+    /// Error 41: there is no call to return from.
     pub(super) fn ret(&mut self, at: Instant) -> Result<(), Error> {
         let call = self.calls.pop().ok_or(Error::StackOverflow)?;
         (self.address, self.phase) = (call.address, call.phase);
@@ -248,7 +248,7 @@ impl Vm {
         self.paused = None;
     }
 
-    /// Begins the line at the address. In single steps it waits for a key first.
+    /// Begins the line at the address. In single steps the program waits for a key first.
     fn begin(&mut self, at: Instant) {
         if self.breaks() {
             self.mode = Mode::Step;

@@ -98,7 +98,8 @@ impl Homing {
         if self.by_index { Order::HomeToIndex(self.kind) } else { Order::Home(self.kind) }
     }
 
-    /// First motion of the homing: off the mark if the shaft is on it, else the search.
+    /// First motion of the homing. If the shaft is on the mark, it leaves the mark; otherwise it searches for
+    /// it.
     fn begin(&mut self, on_mark: bool) -> Course {
         if on_mark { self.creep() } else { self.enter(Stage::Search, Course::Search) }
     }

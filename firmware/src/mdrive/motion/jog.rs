@@ -49,8 +49,8 @@ impl Motion {
         }
     }
 
-    /// Handles a change of JE, which was `before`. JE = 0 ends a jog and allows none. JE = 1 begins a jog if
-    /// a contact is active already.
+    /// Handles a write to JE. `before` is the value of JE before the write. JE = 0 ends a jog and allows
+    /// none. JE = 1 begins a jog if a contact is active already.
     pub(super) fn permit_jog(&mut self, at: Instant, before: bool, out: &mut dyn Context) {
         match self.activity {
             Activity::Jogs { .. } if !self.settings.jogs => self.ramp_down(at, false, out),

@@ -129,7 +129,7 @@ pub(super) enum Event {
     Announce,
 }
 
-/// The motor and what moves it.
+/// The motor, and the state of its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     settings: Settings,
@@ -138,7 +138,7 @@ pub(super) struct Motion {
     /// Offset of C1 to the position of the plan, and of C2 to the count of the encoder.
     c1: i32,
     c2: i32,
-    /// Steps by which the rotor is behind where a Hybrid reports a lag of 0.
+    /// Lag of the rotor, in steps, at which a Hybrid reports a lag of 0.
     lag_origin: i32,
     activity: Activity,
     /// Deadline of the activity.
@@ -260,9 +260,8 @@ impl Motion {
     /// Executes a motion command.
     ///
     /// # Errors
-    /// 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
-    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin
-    /// now.
+    /// Error 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
+    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin now.
     pub(super) fn order(
         &mut self,
         at: Instant,

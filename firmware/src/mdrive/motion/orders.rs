@@ -147,8 +147,8 @@ impl Motion {
         }
     }
 
-    /// Stores the waiting task. Returns the reason why it does not begin now: `why`, unless there is a more
-    /// special one.
+    /// Stores the waiting task. Returns the reason why the task does not begin now: `why`, unless there is a
+    /// more special reason.
     fn wait(&mut self, task: Task, why: Why) -> Result<(), Why> {
         Err(match self.waiting.replace(task) {
             Some(_) => Why::TakesPlace,

@@ -29,7 +29,7 @@ impl Motion {
         match (self.left.take(), self.activity) {
             (Some(task), Activity::Rest) => {
                 self.begin(at, task, out);
-                // A limit may have prevented that the task begins.
+                // A limit may have prevented the start of the task.
                 if self.activity == Activity::Rest {
                     self.over(at, out);
                 }

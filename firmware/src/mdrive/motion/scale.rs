@@ -36,12 +36,12 @@ impl Settings {
 }
 
 impl Scale {
-    /// Converts A or D to counts/s², VI or VM to counts/s, from steps.
+    /// Converts from steps to counts: A or D to counts/s², VI or VM to counts/s.
     pub(in crate::mdrive) fn in_counts(self, value: i64) -> i64 {
         (value * self.counts).checked_div(self.steps).unwrap_or(0)
     }
 
-    /// Converts A or D to steps/s², VI or VM to steps/s, from counts.
+    /// Converts from counts to steps: A or D to steps/s², VI or VM to steps/s.
     pub(in crate::mdrive) fn in_steps(self, value: i64) -> i64 {
         (value * self.steps).checked_div(self.counts).unwrap_or(0)
     }

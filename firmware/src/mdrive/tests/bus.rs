@@ -138,7 +138,7 @@ fn what_is_counted_beside_it() {
 #[test]
 fn a_move_and_what_stands_beside_it() {
     let mut dut = Dut::plus();
-    // LM and MA; then MR, MS and MT.
+    // Writes LM and MA, then MR, MS and MT.
     assert_eq!(dut.ask(&[16, 0, 0x42, 0, 3, 6, 0, 2, 0, 0, 0x27, 0x10]), [16, 0, 0x42, 0, 3]);
     assert_eq!((dut.get(Reg::LM), dut.get(Reg::MA)), (2, 10_000));
     dut.refused(&[16, 0, 0x46, 0, 4, 8, 0, 0, 0, 1, 0, 3, 0, 0], 3, 21);

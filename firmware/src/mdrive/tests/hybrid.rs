@@ -86,7 +86,7 @@ fn power_on_calibrates_before_the_sign_on() {
     dut.power_on(false);
     dut.wait(400.millis());
     assert_eq!(dut.get(Reg::AF), 0);
-    // CT = 200: 150 ms less than with CT = 250.
+    // With CT = 200 a calibration takes 150 ms less than with CT = 250.
     dut.run_until(Duration::millis(300 + 2_969));
     assert_eq!(dut.get(Reg::AF), 0);
     dut.run_until(Duration::millis(300 + 2_970));
@@ -125,14 +125,14 @@ fn what_calibrates() {
 fn what_a_calibration_forbids_and_what_forbids_it() {
     let mut dut = dut();
     dut.set(Reg::SC, 1);
-    // MC 9.6: 88 for moves, 87 for AS.
+    // MC 9.6: error 88 for moves, error 87 for AS.
     dut.refused(&[16, 0, 0x46, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x78, 0, 2, 4, 0, 0, 0x10, 0], 4, 88);
     dut.refused(&[16, 0, 0x8E, 0, 1, 2, 0, 1], 4, 87);
     dut.wait(4.secs());
     dut.write(0x78, 2, 5_000);
     dut.wait(1.secs());
-    // In motion: 89 for SC, 94 for CF.
+    // In motion: error 89 for SC, error 94 for CF.
     dut.refused(&[16, 0, 0xA1, 0, 1, 2, 0, 1], 4, 89);
     dut.refused(&[16, 0, 0x93, 0, 1, 2, 0, 1], 4, 94);
     assert_eq!(dut.get(Reg::AF) & CALIBRATED, CALIBRATED);
@@ -226,7 +226,7 @@ fn a_rotor_that_is_free_again_goes_on_and_lags() {
 
 #[test]
 fn missed_steps_are_made_up_for_at_mf_or_ss() {
-    // MC 5-46, 5-50: MU 1 at MF, 2 at SS: 10 MHz/(255 + 2) = 38,910.
+    // MC 5-46, 5-50: MU 1 makes up at MF, MU 2 at SS: 10 MHz/(255 + 2) = 38,910.
     for (mode, reg, value, frequency) in [(1, Reg::MF, 1_000, 1_000), (2, Reg::SS, 255, 38_910)] {
         let mut dut = dut();
         let counts = dut.get(Reg::C2);
@@ -287,9 +287,10 @@ fn make_up_is_cleared_when_the_bridge_is_disabled() {
     }
 }
 
-/// 400 mN·m at HC 25 % (100 mN·m) and 10 mN·m of friction hold 110 mN·m. 1 mN·m more at 4·10⁻⁵ kg·m² is 25
-/// rad/s²: 50 rad, 8 revolutions in 2 s. The limits of lag and lead are two revolutions. A rotor that moves
-/// at its bounds is not locked, but the time counts.
+/// A motor of 400 mN·m holds 100 mN·m at HC 25 %, and 10 mN·m of friction help: together 110 mN·m. A load of
+/// 1 mN·m more accelerates 4·10⁻⁵ kg·m² by 25 rad/s², and turns the shaft by 50 rad, or 8 revolutions, in 2
+/// s. The limits of lag and lead are two revolutions. A rotor that moves at its bounds is not locked, but the
+/// time counts.
 #[test]
 fn a_load_turns_a_rotor_at_rest() {
     for (load, way, limit) in [(109, 0, 0), (-109, 0, 0), (111, 1, 107), (-111, -1, 106)] {
@@ -513,7 +514,7 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
     dut.set(Reg::DE, 1);
     assert_eq!(dut.get(Reg::AF), 0, "it calibrates");
-    // With more friction it takes less time.
+    // With more friction the rotor stops earlier.
     let mut dut = at_full_speed();
     dut.set(Reg::Friction, 100);
     dut.set(Reg::DE, 0);
@@ -521,8 +522,8 @@ fn without_a_bridge_the_rotor_coasts() {
     assert_eq!(dut.turned(1.secs()), 0);
 }
 
-/// The speed is that at which the torque is used up: at TQ 25 of 400 mN·m, minus 10 of friction, nine tenths
-/// of 3,000 rpm.
+/// The motor reaches the speed at which its torque is used up. TQ 25 of 400 mN·m is 100 mN·m. Friction takes
+/// 10 mN·m of this, a tenth, so the speed is nine tenths of 3,000 rpm.
 #[test]
 fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     let mut dut = dut();
@@ -626,7 +627,7 @@ fn an_overheated_drive_warns_and_switches_itself_off() {
     assert_eq!(dut.get(Reg::IT), 40);
     dut.set(Reg::WT, 60);
     dut.fault("over_temperature", true);
-    // 10 °C/s: above 60 °C after 2.1 s, at 90 °C after 5 s.
+    // The temperature rises by 10 °C/s: it is above 60 °C after 2.1 s, and 90 °C after 5 s.
     dut.wait(2_099.millis());
     assert_eq!((dut.get(Reg::IT), dut.error()), (60, 0));
     dut.wait(1.millis());

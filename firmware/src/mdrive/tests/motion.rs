@@ -204,6 +204,34 @@ fn what_jogs_while_it_starts_does_not() {
     assert_eq!(dut.get(Reg::MV), 1);
 }
 
+/// Nothing moves because power returns (MDRIVE-20), whatever the filter, also without a start-up delay.
+#[test]
+fn inputs_that_are_active_at_power_on_turn_nothing() {
+    let jogs = |ms| (Pin(0), [(Reg::S1, 7 << 32), (Reg::D1, ms), (Reg::JE, 1)]);
+    let follows = |filter| (IO7, [(Reg::S7, 33 << 16), (Reg::FM, filter), (Reg::CM, 1)]);
+    for (pin, settings) in [jogs(0), jogs(255), follows(0), follows(9)] {
+        for fast in [false, true] {
+            let mut dut = Dut::plus();
+            dut.feed(Input::Edge { pin, high: true });
+            for (reg, value) in settings {
+                dut.set(reg, value);
+            }
+            dut.write(0x76, 1, 1);
+            dut.wait(1.secs());
+            dut.now += 1.secs();
+            dut.fixture.power_on(Boot { fast, ..Boot::default() });
+            dut.feed(Input::Edge { pin, high: false });
+            dut.wait(1.secs());
+            assert_eq!((dut.get(Reg::C1), dut.get(Reg::MV)), (0, 0), "{settings:?}, {fast}");
+            dut.feed(Input::Edge { pin, high: true });
+            dut.wait(1.secs());
+            dut.feed(Input::Edge { pin, high: false });
+            dut.wait(1.secs());
+            assert_ne!(dut.get(Reg::C1), 0, "{settings:?}, {fast}");
+        }
+    }
+}
+
 #[test]
 fn the_clock_turns_the_motor() {
     let mut dut = Dut::plus();

@@ -1,4 +1,4 @@
-//! Tests of the reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::*;
 use crate::device::{Effect, Port};
@@ -111,7 +111,7 @@ impl Dut {
     }
 }
 
-const CASES_OF_PLUS: usize = 18;
+const CASES_OF_PLUS: usize = 19;
 
 static PAUSE: Request = Line("PS\r");
 
@@ -163,6 +163,8 @@ fn cases() -> Vec<Case> {
             "E ends the program only: stop the motor by SL 0 or Esc", "MC 5-20"),
         (|_| {}, Line("PG 1\rEX 1\r"), Later,
             "program mode: the line is stored, not executed; type PG first", "MC 5-55"),
+        (|dut| dut.set(Reg::CE, 0), Line("\x03"), Nothing,
+            "this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E", "MC 5-11, 5-23"),
         (Dut::is_locked, mr(1_000), Nothing,
             "the rotor was locked and the bridge is off: write CF first", "MDRIVE-30"),
         (Dut::has_torque, mr(1_000), Nothing,
@@ -180,7 +182,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// More requests for reasons of [`cases`], with the places of these.
+/// More requests for the reasons of [`cases`], each with the index of its case.
 #[rustfmt::skip]
 fn more_cases() -> Vec<(Prepare, Request, usize)> {
     vec![
@@ -273,7 +275,7 @@ fn a_request_without_effect_changes_nothing() {
         assert!(dut.out.messages.iter().all(|(_, port, ..)| *port == MODBUS), "{text}");
         other.run_until(dut.now);
         // Without a bridge the plan runs and C1 counts, but the shaft stands.
-        let has_bridge = !matches!(place, 0 | 18);
+        let has_bridge = !matches!(place, 0 | 19);
         for _ in 0..2 {
             let seen = |dut: &Dut| {
                 let out = dut.out.clone();

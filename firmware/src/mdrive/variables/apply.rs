@@ -14,7 +14,7 @@ impl Drive {
     /// MR, SL and HM keep the last value of each.
     ///
     /// # Errors
-    /// 80, 81, 85, 88, 93: the drive's state forbids it; nothing has changed.
+    /// Error 80, 81, 85, 88, 93: the drive's state forbids it; nothing has changed.
     pub(in crate::mdrive) fn order(
         &mut self,
         at: Instant,
@@ -46,7 +46,7 @@ impl Drive {
     /// is 0.
     ///
     /// # Errors
-    /// 6, 8, 9, 11, 12, 21, 30, 38, 39; nothing has changed then.
+    /// Error 6, 8, 9, 11, 12, 21, 30, 38 or 39; nothing has changed then.
     pub(in crate::mdrive) fn write_list(
         &mut self,
         at: Instant,
@@ -79,7 +79,7 @@ impl Drive {
     /// Sets up an I/O point.
     ///
     /// # Errors
-    /// 6, 8, 11, 21; nothing has changed then.
+    /// Error 6, 8, 11 or 21; nothing has changed then.
     pub(in crate::mdrive) fn set_up(
         &mut self,
         at: Instant,

@@ -71,8 +71,8 @@ impl Drive {
         as_is: &dyn Fn(Reg) -> i32,
     ) -> Result<(), Error> {
         match reg {
-            // These come before the range checks: a value below VI is too low for VM, whatever else is wrong
-            // with the value.
+            // The next two checks come before the range checks: a value below VI is too low for VM, whatever
+            // else is wrong with the value.
             Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
             Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
             _ if !self.accepts(reg, value) => Err(illegal(reg)),
@@ -110,7 +110,7 @@ impl Drive {
     /// Checks that outputs, one bit each, can be set active.
     ///
     /// # Errors
-    /// 9: one of them is not a general purpose output, or there is no such output at all.
+    /// Error 9 if a point is not a general purpose output, or if there is no such output at all.
     fn validate_outputs(&self, bits: i32) -> Result<(), Error> {
         let outputs = i32::from(self.io.outputs());
         if bits & !outputs == 0 && outputs != 0 { Ok(()) } else { Err(Error::NoOutput) }

@@ -61,7 +61,7 @@ impl Drive {
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
             Reg::BY => self.mcode.vm.is_running().into(),
-            // These are commands, which store no value.
+            // These variables are commands, which store no value.
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),
@@ -89,7 +89,7 @@ impl Drive {
     /// Value of an operand of MCode, without its fraction. Reading a variable has its side effects.
     ///
     /// # Errors
-    /// 30: there is no such user variable.
+    /// Error 30: there is no such user variable.
     pub(super) fn operand(&mut self, at: Instant, operand: Operand) -> Result<i32, Error> {
         match operand {
             Operand::Number(number) => Ok(number),
@@ -124,8 +124,8 @@ impl Drive {
     /// Writes a variable: validates, then applies it.
     ///
     /// # Errors
-    /// 21, 22, 23, 25 and those of the drive's state; nothing has changed then. The caller reports them with
-    /// [`Self::fail`].
+    /// Error 21, 22, 23 or 25, or an error of the drive's state; nothing has changed then. The caller reports
+    /// the error with [`Self::fail`].
     pub(super) fn write(
         &mut self,
         at: Instant,
@@ -161,7 +161,7 @@ impl Drive {
     /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
     ///
     /// # Errors
-    /// 26 for a variable that cannot be counted, and those of [`Self::write`].
+    /// Error 26 for a variable that cannot be counted, or an error of [`Self::write`].
     pub(super) fn count(
         &mut self,
         at: Instant,

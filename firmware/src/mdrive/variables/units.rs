@@ -70,7 +70,7 @@ impl Drive {
     /// Checks that EE may become 1.
     ///
     /// # Errors
-    /// 36 if MS is too low for EL; 90 if A, D, VI or VM would become too low in counts.
+    /// Error 36 if MS is too low for EL; 90 if A, D, VI or VM would become too low in counts.
     pub(super) fn validate_closing(&self) -> Result<(), Error> {
         if !self.fits(self.stored(Reg::EL), self.stored(Reg::MS)) {
             return Err(Error::IllegalRatio);

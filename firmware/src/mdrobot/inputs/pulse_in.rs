@@ -6,7 +6,7 @@ use crate::device::{Duration, Instant};
 /// Minimum time for which pulses are counted.
 const GATE: Duration = Duration::millis(1);
 /// RC pulses are faster than 250 Hz, and counted pulses are faster still. After this time without a pulse the
-/// input counts as without pulses.
+/// drive decides that the input has no pulses.
 const SLOWEST: Duration = Duration::millis(4);
 
 /// Pulses per second at standstill and at full scale.
@@ -29,7 +29,7 @@ pub(super) struct PulseIn {
     count: u32,
     /// Pulses of the last finished count, and its duration.
     counted: (u32, Duration),
-    /// Time at which the input counts as without pulses.
+    /// Time at which the drive decides that the input has no pulses.
     pub(super) due: Instant,
 }
 

@@ -10,7 +10,7 @@ const FULL_SCALE_MV: i32 = 5_000;
 /// The middle range of a joystick is 2 V to 3 V: 409.2 to 613.8.
 const MIDDLE: core::ops::RangeInclusive<u16> = 409..=614;
 
-/// Pulses are faster than 5 kHz. A level that lasts longer is a voltage.
+/// Period of pulses of 5 kHz; the pulses of this input are faster. A level that lasts longer is a voltage.
 const SLOWEST: Duration = Duration::micros(200);
 
 /// Measurement at SPEED_IN.

@@ -58,8 +58,8 @@ impl Servo {
         self.check_faults(at, output, Some((wanted, emf)));
     }
 
-    /// If the speed reference is 0 for good and the motor is to be released, returns true for shorted and
-    /// false for open terminals (MDROBOT-17).
+    /// Returns how to release the motor, if the speed reference stays 0 and the motor is to be released: true
+    /// with shorted terminals, false with open terminals (MDROBOT-17).
     pub(super) fn is_over(&self, at: Instant) -> Option<bool> {
         if self.goal() != Some(0) {
             return None;

@@ -36,9 +36,9 @@ impl Pi {
     /// Returns the output for the next ms, and the duty that the motor gets. The motor has a back-EMF of
     /// `emf`, and the current limit allows a duty up to `headroom` above and below it.
     ///
-    /// `gain` is the part of the change to its final speed that the motor makes in a ms. A continuous loop
-    /// would react to an error that shrinks during the ms. This loop reduces its proportional part
-    /// accordingly, so that the fastest motor does not oscillate.
+    /// In a ms the motor makes a part of the change to its final speed; `gain` is this part. So the error
+    /// shrinks during the ms, and a continuous loop would react to this. This loop reduces its proportional
+    /// part accordingly, so that even the fastest motor does not oscillate.
     ///
     /// While the limit is active, the integral does not grow beyond the applied duty, which prevents an
     /// overshoot. At standstill the integral continues to grow, until the motor starts to turn or a fault is

@@ -78,7 +78,7 @@ impl Servo {
         self.speed().reading(at, self.settings.turn(), &self.feedback)
     }
 
-    /// The duty with a back-EMF of the speed `rpm` that the sensor reads.
+    /// The back-EMF, as a duty, at the speed `rpm` that the sensor reads.
     pub(super) fn duty_of(&self, rpm: I40F24) -> I40F24 {
         self.feedback.motor.duty(self.speed().of_shaft(rpm, self.settings.turn()))
     }

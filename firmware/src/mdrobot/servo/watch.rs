@@ -130,8 +130,8 @@ impl FaultMonitor {
     }
 
     /// Handles an edge of a Hall sensor. `count` is the present count, `turn` the Hall counts in a turn,
-    /// `edges` the encoder's edges in a turn. Returns the alarms of an encoder that made no edge for the time
-    /// `ENCODER` and for a rotation of two of its edges.
+    /// `edges` the encoder's edges in a turn. Returns the alarms of an encoder that fails: it made no edge
+    /// for the time `ENCODER`, while the shaft turned by two of its edges.
     pub(super) fn hall_edge(&mut self, at: Instant, count: i64, turn: i64, edges: i64) -> u16 {
         let (since, first) = *self.since_encoder_edge.get_or_insert((at, count));
         let missed = count.abs_diff(first).saturating_mul(edges.unsigned_abs());

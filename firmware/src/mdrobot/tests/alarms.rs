@@ -207,7 +207,7 @@ fn an_encoder_that_nobody_looks_at_holds_no_alarm() {
 
 #[test]
 fn a_hall_state_that_cannot_be_is_an_alarm_as_long_as_it_lasts() {
-    // The code is impossible from power-on on, so the alarm is raised when the drive is ready.
+    // The Hall state is impossible from power-on on, so the drive raises the alarm as soon as it is ready.
     let mut dut = Dut::new();
     dut.drive.detach_motor();
     dut.power_on(Boot::default());

@@ -152,7 +152,7 @@ fn what_is_measured_reads_as_it_is() {
     dut.wait(3.secs());
     let monitor = dut.read_words(196, 6);
     assert!((-1_212..=-1_188).contains(&monitor[0].cast_signed()), "{monitor:?}");
-    // 1,200 of 3,820 rpm, and some friction.
+    // The output is 1,200/3,820 of full scale, and some more because of friction.
     assert!((-400..=-310).contains(&monitor[2].cast_signed()), "{monitor:?}");
     assert_eq!((monitor[4], monitor[5]), (0xFFFF, 0));
     let words: Vec<u16> = (0..7).map(|n| dut.drive.peek_word(dut.now, Pid::MONITOR.row(), n)).collect();

@@ -30,7 +30,7 @@ fn one_stops_a_shaft_that_still_turns_there_whatever_the_order_is() {
         |dut, way| dut.write(130, (way * -1_500).cast_unsigned()),
         |dut, _| dut.write(130, 0),
         |dut, _| dut.write(100, 0),
-        // A position in the opposite direction.
+        // Commands a position in the opposite direction.
         |dut, way| dut.write_words(244, if way > 0 { &[0xFF00, 0xFFFF] } else { &[0x0100, 0] }),
     ];
     for (switch, way, _) in WAYS {
@@ -97,7 +97,7 @@ fn nothing_drives_it_on_after_it_has_been_freed() {
 fn the_way_back_brakes_a_shaft_that_turns_on() {
     let orders: [fn(&mut Dut, i16); 2] = [
         |dut, way| dut.write(130, (way * -300).cast_unsigned()),
-        // To position 0, at 300 rpm.
+        // Commands position 0, at 300 rpm.
         |dut, _| dut.write_words(219, &[0, 0, 300]),
     ];
     for (switch, way, _) in WAYS {

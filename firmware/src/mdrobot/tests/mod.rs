@@ -25,7 +25,7 @@ use crate::device::{
 use crate::motor::DriveWithMotor;
 use crate::testing::{Fixture, Treatment};
 
-/// A character of 19,200 8N1: 10 bits, 8,333.3 ticks.
+/// Duration of a character of 19,200 8N1: 10 bits, 8,333.3 ticks.
 const CHARACTER: Duration = Duration::from_ticks(8_333);
 
 /// Settings of a serial line of the drive.

@@ -1,4 +1,4 @@
-//! Tests of the reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::super::reasons::REASONS;
 use super::super::{DIR, RUN_BRAKE, START_STOP};
@@ -116,7 +116,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// The drive, a situation, a write in it, and the place of its reason in [`cases`].
+/// A drive, a situation, a write in this situation, and the index of its reason in [`cases`].
 type OtherCase = (fn() -> Dut, Prepare, u8, &'static [u16], usize);
 
 /// More writes for reasons of [`cases`].
@@ -235,7 +235,7 @@ fn the_usual_life_of_a_drive_has_no_reason() {
     send(&[(78, &[1]), (180, &[500]), (100, &[1])], 2.secs());
     send(&[(180, &[800]), (100, &[2])], 2.secs());
     send(&[(180, &[0]), (100, &[0]), (100, &[0])], 3.secs());
-    // The other commands; a motor without a command accepts a speed of 0.
+    // Gives the other commands. A motor without a command accepts a speed of 0.
     send(&[(180, &[500]), (100, &[1]), (130, &[1_000])], 2.secs());
     send(&[(130, &[0xFC18]), (134, &[300]), (140, &[200]), (5, &[0])], 1.secs());
     send(&[(130, &[0]), (6, &[0]), (130, &[500])], 1.secs());

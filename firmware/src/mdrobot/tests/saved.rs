@@ -294,7 +294,7 @@ fn sign(copy: &mut [u8]) {
     sum.copy_from_slice(&rtu::crc(summed).to_be_bytes());
 }
 
-/// The copy that a new drive saves first, which is the second one.
+/// The copy of its settings that a new drive saves first. This is the second copy in the memory.
 fn saved(pid: Pid, value: i64) -> Vec<u8> {
     let mut dut = Dut::ready();
     dut.set(pid, value);
@@ -304,7 +304,7 @@ fn saved(pid: Pid, value: i64) -> Vec<u8> {
 #[test]
 fn a_memory_of_somebody_else_brings_no_function_that_is_none() {
     let [one, other] = [0, 3].map(|number| saved(Pid::FUNC_CMD_TYPE, number));
-    // The low byte, after the high one.
+    // The place of the low byte, which follows the high byte.
     let place = (0..one.len()).find(|&place| one[place] != other[place]).unwrap();
     for (number, brought) in [(0x0004_u16, 4), (0x0005, 0), (0x0104, 0), (0xFFFF, 0)] {
         let mut copy = one.clone();
@@ -340,7 +340,7 @@ fn a_memory_without_the_later_pids_is_good() {
     (words[24], words[25], words[26], words[27], words[28], words[29]) = (1_000, 10, 1_500, 240, 1, 2);
     let mut memory: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
     memory.extend(drivetwin_protocol::modbus::rtu::crc(&memory).to_be_bytes());
-    // The old memory ends there.
+    // The old memory ends at this place.
     memory.resize(MEMORY, 0xFF);
     let mut dut = Dut::off(memory);
     dut.power_on_fast();

@@ -52,7 +52,7 @@ impl Segment {
         if self.reverse { self.base.wrapping_sub(steps) } else { self.base.wrapping_add(steps) }
     }
 
-    /// The same segment, with the phase `phase` beyond its `base` at the start.
+    /// The same segment, but at its start the phase is `phase` beyond `base`.
     #[inline(never)]
     pub(super) fn at_phase(self, phase: i128) -> Self {
         let steps = steps_in(phase);

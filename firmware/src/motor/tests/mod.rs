@@ -56,8 +56,8 @@ fn turns_per_second(motor: &Motor, at: Instant) -> f64 {
 
 #[test]
 fn a_small_current_turns_the_lightest_of_motors_too() {
-    // With more current it would reach its speed in 8 µs. 20 mA at 0.161 N·m/A accelerate 20 g·cm² by 256
-    // turns/s².
+    // With more current this motor would reach its speed in 8 µs. 20 mA at 0.161 N·m/A accelerate 20 g·cm² by
+    // 256 turns/s².
     let light = Parameters {
         supply_mv: 23_362,
         no_load_rpm: 1_387,

@@ -121,10 +121,10 @@ fn a_board_that_counts_triggers_once_for_many_steps() {
     let mut dut = about_to_match("2");
     dut.write("W081F4");
     let from = dut.out.levels.len();
-    // 250 cycles, starting and ending with A and B both high.
+    // The encoder turns by 250 cycles, starting and ending with A and B both high.
     dut.input(100.millis().into(), Input::Count { encoder: Encoder(0), steps: 1_000, a: true, b: true });
     assert_eq!(dut.ask("R0E"), "r 0E 000003E8 !");
-    // CMP, CEN and U/D.
+    // The bits CMP, CEN and U/D are set.
     assert_eq!(dut.ask("R06"), "r 06 0000002A !");
     dut.wait(10.millis());
     let begin = Instant::from(100.millis());

@@ -24,7 +24,7 @@ use crate::device::{
 };
 use crate::testing::{Fixture, Treatment};
 
-/// 1/512 s.
+/// Period of the adapter's clock, 1/512 s.
 const TICK: Duration = Duration::from_ticks(31_250);
 
 /// An adapter, and a host that types commands.
@@ -62,7 +62,7 @@ impl Dut {
             | Output::Store { .. } => Treatment::Keep,
             _ => Treatment::Refuse,
         });
-        // 10 bits at 230,400: 694.4 ticks.
+        // A character of 10 bits at 230,400 baud takes 694.4 ticks.
         Self { fixture, character: Duration::from_ticks(694), seen: 0 }
     }
 

@@ -1,4 +1,4 @@
-//! Reasons why requests that the adapter accepts do not do what they say.
+//! Tests of the reasons why the adapter does not do what a request says, although it accepts the request.
 
 use super::*;
 use crate::device::Effect::{self, Later, Nothing, Other};
@@ -42,7 +42,7 @@ fn after(drive: Qsb, commands: &[&str]) -> Dut {
 /// The adapter, commands before, a command, and the expected effect, text and section.
 type Case = (fn() -> Qsb, &'static [&'static str], &'static str, Effect, &'static str, &'static str);
 
-/// A case for each reason, in their order, and further cases.
+/// A case for each reason, in the order of the reasons, and further cases.
 #[rustfmt::skip]
 const CASES: &[Case] = &[
     (Qsb::m, &[], "S0E", Nothing, "INTERVAL RATE is FFFF: nothing streams; write W0C first", "INTERVAL RATE"),
@@ -107,7 +107,7 @@ fn each_reason_has_a_case_and_a_short_text() {
 fn the_usual_life_of_an_adapter_has_no_reason() {
     let mut dut = after(Qsb::m(), &[]);
     for command in [
-        // Set-up of the counter and the port; saved.
+        // Sets up the counter and the port, and saves the set-up.
         "W000",
         "W0343",
         "W0402",

@@ -236,7 +236,7 @@ fn of_those_due_at_one_instant_the_lowest_comes_first_and_the_encoder_last() {
 fn a_slow_line_measures_when_it_is_free() {
     let mut dut = Dut::ready(Qsb::m());
     dut.write("W1600A");
-    // 10 bits at 9,600: 16,666.7 ticks.
+    // A character of 10 bits at 9,600 baud takes 16,666.7 ticks.
     dut.character = Duration::from_ticks(16_667);
     dut.write("W15F");
     dut.write("W0C1");

@@ -190,7 +190,7 @@ impl Program {
         self.flash != Content::Bad
     }
 
-    /// Returns true if no program was ever saved. It ends at its first line.
+    /// Returns true if no program was ever saved. Then execution ends at the first line.
     pub(super) fn is_new(&self) -> bool {
         self.flash == Content::New
     }
@@ -209,7 +209,8 @@ pub(super) fn run(at: Instant, host: &mut impl Host) -> Option<Step> {
     if program.line_due > at {
         return None;
     }
-    // These are set before the execution, because the line may stop its own program or restart the drive.
+    // Status and time are set before the execution, because the line may stop its own program or restart the
+    // drive.
     (program.status, program.line_due) = (Status::Running, at + LINE);
     let step = vm::step(host);
     let program = host.program();

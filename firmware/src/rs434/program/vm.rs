@@ -7,7 +7,7 @@ use super::Program;
 use super::instruction::{Instruction, Opcode, OperandForm, Operation};
 use crate::rs434::{LINES, SETTINGS};
 
-/// The system registers, AX to JX.
+/// Number of the system registers, AX to JX.
 pub(in crate::rs434) const REGISTERS: usize = 10;
 
 /// Registers and stacks of a program, in addition to the drive's registers.

@@ -4,8 +4,8 @@ use fixed::types::I40F24;
 
 use crate::device::{Duration, Instant};
 
-/// Time without a gain of speed at the current limit after which a motor counts as held back. Our choice,
-/// because the manual specifies no time. A motor that accelerates or brakes at the limit gains speed.
+/// Time without a gain of speed at the current limit after which a motor counts as held back. The time is our
+/// choice, because the manual specifies none. A motor that accelerates or brakes at the limit gains speed.
 const MIN_TIME: Duration = Duration::millis(100);
 
 /// State of a motor at its current limit, since its last gain of speed.

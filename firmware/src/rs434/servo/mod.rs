@@ -28,7 +28,7 @@ use super::reasons::Why;
 use crate::device::{Context, Instant, Output, Rotation};
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
 
-/// The greatest duty, and the least one other than 0: 0.98 and 0.01 of the supply (3).
+/// The greatest duty, 0.98 of the supply, and the least duty above 0, 0.01 of the supply (section 3).
 const MAX_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
 const MIN_DUTY: i32 = FULL_DUTY / 100 + 1;
 
@@ -94,7 +94,8 @@ pub(super) struct Servo {
     /// Direction of the present or the last motion: 1 forward, −1 backward.
     direction: i8,
     duty: i32,
-    /// Duty left out because no duty between 0 and the least is possible. The next ticks add it.
+    /// Duty that the motor has not got yet, because a duty between 0 and the least duty is impossible. The
+    /// next ticks add it.
     owed: I40F24,
     /// Additional speed reference for a shaft that does not move although load and friction are compensated.
     breakaway: I40F24,
@@ -578,7 +579,7 @@ impl Servo {
     }
 }
 
-/// The nearest possible duty (3).
+/// The nearest possible duty (section 3).
 fn possible(duty: I40F24) -> i32 {
     let size = duty.abs().min(MAX_DUTY.into()).round().to_num::<i32>();
     let size = if size < MIN_DUTY / 2 { 0 } else { size.max(MIN_DUTY) };

@@ -8,11 +8,12 @@ use crate::motor::scaled;
 pub(super) const FAR: i64 = 65_536;
 
 /// Factor by which a move may brake harder than DEC. The remaining distance makes the move brake with DEC.
-/// But a deviation that occurs a tick late would otherwise run ahead of a ramp of the same steepness, and
-/// past the end.
+/// But if the speed falls a tick behind, a ramp that is limited to DEC as well would never catch up, and the
+/// move would run past its end.
 const DECEL_MARGIN: i64 = 2;
-/// Part of the current's deceleration that a move uses, in quarters. With all of it there would be no reserve
-/// to correct an error, and each move that brakes at the current limit would overshoot.
+/// Part of the deceleration at the current limit that a move uses, in quarters. With the whole deceleration
+/// there would be no reserve to correct an error, and each move that brakes at the current limit would
+/// overshoot.
 const BRAKE_QUARTERS: i64 = 3;
 
 /// Speed in counts per tick, and ramps in counts per tick².

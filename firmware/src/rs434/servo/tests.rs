@@ -375,7 +375,7 @@ fn a_move_takes_the_time_of_its_ramps() {
         (3_000, 2_000, 400, 10, 12, 5_000),
         (1_000, 900, 1_000, 100, 12, 1_000),
         (15_000, 9_000, 200, 10, 1, 10_000),
-        // The speed is limited to that at 0.98 of the supply, less the loss by friction.
+        // The speed is limited to the speed at 0.98 of the supply, minus the loss by friction.
         (3_000, 15_000, 100, 100, 4, 5_000),
     ] {
         let settings = Settings { rated, speed, acc, dec, pulses, ..FACTORY };
@@ -644,7 +644,7 @@ fn swapped_hall_wires_are_an_error() {
         let mut bench =
             Bench::of(Bare { settings, motor, compensation: 0, errors: 0, swapped: true, servo: None });
         bench.feed(tell::ROTATE, way);
-        // A few counts, with 16 per turn.
+        // The shaft turns by a few counts. A turn has 16.
         bench.run(Duration::millis(if speed == 30 { 2_000 } else { 200 }));
         assert_eq!(bench.ask(ask::ERRORS), 0x10, "{speed} rpm");
         // The position counts backward until the drive stops the motor.

@@ -24,7 +24,7 @@ fn the_whole_of_5000h_is_read_at_once() {
     let reply = dut.pdu(&[3, 0x50, 0, 0, 0x27]);
     assert_eq!(reply[..2], [3, 2 * 0x27]);
     // The factory values in the order of the registers. The manual prints the values of the line settings
-    // (6); the others are our choice (RS434-7).
+    // (section 6); the others are our choice (RS434-7).
     let mut words = [0; 0x27];
     words[..0x15]
         .copy_from_slice(&[1, 3, 9, 0, 1, 1, 1, 1, 1, 20_000, 3_000, 1_000, 100, 100, 1, 4, 2, 0, 0, 10, 10]);
@@ -135,7 +135,7 @@ fn the_reply_leaves_after_the_silence() {
     let mut dut = ready();
     let first = dut.now + CHARACTER;
     dut.input(first, Input::Bytes { port: Port(0), bytes: &rtu::read(1, 0x500B, 1) });
-    // 1.75 ms of silence above 19,200 baud, and one more character.
+    // The end is detected after 1.75 ms of silence (above 19,200 baud) and one more character.
     let last = first + CHARACTER * 7;
     let silence = last + 1_750.micros() + CHARACTER;
     dut.run_until(silence - Duration::TICK);

@@ -1,4 +1,4 @@
-//! Tests of the reasons why requests that the drive accepts do not do what they say.
+//! Tests of the reasons why the drive does not do what a request says, although it accepts the request.
 
 use super::*;
 use crate::device::Effect;
@@ -210,7 +210,7 @@ fn a_request_without_effect_changes_nothing() {
         for _ in 0..2 {
             let seen = |dut: &Dut| {
                 let mut out = dut.out.clone();
-                // A bit of ERROR has its light.
+                // A bit of ERROR changes the lights, so the lights are not compared.
                 out.levels.retain(|(_, pin, _)| ![RED, GREEN].contains(pin));
                 let (shaft, status) = (dut.drive.shaft(dut.now, Axis(0)), dut.get(Reg::STATUS));
                 (shaft, status, dut.get(Reg::CURRENT_POSITION), out.levels, out.stores, out.lines)

@@ -43,7 +43,7 @@ fn a_save_is_two_stores_10_ms_apart() {
     let mut dut = ready();
     dut.set(Reg::FLAG_SAVE_INI, 0x37FA);
     dut.wait(1.secs());
-    // 33 registers and their CRC.
+    // The save stores 33 registers and their CRC.
     let begun = (Instant::ZERO, 0, 68);
     assert_eq!(dut.out.stored(), [begun, (10.millis().into(), 66, 2)]);
 }

@@ -8,7 +8,7 @@ use drivetwin_protocol::modbus::ascii;
 use super::*;
 
 const LINE: Line = Line::new(9_600, 7, Parity::Even, 1);
-/// A character of this line: 10 bits.
+/// Duration of a character of this line, 10 bits.
 const CHARACTER: Duration = Duration::from_ticks(16_667);
 /// Number of characters of [`ask`], and of an answer to it.
 const LENGTH: u64 = 9;
@@ -273,4 +273,20 @@ fn on_a_strict_line_only_a_request_before_the_end_of_the_reply_is_early() {
             assert_eq!(message.exchange.outcome, "sent while the line was in use");
         }
     }
+}
+
+#[test]
+fn a_fault_refuses_at_the_line_feed_as_a_drive_answers() {
+    use crate::line::faults::FaultRule;
+    let (mut bench, [x, _], client) = echoes(LineMode::Timed);
+    let faults = LineFaults { exception: FaultRule::next(1), ..LineFaults::NONE };
+    bench.set_line_faults(bench.bus(x, RS485).unwrap(), faults);
+    bench.send(client, &ask(1, 3));
+    bench.run_until_idle();
+    let mut received = Vec::new();
+    bench.receive(client, &mut received);
+    // The address, the function with bit 7, the code and the LRC.
+    assert_eq!(received, b":01830478\r\n");
+    assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (LENGTH + 11));
+    assert_eq!(seen(&bench, x), (0, 0));
 }

@@ -4,7 +4,7 @@ use drivetwin_firmware::qsb::Qsb;
 
 use super::*;
 
-/// A character of the test device's serial line, 115,200 8N1.
+/// Duration of a character of the test device's serial line, 115,200 8N1.
 const CHARACTER: Duration = Duration::from_ticks(1_389);
 /// Number of characters in the test device's answer to `r`.
 const ANSWER: usize = 3;
@@ -61,9 +61,9 @@ fn manual_time_goes_to_the_end_of_all_answers() {
     let answers = received_by(&mut bench, client);
     assert_eq!(volumes(&answers), [9; 50]);
     assert_eq!(received_by(&mut bench, other), answers, "others hear it, too");
-    // The first character, then the answers without gaps.
+    // The line had the first character, then the answers without gaps.
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (1 + 50 * ANSWER as u64));
-    // Single characters, each sent after the answer to the one before.
+    // Sends single characters, each after the answer to the one before.
     for _ in 0..3 {
         assert_eq!(volumes(&bench.ask(drive, b"r")), [9]);
     }
@@ -152,7 +152,8 @@ fn clients_take_turns_in_the_order_of_arrival() {
     let text = bench.trace().to_text();
     let said: Vec<&str> = text.lines().filter_map(|line| Some(line.split_once("> rx ")?.1)).collect();
     assert_eq!(said.concat().replace("\"\"", ""), "\"110011\"");
-    // Between two clients the line is silent until the end of the first one's characters is detected.
+    // Before the line passes from one client to the other it is silent, until the end of the characters is
+    // detected.
     let ends =
         |n: u64| CHARACTER * n + (Timing::of(bench.line(bus)).t3_5 + CHARACTER) * (n - 1).div_euclid(2);
     assert_eq!(stamps(&bench, "> rx").len(), said.len());
@@ -244,7 +245,7 @@ fn fast_lets_a_polled_drive_stream() {
     bench.run_until_idle();
     received_by(&mut bench, client);
     let begin = bench.now();
-    // This is more than 230,400 baud can transmit in a second.
+    // This number is more than 230,400 baud can transmit in a second.
     for n in 1..=20_000 {
         bench.run_until(begin + 50.micros() * n);
         bench.send(client, b"R0B\r");

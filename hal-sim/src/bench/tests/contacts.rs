@@ -94,7 +94,7 @@ fn a_wire_pulls_up_what_it_does_not_drive() {
     assert_eq!(bench.level(drive, pin("DIR")), Level::High);
     bench.run_until(1.millis());
     assert_eq!(contacts(&bench, Instant::ZERO), ["0 pin DIR high"]);
-    // First a stimulus from outside, then the wire alone.
+    // First a stimulus from outside drives the pin, then the wire alone.
     bench.set_pin(drive, pin("DIR"), PinStimulus::Low);
     bench.run_until(2.millis());
     bench.set_pin(drive, pin("DIR"), PinStimulus::Open);

@@ -47,6 +47,11 @@ fn a_request_soon_after_another_drives_reply_is_counted_and_lost_on_a_strict_lin
     assert_eq!((answers, bench.early_requests(bus).count), (vec![], 1));
     assert_eq!(bench.statistics(y, RS485).requests, 0);
     let too_early = ("too early", "sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    // The request for y is in the journal of y alone, and one for all in that of the line.
+    assert_eq!(outcomes(&bench, y), std::slice::from_ref(&too_early));
+    assert_eq!(outcomes(&bench, x), [("done", "DeviceAddress = 1".to_owned())]);
+    assert_eq!(bench.received(x).counts().functions.get(&3), Some(&1));
+    let (bench, [x, y], ..) = after_silence(true, silence, &rtu::write(0, 0x1D, 7));
     assert_eq!(outcomes(&bench, y), std::slice::from_ref(&too_early));
     assert_eq!(outcomes(&bench, x), [("done", "DeviceAddress = 1".to_owned()), too_early]);
 }
@@ -63,7 +68,7 @@ fn a_silence_of_t3_5_is_enough() {
 fn a_request_during_a_reply_is_early() {
     // A client whose time-out begins when its eight characters are on the line sends eight characters earlier here.
     for (before, is_early) in [(EIGHT + Duration::TICK, true), (EIGHT, false), (CHARACTER, false)] {
-        let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
+        let (mut bench, [x, y], bus, client) = line_faults(LineMode::Timed, 1, QUIET);
         bench.set_strict(bus, true);
         bench.send(client, &ASKED);
         bench.run_until(answered() - before);
@@ -72,7 +77,8 @@ fn a_request_during_a_reply_is_early() {
         let expected = if is_early { ANSWER.to_vec() } else { [ANSWER, ANSWER_OF_Y].concat() };
         assert_eq!(received_by(&mut bench, client), expected);
         let early = ("too early", "sent while the line was in use; t3.5 is 4.0 ms".to_owned());
-        assert_eq!(outcomes(&bench, x).last() == Some(&early), is_early);
+        assert_eq!(outcomes(&bench, y).last() == Some(&early), is_early);
+        assert_eq!(outcomes(&bench, x).len(), 1);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Faults of lines: what drives and clients receive of each frame, and when.
 
 use super::*;
-use crate::line::faults::{Direction, FaultRule};
+use crate::line::faults::{Amount, Direction, FaultRule};
 use crate::record::capture::{Frame, Medium, Source};
 
 /// A request for the address of drive 1, with 8 characters; its answer has 7.
@@ -261,8 +261,12 @@ fn a_refused_request_is_not_carried_out() {
             // The exchange takes as long as a normal request and an exception.
             assert_eq!(bench.now(), start() + leaves() + CHARACTER * 5);
         }
-        // The capture shows the write and the exception.
+        // The capture shows the write and the exception. No drive has received the write.
         assert_eq!(frames(&bench).iter().map(|frame| frame.2).collect::<Vec<_>>(), [&write[..], &answer]);
+        assert_eq!(bench.trace().to_text().lines().filter(|line| line.contains("x > rx")).count(), 0);
+        assert_eq!(bench.statistics(x, RS485), Statistics::default());
+        let entries: Vec<String> = bench.received(x).messages().map(|entry| entry.to_string()).collect();
+        assert_eq!(entries, ["rs485 <- write SpeedLow = 7 -> refused: by a fault (06)"]);
         // A broadcast has no answer, so it is executed.
         assert_eq!(exchange(&mut bench, client, &rtu::write(0, 0x15, 7)), [0; 0]);
         assert_eq!(bench.peek(x, Reg::Speed as usize), 7);
@@ -311,6 +315,50 @@ fn a_late_reply_still_comes_when_its_drive_has_lost_power() {
     bench.power(x, PowerAction::Off);
     bench.run_until(1.secs());
     assert_eq!(received_by(&mut bench, client), ANSWER[..3]);
+}
+
+#[test]
+fn a_late_reply_that_has_been_transmitted_comes_whole() {
+    let delay = Duration::millis(100);
+    let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, LineFaults { delay, ..QUIET });
+    bench.send(client, &ASKED);
+    bench.run_until(start() + leaves() + SEVEN);
+    bench.power(x, PowerAction::Off);
+    bench.run_until(start() + leaves() + SEVEN + delay - Duration::TICK);
+    assert_eq!(received_by(&mut bench, client), ANSWER[..6]);
+    bench.run_until(1.secs());
+    assert_eq!(received_by(&mut bench, client), ANSWER[6..]);
+}
+
+#[test]
+fn power_that_fails_during_a_reply_does_not_cut_a_late_one_before_it() {
+    let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
+    let toy = bench.add::<TestDevice>("t");
+    let bus = bench.bus(toy, test_device::USB).unwrap();
+    let client = bench.connect(bus);
+    let faults = LineFaults { delay: Duration::millis(100), delayed: FaultRule::next(1), ..QUIET };
+    bench.set_line_faults(bus, faults);
+    // Each answer of three characters leaves before the next request; only the first one is late.
+    let mut sent = Instant::ZERO;
+    for answers in 1..=2 {
+        bench.send(client, b"r");
+        while stamps(&bench, "< tx").len() < answers {
+            sent = bench.next();
+            bench.run_until(sent);
+        }
+        if answers == 1 {
+            bench.run_until(sent + 20.millis());
+        }
+    }
+    let character = bench.line(bus).character();
+    bench.run_until(sent + character);
+    let begin = stamps(&bench, "< tx").pop().unwrap().parse::<f64>().unwrap();
+    let transmitted = (bench.now().ticks() as f64 / 16_000.0 - begin) / (character.ticks() as f64 / 16_000.0);
+    bench.power(toy, PowerAction::Off);
+    bench.run_until(1.secs());
+    let received = received_by(&mut bench, client);
+    assert!((0.0..3.0).contains(&transmitted), "{transmitted}");
+    assert_eq!(received.len(), 3 + transmitted.round() as usize, "{received:?}");
 }
 
 #[test]
@@ -482,7 +530,7 @@ fn shares_are_what_they_say() {
     let refused = answers.iter().filter(|answer| answer[1] == 0x83).count();
     let elsewhere = answers.iter().filter(|answer| answer[0] != 1).count();
     assert!(refused.abs_diff(1_000) < 120 && elsewhere.abs_diff(2_000) < 160, "{refused} {elsewhere}");
-    assert_eq!(bench.statistics(x, RS485).refused, refused as u64);
+    assert_eq!(bench.statistics(x, RS485).requests, 10_000 - refused as u64);
 
     for (name, faults, ours) in [
         ("corrupt", LineFaults { corrupt: FaultRule::rate(0.25), ..QUIET }, 0.25),
@@ -643,6 +691,16 @@ fn a_disturbed_trace_replays_without_its_faults() {
     }
 }
 
+/// In recordings of versions before BENCH-12 was changed, a drive refuses function 110 in place of the request.
+#[test]
+fn an_old_recording_of_a_forced_exception_replays() {
+    let (mut bench, _, _, client) = line_faults(LineMode::Timed, 1, QUIET);
+    let refused = rtu::frame(1, &[0x80 | 110, 1]);
+    assert_eq!(exchange(&mut bench, client, &rtu::frame(1, &[110, 0, 0x15, 0, 7])), refused[..]);
+    let trace = Trace::parse(&bench.trace().to_text(), &make).unwrap();
+    assert_eq!(replay::run(&trace, &make), Ok(None));
+}
+
 /// A bench at 1 ms with MD3s on a line where characters may collide, and two clients there.
 fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Client; 2]) {
     let mut bench = Bench::with(Settings { capture: Retention::All, ..Settings::default() });
@@ -659,7 +717,7 @@ fn colliding<const N: usize>(addresses: [i64; N]) -> (Bench, [DriveId; N], [Clie
 fn two_clients_that_speak_at_once_spoil_each_other() {
     let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // This is in the middle of a's third character.
+    // Client b sends in the middle of the third character of client a.
     let into = CHARACTER * 2 + Duration::from_ticks(9_000);
     bench.run_until(start() + into);
     bench.send(b, &ASKED);
@@ -683,7 +741,7 @@ fn two_clients_that_speak_at_once_spoil_each_other() {
 fn a_client_that_sends_during_an_answer_corrupts_it() {
     let (mut bench, [x, y], [a, b]) = colliding([1, 2]);
     bench.send(a, &ASKED);
-    // This is the end of the second character of the answer.
+    // Client b sends at the end of the second character of the answer.
     bench.run_until(start() + leaves() + CHARACTER * 2);
     bench.send(b, &rtu::read(2, 0, 1));
     bench.run_until_idle();
@@ -832,6 +890,113 @@ fn an_exception_of_a_rule_is_for_the_writes_of_a_register() {
     assert_eq!(bench.line_faults(bus).exception, exception);
     assert_eq!(rtu::verify_crc(&exchange(&mut bench, client, &write(1))), Some(&[1, 0x86, 2][..]));
     assert_eq!(exchange(&mut bench, client, &write(1)), write(1));
+}
+
+/// A request has an exception only if a drive would have answered it; otherwise it does not count.
+#[test]
+fn only_a_request_with_a_receiver_is_refused() {
+    let once = LineFaults { exception: FaultRule::next(1), exception_code: 6, ..QUIET };
+    let count = |bench: &Bench, bus| bench.line_faults(bus).exception.amount;
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let (mut bench, [x, y], bus, client) = line_faults(line, 1, once);
+        let mut spoiled = ASKED;
+        spoiled[7] ^= 1;
+        // An address that no drive has, a broadcast, a wrong checksum.
+        for frame in [&rtu::read(3, 0, 1)[..], &write(0), &spoiled] {
+            assert_eq!(exchange(&mut bench, client, frame), [0; 0]);
+        }
+        // Another baud rate, of the client or by a fault.
+        let sender = Sender { baud: Some(4_800), ..Sender::default() };
+        bench.send_from(client, &ASKED, sender);
+        bench.run_until_idle();
+        bench.set_line_faults(bus, LineFaults { baud: Some(4_800), ..once });
+        assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+        // Another fault that keeps the request from the drive.
+        for faults in [
+            LineFaults { drop: FaultRule::ALL.direction(Direction::Request), ..once },
+            LineFaults { corrupt: FaultRule::ALL.direction(Direction::Request), ..once },
+            LineFaults { truncate: FaultRule::ALL.direction(Direction::Request), ..once },
+            LineFaults { noise: FaultRule::ALL.direction(Direction::Request), noise_before: true, ..once },
+        ] {
+            bench.set_line_faults(bus, faults);
+            assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0], "{faults:?}");
+            assert_eq!(count(&bench, bus), Amount::Count(1), "{faults:?}");
+        }
+        bench.set_line_faults(bus, once);
+        bench.power(x, PowerAction::Off);
+        bench.run_until_idle();
+        assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+        bench.power(x, PowerAction::On);
+        assert_eq!(count(&bench, bus), Amount::Count(1));
+        let answer = rtu::frame(2, &[0x83, 6]);
+        assert_eq!(exchange(&mut bench, client, &rtu::read(2, 0, 1)), answer[..]);
+        assert_eq!(count(&bench, bus), Amount::Count(0));
+        let last = bench.received(y).messages().last().unwrap().to_string();
+        assert_eq!(last, "rs485 <- read DeviceAddress -> refused: by a fault (06)");
+    }
+    let mut bench = Bench::new();
+    let x = bench.add::<Md3>("x");
+    let bus = bench.bus(x, RS485).unwrap();
+    bench.set_line_faults(bus, once);
+    assert_eq!(bench.ask(x, &ASKED), [0; 0]);
+    assert_eq!(count(&bench, bus), Amount::Count(1), "the drive starts");
+    bench.run_until(3.secs());
+    assert_eq!(bench.ask(x, &ASKED).len(), 5);
+}
+
+#[test]
+fn a_refusal_ends_with_the_power_of_its_drive() {
+    let faults = LineFaults { exception: FaultRule::ALL, ..QUIET };
+    for (at, received) in [(EIGHT, 0), (leaves() + CHARACTER * 2, 2)] {
+        let (mut bench, [x, _], _, client) = line_faults(LineMode::Timed, 1, faults);
+        bench.send(client, &ASKED);
+        bench.run_until(start() + at);
+        bench.power(x, PowerAction::Off);
+        bench.run_until_idle();
+        assert_eq!(received_by(&mut bench, client).len(), received);
+        let last = bench.received(x).messages().last().unwrap().to_string();
+        let outcome = if received == 0 { "no power" } else { "refused: by a fault (04)" };
+        assert_eq!(last, format!("rs485 <- read DeviceAddress -> {outcome}"));
+    }
+}
+
+#[test]
+fn a_refused_request_has_the_other_faults_too_and_is_no_retry() {
+    let exception = FaultRule::next(1).drive(DriveId(0));
+    let reply = FaultRule::ALL.direction(Direction::Reply);
+    let faults =
+        LineFaults { exception, wrong_address: reply, duplicate: reply, delay: Duration::millis(5), ..QUIET };
+    let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, faults);
+    assert_eq!(exchange(&mut bench, client, &ASKED), rtu::frame(3, &[0x83, 4]).repeat(2));
+    assert_eq!(bench.now(), start() + leaves() + Duration::millis(5) + CHARACTER * 10 + T3_5);
+    let last = bench.received(x).messages().last().unwrap().to_string();
+    assert!(
+        last.ends_with("by a fault, the reply was sent twice and had a wrong address and was delayed"),
+        "{last}"
+    );
+    bench.set_line_faults(bus, LineFaults { exception: FaultRule::ALL, ..QUIET });
+    for _ in 0..2 {
+        exchange(&mut bench, client, &write(1));
+    }
+    assert_eq!(bench.request_statistics(bus).retries, 0);
+    // A request that comes twice has two exceptions.
+    let twice = FaultRule::ALL.direction(Direction::Request);
+    bench.set_line_faults(bus, LineFaults { exception: FaultRule::ALL, duplicate: twice, ..QUIET });
+    assert_eq!(exchange(&mut bench, client, &ASKED), rtu::frame(1, &[0x83, 4]).repeat(2));
+}
+
+#[test]
+fn a_refused_request_that_collides_has_no_answer() {
+    let (mut bench, [x, _], [a, b]) = colliding([1, 2]);
+    let bus = bench.find_bus("line1").unwrap();
+    bench.set_line_faults(bus, LineFaults { exception: FaultRule::next(1), ..QUIET });
+    bench.send(a, &ASKED);
+    bench.run_until(start() + CHARACTER * 2);
+    bench.send(b, &ASKED);
+    bench.run_until_idle();
+    assert_eq!(received_by(&mut bench, a), [0; 0]);
+    let entries: Vec<String> = bench.received(x).messages().map(|entry| entry.to_string()).collect();
+    assert!(entries.iter().all(|entry| !entry.contains("refused")), "{entries:#?}");
 }
 
 #[test]

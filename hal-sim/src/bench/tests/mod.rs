@@ -28,10 +28,10 @@ use crate::replay;
 use crate::testing::echo_device::EchoDevice;
 use crate::testing::test_device::{self, TestDevice};
 
-/// A character of 9,600 8E1.
+/// Duration of a character of 9,600 8E1.
 const CHARACTER: Duration = Duration::from_ticks(18_333);
 const T3_5: Duration = Duration::from_ticks(64_166);
-/// A request or reply of eight characters.
+/// Duration of a request or reply of eight characters.
 const EIGHT: Duration = Duration::from_ticks(8 * 18_333);
 const RS485: Port = Port(0);
 
@@ -183,7 +183,7 @@ fn half_a_message_whose_rest_does_not_come_is_judged() {
     assert_eq!(bench.now(), start());
     let settling = bench.begin_idle_run_flushing();
     assert!(bench.continue_idle_run(settling, Instant::NEVER));
-    // The frame timeout, then three characters on the line and the silence after them.
+    // The frame timeout passes, then three characters on the line and the silence after them.
     assert_eq!(bench.now(), start() + 20.millis() + CHARACTER * 3 + T3_5 + CHARACTER);
     assert_eq!(bench.statistics(drive, RS485).dropped(), 1);
     assert_eq!(bench.ask(drive, &rtu::read(1, 0, 1)).len(), 7);

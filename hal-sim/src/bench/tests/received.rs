@@ -109,7 +109,7 @@ fn a_message_ends_with_its_last_character() {
     let start = bench.now();
     bench.ask(md3, &rtu::read(1, 0, 1));
     let message = bench.received(md3).messages().next().unwrap();
-    // 8 characters of 18,333 ticks.
+    // The message has 8 characters of 18,333 ticks.
     assert_eq!(message.at, start + Duration::from_ticks(8 * 18_333));
 }
 
@@ -264,9 +264,9 @@ fn an_mdrive_on_both_ports() {
         words(&bench, drive),
         [
             "modbus <- read P -> P = 0",
-            "mcode <- VM 1000 -> refused: error 23",
+            "mcode <- VM 1000 -> refused: VM is set less than or equal to VI (error 23)",
             "mcode <- PR VM -> 768000",
-            "mcode <- VM 9999999 -> refused: error 21",
+            "mcode <- VM 9999999 -> refused: tried to set an incorrect value (error 21)",
         ]
     );
 }
@@ -285,7 +285,7 @@ fn two_connections_of_mcode_do_not_mix() {
     assert_eq!(words(&bench, drive), ["mcode <- PR P -> 0", "mcode <- PR VM -> 768000"]);
 }
 
-/// A device on Modbus/TCP that accepts every request, and for function 6 puts the reasons of the register's address:
+/// A device on Modbus/TCP that accepts every request. For function 6 the bits of the register's address select reasons:
 /// bit 0 the first one, bit 1 the second one, bit 2 the third one.
 #[derive(Default)]
 struct Reasoned;
@@ -373,12 +373,12 @@ fn requests_to_a_drive_that_starts_are_counted() {
     bench.share("line", &[(x, Port(0)), (y, Port(0))]);
     bench.run_until(Instant::from(Duration::millis(1_300)));
     bench.ask(x, &rtu::read(1, 0, 1));
-    // A frame for all, and one for nobody.
+    // Sends a frame for all drives, and one for an address that no drive has.
     bench.ask(x, &rtu::write(0, 0x1D, 7));
     bench.ask(x, &rtu::read(9, 0, 1));
     let starting = bench.starting_requests(x);
     assert_eq!((starting.count, bench.starting_requests(y).count, bench.starting_count()), (1, 0, 1));
-    // 2.5 s less 1.3 s and 8 characters of 11 bits at 9,600 baud.
+    // The time left is 2.5 s, minus 1.3 s, minus 8 characters of 11 bits at 9,600 baud.
     let left = starting.left.unwrap();
     assert!((Duration::millis(1_190)..Duration::millis(1_200)).contains(&left), "{left:?}");
     ready(&mut bench);
@@ -507,4 +507,202 @@ fn lost_broadcasts_and_noise_are_in_the_journal_of_the_line() {
     let words = words(&bench, x);
     assert!(words[1].ends_with("; by a fault, the request had noise beside it"), "{words:#?}");
     assert!(words[2].ends_with("; by a fault, the request was noise"), "{words:#?}");
+}
+
+/// The MDrive and its MCode port, ready.
+fn mcode(bench: &mut Bench) -> (DriveId, u8) {
+    let drive = bench.add_with("d", Box::new(Mdrive::plus()), Setup::default()).unwrap();
+    ready(bench);
+    let port = bench.spec(drive).ports.iter().position(|port| port.name == "mcode").unwrap();
+    (drive, port as u8)
+}
+
+#[test]
+fn keys_of_mcode_have_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    say(&mut bench, drive, port, b"SL 1000\r\x1b");
+    say(&mut bench, drive, port, b"MR 5\x1bPR P\x08V\x7fVM\r\n");
+    say(&mut bench, drive, port, b"\x05");
+    say(&mut bench, drive, port, b"CE 0\r\x03CE 1\r\x03");
+    let off = "accepted, without effect: this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E";
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- SL 1000 -> done".to_owned(),
+            "mcode <- Esc -> done".to_owned(),
+            "mcode <- Esc after MR 5 -> done".to_owned(),
+            "mcode <- PR VM -> 768000".to_owned(),
+            format!("mcode <- Ctrl-E -> {off}"),
+            "mcode <- CE 0 -> done".to_owned(),
+            format!("mcode <- Ctrl-C -> {off}"),
+            "mcode <- CE 1 -> done".to_owned(),
+            "mcode <- Ctrl-C -> done".to_owned(),
+        ]
+    );
+}
+
+#[test]
+fn control_characters_in_a_line_of_a_qsb_have_an_entry() {
+    let mut bench = Bench::new();
+    let drive = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+    ready(&mut bench);
+    for line in [&b"R0E\x1b\r"[..], b"\x00R14\r", b"\x03\r", b"W0\x08R14\r"] {
+        bench.ask(drive, line);
+    }
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "usb <- R0E\\x1b -> refused: this is no command (x)",
+            "usb <- \\x00R14 -> refused: this is no command (x)",
+            "usb <- \\x03 -> refused: this is no command (x)",
+            "usb <- read Version -> Version = 4110",
+        ]
+    );
+}
+
+#[test]
+fn bytes_that_are_not_modbus_tcp_have_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let modbus = 1 - mcode;
+    let request = tcp::frame(tcp::Header { transaction: 7, unit: 255 }, &[3, 0, 0x57, 0, 2]);
+    let mut other = request.clone();
+    other[3] = 7;
+    say(&mut bench, drive, modbus, &[&request[..], &request, &other].concat());
+    let client = bench.connect_to(drive, Port(modbus)).unwrap();
+    for part in [&other[..2], &other[2..]] {
+        bench.send(client, part);
+        bench.run_until_idle();
+    }
+    say(&mut bench, drive, modbus, &[0, 1, 0, 0, 1, 0, 1, 3]);
+    let protocol = "modbus <- 12 bytes 00 07 00 07 00 06 FF 03 00 57 00 02 -> the protocol identifier in the \
+        header is 7, not 0; the connection is closed";
+    let length = "modbus <- 8 bytes 00 01 00 00 01 00 01 03 -> the length in the header is 256, not from 2 to 254; \
+        the connection is closed";
+    let read = "modbus <- read P -> P = 0";
+    assert_eq!(words(&bench, drive), [read, read, protocol, protocol, length]);
+    let verdicts = bench.received(drive).messages().map(|message| message.exchange.verdict).next_back();
+    assert_eq!(verdicts, Some(Verdict::BadFrame));
+}
+
+#[test]
+fn what_is_no_message_in_ascii_has_an_entry() {
+    // LRC: 01 + 03 + 50 + 00 + 00 + 01 = 55h, and 55h + ABh = 100h.
+    let read = &b":010350000001AB\r\n"[..];
+    for shared in [false, true] {
+        let mut bench = Bench::new();
+        let spec = rs434544().spec();
+        let row = |name| spec.find(name).unwrap().row;
+        let setup = |address| Setup {
+            presets: vec![(row("TYPE_MODBUS"), 1), (row("SLAVE_ADDRESS_MODBUS"), address)],
+            ..Setup::default()
+        };
+        let a = bench.add_with("a", Box::new(rs434544()), setup(1)).unwrap();
+        let b = bench.add_with("b", Box::new(rs434544()), setup(2)).unwrap();
+        if shared {
+            bench.share("line1", &[(a, Port(0)), (b, Port(0))]);
+        }
+        ready(&mut bench);
+        bench.ask(a, &read[1..]);
+        bench.ask(a, &[b"xyz", read].concat());
+        bench.ask(a, &[b":0103", read].concat());
+        let no_colon = "a message in Modbus ASCII begins with a colon";
+        let done = "rs485 <- read SLAVE_ADDRESS_MODBUS -> SLAVE_ADDRESS_MODBUS = 1".to_owned();
+        assert_eq!(
+            words(&bench, a),
+            [
+                format!("rs485 <- 16 bytes 30 31 30 33 35 30 30 30 30 30 30 31 41 42 0D 0A -> {no_colon}"),
+                format!("rs485 <- 3 bytes 78 79 7A -> {no_colon}"),
+                done.clone(),
+                "rs485 <- 5 bytes 3A 30 31 30 33 -> a colon begins the next message before the end of this one"
+                    .to_owned(),
+                done,
+            ],
+            "{shared}"
+        );
+    }
+}
+
+#[test]
+fn requests_in_one_write_have_an_entry_each() {
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let request = tcp::frame(tcp::Header { transaction: 7, unit: 255 }, &[3, 0, 0x57, 0, 2]);
+    for leaves in [false, true] {
+        let client = bench.connect_to(drive, Port(1 - mcode)).unwrap();
+        bench.send(client, &request.repeat(40));
+        if !leaves {
+            bench.run_until_idle();
+        }
+        bench.disconnect(client);
+        bench.run_until_idle();
+    }
+    assert_eq!(words(&bench, drive).len(), 80);
+    let md3 = bench.add::<Md3>("x");
+    ready(&mut bench);
+    let client = bench.connect_to(md3, Port(0)).unwrap();
+    bench.send(client, &rtu::read(1, 0, 1).repeat(5));
+    bench.run_until_idle();
+    assert_eq!(words(&bench, md3).len(), 5);
+    let qsb = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+    ready(&mut bench);
+    let client = bench.connect_to(qsb, Port(0)).unwrap();
+    bench.send(client, &b"R0E\r".repeat(5));
+    bench.run_until_idle();
+    assert_eq!(words(&bench, qsb).len(), 5);
+}
+/// Each request that a fault changed has an entry that says so, also if its drive takes none from what arrives.
+#[test]
+fn each_request_with_a_fault_has_an_entry() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let request = FaultRule::next(1).direction(Direction::Request);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
+    for (kind, port, presets, bytes) in [
+        ("md3", "rs485", &[][..], rtu::write(1, 0x15, 9_000).to_vec()),
+        ("rs434544", "rs485", &ascii, drivetwin_protocol::modbus::ascii::frame(1, &[3, 0, 1, 0, 1]).to_vec()),
+        ("qsb-d", "usb", &[], b"R0E\r".to_vec()),
+        ("mdrive", "modbus", &[], tcp::frame(header, &[3, 0, 0x57, 0, 2]).to_vec()),
+        ("mdrive", "mcode", &[], b"PR VM\r".to_vec()),
+    ] {
+        for (fault, effect) in [
+            (LineFaults { drop: request, ..LineFaults::NONE }, "was dropped"),
+            (LineFaults { corrupt: request, ..LineFaults::NONE }, "was corrupted"),
+            (LineFaults { truncate: request, ..LineFaults::NONE }, "was truncated"),
+            (LineFaults { duplicate: request, ..LineFaults::NONE }, "was sent twice"),
+        ] {
+            for seed in 0..60 {
+                let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+                let device = crate::catalog::make(kind).unwrap();
+                let row = |name| device.spec().find(name).unwrap().row;
+                let presets = presets.iter().map(|&(name, value)| (row(name), value)).collect();
+                let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+                let drive = bench.add_with("x", device, setup).unwrap();
+                ready(&mut bench);
+                let number = bench.spec(drive).ports.iter().position(|spec| spec.name == port).unwrap();
+                let outlet = bench.outlet(drive, Port(number as u8));
+                bench.set_faults(outlet, fault);
+                let client = bench.join(outlet).unwrap();
+                bench.send(client, &bytes);
+                bench.run_until_idle();
+                bench.run_until(bench.now() + Duration::secs(2));
+                bench.disconnect(client);
+                bench.run_until_idle();
+                let words = words(&bench, drive);
+                let clause = format!("by a fault, the request {effect}");
+                let told = words.iter().filter(|entry| entry.contains(&clause)).count();
+                let least = if effect == "was sent twice" { 2 } else { 1 };
+                assert!(told >= least, "{kind} {port} {seed} {clause}: {words:#?}");
+                // The next request of another client has nothing of it.
+                let client = bench.join(outlet).unwrap();
+                bench.send(client, if port == "usb" { b"\r" } else { b"" });
+                bench.run_until_idle();
+                bench.send(client, &bytes);
+                bench.run_until_idle();
+                let last = super::received::words(&bench, drive).pop().unwrap();
+                assert!(!last.contains("by a fault"), "{kind} {port} {seed}: {last}");
+            }
+        }
+    }
 }

@@ -270,3 +270,184 @@ proptest! {
         replays(&bench);
     }
 }
+
+/// A wrong bit in the header may break the stream: then the fault is to blame, and not the client.
+#[test]
+fn a_header_that_a_fault_broke_is_not_blamed_on_the_client() {
+    let corrupt = FaultRule::next(1).direction(Direction::Request);
+    let mut broken = 0;
+    for seed in 0..200 {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let drive = bench.add::<EchoDevice>("echo");
+        let client = connected(&mut bench, drive, MODBUS);
+        set(&mut bench, drive, LineFaults { corrupt, ..QUIET });
+        exchange(&mut bench, client, &adu(1));
+        if let Some(ended) = bench.ended(client) {
+            broken += 1;
+            assert!(matches!(ended, Ended::BrokenByFault(_)), "{ended}");
+            assert!(ended.to_string().starts_with("a fault has made a header "), "{ended}");
+            let entries: Vec<String> =
+                bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+            // A shorter length makes two messages of the request.
+            assert!(entries.iter().all(|entry| entry.ends_with("by a fault, the request was corrupted")));
+            assert!(entries[0].ends_with("lost; by a fault, the request was corrupted"), "{entries:?}");
+        }
+    }
+    // Of 12 bytes, 2 are the protocol, and the higher byte of the length breaks the stream, too.
+    assert!((30..70).contains(&broken), "{broken}");
+    let (mut bench, _, client) = faulty(LineFaults { delay: Duration::millis(1), ..QUIET });
+    exchange(&mut bench, client, &[0, 1, 0, 9, 0, 6, 1, 3, 0, 0, 0, 1]);
+    assert_eq!(bench.ended(client), Some(Ended::Broken(drivetwin_protocol::modbus::tcp::Broken::Protocol)));
+}
+
+/// An MDrive whose MCode port has these faults, and a client there. The sign-on has been read.
+fn mcode(seed: u64, faults: LineFaults) -> (Bench, DriveId, Client) {
+    let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+    let drive = bench.add_with("d", crate::catalog::make("mdrive").unwrap(), Setup::default()).unwrap();
+    bench.run_until(5.secs());
+    let port = bench.find_outlet("mcode").unwrap();
+    let client = bench.join(port).unwrap();
+    bench.run_until_idle();
+    received_by(&mut bench, client);
+    bench.set_faults(port, faults);
+    (bench, drive, client)
+}
+
+/// What a line causes is one reply: its echo, its answer and the prompt.
+#[test]
+fn a_reply_of_mcode_is_all_that_a_line_causes() {
+    const USUAL: &[u8] = b"PR VM\r\n768000\r\n>";
+    let reply = FaultRule::next(1).direction(Direction::Reply);
+    let delay = Duration::millis(5);
+    for (faults, effect) in [
+        (LineFaults { drop: reply, ..QUIET }, "was dropped"),
+        (LineFaults { mute: reply, ..QUIET }, "was not delivered"),
+        (LineFaults { corrupt: reply, ..QUIET }, "was corrupted"),
+        (LineFaults { truncate: reply, ..QUIET }, "was truncated"),
+        (LineFaults { duplicate: reply, ..QUIET }, "was sent twice"),
+        (LineFaults { noise: reply, ..QUIET }, "had noise beside it"),
+        (LineFaults { delay, delayed: reply, ..QUIET }, "was delayed"),
+        (LineFaults { close: reply, ..QUIET }, "was cut off by the end of the connection"),
+    ] {
+        for seed in 0..20 {
+            let (mut bench, drive, client) = mcode(seed, faults);
+            let begin = bench.now();
+            bench.send(client, b"PR VM\r");
+            bench.run_until(begin + 4.millis());
+            let soon = received_by(&mut bench, client);
+            bench.run_until(begin + 1.secs());
+            let late = received_by(&mut bench, client);
+            let all = [&soon[..], &late].concat();
+            match effect {
+                "was dropped" | "was not delivered" => assert_eq!(all, [0; 0]),
+                "was corrupted" => {
+                    let turned: u32 = all.iter().zip(USUAL).map(|(a, b)| (a ^ b).count_ones()).sum();
+                    assert_eq!((all.len(), turned), (USUAL.len(), 1));
+                }
+                "was truncated" | "was cut off by the end of the connection" => {
+                    assert!(USUAL.starts_with(&all) && !all.is_empty() && all.len() < USUAL.len(), "{all:?}");
+                }
+                "was sent twice" => assert_eq!(all, USUAL.repeat(2)),
+                "had noise beside it" => {
+                    assert!(all.ends_with(USUAL) && (1..=8).contains(&(all.len() - USUAL.len())), "{all:?}");
+                }
+                _ => assert_eq!((soon, late.as_slice()), (vec![], USUAL)),
+            }
+            let entries: Vec<String> =
+                bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+            assert_eq!(entries, [format!("mcode <- PR VM -> 768000; by a fault, the reply {effect}")]);
+            if bench.ended(client).is_none() {
+                assert_eq!(exchange(&mut bench, client, b"PR VM\r"), USUAL);
+                let last = bench.received(drive).messages().last().unwrap().to_string();
+                assert_eq!(last, "mcode <- PR VM -> 768000");
+            }
+        }
+    }
+}
+
+/// A client that types gets an echo for each character, so that a client that waits for it goes on.
+#[test]
+fn a_typed_character_has_a_reply_of_its_own() {
+    let reply = FaultRule::next(1).direction(Direction::Reply);
+    for (faults, first, last, effect) in [
+        (LineFaults { drop: reply, ..QUIET }, &b""[..], &b"\r\n768000\r\n>"[..], "was dropped"),
+        // A reply of one character has no end that could be missing.
+        (LineFaults { truncate: reply, ..QUIET }, b"P", b"", "was truncated"),
+        (LineFaults { duplicate: reply, ..QUIET }, b"PP", b"\r\n768000\r\n>", "was sent twice"),
+    ] {
+        let (mut bench, drive, client) = mcode(1, faults);
+        assert_eq!(exchange(&mut bench, client, b"P"), first, "{effect}");
+        for character in [b"R", b" ", b"V", b"M"] {
+            assert_eq!(exchange(&mut bench, client, character), character);
+        }
+        let end = exchange(&mut bench, client, b"\r");
+        if effect == "was truncated" {
+            assert!(b"\r\n768000\r\n>".starts_with(&end[..]) && end.len() < 11, "{end:?}");
+        } else {
+            assert_eq!(end, last, "{effect}");
+        }
+        let entries: Vec<String> = bench.received(drive).messages().map(|entry| entry.to_string()).collect();
+        assert_eq!(entries, [format!("mcode <- PR VM -> 768000; by a fault, the reply {effect}")]);
+    }
+}
+
+/// The numbers of an undisturbed reply do not depend on how the drive sends it.
+#[test]
+fn a_quiet_reply_of_mcode_takes_the_numbers_of_one_reply() {
+    let rate = LineFaults { drop: FaultRule::rate(0.3).direction(Direction::Reply), ..QUIET };
+    let lost = |from: usize| {
+        let (mut bench, _, client) = mcode(7, QUIET);
+        let port = bench.find_outlet("mcode").unwrap();
+        let mut lost = Vec::new();
+        for n in 0..60 {
+            if n == from {
+                bench.set_faults(port, rate);
+            }
+            if exchange(&mut bench, client, b"PR VM\r").is_empty() {
+                lost.push(n);
+            }
+        }
+        lost
+    };
+    let all = lost(0);
+    assert!(all.len() > 8, "{all:?}");
+    assert_eq!(lost(30), all.into_iter().filter(|&n| n >= 30).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_retry_on_tcp_repeats_a_request_without_an_answer() {
+    let (mut bench, drive, mut client) = faulty(QUIET);
+    let port = Outlet::Tcp(drive, MODBUS);
+    let mut transaction = 0;
+    let mut retries = |bench: &mut Bench, client: Client, faults: LineFaults| {
+        bench.set_faults(port, faults);
+        transaction += 1;
+        exchange(bench, client, &adu(transaction));
+        bench.request_statistics(port).retries
+    };
+    let all = FaultRule::ALL;
+    assert_eq!(retries(&mut bench, client, QUIET), 0);
+    assert_eq!(
+        retries(&mut bench, client, LineFaults { mute: all, ..QUIET }),
+        0,
+        "the one before had an answer"
+    );
+    for (faults, count) in [
+        (LineFaults { drop: all, ..QUIET }, 1),
+        (LineFaults { wrong_transaction: all, ..QUIET }, 2),
+        (LineFaults { wrong_address: all, ..QUIET }, 3),
+        (LineFaults { truncate: all.direction(Direction::Reply), ..QUIET }, 4),
+        (LineFaults { exception: all, ..QUIET }, 5),
+        (LineFaults { close: all.direction(Direction::Reply), ..QUIET }, 5),
+    ] {
+        assert_eq!(retries(&mut bench, client, faults), count, "{faults:?}");
+    }
+    // The master connects anew and repeats its request.
+    bench.disconnect(client);
+    client = connected(&mut bench, drive, MODBUS);
+    assert_eq!(retries(&mut bench, client, LineFaults { mute: all, ..QUIET }), 6);
+    // Another client asks the same, which is no retry.
+    let other = connected(&mut bench, drive, MODBUS);
+    assert_eq!(retries(&mut bench, other, QUIET), 6);
+    assert_eq!(bench.request_statistics(port).requests, 10);
+}

@@ -97,6 +97,12 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
     let DeValue::Table(tables) = defaults.into_inner() else {
         return wrong(at, "defaults must be a table; write [defaults.drive] above its keys".to_owned());
     };
+    if tables.is_empty() {
+        return wrong(
+            at,
+            "defaults has no keys; write [defaults.drive] and keys of drives below it".to_owned(),
+        );
+    }
     for (key, value) in tables {
         let at = key.span().start;
         if key.get_ref() != "drive" {
@@ -111,7 +117,16 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
                 "name cannot be a default; give each [[drive]] its own".to_owned(),
             );
         }
-        let Some(DeValue::Array(drives)) = root.get_mut("drive").map(Spanned::get_mut) else { continue };
+        let drives = match root.get_mut("drive").map(Spanned::get_mut) {
+            Some(DeValue::Array(drives)) => drives,
+            Some(_) => continue,
+            None => {
+                return wrong(
+                    at,
+                    "[defaults.drive] is for drives, and the file has none; add a [[drive]]".to_owned(),
+                );
+            }
+        };
         for drive in drives.iter_mut() {
             if let DeValue::Table(drive) = drive.get_mut() {
                 merge(drive, &defaults);
@@ -433,6 +448,14 @@ mod tests {
             (
                 format!("defaults = 1\n{}", drive("")),
                 "line 1, column 12: defaults must be a table; write [defaults.drive] above its keys",
+            ),
+            (
+                "[defaults.drive]\nkind = 'md3'".to_owned(),
+                "line 1, column 11: [defaults.drive] is for drives, and the file has none; add a [[drive]]",
+            ),
+            (
+                format!("[defaults]\n{}", drive("")),
+                "line 1, column 1: defaults has no keys; write [defaults.drive] and keys of drives below it",
             ),
             (
                 format!("[defaults.drive]\nadress = 1\n{}", drive("")),

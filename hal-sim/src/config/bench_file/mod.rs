@@ -15,13 +15,15 @@ use std::path::PathBuf;
 
 use toml::de::DeTable;
 
+use crate::bench::Bench;
+use crate::bench::scenario::Scenario;
 use crate::catalog;
 use crate::config::layout::{DriveLayout, Layout};
 use crate::config::listen::Uri;
 use crate::line::LineMode;
 use crate::record::trace;
 use drive_tables::{BUS, DRIVE};
-use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::device::{Instant, Spec};
 use fault_tables::fault_keys;
 use plant_tables::{ENCODER, MOTOR, SWITCH, WIRE};
 use scenario_tables::SCENARIO;
@@ -111,20 +113,53 @@ pub fn parse_more(text: &str, layout: Layout) -> Result<Layout, FileError> {
     read(text, &|_| None, Reader::after(layout))
 }
 
+/// Reads the `[[scenario]]` tables of a text for a bench, for [`Bench::play`]. Other tables are errors.
+///
+/// ```
+/// use drivetwin_firmware::md3::Md3;
+/// use drivetwin_sim::bench::Bench;
+/// use drivetwin_sim::config::bench_file::parse_scenarios;
+///
+/// let mut bench = Bench::new();
+/// bench.add::<Md3>("x");
+/// let text = "[[scenario]]\nsteps = [{ after_ms = 100, drive = 'x', power = 'off' }]";
+/// for scenario in parse_scenarios(text, &bench)? {
+///     bench.play(scenario)?;
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// The first error of the text, with its line and column. A step at a bench time that is past is an error, too.
+pub fn parse_scenarios(text: &str, bench: &Bench) -> Result<Vec<Scenario>, FileError> {
+    let reader = Reader { now: bench.now(), ..Reader::after(Layout::of(bench)) };
+    read_root(text, &|_| None, &["scenario"], |root| reader.read_scenarios(root))
+}
+
 fn read(text: &str, variable: &dyn Fn(&str) -> Option<String>, reader: Reader) -> Result<Layout, FileError> {
+    read_root(text, variable, &KEYS, |root| reader.read(root))
+}
+
+/// Reads a text whose tables and keys at the top are `keys`.
+fn read_root<T>(
+    text: &str,
+    variable: &dyn Fn(&str) -> Option<String>,
+    keys: &[&str],
+    read: impl FnOnce(&Table<'_>) -> Result<T, LocatedError>,
+) -> Result<T, FileError> {
     let (mut root, errors) = DeTable::parse_recoverable(text);
     let errors = errors.iter().map(|error| LocatedError {
         at: error.span().map_or(0, |span| span.start),
         what: format!("this is not TOML: {}", error.message()),
     });
-    let layout = match errors.min_by_key(|wrong| wrong.at) {
+    let result = match errors.min_by_key(|wrong| wrong.at) {
         Some(wrong) => Err(wrong),
         None => expand::expand(root.get_mut(), variable).and_then(|filled| {
-            let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, &KEYS)?;
-            reader.read(&root)
+            let root = Table::new("a bench file", root.span().start, root.get_ref(), &filled, keys)?;
+            read(&root)
         }),
     };
-    layout.map_err(|wrong| FileError::new(text, wrong))
+    result.map_err(|wrong| FileError::new(text, wrong))
 }
 
 /// The keys of a bench file.
@@ -145,6 +180,8 @@ struct Reader {
     addresses: Vec<Uri>,
     /// All memory files so far.
     memories: Vec<PathBuf>,
+    /// Bench time at which scenarios begin.
+    now: Instant,
 }
 
 impl Reader {
@@ -160,7 +197,7 @@ impl Reader {
         let specs = layout.drives.iter().map(spec).collect();
         let no_listen = vec![true; layout.drives.len()];
         let memories = layout.drives.iter().filter_map(|drive| drive.nv.clone()).collect();
-        Self { names, specs, no_listen, addresses: Vec::new(), memories, layout }
+        Self { names, specs, no_listen, addresses: Vec::new(), memories, layout, now: Instant::ZERO }
     }
 
     fn read(mut self, root: &Table<'_>) -> Result<Layout, LocatedError> {

@@ -1,12 +1,14 @@
 //! Tables of scenarios.
 
-use drivetwin_firmware::device::{Duration, Fault, Instant, Role, Spec};
+use drivetwin_firmware::device::{Duration, Fault, Framing, Instant, Role, Spec};
+use drivetwin_protocol::registers::Shape;
 
 use super::Reader;
 use super::fault_tables::line_fault_keys;
 use super::table::{Located, LocatedError, Table};
 use crate::bench::scenario::{Action, Scenario, Step, Trigger, Written};
-use crate::bench::{PinStimulus, PowerAction};
+use crate::bench::{PULSE_HZ, PinStimulus, PowerAction};
+use crate::decode::modbus::legal;
 use crate::ids::DriveId;
 use crate::suggest;
 
@@ -37,11 +39,19 @@ const LATEST_S: f64 = 1e9;
 const LONGEST_MS: f64 = LATEST_S * 1e3;
 
 impl Reader {
+    /// Reads a text that has nothing but scenarios.
+    pub(super) fn read_scenarios(mut self, root: &Table<'_>) -> Result<Vec<Scenario>, LocatedError> {
+        for table in root.each("scenario", "[[scenario]]", &SCENARIO)? {
+            self.scenario(&table)?;
+        }
+        Ok(self.layout.scenarios)
+    }
+
     pub(super) fn scenario(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let tables = table.needs("steps", table.tables("steps", "a step", &STEP)?)?;
         let mut steps = Vec::new();
         // The earliest time of the next step.
-        let mut earliest = Instant::ZERO;
+        let mut earliest = self.now;
         for table in tables {
             let step = self.step(&table, earliest)?;
             let begins = match step.trigger {
@@ -66,6 +76,10 @@ impl Reader {
             (Some(at), Some(_)) => return Err(at.wrong("a step takes at_s or when, not both")),
             (Some(at), None) => {
                 let begins = Instant::ZERO + ticks(at.is);
+                if begins < self.now {
+                    let now = self.now.since(Instant::ZERO).ticks() as f64 / SECOND;
+                    return Err(at.wrong(format!("at_s = {} is past: the bench is at {now} s", at.is)));
+                }
                 if begins < earliest {
                     let before = earliest.since(Instant::ZERO).ticks() as f64 / SECOND;
                     let what = format!("at_s = {} is before the step above, which is at {before} s", at.is);
@@ -84,8 +98,9 @@ impl Reader {
         let (spec, name) = (self.spec(drive), when.needed_text("register")?);
         let rows = || spec.rows().filter(|(_, row)| row.access.writes());
         let Some(named) = spec.find(name.is) else {
-            let what = format!("register of {} that a master writes", spec.kind);
-            return Err(name.wrong(suggest::unknown(&what, name.is, rows().map(|(_, row)| row.name))));
+            let place = format!(" of {} that a master writes", spec.kind);
+            let names = rows().map(|(_, row)| row.name);
+            return Err(name.wrong(suggest::unknown_at("register", name.is, &place, names)));
         };
         let Some((_, row)) = rows().find(|(row, _)| *row == named.row) else {
             return Err(name.wrong(format!("no master writes {} of {}", name.is, spec.kind)));
@@ -93,7 +108,26 @@ impl Reader {
         if named.word.is_some() {
             return Err(name.wrong(format!("register takes a whole register: {}, not {}", row.name, name.is)));
         }
-        let value = when.whole("value", i64::MIN, i64::MAX)?.map(|value| value.is);
+        let value = when.whole("value", i64::MIN, i64::MAX)?;
+        if let Some(value) = &value {
+            // MCode writes more values to some registers than their rows allow on the bus.
+            let has_other_words = spec.ports.iter().any(|port| port.framing == Framing::Return);
+            let (least, greatest) = row.shape.limits();
+            let is_possible = match row.shape {
+                Shape::Words(_) => false,
+                _ if has_other_words => (least..=greatest).contains(&value.is),
+                _ => row.accepts(value.is),
+            };
+            if !is_possible {
+                let why = match row.shape {
+                    Shape::Words(count) => format!("it has {count} words, so 'value' cannot name them"),
+                    _ if has_other_words => format!("it takes {least} to {greatest}"),
+                    _ => legal(row),
+                };
+                return Err(value.wrong(format!("{} never has the value {}: {why}", row.name, value.is)));
+            }
+        }
+        let value = value.map(|value| value.is);
         Ok(Written { drive: DriveId(drive as u32), row: named.row, value })
     }
 
@@ -166,7 +200,7 @@ impl Reader {
             _ if !takes_levels => return Err(key.wrong(format!("{} takes no pulses", name.is))),
             _ => {
                 let count = table.needs("pulses", table.whole("pulses", 1, u32::MAX)?)?.is;
-                let hz = table.needs("hz", table.number("hz", 5e-7, 8e6)?)?.is;
+                let hz = table.needs("hz", table.number("hz", *PULSE_HZ.start(), *PULSE_HZ.end())?)?.is;
                 return Ok(Action::Pulses { drive, pin, count, hz });
             }
         };

@@ -39,7 +39,8 @@ impl Layout {
     /// erased memory.
     ///
     /// # Errors
-    /// One sentence: a drive refuses a preset, a name is not valid, or there is no such kind, motor or line.
+    /// One sentence that says what is wrong: a drive refuses a preset, a name is not valid, or there is no
+    /// such kind, motor or line.
     ///
     /// # Panics
     /// If the layout has an index of a drive, motor or pin that does not exist, or two lines with the same
@@ -251,8 +252,8 @@ impl Layout {
     /// Adds encoders, switches and wires.
     fn connect_sensors(&self, bench: &mut Bench, ids: &[DriveId], motors: &[Motor]) {
         let at = |(drive, pin): At| (ids[drive], pin);
-        // They are added in the order of names, because the order of changes of one pin at one instant may
-        // matter.
+        // Each kind is added in the order of names, because the order of changes of one pin at one instant
+        // may matter.
         let key = |(drive, pin): At| (self.drives[drive].name.clone(), pin);
         let keys = |ats: [Option<At>; 3]| ats.map(|at| at.map(key));
         let named = |motor: usize| self.motors[motor].name.clone();
@@ -343,7 +344,7 @@ impl DriveLayout {
     /// not: the content of its memory.
     ///
     /// # Errors
-    /// One sentence: the name is taken or not valid, or the drive refuses a preset.
+    /// One sentence that says what is wrong: the name is taken or not valid, or the drive refuses a preset.
     pub fn add_to(self, bench: &mut Bench, setup: Setup) -> Result<DriveId, String> {
         let layout = Layout { drives: vec![self], ..Layout::default() };
         let (id, later) = layout.add_drive(bench, 0, setup)?;

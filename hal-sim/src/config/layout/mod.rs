@@ -212,7 +212,7 @@ pub struct WireLayout {
 pub struct FaultLayout {
     /// Name of the line or port, as [`Bench::find_outlet`](crate::bench::Bench::find_outlet) finds it.
     pub bus: String,
-    /// Its faults, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
+    /// Faults of the line or port, checked by [`LineFaults::check_for`]. A drive in a rule is an index in
     /// [`Layout::drives`].
     pub faults: LineFaults,
 }
@@ -220,7 +220,7 @@ pub struct FaultLayout {
 /// Finds the port of a drive for a listening address, and checks that the port can have this kind of address.
 ///
 /// # Errors
-/// One sentence: there is no such port, or the port cannot have this kind of address.
+/// One sentence that says what is wrong: there is no such port, or the port cannot have this kind of address.
 pub fn address(spec: &Spec, listen: &Listen) -> Result<(Port, Uri), String> {
     let Listen { port: name, uri } = listen;
     let mut ports = (0..).map(Port).zip(spec.ports);

@@ -11,7 +11,8 @@
 //! | Modbus ASCII, commands of a QSB, MCode | lines of text |
 //! | frames with a wrong checksum or a collision, noise | data, with the flag of a wrong checksum |
 //!
-//! The comment of a packet is the request or the reply in the names of the manual (`write Speed = 9000`).
+//! The comment of a packet is the request with its outcome, or the reply, in the names of the manual:
+//! `write Speed = 9000 -> done`.
 //!
 //! The flags contain the direction of a packet: *inbound* to drives, *outbound* from a drive. A request of
 //! function 5 or 6 of Modbus RTU and its reply have the same bytes. Only the direction distinguishes them,
@@ -30,6 +31,7 @@ pub use self::blocks::{Blocks, Packet, Protocol, Way};
 use crate::bench::{Bench, Outlet};
 use crate::decode::{self, Message};
 use crate::record::capture::{Capture, Frame, Medium, Source};
+use crate::record::journal::Entry as Received;
 
 /// Maximum length of a text line in bytes; a longer one is split.
 const LONGEST_TEXT: usize = 1 << 10;
@@ -41,8 +43,12 @@ const LONGEST_TEXT: usize = 1 << 10;
 pub fn write(bench: &Bench, out: impl Write) -> io::Result<()> {
     let mut file = Pcapng::new(bench, out)?;
     file.follow(bench)?;
-    file.finish()
+    file.finish(bench)
 }
+
+/// Time after the end of a frame at which its outcome is known at the latest, so that its packet is written: longer
+/// than the silence that ends a frame, and the time in which a line of MCode is executed.
+const KNOWN_AFTER: Duration = Duration::millis(200);
 
 /// Copy of the frames that a bench retained at an instant, so that another thread can write them.
 pub struct Snapshot {
@@ -83,7 +89,7 @@ impl Snapshot {
             let known = self.outlets.iter().find(|(known, _)| *known == outlet);
             known.map_or_else(About::default, |(_, about)| about.clone())
         })?;
-        file.finish()
+        file.end()
     }
 }
 
@@ -156,6 +162,8 @@ struct Text {
     /// Time until which a line feed may follow a carriage return.
     open: Instant,
     bytes: Vec<u8>,
+    /// Entries of the journal for the text.
+    received: Vec<Received>,
 }
 
 impl<W: Write> Pcapng<W> {
@@ -184,12 +192,14 @@ impl<W: Write> Pcapng<W> {
         Ok(pcapng)
     }
 
-    /// Writes the frames that have ended since the last call.
+    /// Writes the frames that ended more than 200 ms before the present time of the bench, so that their outcomes
+    /// are known, and that are not written yet.
     ///
     /// # Errors
     /// Errors of the writer.
     pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
-        self.take_ended(bench.capture(), bench.now(), &|outlet| About::of(bench, outlet))
+        let until = Instant::ZERO + bench.now().since(Instant::ZERO + KNOWN_AFTER);
+        self.take_ended(bench.capture(), until, &|outlet| About::of(bench, outlet))
     }
 
     /// Writes the frames of a capture that have ended by `now`.
@@ -215,11 +225,17 @@ impl<W: Write> Pcapng<W> {
         self.write_texts(now)
     }
 
-    /// Ends the file. Incomplete text is written; a frame that has not ended is not.
+    /// Ends the file at the present time of the bench. Incomplete text is written; a frame that has not ended is
+    /// not.
     ///
     /// # Errors
     /// Errors of the writer.
-    pub fn finish(mut self) -> io::Result<()> {
+    pub fn finish(mut self, bench: &Bench) -> io::Result<()> {
+        self.take_ended(bench.capture(), bench.now(), &|outlet| About::of(bench, outlet))?;
+        self.end()
+    }
+
+    fn end(mut self) -> io::Result<()> {
         self.write_texts(Instant::NEVER)?;
         self.blocks.flush()
     }
@@ -251,7 +267,8 @@ impl<W: Write> Pcapng<W> {
             Protocol::Text => self.take_text((frame.on, way), frame),
             protocol => {
                 let Frame { at, ref bytes, collided, .. } = *frame;
-                let comment = if collided { String::new() } else { line.words(way, protocol, bytes) };
+                let words = if collided { String::new() } else { line.words(way, protocol, bytes) };
+                let comment = line.outcomes(&frame.received).unwrap_or(words);
                 let line = line.number;
                 self.packet(Packet { line, at, way, protocol, bytes, collided, comment: &comment, lost: 0 })
             }
@@ -269,10 +286,19 @@ impl<W: Write> Pcapng<W> {
             {
                 self.write_text(key)?;
             }
-            let text = self.texts.entry(key).or_insert(Text { at, end: at, open: at, bytes: Vec::new() });
+            let text = self.texts.entry(key).or_insert(Text {
+                at,
+                end: at,
+                open: at,
+                bytes: Vec::new(),
+                received: Vec::new(),
+            });
             text.bytes.push(byte);
             text.end = at + character;
             text.open = text.end + of_line * 2;
+        }
+        if let Some(text) = self.texts.get_mut(&key) {
+            text.received.extend_from_slice(&frame.received);
         }
         Ok(())
     }
@@ -288,8 +314,8 @@ impl<W: Write> Pcapng<W> {
 
     fn write_text(&mut self, key: (Medium, Way)) -> io::Result<()> {
         match (self.texts.remove(&key), self.lines.get(&key.0)) {
-            (Some(Text { at, bytes, .. }), Some(line)) => {
-                let comment = line.words_of_text(key.1, &bytes);
+            (Some(Text { at, bytes, received, .. }), Some(line)) => {
+                let comment = line.outcomes(&received).unwrap_or_else(|| line.words_of_text(key.1, &bytes));
                 let line = line.number;
                 self.packet(Packet {
                     line,
@@ -334,14 +360,29 @@ impl FileLine {
         of_address.or(self.specs.first()).map(|&(_, spec)| spec)
     }
 
+    /// The messages that a frame or text ended, with their outcomes; `None` if there is none.
+    fn outcomes(&self, received: &[Received]) -> Option<String> {
+        let mut texts: Vec<String> = Vec::new();
+        for entry in received {
+            let message = Message { framing: self.ends?, ascii: entry.ascii, bytes: entry.message() };
+            let text = decode::exchange(self.spec(message.address())?, entry).to_string();
+            // Several drives may have received a broadcast.
+            if !texts.contains(&text) {
+                texts.push(text);
+            }
+        }
+        (!texts.is_empty()).then(|| texts.join("; "))
+    }
+
     /// A Modbus frame as text; empty for a frame that is not valid, and for a reply to an unknown request.
     fn words(&mut self, way: Way, protocol: Protocol, bytes: &[u8]) -> String {
         let Some(framing) = self.ends else { return String::new() };
         let message = |bytes| Message { framing, ascii: protocol == Protocol::Ascii, bytes };
         let frame = message(bytes);
-        let Some(spec) = self.spec(frame.address()).filter(|_| frame.is_whole()) else {
-            return String::new();
-        };
+        if way != Way::Noise && !frame.is_whole() {
+            return decode::flaw(&frame);
+        }
+        let Some(spec) = self.spec(frame.address()) else { return String::new() };
         match way {
             Way::In => {
                 self.request.clear();

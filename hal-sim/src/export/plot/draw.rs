@@ -10,6 +10,7 @@ use svg::node::element::{Group, Line, Path, Rectangle, Style, Text, Title};
 use super::Span;
 use super::axis::{number, seconds, ticks};
 use super::tracks::{Edge, Panel, Shape, Words};
+use crate::decode::Mark;
 use crate::signals::waveforms::{Kind, Track, Variable};
 
 /// Width of a picture, and the part of it in which time runs, in px.
@@ -47,10 +48,14 @@ text { font-family: system-ui, 'Segoe UI', 'Helvetica Neue', Arial, 'DejaVu Sans
 .duty { stroke: #7c3aed; } .volts { stroke: #0891b2; } .pin { stroke: #475569; }
 .many { fill: #94a3b8; } .floating { stroke: #94a3b8; stroke-dasharray: 3 3; fill: none; }
 .unknown { fill: #e2e8f0; }
-.received { fill: #0284c7; } .sent { fill: #7dd3fc; } .refused { fill: #dc2626; }
+.received { fill: #0284c7; } .sent { fill: #7dd3fc; }
+.refused { fill: #dc2626; stroke: #dc2626; } .without-effect { fill: #d97706; stroke: #d97706; }
+.not-received { fill: none; stroke: #0f172a; } .by-fault { fill: #a21caf; stroke: #a21caf; }
+.sign { stroke-width: 1.6; }
 .pole { stroke: #cbd5e1; stroke-width: 1; }
 text.words { font-size: 10.5px; fill: #075985; stroke: #f8fafc; stroke-width: 3px; paint-order: stroke; }
-text.bad { fill: #b91c1c; }
+text.refused { fill: #b91c1c; stroke: #f8fafc; } text.without-effect { fill: #b45309; stroke: #f8fafc; }
+text.not-received { fill: #0f172a; stroke: #f8fafc; } text.by-fault { fill: #86198f; stroke: #f8fafc; }
 ";
 
 /// A track in its place.
@@ -63,7 +68,7 @@ struct Place<'a> {
 enum Content<'a> {
     Curve(&'a Variable, &'a [(Instant, Option<f64>)]),
     Levels(&'a Variable, &'a [Edge]),
-    Messages(&'a str, Vec<Exchange<'a>>, Vec<Label>),
+    Messages(String, Vec<Exchange<'a>>, Vec<Label>),
 }
 
 /// A message to a drive with its answer, or an answer alone.
@@ -77,7 +82,7 @@ struct Label {
     x: f64,
     row: usize,
     text: String,
-    bad: bool,
+    mark: Mark,
     /// True if the words are to the left of the mark.
     is_left: bool,
 }
@@ -102,7 +107,7 @@ pub(super) fn picture(title: &str, span: Span, panels: &[Panel]) -> String {
         .add(Style::new(STYLE))
         .add(Rectangle::new().set("width", "100%").set("height", "100%").set("fill", "#ffffff"))
         .add(text("title", MARGIN, 30.0, title))
-        .add(legend());
+        .add(legend(&marks(panels)));
     document = document.add(drawn).add(time_axis(span, bottom));
     document.to_string() + "\n"
 }
@@ -120,20 +125,65 @@ fn x(span: Span, at: Instant) -> f64 {
     LEFT + (RIGHT - LEFT) * span.part(at).clamp(0.0, 1.0)
 }
 
-/// What the marks mean, at the right of the heading.
-fn legend() -> Group {
+/// Class of a mark; empty for a message that is done.
+fn class(mark: Mark) -> &'static str {
+    match mark {
+        Mark::Done => "",
+        Mark::Refused => "refused",
+        Mark::WithoutEffect => "without-effect",
+        Mark::NotReceived => "not-received",
+        Mark::ByFault => "by-fault",
+    }
+}
+
+/// The sign of a mark with its middle at a place: a square, a triangle, a cross or a diamond. A message that is done
+/// has none.
+fn sign(mark: Mark, x: f64, y: f64) -> Option<Path> {
+    let steps = match mark {
+        Mark::Done => return None,
+        Mark::Refused => "m-4,-4h8v8h-8z",
+        Mark::WithoutEffect => "m0,-5l5,9h-10z",
+        Mark::NotReceived => "m-4,-4l8,8m0,-8l-8,8",
+        Mark::ByFault => "m0,-6l6,6l-6,6l-6,-6z",
+    };
+    let class = format!("sign {}", class(mark));
+    Some(Path::new().set("class", class).set("d", format!("M{x:.1},{y:.1}{steps}")))
+}
+
+/// The marks of all messages, each once.
+fn marks(panels: &[Panel]) -> Vec<Mark> {
+    let shapes = panels.iter().flat_map(|panel| panel.tracks.iter().map(|(_, shape)| shape));
+    let messages = shapes.filter_map(|shape| match shape {
+        Shape::Messages(messages) => Some(messages),
+        _ => None,
+    });
+    let present: HashSet<Mark> =
+        messages.flatten().filter_map(|message| message.outcome.as_ref()).map(|(_, mark)| *mark).collect();
+    let all = [Mark::Refused, Mark::WithoutEffect, Mark::NotReceived, Mark::ByFault];
+    all.into_iter().filter(|mark| present.contains(mark)).collect()
+}
+
+/// What the colours and the signs of these marks mean, at the right of the heading.
+fn legend(marks: &[Mark]) -> Group {
     let mut group = Group::new();
-    let mut left = 744.0;
+    let words = |mark| class(mark).replace('-', " ");
+    let width = |mark| 19.0 + words(mark).len() as f64 * 5.4 + 22.0;
+    // Before the colours, which begin at 780.
+    let mut left = 780.0 - marks.iter().map(|&mark| width(mark)).sum::<f64>();
+    for &mark in marks {
+        if let Some(sign) = sign(mark, left + 7.0, 25.5) {
+            let words = words(mark);
+            group = group.add(sign).add(text("note", left + 19.0, 29.0, &words));
+            left += width(mark);
+        }
+    }
+    left = 780.0;
     let mark = |class: &str, left: f64| {
         Rectangle::new().set("class", class).set("x", left).set("y", 21).set("width", 14).set("height", 9)
     };
-    for (class, words) in [
-        ("received", "to the drive"),
-        ("sent", "answer"),
-        ("refused", "refused"),
-        ("many", "many edges"),
-        ("unknown", "unknown"),
-    ] {
+    for (class, words) in
+        [("received", "to the drive"), ("sent", "answer"), ("many", "many edges"), ("unknown", "unknown")]
+    {
         group = group.add(mark(class, left)).add(text("note", left + 19.0, 29.0, words));
         left += 19.0 + words.len() as f64 * 5.4 + 22.0;
     }
@@ -211,7 +261,7 @@ fn places(panel: &Panel, mut top: f64, span: Span) -> Vec<Place<'_>> {
         }
     }
     let of = |kind| panel.tracks.iter().filter(move |(variable, _)| variable.kind == kind);
-    for ((_, received), (_, sent)) in of(Kind::Received).zip(of(Kind::Sent)) {
+    for ((variable, received), (_, sent)) in of(Kind::Received).zip(of(Kind::Sent)) {
         let (Shape::Messages(received), Shape::Messages(sent)) = (received, sent) else { continue };
         if received.is_empty() && sent.is_empty() {
             continue;
@@ -219,7 +269,9 @@ fn places(panel: &Panel, mut top: f64, span: Span) -> Vec<Place<'_>> {
         let exchanges = exchanges(received, sent);
         let labels = labels(&exchanges, span);
         let rows = labels.iter().map(|label| label.row + 1).max().unwrap_or(0);
-        contents.push((MARKS + ROW * rows as f64, Content::Messages("messages", exchanges, labels)));
+        let port = variable.name.trim_end_matches("_rx");
+        let lane = format!("{}.{port}", panel.name);
+        contents.push((MARKS + ROW * rows as f64, Content::Messages(lane, exchanges, labels)));
     }
     for (variable, shape) in alive() {
         match (variable.kind, shape) {
@@ -264,25 +316,42 @@ impl Exchange<'_> {
     }
 
     fn text(&self) -> String {
-        match (self.received, self.sent) {
-            (Some(received), Some(sent)) if sent.text == "done" => received.text.clone(),
+        let outcome = self.received.and_then(|received| received.outcome.as_ref());
+        let is_plain = outcome.is_none_or(|(_, mark)| *mark == Mark::Done);
+        match (self.received, self.sent, outcome) {
+            (Some(received), _, Some((outcome, _))) if !is_plain || outcome.starts_with("accepted") => {
+                format!("{} → {outcome}", received.text)
+            }
+            (Some(received), None, Some((outcome, _))) if outcome == "done" => received.text.clone(),
+            (Some(received), None, Some((outcome, _))) => format!("{} → {outcome}", received.text),
+            (Some(received), Some(sent), _) if sent.text == "done" => received.text.clone(),
             // `read P` and `P = 5` are `read P = 5`.
-            (Some(received), Some(sent))
+            (Some(received), Some(sent), _)
                 if received.text.strip_prefix("read ").is_some_and(|name| {
                     sent.text.strip_prefix(name).is_some_and(|rest| rest.starts_with(" = "))
                 }) =>
             {
                 format!("read {}", sent.text)
             }
-            (Some(received), Some(sent)) => format!("{} → {}", received.text, sent.text),
-            (Some(only), None) | (None, Some(only)) => only.text.clone(),
-            (None, None) => String::new(),
+            (Some(received), Some(sent), _) => format!("{} → {}", received.text, sent.text),
+            (Some(only), None, _) | (None, Some(only), _) => only.text.clone(),
+            (None, None, _) => String::new(),
         }
     }
 
-    /// Returns true if the drive refused the message.
-    fn is_refused(&self) -> bool {
-        self.sent.is_some_and(|sent| sent.text.starts_with("refused"))
+    /// The mark of the message.
+    fn mark(&self) -> Mark {
+        let outcome = self.received.and_then(|received| received.outcome.as_ref());
+        match (outcome, self.sent) {
+            (Some((_, mark)), _) => *mark,
+            (None, Some(sent)) if sent.text.starts_with("refused") => Mark::Refused,
+            (None, _) => Mark::Done,
+        }
+    }
+
+    /// Returns true if the drive has not done what the message says, or a fault acted on it.
+    fn is_bad(&self) -> bool {
+        self.mark() != Mark::Done
     }
 }
 
@@ -290,14 +359,14 @@ impl Exchange<'_> {
 /// reads. A message like the one before has none; among many messages only the first of equal reads has. Later
 /// messages are in higher rows, so the lines from the marks to the words cross few words.
 fn labels(exchanges: &[Exchange<'_>], span: Span) -> Vec<Label> {
-    let (mut refused, mut commands, mut reads) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut bad, mut commands, mut reads) = (Vec::new(), Vec::new(), Vec::new());
     let (mut before, mut known) = (String::new(), HashSet::new());
     for exchange in exchanges {
         let words = exchange.text();
         let is_read = exchange.request().is_none_or(|request| request.starts_with("read "));
         let is_new = !(is_read && exchanges.len() > CROWD) || known.insert(exchange.request());
-        let list = match (exchange.is_refused(), is_read) {
-            (true, _) => &mut refused,
+        let list = match (exchange.is_bad(), is_read) {
+            (true, _) => &mut bad,
             (_, false) => &mut commands,
             (_, true) => &mut reads,
         };
@@ -308,7 +377,7 @@ fn labels(exchanges: &[Exchange<'_>], span: Span) -> Vec<Label> {
     }
     let mut taken: Vec<Vec<(f64, f64)>> = vec![Vec::new(); ROWS];
     let mut labels = Vec::new();
-    for (exchange, words) in [refused, commands, reads].into_iter().flat_map(|list| list.into_iter().rev()) {
+    for (exchange, words) in [bad, commands, reads].into_iter().flat_map(|list| list.into_iter().rev()) {
         let mut text: String = words.chars().take(LABEL).collect();
         if words.chars().count() > LABEL {
             text.push('…');
@@ -320,7 +389,7 @@ fn labels(exchanges: &[Exchange<'_>], span: Span) -> Vec<Label> {
         let is_free = |row: &Vec<(f64, f64)>| row.iter().all(|&(a, b)| to <= a || b <= from);
         if let Some(row) = taken.iter().position(is_free) {
             taken[row].push((from, to));
-            labels.push(Label { x, row, text, bad: exchange.is_refused(), is_left });
+            labels.push(Label { x, row, text, mark: exchange.mark(), is_left });
         }
     }
     labels
@@ -487,7 +556,7 @@ fn messages(
     place: &Place<'_>,
     span: Span,
 ) -> Group {
-    let mut group = Group::new().set("data-messages", port).add(name(port, "", place.top));
+    let mut group = Group::new().set("data-messages", port).add(name(port, "messages", place.top));
     let bottom = place.top + 14.0;
     for label in labels {
         let (x, y) = (round(label.x), round(bottom + ROW * (label.row as f64 + 1.0)));
@@ -496,9 +565,9 @@ fn messages(
     }
     for label in labels {
         let y = bottom + ROW * (label.row as f64 + 1.0);
-        let class = if label.bad { "words bad" } else { "words" };
+        let class = format!("words {}", class(label.mark));
         let (anchor, place) = if label.is_left { ("end", label.x - 4.0) } else { ("start", label.x + 4.0) };
-        group = group.add(text(class, place, y - 2.0, &label.text).set("text-anchor", anchor));
+        group = group.add(text(class.trim_end(), place, y - 2.0, &label.text).set("text-anchor", anchor));
     }
     let mark = |class: &str, top: f64, words: &Words, title: &str| {
         let from = x(span, words.begin);
@@ -515,7 +584,7 @@ fn messages(
     for exchange in exchanges {
         // Marks that would cover each other are left out.
         let from = x(span, exchange.begin());
-        if from - last < 0.5 && !exchange.is_refused() {
+        if from - last < 0.5 && !exchange.is_bad() {
             continue;
         }
         last = from;
@@ -524,8 +593,10 @@ fn messages(
             group = group.add(mark("sent", 7.0, sent, &title));
         }
         if let Some(received) = exchange.received {
-            let class = if exchange.is_refused() { "refused" } else { "received" };
-            group = group.add(mark(class, 0.0, received, &title));
+            group = group.add(mark("received", 0.0, received, &title));
+        }
+        if let Some(sign) = sign(exchange.mark(), from, place.top + 6.0) {
+            group = group.add(sign.add(Title::new(&title)));
         }
     }
     group

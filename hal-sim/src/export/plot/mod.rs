@@ -10,6 +10,7 @@ mod tracks;
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
+use crate::bench::Bench;
 use crate::record::trace::{Make, Trace};
 use crate::replay;
 use crate::signals::waveforms::Waveforms;
@@ -89,22 +90,26 @@ pub fn svg(trace: &Trace, make: &Make<'_>, options: &Options) -> Result<String, 
     }
     let span = options.span(trace.end)?;
     let benches = replay::benches(trace, make).map_err(|error| error.to_string())?;
+    // All drives together, because what one of them sends on a line is no message to the others.
+    let traces: Vec<&Trace> = benches.iter().map(Bench::trace).collect();
+    let trace = Trace::joined(trace, &traces);
+    let mut waveforms = Waveforms::new(&trace);
+    let mut collector = Collector::new(waveforms.variables(), span);
+    let reading = waveforms.follow(&trace, &mut collector);
+    reading.map_err(|error| error.to_string())?;
+    waveforms.finish(&mut collector);
+    let mut tracks = collector.finish().into_iter().peekable();
     let mut panels = Vec::new();
-    for (drive, bench) in trace.drives.iter().zip(&benches) {
-        if !(options.drives.is_empty() || options.drives.contains(&drive.name)) {
-            continue;
+    for (index, drive) in trace.drives.iter().enumerate() {
+        let own = std::iter::from_fn(|| tracks.next_if(|(variable, _)| variable.drive == index)).collect();
+        if options.drives.is_empty() || options.drives.contains(&drive.name) {
+            panels.push(Panel {
+                name: drive.name.clone(),
+                spec: drive.spec,
+                turns_motor: drive.turns_motor,
+                tracks: own,
+            });
         }
-        let mut waveforms = Waveforms::new(bench.trace());
-        let mut collector = Collector::new(waveforms.variables(), span);
-        let reading = waveforms.follow(bench.trace(), &mut collector);
-        reading.map_err(|error| error.to_string())?;
-        waveforms.finish(&mut collector);
-        panels.push(Panel {
-            name: drive.name.clone(),
-            spec: drive.spec,
-            turns_motor: drive.turns_motor,
-            tracks: collector.finish(),
-        });
     }
     Ok(draw::picture(&options.title, span, &panels))
 }

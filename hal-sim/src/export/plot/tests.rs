@@ -4,7 +4,9 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span as _;
 
 use super::*;
-use crate::bench::{Bench, Settings};
+use drivetwin_firmware::device::Port;
+
+use crate::bench::{Bench, Settings, Setup};
 use crate::catalog;
 use crate::record::trace::Retention;
 
@@ -99,10 +101,86 @@ fn messages_have_their_words() {
         "read SpeedLow = 5000",
         "write MotionControl = 1",
         "write Reserved = 5 → refused: 0x000B Reserved is read only (02)",
+        "x.rs485",
+        "refused",
         "a &lt;b&gt; &amp; \"c\"",
     ] {
         assert!(text.contains(words), "{words}");
     }
+}
+
+/// The trace of two MD3s with the addresses 1 and 2 on a line, and of an MDrive.
+fn shared_line() -> Trace {
+    let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
+    let setup = |address| Setup { presets: vec![(0, address)], ..Setup::default() };
+    let md3 = |bench: &mut Bench, name, address| {
+        bench.add_with(name, catalog::make("md3").unwrap(), setup(address)).unwrap()
+    };
+    let (x, y) = (md3(&mut bench, "x", 1), md3(&mut bench, "y", 2));
+    let mdrive = bench.add_with("m", catalog::make("mdrive").unwrap(), Setup::default()).unwrap();
+    bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    bench.run_until(3.secs());
+    let mut broken = rtu::write(1, 0x15, 9_000);
+    broken[7] ^= 1;
+    for frame in [&broken[..], &rtu::read(2, 0x15, 1), &rtu::write(1, 0x0b, 5), &rtu::read(9, 0, 1)] {
+        bench.ask(x, frame);
+    }
+    for (port, text) in [(0, &[0, 1, 0, 0, 0, 6, 1, 3, 0, 0x57, 0, 2][..]), (1, b"PR VM\r"), (1, b"\x05")] {
+        let client = bench.connect_to(mdrive, Port(port)).unwrap();
+        bench.send(client, text);
+        bench.run_until(bench.now() + 100.millis());
+        bench.disconnect(client);
+    }
+    bench.run_until(bench.now() + 1.secs());
+    Trace::parse(&bench.trace().to_text(), &make).unwrap()
+}
+
+#[test]
+fn messages_have_their_outcomes_and_signs() {
+    let picture = draw(&shared_line(), &Options::default());
+    parsed(&picture);
+    // A message and its outcome are the title of its mark, with the time before them.
+    let of = |lane: &str| {
+        let (_, lane) = picture.split_once(&format!("data-messages=\"{lane}\"")).unwrap();
+        let lane = lane.split("data-").next().unwrap();
+        let titles = lane.split("<title>").skip(1).map(|title| {
+            let (title, _) = title.split_once("</title>").unwrap();
+            title.split_once(": ").unwrap().1.trim().to_owned()
+        });
+        let mut titles: Vec<String> = titles.collect();
+        titles.dedup();
+        titles
+    };
+    let corrupt = "8 bytes 01 06 00 15 23 28 81 21 → CRC wrong: 81 21 instead of 81 20";
+    assert_eq!(
+        of("x.rs485"),
+        [
+            "write MotionControl = 1 → starting for 2.5 s more",
+            corrupt,
+            "to 2: read SpeedLow",
+            "write Reserved = 5 → refused: 0x000B Reserved is read only (02)",
+            "read DeviceAddress → for address 9, nobody here (the drive has 1)",
+        ]
+    );
+    // What x answers is no message to y, and what is for x has no outcome there.
+    assert_eq!(
+        of("y.rs485"),
+        [
+            "to 1: write MotionControl = 1",
+            corrupt,
+            "read SpeedLow = 5000",
+            "to 1: write Reserved = 5",
+            "read DeviceAddress → for address 9, nobody here (the drive has 2)",
+        ]
+    );
+    assert_eq!(of("m.modbus"), ["read P = 0"]);
+    let off = "accepted, without effect: this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E";
+    assert_eq!(of("m.mcode"), ["PR VM → 768000".to_owned(), format!("Ctrl-E → {off}")]);
+    // In the legend, and at each message.
+    let signs = |class: &str| picture.matches(&format!("class=\"sign {class}\"")).count();
+    let marks = ["refused", "without-effect", "not-received", "by-fault"];
+    assert_eq!(marks.map(signs), [2, 2, 1 + 3 + 3 - 1, 0]);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use drivetwin_firmware::device::{Instant, Spec};
 
 use super::Span;
+use crate::decode::Mark;
 use crate::signals::motion::SAMPLE;
 use crate::signals::waveforms::{Kind, Sink, Track, Value, Variable};
 
@@ -47,6 +48,8 @@ pub(super) struct Words {
     pub(super) begin: Instant,
     pub(super) end: Instant,
     pub(super) text: String,
+    /// The outcome of a message to the drive, if it is known.
+    pub(super) outcome: Option<(String, Mark)>,
 }
 
 impl Shape {
@@ -155,12 +158,21 @@ impl Collector {
                 Some(edge) if edge.level == *level => {}
                 _ => edges.push(Edge { at, many: false, level: *level }),
             },
-            (Shape::Messages(messages), Value::Words(text)) => {
+            (Shape::Messages(messages), Value::Words(words)) => {
                 if let Some(last) = messages.last_mut() {
                     last.end = last.end.min(at);
                 }
-                if !text.is_empty() && at < self.span.to {
-                    messages.push(Words { begin: at, end: self.span.to, text: text.clone() });
+                let outcome = words.outcome.as_ref();
+                let result = outcome.map(|known| (known.text.clone(), known.mark));
+                // An outcome belongs to the message that began then, which is one of the last.
+                let mut last = messages.iter_mut().rev().take(8);
+                if let Some(known) = outcome
+                    && let Some(message) = last.find(|message| message.begin == known.begin)
+                {
+                    (message.text, message.outcome) = (known.request.clone(), result);
+                } else if !words.text.is_empty() && at < self.span.to {
+                    let text = outcome.map_or(&words.text, |known| &known.request).clone();
+                    messages.push(Words { begin: at, end: self.span.to, text, outcome: result });
                 }
             }
             _ => {}

@@ -1,12 +1,78 @@
 //! Copies of a trace that are made in several calls, so that a long trace does not stop the bench.
 
-use super::{Entry, Retention, Trace};
+use std::collections::HashSet;
+use std::mem;
+
+use drivetwin_firmware::device::Instant;
+
+use super::{Entry, Event, Group, Retention, Trace};
+use crate::ids::DriveId;
+use crate::record::journal::{self, Outcome};
 
 impl Trace {
     /// The retained events after the first `mark`, in the order of recording.
     pub fn since(&self, mark: u64) -> impl ExactSizeIterator<Item = &Entry> {
         let skip = usize::try_from(mark.saturating_sub(self.lost)).unwrap_or(usize::MAX);
         self.events.range(skip.min(self.events.len())..)
+    }
+
+    /// The events of several traces, each of one drive, in one trace of the drives of `original`, in the order in
+    /// which they were recorded. Of a frame on a shared line each trace has an outcome; one for another address is
+    /// left out if a drive of the others received the frame.
+    pub(crate) fn joined(original: &Self, parts: &[&Self]) -> Self {
+        let mut events: Vec<(Instant, Entry)> = Vec::new();
+        let mut claimed = HashSet::new();
+        for (drive, part) in parts.iter().enumerate() {
+            let mut now = Instant::ZERO;
+            for entry in part.events() {
+                if !entry.is_ahead() {
+                    now = now.max(entry.at);
+                }
+                if let Event::Received(received) = &entry.event
+                    && received.outcome != Outcome::NoDrive
+                {
+                    claimed.insert((received.at, received.message().to_vec()));
+                }
+                events.push((now, Entry { drive, ..entry.clone() }));
+            }
+        }
+        events.retain(|(_, entry)| match &entry.event {
+            Event::Received(received) if received.outcome == Outcome::NoDrive => {
+                !claimed.contains(&(received.at, received.message().to_vec()))
+            }
+            _ => true,
+        });
+        events.sort_by_key(|(now, _)| *now);
+        let events = events.into_iter().map(|(_, entry)| entry).collect();
+        let drives = original.drives.clone();
+        Self { drives, events, end: original.end, ..Self::new(original.seed, Retention::All) }
+    }
+
+    /// Adds the outcomes of messages from journals to a trace in which none are recorded, each at the end of its
+    /// message.
+    pub fn add_outcomes(&mut self, mut outcomes: Vec<(DriveId, journal::Entry)>) {
+        let Some(first) = self.events.front().map(|entry| entry.at) else { return };
+        if self.events.iter().any(|entry| matches!(entry.event, Event::Received(_))) {
+            return;
+        }
+        outcomes.retain(|(_, outcome)| outcome.at >= first && outcome.at <= self.end);
+        outcomes.sort_by_key(|(_, outcome)| (outcome.at, outcome.number));
+        let mut outcomes = outcomes.into_iter().peekable();
+        let event = |(drive, outcome): (DriveId, journal::Entry)| Entry {
+            at: outcome.at,
+            drive: drive.0 as usize,
+            event: Event::Received(Box::new(outcome)),
+            line: 0,
+        };
+        for entry in mem::take(&mut self.events) {
+            while !entry.is_ahead()
+                && let Some(earlier) = outcomes.next_if(|(_, outcome)| outcome.at < entry.at)
+            {
+                self.events.push_back(event(earlier));
+            }
+            self.events.push_back(entry);
+        }
+        self.events.extend(outcomes.map(event));
     }
 
     /// A copy without events; [`copy_back`](Self::copy_back) adds them.
@@ -31,6 +97,13 @@ impl Trace {
             self.lost -= 1;
         }
         missing > most
+    }
+}
+
+impl Entry {
+    /// Returns true if the stamp of the event may be later than its recording.
+    fn is_ahead(&self) -> bool {
+        matches!(&self.event, Event::Output(output) if matches!(output.group(), Group::Tx | Group::Line))
     }
 }
 

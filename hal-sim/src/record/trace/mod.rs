@@ -68,6 +68,7 @@ use drivetwin_firmware::device::{
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::time::Duration;
 
+use crate::record::journal;
 pub use recording::Recording;
 pub(crate) use ring::{allocated, make_room};
 pub use text::{ParseError, whole_lines};
@@ -200,6 +201,9 @@ pub enum Event {
         /// State of the motor's shaft.
         shaft: Shaft,
     },
+    /// Outcome of a message, for waveforms, recorded when it is known and again when it changes. Only a bench with
+    /// [`Settings::outcomes`](crate::bench::Settings::outcomes) records it, and a text does not contain it.
+    Received(Box<journal::Entry>),
 }
 
 /// An input of a drive: an [`Input`] that owns its bytes, a change of power, or a preset.
@@ -465,6 +469,7 @@ impl Entry {
             Event::Output(OutputRecord::Course { course, .. }) => {
                 allocated(size_of::<Course>()) + allocated(course.legs.len() * size_of::<Leg>())
             }
+            Event::Received(_) => allocated(size_of::<journal::Entry>()),
             Event::Input(_) | Event::Output(_) | Event::Shaft { .. } => 0,
         };
         size_of::<Self>() + owned
@@ -514,6 +519,13 @@ impl Trace {
     pub(crate) fn record_shaft(&mut self, at: Instant, drive: u32, axis: Axis, shaft: Shaft) {
         if self.retention != Retention::Off {
             self.record(at, drive, Event::Shaft { axis, shaft });
+        }
+    }
+
+    /// Records the outcome of a message.
+    pub(crate) fn record_received(&mut self, at: Instant, drive: u32, entry: journal::Entry) {
+        if self.retention != Retention::Off {
+            self.record(at, drive, Event::Received(Box::new(entry)));
         }
     }
 

@@ -57,7 +57,7 @@ impl<W: Write> Recording<W> {
                         self.put_first()?;
                     }
                 }
-                Event::Shaft { .. } => {}
+                Event::Shaft { .. } | Event::Received(_) => {}
             }
             self.taken += 1;
         }

@@ -158,7 +158,7 @@ impl Trace {
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
         let sign = match entry.event {
             Event::Input(_) => '>',
-            Event::Output(_) | Event::Shaft { .. } => '<',
+            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) => '<',
         };
         format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
     }
@@ -170,7 +170,7 @@ impl Trace {
         match &entry.event {
             Event::Input(input) => fed_text(drive.spec, input),
             Event::Output(output) => did_text(drive.spec, entry.at, output),
-            Event::Shaft { .. } => String::new(),
+            Event::Shaft { .. } | Event::Received(_) => String::new(),
         }
     }
 }
@@ -179,7 +179,7 @@ impl Entry {
     /// Returns true if the text of a trace contains the event.
     #[must_use]
     pub fn is_text(&self) -> bool {
-        !matches!(self.event, Event::Shaft { .. })
+        !matches!(self.event, Event::Shaft { .. } | Event::Received(_))
     }
 }
 

@@ -14,7 +14,7 @@ use drivetwin_firmware::motor::DriveWithMotor;
 use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
 use programs::{BUS, JMP_1, MIXED, MOV_AX_0, Program, SYSTEM};
 
-/// Rounds of a program's loop.
+/// Number of rounds of a program's loop.
 const ROUNDS: u32 = 100;
 
 #[entry]

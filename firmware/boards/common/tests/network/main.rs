@@ -71,7 +71,7 @@ fn while_the_drive_takes_nothing_its_connections_wait() {
         (cable.connected(MODBUS, 0), cable.connected(MCODE, 0), cable.connected(MCODE, 1));
     cable.drive.takes = false;
     let line = [&[b'x'; 99][..], b"\r"].concat();
-    // More bytes than a board buffers for a connection.
+    // The client sends more bytes than a board buffers for a connection.
     cable.say(client, &line.repeat(10));
     cable.client(client).close();
     cable.say(other, b"PR V\r");

@@ -63,7 +63,7 @@ impl Consoles {
         self.executing.take_if(|(executing, _)| *executing == link);
         for _ in 0..self.waiting.len() {
             if let Some(typed) = self.waiting.pop_front().filter(|typed| typed.0 != link) {
-                // There is room again.
+                // The queue has room again.
                 let _ = self.waiting.push_back(typed);
             }
         }
@@ -106,7 +106,7 @@ impl Consoles {
     pub(in crate::mdrive) fn links(&self) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         for console in &self.list {
-            // There is room for all.
+            // The list has room for all connections.
             let _ = links.push(console.link);
         }
         links
@@ -138,7 +138,7 @@ impl Consoles {
 
     /// Stores characters that arrive while a line is being executed.
     pub(super) fn wait(&mut self, link: Link, character: u8) {
-        // A client that respects `takes` never sends so many.
+        // A client that respects `takes` never sends more characters than the queue holds.
         let _ = self.waiting.push_back((link, character));
     }
 

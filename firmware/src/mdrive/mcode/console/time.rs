@@ -5,16 +5,16 @@ use crate::device::Duration;
 use crate::mdrive::drive::Drive;
 use crate::mdrive::mcode::statement::Statement;
 
-/// A line that does nothing, or is refused.
+/// Time of a line that does nothing, or is refused.
 const SHORTEST: Duration = Duration::millis(1);
-/// A line that sets a variable, or moves.
+/// Time of a line that sets a variable, or moves.
 const COMMON: Duration = Duration::millis(2);
-/// A line that is stored in the program.
+/// Time of a line that is stored in the program.
 const STORING: Duration = Duration::millis(4);
-/// S, IP, FD, CP, L, and a long PR.
+/// Time of S, IP, FD, CP and L, and the longest time of a PR.
 const LONGEST: Duration = Duration::millis(5);
-/// Each item of PR, in addition to the shortest time. A client measured 24 ms at 9,600 baud for
-/// `pr EF,"_"ER`; 19.8 ms of these are its 19 characters.
+/// Added to [`SHORTEST`] for each item of a PR. A client measured 24 ms at 9,600 baud for `pr EF,"_"ER`; its
+/// 19 characters take 19.8 ms of these.
 const ITEM: Duration = Duration::millis(1);
 
 impl Drive {

@@ -84,7 +84,7 @@ impl<'a> Scanner<'a> {
         })
     }
 
-    /// Takes steps while `validate` accepts them.
+    /// Takes the first step of an expression, then further steps while `validate` accepts them.
     fn chain(
         &mut self,
         kind: Kind,

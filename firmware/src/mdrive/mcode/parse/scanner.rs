@@ -197,7 +197,7 @@ impl<'a> Scanner<'a> {
     /// Takes the digits after a decimal point, in thousandths; `None` if there are none.
     ///
     /// # Errors
-    /// 21: the fraction is finer than thousandths; 24: a character is not a digit.
+    /// Error 21: the fraction is finer than thousandths; 24: a character is not a digit.
     fn decimals(&mut self) -> Result<Option<i64>, Error> {
         let word = self.word();
         self.skip(word.len());

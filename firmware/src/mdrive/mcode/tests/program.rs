@@ -194,7 +194,7 @@ fn a_program_is_not_cleared_in_motion() {
 #[test]
 fn there_are_192_labels_and_variables() {
     let mut dut = Dut::quiet();
-    // No name of the language begins with these letters.
+    // No name of the language begins with the letters of the following names.
     let names: Vec<String> = (0..180)
         .map(|n| {
             std::format!(
@@ -378,7 +378,7 @@ fn power_lost_while_lines_are_cleared_brings_no_older_ones_back() {
 fn check_sums_are_looked_at_when_power_comes_and_not_by_each_line() {
     let mut dut = Dut::quiet();
     dut.types_lines("PG 1\nE\nPG");
-    // Two bytes of address, one of length, the character; then the CRC.
+    // A record has two bytes of address, one of length, and the character; then the CRC.
     dut.out.memory[crate::mdrive::saved::PROGRAM + 4] ^= 1;
     assert_eq!(listed(&mut dut, ""), ["E"]);
     dut.cycle();

@@ -103,14 +103,14 @@ fn the_first_ctrl_j_activates_the_party_of_the_drive() {
     dut.set(Reg::PY, 1);
     assert_eq!(dut.types_on(there, "!PR R1\n!PR R1\n"), "6\r\n");
 
-    // The same after power-up.
+    // Party mode begins in the same way after power-up.
     dut.types("!S\n");
     dut.wait(crate::device::Duration::secs(1));
     dut.cycle();
     dut.feed(Input::Opened { port: MCODE, link: there });
     assert_eq!(dut.types("!PR R1\n!PR R1\n"), "6\r\n");
     assert_eq!(dut.types_on(there, "!PR R1\n"), "6\r\n");
-    // The same after Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).
+    // Party mode begins in the same way after Ctrl-C: "CTRL+C will reboot the unit" (MC 3-10).
     dut.types("\x03");
     dut.wait(crate::device::Duration::secs(1));
     assert_eq!(dut.types("!PR R1\n!PR R1\n").matches("6\r\n").count(), 1);

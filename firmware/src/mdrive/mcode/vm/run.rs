@@ -15,7 +15,7 @@ impl Drive {
     /// Address of a line that exists.
     ///
     /// # Errors
-    /// 30 for a name that is not a label, 42 if there is no line.
+    /// Error 30 for a name that is not a label, 42 if there is no line.
     pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
         let address = self.address(place)?;
         let found = self.mcode.program.next(address) == Some(address);
@@ -26,7 +26,7 @@ impl Drive {
     /// ends.
     ///
     /// # Errors
-    /// 21, 30, 42; nothing has happened then.
+    /// Error 21, 30 or 42; nothing has happened then.
     pub(in crate::mdrive) fn start_program(
         &mut self,
         at: Instant,
@@ -73,7 +73,7 @@ impl Drive {
     /// E, as a command: ends the program.
     ///
     /// # Errors
-    /// Motion continues.
+    /// The reason why motion continues.
     pub(in crate::mdrive) fn end_by_command(&mut self) -> Result<(), Why> {
         self.end_program();
         if self.motion.is_moving() { Err(Why::EndsProgram) } else { Ok(()) }
@@ -149,7 +149,7 @@ impl Drive {
         let address = self.mcode.vm.address;
         let mut line = Vec::<u8, LINE_BYTES>::new();
         match self.mcode.program.line(out.memory(), address) {
-            // No stored line is longer.
+            // No stored line is longer than the buffer.
             Some(text) => line.extend_from_slice(text).unwrap_or_default(),
             // There are no more lines: a program without E ends here, as in MC 7.2.5.
             None => return self.end_program(),

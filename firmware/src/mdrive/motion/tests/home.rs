@@ -255,7 +255,7 @@ fn homing_is_alone() {
     track.bench.run(1.secs());
     track.bench.does(Order::Slew(0));
     track.bench.run_out();
-    // Ramps and cruise: 1,200 + 3,000 + 1,200.
+    // The ramps and the cruise have 1,200 + 3,000 + 1,200 steps.
     assert_eq!(track.bench.c1(), 20_000 - 5_400);
 }
 

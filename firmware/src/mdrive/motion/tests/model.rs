@@ -105,8 +105,9 @@ proptest! {
                     // ramps, and so is the ramp after it.
                     let (steep, flat) = (f64::from(up.max(down)), f64::from(up.min(down)));
                     let near = STEP * steep * (3.0 + steep / flat) + 1.0;
-                    // At each end of a ramp the position may be off by a step of the model. Speeds that agree
-                    // to within `near` when a command arrives reverse that much apart.
+                    // At each end of a ramp the position may be off by a step of the model. If speeds agree
+                    // to within `near` when a command arrives, their reversals are apart by the time of this
+                    // difference.
                     let off = (f64::from(bench.c1()) - model.x).abs();
                     let late = (3.0 * STEP * steep + 1.0) / flat;
                     let beside = 3.0 + f64::from(turn) * STEP * f64::from(start) + late * model.v.abs();

@@ -63,7 +63,8 @@ fn a_move_keeps_the_speed_that_it_began_with() {
     bench.run(500.millis());
     assert_eq!(bench.v(), 5_000);
     bench.run_out();
-    // 2.5 + 400 ms, then (10,000 − 2,400)/5,000 s, then 400 ms.
+    // 2.5 ms to calculate the move, 400 ms for the ramp up, (10,000 − 2,400)/5,000 s at full speed, 400 ms
+    // for the ramp down.
     assert_eq!((bench.c1(), bench.now), (10_000, Instant::from(Duration::micros(2_322_500))));
 }
 

@@ -23,7 +23,7 @@ impl Dut {
 fn a_voltage_is_linear_up_to_max_rpm() {
     let mut dut = Dut::running(0);
     assert_eq!(dut.rpm(), 0, "nothing is wired");
-    // 10 bits over 5 V.
+    // A measurement has 10 bits over 5 V.
     for mv in [0, 4, 5, 1_000, 2_500, 4_999, 5_000, 6_000, -100] {
         dut.volts(mv);
         assert_eq!(dut.rpm(), mv.clamp(0, 5_000) * 1_023 / 5_000 * 3_000 / 1_023, "{mv}");
@@ -42,7 +42,7 @@ fn the_limits_are_where_the_voltage_begins_and_ends() {
     for (digit, rpm) in
         [(0, 0), (199, 0), (200, 0), (201, 5), (500, 1_500), (799, 2_995), (800, 3_000), (1_023, 3_000)]
     {
-        // The voltage in the middle of a measured value.
+        // Applies the voltage in the middle of a measured value.
         dut.volts((digit * 10_000 + 5_000) / 2_046);
         assert_eq!(dut.rpm(), rpm, "{digit}");
     }

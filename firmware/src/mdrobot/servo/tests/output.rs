@@ -55,7 +55,7 @@ fn a_torque_is_its_part_of_max_load() {
         );
         bench.hold(false);
         bench.run_ms(20);
-        // 0.06 Nm/A, 0.01 Nm of friction, 5·10⁻⁴ kg·m².
+        // The motor has 0.06 Nm/A, 0.01 Nm of friction, and 5·10⁻⁴ kg·m².
         let way = f64::from(ma) * 0.06e-3 - 0.01 * f64::from(ma.signum());
         let rpm = way / 5e-4 * 0.02 / core::f64::consts::TAU * 60.0;
         assert!((bench.real_rpm() - rpm).abs() <= 0.02 * rpm.abs(), "{} {rpm}", bench.real_rpm());

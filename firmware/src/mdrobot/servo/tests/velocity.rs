@@ -158,8 +158,8 @@ fn no_gain_and_no_limit_make_it_stick_on_the_way() {
                         off = off.max((bench.real_rpm() - f64::from(to)).abs());
                         accelerates = accelerates.max((bench.real_rpm() - before).abs());
                     }
-                    // A speed that is off still oscillates, as with integral gain and little proportional
-                    // gain; it does not stop there.
+                    // A wrong speed still oscillates, as with an integral gain and a small proportional gain.
+                    // It does not stay wrong.
                     let settles = off <= (f64::from(to).abs() / 100.0).max(2.0);
                     assert!(settles || accelerates > off / 10.0, "off by {off}: {what}");
                     assert!(settles || p_gain < 6_000, "off by {off}: {what}");

@@ -1,4 +1,5 @@
-//! Tests of moves, arithmetic, logic and shifts: every code in the tables of 6.9 with every form of operands.
+//! Tests of moves, arithmetic, logic and shifts: every code in the tables of section 6.9 with every form of
+//! operands.
 
 use super::*;
 
@@ -309,7 +310,7 @@ fn registers_that_are_not_there_are_an_error() {
         [line(0x13, 0, AX, INPUT, 0x3000), 0],
         [line(0x30, 0, AX, INPUT, 0x3000), 0],
         [line(0x55, 0, AX, INPUT, 0x3000), 0],
-        // The same with NOT_MODBUS and MODBUS_CONST.
+        // NOT_MODBUS and MODBUS_CONST of types that can only be read.
         [line(0x16, 0, 0, DISCRETE, 0x1000), 0],
         [line(0x0E, 0, 0, INPUT, 0x3000), 1],
     ];

@@ -223,7 +223,8 @@ fn an_overflow_by_trips_calls_the_handler() {
     assert_eq!((dut.value(Reg::R2), dut.value(Reg::R3), dut.value(Reg::BY)), (1, 43, 1));
 }
 
-/// Without a handler (OE), 30, 41, 42 and 43 end a program. With a handler it continues (MC 5-52).
+/// Without a handler (OE), the errors 30, 41, 42 and 43 end a program. With a handler the program continues
+/// (MC 5-52).
 #[test]
 fn what_cannot_go_on_ends_without_a_handler() {
     for (line, error) in

@@ -12,8 +12,8 @@ fn a_position_interrupts_a_hold() {
     );
     dut.run();
     assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE), dut.value(Reg::PC)), (1, 0, 0));
-    // 6.3 steps until SL 0, the third line of the subroutine, takes effect. 49.5 steps from 10,000 steps/s
-    // down to VI.
+    // The motor makes 6.3 steps until SL 0, the third line of the subroutine, takes effect. It makes 49.5
+    // steps from 10,000 steps/s down to VI.
     assert_eq!(dut.value(Reg::R2), 20_055);
 }
 
