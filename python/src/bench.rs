@@ -108,7 +108,7 @@ impl Bench {
     ///
     /// `name` is its kind by default; `address` its bus address and `set` registers, as if saved before power-on; `fast_boot`
     /// skips the start-up delay; `nv` is the file of its non-volatile memory, and `program` that of a user program (RS
-    /// drives). `motor` is a dict with the keys of a table [[motor]] of a bench file, for drives whose motor must be there
+    /// drives). `motor` is a dict with the keys of a table `[[motor]]` of a bench file, for drives whose motor must be there
     /// from the start: RS, MDROBOT, MDrive.
     #[pyo3(signature = (kind, name = None, *, address = None, fast_boot = false, set = None, nv = None, program = None, motor = None))]
     #[expect(clippy::too_many_arguments, reason = "each is a keyword argument of the method")]
@@ -212,7 +212,7 @@ impl Bench {
         Ok(Line::new(Arc::clone(&self.shared), found.map_err(refused)?))
     }
 
-    /// Connects the serial ports of several drives to one line: a table [[bus]] of a bench file.
+    /// Connects the serial ports of several drives to one line: a table `[[bus]]` of a bench file.
     #[pyo3(signature = (name, drives, **keys))]
     fn bus(
         &self,
@@ -229,7 +229,7 @@ impl Bench {
         self.line(py, name)
     }
 
-    /// Attaches a motor to a drive: a table [[motor]] of a bench file. Its name is by default "m", the next one "m2". The motor of an RS,
+    /// Attaches a motor to a drive: a table `[[motor]]` of a bench file. Its name is by default "m", the next one "m2". The motor of an RS,
     /// MDROBOT or MDrive must be there from the start: see `add`.
     #[pyo3(signature = (drive, name = None, **keys))]
     fn motor(
@@ -262,7 +262,7 @@ impl Bench {
         })
     }
 
-    /// Puts an encoder on the shaft of a motor: a table [[encoder]] of a bench file.
+    /// Puts an encoder on the shaft of a motor: a table `[[encoder]]` of a bench file.
     fn encoder(
         &self,
         py: Python<'_>,
@@ -277,7 +277,7 @@ impl Bench {
         self.add_table(py, "encoder", &table)
     }
 
-    /// Puts a switch on the shaft of a motor, which pulls a pin to ground within a range of positions: a table [[switch]] of
+    /// Puts a switch on the shaft of a motor, which pulls a pin to ground within a range of positions: a table `[[switch]]` of
     /// a bench file, for instance `closed={"below_rev": -2.0}, to="x.J2.2"`.
     fn switch(
         &self,
@@ -301,7 +301,7 @@ impl Bench {
         self.add_table(py, "wire", &table)
     }
 
-    /// Plays a scenario: the steps of a table [[scenario]] of a bench file, for instance
+    /// Plays a scenario: the steps of a table `[[scenario]]` of a bench file, for instance
     /// `[{"at_s": 0.5, "drive": "x", "fault": "over_temperature"}]`.
     fn scenario(&self, py: Python<'_>, steps: &Bound<'_, PyAny>) -> PyResult<()> {
         let table = PyDict::new(py);

@@ -49,7 +49,7 @@ impl Line {
         self.shared.with(py, |open| open.bench.outlet_name(self.outlet))
     }
 
-    /// Sets the faults of the line from its next frame on, with the keys of a table [[fault]] of a bench file; without
+    /// Sets the faults of the line from its next frame on, with the keys of a table `[[fault]]` of a bench file; without
     /// an argument the line has no faults. A rate is a share of the frames, 0 to 1; a dict says which frames and how
     /// many: `drop={"count": 1, "direction": "reply"}`.
     #[pyo3(signature = (**faults))]
