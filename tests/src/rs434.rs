@@ -129,7 +129,7 @@ pub mod at {
     pub const PC: u16 = 0x7006;
     /// Section 6.7: GX to JX, up to 700Ah
     pub const GX: u16 = 0x7007;
-    /// Section 6.8: the first of four, up to 8004h
+    /// Section 6.8: the first of the four registers 8001h to 8004h
     pub const HW_MAJOR: u16 = 0x8001;
 }
 

@@ -66,7 +66,7 @@ pub enum Action {
         drive: DriveId,
         /// The fault.
         fault: Fault,
-        /// True to set the cause.
+        /// True to set the cause of the fault, false to clear it.
         on: bool,
     },
     /// Drives a pin.

@@ -244,7 +244,8 @@ impl Bench {
         fate
     }
 
-    /// Answers a request with the exception of the faults, without the drive (BENCH-12).
+    /// Answers a request in place of the drive, with the Modbus exception that the fault `exception` sends
+    /// (BENCH-12).
     fn refuse(&mut self, client: u32, at: (DriveId, Port), request: &[u8], effects: FrameEffects) {
         let code = self.port_disturbance(at.0, at.1).faults().exception_code;
         let Some((header, &[function, ..])) = tcp::parse(request) else { return };

@@ -36,7 +36,7 @@ pub(super) enum Shape {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Edge {
     pub(super) at: Instant,
-    /// True if there are more edges in this column.
+    /// True if there is more than one edge in this column.
     pub(super) many: bool,
     /// Level after the column's last edge: `0`, `1`, `z` or `x`.
     pub(super) level: char,
