@@ -103,7 +103,7 @@ pub mod at {
     pub const OFFSET_CONST: u16 = 0x5017;
     /// Section 6.5, a pair
     pub const TARGET_POSITION: u16 = 0x5019;
-    /// Section 6.5: the first of four pairs
+    /// Section 6.5: the first of four target positions, each a pair
     pub const TARGET_POSITION1: u16 = 0x501B;
     /// Section 6.5, a pair
     pub const TARGET_POSITION4: u16 = 0x5021;

@@ -142,8 +142,8 @@ impl Bench {
         serial.sends_until <= start && slot.receives_from() <= first
     }
 
-    /// Answers a request that ended at `end` with the exception of the faults, without its drive. `number` identifies
-    /// the request if characters may collide.
+    /// Answers a request that ended at `end` in place of its drive, with the Modbus exception that the fault
+    /// `exception` sends. `number` identifies the request if characters may collide.
     pub(super) fn answer_refused(
         &mut self,
         refusal: Refusal,

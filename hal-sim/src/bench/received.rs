@@ -223,7 +223,7 @@ pub struct News {
 }
 
 impl News {
-    /// Number of the last of these entries, for the next call of [`Bench::received_after`].
+    /// Number of the last entry in this list, for the next call of [`Bench::received_after`].
     #[must_use]
     pub fn last(&self) -> u64 {
         self.last
@@ -548,7 +548,7 @@ impl Bench {
         self.record_outcomes(Receiver::Drive(drive));
     }
 
-    /// Notes the effects of faults on the reply of a drive in the entry of its request.
+    /// Notes the effects that faults had on a drive's reply. The note is in the journal's entry of the request.
     pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
         if let Some(entry) = self.at_mut(drive).state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);

@@ -40,7 +40,7 @@ pub(super) fn misread(sent: Line, bytes: &[u8], reader: Line) -> Vec<(Duration, 
 }
 
 impl Wire<'_> {
-    /// The first time, not before `from`, at which the wire has this value; `None` if it has it never.
+    /// The first time, not before `from`, at which the wire has this value; `None` if it never has this value.
     fn next(&self, from: u64, one: bool) -> Option<u64> {
         if self.is_one(from) == one {
             return Some(from);

@@ -61,8 +61,8 @@ impl Encoder {
         count.checked_rem_euclid(self.counts_per_rev.into()).unwrap_or(0)
     }
 
-    /// Next time at which the built-in encoder reaches or leaves its index; never if the shaft changes its
-    /// motion before.
+    /// Next time at which the built-in encoder reaches or leaves its index; never if the motion of the shaft
+    /// changes first.
     pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
         let kinematics = motor.kinematics();
         let way = if kinematics.half_speed == 0 {
