@@ -262,8 +262,9 @@ impl Bench {
         Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
     }
 
-    /// The latest entries of all journals, each with the drive; those of a line once for each of its drives. On a
-    /// bench of many drives they are fewer of each, about 100,000 in all.
+    /// The latest entries of all journals, each entry with its drive. An entry of a line's own journal is in the list
+    /// once for each drive of the line. The journals give about 100,000 entries together, so on a bench of many drives
+    /// each journal gives fewer.
     #[must_use]
     pub fn outcomes(&self) -> Vec<(DriveId, Entry)> {
         const MOST_IN_ALL: usize = 100_000;

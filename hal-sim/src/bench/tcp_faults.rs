@@ -328,7 +328,7 @@ impl Bench {
         self.port_disturbance(drive, port).reply(count, content.as_ref())
     }
 
-    /// Sends a reply to a client with its faults.
+    /// Sends a reply to a client, changed by the faults in `fate`.
     fn send_reply(&mut self, client: u32, bytes: &[u8], fate: Option<&FrameFaults>) {
         let Some(fate) = fate else {
             return self.send_part(client, Duration::ZERO, StreamPart::Bytes(bytes.to_vec()));
