@@ -261,8 +261,8 @@ impl Drive {
         Ok(self.received().wrote_before(first, then))
     }
 
-    /// Statistics of the requests on the line of the drive's first port, to all its drives: silence, retries, requests
-    /// that were too early. If that port is a TCP port, of the requests on it: retries.
+    /// Statistics of the requests to all drives on the line of this drive's first port: silence, retries, requests that
+    /// were too early. If the first port is a TCP port: retries of the requests at this port.
     #[must_use]
     pub fn request_statistics(&self) -> RequestStatistics {
         let bench = self.bench.bench();

@@ -1,4 +1,4 @@
-//! Wrong names and values are errors of one sentence, and change nothing.
+//! A wrong name or value gives an error whose text is one sentence, and changes nothing.
 
 use drivetwin::{Bench, FaultRule, LineFaults, PinStimulus, PowerAction, Span as _, md3, mdrive, qsb};
 

@@ -336,7 +336,7 @@ pub trait Outputs {
     /// board's clock.
     fn wait(&mut self, _late: Duration) {}
 
-    /// Makes steps of an axis without a plan, now. Does nothing on a board that makes no steps.
+    /// Makes steps of an axis now, although no plan contains them. Does nothing on a board that makes no steps.
     fn step(&mut self, _axis: Axis, _steps: i32) {}
 
     /// Sets the current of an axis, in mA. Does nothing on a board that cannot set it.
@@ -509,7 +509,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         self.due = feed(&mut self.device, self.due, self.last_event, input, &mut self.state);
     }
 
-    /// Time of the next work, if no input is received before.
+    /// Time of the next work, if no input is received until then.
     #[must_use]
     pub fn deadline(&self) -> Instant {
         self.due().min(self.state.deadline())

@@ -1,4 +1,4 @@
-//! The host side of drivetwin: drives on a bench of virtual time, and the tools for it.
+//! The bench of drivetwin: drives in virtual time, and the tools for them.
 //!
 //! | module | what it holds |
 //! |---|---|

@@ -23,7 +23,8 @@ impl Value {
         Self::with_words(shape, value, |n| entries.word(shape, value, n))
     }
 
-    /// The value of a register of this shape, from its number, or from its words in bus order.
+    /// The value of a register of this shape. It is the number `value`, or for [`Shape::Words`] the list of the
+    /// words in bus order. `word` gives a word by its index.
     pub(crate) fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
         match shape {
             Shape::Words(count) => Self::Words((0..count.into()).map(|n| word(n).into()).collect()),

@@ -44,7 +44,7 @@ impl Address {
 /// Maximum number of drives that are all listed.
 const MAX_LISTED: usize = 12;
 
-/// Number of drives that are listed if there are more than [`MAX_LISTED`].
+/// Number of drives that are listed if the bench has more than [`MAX_LISTED`] drives.
 const LISTED: usize = 8;
 
 /// A line or TCP port with its addresses.

@@ -103,7 +103,7 @@ pub mod at {
     pub const OFFSET_CONST: u16 = 0x5017;
     /// Section 6.5, a pair
     pub const TARGET_POSITION: u16 = 0x5019;
-    /// Section 6.5: the first of four pairs
+    /// Section 6.5: the first of four target positions, each a pair
     pub const TARGET_POSITION1: u16 = 0x501B;
     /// Section 6.5, a pair
     pub const TARGET_POSITION4: u16 = 0x5021;
@@ -129,7 +129,7 @@ pub mod at {
     pub const PC: u16 = 0x7006;
     /// Section 6.7: GX to JX, up to 700Ah
     pub const GX: u16 = 0x7007;
-    /// Section 6.8: the first of four, up to 8004h
+    /// Section 6.8: the first of the four registers 8001h to 8004h
     pub const HW_MAJOR: u16 = 0x8001;
 }
 

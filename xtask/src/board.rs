@@ -66,8 +66,9 @@ pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
 
-/// Arguments of cargo that select everything that runs on a processor. The packages are always the same. For
-/// other packages cargo may select other features of the dependencies, and build the dependencies again.
+/// Arguments of cargo that select all packages that run on a microcontroller with this target. The packages are
+/// always the same. For other packages cargo may select other features of the dependencies, and build the
+/// dependencies again.
 pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
     let board = BOARDS.iter().filter(|board| board.target == target).map(|board| board.package);
     let packages = board.chain(["panic-free"]);

@@ -49,7 +49,7 @@ pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
     board::kinds().into_iter().filter(|kind| !board::spec(kind).is_some_and(Spec::is_on_network))
 }
 
-/// Cost of a group of parts of a program, in instructions.
+/// A group of parts of a program, with the cost of one part in instructions.
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) name: String,

@@ -184,7 +184,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     request(&port, 2);
     answer(&port, 2);
 
-    // The next program opens the pty before the process sees that the last one has closed it.
+    // The next program opens the pty before the process sees that the previous program has closed it.
     md3.notice();
     let port = unseen(&md3, || {
         tcflow(&port, Action::OOff).unwrap();

@@ -284,7 +284,7 @@ impl Ls7366r {
         self.latched & self.mdr1 & mdr1::FLAGS != 0
     }
 
-    /// Number of bytes of CNTR, DTR and OTR.
+    /// Number of bytes in each of CNTR, DTR and OTR.
     fn width(&self) -> u8 {
         4 - (self.mdr1 & mdr1::MISSING_BYTES)
     }

@@ -16,12 +16,12 @@ use super::variables::{entry, is_number, words};
 use crate::device::{Context, Duration, Instant, NullContext, PresetError};
 use crate::memory::{self, Content, Save};
 
-/// Bytes of the variables, which are at the start of the memory.
+/// Size in bytes of the saved variables with their CRC, which are at the start of the memory.
 pub(super) const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 /// Bytes of one global user variable: two for its name and four for its value.
 const GLOBAL: usize = 6;
 const GLOBAL_BYTES: usize = GLOBAL * names::MAX;
-/// Bytes of all global user variables and their CRC. They follow the variables.
+/// Size in bytes of all global user variables with their CRC. In the memory they follow the saved variables.
 pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
 /// Offset of the log that stores the program.
 pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;

@@ -36,7 +36,7 @@ pub(crate) struct ControlModel {
     pub(crate) gain: I40F24,
     /// Inverse of `gain`.
     inverse: I40F24,
-    /// Time constant in ticks of the loop: the time in which the difference to the final speed falls to 1/e.
+    /// Time in which the difference to the final speed falls to 1/e, as a multiple of [`TICK`].
     pub(crate) slowness: I40F24,
     /// Loss of speed by friction.
     pub(crate) friction: I40F24,

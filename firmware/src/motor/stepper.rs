@@ -192,7 +192,7 @@ pub struct StepperMotor {
     is_loose: bool,
     /// True if the drive keeps its field near a shaft that does not follow, and so its whole torque.
     keeps_field: bool,
-    /// Time of the last step without a plan.
+    /// Time of the last step that the drive made without a plan.
     stepped: Instant,
     /// Time until which the shaft catches up with the field.
     catch_up_until: Instant,

@@ -47,7 +47,8 @@ pub(super) fn parse(line: &TextLine<LINE_CHARACTERS>) -> Result<Command, u8> {
     }
 }
 
-/// The number of up to eight hexadecimal digits (QSB-3); `None` if there are more, or other characters.
+/// The number that up to eight hexadecimal digits form (QSB-3); `None` if there are more than eight digits, or other
+/// characters.
 fn number(digits: &[u8]) -> Option<u32> {
     if digits.len() > 8 {
         return None;

@@ -65,7 +65,7 @@ impl Adapter {
         Reg::from_row(index).filter(|_| allowed && self.has(row)).map(|reg| (reg, row))
     }
 
-    /// Sends the present value of a register with this letter.
+    /// Sends the present value of a register, in a response that begins with `letter`.
     pub(super) fn send_value(&mut self, at: Instant, letter: u8, reg: Reg, out: &mut dyn Context) {
         let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
         let data = self.value(at, reg) as u32;

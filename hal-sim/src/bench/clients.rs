@@ -69,7 +69,7 @@ impl Bench {
         }
     }
 
-    /// Drops the bytes of a client of a line that are not on the line yet, as if the client had not sent them.
+    /// Drops the bytes that a client has sent and that are not on its line yet, as if it had not sent them.
     pub fn drop_backlog(&mut self, client: Client) {
         let Some(state) = self.clients.get_mut(&client.0) else { return };
         let bus = state.bus;

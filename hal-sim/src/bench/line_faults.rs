@@ -116,8 +116,9 @@ impl Bench {
         request
     }
 
-    /// The exception of the faults for a request that begins at `start`. `None` if no drive would answer the request,
-    /// so that there is nothing to refuse: the drive that it is for must be on the line and receive it.
+    /// The Modbus exception that the fault `exception` sends for a request that begins at `start`. `None` if no drive
+    /// would answer the request, so that there is nothing to refuse: the drive to which the request is addressed must
+    /// be on the line and receive it.
     fn refusal(&self, bus: u32, start: Instant, request: &Request) -> Option<Refusal> {
         let &LineFaults { exception: rule, exception_code: code, baud, .. } =
             self.buses[bus as usize].disturbance.faults();
@@ -142,8 +143,8 @@ impl Bench {
         serial.sends_until <= start && slot.receives_from() <= first
     }
 
-    /// Answers a request that ended at `end` with the exception of the faults, without its drive. `number` identifies
-    /// the request if characters may collide.
+    /// Answers a request that ended at `end` in place of its drive, with the Modbus exception that the fault
+    /// `exception` sends. `number` identifies the request if characters may collide.
     pub(super) fn answer_refused(
         &mut self,
         refusal: Refusal,

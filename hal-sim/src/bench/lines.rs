@@ -79,8 +79,8 @@ impl Bench {
         (0..).map(Bus).zip(&self.buses).filter(|(_, line)| line.port.is_none()).map(|(bus, _)| bus)
     }
 
-    /// The line of that name. The name of a port alone also finds the line of that port if no other line has
-    /// a port of the same name.
+    /// The line with the name `name`. If there is none, `name` may be the name of a port. Then the result is the
+    /// line of this port, provided that only one line has a port with this name.
     #[must_use]
     pub fn find_bus(&self, name: &str) -> Option<Bus> {
         let lines = self.buses();

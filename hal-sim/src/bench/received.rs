@@ -223,7 +223,7 @@ pub struct News {
 }
 
 impl News {
-    /// Number of the last of these entries, for the next call of [`Bench::received_after`].
+    /// Number of the last entry in this list, for the next call of [`Bench::received_after`].
     #[must_use]
     pub fn last(&self) -> u64 {
         self.last
@@ -262,8 +262,9 @@ impl Bench {
         Received { spec: slot.spec, entries, lost: journals.iter().map(|journal| journal.lost()).sum() }
     }
 
-    /// The latest entries of all journals, each with the drive; those of a line once for each of its drives. On a
-    /// bench of many drives they are fewer of each, about 100,000 in all.
+    /// The latest entries of all journals, each entry with its drive. An entry of a line's own journal is in the list
+    /// once for each drive of the line. The journals give about 100,000 entries together, so on a bench of many drives
+    /// each journal gives fewer.
     #[must_use]
     pub fn outcomes(&self) -> Vec<(DriveId, Entry)> {
         const MOST_IN_ALL: usize = 100_000;
@@ -548,7 +549,7 @@ impl Bench {
         self.record_outcomes(Receiver::Drive(drive));
     }
 
-    /// Notes the effects of faults on the reply of a drive in the entry of its request.
+    /// Notes the effects that faults had on a drive's reply. The note is in the journal's entry of the request.
     pub(super) fn note_reply(&mut self, drive: DriveId, port: Port, bytes: &[u8], effects: FrameEffects) {
         if let Some(entry) = self.at_mut(drive).state.journal.answered_with(port, bytes) {
             entry.on_answer = entry.on_answer.and(effects);

@@ -13,7 +13,7 @@ use crate::value::Value;
 /// A sequence of steps, for [`Bench::play`](crate::bench::Bench::play).
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Scenario {
-    /// The steps; each waits for the end of the one before.
+    /// The steps; each waits for the end of the step before it.
     pub steps: Vec<Step>,
 }
 
@@ -66,7 +66,7 @@ pub enum Action {
         drive: DriveId,
         /// The fault.
         fault: Fault,
-        /// True to set the cause.
+        /// True to set the cause of the fault, false to clear it.
         on: bool,
     },
     /// Drives a pin.

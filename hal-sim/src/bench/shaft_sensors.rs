@@ -195,7 +195,7 @@ fn forward(kinematics: &Kinematics) -> bool {
 }
 
 /// The first tick from `from` on at which the shaft has reached or passed an angle (forward), or is below it
-/// (backward); [`Instant::NEVER`] if the motion changes before.
+/// (backward); [`Instant::NEVER`] if the motion changes first.
 ///
 /// Floating point gives a first guess, usually exact to the tick. From there a search compares exact
 /// positions until the crossing lies between two ticks, so the result is exact.

@@ -280,8 +280,8 @@ impl Bench {
         self.spec(drive).ports.get(usize::from(port.0))
     }
 
-    /// The line or TCP port of that name. The name of a port alone also finds that port if no other port has
-    /// the same name.
+    /// The line or TCP port with the name `name`. `name` may leave out the drive of a port, provided that no other
+    /// port has the same name.
     #[must_use]
     pub fn find_outlet(&self, name: &str) -> Option<Outlet> {
         let line = self.find_bus(name).map(Outlet::Line);

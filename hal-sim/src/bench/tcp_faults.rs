@@ -21,11 +21,11 @@ const STREAM: Line = Line::new(9_600, 8, Parity::None, 1);
 
 /// State of the faults on one connection.
 pub(super) struct DisturbedStream {
-    /// Bytes of requests behind the faults that are not scheduled for delivery to the drive yet.
+    /// Bytes of requests on which the faults have acted already. They are not scheduled for delivery to the drive yet.
     pub(super) passed: Vec<u8>,
     /// Splitter of `passed`, on a Modbus/TCP port.
     pub(super) splitter: Option<Splitter>,
-    /// True if a fault has changed the length of a request, so that `splitter` may have a part of one.
+    /// True if a fault has changed the length of a request, so that `splitter` may have a part of a request.
     altered: bool,
     /// Content of the last request, if a fault needs it.
     asked: Option<Content>,
@@ -38,7 +38,7 @@ pub(super) struct DisturbedStream {
     /// Number of delayed parts of the stream to the client, and of their bytes.
     pub(super) late: usize,
     pub(super) late_bytes: usize,
-    /// Time of the last of them.
+    /// Time at which the last of these parts arrives.
     late_until: Instant,
 }
 
@@ -244,7 +244,8 @@ impl Bench {
         fate
     }
 
-    /// Answers a request with the exception of the faults, without the drive (BENCH-12).
+    /// Answers a request in place of the drive, with the Modbus exception that the fault `exception` sends
+    /// (BENCH-12).
     fn refuse(&mut self, client: u32, at: (DriveId, Port), request: &[u8], effects: FrameEffects) {
         let code = self.port_disturbance(at.0, at.1).faults().exception_code;
         let Some((header, &[function, ..])) = tcp::parse(request) else { return };
@@ -327,7 +328,7 @@ impl Bench {
         self.port_disturbance(drive, port).reply(count, content.as_ref())
     }
 
-    /// Sends a reply to a client with its faults.
+    /// Sends a reply to a client, changed by the faults in `fate`.
     fn send_reply(&mut self, client: u32, bytes: &[u8], fate: Option<&FrameFaults>) {
         let Some(fate) = fate else {
             return self.send_part(client, Duration::ZERO, StreamPart::Bytes(bytes.to_vec()));
@@ -433,8 +434,8 @@ fn is_whole(framed: bool, request: &[u8], changed: &[u8]) -> bool {
     }
 }
 
-/// Returns true if text that a fault changed still ends the line that it ended, and no new control character has ended or
-/// cancelled that line before.
+/// Returns true if `changed`, which a fault has made of `text`, still ends the line that `text` ends, and has no more
+/// control characters, which could end or cancel the line earlier.
 pub(super) fn is_whole_line(text: &[u8], changed: &[u8]) -> bool {
     let controls = |text: &[u8]| text.iter().filter(|byte| byte.is_ascii_control()).count();
     !ends_line(text) || (ends_line(changed) && controls(changed) <= controls(text))

@@ -123,7 +123,8 @@ impl Bench {
         self.turn_until(bus, until);
     }
 
-    /// Notes the effects of faults on a character of a line with timed characters, for the entry of its line of text.
+    /// Notes the effects of faults on a character, for the journal's entry of the line of text that contains it. The
+    /// characters on the serial line are timed.
     fn note_character(&mut self, bus: u32, character: &[u8], effects: FrameEffects) {
         let serial_line = &mut self.buses[bus as usize];
         let ends = ends_line(character);

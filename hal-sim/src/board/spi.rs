@@ -1,4 +1,4 @@
-//! Chips on an SPI bus, so that drivers written for embedded-hal can use them on the host.
+//! Chips on an SPI bus, so that drivers written for embedded-hal can use them on a PC.
 
 use std::cell::{RefCell, RefMut};
 use std::convert::Infallible;

@@ -16,7 +16,8 @@ use crate::record::trace::{Entry, Event, InputRecord, OutputRecord, Power, Trace
 /// Time after the end of a message within which an event may belong to it.
 const NEAR: Duration = Duration::millis(1);
 
-/// Maximum number of characters of a line of text; of a longer one the first are left out.
+/// Maximum number of characters that are kept of a line of text. If the line is longer, its first characters are
+/// left out.
 const LONGEST: usize = 1 << 10;
 
 /// A message on a port of a drive.

@@ -139,7 +139,7 @@ pub struct Request {
 /// A message with its outcome, as text and as fields.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Exchange {
-    /// The request. Its registers have the values of the answer if it reads.
+    /// The request. If it is a read request, its registers have the values from the answer.
     pub request: Request,
     /// Verdict.
     pub verdict: Verdict,

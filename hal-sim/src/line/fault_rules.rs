@@ -12,7 +12,8 @@ use crate::suggest;
 pub enum Amount {
     /// Share of the frames that the rule covers, from 0 to 1. A random choice decides for each frame.
     Rate(f64),
-    /// Each of the next so many frames that the rule covers. The number goes down with each of them.
+    /// Each of the next N frames that the rule covers, where N is the number here. Each of these frames reduces the
+    /// number by 1.
     Count(u32),
 }
 

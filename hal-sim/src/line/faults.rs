@@ -400,7 +400,8 @@ pub(crate) struct FrameFaults {
     pub(crate) muted: bool,
     /// Delay of the reply.
     pub(crate) delay: Duration,
-    /// Random number for the length of the frame up to the end of the connection.
+    /// Random number that determines after how many bytes of the frame the connection is closed; `None` if it stays
+    /// open.
     close: Option<u64>,
 }
 
@@ -547,8 +548,8 @@ impl FrameFaults {
         Some(text)
     }
 
-    /// Bytes that a receiver at `baud` bits per second reads in the time of `count` characters of `line`: as
-    /// many as fit into that time, but at most `count`.
+    /// Random bytes in place of `count` characters of `line`, for a receiver at `baud` bits per second: as many bytes as
+    /// it can read in that time, but at most `count`.
     pub(crate) fn garbage(&self, line: Line, baud: u32, count: usize) -> Vec<u8> {
         let room = count as u64 * u64::from(baud) / u64::from(line.baud.max(1));
         let mut rng = Rng::branch(self.garbage);

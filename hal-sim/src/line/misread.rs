@@ -40,7 +40,7 @@ pub(super) fn misread(sent: Line, bytes: &[u8], reader: Line) -> Vec<(Duration, 
 }
 
 impl Wire<'_> {
-    /// The first time, not before `from`, at which the wire has this value; `None` if it has it never.
+    /// The first time, not before `from`, at which the wire has this value; `None` if it never has this value.
     fn next(&self, from: u64, one: bool) -> Option<u64> {
         if self.is_one(from) == one {
             return Some(from);
@@ -105,10 +105,13 @@ mod tests {
         let (even, none) = (line(9_600, 8, Parity::Even), line(9_600, 8, Parity::None));
         // 0x07 has an odd number of ones: its parity bit is a one, like a stop bit.
         assert_eq!(bytes(even, &[0x07, 0x07], none), [0x07, 0x07]);
-        // 0x03 has a parity bit of zero. The stop bit after it is the one before the next start bit.
+        // 0x03 has a parity bit of zero, which the reader takes for a bad stop bit. The real stop bit follows. It
+        // is a one, so the reader finds the next start bit.
         assert_eq!(bytes(even, &[0x03, 0x07], none), [0x03, 0x07]);
-        // If parity is missing, the stop bit is read as the parity bit, and the next start bit as the stop bit. The
-        // second bit of 0x55 is then the start bit: 1 0 1 0 1 0 follow, and the line at rest.
+        // The sender has no parity, the reader expects it. So the reader takes the stop bit for the parity bit, and
+        // the start bit of the second character for the stop bit. Bits 0 to 7 of this 0x55 are 1 0 1 0 1 0 1 0. The
+        // reader takes bit 1, the first zero, for a start bit. It reads bits 2 to 7 (1 0 1 0 1 0), then the stop bit
+        // and the idle line, which are ones.
         assert_eq!(bytes(none, &[0x55, 0x55], even), [0x55, 0b1101_0101]);
     }
 

@@ -129,8 +129,8 @@ pub(crate) struct SerialLine {
     pub(crate) behind: VecDeque<Request>,
     /// End of delayed and repeated replies; the next reply does not start earlier.
     pub(crate) held_up: Instant,
-    /// Delay of the last reply on the line, behind earlier ones too: the line carries what the drive has transmitted by
-    /// then, also if its power fails meanwhile.
+    /// Delay of the last reply on the line, including its wait for earlier replies. The drive has transmitted the reply
+    /// that much earlier, so the line carries it even if the drive's power fails during the delay.
     pub(crate) late_by: Duration,
     /// Characters on the line; `None` if they cannot collide.
     pub(crate) collisions: Option<CollisionTracker>,

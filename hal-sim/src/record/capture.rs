@@ -91,7 +91,7 @@ impl Capture {
     }
 
     /// Copies at most `most` more frames from `original`, of which this must be an [outline](Self::outline),
-    /// up to frame number `seen`. Returns true if there are more. If the ring of `original` has dropped
+    /// up to frame number `seen`. Returns true if frames are left to copy. If the ring of `original` has dropped
     /// frames in the meantime, these and all earlier frames are lost here, too.
     pub fn copy_on(&mut self, original: &Self, seen: u64, most: usize) -> bool {
         if original.lost > self.seen() {

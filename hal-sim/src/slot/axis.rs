@@ -16,8 +16,8 @@ pub(crate) struct AxisState {
     pub(crate) sampler: Sampler,
     /// True if the last step before the plan was forward.
     forward: bool,
-    /// Direction of the last step without a plan since the last plan, true if forward; `None` without such
-    /// steps.
+    /// Direction of the last step that the drive has made without a plan, true if forward; `None` if it has made no
+    /// such step since the last plan.
     stepped: Option<bool>,
     /// True once the drive has set a current.
     pub(super) reports_current: bool,

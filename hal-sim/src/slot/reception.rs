@@ -24,7 +24,7 @@ use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 /// Maximum number of bytes that wait for an outcome; further bytes are left out.
 const LONGEST: usize = 1 << 10;
 
-/// Bytes of a port without an outcome.
+/// Bytes that a port has received and whose outcome the drive has not reported yet.
 #[derive(Debug, Default)]
 struct Part {
     bytes: Vec<u8>,
@@ -52,7 +52,7 @@ impl Part {
 struct PortReception {
     framing: Framing,
     ascii: bool,
-    /// Bytes without an outcome.
+    /// Bytes whose outcome the drive has not reported yet.
     part: Part,
     /// Connection of the bytes.
     link: Link,

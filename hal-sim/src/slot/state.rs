@@ -44,12 +44,12 @@ pub(crate) struct SlotState {
 /// Point in a save at which power fails.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// Number of stores that are still completed before.
+    /// Number of stores that are completed before power fails.
     stores: u32,
     part: Part,
 }
 
-/// Part of a store that is completed.
+/// Completed part of the store in which power fails.
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Bytes(usize),

@@ -137,7 +137,7 @@ enum State {
 #[derive(Clone, Debug)]
 pub struct AsciiReceiver {
     character: Duration,
-    /// Body of the message; after the end of the message without the LRC.
+    /// Body of the message. The LRC is at its end until the message is complete, and is then removed.
     body: Frame,
     state: State,
     /// End of the last character.

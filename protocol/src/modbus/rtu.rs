@@ -320,7 +320,7 @@ fn after(burst: &[u8], length: usize) -> &[u8] {
     burst.get(length..).unwrap_or_default()
 }
 
-/// Returns true if `burst` begins with a whole frame of a function of known length.
+/// Returns true if `burst` begins with a whole frame, and the frames of its function have known lengths.
 fn starts_with_frame(burst: &[u8], expect: Expect) -> bool {
     let Some(&function) = burst.get(1) else { return false };
     let lengths = lengths(burst, function, expect);

@@ -49,7 +49,7 @@ fn page_6_saved_values_survive_a_power_cycle() {
     for pid in [78, 100, 130, 180] {
         assert_eq!(rig.read(pid), 0, "PID {pid}");
     }
-    // Each PID changed alone.
+    // Only one register (PID: parameter ID) is changed at a time.
     for row in rows(|row| row.saved) {
         let mut rig = Rig::default();
         rig.write_words(row.pid, &changed(row));

@@ -11,7 +11,7 @@ pub(crate) struct Figures {
     pub(crate) time: Duration,
     /// Greatest delay of an output or input.
     pub(crate) latency: Duration,
-    /// Greatest delay if the loop computed a plan before.
+    /// Greatest delay of an output or input before which the loop had to compute a plan.
     pub(crate) planning: Duration,
     /// Time from the start of the clock until the loop first sleeps.
     pub(crate) boot: Duration,

@@ -6,16 +6,16 @@ use drivetwin_sim::record::trace::{Event, OutputRecord, Trace};
 use crate::expected::Expected;
 
 /// Allowed delay of an output or an input of the board, caused by interrupts and the loop. This bound and the
-/// next ones limit the run time of the code at 16 ns per instruction. The longest is a reply while the servo
-/// of an MDROBOT or RS drive runs: 329 µs.
+/// next ones limit how many instructions the code executes, at 16 ns per instruction. The longest measured delay
+/// is that of a reply while the servo of an MDROBOT or RS drive runs: 329 µs.
 const LATENCY: Duration = Duration::micros(450);
 /// Allowed delay of inputs from the network. It includes the frames, the frames that answer each of them, and
-/// all check sums. The longest is the list of a whole program of an MDrive (L), line by line: 764 µs.
+/// all check sums. The longest measured delay is that of an MDrive that lists a whole program (L): 764 µs.
 const ON_NETWORK: Duration = Duration::micros(850);
 /// Allowed delay if the motor gets a new plan, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
-/// Allowed time from the first instruction until the start-up is done. The longest, relative to its memory,
-/// is that of an MDROBOT, which checks each of its rows: 790 µs.
+/// Allowed time from the first instruction until the start-up is done, without the time for the memory
+/// ([`BYTE`]). The longest start-up is that of an MDROBOT, which checks each of its rows: 790 µs.
 const BOOT: Duration = Duration::micros(800);
 /// Additional time for each byte of the memory, which is read and checked at the start. The same time applies
 /// if the drive checks and stores [many](MANY) bytes.

@@ -36,7 +36,7 @@ pub(super) struct Analogue {
     over: u8,
     /// Average of the readings so far, with [`FRACTION`] fractional bits.
     average: i32,
-    /// Number of these readings since time 0.
+    /// Number of readings that the drive has taken since time 0.
     taken: u64,
 }
 

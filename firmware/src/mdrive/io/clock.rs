@@ -304,7 +304,7 @@ impl Clock {
     /// Puts out the pulse or edge of a step.
     fn put_step(&mut self, step: Step, width: Duration, out: &mut dyn Context) {
         if self.train.ends != Instant::NEVER {
-            // The pulse before has not ended, because a new plan has brought this step closer.
+            // The previous pulse has not ended, because a new plan has brought this step closer.
             self.drive_pins(step.at, None, out);
         }
         let train = &mut self.train;

@@ -18,8 +18,8 @@ use super::statement::{List, Name, Operand, Parameter, Place, Statement};
 /// Parses a line for a drive of these variants and with these user names.
 ///
 /// # Errors
-/// Error 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38 or 81 if the line is not a valid statement; 21 if no
-/// variable can hold a number of it.
+/// Error 10, 20, 24 to 26, 29, 30, 33, 34, 37, 38 or 81 if the line is not a valid statement; 21 if it
+/// contains a number that no variable can hold.
 pub(in crate::mdrive) fn parse<'a>(
     line: &'a [u8],
     variants: u8,

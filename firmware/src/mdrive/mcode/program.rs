@@ -43,7 +43,7 @@ const MOVING: u8 = VOID - 1;
 const HEAD: usize = 3;
 /// Bytes of a line in addition to its characters.
 const FRAME: usize = HEAD + 2;
-/// Value in the list of positions for an address without a line.
+/// Value in the list of positions that marks an address at which no line begins.
 const NOWHERE: u16 = u16::MAX;
 
 /// A line in the log.
@@ -203,7 +203,7 @@ impl Program {
         self.end = end;
     }
 
-    /// Bytes of all valid lines, except that of one address.
+    /// Number of bytes of all valid lines, except the line at one address.
     fn bytes_beside(&self, address: u16, memory: &[u8]) -> usize {
         let others = (1..ADDRESSES as u16).filter(|&other| other != address);
         others.filter_map(|other| self.line(memory, other)).map(|line| FRAME + line.len()).sum()

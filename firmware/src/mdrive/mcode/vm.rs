@@ -59,8 +59,9 @@ struct Call {
 #[derive(Clone, Copy, Debug)]
 struct BreakPoint {
     address: u16,
-    /// Passes before the break, and how many of them are left.
+    /// Number of times that the program passes this line before it breaks.
     count: u16,
+    /// Number of these passes that are left.
     left: u16,
 }
 

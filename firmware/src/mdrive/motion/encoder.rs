@@ -61,8 +61,8 @@ impl Encoder {
         count.checked_rem_euclid(self.counts_per_rev.into()).unwrap_or(0)
     }
 
-    /// Next time at which the built-in encoder reaches or leaves its index; never if the shaft changes its
-    /// motion before.
+    /// Next time at which the built-in encoder reaches or leaves its index; never if the motion of the shaft
+    /// changes first.
     pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
         let kinematics = motor.kinematics();
         let way = if kinematics.half_speed == 0 {
@@ -82,8 +82,8 @@ impl Encoder {
         self.passes(at, motor, change)
     }
 
-    /// First tick after `at` at which the shaft has reached or passed `count`; never if the shaft changes its
-    /// motion before.
+    /// First tick after `at` at which the shaft has reached or passed `count`; never if the motion of the shaft
+    /// changes first.
     fn passes(&self, at: Instant, motor: &Motor, count: i64) -> Instant {
         let now = self.built_in(motor.angle(at));
         let is_there = |tick: u64| {
@@ -101,8 +101,8 @@ impl Encoder {
         at + Duration::from_ticks(first)
     }
 
-    /// Next time at which the built-in encoder is at `count`, in the sense of [`Self::count`]; never if the
-    /// shaft changes its motion before, or if a remote encoder counts.
+    /// Next time at which [`Self::count`] gives `count`, if the built-in encoder counts; never if the motion of
+    /// the shaft changes first, or if a remote encoder counts.
     pub(super) fn reaches(&self, at: Instant, motor: &Motor, count: i32) -> Instant {
         let kinematics = motor.kinematics();
         if self.is_remote() || kinematics.half_speed == 0 && kinematics.half_acceleration == 0 {

@@ -164,7 +164,8 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Creates a motor at rest at position 0. The built-in encoder has the number of lines of these settings.
+    /// Creates a motor at rest at position 0. The settings give the number of lines of the built-in
+    /// encoder.
     pub(super) fn new(settings: Settings) -> Self {
         Self {
             settings,

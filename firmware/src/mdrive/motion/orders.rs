@@ -296,7 +296,7 @@ impl Motion {
         if is_barred { Err(Why::AtLimit) } else { Ok(()) }
     }
 
-    /// Runs at a speed without end.
+    /// Runs at a constant speed until another order comes.
     pub(super) fn run_at_speed(
         &mut self,
         at: Instant,

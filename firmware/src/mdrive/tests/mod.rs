@@ -93,7 +93,7 @@ impl Dut {
         pdu.to_vec()
     }
 
-    /// Reads a value of this number of registers with function 3.
+    /// Reads `words` registers with function 3, as one number.
     fn read(&mut self, address: u8, words: u8) -> i64 {
         let reply = self.ask(&[3, 0, address, 0, words]);
         assert_eq!(reply[..2], [3, 2 * words], "{address:#04x}");

@@ -1,4 +1,4 @@
-//! Motion by pins and faults, and the readback of it.
+//! Motion by pins and faults, and the values that show it.
 
 use super::super::{A, B, INDEX, IO7};
 use super::*;

@@ -231,7 +231,7 @@ fn is_frequency(reg: Reg) -> bool {
     matches!(reg, Reg::SS | Reg::TS)
 }
 
-/// Bit of one of O1 to O4 in OL.
+/// Bit of an output, O1 to O4, in OL.
 fn output_bit(reg: Reg) -> i32 {
     match reg {
         Reg::O1 => 1,

@@ -126,7 +126,7 @@ proptest! {
                 let mut out = recorder();
                 motor.timeout(due, &mut out);
                 // With two sensors both are high in count 0, and A leads. With three, each is high for half
-                // of a pulse, and rises a third of a pulse after the one before it.
+                // of a pulse, and rises a third of a pulse after the sensor before it.
                 let (of, high): (i64, &[_]) = match parameters.hall_sensors {
                     2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
                     _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),

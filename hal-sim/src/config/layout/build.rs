@@ -369,8 +369,8 @@ impl DriveLayout {
     }
 }
 
-/// Presets as whole values. A preset of a half changes that half of an earlier preset or of the value in the
-/// memory.
+/// Presets as values of whole registers. A preset of one half of a register changes that half of the value that an
+/// earlier preset or the memory gives.
 fn values(presets: &[Preset], spec: &Spec, memory: Option<&[u8]>) -> Vec<(usize, i64)> {
     let mut values: Vec<(usize, i64)> = Vec::new();
     for preset in presets {

@@ -73,7 +73,7 @@ impl Snapshot {
         }
     }
 
-    /// Copies at most `most` more frames. Returns true if there are more. Frames that the bench has dropped
+    /// Copies at most `most` more frames. Returns true if frames are left to copy. Frames that the bench has dropped
     /// in the meantime are lost.
     pub fn go_on(&mut self, bench: &Bench, most: usize) -> bool {
         self.capture.copy_on(bench.capture(), self.seen, most)

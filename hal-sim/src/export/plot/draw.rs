@@ -136,8 +136,8 @@ fn class(mark: Mark) -> &'static str {
     }
 }
 
-/// The sign of a mark with its middle at a place: a square, a triangle, a cross or a diamond. A message that is done
-/// has none.
+/// The sign of a mark, with the middle of the sign at (`x`, `y`): a square, a triangle, a cross or a diamond. A message
+/// that is done has no sign.
 fn sign(mark: Mark, x: f64, y: f64) -> Option<Path> {
     let steps = match mark {
         Mark::Done => return None,

@@ -10,7 +10,8 @@ use crate::signals::waveforms::{Kind, Sink, Track, Value, Variable};
 /// Number of columns of the time axis. A track keeps a few values for each.
 pub(super) const COLUMNS: f64 = 2_000.0;
 
-/// Number of points of a curve in a column, above which only the first, the last and the extremes are kept.
+/// Maximum number of points that a curve keeps in one column of the picture. If there are more points, it keeps only
+/// the first point, the last point and the extremes.
 const CROWD: usize = 16;
 
 /// The tracks of a drive.
@@ -36,7 +37,7 @@ pub(super) enum Shape {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Edge {
     pub(super) at: Instant,
-    /// True if there are more edges in this column.
+    /// True if there is more than one edge in this column.
     pub(super) many: bool,
     /// Level after the column's last edge: `0`, `1`, `z` or `x`.
     pub(super) level: char,

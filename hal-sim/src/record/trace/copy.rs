@@ -83,7 +83,7 @@ impl Trace {
     }
 
     /// Copies at most `most` more events from `original`, of which this must be an [outline](Self::outline):
-    /// the newest first, up to `room` bytes of memory. Returns true if there are more. Events that the ring
+    /// the newest first, up to `room` bytes of memory. Returns true if events are left to copy. Events that the ring
     /// of `original` drops in the meantime are lost here, too.
     pub fn copy_back(&mut self, original: &Self, room: usize, most: usize) -> bool {
         let missing = usize::try_from(self.lost.saturating_sub(original.lost)).unwrap_or(usize::MAX);

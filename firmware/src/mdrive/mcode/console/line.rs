@@ -57,7 +57,8 @@ impl Consoles {
         self.list.push(Console::new(link, self.first_called()))
     }
 
-    /// Closes a connection and drops its line.
+    /// Closes a connection. Forgets the text that is being typed there, the command of this connection that is
+    /// in execution, and the characters that wait for its end.
     pub(super) fn close(&mut self, link: Link) {
         self.list.retain(|console| console.link != link);
         self.executing.take_if(|(executing, _)| *executing == link);
