@@ -124,6 +124,10 @@ class Rack:
             self._api.call("PUT", "buses", name, "faults", body={})
         return RackLine(self._api, name)
 
+    def scenario(self, steps):
+        """Plays a scenario from now on: the steps of a table [[scenario]] of a bench file."""
+        self._api.call("POST", "scenario", body={"steps": steps})
+
     def trace(self):
         """The recording of the last events, as text for `drivetwin replay`."""
         return self._download("trace").decode()

@@ -306,7 +306,9 @@ impl Bench {
     fn scenario(&self, py: Python<'_>, steps: &Bound<'_, PyAny>) -> PyResult<()> {
         let table = PyDict::new(py);
         table.set_item("steps", steps)?;
-        self.add_table(py, "scenario", &table)
+        let text = tables::table("scenario", &table)?;
+        let played = self.shared.with(py, |open| tables::play(&mut open.bench, &text))?;
+        played.map_err(|sentence| wrong(&sentence))
     }
 
     /// The recording so far, as text for `drivetwin replay`.

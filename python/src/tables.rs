@@ -27,6 +27,15 @@ pub(crate) fn add(bench: &mut Bench, text: &str) -> Result<Added, String> {
     layout.add_to(bench, Vec::new())
 }
 
+/// Plays the scenarios in `text` on a bench.
+///
+/// # Errors
+/// One sentence, without the place in the text.
+pub(crate) fn play(bench: &mut Bench, text: &str) -> Result<(), String> {
+    let scenarios = bench_file::parse_scenarios(text, bench).map_err(|error| error.what)?;
+    scenarios.into_iter().try_for_each(|scenario| bench.play(scenario))
+}
+
 /// A value in TOML.
 fn value(is: &Bound<'_, PyAny>) -> PyResult<String> {
     if let Ok(flag) = is.cast::<PyBool>() {

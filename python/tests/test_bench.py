@@ -272,6 +272,8 @@ def test_a_scenario_is_played():
     assert not x.faults["over_temperature"]
     bench.advance(0.2)
     assert x.faults["over_temperature"]
+    with pytest.raises(drivetwin.Error, match="past|over|already|now"):
+        bench.scenario([{"at_s": 0.5, "drive": "x", "clear": "over_temperature"}])
 
 
 def test_the_same_calls_have_the_same_recording():

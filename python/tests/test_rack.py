@@ -63,6 +63,11 @@ def test_everything_of_the_control_api():
         assert (first.verdict, second.function, second.registers[0].name) == ("done", 6, "SpeedLow")
         assert str(second) == "rs485 <- write SpeedLow = 8000 -> done"
         x.pulse("J2.4", 10, hz=1000)
+        rack.scenario([{"after_ms": 100, "drive": "md3", "fault": "over_temperature"}])
+        rack.advance(0.05)
+        assert not x.faults["over_temperature"]
+        rack.advance(0.1)
+        assert x.faults["over_temperature"]
         assert rack.trace().startswith("drivetwin trace") and b"$enddefinitions" in rack.vcd()
         assert rack.pcapng()[:4] == bytes.fromhex("0A0D0D0A")
         rack.time = "x10"

@@ -117,6 +117,7 @@ mod tests {
             "post /api/drives/{name}/encoder",
             "post /api/drives/{name}/pins/{pin}/pulses",
             "post /api/drives/{name}/power",
+            "post /api/scenario",
             "post /api/time/advance",
             "put /api/buses/{name}/faults",
             "put /api/drives/{name}/faults/{fault}",
