@@ -73,6 +73,13 @@ NAMES = {
 }
 """What is called so, and what is not: hardly any other name would meet something."""
 
+STEPS = [
+    {"bus": "line1", "faults": {"drop": {"count": 1}}},
+    {"after_ms": 0.5, "drive": "x", "fault": "over_temperature"},
+    {"when": {"drive": "x", "register": "Speed"}, "drive": "z", "clear": "over_temperature"},
+]
+"""Steps of scenarios: hardly any other object would be one."""
+
 LONGEST = 0.01
 """Seconds by which the clock goes on at once: pulses at 8 MHz may run during that."""
 
@@ -115,6 +122,7 @@ def described(drivetwin):
         for parameter in (parameter for call in item.values() for parameter in call.get("parameters", [])):
             if parameter["in"] == "path":
                 parameter["schema"]["enum"] = names[parameter["name"]]
+    document["components"]["schemas"]["Scenario"]["properties"]["steps"]["items"] = {"enum": STEPS}
     return schemathesis.openapi.from_dict(document)
 
 
