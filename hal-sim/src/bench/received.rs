@@ -13,6 +13,7 @@ use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
+use crate::line::SerialLine;
 use crate::record::capture::Medium;
 use crate::record::effects::FrameEffects;
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
@@ -201,6 +202,19 @@ fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
         bytes: entry.message().to_vec(),
         answer: entry.answer().to_vec(),
         exchange: decode::exchange(spec, entry),
+    }
+}
+
+/// What a drive would say of a Modbus frame that nobody can read; `None` for a frame with a valid checksum.
+fn flaw(message: &Message<'_>, unreadable: u8) -> Option<Outcome> {
+    if unreadable > 0 {
+        Some(Outcome::Dropped(DropReason::RxError))
+    } else if message.is_whole() {
+        None
+    } else if message.ascii && !message.bytes.contains(&b':') {
+        Some(Outcome::NoMessage(NoMessage::NoColon))
+    } else {
+        Some(Outcome::Dropped(DropReason::Crc))
     }
 }
 
@@ -409,12 +423,22 @@ impl Bench {
         let framing = framing.unwrap_or(Framing::Silence);
         let message = Message { framing, ascii: entry.ascii, bytes: entry.message() };
         let address = message.address();
-        let is_own = address.is_none_or(|address| address == 0 || own == Some(address));
+        let listened = !matches!(
+            entry.outcome,
+            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending
+        );
+        // A corrupt frame has no address.
+        let flaw = if listened { None } else { flaw(&message, entry.unreadable) };
+        let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
-            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending => !is_own,
-            _ => false,
+            _ => !listened && !is_own,
         };
+        if let (false, Some(flaw)) = (alone, flaw) {
+            entry.outcome = flaw;
+            let _ = self.buses[bus as usize].unheard.get_or_insert((entry, false));
+            return;
+        }
         if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) && is_own && address != Some(0) {
             let starting = &mut self.at_mut(drive).state.starting;
             *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
@@ -435,7 +459,9 @@ impl Bench {
                 self.at_mut(drive).state.journal.push(entries, entry);
             }
             (false, _) => {
-                let _ = self.buses[bus as usize].unclaimed.get_or_insert((entry, for_other));
+                let line = &mut self.buses[bus as usize];
+                let frame = if listened { &mut line.unclaimed } else { &mut line.unheard };
+                let _ = frame.get_or_insert((entry, for_other));
             }
         }
     }
@@ -443,7 +469,8 @@ impl Bench {
     /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
     /// line reports them.
     fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
-        let journal = &mut self.buses[bus as usize].journal;
+        let SerialLine { journal, strayed, .. } = &mut self.buses[bus as usize];
+        *strayed = true;
         let is_known = journal.last_mut().is_some_and(|last| {
             (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
         });
@@ -577,7 +604,10 @@ impl Bench {
     pub(super) fn enter_frame(&mut self, bus: u32) {
         let line = &mut self.buses[bus as usize];
         let claimed = std::mem::take(&mut line.claimed);
-        let Some((entry, for_other)) = line.unclaimed.take().filter(|_| !claimed) else { return };
+        let strayed = std::mem::take(&mut line.strayed);
+        let unheard = line.unheard.take().filter(|_| !strayed);
+        let frame = line.unclaimed.take().or(unheard);
+        let Some((entry, for_other)) = frame.filter(|_| !claimed) else { return };
         let entry = if for_other {
             let addresses: Vec<u8> =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, _)| self.address(drive)).collect();

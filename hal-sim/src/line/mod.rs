@@ -138,6 +138,10 @@ pub(crate) struct SerialLine {
     pub(crate) journal: Journal,
     /// The present frame if a drive ignored it; true if that drive has another address.
     pub(crate) unclaimed: Option<(Entry, bool)>,
+    /// The same of a drive that did not listen. It counts if no drive of the line listened.
+    pub(crate) unheard: Option<(Entry, bool)>,
+    /// True if the present frame has characters that are no message, which are in the journal.
+    pub(crate) strayed: bool,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
     /// Effects of faults on the present frame, or on the present line of text.
@@ -236,6 +240,8 @@ impl SerialLine {
             collisions: None,
             journal: Journal::default(),
             unclaimed: None,
+            unheard: None,
+            strayed: false,
             claimed: false,
             on_request: FrameEffects::NONE,
             has_ended: true,

@@ -129,6 +129,10 @@ impl Reception {
 
     /// Notes characters that another drive of the line sends: they are no message to this one.
     pub(super) fn overhear(&mut self, port: Port) {
+        // A drive that starts takes none of them for a part of a later message.
+        if self.ignores.take() == Some(port) {
+            return;
+        }
         if let Some(port) = self.ports.get_mut(usize::from(port.0)) {
             port.part.overheard = true;
         }

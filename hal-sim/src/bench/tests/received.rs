@@ -706,3 +706,57 @@ fn each_request_with_a_fault_has_an_entry() {
         }
     }
 }
+
+/// Two MD3, `x` with address 1 ready, and `y` with address 2 as `setup` says, on one line.
+fn ready_and(setup: Setup) -> (Bench, DriveId, DriveId) {
+    let mut bench = Bench::new();
+    let row = Md3::default().spec().find("DeviceAddress").unwrap().row;
+    let x = bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() });
+    let y = bench.add_with("y", Box::new(Md3::default()), Setup { presets: vec![(row, 2)], ..setup });
+    let (x, y) = (x.unwrap(), y.unwrap());
+    bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
+    bench.run_until(Instant::from(Duration::millis(200)));
+    (bench, x, y)
+}
+
+/// A frame that nobody can read is in the journal of the line, once, whatever the drives do that do not listen.
+#[test]
+fn a_corrupt_frame_is_corrupt_also_beside_a_drive_that_starts() {
+    let corrupt = [1, 6, 0, 0x1D, 0, 9, 0xD9, 0];
+    let text = "rs485 <- 8 bytes 01 06 00 1D 00 09 D9 00 -> CRC wrong: D9 00 instead of D9 CA";
+    for off in [0, 1, 2] {
+        let (mut bench, x, y) = ready_and(Setup::default());
+        for drive in [y, x].into_iter().take(off) {
+            bench.power(drive, PowerAction::Off);
+        }
+        bench.run_until(bench.now() + Duration::millis(1));
+        let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+        for frame in [&corrupt[..], &[0xFF, 0, 0xAA], &rtu::read(1, 0x1D, 1)[..6]] {
+            bench.send(client, frame);
+            // A part of a request is sent when the rest does not come.
+            bench.run_until(bench.now() + Duration::millis(500));
+        }
+        let (of_x, of_y) = (words(&bench, x), words(&bench, y));
+        assert_eq!((of_x.len(), of_x[0].as_str()), (3, text), "{off}: {of_x:#?}");
+        assert_eq!(of_x[1], "rs485 <- 3 bytes FF 00 AA -> no frame has this length", "{off}");
+        assert!(of_x[2].starts_with("rs485 <- 6 bytes 01 03 00 1D 00 01 -> "), "{off}: {of_x:#?}");
+        assert_eq!(of_y, of_x, "{off}");
+        assert_eq!(bench.starting_requests(y).count, 0, "{off}");
+    }
+}
+
+/// A drive that starts still has an entry for its request after another drive has answered.
+#[test]
+fn a_request_to_a_drive_that_starts_follows_an_answer_of_another_one() {
+    let (mut bench, x, y) = ready_and(Setup::default());
+    let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+    for address in [1, 2] {
+        bench.send(client, &rtu::read(address, 0, 1));
+        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(20));
+    }
+    assert_eq!(words(&bench, x), ["rs485 <- read DeviceAddress -> DeviceAddress = 1"]);
+    let of_y = words(&bench, y);
+    assert_eq!((of_y.len(), bench.starting_requests(y).count), (1, 1), "{of_y:#?}");
+    assert!(of_y[0].starts_with("rs485 <- read DeviceAddress -> starting for "), "{of_y:#?}");
+}
