@@ -602,6 +602,9 @@ impl Bench {
 
     /// Ends a frame on a shared line: enters it in the journal of the line if no drive has taken it.
     pub(super) fn enter_frame(&mut self, bus: u32) {
+        if std::mem::take(&mut self.buses[bus as usize].in_characters) {
+            self.enter_missed_frames(bus);
+        }
         let line = &mut self.buses[bus as usize];
         let claimed = std::mem::take(&mut line.claimed);
         let strayed = std::mem::take(&mut line.strayed);
@@ -618,6 +621,18 @@ impl Bench {
         let line = &mut self.buses[bus as usize];
         line.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Line(Bus(bus)));
+    }
+
+    /// Enters a frame whose characters arrived one by one for the drives that did not receive them.
+    fn enter_missed_frames(&mut self, bus: u32) {
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            let Some(entry) = self.at_mut(drive).missed_frame(port) else { continue };
+            let mut entries = self.outputs.entries;
+            self.enter_unclaimed(drive.0, entry, &mut entries);
+            self.outputs.entries = entries;
+            self.record_outcomes(Receiver::Drive(drive));
+        }
     }
 
     /// Address of a drive on its line, from its register.

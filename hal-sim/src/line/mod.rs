@@ -140,6 +140,8 @@ pub(crate) struct SerialLine {
     pub(crate) unclaimed: Option<(Entry, bool)>,
     /// The same of a drive that did not listen. It counts if no drive of the line listened.
     pub(crate) unheard: Option<(Entry, bool)>,
+    /// True if characters of the present frame reach drives one by one.
+    pub(crate) in_characters: bool,
     /// True if the present frame has characters that are no message, which are in the journal.
     pub(crate) strayed: bool,
     /// True if a drive executed or refused the present frame.
@@ -241,6 +243,7 @@ impl SerialLine {
             journal: Journal::default(),
             unclaimed: None,
             unheard: None,
+            in_characters: false,
             strayed: false,
             claimed: false,
             on_request: FrameEffects::NONE,

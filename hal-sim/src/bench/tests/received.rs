@@ -760,3 +760,47 @@ fn a_request_to_a_drive_that_starts_follows_an_answer_of_another_one() {
     assert_eq!((of_y.len(), bench.starting_requests(y).count), (1, 1), "{of_y:#?}");
     assert!(of_y[0].starts_with("rs485 <- read DeviceAddress -> starting for "), "{of_y:#?}");
 }
+
+/// A disturbed request reaches drives in single characters, and has one entry all the same.
+#[test]
+fn a_disturbed_request_has_one_entry_whether_drives_listen_or_not() {
+    use crate::line::faults::{FaultRule, LineFaults};
+    let corrupt = LineFaults { corrupt: FaultRule::ALL, ..LineFaults::NONE };
+    for seed in 0..40 {
+        for off in [false, true] {
+            let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+            let x = bench.add::<Md3>("x");
+            if off {
+                bench.power(x, PowerAction::Off);
+                bench.run_until(Instant::from(Duration::millis(1)));
+            }
+            bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), corrupt);
+            bench.ask(x, &rtu::write(1, 0x1D, 9));
+            ready(&mut bench);
+            let words = words(&bench, x);
+            let (what, count) = if off { ("-> no power; ", 0) } else { ("-> starting for 2.", 1) };
+            assert!(words.len() == 1 && words[0].contains(what), "{seed}: {words:#?}");
+            assert!(words[0].ends_with("by a fault, the request was corrupted"), "{seed}: {words:#?}");
+            assert_eq!(bench.starting_requests(x).count, count, "{seed}");
+        }
+        // Beside a drive that listens, the line has the entry.
+        let (mut bench, x, y) = ready_and(Setup::default());
+        bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), corrupt);
+        bench.run_until(bench.now() + Duration::millis(seed));
+        bench.ask(x, &rtu::write(1, 0x1D, 9));
+        ready(&mut bench);
+        let verdicts: Vec<_> = bench.received(x).messages().map(|message| message.exchange.verdict).collect();
+        assert_eq!(verdicts, [Verdict::BadFrame]);
+        assert_eq!(words(&bench, y), words(&bench, x));
+        // A frame that starts at another baud rate is unreadable, also for drives without power.
+        let (mut bench, x, y) = ready_and(Setup::default());
+        bench.power(x, PowerAction::Off);
+        bench.power(y, PowerAction::Off);
+        bench.run_until(bench.now() + Duration::millis(1));
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_line_faults(bus, LineFaults { baud: Some(2_400), ..LineFaults::NONE });
+        bench.ask(x, &rtu::write(1, 0x1D, 9));
+        assert_eq!(words(&bench, x).len(), 1, "{:#?}", words(&bench, x));
+        assert!(words(&bench, x)[0].contains("8 characters with errors"), "{:#?}", words(&bench, x));
+    }
+}
