@@ -425,7 +425,7 @@ impl Bench {
         let address = message.address();
         let listened = !matches!(
             entry.outcome,
-            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending
+            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::PowerLost | Outcome::Sending
         );
         // A corrupt frame has no address.
         let flaw = if listened { None } else { flaw(&message, entry.unreadable) };

@@ -270,6 +270,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoMessage(why) => (Verdict::BadFrame, Some(no_message(entry.message(), why))),
         Outcome::NoDrive => (Verdict::NotForIt, Some(nobody(&message, entry.addresses()))),
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
+        Outcome::PowerLost => (Verdict::NotListening, Some("power lost before the answer".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
         Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
         Outcome::Lost => (Verdict::Lost, None),

@@ -28,6 +28,8 @@ pub enum Outcome {
     NoDrive,
     /// The drive had no power.
     NoPower,
+    /// The drive lost its power before it reported an outcome.
+    PowerLost,
     /// The drive was sending on a line on which it cannot receive meanwhile.
     Sending,
     /// The request was too early, and the strict line dropped it.

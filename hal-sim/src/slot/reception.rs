@@ -299,6 +299,18 @@ impl Reception {
         self.ignores = Some((port, outcome));
     }
 
+    /// The message that the drive had received, wholly or in part, and not reported when its power failed at `at`.
+    pub(super) fn power_lost(&mut self, port: Port, at: Instant) -> Option<Entry> {
+        let part = &self.ports.get(usize::from(port.0))?.part;
+        if part.is_empty() || part.missed.is_some() {
+            return None;
+        }
+        self.begin(port, 0, Outcome::PowerLost);
+        let mut entry = self.open_entry()?;
+        (entry.at, entry.deaf_for) = (entry.at.min(at), None);
+        Some(entry)
+    }
+
     /// The entry of a frame that has ended and whose characters the drive missed one by one.
     pub(super) fn missed_frame(&mut self, port: Port) -> Option<Entry> {
         let outcome = self.ports.get(usize::from(port.0))?.part.missed?;

@@ -804,3 +804,52 @@ fn a_disturbed_request_has_one_entry_whether_drives_listen_or_not() {
         assert!(words(&bench, x)[0].contains("8 characters with errors"), "{:#?}", words(&bench, x));
     }
 }
+
+/// Power that fails in the middle of a save, or of a request, leaves an entry of the request for itself.
+#[test]
+fn a_request_that_loses_its_power_has_an_entry() {
+    let qsb = Box::new(Qsb::m());
+    let mdrive = Box::new(Mdrive::plus());
+    for (device, port, save, read, text) in [
+        (
+            Box::new(Md3::default()) as Box<dyn Device>,
+            "rs485",
+            rtu::write(1, 0x1A, 1).to_vec(),
+            rtu::read(1, 0, 1).to_vec(),
+            ["write EEPROMControl = 1", "read DeviceAddress"],
+        ),
+        (qsb, "usb", b"W1603\r".to_vec(), b"R0E\r".to_vec(), ["", ""]),
+        (mdrive, "mcode", b"S\r".to_vec(), b"PR P\r".to_vec(), ["", ""]),
+    ] {
+        let mut bench = Bench::new();
+        let drive = bench.add_with("x", device, Setup { boot_fast: true, ..Setup::default() }).unwrap();
+        ready(&mut bench);
+        let number = bench.spec(drive).ports.iter().position(|spec| spec.name == port).unwrap() as u8;
+        bench.cut_power(drive, crate::record::trace::Cut { stores: 0, bytes: 0 });
+        bench.run_until(bench.now() + Duration::millis(1));
+        assert!(!say(&mut bench, drive, number, &save).ends_with(&save), "{port}: no answer");
+        assert!(!bench.powered(drive), "{port}");
+        let before = words(&bench, drive);
+        assert_eq!(before.len(), 1, "{before:#?}");
+        assert!(before[0].contains(text[0]), "{before:#?}");
+        assert!(before[0].ends_with(" -> power lost before the answer"), "{before:#?}");
+        bench.power(drive, PowerAction::On);
+        ready(&mut bench);
+        say(&mut bench, drive, number, &read);
+        let after = words(&bench, drive);
+        assert_eq!((after.len(), after[1].contains(text[1])), (2, true), "{after:#?}");
+        let last = bench.received(drive).messages().next_back().unwrap();
+        assert_eq!((last.bytes, last.exchange.verdict), (read, Verdict::Done), "{port}");
+    }
+    // Power goes off while the request arrives.
+    let mut bench = Bench::new();
+    let drive = bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() });
+    let drive = drive.unwrap();
+    ready(&mut bench);
+    let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+    bench.send(client, &rtu::read(1, 0, 1));
+    bench.run_until(bench.now() + Duration::millis(3));
+    bench.power(drive, PowerAction::Off);
+    ready(&mut bench);
+    assert_eq!(words(&bench, drive), ["rs485 <- read DeviceAddress -> power lost before the answer"]);
+}
