@@ -585,6 +585,16 @@ impl Bench {
         }
     }
 
+    /// Notes in the journal that the drive lost its power before it had sent the last `unsent` bytes of its answer.
+    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, unsent: u64) {
+        if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+            let unsent = u16::try_from(unsent).unwrap_or(u16::MAX);
+            entry.sent_of_answer = Some((entry.answer().len() as u16).saturating_sub(unsent));
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
     /// Notes the effects of faults on a reply on a port with lines of text in the entry after number `before`, or in
     /// the next one if the line has not ended yet.
     pub(super) fn note_text_reply(&mut self, drive: DriveId, port: Port, before: u64, effects: FrameEffects) {

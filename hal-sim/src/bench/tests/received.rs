@@ -853,3 +853,37 @@ fn a_request_that_loses_its_power_has_an_entry() {
     ready(&mut bench);
     assert_eq!(words(&bench, drive), ["rs485 <- read DeviceAddress -> power lost before the answer"]);
 }
+
+/// Power that fails during a reply is in the entry of the request.
+#[test]
+fn a_reply_that_loses_its_power_is_cut_in_the_journal() {
+    let read = rtu::read(1, 0, 1);
+    let mut expected = 0;
+    // The request takes 8 characters of 1.15 ms, and the reply 7.
+    for wait in 2..30 {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let x = bench.add_with("x", Box::new(Md3::default()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+        bench.send(client, &read);
+        bench.run_until(bench.now() + Duration::millis(wait));
+        bench.power(x, PowerAction::Off);
+        ready(&mut bench);
+        let mut answer = Vec::new();
+        bench.receive(client, &mut answer);
+        let words = words(&bench, x);
+        assert_eq!(words.len(), 1, "{wait}: {words:#?}");
+        let cut = format!("; power lost after {} of 7 bytes of the reply", answer.len());
+        let all = "rs485 <- read DeviceAddress -> DeviceAddress = 1";
+        match answer.len() {
+            7 => assert_eq!(words[0], all, "{wait}"),
+            0 => assert!(words[0].contains("power lost "), "{wait}: {words:#?}"),
+            _ => {
+                expected += 1;
+                assert_eq!(words[0], format!("{all}{cut}"), "{wait}");
+            }
+        }
+    }
+    assert!(expected > 3, "power failed within the reply {expected} times");
+}
