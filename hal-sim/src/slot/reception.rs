@@ -157,6 +157,10 @@ impl Reception {
         if ignored.is_none() && part.missed.is_some() {
             part.clear();
         }
+        // What another drive began to say ends at the colon of the next message.
+        if port.ascii && part.overheard && bytes.contains(&b':') {
+            part.clear();
+        }
         let room = LONGEST.saturating_sub(part.bytes.len()).min(bytes.len());
         part.bytes.extend_from_slice(&bytes[..room]);
         part.unreadable = part.unreadable.saturating_add(u8::from(bytes.is_empty()));

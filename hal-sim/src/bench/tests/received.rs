@@ -887,3 +887,33 @@ fn a_reply_that_loses_its_power_is_cut_in_the_journal() {
     }
     assert!(expected > 3, "power failed within the reply {expected} times");
 }
+
+/// In Modbus ASCII a reply that lost its end is no part of the next request to another drive.
+#[test]
+fn a_truncated_reply_in_ascii_hides_no_request() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    use drivetwin_protocol::modbus::ascii;
+    let truncate = FaultRule::next(1).direction(Direction::Reply);
+    for (seed, asked) in (0..20).flat_map(|seed| [(seed, 1), (seed, 2)]) {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let drives = [("x", 1), ("y", 2)].map(|(name, address)| {
+            let device = rs434544();
+            let row = |name| device.spec().find(name).unwrap().row;
+            let own = device.spec().address.unwrap();
+            let presets = vec![(row("TYPE_MODBUS"), 1), (row("BITRATE_MODBUS"), 4), (own, address)];
+            let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+            bench.add_with(name, Box::new(device), setup).unwrap()
+        });
+        let bus = bench.share("line1", &drives.map(|drive| (drive, Port(0))));
+        ready(&mut bench);
+        bench.set_line_faults(bus, LineFaults { truncate, ..LineFaults::NONE });
+        let client = bench.connect(bus);
+        for (address, pdu) in [(asked, [3, 0x50, 0x0B, 0, 1]), (1, [6, 0x50, 0x0B, 0x07, 0xD0])] {
+            bench.send(client, &ascii::frame(address, &pdu));
+            bench.run_until(bench.now() + Duration::millis(500));
+        }
+        let of_x = words(&bench, drives[0]);
+        assert_eq!(of_x.last().map(String::as_str), Some("rs485 <- write SPEED = 2000 -> done"), "{of_x:#?}");
+        assert!(!of_x.iter().any(|words| words.contains("nobody here")), "{seed}: {of_x:#?}");
+    }
+}
