@@ -15,7 +15,7 @@ use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::line::SerialLine;
 use crate::record::capture::Medium;
-use crate::record::effects::FrameEffects;
+use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
@@ -416,7 +416,10 @@ impl Bench {
     pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
-        entry.on_message = self.buses[bus as usize].on_request;
+        let SerialLine { on_request, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
+        let is_noise = begin < entry.at && entry.at <= end;
+        entry.on_message =
+            if is_noise { FrameEffects::NONE.with(FrameEffect::IsNoise, true) } else { on_request };
         let alone = self.buses[bus as usize].ports.len() == 1;
         let own = self.address(drive);
         let framing = self.spec(drive).ports.get(usize::from(entry.port.0)).map(|port| port.framing);

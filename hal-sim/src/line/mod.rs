@@ -146,6 +146,8 @@ pub(crate) struct SerialLine {
     pub(crate) strayed: bool,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
+    /// Begin and end of the last noise that followed a reply.
+    pub(crate) noise_of_reply: (Instant, Instant),
     /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
     /// True if the last character of a client ended a line of text.
@@ -246,6 +248,7 @@ impl SerialLine {
             in_characters: false,
             strayed: false,
             claimed: false,
+            noise_of_reply: (Instant::ZERO, Instant::ZERO),
             on_request: FrameEffects::NONE,
             has_ended: true,
         }

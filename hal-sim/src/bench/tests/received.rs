@@ -917,3 +917,34 @@ fn a_truncated_reply_in_ascii_hides_no_request() {
         assert!(!of_x.iter().any(|words| words.contains("nobody here")), "{seed}: {of_x:#?}");
     }
 }
+
+/// Noise behind a reply is no request of the master.
+#[test]
+fn noise_of_replies_is_noise_in_the_journal() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    for (line, seed) in
+        [LineMode::Timed, LineMode::Fast].into_iter().flat_map(|line| (0..20).map(move |n| (line, n)))
+    {
+        let mut bench = Bench::with(Settings { line, seed, ..Settings::default() });
+        let x = bench.add::<Md3>("x");
+        ready(&mut bench);
+        let noise = FaultRule::ALL.direction(Direction::Reply);
+        bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), LineFaults { noise, ..LineFaults::NONE });
+        for _ in 0..3 {
+            bench.ask(x, &rtu::read(1, 0, 1));
+            bench.run_until(bench.now() + Duration::millis(50));
+        }
+        let words = words(&bench, x);
+        let (reads, noise): (Vec<_>, Vec<_>) =
+            words.iter().partition(|words| words.contains("read DeviceAddress"));
+        assert_eq!((reads.len(), noise.len()), (3, 3), "{words:#?}");
+        assert!(
+            reads.iter().all(|words| words.ends_with("; by a fault, the reply had noise beside it")),
+            "{words:#?}"
+        );
+        assert!(
+            noise.iter().all(|words| words.ends_with("; by a fault, the request was noise")),
+            "{words:#?}"
+        );
+    }
+}
