@@ -261,6 +261,9 @@ impl Bench {
     /// Transmits noise from `start` on to all clients, and to all drives except one.
     fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, except: Option<(DriveId, Port)>) {
         let number = self.occupy_line(bus, start, line, noise.bytes.len());
+        // If characters take no time, drives receive them one tick later.
+        let end = start + self.takes(line, noise.bytes.len()) + Duration::TICK;
+        self.buses[bus as usize].noise_of_reply = (start, end);
         self.deliver_to_clients(bus, start, line, &noise.bytes, number, None);
         let origin = Origin::Client(Sender::default());
         let burst = TxBurst { bytes: &noise.bytes, unreadable: &noise.unreadable, origin, number };

@@ -13,8 +13,9 @@ use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
+use crate::line::SerialLine;
 use crate::record::capture::Medium;
-use crate::record::effects::FrameEffects;
+use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
@@ -201,6 +202,19 @@ fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
         bytes: entry.message().to_vec(),
         answer: entry.answer().to_vec(),
         exchange: decode::exchange(spec, entry),
+    }
+}
+
+/// What a drive would say of a Modbus frame that nobody can read; `None` for a frame with a valid checksum.
+fn flaw(message: &Message<'_>, unreadable: u8) -> Option<Outcome> {
+    if unreadable > 0 {
+        Some(Outcome::Dropped(DropReason::RxError))
+    } else if message.is_whole() {
+        None
+    } else if message.ascii && !message.bytes.contains(&b':') {
+        Some(Outcome::NoMessage(NoMessage::NoColon))
+    } else {
+        Some(Outcome::Dropped(DropReason::Crc))
     }
 }
 
@@ -402,19 +416,32 @@ impl Bench {
     pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
-        entry.on_message = self.buses[bus as usize].on_request;
+        let SerialLine { on_request, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
+        let is_noise = begin < entry.at && entry.at <= end;
+        entry.on_message =
+            if is_noise { FrameEffects::NONE.with(FrameEffect::IsNoise, true) } else { on_request };
         let alone = self.buses[bus as usize].ports.len() == 1;
         let own = self.address(drive);
         let framing = self.spec(drive).ports.get(usize::from(entry.port.0)).map(|port| port.framing);
         let framing = framing.unwrap_or(Framing::Silence);
         let message = Message { framing, ascii: entry.ascii, bytes: entry.message() };
         let address = message.address();
-        let is_own = address.is_none_or(|address| address == 0 || own == Some(address));
+        let listened = !matches!(
+            entry.outcome,
+            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::PowerLost | Outcome::Sending
+        );
+        // A corrupt frame has no address.
+        let flaw = if listened { None } else { flaw(&message, entry.unreadable) };
+        let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
-            Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending => !is_own,
-            _ => false,
+            _ => !listened && !is_own,
         };
+        if let (false, Some(flaw)) = (alone, flaw) {
+            entry.outcome = flaw;
+            let _ = self.buses[bus as usize].unheard.get_or_insert((entry, false));
+            return;
+        }
         if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) && is_own && address != Some(0) {
             let starting = &mut self.at_mut(drive).state.starting;
             *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
@@ -435,7 +462,9 @@ impl Bench {
                 self.at_mut(drive).state.journal.push(entries, entry);
             }
             (false, _) => {
-                let _ = self.buses[bus as usize].unclaimed.get_or_insert((entry, for_other));
+                let line = &mut self.buses[bus as usize];
+                let frame = if listened { &mut line.unclaimed } else { &mut line.unheard };
+                let _ = frame.get_or_insert((entry, for_other));
             }
         }
     }
@@ -443,7 +472,8 @@ impl Bench {
     /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
     /// line reports them.
     fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
-        let journal = &mut self.buses[bus as usize].journal;
+        let SerialLine { journal, strayed, .. } = &mut self.buses[bus as usize];
+        *strayed = true;
         let is_known = journal.last_mut().is_some_and(|last| {
             (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
         });
@@ -558,6 +588,16 @@ impl Bench {
         }
     }
 
+    /// Notes in the journal that the drive lost its power before it had sent the last `unsent` bytes of its answer.
+    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, unsent: u64) {
+        if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+            let unsent = u16::try_from(unsent).unwrap_or(u16::MAX);
+            entry.sent_of_answer = Some((entry.answer().len() as u16).saturating_sub(unsent));
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
     /// Notes the effects of faults on a reply on a port with lines of text in the entry after number `before`, or in
     /// the next one if the line has not ended yet.
     pub(super) fn note_text_reply(&mut self, drive: DriveId, port: Port, before: u64, effects: FrameEffects) {
@@ -575,9 +615,15 @@ impl Bench {
 
     /// Ends a frame on a shared line: enters it in the journal of the line if no drive has taken it.
     pub(super) fn enter_frame(&mut self, bus: u32) {
+        if std::mem::take(&mut self.buses[bus as usize].in_characters) {
+            self.enter_missed_frames(bus);
+        }
         let line = &mut self.buses[bus as usize];
         let claimed = std::mem::take(&mut line.claimed);
-        let Some((entry, for_other)) = line.unclaimed.take().filter(|_| !claimed) else { return };
+        let strayed = std::mem::take(&mut line.strayed);
+        let unheard = line.unheard.take().filter(|_| !strayed);
+        let frame = line.unclaimed.take().or(unheard);
+        let Some((entry, for_other)) = frame.filter(|_| !claimed) else { return };
         let entry = if for_other {
             let addresses: Vec<u8> =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, _)| self.address(drive)).collect();
@@ -588,6 +634,18 @@ impl Bench {
         let line = &mut self.buses[bus as usize];
         line.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Line(Bus(bus)));
+    }
+
+    /// Enters a frame whose characters arrived one by one for the drives that did not receive them.
+    fn enter_missed_frames(&mut self, bus: u32) {
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            let Some(entry) = self.at_mut(drive).missed_frame(port) else { continue };
+            let mut entries = self.outputs.entries;
+            self.enter_unclaimed(drive.0, entry, &mut entries);
+            self.outputs.entries = entries;
+            self.record_outcomes(Receiver::Drive(drive));
+        }
     }
 
     /// Address of a drive on its line, from its register.

@@ -67,6 +67,8 @@ struct TxTiming {
     last: Instant,
     /// Time at which receivers detect that the transmission is over.
     detected: Instant,
+    /// True if the receiver can read the characters.
+    fits: bool,
 }
 
 /// Transmission on lines.
@@ -80,6 +82,7 @@ impl Bench {
         let number = self.occupy_line(bus, start, line, text.bytes.len());
         let burst = TxBurst { bytes: &text.bytes, unreadable: &text.unreadable, origin, number };
         let (mut last, mut detected) = (start, start);
+        let mut in_characters = number.is_some() || !text.unreadable.is_empty() || text.bytes.len() < 2;
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             let timing = self.times(drive, port, start, count, origin);
@@ -93,6 +96,7 @@ impl Bench {
                 Some(_) => {}
             }
             (last, detected) = (last.max(timing.last), detected.max(timing.detected));
+            in_characters |= !timing.fits;
         }
         let framed = self.framed(bus).is_some();
         if !framed {
@@ -118,6 +122,7 @@ impl Bench {
         (serial_line.served, serial_line.served_order) = (client, order);
         if framed {
             serial_line.on_request = request.effects;
+            serial_line.in_characters |= in_characters;
         }
         self.set_turn(bus, LineState::Asked);
         self.turn_until(bus, until);
@@ -143,16 +148,17 @@ impl Bench {
     /// Times at which `count` characters, sent to a port from `start` on, are received.
     fn times(&self, drive: DriveId, port: Port, start: Instant, count: usize, origin: Origin) -> TxTiming {
         let Some(serial) = self.at(drive).serial(port) else {
-            return TxTiming { last: start, detected: start };
+            return TxTiming { last: start, detected: start, fits: true };
         };
+        let line = serial.line_at(start);
+        let fits = origin.fits(line);
         if self.fast() {
             let at = self.at(drive).free(start, Phase::Line);
-            return TxTiming { last: at, detected: at };
+            return TxTiming { last: at, detected: at, fits };
         }
-        let line = serial.line_at(start);
         let character = origin.settings_on(line).character();
         let last = self.first_ends(start, character) + character * count.saturating_sub(1) as u64;
-        TxTiming { last, detected: last + end_detection_time(line) }
+        TxTiming { last, detected: last + end_detection_time(line), fits }
     }
 
     /// End of a character that begins at `start`, or one tick after now if that end is past: the line may
@@ -383,7 +389,13 @@ impl Bench {
             if serial.sends_until <= now {
                 continue;
             }
+            let unsent =
+                serial.sends_until.since(now).ticks().div_ceil(serial.line_at(now).character().ticks());
+            let framed = serial.framed;
             serial.sends_until = now;
+            if framed {
+                self.note_unsent(DriveId(index), port, unsent);
+            }
             let Some(Bus(bus)) = self.bus(DriveId(index), port) else { continue };
             let serials =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).serial(port));

@@ -202,6 +202,7 @@ impl Messages {
                 | Outcome::RefusedByFault(_)
                 | Outcome::TooEarly(_)
                 | Outcome::NoPower
+                | Outcome::PowerLost
                 | Outcome::Sending,
             ) => entry.at,
             // What another drive of the line sends is no message to this one.

@@ -270,6 +270,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoMessage(why) => (Verdict::BadFrame, Some(no_message(entry.message(), why))),
         Outcome::NoDrive => (Verdict::NotForIt, Some(nobody(&message, entry.addresses()))),
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
+        Outcome::PowerLost => (Verdict::NotListening, Some("power lost before the answer".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
         Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
         Outcome::Lost => (Verdict::Lost, None),
@@ -288,14 +289,21 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     {
         outcome = answer;
     }
-    let (reason, outcome) = match disturbed(entry) {
-        Some(effects) => {
-            let reason = reason.map_or_else(|| effects.clone(), |reason| format!("{reason}; {effects}"));
-            (Some(reason), format!("{outcome}; {effects}"))
+    let clauses: Vec<String> = [unsent(entry), disturbed(entry)].into_iter().flatten().collect();
+    let (reason, outcome) = match clauses.join("; ") {
+        clauses if clauses.is_empty() => (reason, outcome),
+        clauses => {
+            let reason = reason.map_or_else(|| clauses.clone(), |reason| format!("{reason}; {clauses}"));
+            (Some(reason), format!("{outcome}; {clauses}"))
         }
-        None => (reason, outcome),
     };
     Exchange { request, verdict, reason, outcome }
+}
+
+/// What the drive has sent of its answer, if it lost its power before the end.
+fn unsent(entry: &Entry) -> Option<String> {
+    let sent = entry.sent_of_answer?;
+    Some(format!("power lost after {sent} of {} bytes of the reply", entry.answer().len()))
 }
 
 /// Effects of faults of the line or TCP port on a message and its answer.

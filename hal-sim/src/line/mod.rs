@@ -138,8 +138,16 @@ pub(crate) struct SerialLine {
     pub(crate) journal: Journal,
     /// The present frame if a drive ignored it; true if that drive has another address.
     pub(crate) unclaimed: Option<(Entry, bool)>,
+    /// The same of a drive that did not listen. It counts if no drive of the line listened.
+    pub(crate) unheard: Option<(Entry, bool)>,
+    /// True if characters of the present frame reach drives one by one.
+    pub(crate) in_characters: bool,
+    /// True if the present frame has characters that are no message, which are in the journal.
+    pub(crate) strayed: bool,
     /// True if a drive executed or refused the present frame.
     pub(crate) claimed: bool,
+    /// Begin and end of the last noise that followed a reply.
+    pub(crate) noise_of_reply: (Instant, Instant),
     /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
     /// True if the last character of a client ended a line of text.
@@ -236,7 +244,11 @@ impl SerialLine {
             collisions: None,
             journal: Journal::default(),
             unclaimed: None,
+            unheard: None,
+            in_characters: false,
+            strayed: false,
             claimed: false,
+            noise_of_reply: (Instant::ZERO, Instant::ZERO),
             on_request: FrameEffects::NONE,
             has_ended: true,
         }

@@ -28,6 +28,8 @@ pub enum Outcome {
     NoDrive,
     /// The drive had no power.
     NoPower,
+    /// The drive lost its power before it reported an outcome.
+    PowerLost,
     /// The drive was sending on a line on which it cannot receive meanwhile.
     Sending,
     /// The request was too early, and the strict line dropped it.
@@ -66,6 +68,8 @@ pub struct Entry {
     pub unreadable: u8,
     /// Time from the message until the drive receives; zero if it received, `None` if unknown.
     pub deaf_for: Option<Duration>,
+    /// Number of bytes of the answer that the drive had sent when it lost its power; `None` if it sent all.
+    pub sent_of_answer: Option<u16>,
     /// Effects of faults on the message.
     pub on_message: FrameEffects,
     /// Effects of faults on the answer.
@@ -217,6 +221,7 @@ impl Draft {
             ascii: false,
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
+            sent_of_answer: None,
             on_message: FrameEffects::NONE,
             on_answer: FrameEffects::NONE,
             message: message as u16,
@@ -267,6 +272,11 @@ impl Journal {
             let answer = entry.answer();
             answer.windows(kept.len().max(1)).any(|part| part == kept)
         })
+    }
+
+    /// The latest entry of a port that has an answer.
+    pub(crate) fn last_answered(&mut self, port: Port) -> Option<&mut Entry> {
+        self.entries.iter_mut().rev().find(|entry| entry.port == port && entry.answer > 0)
     }
 
     /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.

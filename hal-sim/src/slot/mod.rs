@@ -8,8 +8,8 @@ mod state;
 mod tcp_port;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port, PresetError,
-    Rotation, Shaft, Spec,
+    Axis, Boot, Device, DropReason, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port,
+    PresetError, Rotation, Shaft, Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 
@@ -232,6 +232,12 @@ impl Slot {
                     self.device.input(at, input, &mut SlotContext { state: &mut self.state, context });
                 }
                 if afterwards {
+                    // A drive that starts does not report characters with an error.
+                    if let InputRecord::RxError { port } = *input
+                        && at < self.device.receives_from()
+                    {
+                        self.state.reception.ignore(port, Outcome::Dropped(DropReason::Starting));
+                    }
                     self.note_reception(at, input, context.fast);
                 }
             }
@@ -276,15 +282,34 @@ impl Slot {
 
     /// Notes what the drive does not receive. Returns an entry for the journal when a message is complete.
     pub(crate) fn misses(&mut self, at: Instant, input: &InputRecord, fast: bool) -> Option<Entry> {
-        let InputRecord::Bytes { port, bytes } = input else { return None };
-        let framed = self.serial(*port)?.framed;
-        // A frame that arrives in single characters has no entry.
-        if self.state.reception.overhears || (framed && bytes.len() < 2) {
+        let (port, count) = match input {
+            InputRecord::Bytes { port, bytes } => (*port, bytes.len()),
+            InputRecord::RxError { port } => (*port, 0),
+            _ => return None,
+        };
+        let framed = self.serial(port)?.framed;
+        if self.state.reception.overhears || (!framed && count == 0) {
+            return None;
+        }
+        let outcome = if self.state.powered { Outcome::Sending } else { Outcome::NoPower };
+        if framed && count < 2 {
+            self.state.reception.ignore(port, outcome);
+            self.note_reception(at, input, fast);
             return None;
         }
         self.note_reception(at, input, fast);
-        let outcome = if self.state.powered { Outcome::Sending } else { Outcome::NoPower };
-        self.state.reception.missed(*port, outcome)
+        self.state.reception.missed(port, outcome)
+    }
+
+    /// The entry of a frame on a half-duplex line that has ended, if its characters arrived one by one and the drive
+    /// did not receive them.
+    pub(crate) fn missed_frame(&mut self, port: Port) -> Option<Entry> {
+        let mut entry = self.state.reception.missed_frame(port)?;
+        if entry.outcome == Outcome::Dropped(DropReason::Starting) {
+            let from = self.receives_from();
+            entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
+        }
+        Some(entry)
     }
 
     /// Writes a preset to the memory; to be called before the first power-on (PROJECT-6).

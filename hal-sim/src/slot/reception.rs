@@ -34,6 +34,8 @@ struct Part {
     end: Instant,
     /// True if another drive of the line sent some of the characters.
     overheard: bool,
+    /// The outcome, if the drive does not receive the characters, which arrive one by one.
+    missed: Option<Outcome>,
 }
 
 impl Part {
@@ -43,7 +45,7 @@ impl Part {
 
     fn clear(&mut self) {
         self.bytes.clear();
-        (self.unreadable, self.overheard) = (0, false);
+        (self.unreadable, self.overheard, self.missed) = (0, false, None);
     }
 }
 
@@ -80,8 +82,8 @@ pub(crate) struct Reception {
     before: Vec<u8>,
     /// Entries that the present call has completed before the entry of `open`.
     done: Vec<Entry>,
-    /// Port on which the drive ignores the characters of the present call, because it starts.
-    ignores: Option<Port>,
+    /// Port on which the drive does not receive the present characters, and the outcome.
+    ignores: Option<(Port, Outcome)>,
     /// True if the present call has outcomes.
     touched: bool,
     /// True while the characters that arrive are those of another drive.
@@ -129,6 +131,10 @@ impl Reception {
 
     /// Notes characters that another drive of the line sends: they are no message to this one.
     pub(super) fn overhear(&mut self, port: Port) {
+        // A drive that starts takes none of them for a part of a later message.
+        if self.ignores.take().is_some_and(|(ignored, _)| ignored == port) {
+            return;
+        }
         if let Some(port) = self.ports.get_mut(usize::from(port.0)) {
             port.part.overheard = true;
         }
@@ -146,15 +152,25 @@ impl Reception {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
         let part = &mut port.part;
+        let ignored = self.ignores.take().filter(|(port, _)| *port == number).map(|(_, outcome)| outcome);
+        // The drive takes only what it receives for its next message.
+        if ignored.is_none() && part.missed.is_some() {
+            part.clear();
+        }
+        // What another drive began to say ends at the colon of the next message.
+        if port.ascii && part.overheard && bytes.contains(&b':') {
+            part.clear();
+        }
         let room = LONGEST.saturating_sub(part.bytes.len()).min(bytes.len());
         part.bytes.extend_from_slice(&bytes[..room]);
         part.unreadable = part.unreadable.saturating_add(u8::from(bytes.is_empty()));
         part.end = at + character * bytes.len().saturating_sub(1) as u64;
         let is_ascii = port.ascii;
-        if self.ignores.take() == Some(number) {
-            self.begin(number, 0, Outcome::Dropped(DropReason::Starting));
-        } else if is_ascii {
-            self.take_stray(number);
+        match ignored {
+            Some(outcome) if bytes.len() < 2 => part.missed = part.missed.or(Some(outcome)),
+            Some(outcome) => self.begin(number, 0, outcome),
+            None if is_ascii => self.take_stray(number),
+            None => {}
         }
     }
 
@@ -241,7 +257,7 @@ impl Reception {
         self.touched = true;
         match note {
             LogEvent::Dropped { port, why: DropReason::Starting } if self.notes_afterwards(port) => {
-                self.ignores = Some(port);
+                self.ignore(port, Outcome::Dropped(DropReason::Starting));
             }
             LogEvent::Reason(Reason(code)) => {
                 self.finish_message();
@@ -278,7 +294,31 @@ impl Reception {
         let open = self.open.take()?;
         let mut entry = self.draft.entry(open.at, port, outcome);
         (entry.ascii, entry.deaf_for) = (self.ports.get(usize::from(port.0))?.ascii, None);
+        entry.unreadable = open.unreadable;
         Some(entry)
+    }
+
+    /// Notes that the drive does not receive the characters that are noted next.
+    pub(super) fn ignore(&mut self, port: Port, outcome: Outcome) {
+        self.ignores = Some((port, outcome));
+    }
+
+    /// The message that the drive had received, wholly or in part, and not reported when its power failed at `at`.
+    pub(super) fn power_lost(&mut self, port: Port, at: Instant) -> Option<Entry> {
+        let part = &self.ports.get(usize::from(port.0))?.part;
+        if part.is_empty() || part.missed.is_some() {
+            return None;
+        }
+        self.begin(port, 0, Outcome::PowerLost);
+        let mut entry = self.open_entry()?;
+        (entry.at, entry.deaf_for) = (entry.at.min(at), None);
+        Some(entry)
+    }
+
+    /// The entry of a frame that has ended and whose characters the drive missed one by one.
+    pub(super) fn missed_frame(&mut self, port: Port) -> Option<Entry> {
+        let outcome = self.ports.get(usize::from(port.0))?.part.missed?;
+        self.missed(port, outcome)
     }
 
     /// Ends the present call, and returns its last entry. `receives_from` is the time from which the drive receives.

@@ -490,6 +490,11 @@ impl SlotState {
 
     pub(super) fn power_off(&mut self, at: Instant, outputs: &mut Outputs) {
         (self.powered, self.dead) = (false, false);
+        for port in (0..self.ports.len() as u8).map(Port) {
+            if let Some(entry) = self.reception.power_lost(port, at) {
+                self.enter(entry, outputs);
+            }
+        }
         for pin in (0..self.pins.len() as u8).map(Pin) {
             self.drive(pin, at, PinOutput::NOTHING, outputs);
         }

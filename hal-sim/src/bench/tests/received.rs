@@ -706,3 +706,245 @@ fn each_request_with_a_fault_has_an_entry() {
         }
     }
 }
+
+/// Two MD3, `x` with address 1 ready, and `y` with address 2 as `setup` says, on one line.
+fn ready_and(setup: Setup) -> (Bench, DriveId, DriveId) {
+    let mut bench = Bench::new();
+    let row = Md3::default().spec().find("DeviceAddress").unwrap().row;
+    let x = bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() });
+    let y = bench.add_with("y", Box::new(Md3::default()), Setup { presets: vec![(row, 2)], ..setup });
+    let (x, y) = (x.unwrap(), y.unwrap());
+    bench.share("line1", &[(x, Port(0)), (y, Port(0))]);
+    bench.run_until(Instant::from(Duration::millis(200)));
+    (bench, x, y)
+}
+
+/// A frame that nobody can read is in the journal of the line, once, whatever the drives do that do not listen.
+#[test]
+fn a_corrupt_frame_is_corrupt_also_beside_a_drive_that_starts() {
+    let corrupt = [1, 6, 0, 0x1D, 0, 9, 0xD9, 0];
+    let text = "rs485 <- 8 bytes 01 06 00 1D 00 09 D9 00 -> CRC wrong: D9 00 instead of D9 CA";
+    for off in [0, 1, 2] {
+        let (mut bench, x, y) = ready_and(Setup::default());
+        for drive in [y, x].into_iter().take(off) {
+            bench.power(drive, PowerAction::Off);
+        }
+        bench.run_until(bench.now() + Duration::millis(1));
+        let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+        for frame in [&corrupt[..], &[0xFF, 0, 0xAA], &rtu::read(1, 0x1D, 1)[..6]] {
+            bench.send(client, frame);
+            // A part of a request is sent when the rest does not come.
+            bench.run_until(bench.now() + Duration::millis(500));
+        }
+        let (of_x, of_y) = (words(&bench, x), words(&bench, y));
+        assert_eq!((of_x.len(), of_x[0].as_str()), (3, text), "{off}: {of_x:#?}");
+        assert_eq!(of_x[1], "rs485 <- 3 bytes FF 00 AA -> no frame has this length", "{off}");
+        assert!(of_x[2].starts_with("rs485 <- 6 bytes 01 03 00 1D 00 01 -> "), "{off}: {of_x:#?}");
+        assert_eq!(of_y, of_x, "{off}");
+        assert_eq!(bench.starting_requests(y).count, 0, "{off}");
+    }
+}
+
+/// A drive that starts still has an entry for its request after another drive has answered.
+#[test]
+fn a_request_to_a_drive_that_starts_follows_an_answer_of_another_one() {
+    let (mut bench, x, y) = ready_and(Setup::default());
+    let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+    for address in [1, 2] {
+        bench.send(client, &rtu::read(address, 0, 1));
+        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(20));
+    }
+    assert_eq!(words(&bench, x), ["rs485 <- read DeviceAddress -> DeviceAddress = 1"]);
+    let of_y = words(&bench, y);
+    assert_eq!((of_y.len(), bench.starting_requests(y).count), (1, 1), "{of_y:#?}");
+    assert!(of_y[0].starts_with("rs485 <- read DeviceAddress -> starting for "), "{of_y:#?}");
+}
+
+/// A disturbed request reaches drives in single characters, and has one entry all the same.
+#[test]
+fn a_disturbed_request_has_one_entry_whether_drives_listen_or_not() {
+    use crate::line::faults::{FaultRule, LineFaults};
+    let corrupt = LineFaults { corrupt: FaultRule::ALL, ..LineFaults::NONE };
+    for seed in 0..40 {
+        for off in [false, true] {
+            let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+            let x = bench.add::<Md3>("x");
+            if off {
+                bench.power(x, PowerAction::Off);
+                bench.run_until(Instant::from(Duration::millis(1)));
+            }
+            bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), corrupt);
+            bench.ask(x, &rtu::write(1, 0x1D, 9));
+            ready(&mut bench);
+            let words = words(&bench, x);
+            let (what, count) = if off { ("-> no power; ", 0) } else { ("-> starting for 2.", 1) };
+            assert!(words.len() == 1 && words[0].contains(what), "{seed}: {words:#?}");
+            assert!(words[0].ends_with("by a fault, the request was corrupted"), "{seed}: {words:#?}");
+            assert_eq!(bench.starting_requests(x).count, count, "{seed}");
+        }
+        // Beside a drive that listens, the line has the entry.
+        let (mut bench, x, y) = ready_and(Setup::default());
+        bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), corrupt);
+        bench.run_until(bench.now() + Duration::millis(seed));
+        bench.ask(x, &rtu::write(1, 0x1D, 9));
+        ready(&mut bench);
+        let verdicts: Vec<_> = bench.received(x).messages().map(|message| message.exchange.verdict).collect();
+        assert_eq!(verdicts, [Verdict::BadFrame]);
+        assert_eq!(words(&bench, y), words(&bench, x));
+        // A frame that starts at another baud rate is unreadable, also for drives without power.
+        let (mut bench, x, y) = ready_and(Setup::default());
+        bench.power(x, PowerAction::Off);
+        bench.power(y, PowerAction::Off);
+        bench.run_until(bench.now() + Duration::millis(1));
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_line_faults(bus, LineFaults { baud: Some(2_400), ..LineFaults::NONE });
+        bench.ask(x, &rtu::write(1, 0x1D, 9));
+        assert_eq!(words(&bench, x).len(), 1, "{:#?}", words(&bench, x));
+        assert!(words(&bench, x)[0].contains("8 characters with errors"), "{:#?}", words(&bench, x));
+    }
+}
+
+/// Power that fails in the middle of a save, or of a request, leaves an entry of the request for itself.
+#[test]
+fn a_request_that_loses_its_power_has_an_entry() {
+    let qsb = Box::new(Qsb::m());
+    let mdrive = Box::new(Mdrive::plus());
+    for (device, port, save, read, text) in [
+        (
+            Box::new(Md3::default()) as Box<dyn Device>,
+            "rs485",
+            rtu::write(1, 0x1A, 1).to_vec(),
+            rtu::read(1, 0, 1).to_vec(),
+            ["write EEPROMControl = 1", "read DeviceAddress"],
+        ),
+        (qsb, "usb", b"W1603\r".to_vec(), b"R0E\r".to_vec(), ["", ""]),
+        (mdrive, "mcode", b"S\r".to_vec(), b"PR P\r".to_vec(), ["", ""]),
+    ] {
+        let mut bench = Bench::new();
+        let drive = bench.add_with("x", device, Setup { boot_fast: true, ..Setup::default() }).unwrap();
+        ready(&mut bench);
+        let number = bench.spec(drive).ports.iter().position(|spec| spec.name == port).unwrap() as u8;
+        bench.cut_power(drive, crate::record::trace::Cut { stores: 0, bytes: 0 });
+        bench.run_until(bench.now() + Duration::millis(1));
+        assert!(!say(&mut bench, drive, number, &save).ends_with(&save), "{port}: no answer");
+        assert!(!bench.powered(drive), "{port}");
+        let before = words(&bench, drive);
+        assert_eq!(before.len(), 1, "{before:#?}");
+        assert!(before[0].contains(text[0]), "{before:#?}");
+        assert!(before[0].ends_with(" -> power lost before the answer"), "{before:#?}");
+        bench.power(drive, PowerAction::On);
+        ready(&mut bench);
+        say(&mut bench, drive, number, &read);
+        let after = words(&bench, drive);
+        assert_eq!((after.len(), after[1].contains(text[1])), (2, true), "{after:#?}");
+        let last = bench.received(drive).messages().next_back().unwrap();
+        assert_eq!((last.bytes, last.exchange.verdict), (read, Verdict::Done), "{port}");
+    }
+    // Power goes off while the request arrives.
+    let mut bench = Bench::new();
+    let drive = bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() });
+    let drive = drive.unwrap();
+    ready(&mut bench);
+    let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+    bench.send(client, &rtu::read(1, 0, 1));
+    bench.run_until(bench.now() + Duration::millis(3));
+    bench.power(drive, PowerAction::Off);
+    ready(&mut bench);
+    assert_eq!(words(&bench, drive), ["rs485 <- read DeviceAddress -> power lost before the answer"]);
+}
+
+/// Power that fails during a reply is in the entry of the request.
+#[test]
+fn a_reply_that_loses_its_power_is_cut_in_the_journal() {
+    let read = rtu::read(1, 0, 1);
+    let mut expected = 0;
+    // The request takes 8 characters of 1.15 ms, and the reply 7.
+    for wait in 2..30 {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let x = bench.add_with("x", Box::new(Md3::default()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+        bench.send(client, &read);
+        bench.run_until(bench.now() + Duration::millis(wait));
+        bench.power(x, PowerAction::Off);
+        ready(&mut bench);
+        let mut answer = Vec::new();
+        bench.receive(client, &mut answer);
+        let words = words(&bench, x);
+        assert_eq!(words.len(), 1, "{wait}: {words:#?}");
+        let cut = format!("; power lost after {} of 7 bytes of the reply", answer.len());
+        let all = "rs485 <- read DeviceAddress -> DeviceAddress = 1";
+        match answer.len() {
+            7 => assert_eq!(words[0], all, "{wait}"),
+            0 => assert!(words[0].contains("power lost "), "{wait}: {words:#?}"),
+            _ => {
+                expected += 1;
+                assert_eq!(words[0], format!("{all}{cut}"), "{wait}");
+            }
+        }
+    }
+    assert!(expected > 3, "power failed within the reply {expected} times");
+}
+
+/// In Modbus ASCII a reply that lost its end is no part of the next request to another drive.
+#[test]
+fn a_truncated_reply_in_ascii_hides_no_request() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    use drivetwin_protocol::modbus::ascii;
+    let truncate = FaultRule::next(1).direction(Direction::Reply);
+    for (seed, asked) in (0..20).flat_map(|seed| [(seed, 1), (seed, 2)]) {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let drives = [("x", 1), ("y", 2)].map(|(name, address)| {
+            let device = rs434544();
+            let row = |name| device.spec().find(name).unwrap().row;
+            let own = device.spec().address.unwrap();
+            let presets = vec![(row("TYPE_MODBUS"), 1), (row("BITRATE_MODBUS"), 4), (own, address)];
+            let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+            bench.add_with(name, Box::new(device), setup).unwrap()
+        });
+        let bus = bench.share("line1", &drives.map(|drive| (drive, Port(0))));
+        ready(&mut bench);
+        bench.set_line_faults(bus, LineFaults { truncate, ..LineFaults::NONE });
+        let client = bench.connect(bus);
+        for (address, pdu) in [(asked, [3, 0x50, 0x0B, 0, 1]), (1, [6, 0x50, 0x0B, 0x07, 0xD0])] {
+            bench.send(client, &ascii::frame(address, &pdu));
+            bench.run_until(bench.now() + Duration::millis(500));
+        }
+        let of_x = words(&bench, drives[0]);
+        assert_eq!(of_x.last().map(String::as_str), Some("rs485 <- write SPEED = 2000 -> done"), "{of_x:#?}");
+        assert!(!of_x.iter().any(|words| words.contains("nobody here")), "{seed}: {of_x:#?}");
+    }
+}
+
+/// Noise behind a reply is no request of the master.
+#[test]
+fn noise_of_replies_is_noise_in_the_journal() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    for (line, seed) in
+        [LineMode::Timed, LineMode::Fast].into_iter().flat_map(|line| (0..20).map(move |n| (line, n)))
+    {
+        let mut bench = Bench::with(Settings { line, seed, ..Settings::default() });
+        let x = bench.add::<Md3>("x");
+        ready(&mut bench);
+        let noise = FaultRule::ALL.direction(Direction::Reply);
+        bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), LineFaults { noise, ..LineFaults::NONE });
+        for _ in 0..3 {
+            bench.ask(x, &rtu::read(1, 0, 1));
+            bench.run_until(bench.now() + Duration::millis(50));
+        }
+        let words = words(&bench, x);
+        let (reads, noise): (Vec<_>, Vec<_>) =
+            words.iter().partition(|words| words.contains("read DeviceAddress"));
+        assert_eq!((reads.len(), noise.len()), (3, 3), "{words:#?}");
+        assert!(
+            reads.iter().all(|words| words.ends_with("; by a fault, the reply had noise beside it")),
+            "{words:#?}"
+        );
+        assert!(
+            noise.iter().all(|words| words.ends_with("; by a fault, the request was noise")),
+            "{words:#?}"
+        );
+    }
+}
