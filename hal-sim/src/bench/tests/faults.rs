@@ -944,6 +944,41 @@ fn only_a_request_with_a_receiver_is_refused() {
     assert_eq!(bench.ask(x, &ASKED).len(), 5);
 }
 
+/// Drives with one address answer at the same time, so neither hears the other. No fault of replies changes this:
+/// after one request the line is silent again, and the next request has its answers (HOST-5).
+#[test]
+fn no_fault_lets_drives_with_one_address_answer_each_other() {
+    let late = LineFaults { delay: 20.millis(), ..QUIET };
+    for line in [LineMode::Timed, LineMode::Fast] {
+        for (faults, clients_hear) in [
+            // Only one drive is refused in place of both.
+            (LineFaults { exception: FaultRule::next(1), ..QUIET }, 5),
+            (late, 16),
+            (LineFaults { delay_spread: 20.millis(), ..late }, 16),
+            (LineFaults { duplicate: FaultRule::ALL.direction(Direction::Reply), ..QUIET }, 32),
+        ] {
+            let mut bench = Bench::with(Settings { line, ..Settings::default() });
+            let slots = ["x", "y"].map(|name| (md3(&mut bench, name, 1), RS485));
+            bench.run_until(start());
+            let bus = bench.share("line1", &slots);
+            let client = bench.connect(bus);
+            bench.set_line_faults(bus, faults);
+            bench.send(client, &write(1));
+            bench.run_until(start() + 1.secs());
+            assert_eq!(received_by(&mut bench, client).len(), clients_hear, "{line:?} {faults:?}");
+            bench.run_until(start() + 3.secs());
+            assert_eq!(received_by(&mut bench, client), [0; 0], "{line:?} {faults:?}");
+            bench.set_line_faults(bus, QUIET);
+            assert_eq!(exchange(&mut bench, client, &write(1)).len(), 16, "{line:?} {faults:?}");
+            for (drive, _) in slots {
+                let refused = usize::from(faults.exception != FaultRule::NONE && drive != slots[0].0);
+                let messages = bench.received(drive).messages().count();
+                assert_eq!(messages, 2 - refused, "{line:?} {faults:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_refusal_ends_with_the_power_of_its_drive() {
     let faults = LineFaults { exception: FaultRule::ALL, ..QUIET };
