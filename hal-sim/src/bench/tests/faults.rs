@@ -902,7 +902,12 @@ fn only_a_request_with_a_receiver_is_refused() {
         let mut spoiled = ASKED;
         spoiled[7] ^= 1;
         // An address that no drive has, a broadcast, a wrong checksum.
-        for frame in [&rtu::read(3, 0, 1)[..], &write(0), &spoiled] {
+        // Requests of a wrong length: too short, too long, a reply.
+        let short = [1, 3, 0, 1, 0x30, 0x18];
+        let long = [1, 6, 0, 1, 0, 2, 3, 0x4B, 0x3B];
+        let reply = [1, 3, 2, 0, 1, 0x79, 0x84];
+        let wrong: [&[u8]; 3] = [&short, &long, &reply];
+        for frame in wrong.into_iter().chain([&rtu::read(3, 0, 1)[..], &write(0), &spoiled]) {
             assert_eq!(exchange(&mut bench, client, frame), [0; 0]);
         }
         // Another baud rate, of the client or by a fault.
