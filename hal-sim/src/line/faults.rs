@@ -437,7 +437,7 @@ impl FrameFaults {
         let hits = |rule: &mut FaultRule, chosen: bool, possible: bool| {
             rule.hits(chosen, possible, direction, content)
         };
-        // A frame that is lost has no other faults but the noise behind it.
+        // A frame that is lost has no other faults.
         let lost = hits(&mut faults.drop, lost, true);
         let muted = replies && hits(&mut faults.mute, muted, !lost);
         let sent = !lost && !muted;
@@ -452,7 +452,7 @@ impl FrameFaults {
         let delayed = if replies && has_delay { which(&mut faults.delayed, delayed, sent) } else { None };
         let cut = which(&mut faults.truncate, cut, sent && count > 1);
         let flip = which(&mut faults.corrupt, flip, sent);
-        let noise = which(&mut faults.noise, noise, if tcp { replies } else { sent || !faults.noise_before });
+        let noise = which(&mut faults.noise, noise, sent && (replies || !tcp));
         let noise_before = faults.noise_before && !tcp;
         let close = which(&mut faults.close, close, sent && tcp);
         let is_whole = cut.is_none() && flip.is_none() && close.is_none();

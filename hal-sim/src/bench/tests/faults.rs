@@ -892,6 +892,31 @@ fn an_exception_of_a_rule_is_for_the_writes_of_a_register() {
     assert_eq!(exchange(&mut bench, client, &write(1)), write(1));
 }
 
+/// A frame that is lost has no other fault: none acts, none counts, and the journal names none.
+#[test]
+fn a_lost_frame_has_no_other_fault() {
+    let lost = FaultRule::ALL.direction(Direction::Request);
+    let (drop, mute) = (LineFaults { drop: lost, ..QUIET }, LineFaults { mute: FaultRule::ALL, ..QUIET });
+    let unanswered = LineFaults { drop: FaultRule::ALL.direction(Direction::Reply), ..QUIET };
+    for (faults, direction, said) in [
+        (drop, Direction::Request, "lost; by a fault, the request was dropped"),
+        (unanswered, Direction::Reply, "DeviceAddress = 1; by a fault, the reply was dropped"),
+        (mute, Direction::Reply, "DeviceAddress = 1; by a fault, the reply was not delivered"),
+    ] {
+        for rule in [FaultRule::ALL, FaultRule::next(1)].map(|rule| rule.direction(direction)) {
+            let delayed = FaultRule { direction: None, ..rule };
+            let others = LineFaults { corrupt: rule, duplicate: rule, truncate: rule, noise: rule, ..faults };
+            let others = LineFaults { delay: 5.millis(), delayed, ..others };
+            let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, others);
+            assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+            assert_eq!(bench.line_faults(bus), others, "a count is as it was");
+            assert!(frames(&bench).iter().all(|(_, from, _)| *from != Source::Noise));
+            let last = bench.received(x).messages().last().unwrap().to_string();
+            assert_eq!(last, format!("rs485 <- read DeviceAddress -> {said}"));
+        }
+    }
+}
+
 /// A request has an exception only if a drive would have answered it; otherwise it does not count.
 #[test]
 fn only_a_request_with_a_receiver_is_refused() {
