@@ -99,6 +99,9 @@ impl Bench {
             self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, effects);
         }
         let serial_line = &mut self.buses[bus as usize];
+        if fate.hides_end() {
+            serial_line.last_request = None;
+        }
         let refusal = refusal.filter(|_| fate.refused);
         // Noise before the request makes the transmission longer.
         let count = request.count.max(text.bytes.len());
@@ -251,6 +254,9 @@ impl Bench {
         let serial_line = &mut self.buses[bus as usize];
         serial_line.sends_until = serial_line.sends_until.max(end);
         serial_line.late_by = start.since(sent.start);
+        if fate.hides_end() {
+            serial_line.last_request = None;
+        }
         if end > sent.start + takes {
             serial_line.held_up = end;
         }

@@ -489,6 +489,13 @@ impl FrameFaults {
             .with(FrameEffect::WithNoise, self.noise.is_some())
     }
 
+    /// Returns true if the client cannot know when the line is free after the frame: when its drive has sent the reply,
+    /// or if more is sent.
+    pub(crate) fn hides_end(&self) -> bool {
+        let is_part = self.lost || self.muted || self.cut.is_some();
+        is_part || self.twice || self.noise.is_some() || self.delay > Duration::ZERO
+    }
+
     /// Returns true if the effects depend on the length of the frame.
     pub(crate) fn needs_whole_frame(&self) -> bool {
         self.cut.is_some() || self.flip.is_some() || self.twice || self.close.is_some()
