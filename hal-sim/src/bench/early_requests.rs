@@ -10,7 +10,6 @@ use drivetwin_firmware::device::{Duration, Instant};
 use super::lines::inter_frame_gap;
 use super::{Bench, Bus, Outlet};
 use crate::line::LastRequest;
-use crate::line::faults::LineFaults;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::effects::FrameEffects;
 use crate::record::journal::Outcome;
@@ -63,7 +62,8 @@ impl Bench {
 
     /// Requests on a line so far that were too early. A request is not judged if its client cannot know when
     /// it may send: after a request of another client, through a port that [times characters
-    /// itself](Self::set_self_paced), or on a line with faults.
+    /// itself](Self::set_self_paced), on a line with the fault `baud`, or after a request or reply whose time on the line
+    /// a fault hides: a reply that is late, lost or truncated, noise, and what is sent twice.
     #[must_use]
     pub fn early_requests(&self, bus: Bus) -> EarlyRequests {
         self.buses[bus.0 as usize].early
@@ -129,7 +129,7 @@ impl Bench {
         let line = &mut self.buses[bus as usize];
         let replied = line.sends_until;
         let last_request = line.last_request.replace(LastRequest { client, written, takes });
-        if !is_judged || *line.disturbance.faults() != LineFaults::NONE {
+        if !is_judged || line.disturbance.faults().baud.is_some() {
             return None;
         }
         let cause = last_request.filter(|last| last.client == client).and_then(|last| {
@@ -160,7 +160,7 @@ impl Bench {
         let line = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut line.continues, continues.then_some(client));
         // In Modbus ASCII a frame is complete without silence after it.
-        if paces_itself || needs == Duration::ZERO || *line.disturbance.faults() != LineFaults::NONE {
+        if paces_itself || needs == Duration::ZERO || line.disturbance.faults().baud.is_some() {
             return None;
         }
         let cause = match before == Some(client) {
@@ -179,7 +179,8 @@ impl Bench {
         };
         let Some((_, began)) = state.sent_between(0) else { return };
         let line = &mut self.buses[bus as usize];
-        if line.sends_until > Instant::ZERO && *line.disturbance.faults() == LineFaults::NONE {
+        let is_timed = line.last_request.is_some() && line.disturbance.faults().baud.is_none();
+        if line.sends_until > Instant::ZERO && is_timed {
             line.requests.silence(began.max(line.sends_until).since(line.sends_until));
         }
     }

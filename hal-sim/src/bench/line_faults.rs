@@ -5,7 +5,7 @@ use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
 use super::tcp_faults::is_whole_line;
-use super::transmit::{Origin, TxBurst};
+use super::transmit::{HeardBy, Origin, TxBurst};
 use super::{Bench, Bus, Client, DriveId, Outlet};
 use crate::line::collisions::CollisionTracker;
 use crate::line::fault_rules::Content;
@@ -99,6 +99,9 @@ impl Bench {
             self.enter_lost(Outlet::Line(Bus(bus)), start, &request.text.bytes, effects);
         }
         let serial_line = &mut self.buses[bus as usize];
+        if fate.hides_end() {
+            serial_line.last_request = None;
+        }
         let refusal = refusal.filter(|_| fate.refused);
         // Noise before the request makes the transmission longer.
         let count = request.count.max(text.bytes.len());
@@ -175,7 +178,7 @@ impl Bench {
         if let Some(serial) = self.at_mut(drive).state.serial(port).filter(|_| answers) {
             let (start, line) = serial.send(now, answer.len(), fast);
             let sent = Sent { drive: drive.0, port, start, line, count: answer.len() };
-            self.transmit_from_drive(&sent, answer);
+            self.transmit_from_drive(&sent, answer, HeardBy::Clients);
         }
     }
 
@@ -212,7 +215,13 @@ impl Bench {
     }
 
     /// Transmits the output of a drive, changed by the faults of the line.
-    pub(super) fn transmit_with_faults(&mut self, bus: u32, sent: &Sent, bytes: &[u8], fate: &FrameFaults) {
+    pub(super) fn transmit_with_faults(
+        &mut self,
+        bus: u32,
+        (sent, heard_by): (&Sent, HeardBy),
+        bytes: &[u8],
+        fate: &FrameFaults,
+    ) {
         let LineFaults { baud, .. } = self.line_faults(Bus(bus));
         let line = sent.line;
         let modbus = self.framed(bus).is_some();
@@ -229,10 +238,12 @@ impl Bench {
         let due = sent.start + fate.delay;
         let start = due.max(self.buses[bus as usize].held_up);
         let has_room = start <= due + ROOM;
-        self.deliver_from_drive(bus, start, sent, (&text.bytes, &text.unreadable), clients);
+        let characters = (text.bytes.as_slice(), text.unreadable.as_slice());
+        self.deliver_from_drive(bus, start, (sent, heard_by), characters, clients);
         let mut end = start + takes;
         if fate.twice && has_room && !text.bytes.is_empty() {
-            self.deliver_from_drive(bus, end + gap, sent, (&text.bytes, &text.unreadable), clients);
+            let repeated = (sent, HeardBy::Clients);
+            self.deliver_from_drive(bus, end + gap, repeated, characters, clients);
             end += gap + takes;
         }
         if let Some(noise) = fate.noise(line).filter(|_| has_room) {
@@ -243,6 +254,9 @@ impl Bench {
         let serial_line = &mut self.buses[bus as usize];
         serial_line.sends_until = serial_line.sends_until.max(end);
         serial_line.late_by = start.since(sent.start);
+        if fate.hides_end() {
+            serial_line.last_request = None;
+        }
         if end > sent.start + takes {
             serial_line.held_up = end;
         }

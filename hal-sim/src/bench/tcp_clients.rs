@@ -87,7 +87,7 @@ impl fmt::Display for Ended {
             Self::ByDrive => f.write_str("the drive closes the connection"),
             Self::NoPower => f.write_str("the drive has lost its power"),
             Self::Broken(broken) => write!(f, "it has sent {broken}"),
-            Self::BrokenByFault(broken) => write!(f, "a fault has made {broken} of a request"),
+            Self::BrokenByFault(broken) => write!(f, "a fault has turned a request into {broken}"),
             Self::ByFault => f.write_str("a fault closes the connection"),
         }
     }

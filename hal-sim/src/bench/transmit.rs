@@ -50,6 +50,15 @@ impl Origin {
     }
 }
 
+/// Receivers of a drive's characters.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum HeardBy {
+    /// All clients, and the other drives on the line.
+    All,
+    /// All clients. No drive has sent the characters: they are the answer or the repetition of a fault.
+    Clients,
+}
+
 /// Characters that are sent back to back.
 #[derive(Clone, Copy)]
 pub(super) struct TxBurst<'a> {
@@ -220,7 +229,7 @@ impl Bench {
         let mut bytes = outputs.bytes.as_slice();
         for sent in &outputs.sent {
             let (message, rest) = bytes.split_at(sent.count);
-            self.transmit_from_drive(sent, message);
+            self.transmit_from_drive(sent, message, HeardBy::All);
             bytes = rest;
         }
         let mut messages = outputs.messages.as_slice();
@@ -245,8 +254,8 @@ impl Bench {
         self.outputs = outputs;
     }
 
-    /// Transmits the characters of a drive to all other ports and clients of its line.
-    pub(super) fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8]) {
+    /// Transmits the characters of a drive on its line.
+    pub(super) fn transmit_from_drive(&mut self, sent: &Sent, bytes: &[u8], heard_by: HeardBy) {
         let Some(Bus(bus)) = self.bus(DriveId(sent.drive), sent.port) else { return };
         let content = self.reply_content(bus, sent, bytes);
         let serial_line = &mut self.buses[bus as usize];
@@ -258,11 +267,12 @@ impl Bench {
                 serial_line.sends_until = serial_line.sends_until.max(end);
                 serial_line.requests.answer();
                 serial_line.late_by = start.since(sent.start);
-                self.deliver_from_drive(bus, start, sent, (bytes, &[]), (sent.line, bytes));
+                let all = (sent.line, bytes);
+                self.deliver_from_drive(bus, start, (sent, heard_by), (bytes, &[]), all);
             }
             Some(fate) => {
                 self.note_reply(DriveId(sent.drive), sent.port, bytes, fate.effects());
-                self.transmit_with_faults(bus, sent, bytes, &fate);
+                self.transmit_with_faults(bus, (sent, heard_by), bytes, &fate);
             }
         }
     }
@@ -272,13 +282,15 @@ impl Bench {
         if self.fast() { Duration::ZERO } else { line.character() * count as u64 }
     }
 
-    /// Delivers characters of a drive to all others on the line, from `start` on. `to_clients` contains the
-    /// settings and characters for clients.
+    /// Delivers characters of a drive on its line: to the clients from `start` on, and to the other drives, if they
+    /// hear them, when the drive sends them. A fault delays a reply between the line and the clients, so that drives
+    /// with one address answer at the same time and do not hear each other. `to_clients` contains the settings and
+    /// characters for clients.
     pub(super) fn deliver_from_drive(
         &mut self,
         bus: u32,
         start: Instant,
-        sent: &Sent,
+        (sent, heard_by): (&Sent, HeardBy),
         (bytes, unreadable): (&[u8], &[usize]),
         to_clients: (Line, &[u8]),
     ) {
@@ -294,8 +306,13 @@ impl Bench {
         let number = self.occupy_line(bus, start, sent.line, bytes.len());
         self.deliver_to_clients(bus, start, to_clients.0, to_clients.1, number, Some(DriveId(sent.drive)));
         let origin = Origin::Drive(sent.line, sent.start);
-        let burst = TxBurst { bytes, unreadable, origin, number };
-        self.deliver_to_drives(bus, start, sent.line, burst, Some((DriveId(sent.drive), sent.port)));
+        if heard_by == HeardBy::All {
+            // The number is that of the characters from `start` on.
+            let number = number.filter(|_| start == sent.start);
+            let burst = TxBurst { bytes, unreadable, origin, number };
+            let sender = Some((DriveId(sent.drive), sent.port));
+            self.deliver_to_drives(bus, sent.start, sent.line, burst, sender);
+        }
         self.record(bus, start, sent.line, Source::Drive(DriveId(sent.drive)), bytes, number);
     }
 

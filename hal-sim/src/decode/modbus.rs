@@ -260,7 +260,12 @@ fn names(spec: &Spec, access: &Access<'_>) -> String {
     match parts.as_slice() {
         [] => format!("nothing at {}", address(spec, access.first)),
         [first, .., last] if parts.len() > FEW || access.count > LARGEST => {
-            format!("{} from {} to {}", quantity(access), name(spec, first), name(spec, last))
+            let edge = |part: &Part, at: u16| match part.row {
+                Some(_) => name(spec, part),
+                None => address(spec, at),
+            };
+            let end = last.address.saturating_add(last.count.saturating_sub(1));
+            format!("{} from {} to {}", quantity(access), edge(first, first.address), edge(last, end))
         }
         parts => parts.iter().map(|part| name(spec, part)).collect::<Vec<_>>().join(", "),
     }

@@ -58,6 +58,7 @@ fn requests_to_an_md3_in_the_names_of_its_manual() {
         (&[3, 0, 0x14, 0, 2], "read Speed"),
         (&[3, 0, 0x13, 0, 2], "read MoveStepsLow, SpeedHigh"),
         (&[3, 0, 0, 0, 31], "read 31 registers from DeviceAddress to SerialNumberHigh"),
+        (&[3, 0, 0, 0, 126], "read 126 registers from DeviceAddress to 0x007D"),
         (&[3, 0x01, 0x00, 0, 2], "read 0x0100 to 0x0101"),
         (&[3, 0, 0x1E, 0, 4], "read SerialNumber, 0x0020 to 0x0021"),
         (&[5, 0, 0x0B, 0xFF, 0], "write 0x000B = 1"),

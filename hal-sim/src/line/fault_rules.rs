@@ -202,13 +202,12 @@ impl FaultRule {
         direction: Direction,
         content: Option<&Content>,
     ) -> bool {
-        if !self.covers(direction, content) {
+        if !possible || !self.covers(direction, content) {
             return false;
         }
         match &mut self.amount {
             Amount::Rate(_) => chosen,
             Amount::Count(0) => false,
-            Amount::Count(_) if !possible => false,
             Amount::Count(count) => {
                 *count -= 1;
                 true

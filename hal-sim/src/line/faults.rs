@@ -3,7 +3,7 @@
 
 use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
-use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
+use drivetwin_protocol::modbus::pdu::{self, EXCEPTION_BIT};
 use drivetwin_protocol::modbus::{ascii, rtu};
 
 use super::fault_rules::Content;
@@ -437,7 +437,7 @@ impl FrameFaults {
         let hits = |rule: &mut FaultRule, chosen: bool, possible: bool| {
             rule.hits(chosen, possible, direction, content)
         };
-        // A frame that is lost has no other faults but the noise behind it.
+        // A frame that is lost has no other faults.
         let lost = hits(&mut faults.drop, lost, true);
         let muted = replies && hits(&mut faults.mute, muted, !lost);
         let sent = !lost && !muted;
@@ -452,7 +452,7 @@ impl FrameFaults {
         let delayed = if replies && has_delay { which(&mut faults.delayed, delayed, sent) } else { None };
         let cut = which(&mut faults.truncate, cut, sent && count > 1);
         let flip = which(&mut faults.corrupt, flip, sent);
-        let noise = which(&mut faults.noise, noise, if tcp { replies } else { sent || !faults.noise_before });
+        let noise = which(&mut faults.noise, noise, sent && (replies || !tcp));
         let noise_before = faults.noise_before && !tcp;
         let close = which(&mut faults.close, close, sent && tcp);
         let is_whole = cut.is_none() && flip.is_none() && close.is_none();
@@ -487,6 +487,13 @@ impl FrameFaults {
             .with(FrameEffect::Delayed, self.delay > Duration::ZERO)
             .with(FrameEffect::Closed, self.close.is_some())
             .with(FrameEffect::WithNoise, self.noise.is_some())
+    }
+
+    /// Returns true if the client cannot know when the line is free after the frame: when its drive has sent the reply,
+    /// or if more is sent.
+    pub(crate) fn hides_end(&self) -> bool {
+        let is_part = self.lost || self.muted || self.cut.is_some();
+        is_part || self.twice || self.noise.is_some() || self.delay > Duration::ZERO
     }
 
     /// Returns true if the effects depend on the length of the frame.
@@ -597,8 +604,18 @@ impl Text {
 /// if no drive answers it: it is a broadcast, or no request.
 pub(crate) fn exception(line: Line, request: &[u8], code: u8) -> Option<(u8, Vec<u8>)> {
     let (unit, pdu) = opened(line, request)?;
-    let function = *pdu.first().filter(|function| unit != 0 && **function & EXCEPTION_BIT == 0)?;
+    let function = answered_function(&pdu).filter(|_| unit != 0)?;
     Some((unit, framed(line, unit, &[function | EXCEPTION_BIT, code])))
+}
+
+/// The function of a request that drives answer. `None` for an exception, and for a PDU that is shorter or longer than
+/// its function requires: drives drop it.
+pub(crate) fn answered_function(pdu: &[u8]) -> Option<u8> {
+    let is_whole = match pdu::Request::parse(pdu)? {
+        pdu::Request::WriteMultiple { values, bytes, .. } => values.len() == usize::from(bytes),
+        _ => true,
+    };
+    pdu.first().copied().filter(|function| is_whole && function & EXCEPTION_BIT == 0)
 }
 
 /// The same reply with another address and a valid checksum. The address is the next higher free one of 1 to
@@ -673,6 +690,16 @@ mod tests {
         let both = LineFaults { drop: rate(2.0), ..faults };
         assert!(both.check_for(&usb).unwrap_err().starts_with("drop "));
         assert_eq!(LineFaults { drop: rate(0.5), ..LineFaults::NONE }.check_for(&usb), Ok(()));
+    }
+
+    /// Drives drop a request of a wrong length (application, figures 9 to 21).
+    #[test]
+    fn a_request_of_a_wrong_length_has_no_exception() {
+        let whole: [&[u8]; 4] = [&[3, 0, 1, 0, 1], &[6, 0, 1, 0, 2], &[16, 0, 0, 0, 1, 2, 0, 1], &[0x6E]];
+        assert_eq!(whole.map(answered_function), [Some(3), Some(6), Some(16), Some(0x6E)]);
+        let wrong: [&[u8]; 6] =
+            [&[], &[3, 0, 1], &[6, 0, 1, 0, 2, 3], &[3, 2, 0, 1], &[16, 0, 0, 0, 1, 4, 0, 1], &[0x83, 4]];
+        assert_eq!(wrong.map(answered_function), [None; 6]);
     }
 
     #[test]

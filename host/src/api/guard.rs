@@ -176,7 +176,10 @@ fn of_serde(words: &str, place: &str) -> String {
             ("a boolean", "true or false"),
             ("a string", "a text"),
             ("a map", "an object"),
+            ("map", "an object"),
+            ("sequence", "a list"),
         ];
+        let words = if words.starts_with("struct ") { "a map" } else { words };
         let known = shapes.into_iter().find(|(shape, _)| *shape == words);
         known.map_or_else(|| names(words), |(_, text)| text.to_owned())
     };
@@ -213,7 +216,7 @@ fn of_serde(words: &str, place: &str) -> String {
             .trim();
         let got = got.split_once("unknown variant ").map_or(got, |(_, name)| name);
         let expected = expected.trim_start_matches("one of ");
-        return format!("{place} has {} where it takes {}", names(got), whole(expected));
+        return format!("{place} has {} where it takes {}", whole(got), whole(expected));
     }
     format!("{place} is not valid: {}", names(words))
 }
@@ -246,6 +249,9 @@ mod tests {
             (r#"{"count": -1}"#, "the body has '-1' where it takes a whole number from 0 to 4294967295"),
             (r#"{"count": 1, "hz": "fast"}"#, "the body has \"fast\" where it takes a number"),
             (r#"{"count": true}"#, "the body has 'true' where it takes a whole number from 0 to 4294967295"),
+            (r#"{"count": {}}"#, "the body has an object where it takes a whole number from 0 to 4294967295"),
+            (r#"{"count": []}"#, "the body has a list where it takes a whole number from 0 to 4294967295"),
+            ("3", "the body has '3' where it takes an object"),
             (r#"{"action": "up"}"#, "the body has 'up' where it takes 'on' or 'off'"),
         ] {
             let error = serde_json::from_str::<Train>(body).err().unwrap();

@@ -281,12 +281,12 @@ fn a_fault_refuses_at_the_line_feed_as_a_drive_answers() {
     let (mut bench, [x, _], client) = echoes(LineMode::Timed);
     let faults = LineFaults { exception: FaultRule::next(1), ..LineFaults::NONE };
     bench.set_line_faults(bench.bus(x, RS485).unwrap(), faults);
-    bench.send(client, &ask(1, 3));
+    bench.send(client, &ask(1, 65));
     bench.run_until_idle();
     let mut received = Vec::new();
     bench.receive(client, &mut received);
     // The address, the function with bit 7, the code and the LRC.
-    assert_eq!(received, b":01830478\r\n");
+    assert_eq!(received, b":01C1043A\r\n");
     assert_eq!(bench.now(), Instant::ZERO + CHARACTER * (LENGTH + 11));
     assert_eq!(seen(&bench, x), (0, 0));
 }

@@ -2,6 +2,7 @@
 
 use super::faults::{ANSWER, ASKED, QUIET, SEVEN, leaves, line_faults};
 use super::*;
+use crate::line::faults::{Direction, FaultRule};
 
 /// Time at which the answer to a request of `start()` is complete.
 fn answered() -> Instant {
@@ -130,13 +131,59 @@ fn a_partial_frame_counts_from_when_it_was_sent() {
     assert_eq!((received_by(&mut bench, client), bench.early_count()), (ANSWER.to_vec(), 0));
 }
 
+/// A fault hides the end of an exchange only if it acts on it, and if it changes the times.
+#[test]
+fn a_strict_line_judges_what_faults_leave_provable() {
+    let (all, none) = (FaultRule::ALL, FaultRule::next(0));
+    let reply = all.direction(Direction::Reply);
+    let elsewhere = all.function(16);
+    let late = LineFaults { delay: 1.millis(), ..QUIET };
+    for (faults, early) in [
+        (late, 0),
+        (LineFaults { duplicate: reply, ..QUIET }, 0),
+        (LineFaults { noise: reply, ..QUIET }, 0),
+        (LineFaults { drop: reply, ..QUIET }, 0),
+        (LineFaults { mute: all, ..QUIET }, 0),
+        (LineFaults { truncate: reply, ..QUIET }, 0),
+        // The last frame of a count is disturbed as the others.
+        (LineFaults { delayed: FaultRule::next(1), ..late }, 0),
+        (LineFaults { baud: Some(9_600), ..QUIET }, 0),
+        (LineFaults { drop: none, noise: none, duplicate: none, delayed: none, ..late }, 1),
+        (
+            LineFaults {
+                drop: elsewhere,
+                noise: elsewhere,
+                duplicate: elsewhere,
+                delayed: elsewhere,
+                ..late
+            },
+            1,
+        ),
+        (LineFaults { corrupt: reply, ..QUIET }, 1),
+        (LineFaults { wrong_address: all, ..QUIET }, 1),
+        (LineFaults { exception: all, ..QUIET }, 1),
+    ] {
+        let (mut bench, _, bus, client) = line_faults(LineMode::Timed, 1, faults);
+        bench.set_strict(bus, true);
+        bench.send(client, &ASKED);
+        bench.run_until_idle();
+        bench.send(client, &TO_Y);
+        bench.run_until(1.secs());
+        assert_eq!(bench.early_requests(bus).count, early, "{faults:?}");
+        // Two frames in one write are early, whatever the replies are.
+        let before = bench.early_requests(bus).count;
+        bench.send(client, &[ASKED, TO_Y].concat());
+        bench.run_until(2.secs());
+        let in_one_write = if faults.baud.is_some() { 0 } else { 2 };
+        assert_eq!(bench.early_requests(bus).count - before, in_one_write, "{faults:?}");
+    }
+}
+
 #[test]
 fn a_client_that_cannot_know_is_not_judged() {
     let two = [ASKED, ASKED].concat();
-    // Characters that take no time, and faults.
-    for (line, faults) in
-        [(LineMode::Fast, QUIET), (LineMode::Timed, LineFaults { delay: 1.millis(), ..QUIET })]
-    {
+    // Characters that take no time.
+    for (line, faults) in [(LineMode::Fast, QUIET)] {
         let (mut bench, _, bus, client) = line_faults(line, 1, faults);
         bench.set_strict(bus, true);
         bench.send(client, &two);

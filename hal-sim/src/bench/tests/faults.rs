@@ -892,6 +892,31 @@ fn an_exception_of_a_rule_is_for_the_writes_of_a_register() {
     assert_eq!(exchange(&mut bench, client, &write(1)), write(1));
 }
 
+/// A frame that is lost has no other fault: none acts, none counts, and the journal names none.
+#[test]
+fn a_lost_frame_has_no_other_fault() {
+    let lost = FaultRule::ALL.direction(Direction::Request);
+    let (drop, mute) = (LineFaults { drop: lost, ..QUIET }, LineFaults { mute: FaultRule::ALL, ..QUIET });
+    let unanswered = LineFaults { drop: FaultRule::ALL.direction(Direction::Reply), ..QUIET };
+    for (faults, direction, said) in [
+        (drop, Direction::Request, "lost; by a fault, the request was dropped"),
+        (unanswered, Direction::Reply, "DeviceAddress = 1; by a fault, the reply was dropped"),
+        (mute, Direction::Reply, "DeviceAddress = 1; by a fault, the reply was not delivered"),
+    ] {
+        for rule in [FaultRule::ALL, FaultRule::next(1)].map(|rule| rule.direction(direction)) {
+            let delayed = FaultRule { direction: None, ..rule };
+            let others = LineFaults { corrupt: rule, duplicate: rule, truncate: rule, noise: rule, ..faults };
+            let others = LineFaults { delay: 5.millis(), delayed, ..others };
+            let (mut bench, [x, _], bus, client) = line_faults(LineMode::Timed, 1, others);
+            assert_eq!(exchange(&mut bench, client, &ASKED), [0; 0]);
+            assert_eq!(bench.line_faults(bus), others, "a count is as it was");
+            assert!(frames(&bench).iter().all(|(_, from, _)| *from != Source::Noise));
+            let last = bench.received(x).messages().last().unwrap().to_string();
+            assert_eq!(last, format!("rs485 <- read DeviceAddress -> {said}"));
+        }
+    }
+}
+
 /// A request has an exception only if a drive would have answered it; otherwise it does not count.
 #[test]
 fn only_a_request_with_a_receiver_is_refused() {
@@ -902,7 +927,12 @@ fn only_a_request_with_a_receiver_is_refused() {
         let mut spoiled = ASKED;
         spoiled[7] ^= 1;
         // An address that no drive has, a broadcast, a wrong checksum.
-        for frame in [&rtu::read(3, 0, 1)[..], &write(0), &spoiled] {
+        // Requests of a wrong length: too short, too long, a reply.
+        let short = [1, 3, 0, 1, 0x30, 0x18];
+        let long = [1, 6, 0, 1, 0, 2, 3, 0x4B, 0x3B];
+        let reply = [1, 3, 2, 0, 1, 0x79, 0x84];
+        let wrong: [&[u8]; 3] = [&short, &long, &reply];
+        for frame in wrong.into_iter().chain([&rtu::read(3, 0, 1)[..], &write(0), &spoiled]) {
             assert_eq!(exchange(&mut bench, client, frame), [0; 0]);
         }
         // Another baud rate, of the client or by a fault.
@@ -942,6 +972,41 @@ fn only_a_request_with_a_receiver_is_refused() {
     assert_eq!(count(&bench, bus), Amount::Count(1), "the drive starts");
     bench.run_until(3.secs());
     assert_eq!(bench.ask(x, &ASKED).len(), 5);
+}
+
+/// Drives with one address answer at the same time, so neither hears the other. No fault of replies changes this:
+/// after one request the line is silent again, and the next request has its answers (HOST-5).
+#[test]
+fn no_fault_lets_drives_with_one_address_answer_each_other() {
+    let late = LineFaults { delay: 20.millis(), ..QUIET };
+    for line in [LineMode::Timed, LineMode::Fast] {
+        for (faults, clients_hear) in [
+            // Only one drive is refused in place of both.
+            (LineFaults { exception: FaultRule::next(1), ..QUIET }, 5),
+            (late, 16),
+            (LineFaults { delay_spread: 20.millis(), ..late }, 16),
+            (LineFaults { duplicate: FaultRule::ALL.direction(Direction::Reply), ..QUIET }, 32),
+        ] {
+            let mut bench = Bench::with(Settings { line, ..Settings::default() });
+            let slots = ["x", "y"].map(|name| (md3(&mut bench, name, 1), RS485));
+            bench.run_until(start());
+            let bus = bench.share("line1", &slots);
+            let client = bench.connect(bus);
+            bench.set_line_faults(bus, faults);
+            bench.send(client, &write(1));
+            bench.run_until(start() + 1.secs());
+            assert_eq!(received_by(&mut bench, client).len(), clients_hear, "{line:?} {faults:?}");
+            bench.run_until(start() + 3.secs());
+            assert_eq!(received_by(&mut bench, client), [0; 0], "{line:?} {faults:?}");
+            bench.set_line_faults(bus, QUIET);
+            assert_eq!(exchange(&mut bench, client, &write(1)).len(), 16, "{line:?} {faults:?}");
+            for (drive, _) in slots {
+                let refused = usize::from(faults.exception != FaultRule::NONE && drive != slots[0].0);
+                let messages = bench.received(drive).messages().count();
+                assert_eq!(messages, 2 - refused, "{line:?} {faults:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -285,7 +285,7 @@ fn a_header_that_a_fault_broke_is_not_blamed_on_the_client() {
         if let Some(ended) = bench.ended(client) {
             broken += 1;
             assert!(matches!(ended, Ended::BrokenByFault(_)), "{ended}");
-            assert!(ended.to_string().starts_with("a fault has made a header "), "{ended}");
+            assert!(ended.to_string().starts_with("a fault has turned a request into a header "), "{ended}");
             let entries: Vec<String> =
                 bench.received(drive).messages().map(|entry| entry.to_string()).collect();
             // A shorter length makes two messages of the request.
