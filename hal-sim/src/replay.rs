@@ -204,8 +204,8 @@ fn outputs<'a>(
     outputs
 }
 
-/// Returns the text of a trace with updated outputs. Header, comments and inputs stay unchanged. The replay
-/// runs to the end of the old text, which `end` should state.
+/// Replays a trace and returns its text with the new outputs. Header, comments and inputs stay unchanged. The replay
+/// runs until the last time in the old text. The `end` line of the trace should give this time.
 ///
 /// # Errors
 /// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.

@@ -311,7 +311,8 @@ fn a_pid_is_read_and_written_whole() {
     assert_eq!(md.ask(&RULES, &[6, 0, 196, 0, 9]), [0x86, 2], "read only, whatever the quantity");
     assert_eq!(md.ask(&RULES, &[6, 0, 4, 0, 9]), [0x86, 2], "only named");
     assert!(md.written.is_empty());
-    // Position 100,000 = 0x0001_86A0, low word first. PID 244 is another value.
+    // Position 100,000 is 0x0001_86A0, sent with the low word first. Both words belong to PID 243: PID 244 is a
+    // separate value, not the high word, and stays 0.
     assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 2, 4, 0x86, 0xA0, 0, 1]), [16, 0, 243, 0, 2]);
     assert_eq!((md.bank.get(Pid::PosiCmd), md.bank.get(Pid::IncPosiCmd)), (100_000, 0));
     assert_eq!(md.ask(&RULES, &[16, 0, 243, 0, 1, 2, 0, 1]), [0x90, 3]);

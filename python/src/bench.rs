@@ -325,7 +325,7 @@ impl Bench {
         Ok(PyBytes::new(py, &bytes?))
     }
 
-    /// The frames of the lines so far (pcapng, for Wireshark).
+    /// All frames on the bench's lines and TCP ports up to now (pcapng, for Wireshark).
     fn pcapng<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.shared.with_detached(py, |open| {
             let mut bytes = Vec::new();

@@ -219,7 +219,7 @@ impl<D: Device, M: Fn() -> D, const CHARACTERS: usize> Player<D, M, CHARACTERS> 
         changed.expect("a drive sets its line at power-on")
     }
 
-    /// Queues an event as an interrupt does at `at`; before, the loop sleeps until the tick before `at`.
+    /// Sleeps until the tick before `at`, then queues an event for the instant `at`, as an interrupt would.
     fn catch(&mut self, at: Instant, caught: BoardEvent) {
         self.sleep_before(at);
         self.board.catch(at, caught);

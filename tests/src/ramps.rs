@@ -1,7 +1,8 @@
-//! Timing error of the worst step of a move: for `StepIterator`, and for two algorithms that most step
-//! generators use, written from their publications.
+//! Timing error of the worst step of a move, for three algorithms: `StepIterator`, and two that most step generators
+//! use. The code of these two follows their publications.
 //!
-//! All start at the instant 0 and measure time from there. No interrupt is late.
+//! Each algorithm starts at the instant 0 and measures time from the instant 0. The calculation assumes that no
+//! interrupt is late.
 
 use drivetwin_firmware::device::{Instant, Plan};
 use drivetwin_firmware::motion::{Limits, StepIterator};

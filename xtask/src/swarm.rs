@@ -111,9 +111,9 @@ fn apply(sh: &Shell, patch: &Path, options: &[&str]) -> Result<()> {
     apply.run().with_context(|| format!("{PLANTED}/{}.patch does not fit", name(patch)))
 }
 
-/// Plants one defect in the folder of the shell and searches for it with the swarm. Returns `None` if the
-/// swarm does not find it. It is an error if the same seed also fails in the `sound` swarm, because then it
-/// shows another defect.
+/// Applies `patch`, which adds one defect, to the source in the current folder of `sh`, and searches for the defect
+/// with the swarm. Returns `None` if the swarm does not find the defect. The program `sound` is the swarm without the
+/// defect. If `sound` fails with the same seed, the seed shows another defect; this is an error.
 fn plant(sh: &Shell, target: &Path, sound: &Path, patch: &Path) -> Result<Option<Found>> {
     println!("=== {}", name(patch));
     apply(sh, patch, &[])?;

@@ -408,9 +408,9 @@ impl Drive {
         self.reference.reverses
     }
 
-    /// Checks an order against the limit switches. An open switch forbids an order that turns the motor
-    /// towards it. A switch that opens also stops a shaft that a speed or position order would still have to
-    /// slow down. A later order away from the switch is executed (MDROBOT-23).
+    /// Checks an order against the limit switches (MDROBOT-23). An open switch forbids an order that turns the motor
+    /// towards this switch. When a switch opens, the drive also stops a shaft that still turns towards this switch
+    /// while a speed or position order slows the shaft down. A later order away from the switch is executed.
     fn check_limits(&mut self, at: Instant, order: Order) -> Verdict {
         let now = [self.limit_forbids(1), self.limit_forbids(-1)];
         let before = core::mem::replace(&mut self.reference.forbidden, now);

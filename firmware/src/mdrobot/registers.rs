@@ -174,8 +174,8 @@ drivetwin_protocol::registers! {
         VEL_GAIN2 = known(203, "2.4"),
         /// Named only in the manual's header.
         TYPE = known(205, "2.4"),
-        /// Speed in rpm, current in 0.1 A and position (low, high word) of motor 1, the same of motor 2, and
-        /// CTRL_STATUS of both motors, with motor 2 in DH.
+        /// Nine words. For motor 1, then for motor 2: speed in rpm, current in 0.1 A, and position (low word, high
+        /// word). The last word is CTRL_STATUS: motor 1 in the low byte (DL), motor 2 in the high byte (DH).
         PNT_MAIN_DATA = ro(210, LATER).words(9).live().not_modelled(MOTOR_2),
         /// Current limit of the motor, in 0.1 A.
         MAX_LOAD = rw(211, "p. 16").clamped(0, 200).reset(200).saved(),

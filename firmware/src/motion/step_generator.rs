@@ -54,8 +54,8 @@ pub struct StepGenerator<P> {
     forward: bool,
     /// Time of the next call of [`StepGenerator::fire`].
     due: Instant,
-    /// Planned time of the last step. Before a step without a plan it may be a later time, which delays that
-    /// step like a preceding step would.
+    /// Planned time of the last step. A step without a plan is made `CYCLE` after this time. `step` may replace this
+    /// time by a later one to delay the next step without a plan, as if another step had been made at the later time.
     last: Instant,
     /// Steps made along plans, signed; wraps.
     planned_steps: i32,

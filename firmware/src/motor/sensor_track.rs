@@ -90,8 +90,9 @@ impl SensorTrack {
         self.at = self.at.wrapping_add(self.count(angle).wrapping_sub(self.at).signum());
     }
 
-    /// Puts the levels of sensor A, sensor B, and sensor C or the index, at the pins in `pins`, as far as
-    /// they differ from `before`. The index is high in the third count of every turn, when A and B are low.
+    /// Outputs the levels that differ from those of `before`, or all levels if `before` is `None`. `pins` holds the
+    /// pins in this order: sensor A, sensor B, and sensor C or, if there is no sensor C, the index. The index is high
+    /// in the third count of every turn, when A and B are low.
     pub(super) fn put_levels(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
         let before = before.map(Self::levels);
         let levels = self.levels().into_iter().enumerate();

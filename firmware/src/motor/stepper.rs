@@ -585,7 +585,7 @@ impl StepperMotor {
     }
 }
 
-/// Motion of a plan's field from an instant on.
+/// Motion of the motor's magnetic field according to a plan, from a given instant until `end`.
 struct Field {
     /// Phase beyond the plan's position at this instant.
     fraction: i128,

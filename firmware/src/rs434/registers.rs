@@ -99,7 +99,7 @@ drivetwin_protocol::registers! {
         PULSES_PER_REVOLUTION = rw(0x500F, "6.5").range(1, 12).reset(4).saved(),
         /// Number of Hall sensors used.
         USE_HALL = rw(0x5010, "6.5").range(0, 2).reset(2).saved(),
-        /// The motor's terminals at standstill: 0 open, 1 closed.
+        /// State of the motor's terminals at standstill: 0 open, 1 shorted together.
         MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved(),
         /// Counts by which the stopping point of a move is shifted in the direction of the motion.
         OFFSET_COMPENSATION = rw(0x5012, "6.5").i16().saved(),

@@ -113,7 +113,8 @@ impl Written {
 }
 
 impl Scenario {
-    /// Changes the drives of all steps, for instance from indices of a file to those on a bench.
+    /// Replaces the drive id in each step by `map` of this id. For instance, replaces the index of a drive in a file by
+    /// the index of the same drive on a bench.
     pub(crate) fn map_drives(&mut self, map: impl Fn(DriveId) -> DriveId) {
         for step in &mut self.steps {
             if let Trigger::Written(Written { drive, .. }) = &mut step.trigger {

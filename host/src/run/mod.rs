@@ -83,7 +83,8 @@ impl Configuration {
     }
 }
 
-/// Connections to the control API that may wait. Those whose callers have left are still served, so there are few.
+/// Most connections to the control API that may wait to be accepted. This limit is low because a waiting connection
+/// is still served after its caller has left.
 const API_BACKLOG: i32 = 128;
 
 impl Prepared {

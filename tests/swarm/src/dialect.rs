@@ -147,11 +147,13 @@ impl Family {
 
     /// Returns true if the register table alone does not say which values of a register a drive takes. An
     /// MDrive compares VI with VM, HT with MT, and JE with CM. It refuses some values of EE and MS while it
-    /// moves or its loop is closed (MC 5). Of FUNC_CMD_TYPE an MDROBOT stores only the low byte (MDROBOT-3).
-    /// Of MODE and MDR1 a QSB stores only some bits (QSB-9), and EOR changes the format of its answers.
+    /// moves or its loop is closed (MC 5). With EE the ranges of A and D are in counts. Of FUNC_CMD_TYPE an
+    /// MDROBOT stores only the low byte (MDROBOT-3). Of MODE and MDR1 a QSB stores only some bits (QSB-9), and EOR changes the format of its answers.
     pub(crate) fn has_other_rules(self, address: u16) -> bool {
         match self {
-            Self::Mdrive => matches!(address, 0x0B | 0x1E | 0x2C | 0x3F | 0x48 | 0x49 | 0x89 | 0x8B),
+            Self::Mdrive => {
+                matches!(address, 0x00 | 0x0B | 0x18 | 0x1E | 0x2C | 0x3F | 0x48 | 0x49 | 0x89 | 0x8B)
+            }
             Self::Mdrobot => address == 183,
             Self::Qsb => matches!(address, 0x00 | 0x04 | 0x15),
             Self::Md3 | Self::Rs434 => false,

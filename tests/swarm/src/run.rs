@@ -107,7 +107,8 @@ pub(crate) struct Runner<'a> {
     layout: Layout,
     mode: Mode,
     pub(crate) bench: Bench,
-    /// Chooses the lengths of the pieces, and after which of them clients read.
+    /// Random numbers for the pieces into which a time span is divided: the length of each piece, and whether clients
+    /// read after the piece.
     dice: Rng,
     clients: BTreeMap<Who, Client>,
     /// Current addresses of the drives on their buses.

@@ -299,7 +299,8 @@ fn section_7_8_pin_3_home_by_polarity() {
     assert_eq!(rig.motion_control(), bit::HOME);
 }
 
-/// MD3-29: the drive answers motion commands but ignores them. The current stays on, and Disable works.
+/// MD3-29: while pin 3 inhibits motion, the drive answers motion commands but does not execute them. The motor current
+/// stays on, and the command Disable works.
 #[test]
 fn section_7_8_pin_3_inhibit_modbus_motion() {
     let mut rig = pin_3(2);

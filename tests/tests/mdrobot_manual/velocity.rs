@@ -142,7 +142,7 @@ impl Ramps {
         (2.0 * rpm_a_second / 60.0 * counts).sqrt() * 60.0
     }
 
-    /// Commands `to`, and compares the shaft and RPM_DATA with the reference.
+    /// Commands the speed `to`, and compares the speed of the shaft and RPM_DATA with the reference.
     #[track_caller]
     fn assert_followed(&self, rig: &mut Rig, from: f64, to: f64) {
         rig.velocity(to as i16);

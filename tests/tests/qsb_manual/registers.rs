@@ -127,8 +127,8 @@ fn factory_defaults() {
     }
 }
 
-/// QSB-2: `x` is the answer for a register that does not exist, is not on this variant or does not have this
-/// letter, with any data.
+/// QSB-2: the drive answers `x` if the register does not exist, is not on this variant, or does not support the
+/// letter of the command (R, W or S). The data of the command has no influence.
 #[test]
 fn letters() {
     for kind in KINDS {

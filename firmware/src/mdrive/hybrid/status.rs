@@ -86,7 +86,7 @@ impl Drive {
         if is_bound { self.motion.lag(at) } else { 0 }
     }
 
-    /// Clears the lag, for the second value of MU.
+    /// Clears the lag. MCode does this if the second value of MU is 1, as in `MU=2,1`.
     pub(in crate::mdrive) fn clear_lag(&mut self, at: Instant) {
         self.motion.clear_lag(at);
     }

@@ -75,7 +75,8 @@ impl Drive {
         parse(line, self.variants(), &self.mcode.names)
     }
 
-    /// Variants whose names this drive knows.
+    /// Variants whose MCode words (commands and variables) this drive knows, one bit each. The bit `SERIAL` is also set
+    /// if the drive has a serial port.
     pub(in crate::mdrive) fn variants(&self) -> u8 {
         self.model.variant() | if self.is_serial() { SERIAL } else { 0 }
     }

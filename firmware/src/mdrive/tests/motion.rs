@@ -15,8 +15,8 @@ fn edges(dut: &mut Dut, edges: i32) {
     }
 }
 
-/// "Set filtering for the motion inputs ... and optional encoder" (MC 5-26): the shortest pulse of each FM,
-/// in ns. A tick is 62.5 ns.
+/// "Set filtering for the motion inputs ... and optional encoder" (MC 5-26). `filters` holds, for each value of FM,
+/// the shortest pulse in ns that passes the filter, which the drive rounds up to whole ticks of 62.5 ns.
 #[test]
 fn a_remote_encoder_is_filtered() {
     let filters = [50, 150, 200, 300, 500, 900, 1_700, 3_300, 6_500, 12_900_u64];

@@ -74,8 +74,8 @@ fn a_small_current_turns_the_lightest_of_motors_too() {
     assert_eq!(out.draws, [(at_ms(0), AXIS, 20)]);
 }
 
-/// A drive can compute the angle of the shaft at any instant. A shaft at steady speed reports only every 4
-/// ms, or 250 times a second.
+/// From the last report of the motion, a drive can compute the angle of the shaft at any later instant. At steady
+/// speed, new reports therefore come only every 4 ms (250 a second).
 #[test]
 fn reports_tell_where_the_shaft_is() {
     let load = |load_unm, friction_unm| Parameters { load_unm, friction_unm, ..Parameters::NOMINAL };
@@ -151,7 +151,9 @@ fn a_load_turns_open_terminals_and_is_braked_by_shorted_ones() {
 
 #[test]
 fn what_a_load_turns_faster_than_its_supply_does_charges_it() {
-    // Duty and current limit have no effect. 990 mN·m are 12.959 A and, in 0.5 Ω, 6.48 V more than 24 V.
+    // Duty and current limit have no effect. The load of 1,000 mN·m less 10 mN·m of friction leaves 990 mN·m, which are
+    // 12.959 A. This current needs 6.48 V in the winding of 0.5 Ω, so the motor generates 6.48 V more than the 24 V of
+    // the supply.
     for (way, limit, drive) in [(1, 0, 0), (-1, 0, 0), (1, 1_000, 0), (-1, 1_000, 65_536), (1, 1_000, 65_536)]
     {
         let (mut motor, mut out) =

@@ -25,7 +25,7 @@ impl Reference {
         let volts = self.duty * f64::from(p.supply_mv) * 1e-3 - k * speed;
         let through = |volts: f64| volts / (f64::from(p.resistance_mohm) * 1e-3);
         let current = through(volts).clamp(-self.limit, self.limit);
-        // A motor that is faster than its supply would turn it charges the supply.
+        // If a load turns the motor faster than the supply voltage can, the motor charges the supply.
         let charge = through(k * speed.abs() - f64::from(p.supply_mv) * 1e-3).max(0.0);
         let current = match speed {
             _ if charge == 0.0 => current,

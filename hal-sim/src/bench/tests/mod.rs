@@ -278,8 +278,8 @@ fn bytes_just_before_the_frame_timeout_complete_a_frame() {
 
 #[test]
 fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
-    // Function 16 to registers 0x5021 and 0x5022 of an RS 434544 at address 48. The beginning has a valid
-    // CRC, too.
+    // Function 16 to registers 0x5021 and 0x5022 of an RS 434544 at address 48. The CRC of the whole request is valid.
+    // By chance, the first bytes of this request also end with a valid CRC.
     let request = [0x30, 0x10, 0x50, 0x21, 0x00, 0x02, 0x04, 0xE3, 0x10, 0x00, 0x00, 0x01, 0xC5];
     for cut in 1..=request.len() {
         for paces_itself in [false, true] {
