@@ -148,7 +148,8 @@ impl Family {
     /// Returns true if the register table alone does not say which values of a register a drive takes. An
     /// MDrive compares VI with VM, HT with MT, and JE with CM. It refuses some values of EE and MS while it
     /// moves or its loop is closed (MC 5). With EE the ranges of A and D are in counts. Of FUNC_CMD_TYPE an
-    /// MDROBOT stores only the low byte (MDROBOT-3). Of MODE and MDR1 a QSB stores only some bits (QSB-9), and EOR changes the format of its answers.
+    /// MDROBOT stores only the low byte (MDROBOT-3). Of MODE and MDR1 a QSB stores only some bits (QSB-9), and
+    /// EOR changes the format of its answers.
     pub(crate) fn has_other_rules(self, address: u16) -> bool {
         match self {
             Self::Mdrive => {
