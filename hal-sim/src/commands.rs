@@ -1,4 +1,4 @@
-//! What a test, a program or the control API does to a bench, by the names of the manuals.
+//! Actions on a bench by the names of the manuals, for tests, programs and the control API.
 //!
 //! ```
 //! use drivetwin_firmware::md3::Md3;

@@ -1,4 +1,4 @@
-//! What a drive has by name: registers and pins.
+//! Registers and pins of a drive, by name.
 
 use std::sync::Arc;
 

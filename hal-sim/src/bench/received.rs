@@ -205,7 +205,7 @@ fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
     }
 }
 
-/// What a drive would say of a Modbus frame that nobody can read; `None` for a frame with a valid checksum.
+/// Reason why no drive can read a Modbus frame; `None` for a frame with a valid checksum.
 fn flaw(message: &Message<'_>, unreadable: u8) -> Option<Outcome> {
     if unreadable > 0 {
         Some(Outcome::Dropped(DropReason::RxError))

@@ -300,7 +300,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     Exchange { request, verdict, reason, outcome }
 }
 
-/// What the drive has sent of its answer, if it lost its power before the end.
+/// Part of the answer that the drive has sent, if it lost its power before the end.
 fn unsent(entry: &Entry) -> Option<String> {
     let sent = entry.sent_of_answer?;
     Some(format!("power lost after {sent} of {} bytes of the reply", entry.answer().len()))

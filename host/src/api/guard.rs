@@ -152,7 +152,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
     }
 }
 
-/// What is wrong with a body, in one sentence.
+/// Error of a body, in one sentence.
 fn sentence(error: &serde_json::Error) -> String {
     if !error.is_data() {
         return format!("the body is not JSON: line {}, column {}", error.line(), error.column());

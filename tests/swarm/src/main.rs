@@ -66,7 +66,7 @@ struct Options {
 /// Most seeds that a process reports. More would show nothing new about a failure that frequent.
 const MOST_FAILURES: u64 = 20;
 
-/// What a child prints before a seed.
+/// Text that a child prints before a seed.
 const BEGINS: &str = "begins ";
 
 fn main() -> ExitCode {

@@ -313,7 +313,7 @@ fn mcode(seed: u64, faults: LineFaults) -> (Bench, DriveId, Client) {
     (bench, drive, client)
 }
 
-/// What a line causes is one reply: its echo, its answer and the prompt.
+/// Echo, answer and prompt of a line are one reply.
 #[test]
 fn a_reply_of_mcode_is_all_that_a_line_causes() {
     const USUAL: &[u8] = b"PR VM\r\n768000\r\n>";

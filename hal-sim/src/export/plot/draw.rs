@@ -163,7 +163,7 @@ fn marks(panels: &[Panel]) -> Vec<Mark> {
     all.into_iter().filter(|mark| present.contains(mark)).collect()
 }
 
-/// What the colours and the signs of these marks mean, at the right of the heading.
+/// Legend of the colours and signs of these marks, at the right of the heading.
 fn legend(marks: &[Mark]) -> Group {
     let mut group = Group::new();
     let words = |mark| class(mark).replace('-', " ");
