@@ -24,14 +24,19 @@ use crate::shared::{Bench, Shared, seconds, span};
 use crate::tables;
 use crate::views::Motor;
 
-/// Settings that keep the whole recording, as tests want it.
-fn keeping_all(settings: Settings) -> Settings {
-    Settings { trace: Retention::All, capture: Retention::All, shafts: true, ..settings }
+/// Number of bytes that a recording may have: minutes of step pulses at 40,000 steps/s, days of requests. A bench in an
+/// endless loop does not fill the memory of the computer.
+const RECORDING: usize = 1 << 30;
+
+/// Settings that keep long recordings, as tests want them.
+fn keeping_more(settings: Settings) -> Settings {
+    let recording = Retention::Ring(RECORDING);
+    Settings { trace: recording, capture: recording, shafts: true, ..settings }
 }
 
 impl Bench {
     fn of(configuration: &Configuration) -> PyResult<Self> {
-        let offline = configuration.offline(keeping_all).map_err(|sentence| wrong(&sentence))?;
+        let offline = configuration.offline(keeping_more).map_err(|sentence| wrong(&sentence))?;
         Ok(Self { shared: Shared::new(offline) })
     }
 
@@ -81,7 +86,7 @@ impl Bench {
     #[pyo3(signature = (*, seed = 1, line = "timed"))]
     fn new(seed: u64, line: &str) -> PyResult<Self> {
         let line = bench_file::line_mode(line).map_err(|sentence| wrong(&sentence))?;
-        let settings = keeping_all(Settings { seed, line, ..Settings::default() });
+        let settings = keeping_more(Settings { seed, line, ..Settings::default() });
         let bench = bench::Bench::with(settings);
         Ok(Self { shared: Shared::new(Offline { bench, memories: Memories::default() }) })
     }
