@@ -20,9 +20,9 @@ impl Gdb {
         assert!(self.ask("?").starts_with('T'), "QEMU says why the machine stands");
     }
 
-    /// Sets a breakpoint at the two-byte instruction at `address`: the processor stops before it.
-    pub(crate) fn stop_before(&mut self, address: u32) {
-        assert_eq!(self.ask(&format!("Z1,{address:x},2")), "OK");
+    /// Sets a watchpoint at the word at `address`: the processor stops before each instruction that writes it.
+    pub(crate) fn stop_before_write(&mut self, address: u32) {
+        assert_eq!(self.ask(&format!("Z2,{address:x},4")), "OK");
     }
 
     /// Continues the processor until it stops again, at `address` or where it stopped.
@@ -32,7 +32,8 @@ impl Gdb {
             Some(address) => self.ask(&format!("c{:x}", address | 1)),
             None => self.ask("c"),
         };
-        assert!(stop.starts_with("T05"), "the processor stops where it sleeps, not with {stop}");
+        let is_sleep = stop.starts_with("T05") && stop.contains("watch:");
+        assert!(is_sleep, "the processor stops where it sleeps, not with {stop}");
     }
 
     /// Reads the program counter.

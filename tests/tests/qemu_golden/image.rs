@@ -13,8 +13,8 @@ const WFI: [u8; 2] = 0xBF30_u16.to_le_bytes();
 pub(crate) struct Image {
     /// File of the image.
     pub(crate) path: PathBuf,
-    /// Address of the only WFI, at which the loop sleeps.
-    pub(crate) sleeps_at: u32,
+    /// Address of the instruction after the only WFI, in which the loop sleeps.
+    pub(crate) wakes_at: u32,
     symbols: BTreeMap<String, u32>,
 }
 
@@ -40,7 +40,7 @@ impl Image {
             .symbols()
             .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() as u32)))
             .collect();
-        Self { path: path.to_owned(), sleeps_at: *place as u32, symbols }
+        Self { path: path.to_owned(), wakes_at: (*place + WFI.len() as u64) as u32, symbols }
     }
 
     /// Address of a symbol, given by its exported name or by the last part of its path in Rust.

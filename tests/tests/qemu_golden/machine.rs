@@ -1,18 +1,20 @@
 //! The board as a machine in virtual time, which stops whenever its processor sleeps (BOARD-10).
 //!
 //! With `-icount shift=…,sleep=off` QEMU counts time: each instruction takes a power of two of ns, and while
-//! the processor is idle, time jumps to the next timer. The image has one WFI, and a breakpoint at it stops
-//! the machine there. While the machine is stopped, QEMU's main loop makes the same jump, because all
-//! processors are idle. So the machine always stops at the instant at which the next timer is due, before
-//! that timer expires. To skip the WFI loses nothing, because a WFI may end at any time.
+//! the processor is idle, time jumps to the next timer. The image has one WFI. Immediately before it, the image
+//! counts its sleeps, and a watchpoint at this count stops the machine there. (A breakpoint at the WFI would do the
+//! same, but QEMU discards all translated code at a breakpoint, so that the traces take four times as long.) While
+//! the machine is stopped, QEMU's main loop makes the same jump, because all processors are idle. So the machine
+//! always stops at the instant at which the next timer is due, before that timer expires. To skip the WFI loses
+//! nothing, because a WFI may end at any time.
 //!
 //! An event that is already pending when the processor reaches its WFI must not wait for a jump. So there are
 //! two kinds of stops. TIMER3, which no image uses and whose interrupt is off, distinguishes them:
 //!
 //! - While the board [runs](Machine::run), TIMER3 expires every microsecond, so that the jump at the first
 //!   stop is no longer than that. If something is pending there, the board continues at once.
-//! - Then the board [sleeps](Machine::sleep): the machine continues with the breakpoint still before the next
-//!   instruction, so that it executes none. The timer that was due at the stop expires, and time jumps again.
+//! - Then the board [sleeps](Machine::sleep): the machine continues at the instruction that the
+//!   watchpoint stopped, so that it executes none. The timer that was due at the stop expires, and time jumps again.
 //!   If that timer was TIMER3 alone, it starts its new span, and the jump is long. If it was another timer,
 //!   TIMER3 has not expired yet. Then the jump is still no longer than a microsecond, and the board must run
 //!   first.
@@ -120,8 +122,9 @@ pub(crate) struct Machine {
     ports: Vec<String>,
     /// Address of the image's count of SysTick periods.
     periods: u32,
-    sleeps_at: u32,
-    /// True after the first stop at the WFI; false while the board is at its first instruction.
+    /// Address of the instruction after the WFI.
+    wakes_at: u32,
+    /// True after the first stop before the WFI; false while the board is at its first instruction.
     started: bool,
     /// Time of the last stop, in cycles of the board's clock.
     now: u64,
@@ -177,7 +180,7 @@ impl Machine {
             .map(|name| format!("/machine/unattached/{name}"))
             .collect();
         assert_eq!(ports.len(), 7, "QEMU's board has seven ports");
-        gdb.stop_before(image.sleeps_at);
+        gdb.stop_before_write(image.symbol("SLEEPS"));
         let mut machine = Self {
             qemu,
             gdb,
@@ -185,7 +188,7 @@ impl Machine {
             line,
             ports,
             periods: image.symbol("PERIODS"),
-            sleeps_at: image.sleeps_at,
+            wakes_at: image.wakes_at,
             started: false,
             now: 0,
             stops: 0,
@@ -218,8 +221,7 @@ impl Machine {
     /// time since its last reset, in cycles of its clock.
     pub(crate) fn run(&mut self) -> u64 {
         loop {
-            // The instruction WFI has two bytes.
-            self.gdb.run(self.started.then_some(self.sleeps_at + 2));
+            self.gdb.run(self.started.then_some(self.wakes_at));
             self.started = true;
             let Stop { pending, .. } = self.stop();
             if !pending {

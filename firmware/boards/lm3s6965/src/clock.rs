@@ -4,6 +4,7 @@
 //! at a deadline. Such a timer cannot tell the time, because those of QEMU do not show their count.
 
 use core::cell::Cell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::asm;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -40,6 +41,12 @@ const USER_REG1: Register = Register::at(SYSTEM, 0x1E4);
 /// Whole periods of SysTick since the start. A debugger finds this variable by its exported name.
 #[unsafe(export_name = "PERIODS")]
 static PERIODS: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
+
+/// Number of sleeps, from any number on: the start-up code leaves this word alone. A debugger that watches it stops the
+/// board before each sleep.
+#[unsafe(export_name = "SLEEPS")]
+#[unsafe(link_section = ".uninit.SLEEPS")]
+static SLEEPS: AtomicU32 = AtomicU32::new(0);
 
 /// Runs the processor at 50 MHz from the board's 8 MHz crystal, enables the clocks of the peripherals, and
 /// starts to count time.
@@ -129,6 +136,7 @@ pub(crate) fn sleep_until(deadline: Instant) {
         let woken = drivetwin_board::is_awake::<Evaluation>() || ethernet::take_frames();
         let over = woken || now() >= deadline;
         if !over {
+            SLEEPS.store(SLEEPS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
             asm::wfi();
         }
         // SAFETY: only the loop calls this function, and never in a critical section.
