@@ -3,7 +3,8 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::thread;
+use std::sync::Mutex;
+use std::{iter, thread};
 
 use anyhow::{Context, Result, anyhow};
 use xshell::{Shell, cmd};
@@ -33,15 +34,24 @@ enum Group {
     Boards,
     /// Checks of the bench: random runs, and other systems.
     Bench,
+    /// The Python package.
+    Python,
 }
 
-const GROUPS: [(&str, Group); 4] =
-    [("host", Group::Host), ("foreign", Group::Foreign), ("boards", Group::Boards), ("bench", Group::Bench)];
+const GROUPS: [(&str, Group); 5] = [
+    ("host", Group::Host),
+    ("foreign", Group::Foreign),
+    ("boards", Group::Boards),
+    ("bench", Group::Bench),
+    ("python", Group::Python),
+];
 
-/// Lanes that run at the same time; the groups of a lane run one after the other. Cargo locks the folder of a
-/// profile while it builds there. The first lane builds in `debug`, the second one in `firmware` and in the
-/// folders of the targets.
-const LANES: [&[Group]; 2] = [&[Group::Host, Group::Foreign], &[Group::Boards, Group::Bench]];
+/// Lanes that run at the same time. Cargo locks the folder of a profile while it builds there. The first lane builds in
+/// `debug`, the second one in `firmware` and in the folders of the targets.
+const LANES: [&[Group]; 2] = [&[Group::Host, Group::Python], &[Group::Boards, Group::Bench]];
+
+/// The group whose checks build nothing that the lanes have not built. A lane that is done takes the next one.
+const LAST: Group = Group::Foreign;
 
 struct Check {
     group: Group,
@@ -59,7 +69,7 @@ const fn check(
     Check { group, name, needs, run }
 }
 
-/// Every check. The order is that in which a lane runs its checks.
+/// Every check. The order is that in which the lanes run the checks of their groups.
 const CHECKS: [Check; 29] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
@@ -98,7 +108,6 @@ const CHECKS: [Check; 29] = [
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
     check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
-    check(Group::Foreign, "Python package", &[Tool::Python], python::check),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
     check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),
@@ -115,6 +124,7 @@ const CHECKS: [Check; 29] = [
     ),
     check(Group::Bench, "bench on other systems", &[Tool::OtherSystems], other_systems),
     check(Group::Bench, "swarm", &[], swarm::check),
+    check(Group::Python, "Python package", &[Tool::Python], python::check),
 ];
 
 /// Runs the checks of these groups, or of all groups if there are none. Returns whether no check failed.
@@ -124,12 +134,16 @@ pub(crate) fn run(groups: &[&str]) -> Result<bool> {
     let ci = std::env::var("CI").is_ok_and(|ci| ci == "true");
     let this = std::env::current_exe()?;
     let (report, tools) = (Report::new(), Tools::default());
-    let run = |lane: &[Group]| {
+    let of_groups = |lane: &'static [Group]| {
+        let groups = &groups;
+        let wanted = move |check: &Check| lane.contains(&check.group) && groups.contains(&check.group);
+        CHECKS.iter().enumerate().filter(move |(_, check)| wanted(check))
+    };
+    let last = Mutex::new(of_groups(&[LAST]));
+    let run = |lane: &'static [Group]| {
         let sh = crate::shell()?;
-        for (place, check) in CHECKS.iter().enumerate() {
-            if !lane.contains(&check.group) || !groups.contains(&check.group) {
-                continue;
-            }
+        let shared = || last.lock().ok()?.next();
+        for (place, check) in of_groups(lane).chain(iter::from_fn(shared)) {
             let name = check.name;
             let missing = tools.missing(&sh, check.needs);
             report.begin(name);
@@ -289,19 +303,20 @@ mod tests {
 
     #[test]
     fn groups_have_names() {
-        assert_eq!(chosen(&[]).expect("all"), [Group::Host, Group::Foreign, Group::Boards, Group::Bench]);
+        assert_eq!(chosen(&[]).expect("all"), GROUPS.map(|(_, group)| group));
         assert_eq!(chosen(&["boards"]).expect("one"), [Group::Boards]);
         assert_eq!(
             chosen(&["host", "nowhere"]).expect_err("no such group").to_string(),
-            "there is no group `nowhere`; there are: host, foreign, boards, bench"
+            "there is no group `nowhere`; there are: host, foreign, boards, bench, python"
         );
     }
 
     #[test]
-    fn each_group_is_in_one_lane() {
+    fn each_group_is_in_one_lane_or_the_last() {
+        let last: &[Group] = &[LAST];
         for (name, group) in GROUPS {
-            let lanes = LANES.iter().filter(|lane| lane.contains(&group));
-            assert_eq!(lanes.count(), 1, "{name}");
+            let places = LANES.iter().chain([&last]).filter(|lane| lane.contains(&group));
+            assert_eq!(places.count(), 1, "{name}");
             assert!(CHECKS.iter().any(|check| check.group == group), "{name}");
         }
     }
