@@ -2,10 +2,13 @@
 //
 //   npm ci                      once, in this folder; `cargo xtask pico` does it, too
 //   node play.mjs <image.elf> [--flash <file>] [--stack <low> <high>] [--marks] < script
+//   node play.mjs --many < jobs
 //
 // --flash   the flash is read from this file before, if it exists, and written to it after; the image is put over it
 // --stack   prints how much of the stack between these addresses was used
 // --marks   counts the instructions between `mov r10, r10` and `mov r11, r11`, without those of interrupts
+// --many    plays several scripts; a process that plays the second one is warm, and twice as fast. Before each script is
+//           a line with the image and the options, separated by tabs. Behind each output is a line with a full stop
 //
 // Script, one event a line, times in µs since the first power-on, ascending, `#` begins a comment:
 //
@@ -35,6 +38,7 @@
 // count is without those that interrupt it; its cycles are with its entry and without its last instruction.
 
 import { existsSync, readFileSync, writeFileSync } from 'node:fs';
+import { createInterface } from 'node:readline';
 import { parseArgs } from 'node:util';
 
 import { FLASH_SIZE } from './flash.mjs';
@@ -71,8 +75,10 @@ export function play({ load, script, stack, marks = false }) {
   return { output: `${lines.join('\n')}\n`, board };
 }
 
-function main() {
+/** Runs one job with its arguments of the command line; returns what is to be printed. */
+function run(args, script) {
   const { values, positionals } = parseArgs({
+    args,
     allowPositionals: true,
     options: { flash: { type: 'string' }, stack: { type: 'boolean' }, marks: { type: 'boolean' } },
   });
@@ -89,14 +95,30 @@ function main() {
     }
     board.load(image);
   };
-  const { output, board } = play({ load, stack, marks: values.marks, script: readFileSync(0, 'utf8') });
+  const { output, board } = play({ load, stack, marks: values.marks, script });
   if (values.flash) writeFileSync(values.flash, board.flash.bytes);
-  process.stdout.write(output);
+  return output;
+}
+
+async function runMany() {
+  let args;
+  let script = [];
+  for await (const line of createInterface({ input: process.stdin })) {
+    if (!args) args = line.split('\t');
+    else script.push(line);
+    if (args && /^\S+ end\s*(#|$)/.test(line)) {
+      process.stdout.write(`${run(args, script.join('\n'))}.\n`);
+      [args, script] = [undefined, []];
+    }
+  }
+  if (args) throw new Error('the last script has no end');
 }
 
 if (import.meta.filename === process.argv[1]) {
+  const args = process.argv.slice(2);
   try {
-    main();
+    if (args[0] === '--many') await runMany();
+    else process.stdout.write(run(args, readFileSync(0, 'utf8')));
   } catch (error) {
     console.error(`error: ${error.message}`);
     process.exitCode = 1;

@@ -35,6 +35,15 @@ test('play reads and writes the flash of a file', () => {
   assert.equal(readFileSync(file)[0x1fffff], 0x12);
 });
 
+test('play plays many scripts as it plays each', () => {
+  const scripts = ['500 rx 41\n1000 end\n', '500 rx 42 43\n# no end\n3000 end\n', '500 rx 41\n1000 end\n'];
+  const alone = scripts.map((script) => play([image], script).stdout);
+  assert.match(alone[1], /^\d+ tx 42\n\d+ tx 43\n/);
+  const many = play(['--many'], scripts.map((script) => `${image}\n${script}`).join(''));
+  assert.equal(many.stderr, '');
+  assert.equal(many.stdout, alone.map((output) => `${output}.\n`).join(''));
+});
+
 test('play says in one line what is wrong', () => {
   const refused = (args, input) => {
     const { status, stdout, stderr } = play(args, input);
@@ -45,6 +54,8 @@ test('play says in one line what is wrong', () => {
   assert.match(refused([], ''), /^error: usage: node play.mjs .*\n$/);
   assert.match(refused([join(here, 'package.json')], '1 end'), /^error: .*package.json is no ELF file for ARM\n$/);
   assert.match(refused([image, '--stack', '1'], '1 end'), /^error: usage/);
+  assert.equal(refused(['--many'], `${image}\n1 pin 5 low\n`), 'error: the last script has no end\n');
+  assert.match(refused(['--many'], `${image}\t--stack\t1\n1 end\n`), /^error: usage/);
 });
 
 test('serve puts UART0 on a port, for one client after the other, until stdin ends', async () => {

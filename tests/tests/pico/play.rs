@@ -3,11 +3,11 @@
 //! `tests/pico/play.mjs` defines the formats of both. Instants are nanoseconds since the board first got
 //! power.
 
-use std::ffi::OsStr;
 use std::fmt::{Display, Write as _};
-use std::io::Write as _;
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::Mutex;
 
 /// Instants and durations, in nanoseconds.
 pub(crate) type Nanos = u64;
@@ -82,32 +82,54 @@ impl Script {
 
     /// Plays the script to an image until `end`, on a flash that was never used.
     pub(crate) fn play(&self, image: &Path, end: Nanos) -> Run {
-        self.play_with(image, end, &[])
+        self.play_with(image, end, "")
     }
 
     /// Plays the script with a flash that is stored in a file. If the file is missing, the flash is unused.
     pub(crate) fn play_on(&self, flash: &Path, image: &Path, end: Nanos) -> Run {
-        self.play_with(image, end, &["--flash".as_ref(), flash.as_os_str()])
+        self.play_with(image, end, &format!("\t--flash\t{}", flash.display()))
     }
 
-    fn play_with(&self, image: &Path, end: Nanos, options: &[&OsStr]) -> Run {
+    fn play_with(&self, image: &Path, end: Nanos, options: &str) -> Run {
         let mut script = self.clone();
         script.at(end, "end");
+        let idle = IDLE.lock().expect("no thread panics while it takes a player").pop();
+        let mut player = idle.unwrap_or_else(Player::start);
+        let run = Run::parse(&player.play(&format!("{}{options}\n{}", image.display(), script.0)));
+        IDLE.lock().expect("no thread panics while it returns a player").push(player);
+        run
+    }
+}
+
+/// Players that wait for a job. They end when their input ends, with this process.
+static IDLE: Mutex<Vec<Player>> = Mutex::new(Vec::new());
+
+/// A process that plays one script after the other.
+struct Player {
+    node: Child,
+    output: BufReader<ChildStdout>,
+}
+
+impl Player {
+    fn start() -> Self {
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("pico/play.mjs");
-        let mut node = Command::new("node")
-            .arg(program)
-            .arg(image)
-            .args(options)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("node starts");
-        let mut stdin = node.stdin.take().expect("it is piped");
-        stdin.write_all(script.0.as_bytes()).expect("node reads");
-        drop(stdin);
-        let output = node.wait_with_output().expect("node ends");
-        assert!(output.status.success(), "the emulator failed");
-        Run::parse(&String::from_utf8(output.stdout).expect("it prints text"))
+        let mut command = Command::new("node");
+        command.arg(program).arg("--many").stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut node = command.spawn().expect("node starts");
+        let output = BufReader::new(node.stdout.take().expect("it is piped"));
+        Self { node, output }
+    }
+
+    /// Plays a job; returns the output.
+    fn play(&mut self, job: &str) -> String {
+        let input = self.node.stdin.as_mut().expect("it is piped");
+        input.write_all(job.as_bytes()).expect("node reads");
+        let mut output = String::new();
+        while !output.ends_with("\n.\n") {
+            assert_ne!(self.output.read_line(&mut output).expect("text"), 0, "the emulator failed");
+        }
+        output.truncate(output.len() - ".\n".len());
+        output
     }
 }
 
