@@ -235,6 +235,7 @@ impl Bench {
         // The turn is extended for answers only once, because a stream never ends, and a client may send
         // during it.
         if answered || !self.answers(bus, at) {
+            self.enter_unreadable(bus);
             self.free(bus, at);
         }
     }

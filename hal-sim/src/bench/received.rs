@@ -415,7 +415,10 @@ impl Bench {
     /// unless another drive takes it.
     pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
-        let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
+        let Some(Bus(bus)) = self.bus(drive, entry.port) else {
+            self.count_starting(drive, &entry);
+            return self.at_mut(drive).state.journal.push(entries, entry);
+        };
         let SerialLine { on_request, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
         let is_noise = begin < entry.at && entry.at <= end;
         entry.on_message =
@@ -442,10 +445,8 @@ impl Bench {
             let _ = self.buses[bus as usize].unheard.get_or_insert((entry, false));
             return;
         }
-        if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) && is_own && address != Some(0) {
-            let starting = &mut self.at_mut(drive).state.starting;
-            *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
-            self.starting_count += 1;
+        if is_own && address != Some(0) {
+            self.count_starting(drive, &entry);
         }
         if let (false, Outcome::NoMessage(_)) = (alone, entry.outcome) {
             return self.enter_stray(bus, entry, entries);
@@ -466,6 +467,28 @@ impl Bench {
                 let frame = if listened { &mut line.unclaimed } else { &mut line.unheard };
                 let _ = frame.get_or_insert((entry, for_other));
             }
+        }
+    }
+
+    /// Counts a message for a drive that is starting.
+    fn count_starting(&mut self, drive: DriveId, entry: &Entry) {
+        if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) {
+            let starting = &mut self.at_mut(drive).state.starting;
+            *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
+            self.starting_count += 1;
+        }
+    }
+
+    /// Enters characters with errors on a line with text, when no more follow at once.
+    pub(super) fn enter_unreadable(&mut self, bus: u32) {
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            let Some(entry) = self.at_mut(drive).unreadable(port) else { continue };
+            let mut outputs = std::mem::take(&mut self.outputs);
+            self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
+            self.outputs = outputs;
+            self.route_outputs();
+            self.record_outcomes(Receiver::Drive(drive));
         }
     }
 

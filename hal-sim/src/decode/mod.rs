@@ -257,7 +257,8 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoMessage(_) => true,
         _ => false,
     };
-    let mut request = if is_corrupt && matches!(framing, Framing::Silence | Framing::Mbap) {
+    let is_text = matches!(framing, Framing::Character | Framing::Return);
+    let mut request = if (is_corrupt && !is_text) || entry.message().is_empty() {
         // The text for a corrupt frame is its bytes; a description would be a guess.
         Request { text: bytes(entry.message()), ..Request::default() }
     } else {
@@ -345,6 +346,9 @@ fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> Strin
             let pdu = message.body().map(|(_, pdu)| pdu).unwrap_or_default();
             modbus::refusal(spec, &pdu, code, entry.error())
         }
+        Framing::Character if entry.unreadable > 0 => {
+            format!("the line has {} ({})", unreadable(entry.unreadable), char::from(code).escape_default())
+        }
         Framing::Character => text::refused_command(spec, message.bytes, code),
         Framing::Return => {
             error(spec, code).map_or_else(|| format!("error {code}"), |text| format!("{text} (error {code})"))
@@ -368,14 +372,20 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
         DropReason::Gap => "a gap of more than 1.5 characters inside the frame".to_owned(),
         DropReason::Length if message.is_whole() => "the length is not that of its function".to_owned(),
         DropReason::Length => "no frame has this length".to_owned(),
-        DropReason::RxError => match entry.unreadable {
-            0 => "a character is not allowed in a message".to_owned(),
-            1 => "1 character with an error: baud rate, parity, or a disturbance".to_owned(),
-            255 => "255 or more characters with errors: baud rate, parity, or a disturbance".to_owned(),
-            n => format!("{n} characters with errors: baud rate, parity, or a disturbance"),
-        },
+        DropReason::RxError if entry.unreadable == 0 => "a character is not allowed in a message".to_owned(),
+        DropReason::RxError => unreadable(entry.unreadable),
     };
     (Verdict::BadFrame, Some(reason))
+}
+
+/// A number of characters with an error, and the possible causes.
+fn unreadable(count: u8) -> String {
+    let count = match count {
+        1 => "1 character with an error".to_owned(),
+        255 => "255 or more characters with errors".to_owned(),
+        count => format!("{count} characters with errors"),
+    };
+    format!("{count}: baud rate, parity, or a disturbance")
 }
 
 /// Reason why bytes are no message.

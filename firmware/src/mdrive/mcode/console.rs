@@ -99,6 +99,8 @@ impl Drive {
             if character.is_ascii_control() {
                 self.dispatch_events(at, out);
             }
+        } else {
+            note_lost_input(at, out);
         }
     }
 
@@ -144,6 +146,7 @@ impl Drive {
                 note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
+                console.line.clear();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
             }
@@ -458,6 +461,11 @@ enum Answer {
     RxError,
     /// The sign-on and a prompt were the answer.
     Greeting,
+}
+
+/// Notes that the drive loses what was typed, because it is starting (MDRIVE-7).
+pub(in crate::mdrive) fn note_lost_input(at: Instant, out: &mut dyn Context) {
+    out.put(at, Output::Log(LogEvent::Dropped { port: MCODE, why: DropReason::Starting }));
 }
 
 /// Notes a key that needs no end of a line.

@@ -11,7 +11,7 @@ use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::{rtu, tcp};
 
-use crate::bench::{Accesses, Bench, DriveId, PowerAction, Settings, Setup};
+use crate::bench::{Accesses, Bench, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use crate::decode::Verdict;
 use crate::line::LineMode;
 
@@ -946,5 +946,116 @@ fn noise_of_replies_is_noise_in_the_journal() {
             noise.iter().all(|words| words.ends_with("; by a fault, the request was noise")),
             "{words:#?}"
         );
+    }
+}
+
+/// While an MDrive starts again after Ctrl-C, MCode input is lost and requests to port 502 get exception 04 (MDRIVE-7).
+#[test]
+fn a_line_for_an_mdrive_that_starts_has_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let [a, b] = [(); 2].map(|()| bench.connect_to(drive, Port(port)).unwrap());
+    bench.send(b, b"PR ");
+    bench.run_until_idle();
+    // CE takes 2 ms; then the drive starts for 300 ms.
+    bench.send(a, b"CE 1\r\x03PR VM\r");
+    bench.run_until(bench.now() + Duration::millis(110));
+    bench.send(a, b"VM=9000\rR1");
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let modbus = bench.connect_to(drive, Port(1 - port)).unwrap();
+    bench.send(modbus, &tcp::frame(header, &[3, 0, 0x57, 0, 2]));
+    bench.run_until(bench.now() + Duration::millis(400));
+    bench.send(a, b"PR VM\r");
+    bench.run_until_idle();
+    bench.send(b, b"P\r");
+    bench.run_until_idle();
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- CE 1 -> done",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- PR VM -> starting for 0.3 s more",
+            "mcode <- VM=9000 -> starting for 0.2 s more",
+            "modbus <- read P -> refused: starting for 0.2 s more (04)",
+            "mcode <- R1 -> starting",
+            "mcode <- PR VM -> 768000",
+            "mcode <- PR -> starting",
+            "mcode <- P -> refused: trying to execute a variable or flag (error 34)",
+        ]
+    );
+    let verdicts: Vec<Verdict> =
+        bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
+    assert_eq!(verdicts.iter().filter(|verdict| **verdict == Verdict::NotListening).count(), 4);
+    assert_eq!((bench.starting_requests(drive).count, bench.starting_count()), (4, 4));
+    assert_eq!(bench.received(drive).written(), ["CE"]);
+}
+
+/// A reset input (type 11, MC 5-63) ends the line in execution; the drive then starts for 300 ms.
+#[test]
+fn a_line_in_execution_that_a_restart_ends_has_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    say(&mut bench, drive, port, b"S1=11,0,0\r");
+    let before = words(&bench, drive);
+    let client = bench.connect_to(drive, Port(port)).unwrap();
+    // The input filter D1 takes 5 ms, and the line 2 ms.
+    bench.set_pin(drive, bench.spec(drive).pin("IO1").unwrap(), PinStimulus::Low);
+    bench.run_until(bench.now() + Duration::millis(4));
+    bench.send(client, b"VM=9000\r");
+    bench.run_until(bench.now() + Duration::millis(500));
+    assert_eq!(words(&bench, drive)[before.len()..], ["mcode <- VM=9000 -> starting for 0.3 s more"]);
+}
+
+/// Characters that a QSB cannot read have an entry, and the next command says why the QSB refuses it.
+#[test]
+fn characters_that_a_qsb_cannot_read_have_an_entry() {
+    use crate::line::Sender;
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let drive = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+        let bus = bench.bus(drive, Port(0)).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bus);
+        let at_9600 = Sender { baud: Some(9_600), ..Sender::default() };
+        bench.send_from(client, b"R0E\r", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        let bad = "usb <- nothing that could be read -> \
+            4 characters with errors: baud rate, parity, or a disturbance";
+        assert_eq!(words(&bench, drive), [bad], "{line:?}");
+        for (command, sender) in
+            [(&b"R0E\r"[..], Sender::default()), (b"R14\r", Sender::default()), (b"R0E\r", at_9600)]
+        {
+            bench.send_from(client, command, sender);
+            bench.run_until(bench.now() + Duration::millis(100));
+        }
+        assert_eq!(
+            words(&bench, drive)[1..],
+            [
+                "usb <- read ReadEncoder -> refused: the line has 4 characters with errors: baud rate, parity, or a \
+                 disturbance (x)",
+                "usb <- read Version -> Version = 4110",
+                bad,
+            ],
+            "{line:?}"
+        );
+        // A backspace cancels the characters (QSB-1).
+        bench.send(client, b"\x08R14\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+        assert_eq!(words(&bench, drive)[4..], ["usb <- read Version -> Version = 4110"]);
+        let verdicts: Vec<Verdict> =
+            bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
+        assert_eq!((verdicts[0], verdicts[3]), (Verdict::BadFrame, Verdict::BadFrame));
+        // A QSB that starts, or has no power, does not know the baud rate.
+        bench.power(drive, PowerAction::Cycle);
+        bench.run_until(bench.now() + Duration::millis(1));
+        bench.send_from(client, b"R", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.power(drive, PowerAction::Off);
+        bench.run_until(bench.now() + Duration::millis(1));
+        bench.send_from(client, b"R0E\r", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        let words = words(&bench, drive);
+        assert!(words[5].starts_with("usb <- nothing that could be read -> starting for "), "{words:#?}");
+        assert_eq!(words[6..], ["usb <- nothing that could be read -> no power"]);
     }
 }
