@@ -264,6 +264,10 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     } else {
         message.request(spec)
     };
+    if is_stored(spec, entry) {
+        // The line neither reads nor writes a register before the program runs.
+        request.registers.clear();
+    }
     let (verdict, reason) = match entry.outcome {
         Outcome::Accepted => accepted(spec, entry),
         Outcome::Refused(code) => (Verdict::Refused, Some(refusal(spec, &message, entry, code))),
@@ -317,6 +321,12 @@ fn disturbed(entry: &Entry) -> Option<String> {
     (!clauses.is_empty()).then(|| clauses.join("; "))
 }
 
+/// Returns true if the drive has stored the message as a line of a program.
+fn is_stored(spec: &Spec, entry: &Entry) -> bool {
+    let mut reasons = entry.reasons().filter_map(|reason| spec.reasons.get(usize::from(reason.0)));
+    reasons.any(|reason| reason.effect == Effect::Stored)
+}
+
 /// Verdict on an accepted message, by the reasons of the drive.
 fn accepted(spec: &Spec, entry: &Entry) -> (Verdict, Option<String>) {
     let reasons = || entry.reasons().filter_map(|reason| spec.reasons.get(usize::from(reason.0)));
@@ -324,14 +334,15 @@ fn accepted(spec: &Spec, entry: &Entry) -> (Verdict, Option<String>) {
         reasons().filter(|reason| reason.effect == effect).map(|reason| reason.text).collect::<Vec<_>>()
     };
     let (nothing, later, other) = (texts(Effect::Nothing), texts(Effect::Later), texts(Effect::Other));
+    let stored = texts(Effect::Stored);
     if !nothing.is_empty() {
         return (Verdict::WithoutEffect, Some(nothing.join("; ")));
     }
-    let parts = [("with effect later", later), ("with another effect", other)];
+    let parts = [("with effect later: ", later), ("with another effect: ", other), ("", stored)];
     let parts: Vec<String> = parts
         .into_iter()
         .filter(|(_, texts)| !texts.is_empty())
-        .map(|(how, texts)| format!("{how}: {}", texts.join("; ")))
+        .map(|(how, texts)| format!("{how}{}", texts.join("; ")))
         .collect();
     (Verdict::Done, (!parts.is_empty()).then(|| parts.join("; ")))
 }

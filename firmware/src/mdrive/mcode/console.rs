@@ -364,17 +364,15 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
-                    // These statements are usually typed, not stored in a program. For a usual line of a
-                    // program no reason is reported.
-                    if matches!(
+                    // These statements are usually typed, not stored in a program.
+                    let is_unusual = matches!(
                         statement,
                         Statement::Execute(..)
                             | Statement::ListProgram(_)
                             | Statement::Clear(_)
                             | Statement::Defaults
-                    ) {
-                        report(Err(Why::StoresLine), at, out);
-                    }
+                    );
+                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), at, out);
                 }
             }
             return Ok(Answer::Prompt);

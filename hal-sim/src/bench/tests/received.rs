@@ -1059,3 +1059,44 @@ fn characters_that_a_qsb_cannot_read_have_an_entry() {
         assert_eq!(words[6..], ["usb <- nothing that could be read -> no power"]);
     }
 }
+
+/// Lines after PG are stored in the program (MC 5-55) and write nothing before the program runs; expressions, IC and DC
+/// write (MC 4.9, 5-16, 5-33).
+#[test]
+fn a_line_that_is_stored_writes_no_register() {
+    use crate::bench::scenario::{Action, Scenario, Step, Trigger, Written};
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let spec = bench.spec(drive);
+    let find = |name| spec.find(name).unwrap();
+    let step = |name, value| {
+        let written = Written { drive, row: find(name).row, value };
+        let action = Action::Power { drive, action: PowerAction::Off };
+        Scenario { steps: vec![Step { trigger: Trigger::Written(written), after: Duration::ZERO, action }] }
+    };
+    bench.play(step("VM", None)).unwrap();
+    bench.play(step("R1", Some(7))).unwrap();
+    say(&mut bench, drive, port, b"PG 100\rVM=9000\rIC R1\rE\rPG\rMR 10\r");
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- PG 100 -> done",
+            "mcode <- VM=9000 -> accepted, stored in the program",
+            "mcode <- IC R1 -> accepted, stored in the program",
+            "mcode <- E -> accepted, stored in the program",
+            "mcode <- PG -> done",
+            "mcode <- MR 10 -> done",
+        ]
+    );
+    let received = bench.received(drive);
+    assert!(received.messages().all(|message| message.exchange.verdict == Verdict::Done));
+    assert_eq!(received.written(), ["MR"]);
+    assert!(!received.wrote_before(find("VM"), find("MR")));
+    assert_eq!(received.counts().registers.keys().collect::<Vec<_>>(), ["MR"]);
+    assert!(bench.powered(drive), "VM is not written yet");
+    say(&mut bench, drive, port, b"R2=1\rR1 = R2 + 5\rDC R2\r");
+    assert_eq!(bench.received(drive).written(), ["MR", "R2", "R1", "R2"]);
+    assert!(bench.powered(drive), "R1 is 6");
+    say(&mut bench, drive, port, b"IC R1\r");
+    assert!(!bench.powered(drive), "R1 is 7");
+}
