@@ -14,6 +14,7 @@ use drivetwin_protocol::registers::{Named, Order};
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::line::SerialLine;
+use crate::line::collisions::{CollisionTracker, SentRequest};
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
@@ -435,6 +436,13 @@ impl Bench {
         );
         // A corrupt frame has no address.
         let flaw = if listened { None } else { flaw(&message, entry.unreadable) };
+        // What drives hear of a request that collided is in the entry of this request.
+        let collisions = &self.buses[bus as usize].collisions;
+        if collisions.as_ref().is_some_and(CollisionTracker::has_collided)
+            && (entry.unreadable > 0 || !message.is_whole())
+        {
+            return;
+        }
         let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
@@ -611,6 +619,27 @@ impl Bench {
         }
     }
 
+    /// Notes in the journal that other characters on the line overlapped the present reply of a drive.
+    pub(super) fn note_collision(&mut self, drive: DriveId, port: Port) {
+        if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+            entry.on_answer = entry.on_answer.with(FrameEffect::Collided, true);
+            let entry = entry.clone();
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
+    /// Enters the requests on a line that have collided.
+    fn enter_collided(&mut self, bus: u32) {
+        let now = self.now;
+        let Some(collisions) = &mut self.buses[bus as usize].collisions else { return };
+        for SentRequest { end, bytes, effects, with, .. } in collisions.take_ended(now) {
+            if let Some(with) = with {
+                let outcome = Outcome::Collided(with);
+                self.enter_undelivered(Outlet::Line(Bus(bus)), end, &bytes, outcome, effects);
+            }
+        }
+    }
+
     /// Notes in the journal that the drive lost its power before it had sent the last `unsent` bytes of its answer.
     pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, unsent: u64) {
         if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
@@ -641,6 +670,7 @@ impl Bench {
         if std::mem::take(&mut self.buses[bus as usize].in_characters) {
             self.enter_missed_frames(bus);
         }
+        self.enter_collided(bus);
         let line = &mut self.buses[bus as usize];
         let claimed = std::mem::take(&mut line.claimed);
         let strayed = std::mem::take(&mut line.strayed);

@@ -14,8 +14,8 @@ use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use crate::record::effects::FrameEffects;
-use crate::record::journal::{Entry, NoMessage, Outcome};
+use crate::record::effects::{FrameEffect, FrameEffects};
+use crate::record::journal::{Collision, Entry, NoMessage, Outcome};
 use crate::value::Value;
 
 /// Result of a message.
@@ -93,8 +93,8 @@ impl Mark {
     /// The mark of an entry of a journal with this verdict.
     #[must_use]
     pub fn of(entry: &Entry, verdict: Verdict) -> Self {
-        let by_fault = !entry.on_message.is_empty()
-            || !entry.on_answer.is_empty()
+        let by_fault = !entry.on_message.of_faults().is_empty()
+            || !entry.on_answer.of_faults().is_empty()
             || matches!(entry.outcome, Outcome::Lost | Outcome::RefusedByFault(_));
         match verdict {
             _ if by_fault => Self::ByFault,
@@ -277,6 +277,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::PowerLost => (Verdict::NotListening, Some("power lost before the answer".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
+        Outcome::Collided(with) => (Verdict::BadFrame, Some(collision(with).to_owned())),
         Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
         Outcome::Lost => (Verdict::Lost, None),
         Outcome::RefusedByFault(code) => (Verdict::Refused, Some(format!("by a fault ({code:02})"))),
@@ -311,12 +312,15 @@ fn unsent(entry: &Entry) -> Option<String> {
     Some(format!("power lost after {sent} of {} bytes of the reply", entry.answer().len()))
 }
 
-/// Effects of faults of the line or TCP port on a message and its answer.
+/// Effects of the line or TCP port on a message and its answer.
 fn disturbed(entry: &Entry) -> Option<String> {
     let clause = |frame: &str, effects: FrameEffects| {
+        let effects = effects.of_faults();
         (!effects.is_empty()).then(|| format!("by a fault, the {frame} {effects}"))
     };
-    let clauses = [clause("request", entry.on_message), clause("reply", entry.on_answer)];
+    let collided = entry.on_answer.contains(FrameEffect::Collided);
+    let collided = collided.then(|| "the reply collided with other characters".to_owned());
+    let clauses = [collided, clause("request", entry.on_message), clause("reply", entry.on_answer)];
     let clauses: Vec<String> = clauses.into_iter().flatten().collect();
     (!clauses.is_empty()).then(|| clauses.join("; "))
 }
@@ -387,6 +391,15 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
         DropReason::RxError => unreadable(entry.unreadable),
     };
     (Verdict::BadFrame, Some(reason))
+}
+
+/// Reason why no drive can read a request that collided.
+fn collision(with: Collision) -> &'static str {
+    match with {
+        Collision::Request => "collision with the request of another client",
+        Collision::Reply => "collision with the reply of a drive",
+        Collision::Noise => "collision with noise",
+    }
 }
 
 /// A number of characters with an error, and the possible causes.

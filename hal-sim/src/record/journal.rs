@@ -32,12 +32,25 @@ pub enum Outcome {
     PowerLost,
     /// The drive was sending on a line on which it cannot receive meanwhile.
     Sending,
+    /// The request overlapped other characters on the line.
+    Collided(Collision),
     /// The request was too early, and the strict line dropped it.
     TooEarly(EarlyRequest),
     /// A fault of the line or TCP port took the message.
     Lost,
     /// A fault of the line or TCP port refused the message with this code.
     RefusedByFault(u8),
+}
+
+/// What a request overlapped on a line.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Collision {
+    /// The request of another client.
+    Request,
+    /// The reply of a drive.
+    Reply,
+    /// Noise.
+    Noise,
 }
 
 /// Reason why bytes are no message.

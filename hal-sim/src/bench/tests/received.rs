@@ -1100,3 +1100,69 @@ fn a_line_that_is_stored_writes_no_register() {
     say(&mut bench, drive, port, b"IC R1\r");
     assert!(!bench.powered(drive), "R1 is 7");
 }
+
+/// Requests that collide have an entry each, in the journal of the drive that they were for, and a reply that collides is
+/// in the entry of its request.
+#[test]
+fn requests_and_replies_that_collide_have_an_entry() {
+    // Requests take 8 characters of 1.15 ms; 4.6 ms after the end the drive replies with 8 characters.
+    for (wait, shared) in [0, 3, 14, 17, 20].into_iter().flat_map(|wait| [(wait, false), (wait, true)]) {
+        let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+        if !shared {
+            bench = Bench::new();
+            bench
+                .add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() })
+                .unwrap();
+            ready(&mut bench);
+        }
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_collisions(bus, true);
+        let [a, b] = [(); 2].map(|()| bench.connect(bus));
+        bench.send(a, &rtu::write(1, 0x1D, 9));
+        bench.run_until(bench.now() + Duration::millis(wait));
+        bench.send(b, &rtu::read(1, 0, 1));
+        bench.run_until(bench.now() + Duration::millis(200));
+        let (write, read) = ("rs485 <- write UserRegister = 9 -> ", "rs485 <- read DeviceAddress -> ");
+        let expected = match wait {
+            0 | 3 => ["collision with the request of another client"; 2],
+            _ => ["done; the reply collided with other characters", "collision with the reply of a drive"],
+        };
+        let expected = [format!("{write}{}", expected[0]), format!("{read}{}", expected[1])];
+        assert_eq!(words(&bench, x), expected, "{wait} ms, {shared}");
+        let received = bench.received(x);
+        let verdict = received.messages().next_back().unwrap().exchange.verdict;
+        assert_eq!(verdict, Verdict::BadFrame);
+        if shared {
+            assert_eq!(words(&bench, y), [""; 0], "{wait} ms");
+        }
+        // The line works as before.
+        bench.send(a, &rtu::read(1, 0x1D, 1));
+        bench.run_until(bench.now() + Duration::millis(200));
+        let value = if wait < 10 { 0 } else { 9 };
+        assert_eq!(words(&bench, x)[2..], [format!("rs485 <- read UserRegister -> UserRegister = {value}")]);
+    }
+}
+
+/// A request for no drive, or for all, that collides is in the journal of the line. Two drives with one address collide
+/// in each reply.
+#[test]
+fn collisions_of_a_line_are_in_its_journal() {
+    let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    let bus = bench.bus(x, Port(0)).unwrap();
+    bench.set_collisions(bus, true);
+    let [a, b] = [(); 2].map(|()| bench.connect(bus));
+    bench.send(a, &rtu::write(0, 0x1D, 9));
+    bench.send(b, &rtu::read(2, 0, 1));
+    bench.run_until(bench.now() + Duration::millis(200));
+    let with = "collision with the request of another client";
+    let to_all = format!("rs485 <- to all: write UserRegister = 9 -> {with}");
+    assert_eq!(words(&bench, x), [to_all.clone()]);
+    assert_eq!(words(&bench, y), [to_all, format!("rs485 <- read DeviceAddress -> {with}")]);
+    bench.ask(y, &rtu::write(2, 0, 1));
+    bench.ask(y, &rtu::read(1, 0x1D, 1));
+    for drive in [x, y] {
+        let collided =
+            "rs485 <- read UserRegister -> UserRegister = 0; the reply collided with other characters";
+        assert_eq!(words(&bench, drive).last().map(String::as_str), Some(collided));
+    }
+}
