@@ -107,7 +107,7 @@ impl Bench {
         let count = request.count.max(text.bytes.len());
         let request = Request { count, text, refusal, effects, ..request };
         if fate.twice && !fate.lost {
-            serial_line.behind.push_back(request.clone());
+            serial_line.behind.push_back(Request { early: None, ..request.clone() });
         }
         serial_line.behind.extend(fate.noise(line).map(|text| Request {
             count: text.bytes.len(),

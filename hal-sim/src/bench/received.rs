@@ -420,8 +420,9 @@ impl Bench {
             self.count_starting(drive, &entry);
             return self.at_mut(drive).state.journal.push(entries, entry);
         };
-        let SerialLine { on_request, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
+        let SerialLine { on_request, on_early, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
         let is_noise = begin < entry.at && entry.at <= end;
+        entry.early = on_early.filter(|_| !is_noise).map(Box::new);
         entry.on_message =
             if is_noise { FrameEffects::NONE.with(FrameEffect::IsNoise, true) } else { on_request };
         let alone = self.buses[bus as usize].ports.len() == 1;
@@ -522,11 +523,11 @@ impl Bench {
         if !answers {
             line.requests.answer();
         }
-        let effects = line.on_request;
+        let (effects, early) = (line.on_request, line.on_early);
         if let Some(entry) = self.at_mut(DriveId(drive)).state.journal.last_mut()
             && entry.port == port
         {
-            entry.on_message = effects;
+            (entry.on_message, entry.early) = (effects, early.map(Box::new));
         }
     }
 
@@ -604,7 +605,10 @@ impl Bench {
         draft.begin(request);
         draft.answer(answer);
         let mut entry = draft.entry(at, port, outcome);
-        entry.ascii = self.bus(drive, port).is_some_and(|bus| ascii::is_on(self.line(bus)));
+        if let Some(bus) = self.bus(drive, port) {
+            entry.ascii = ascii::is_on(self.line(bus));
+            entry.early = self.buses[bus.0 as usize].on_early.map(Box::new);
+        }
         entry.on_message = effects;
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Drive(drive));

@@ -137,7 +137,7 @@ impl Bench {
         }
         (serial_line.served, serial_line.served_order) = (client, order);
         if framed {
-            serial_line.on_request = request.effects;
+            (serial_line.on_request, serial_line.on_early) = (request.effects, request.early);
             serial_line.in_characters |= in_characters;
         }
         self.set_turn(bus, LineState::Asked);

@@ -295,7 +295,8 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     {
         outcome = answer;
     }
-    let clauses: Vec<String> = [unsent(entry), disturbed(entry)].into_iter().flatten().collect();
+    let early = entry.early.as_ref().map(ToString::to_string);
+    let clauses: Vec<String> = [early, unsent(entry), disturbed(entry)].into_iter().flatten().collect();
     let (reason, outcome) = match clauses.join("; ") {
         clauses if clauses.is_empty() => (reason, outcome),
         clauses => {

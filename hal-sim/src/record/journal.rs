@@ -83,6 +83,8 @@ pub struct Entry {
     pub deaf_for: Option<Duration>,
     /// Number of bytes of the answer that the drive had sent when it lost its power; `None` if it sent all.
     pub sent_of_answer: Option<u16>,
+    /// The missing silence, if the request was too early and its line is not strict.
+    pub early: Option<Box<EarlyRequest>>,
     /// Effects of faults on the message.
     pub on_message: FrameEffects,
     /// Effects of faults on the answer.
@@ -235,6 +237,7 @@ impl Draft {
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
             sent_of_answer: None,
+            early: None,
             on_message: FrameEffects::NONE,
             on_answer: FrameEffects::NONE,
             message: message as u16,

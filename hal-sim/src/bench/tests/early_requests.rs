@@ -44,6 +44,22 @@ fn a_request_soon_after_another_drives_reply_is_counted_and_lost_on_a_strict_lin
     assert_eq!((early.count, bench.early_count(), bench.is_strict(bus)), (1, 1, false));
     assert_eq!(early.last.unwrap().to_string(), "sent 0.1 ms after a reply; t3.5 is 4.0 ms");
 
+    // The journal says which request was early.
+    let (bench, [x, y], ..) = after_silence(false, silence, &TO_Y);
+    let read = ("done", "DeviceAddress = 2; sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    assert_eq!(outcomes(&bench, y), [read]);
+    assert_eq!(outcomes(&bench, x), [("done", "DeviceAddress = 1".to_owned())]);
+    let last = bench.received(y).messages().next().unwrap();
+    assert_eq!(last.exchange.reason.as_deref(), Some("sent 0.1 ms after a reply; t3.5 is 4.0 ms"));
+    let (bench, [x, y], ..) = after_silence(false, silence, &rtu::write(0, 0x1D, 7));
+    let written = ("done", "done; sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    assert_eq!((outcomes(&bench, x).pop(), outcomes(&bench, y).pop()), (Some(written.clone()), Some(written)));
+    let (bench, [x, _], ..) = after_silence(false, silence, &rtu::read(9, 0, 1));
+    assert_eq!(
+        outcomes(&bench, x).pop().unwrap().1,
+        "for address 9, nobody here (the drives have 1, 2); sent 0.1 ms after a reply; t3.5 is 4.0 ms"
+    );
+
     let (bench, [x, y], bus, answers) = after_silence(true, silence, &TO_Y);
     assert_eq!((answers, bench.early_requests(bus).count), (vec![], 1));
     assert_eq!(bench.statistics(y, RS485).requests, 0);
