@@ -175,6 +175,10 @@ impl Bench {
         let (now, fast) = (self.now, self.fast());
         if let Some(serial) = self.at_mut(drive).state.serial(port).filter(|_| answers) {
             let (start, line) = serial.send(now, answer.len(), fast);
+            let until = serial.sends_until;
+            if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+                entry.answer_until = until;
+            }
             let sent = Sent { drive: drive.0, port, start, line, count: answer.len() };
             self.transmit_from_drive(&sent, answer, HeardBy::Clients);
         }

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
+use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
@@ -644,13 +644,30 @@ impl Bench {
         }
     }
 
-    /// Notes in the journal that the drive lost its power before it had sent the last `unsent` bytes of its answer.
-    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, unsent: u64) {
-        if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+    /// Notes in the journal which answers of a serial port, whose characters last so long, end after now, when the drive
+    /// loses its power.
+    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, character: Duration) {
+        let now = self.now;
+        let entries = self.at_mut(drive).state.journal.answered_after(port, now).map(|entry| {
+            let unsent = entry.answer_until.since(now).ticks().div_ceil(character.ticks());
             let unsent = u16::try_from(unsent).unwrap_or(u16::MAX);
             entry.sent_of_answer = Some((entry.answer().len() as u16).saturating_sub(unsent));
-            let entry = entry.clone();
+            entry.clone()
+        });
+        for entry in entries.collect::<Vec<_>>() {
             self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
+    /// Notes in the journal that a drive lost its power before delayed answers, the entries with these numbers, reached a
+    /// client of a TCP port.
+    pub(super) fn note_lost_replies(&mut self, drive: DriveId, numbers: impl IntoIterator<Item = u64>) {
+        for number in numbers {
+            if let Some(entry) = self.at_mut(drive).state.journal.numbered(number) {
+                entry.sent_of_answer = Some(0);
+                let entry = entry.clone();
+                self.record_outcome(Receiver::Drive(drive), &entry);
+            }
         }
     }
 

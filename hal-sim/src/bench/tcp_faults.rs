@@ -1,6 +1,8 @@
 //! Faults of TCP ports, in the stream between a client and its drive (BENCH-19): a drive receives the disturbed
 //! requests, a client the disturbed replies.
 
+use std::collections::VecDeque;
+
 use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
@@ -38,6 +40,8 @@ pub(super) struct DisturbedStream {
     /// Number of delayed parts of the stream to the client, and of their bytes.
     pub(super) late: usize,
     pub(super) late_bytes: usize,
+    /// The journal's entry, if there is one, of the reply that each of these parts belongs to.
+    pub(super) late_entries: VecDeque<Option<u64>>,
     /// Time at which the last of these parts arrives.
     late_until: Instant,
 }
@@ -54,6 +58,7 @@ impl DisturbedStream {
             on_copy: FrameEffects::NONE,
             late: 0,
             late_bytes: 0,
+            late_entries: VecDeque::new(),
             late_until: Instant::ZERO,
         }
     }
@@ -389,6 +394,11 @@ impl Bench {
             return self.deliver_part(client, part);
         }
         let at = (now + delay).max(stream.late_until);
+        let (drive, port) = (connection.drive, connection.port);
+        let number = self.entry_of_reply(drive, port).filter(|_| matches!(part, StreamPart::Bytes(_)));
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let stream = &mut connection.disturbed;
+        stream.late_entries.push_back(number);
         stream.late_until = at;
         stream.late += 1;
         stream.late_bytes += part.len();
@@ -396,11 +406,20 @@ impl Bench {
         self.schedule(at, Phase::Turn, index, EventKind::StreamPart { client, part });
     }
 
+    /// The number of the journal's entry of the reply that a drive sends now.
+    fn entry_of_reply(&mut self, drive: DriveId, port: Port) -> Option<u64> {
+        let state = &mut self.at_mut(drive).state;
+        let tcp = state.tcp(port)?;
+        let before = if tcp.framed { 0 } else { tcp.entries };
+        state.journal.last_after(port, before).map(|entry| entry.number)
+    }
+
     /// Delivers a delayed part of the stream to a client.
     pub(super) fn stream_part_arrives(&mut self, client: u32, part: StreamPart) {
         self.busy -= 1;
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         connection.disturbed.late -= 1;
+        connection.disturbed.late_entries.pop_front();
         connection.disturbed.late_bytes -= part.len();
         // What is under way when a connection breaks is lost.
         if connection.ended.is_none() {

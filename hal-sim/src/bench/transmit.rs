@@ -414,13 +414,9 @@ impl Bench {
             if serial.sends_until <= now {
                 continue;
             }
-            let unsent =
-                serial.sends_until.since(now).ticks().div_ceil(serial.line_at(now).character().ticks());
-            let framed = serial.framed;
+            let character = serial.line_at(now).character();
             serial.sends_until = now;
-            if framed {
-                self.note_unsent(DriveId(index), port, unsent);
-            }
+            self.note_unsent(DriveId(index), port, character);
             let Some(Bus(bus)) = self.bus(DriveId(index), port) else { continue };
             let serials =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).serial(port));

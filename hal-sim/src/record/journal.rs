@@ -83,6 +83,8 @@ pub struct Entry {
     pub deaf_for: Option<Duration>,
     /// Number of bytes of the answer that the drive had sent when it lost its power; `None` if it sent all.
     pub sent_of_answer: Option<u16>,
+    /// End of the answer on a serial line.
+    pub(crate) answer_until: Instant,
     /// The missing silence, if the request was too early and its line is not strict.
     pub early: Option<Box<EarlyRequest>>,
     /// Effects of faults on the message.
@@ -237,6 +239,7 @@ impl Draft {
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
             sent_of_answer: None,
+            answer_until: Instant::ZERO,
             early: None,
             on_message: FrameEffects::NONE,
             on_answer: FrameEffects::NONE,
@@ -293,6 +296,19 @@ impl Journal {
     /// The latest entry of a port that has an answer.
     pub(crate) fn last_answered(&mut self, port: Port) -> Option<&mut Entry> {
         self.entries.iter_mut().rev().find(|entry| entry.port == port && entry.answer > 0)
+    }
+
+    /// The entries of a port whose answers end after `now`, the newest first.
+    pub(crate) fn answered_after(&mut self, port: Port, now: Instant) -> impl Iterator<Item = &mut Entry> {
+        let answered =
+            self.entries.iter_mut().rev().filter(move |entry| entry.port == port && entry.answer > 0);
+        answered.take_while(move |entry| entry.answer_until > now)
+    }
+
+    /// The entry with that number.
+    pub(crate) fn numbered(&mut self, number: u64) -> Option<&mut Entry> {
+        let index = self.entries.binary_search_by_key(&number, |entry| entry.number).ok()?;
+        self.entries.get_mut(index)
     }
 
     /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.

@@ -371,7 +371,10 @@ impl SlotState {
             entry.on_message = std::mem::take(&mut port.on_request);
             entry.on_answer = std::mem::take(&mut port.on_echo);
         }
-        let serial = self.serial(entry.port).map(|serial| serial.framed);
+        let serial = self.serial(entry.port).map(|serial| {
+            entry.answer_until = serial.sends_until;
+            serial.framed
+        });
         let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));
         let framed = serial == Some(true) || starts;
         let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));

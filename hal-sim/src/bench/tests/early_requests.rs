@@ -53,7 +53,10 @@ fn a_request_soon_after_another_drives_reply_is_counted_and_lost_on_a_strict_lin
     assert_eq!(last.exchange.reason.as_deref(), Some("sent 0.1 ms after a reply; t3.5 is 4.0 ms"));
     let (bench, [x, y], ..) = after_silence(false, silence, &rtu::write(0, 0x1D, 7));
     let written = ("done", "done; sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
-    assert_eq!((outcomes(&bench, x).pop(), outcomes(&bench, y).pop()), (Some(written.clone()), Some(written)));
+    assert_eq!(
+        (outcomes(&bench, x).pop(), outcomes(&bench, y).pop()),
+        (Some(written.clone()), Some(written))
+    );
     let (bench, [x, _], ..) = after_silence(false, silence, &rtu::read(9, 0, 1));
     assert_eq!(
         outcomes(&bench, x).pop().unwrap().1,

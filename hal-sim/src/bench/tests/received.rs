@@ -123,12 +123,13 @@ fn frames_that_follow_each_other_at_the_shortest_gap_stay_apart() {
     let burst = [&rtu::write(0, 0x1D, 7)[..], &rtu::write(0, 0x1D, 8), &rtu::read(1, 0x1D, 1)].concat();
     bench.send(client, &burst);
     bench.run_until(bench.now() + Duration::secs(1));
+    let early = "sent in one write with the request before it; t3.5 is 4.0 ms";
     assert_eq!(
         words(&bench, md3),
         [
-            "rs485 <- to all: write UserRegister = 7 -> done",
-            "rs485 <- to all: write UserRegister = 8 -> done",
-            "rs485 <- read UserRegister -> UserRegister = 8",
+            "rs485 <- to all: write UserRegister = 7 -> done".to_owned(),
+            format!("rs485 <- to all: write UserRegister = 8 -> done; {early}"),
+            format!("rs485 <- read UserRegister -> UserRegister = 8; {early}"),
         ]
     );
 }
@@ -147,13 +148,13 @@ fn a_shared_line_keeps_what_is_for_no_drive() {
     corrupt[7] ^= 1;
     for frame in [&rtu::read(2, 0, 1)[..], &rtu::read(3, 0, 1), &corrupt, &rtu::write(0, 0x1D, 7)] {
         bench.send(client, frame);
-        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(50));
     }
     bench.power(drives[2], PowerAction::Off);
     bench.run_until(bench.now() + Duration::TICK * 2);
     for frame in [rtu::read(5, 0, 1), rtu::read(1, 0, 1)] {
         bench.send(client, &frame);
-        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(50));
     }
     let nobody = "rs485 <- read DeviceAddress -> for address 3, nobody here (the drives have 1, 2, 5)";
     let corrupt = corrupt.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
@@ -1165,4 +1166,98 @@ fn collisions_of_a_line_are_in_its_journal() {
             "rs485 <- read UserRegister -> UserRegister = 0; the reply collided with other characters";
         assert_eq!(words(&bench, drive).last().map(String::as_str), Some(collided));
     }
+}
+
+/// Power that fails during the replies of a QSB is in the entry of each command whose reply was not complete; a stream is
+/// no reply.
+#[test]
+fn replies_of_a_qsb_that_lose_their_power_are_cut_in_the_journal() {
+    let (mut cut, mut unsent) = (0, 0);
+    // At 230,400 baud a character takes 43 us. A reply is `r 0E 00000000 !` with CR and LF.
+    for wait in (0..60).map(|n| Duration::micros(n * 43)) {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let drive = bench.add_with("q", Box::new(Qsb::d()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+        let mut old = Vec::new();
+        bench.receive(client, &mut old);
+        bench.send(client, b"R0E\rR14\r");
+        bench.run_until(bench.now() + wait);
+        bench.power(drive, PowerAction::Off);
+        ready(&mut bench);
+        let mut answer = Vec::new();
+        bench.receive(client, &mut answer);
+        let words = words(&bench, drive);
+        let mut left = answer.len();
+        for (number, read) in
+            ["ReadEncoder -> ReadEncoder = 0", "Version -> Version = 4110"].iter().enumerate()
+        {
+            let Some(entry) = words.get(number).filter(|entry| entry.contains(" = ")) else { continue };
+            let length = bench.received(drive).messages().nth(number).unwrap().answer.len();
+            let sent = left.min(length);
+            left -= sent;
+            let clause = match sent {
+                _ if sent == length => String::new(),
+                _ => format!("; power lost after {sent} of {length} bytes of the reply"),
+            };
+            (cut, unsent) = (cut + usize::from(sent > 0 && sent < length), unsent + usize::from(sent == 0));
+            assert_eq!(*entry, format!("usb <- read {read}{clause}"), "{wait:?}: {words:#?}");
+        }
+    }
+    assert!(cut > 5 && unsent > 0, "{cut} replies were cut, {unsent} not sent");
+    let mut broken = 0;
+    for wait in (0..40).map(|n| Duration::micros(n * 100)) {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let drive = bench.add_with("q", Box::new(Qsb::d()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+        // A stream of the encoder without a pause; the threshold is 0.
+        for command in [&b"W0C0\r"[..], b"W0B0\r", b"S0E\r"] {
+            bench.send(client, command);
+            bench.run_until(bench.now() + Duration::millis(200));
+        }
+        bench.run_until(bench.now() + wait);
+        bench.power(drive, PowerAction::Off);
+        ready(&mut bench);
+        let mut stream = Vec::new();
+        bench.receive(client, &mut stream);
+        broken += usize::from(!stream.ends_with(b"\n"));
+        assert!(words(&bench, drive).iter().all(|words| !words.contains("power lost")));
+    }
+    assert!(broken > 10, "power failed in {broken} values of the stream");
+}
+
+/// A reply on a TCP port that a fault delays is lost with the power of its drive.
+#[test]
+fn a_delayed_reply_that_is_lost_with_the_power_says_so() {
+    use crate::line::faults::LineFaults;
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let delay = LineFaults { delay: Duration::millis(50), ..LineFaults::NONE };
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let read = tcp::frame(header, &[3, 0, 0x57, 0, 2]);
+    for (port, request) in [(1 - mcode, &read[..]), (mcode, b"PR VM\r")] {
+        bench.set_faults(bench.outlet(drive, Port(port)), delay);
+        let client = bench.connect_to(drive, Port(port)).unwrap();
+        bench.send(client, request);
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.send(client, request);
+        bench.run_until(bench.now() + Duration::millis(30));
+    }
+    bench.power(drive, PowerAction::Off);
+    bench.run_until(bench.now() + Duration::millis(1));
+    let late = "by a fault, the reply was delayed";
+    let words = words(&bench, drive);
+    assert_eq!(
+        words[..3],
+        [
+            format!("modbus <- read P -> P = 0; {late}"),
+            format!("modbus <- read P -> P = 0; {late}"),
+            format!("mcode <- PR VM -> 768000; {late}"),
+        ]
+    );
+    assert!(words[3].starts_with("mcode <- PR VM -> 768000; power lost after 0 of "), "{words:#?}");
+    assert!(words[3].ends_with(&format!(" bytes of the reply; {late}")), "{words:#?}");
 }
