@@ -131,7 +131,7 @@ impl Bench {
         let sender = Sender { baud: baud.or(request.sender.baud), ..request.sender };
         self.ports(Bus(bus)).iter().find_map(|&(drive, port)| {
             let line = self.at(drive).line_at(port, start).filter(|line| sender.fits(*line))?;
-            let (unit, answer) = exception(line, &request.text.bytes, code)?;
+            let (unit, answer) = exception(line, self.spec(drive).rules, &request.text.bytes, code)?;
             let receives =
                 self.address(drive).is_none_or(|own| own == unit) && self.is_receiving(drive, port, start);
             receives.then_some(Refusal { drive, port, code, answer })

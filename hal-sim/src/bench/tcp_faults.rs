@@ -12,7 +12,7 @@ use super::events::EventKind;
 use super::tcp_clients::{Connection, split_off};
 use super::{Bench, DriveId, Ended, Outlet};
 use crate::line::fault_rules::Content;
-use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party, answered_function};
+use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
 use crate::record::capture::Source;
 use crate::record::effects::FrameEffects;
 use crate::record::journal::Outcome;
@@ -240,7 +240,8 @@ impl Bench {
         let spec = self.spec(drive);
         let disturbance = self.port_disturbance(drive, port);
         let pdu = if framed { tcp::parse(bytes).map_or(&[][..], |(_, pdu)| pdu) } else { &[] };
-        let refusable = answered_function(pdu).is_some();
+        // On TCP a drive answers a request of a wrong length, too (MDRIVE-5).
+        let refusable = pdu.first().is_some_and(|function| function & EXCEPTION_BIT == 0);
         let content = disturbance.needs_content().then(|| Content::of_request(vec![(drive, spec)], pdu));
         let fate = disturbance.request(bytes.len(), content.as_ref(), refusable);
         if let Some(connection) = self.connections.all.get_mut(&client) {

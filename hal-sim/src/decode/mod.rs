@@ -269,6 +269,9 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         request.registers.clear();
     }
     let (verdict, reason) = match entry.outcome {
+        Outcome::Accepted if modbus::is_read_of_all(&message) => {
+            (Verdict::WithoutEffect, Some("no drive answers a request to all".to_owned()))
+        }
         Outcome::Accepted => accepted(spec, entry),
         Outcome::Refused(code) => (Verdict::Refused, Some(refusal(spec, &message, entry, code))),
         Outcome::Dropped(why) => dropped(&message, entry, why),

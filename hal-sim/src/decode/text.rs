@@ -151,7 +151,11 @@ pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
         let text = if unfinished.is_empty() { key.to_owned() } else { format!("{key} after {unfinished}") };
         return Request { text, ..Request::default() };
     }
-    let text = printable(&typed(line));
+    let typed = typed(line);
+    if typed.trim_ascii().is_empty() {
+        return Request { text: "a blank line".to_owned(), ..Request::default() };
+    }
+    let text = printable(&typed);
     let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let words: Vec<&str> = words.collect();
     let counts =

@@ -1261,3 +1261,110 @@ fn a_delayed_reply_that_is_lost_with_the_power_says_so() {
     assert!(words[3].starts_with("mcode <- PR VM -> 768000; power lost after 0 of "), "{words:#?}");
     assert!(words[3].ends_with(&format!(" bytes of the reply; {late}")), "{words:#?}");
 }
+
+/// Serial, 2.1: no slave answers a request to all, so reading has no effect.
+#[test]
+fn a_read_by_all_has_no_effect() {
+    let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    bench.ask(x, &rtu::read(0, 0x14, 2));
+    bench.ask(x, &rtu::write(0, 0x1D, 7));
+    let read = "rs485 <- to all: read Speed -> accepted, without effect: no drive answers a request to all";
+    for drive in [x, y] {
+        assert_eq!(words(&bench, drive), [read, "rs485 <- to all: write UserRegister = 7 -> done"]);
+        let first = bench.received(drive).messages().next().unwrap();
+        assert_eq!(first.exchange.verdict, Verdict::WithoutEffect);
+    }
+}
+
+#[test]
+fn a_wrong_byte_count_is_the_reason_of_a_refusal() {
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    // VM is 0x89, two registers. FB 4.2.5: a byte count, two for each register.
+    for pdu in [&[16, 0, 0x89, 0, 2, 2, 0x03, 0xE8][..], &[16, 0, 0x89, 0, 2, 4, 0x03, 0xE8]] {
+        say(&mut bench, drive, 1 - mcode, &tcp::frame(header, pdu));
+    }
+    let outcomes: Vec<String> =
+        bench.received(drive).messages().map(|message| message.exchange.outcome).collect();
+    assert_eq!(
+        outcomes,
+        ["refused: the byte count is 2, not 4 (03)", "refused: the byte count is 4, and 2 bytes follow (03)"]
+    );
+}
+
+/// A drive refuses a function that it does not have, whatever the length, so the fault `exception` answers in its place.
+#[test]
+fn a_forced_exception_answers_what_the_drive_would_refuse() {
+    use crate::line::faults::{FaultRule, LineFaults};
+    let exception = LineFaults { exception: FaultRule::ALL, exception_code: 6, ..LineFaults::NONE };
+    // Function 15 with a byte count of 9, at an MD3, which has no function 15.
+    let request = rtu::frame(1, &[15, 0, 0, 0, 1, 9, 1]);
+    let mut bench = Bench::new();
+    let x =
+        bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() }).unwrap();
+    ready(&mut bench);
+    assert_eq!(bench.ask(x, &request), rtu::frame(1, &[0x8F, 1]).to_vec());
+    bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), exception);
+    assert_eq!(bench.ask(x, &request), rtu::frame(1, &[0x8F, 6]).to_vec());
+    // On TCP a drive answers a request of a wrong length, too.
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let short = tcp::frame(header, &[3, 0, 0x57, 0]);
+    assert_eq!(say(&mut bench, drive, 1 - mcode, &short), tcp::frame(header, &[0x83, 3]).to_vec());
+    bench.set_faults(bench.outlet(drive, Port(1 - mcode)), exception);
+    assert_eq!(say(&mut bench, drive, 1 - mcode, &short), tcp::frame(header, &[0x83, 6]).to_vec());
+    let last = bench.received(drive).messages().next_back().unwrap();
+    assert_eq!(last.exchange.outcome, "refused: by a fault (06)");
+}
+
+/// The comments in a pcapng file of a bench.
+fn comments(bench: &Bench) -> Vec<String> {
+    let mut file = Vec::new();
+    crate::export::pcapng::Pcapng::new(bench, &mut file).unwrap().finish(bench).unwrap();
+    let (mut comments, mut rest) = (Vec::new(), &file[..]);
+    while let [kind @ .., _, _, _, _] = rest.get(..8).unwrap_or_default() {
+        let length = u32::from_le_bytes(rest[4..8].try_into().unwrap()) as usize;
+        if kind == [6, 0, 0, 0] {
+            let data = u32::from_le_bytes(rest[20..24].try_into().unwrap()).next_multiple_of(4) as usize;
+            let mut options = &rest[28 + data..length - 4];
+            while let &[code, 0, low, high, ..] = options {
+                let count = usize::from(u16::from_le_bytes([low, high]));
+                if code == 1 {
+                    comments.push(String::from_utf8(options[4..4 + count].to_vec()).unwrap());
+                }
+                options = &options[(4 + count).next_multiple_of(4)..];
+            }
+        }
+        rest = &rest[length..];
+    }
+    comments
+}
+
+#[test]
+fn comments_of_replies_and_keys_are_those_of_their_messages() {
+    let keep = Settings { capture: crate::record::trace::Retention::All, ..Settings::default() };
+    let mut bench = Bench::with(keep);
+    let row = |name| Md3::default().spec().find(name).unwrap().row;
+    let setup = Setup { boot_fast: true, presets: vec![(row("MoveSteps"), 0)], ..Setup::default() };
+    let x = bench.add_with("x", Box::new(Md3::default()), setup).unwrap();
+    ready(&mut bench);
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    let words = words(&bench, x).remove(0);
+    let (request, outcome) = words.trim_start_matches("rs485 <- ").split_once(" -> ").unwrap();
+    assert!(outcome.starts_with("accepted, without effect: "), "{outcome}");
+    assert_eq!(comments(&bench), [format!("{request} -> {outcome}"), outcome.to_owned()]);
+
+    let mut bench = Bench::with(keep);
+    let (drive, port) = mcode(&mut bench);
+    let client = bench.connect_to(drive, Port(port)).unwrap();
+    for text in [&b"\x1b"[..], b"\t\r", b"\x1bPR P\r"] {
+        bench.send(client, text);
+        bench.run_until(bench.now() + Duration::millis(100));
+    }
+    let words: Vec<String> =
+        super::received::words(&bench, drive).iter().map(|words| words.replace("mcode <- ", "")).collect();
+    assert_eq!(words, ["Esc -> done", "a blank line -> done", "Esc -> done", "PR P -> 0"]);
+    assert_eq!(comments(&bench), words);
+}
