@@ -311,3 +311,21 @@ fn a_retry_repeats_a_request_that_got_no_answer() {
         assert_eq!(retries(&mut bench, &write, QUIET), all, "{address}");
     }
 }
+
+/// The second of two requests in one write has no silence before it, whatever a fault of the line hides.
+#[test]
+fn two_requests_in_one_write_are_too_early_with_faults_too() {
+    let noise = |direction| LineFaults { noise: FaultRule::ALL.direction(direction), ..QUIET };
+    let twice = LineFaults { duplicate: FaultRule::ALL.direction(Direction::Reply), ..QUIET };
+    let delay = LineFaults { delay: 50.millis(), ..QUIET };
+    for faults in [noise(Direction::Reply), noise(Direction::Request), twice, delay] {
+        let (mut bench, [x, y], bus, client) = line_faults(LineMode::Timed, 1, faults);
+        bench.set_strict(bus, true);
+        bench.send(client, &[ASKED, TO_Y].concat());
+        bench.run_until(1.secs());
+        let followed = ("too early", "the next request follows without silence; t3.5 is 4.0 ms".to_owned());
+        let one_write =
+            ("too early", "sent in one write with the request before it; t3.5 is 4.0 ms".to_owned());
+        assert_eq!((outcomes(&bench, x), outcomes(&bench, y)), (vec![followed], vec![one_write]));
+    }
+}
