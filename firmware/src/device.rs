@@ -611,6 +611,8 @@ pub enum Effect {
     Later,
     /// Another effect: the drive uses another value.
     Other,
+    /// None of its own: the drive stores the request as a line of a program.
+    Stored,
 }
 
 /// A reason why a drive does not do what a request says, although it accepts the request.
@@ -635,6 +637,10 @@ impl ReasonSpec {
 
     pub(crate) const fn other(text: &'static str, section: &'static str) -> Self {
         Self { effect: Effect::Other, text, section }
+    }
+
+    pub(crate) const fn stored(text: &'static str, section: &'static str) -> Self {
+        Self { effect: Effect::Stored, text, section }
     }
 }
 

@@ -86,6 +86,11 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["run", "md3", "--nv", &both, "--pcap", &both], "keeps the memory of a drive; use another file"),
         (vec!["run", "md3", "--vcd", &both, "--pcap", &both], "--pcap and --vcd are the same file"),
         (vec!["run", "md3", "--time", "x0"], "--time"),
+        (
+            vec!["run", "mdrive", "--strict"],
+            "--strict: mdrive has no Modbus line, where frames need a silence of t3.5",
+        ),
+        (vec!["run", "qsb-d", "--strict"], "--strict: qsb-d has no Modbus line"),
         (vec!["check", "md3"], "'md3' is not a bench file"),
         (vec!["check", "/nowhere/x.toml"], "/nowhere/x.toml: No such file"),
         (vec!["run", "-"], "standard input: line 1, column 1: a bench needs a [[drive]]"),

@@ -207,9 +207,7 @@ impl Device for Mdrive {
         let drive = &mut self.drive;
         match input {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
-            Input::Message { link, bytes, .. } if drive.is_started() => {
-                drive.console_received(at, link, bytes, out);
-            }
+            Input::Message { link, bytes, .. } => drive.console_received(at, link, bytes, out),
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
@@ -219,11 +217,9 @@ impl Device for Mdrive {
             // and B.
             Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_fault(at, fault, on, out),
-            // Ignored: messages before the drive has started; serial input, because there is no serial port;
-            // and inputs of an external motor, because the motor is internal. Without step pins no board
-            // makes pulses that could deviate.
-            Input::Message { .. }
-            | Input::Opened { .. }
+            // Ignored: serial input, because there is no serial port; and inputs of an external motor, because
+            // the motor is internal. Without step pins no board makes pulses that could deviate.
+            Input::Opened { .. }
             | Input::Closed { .. }
             | Input::Bytes { .. }
             | Input::RxError { .. }

@@ -26,6 +26,7 @@ pub(super) enum Why {
     EndsProgram,
     StoresLine,
     KeyIsOff,
+    Stored,
     // The following reasons are of a Hybrid only.
     RotorLocked,
     TorqueMode,
@@ -67,6 +68,7 @@ const REASONS: &[ReasonSpec] = reported(&[
     ReasonSpec::other("E ends the program only: stop the motor by SL 0 or Esc", "MC 5-20"),
     ReasonSpec::later("program mode: the line is stored, not executed; type PG first", "MC 5-55"),
     ReasonSpec::nothing("this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E", "MC 5-11, 5-23"),
+    ReasonSpec::stored("stored in the program", "MC 5-55"),
     ReasonSpec::nothing("the rotor was locked and the bridge is off: write CF first", "MDRIVE-30"),
     ReasonSpec::nothing("AS is 3: torque mode makes no moves; write AS = 0, 1 or 2 first", "MDRIVE-28"),
     ReasonSpec::nothing("AS or DE is 0, or the bridge is off: there is nothing to calibrate", "MC 5-67"),
@@ -77,7 +79,7 @@ const REASONS: &[ReasonSpec] = reported(&[
 ]);
 
 /// Number of entries at the end of [`REASONS`] that apply to the Hybrid only.
-const OF_HYBRID: usize = Why::TorqueCurrent as usize - Why::KeyIsOff as usize;
+const OF_HYBRID: usize = Why::TorqueCurrent as usize - Why::Stored as usize;
 
 /// Reasons of a model.
 pub(super) const fn reasons(model: Model) -> &'static [ReasonSpec] {

@@ -2,7 +2,7 @@
 
 use super::drive::{Drive, Model, State, motion_settings};
 use super::error::{Error, Errors};
-use super::mcode::console::Consoles;
+use super::mcode::console::{Consoles, note_lost_input};
 use super::mcode::statement::Place;
 use super::mcode::trip::Trips;
 use super::mcode::vm::Vm;
@@ -31,6 +31,9 @@ impl Drive {
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         // A save in progress is finished first, because it was commanded before the restart.
         self.finish_save(at, out);
+        if self.mcode.consoles.has_line() {
+            note_lost_input(at, out);
+        }
         self.mcode.consoles.restart();
         self.start(at, false, out);
     }

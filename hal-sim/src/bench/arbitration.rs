@@ -135,8 +135,17 @@ impl Bench {
         let unreadable = if flags.unreadable { vec![0] } else { Vec::new() };
         let text = Text { bytes, unreadable };
         let (noise, effects) = (flags.noise, flags.effects);
-        let request =
-            Request { client, order, sender, count: length, text, noise, effects, ..Request::default() };
+        let request = Request {
+            client,
+            order,
+            sender,
+            count: length,
+            text,
+            noise,
+            effects,
+            early,
+            ..Request::default()
+        };
         let serial_line = &self.buses[bus as usize];
         let start = came.max(match &serial_line.collisions {
             // The client transmits while others do.
@@ -235,6 +244,7 @@ impl Bench {
         // The turn is extended for answers only once, because a stream never ends, and a client may send
         // during it.
         if answered || !self.answers(bus, at) {
+            self.enter_unreadable(bus);
             self.free(bus, at);
         }
     }

@@ -1,13 +1,13 @@
 //! Faults of lines, and collisions of characters.
 
-use drivetwin_firmware::device::{DropReason, Duration, Instant, Line, Port, Spec};
+use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
 
 use super::lines::inter_frame_gap;
 use super::tcp_faults::is_whole_line;
 use super::transmit::{HeardBy, Origin, TxBurst};
 use super::{Bench, Bus, Client, DriveId, Outlet};
-use crate::line::collisions::CollisionTracker;
+use crate::line::collisions::{CollisionTracker, Transmitter};
 use crate::line::fault_rules::Content;
 use crate::line::faults::{FrameFaults, LineFaults, Text, exception, opened, readdressed};
 use crate::line::{CharFlags, PendingFrame, Refusal, Request, Sender};
@@ -107,7 +107,7 @@ impl Bench {
         let count = request.count.max(text.bytes.len());
         let request = Request { count, text, refusal, effects, ..request };
         if fate.twice && !fate.lost {
-            serial_line.behind.push_back(request.clone());
+            serial_line.behind.push_back(Request { early: None, ..request.clone() });
         }
         serial_line.behind.extend(fate.noise(line).map(|text| Request {
             count: text.bytes.len(),
@@ -131,7 +131,7 @@ impl Bench {
         let sender = Sender { baud: baud.or(request.sender.baud), ..request.sender };
         self.ports(Bus(bus)).iter().find_map(|&(drive, port)| {
             let line = self.at(drive).line_at(port, start).filter(|line| sender.fits(*line))?;
-            let (unit, answer) = exception(line, &request.text.bytes, code)?;
+            let (unit, answer) = exception(line, self.spec(drive).rules, &request.text.bytes, code)?;
             let receives =
                 self.address(drive).is_none_or(|own| own == unit) && self.is_receiving(drive, port, start);
             receives.then_some(Refusal { drive, port, code, answer })
@@ -158,13 +158,11 @@ impl Bench {
         let Refusal { drive, port, code, ref answer } = refusal;
         let Some(Bus(bus)) = self.bus(drive, port) else { return };
         let collisions = self.buses[bus as usize].collisions.as_ref().zip(number);
-        let outcome = if collisions.is_some_and(|(all, number)| all.overlapped(number).next().is_some()) {
-            Outcome::Dropped(DropReason::RxError)
-        } else if self.powered(drive) {
-            Outcome::RefusedByFault(code)
-        } else {
-            Outcome::NoPower
-        };
+        // The collision has an entry of its own.
+        if collisions.is_some_and(|(all, number)| all.overlapped(number).next().is_some()) {
+            return;
+        }
+        let outcome = if self.powered(drive) { Outcome::RefusedByFault(code) } else { Outcome::NoPower };
         let answers = outcome == Outcome::RefusedByFault(code);
         let effects = self.buses[bus as usize].on_request;
         self.enter_refused(
@@ -177,6 +175,10 @@ impl Bench {
         let (now, fast) = (self.now, self.fast());
         if let Some(serial) = self.at_mut(drive).state.serial(port).filter(|_| answers) {
             let (start, line) = serial.send(now, answer.len(), fast);
+            let until = serial.sends_until;
+            if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
+                entry.answer_until = until;
+            }
             let sent = Sent { drive: drive.0, port, start, line, count: answer.len() };
             self.transmit_from_drive(&sent, answer, HeardBy::Clients);
         }
@@ -274,7 +276,7 @@ impl Bench {
 
     /// Transmits noise from `start` on to all clients, and to all drives except one.
     fn noise(&mut self, bus: u32, start: Instant, line: Line, noise: &Text, except: Option<(DriveId, Port)>) {
-        let number = self.occupy_line(bus, start, line, noise.bytes.len());
+        let number = self.occupy_line(bus, Transmitter::Noise, start, line, noise.bytes.len());
         // If characters take no time, drives receive them one tick later.
         let end = start + self.takes(line, noise.bytes.len()) + Duration::TICK;
         self.buses[bus as usize].noise_of_reply = (start, end);
@@ -288,14 +290,21 @@ impl Bench {
 
 /// Collisions of characters.
 impl Bench {
-    /// Occupies a line with characters from `start` on, which the caller records next. Overlapping characters
+    /// Occupies a line with characters of a sender from `start` on, which the caller records next. Overlapping characters
     /// that clients have not received yet are corrupted. Returns the number of the transmission, or `None` if
     /// characters cannot collide.
-    pub(super) fn occupy_line(&mut self, bus: u32, start: Instant, line: Line, count: usize) -> Option<u32> {
+    pub(super) fn occupy_line(
+        &mut self,
+        bus: u32,
+        by: Transmitter,
+        start: Instant,
+        line: Line,
+        count: usize,
+    ) -> Option<u32> {
         let serial_line = &mut self.buses[bus as usize];
         let collisions = serial_line.collisions.as_mut().filter(|_| count > 0)?;
         let character = line.character();
-        let number = collisions.add(self.now, start, character, count, self.capture.seen());
+        let number = collisions.add(self.now, by, start, character, count, self.capture.seen());
         for frame in collisions.overlapped(number) {
             self.capture.collide(frame);
         }
@@ -304,6 +313,9 @@ impl Bench {
             if let Some(state) = self.clients.get_mut(id) {
                 state.garble(start, until, character, |end, byte| collisions.garbage(line, end, byte));
             }
+        }
+        for (drive, port) in collisions.collided_replies(number) {
+            self.note_collision(drive, port);
         }
         Some(number)
     }

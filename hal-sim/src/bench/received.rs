@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{DropReason, Framing, Instant, Port, Spec};
+use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
 use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
@@ -14,6 +14,7 @@ use drivetwin_protocol::registers::{Named, Order};
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::line::SerialLine;
+use crate::line::collisions::{CollisionTracker, SentRequest};
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
@@ -415,9 +416,13 @@ impl Bench {
     /// unless another drive takes it.
     pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
         let drive = DriveId(drive);
-        let Some(Bus(bus)) = self.bus(drive, entry.port) else { return };
-        let SerialLine { on_request, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
+        let Some(Bus(bus)) = self.bus(drive, entry.port) else {
+            self.count_starting(drive, &entry);
+            return self.at_mut(drive).state.journal.push(entries, entry);
+        };
+        let SerialLine { on_request, on_early, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
         let is_noise = begin < entry.at && entry.at <= end;
+        entry.early = on_early.filter(|_| !is_noise).map(Box::new);
         entry.on_message =
             if is_noise { FrameEffects::NONE.with(FrameEffect::IsNoise, true) } else { on_request };
         let alone = self.buses[bus as usize].ports.len() == 1;
@@ -432,6 +437,13 @@ impl Bench {
         );
         // A corrupt frame has no address.
         let flaw = if listened { None } else { flaw(&message, entry.unreadable) };
+        // What drives hear of a request that collided is in the entry of this request.
+        let collisions = &self.buses[bus as usize].collisions;
+        if collisions.as_ref().is_some_and(CollisionTracker::has_collided)
+            && (entry.unreadable > 0 || !message.is_whole())
+        {
+            return;
+        }
         let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
@@ -442,10 +454,8 @@ impl Bench {
             let _ = self.buses[bus as usize].unheard.get_or_insert((entry, false));
             return;
         }
-        if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) && is_own && address != Some(0) {
-            let starting = &mut self.at_mut(drive).state.starting;
-            *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
-            self.starting_count += 1;
+        if is_own && address != Some(0) {
+            self.count_starting(drive, &entry);
         }
         if let (false, Outcome::NoMessage(_)) = (alone, entry.outcome) {
             return self.enter_stray(bus, entry, entries);
@@ -466,6 +476,28 @@ impl Bench {
                 let frame = if listened { &mut line.unclaimed } else { &mut line.unheard };
                 let _ = frame.get_or_insert((entry, for_other));
             }
+        }
+    }
+
+    /// Counts a message for a drive that is starting.
+    fn count_starting(&mut self, drive: DriveId, entry: &Entry) {
+        if matches!(entry.outcome, Outcome::Dropped(DropReason::Starting)) {
+            let starting = &mut self.at_mut(drive).state.starting;
+            *starting = StartingRequests { count: starting.count + 1, left: entry.deaf_for };
+            self.starting_count += 1;
+        }
+    }
+
+    /// Enters characters with errors on a line with text, when no more follow at once.
+    pub(super) fn enter_unreadable(&mut self, bus: u32) {
+        for n in 0..self.ports(Bus(bus)).len() {
+            let (drive, port) = self.ports(Bus(bus))[n];
+            let Some(entry) = self.at_mut(drive).unreadable(port) else { continue };
+            let mut outputs = std::mem::take(&mut self.outputs);
+            self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
+            self.outputs = outputs;
+            self.route_outputs();
+            self.record_outcomes(Receiver::Drive(drive));
         }
     }
 
@@ -491,11 +523,11 @@ impl Bench {
         if !answers {
             line.requests.answer();
         }
-        let effects = line.on_request;
+        let (effects, early) = (line.on_request, line.on_early);
         if let Some(entry) = self.at_mut(DriveId(drive)).state.journal.last_mut()
             && entry.port == port
         {
-            entry.on_message = effects;
+            (entry.on_message, entry.early) = (effects, early.map(Box::new));
         }
     }
 
@@ -573,7 +605,10 @@ impl Bench {
         draft.begin(request);
         draft.answer(answer);
         let mut entry = draft.entry(at, port, outcome);
-        entry.ascii = self.bus(drive, port).is_some_and(|bus| ascii::is_on(self.line(bus)));
+        if let Some(bus) = self.bus(drive, port) {
+            entry.ascii = ascii::is_on(self.line(bus));
+            entry.early = self.buses[bus.0 as usize].on_early.map(Box::new);
+        }
         entry.on_message = effects;
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Drive(drive));
@@ -588,13 +623,51 @@ impl Bench {
         }
     }
 
-    /// Notes in the journal that the drive lost its power before it had sent the last `unsent` bytes of its answer.
-    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, unsent: u64) {
+    /// Notes in the journal that other characters on the line overlapped the present reply of a drive.
+    pub(super) fn note_collision(&mut self, drive: DriveId, port: Port) {
         if let Some(entry) = self.at_mut(drive).state.journal.last_answered(port) {
-            let unsent = u16::try_from(unsent).unwrap_or(u16::MAX);
-            entry.sent_of_answer = Some((entry.answer().len() as u16).saturating_sub(unsent));
+            entry.on_answer = entry.on_answer.with(FrameEffect::Collided, true);
             let entry = entry.clone();
             self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
+    /// Enters the requests on a line that have collided.
+    fn enter_collided(&mut self, bus: u32) {
+        let now = self.now;
+        let Some(collisions) = &mut self.buses[bus as usize].collisions else { return };
+        for SentRequest { end, bytes, effects, with, .. } in collisions.take_ended(now) {
+            if let Some(with) = with {
+                let outcome = Outcome::Collided(with);
+                self.enter_undelivered(Outlet::Line(Bus(bus)), end, &bytes, outcome, effects);
+            }
+        }
+    }
+
+    /// Notes in the journal which answers of a serial port, whose characters last so long, end after now, when the drive
+    /// loses its power.
+    pub(super) fn note_unsent(&mut self, drive: DriveId, port: Port, character: Duration) {
+        let now = self.now;
+        let entries = self.at_mut(drive).state.journal.answered_after(port, now).map(|entry| {
+            let unsent = entry.answer_until.since(now).ticks().div_ceil(character.ticks());
+            let unsent = u16::try_from(unsent).unwrap_or(u16::MAX);
+            entry.sent_of_answer = Some((entry.answer().len() as u16).saturating_sub(unsent));
+            entry.clone()
+        });
+        for entry in entries.collect::<Vec<_>>() {
+            self.record_outcome(Receiver::Drive(drive), &entry);
+        }
+    }
+
+    /// Notes in the journal that a drive lost its power before delayed answers, the entries with these numbers, reached a
+    /// client of a TCP port.
+    pub(super) fn note_lost_replies(&mut self, drive: DriveId, numbers: impl IntoIterator<Item = u64>) {
+        for number in numbers {
+            if let Some(entry) = self.at_mut(drive).state.journal.numbered(number) {
+                entry.sent_of_answer = Some(0);
+                let entry = entry.clone();
+                self.record_outcome(Receiver::Drive(drive), &entry);
+            }
         }
     }
 
@@ -618,6 +691,7 @@ impl Bench {
         if std::mem::take(&mut self.buses[bus as usize].in_characters) {
             self.enter_missed_frames(bus);
         }
+        self.enter_collided(bus);
         let line = &mut self.buses[bus as usize];
         let claimed = std::mem::take(&mut line.claimed);
         let strayed = std::mem::take(&mut line.strayed);

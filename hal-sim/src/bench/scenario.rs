@@ -99,13 +99,13 @@ pub enum Action {
 }
 
 impl Written {
-    /// Returns true if a request that a drive has accepted is this write. A part of the register in the request
-    /// changes its `whole` value to this one.
+    /// Returns true if a request that a drive has accepted is this write. A part of the register in the request, or an
+    /// expression, changes its `whole` value to this one.
     fn is_in(&self, name: &str, registers: &[Register], whole: impl Fn() -> i64) -> bool {
         registers.iter().any(|register| {
-            let has_value = |wanted| {
-                let is_part = register.name != name;
-                register.value == Some(Value::Number(wanted)) && !is_part || is_part && whole() == wanted
+            let has_value = |wanted| match register.value {
+                Some(Value::Number(number)) if register.name == name => number == wanted,
+                _ => whole() == wanted,
             };
             register.written && register.row == self.row && self.value.is_none_or(has_value)
         })

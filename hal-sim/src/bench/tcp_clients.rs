@@ -688,7 +688,10 @@ impl Bench {
         let clients: Vec<u32> = ports.filter_map(|port| port.tcp.as_mut()).flat_map(Tcp::close_all).collect();
         for client in clients {
             self.connections.end(client, Ended::NoPower);
-            if let Some(&Connection { drive, port, link, .. }) = self.connections.all.get(&client) {
+            if let Some(connection) = self.connections.all.get_mut(&client) {
+                let Connection { drive, port, link, .. } = *connection;
+                let lost = std::mem::take(&mut connection.disturbed.late_entries);
+                self.note_lost_replies(drive, lost.into_iter().flatten());
                 self.record_message((drive, port, link), Source::Drive(drive), &[]);
             }
         }

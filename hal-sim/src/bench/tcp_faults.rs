@@ -1,6 +1,8 @@
 //! Faults of TCP ports, in the stream between a client and its drive (BENCH-19): a drive receives the disturbed
 //! requests, a client the disturbed replies.
 
+use std::collections::VecDeque;
+
 use drivetwin_firmware::device::{Duration, Instant, Line, Port, Spec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::pdu::EXCEPTION_BIT;
@@ -10,7 +12,7 @@ use super::events::EventKind;
 use super::tcp_clients::{Connection, split_off};
 use super::{Bench, DriveId, Ended, Outlet};
 use crate::line::fault_rules::Content;
-use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party, answered_function};
+use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
 use crate::record::capture::Source;
 use crate::record::effects::FrameEffects;
 use crate::record::journal::Outcome;
@@ -38,6 +40,8 @@ pub(super) struct DisturbedStream {
     /// Number of delayed parts of the stream to the client, and of their bytes.
     pub(super) late: usize,
     pub(super) late_bytes: usize,
+    /// The journal's entry, if there is one, of the reply that each of these parts belongs to.
+    pub(super) late_entries: VecDeque<Option<u64>>,
     /// Time at which the last of these parts arrives.
     late_until: Instant,
 }
@@ -54,6 +58,7 @@ impl DisturbedStream {
             on_copy: FrameEffects::NONE,
             late: 0,
             late_bytes: 0,
+            late_entries: VecDeque::new(),
             late_until: Instant::ZERO,
         }
     }
@@ -235,7 +240,8 @@ impl Bench {
         let spec = self.spec(drive);
         let disturbance = self.port_disturbance(drive, port);
         let pdu = if framed { tcp::parse(bytes).map_or(&[][..], |(_, pdu)| pdu) } else { &[] };
-        let refusable = answered_function(pdu).is_some();
+        // On TCP a drive answers a request of a wrong length, too (MDRIVE-5).
+        let refusable = pdu.first().is_some_and(|function| function & EXCEPTION_BIT == 0);
         let content = disturbance.needs_content().then(|| Content::of_request(vec![(drive, spec)], pdu));
         let fate = disturbance.request(bytes.len(), content.as_ref(), refusable);
         if let Some(connection) = self.connections.all.get_mut(&client) {
@@ -389,6 +395,11 @@ impl Bench {
             return self.deliver_part(client, part);
         }
         let at = (now + delay).max(stream.late_until);
+        let (drive, port) = (connection.drive, connection.port);
+        let number = self.entry_of_reply(drive, port).filter(|_| matches!(part, StreamPart::Bytes(_)));
+        let Some(connection) = self.connections.all.get_mut(&client) else { return };
+        let stream = &mut connection.disturbed;
+        stream.late_entries.push_back(number);
         stream.late_until = at;
         stream.late += 1;
         stream.late_bytes += part.len();
@@ -396,11 +407,20 @@ impl Bench {
         self.schedule(at, Phase::Turn, index, EventKind::StreamPart { client, part });
     }
 
+    /// The number of the journal's entry of the reply that a drive sends now.
+    fn entry_of_reply(&mut self, drive: DriveId, port: Port) -> Option<u64> {
+        let state = &mut self.at_mut(drive).state;
+        let tcp = state.tcp(port)?;
+        let before = if tcp.framed { 0 } else { tcp.entries };
+        state.journal.last_after(port, before).map(|entry| entry.number)
+    }
+
     /// Delivers a delayed part of the stream to a client.
     pub(super) fn stream_part_arrives(&mut self, client: u32, part: StreamPart) {
         self.busy -= 1;
         let Some(connection) = self.connections.all.get_mut(&client) else { return };
         connection.disturbed.late -= 1;
+        connection.disturbed.late_entries.pop_front();
         connection.disturbed.late_bytes -= part.len();
         // What is under way when a connection breaks is lost.
         if connection.ended.is_none() {

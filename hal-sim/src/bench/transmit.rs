@@ -8,6 +8,7 @@ use super::lines::end_detection_time;
 use super::tcp_faults::ends_line;
 use super::{Bench, Bus, DriveId};
 use crate::decode::Message;
+use crate::line::collisions::Transmitter;
 use crate::line::{LineState, Request, RxBurst, Sender};
 use crate::record::capture::{Frame, Medium, Source};
 use crate::record::effects::FrameEffects;
@@ -88,7 +89,13 @@ impl Bench {
         let baud = self.buses[bus as usize].disturbance.faults().baud.filter(|_| !noise);
         let origin = Origin::Client(Sender { baud: baud.or(request.sender.baud), ..request.sender });
         let line = origin.settings_on(self.line(Bus(bus)));
-        let number = self.occupy_line(bus, start, line, text.bytes.len());
+        let by = if noise { Transmitter::Noise } else { Transmitter::Client };
+        let number = self.occupy_line(bus, by, start, line, text.bytes.len());
+        if let (false, Some(number)) = (noise, number)
+            && let Some(collisions) = &mut self.buses[bus as usize].collisions
+        {
+            collisions.add_request(number, &text.bytes, request.effects);
+        }
         let burst = TxBurst { bytes: &text.bytes, unreadable: &text.unreadable, origin, number };
         let (mut last, mut detected) = (start, start);
         let mut in_characters = number.is_some() || !text.unreadable.is_empty() || text.bytes.len() < 2;
@@ -130,7 +137,7 @@ impl Bench {
         }
         (serial_line.served, serial_line.served_order) = (client, order);
         if framed {
-            serial_line.on_request = request.effects;
+            (serial_line.on_request, serial_line.on_early) = (request.effects, request.early);
             serial_line.in_characters |= in_characters;
         }
         self.set_turn(bus, LineState::Asked);
@@ -303,7 +310,8 @@ impl Bench {
                 requests.answer();
             }
         }
-        let number = self.occupy_line(bus, start, sent.line, bytes.len());
+        let by = Transmitter::Drive(DriveId(sent.drive), sent.port);
+        let number = self.occupy_line(bus, by, start, sent.line, bytes.len());
         self.deliver_to_clients(bus, start, to_clients.0, to_clients.1, number, Some(DriveId(sent.drive)));
         let origin = Origin::Drive(sent.line, sent.start);
         if heard_by == HeardBy::All {
@@ -406,13 +414,9 @@ impl Bench {
             if serial.sends_until <= now {
                 continue;
             }
-            let unsent =
-                serial.sends_until.since(now).ticks().div_ceil(serial.line_at(now).character().ticks());
-            let framed = serial.framed;
+            let character = serial.line_at(now).character();
             serial.sends_until = now;
-            if framed {
-                self.note_unsent(DriveId(index), port, unsent);
-            }
+            self.note_unsent(DriveId(index), port, character);
             let Some(Bus(bus)) = self.bus(DriveId(index), port) else { continue };
             let serials =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, port)| self.at(drive).serial(port));

@@ -201,6 +201,7 @@ impl Messages {
                 Outcome::Lost
                 | Outcome::RefusedByFault(_)
                 | Outcome::TooEarly(_)
+                | Outcome::Collided(_)
                 | Outcome::NoPower
                 | Outcome::PowerLost
                 | Outcome::Sending,

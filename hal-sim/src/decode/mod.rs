@@ -14,8 +14,8 @@ use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
-use crate::record::effects::FrameEffects;
-use crate::record::journal::{Entry, NoMessage, Outcome};
+use crate::record::effects::{FrameEffect, FrameEffects};
+use crate::record::journal::{Collision, Entry, NoMessage, Outcome};
 use crate::value::Value;
 
 /// Result of a message.
@@ -93,8 +93,8 @@ impl Mark {
     /// The mark of an entry of a journal with this verdict.
     #[must_use]
     pub fn of(entry: &Entry, verdict: Verdict) -> Self {
-        let by_fault = !entry.on_message.is_empty()
-            || !entry.on_answer.is_empty()
+        let by_fault = !entry.on_message.of_faults().is_empty()
+            || !entry.on_answer.of_faults().is_empty()
             || matches!(entry.outcome, Outcome::Lost | Outcome::RefusedByFault(_));
         match verdict {
             _ if by_fault => Self::ByFault,
@@ -257,13 +257,21 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoMessage(_) => true,
         _ => false,
     };
-    let mut request = if is_corrupt && matches!(framing, Framing::Silence | Framing::Mbap) {
+    let is_text = matches!(framing, Framing::Character | Framing::Return);
+    let mut request = if (is_corrupt && !is_text) || entry.message().is_empty() {
         // The text for a corrupt frame is its bytes; a description would be a guess.
         Request { text: bytes(entry.message()), ..Request::default() }
     } else {
         message.request(spec)
     };
+    if is_stored(spec, entry) {
+        // The line neither reads nor writes a register before the program runs.
+        request.registers.clear();
+    }
     let (verdict, reason) = match entry.outcome {
+        Outcome::Accepted if modbus::is_read_of_all(&message) => {
+            (Verdict::WithoutEffect, Some("no drive answers a request to all".to_owned()))
+        }
         Outcome::Accepted => accepted(spec, entry),
         Outcome::Refused(code) => (Verdict::Refused, Some(refusal(spec, &message, entry, code))),
         Outcome::Dropped(why) => dropped(&message, entry, why),
@@ -272,6 +280,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
         Outcome::NoPower => (Verdict::NotListening, Some("no power".to_owned())),
         Outcome::PowerLost => (Verdict::NotListening, Some("power lost before the answer".to_owned())),
         Outcome::Sending => (Verdict::NotListening, Some("it was sending".to_owned())),
+        Outcome::Collided(with) => (Verdict::BadFrame, Some(collision(with).to_owned())),
         Outcome::TooEarly(early) => (Verdict::TooEarly, Some(early.to_string())),
         Outcome::Lost => (Verdict::Lost, None),
         Outcome::RefusedByFault(code) => (Verdict::Refused, Some(format!("by a fault ({code:02})"))),
@@ -289,7 +298,8 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     {
         outcome = answer;
     }
-    let clauses: Vec<String> = [unsent(entry), disturbed(entry)].into_iter().flatten().collect();
+    let early = entry.early.as_ref().map(ToString::to_string);
+    let clauses: Vec<String> = [early, unsent(entry), disturbed(entry)].into_iter().flatten().collect();
     let (reason, outcome) = match clauses.join("; ") {
         clauses if clauses.is_empty() => (reason, outcome),
         clauses => {
@@ -306,14 +316,23 @@ fn unsent(entry: &Entry) -> Option<String> {
     Some(format!("power lost after {sent} of {} bytes of the reply", entry.answer().len()))
 }
 
-/// Effects of faults of the line or TCP port on a message and its answer.
+/// Effects of the line or TCP port on a message and its answer.
 fn disturbed(entry: &Entry) -> Option<String> {
     let clause = |frame: &str, effects: FrameEffects| {
+        let effects = effects.of_faults();
         (!effects.is_empty()).then(|| format!("by a fault, the {frame} {effects}"))
     };
-    let clauses = [clause("request", entry.on_message), clause("reply", entry.on_answer)];
+    let collided = entry.on_answer.contains(FrameEffect::Collided);
+    let collided = collided.then(|| "the reply collided with other characters".to_owned());
+    let clauses = [collided, clause("request", entry.on_message), clause("reply", entry.on_answer)];
     let clauses: Vec<String> = clauses.into_iter().flatten().collect();
     (!clauses.is_empty()).then(|| clauses.join("; "))
+}
+
+/// Returns true if the drive has stored the message as a line of a program.
+fn is_stored(spec: &Spec, entry: &Entry) -> bool {
+    let mut reasons = entry.reasons().filter_map(|reason| spec.reasons.get(usize::from(reason.0)));
+    reasons.any(|reason| reason.effect == Effect::Stored)
 }
 
 /// Verdict on an accepted message, by the reasons of the drive.
@@ -323,14 +342,15 @@ fn accepted(spec: &Spec, entry: &Entry) -> (Verdict, Option<String>) {
         reasons().filter(|reason| reason.effect == effect).map(|reason| reason.text).collect::<Vec<_>>()
     };
     let (nothing, later, other) = (texts(Effect::Nothing), texts(Effect::Later), texts(Effect::Other));
+    let stored = texts(Effect::Stored);
     if !nothing.is_empty() {
         return (Verdict::WithoutEffect, Some(nothing.join("; ")));
     }
-    let parts = [("with effect later", later), ("with another effect", other)];
+    let parts = [("with effect later: ", later), ("with another effect: ", other), ("", stored)];
     let parts: Vec<String> = parts
         .into_iter()
         .filter(|(_, texts)| !texts.is_empty())
-        .map(|(how, texts)| format!("{how}: {}", texts.join("; ")))
+        .map(|(how, texts)| format!("{how}{}", texts.join("; ")))
         .collect();
     (Verdict::Done, (!parts.is_empty()).then(|| parts.join("; ")))
 }
@@ -344,6 +364,9 @@ fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> Strin
             }
             let pdu = message.body().map(|(_, pdu)| pdu).unwrap_or_default();
             modbus::refusal(spec, &pdu, code, entry.error())
+        }
+        Framing::Character if entry.unreadable > 0 => {
+            format!("the line has {} ({})", unreadable(entry.unreadable), char::from(code).escape_default())
         }
         Framing::Character => text::refused_command(spec, message.bytes, code),
         Framing::Return => {
@@ -368,14 +391,29 @@ fn dropped(message: &Message<'_>, entry: &Entry, why: DropReason) -> (Verdict, O
         DropReason::Gap => "a gap of more than 1.5 characters inside the frame".to_owned(),
         DropReason::Length if message.is_whole() => "the length is not that of its function".to_owned(),
         DropReason::Length => "no frame has this length".to_owned(),
-        DropReason::RxError => match entry.unreadable {
-            0 => "a character is not allowed in a message".to_owned(),
-            1 => "1 character with an error: baud rate, parity, or a disturbance".to_owned(),
-            255 => "255 or more characters with errors: baud rate, parity, or a disturbance".to_owned(),
-            n => format!("{n} characters with errors: baud rate, parity, or a disturbance"),
-        },
+        DropReason::RxError if entry.unreadable == 0 => "a character is not allowed in a message".to_owned(),
+        DropReason::RxError => unreadable(entry.unreadable),
     };
     (Verdict::BadFrame, Some(reason))
+}
+
+/// Reason why no drive can read a request that collided.
+fn collision(with: Collision) -> &'static str {
+    match with {
+        Collision::Request => "collision with the request of another client",
+        Collision::Reply => "collision with the reply of a drive",
+        Collision::Noise => "collision with noise",
+    }
+}
+
+/// A number of characters with an error, and the possible causes.
+fn unreadable(count: u8) -> String {
+    let count = match count {
+        1 => "1 character with an error".to_owned(),
+        255 => "255 or more characters with errors".to_owned(),
+        count => format!("{count} characters with errors"),
+    };
+    format!("{count}: baud rate, parity, or a disturbance")
 }
 
 /// Reason why bytes are no message.

@@ -1,6 +1,6 @@
 //! Modbus requests and answers over a register map.
 
-use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::device::{Framing, Spec};
 use drivetwin_protocol::modbus::pdu::{
     self, ENCAPSULATED_INTERFACE, EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_SINGLE_COIL,
@@ -8,7 +8,7 @@ use drivetwin_protocol::modbus::pdu::{
 use drivetwin_protocol::modbus::server::Rules;
 use drivetwin_protocol::registers::{Legal, Order, Row, Shape, Space};
 
-use super::{Register, Request, bytes};
+use super::{Message, Register, Request, bytes};
 use crate::value::Value;
 
 /// Maximum number of registers that a text lists.
@@ -228,6 +228,15 @@ pub(super) fn request(spec: &Spec, pdu: &[u8]) -> Request {
     Request { text, address: None, function, registers }
 }
 
+/// Returns true if a request reads, and is for all drives of a line.
+pub(super) fn is_read_of_all(message: &Message<'_>) -> bool {
+    if message.framing != Framing::Silence || message.address() != Some(0) {
+        return false;
+    }
+    let pdu = message.body().map(|(_, pdu)| pdu).unwrap_or_default();
+    pdu::Request::parse(&pdu).and_then(Access::of).is_some_and(|access| access.data.is_none())
+}
+
 /// The number of a function; that of an exception in hexadecimal.
 fn number(function: u8) -> String {
     if function & EXCEPTION_BIT != 0 { format!("0x{function:02X}") } else { function.to_string() }
@@ -361,7 +370,8 @@ fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<String> {
     {
         return Some(format!("a coil takes 0x0000 or 0xFF00, not 0x{high:02X}{low:02X}"));
     }
-    let access = Access::of(pdu::Request::parse(pdu)?)?;
+    let request = pdu::Request::parse(pdu)?;
+    let access = Access::of(request)?;
     if access.count == 0 {
         return Some("a quantity of 0 is not allowed".to_owned());
     }
@@ -372,6 +382,15 @@ fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<String> {
             "a quantity of {} is not allowed, a request {way} at most {most} {unit}",
             access.count
         ));
+    }
+    if let pdu::Request::WriteMultiple { count, values, bytes, .. } = request {
+        let expected = if access.has_bits() { count.div_ceil(8) } else { count.saturating_mul(2) };
+        if u16::from(bytes) != expected {
+            return Some(format!("the byte count is {bytes}, not {expected}"));
+        }
+        if values.len() != usize::from(bytes) {
+            return Some(format!("the byte count is {bytes}, and {} bytes follow", values.len()));
+        }
     }
     let parts = access.parts(spec);
     let (writes, objects) = (access.data.is_some(), spec.registers.layout.objects);

@@ -224,6 +224,13 @@ fn lines_of_mcode() {
     let vm = register(b"vm -1000\r");
     assert_eq!((&*vm.name, vm.value, vm.written), ("VM", Some(Value::Number(-1_000)), true));
     assert_eq!((&*register(b"PR P").name, register(b"PR P").written), ("P", false));
+    // MC 5-16, 5-33: DC and IC count a variable.
+    for counted in [&b"IC R1"[..], b"dc r1", b"R1 = R2 + 5", b"R1=R1-1"] {
+        let register = register(counted);
+        assert_eq!((&*register.name, register.value, register.written), ("R1", None, true));
+    }
+    let named = message(b"R1 = R2 + 5").request(mdrive()).registers.pop().unwrap();
+    assert_eq!((&*named.name, named.written), ("R2", false));
 }
 
 #[test]

@@ -151,17 +151,23 @@ pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
         let text = if unfinished.is_empty() { key.to_owned() } else { format!("{key} after {unfinished}") };
         return Request { text, ..Request::default() };
     }
-    let text = printable(&typed(line));
+    let typed = typed(line);
+    if typed.trim_ascii().is_empty() {
+        return Request { text: "a blank line".to_owned(), ..Request::default() };
+    }
+    let text = printable(&typed);
     let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let words: Vec<&str> = words.collect();
+    let counts =
+        ["IC", "DC"].iter().any(|name| words.first().is_some_and(|word| word.eq_ignore_ascii_case(name)));
     let registers = words.iter().enumerate().filter_map(|(n, word)| {
         let word = word.to_ascii_uppercase();
-        let row = spec.find(&word).filter(|named| named.word.is_none())?.row;
-        // `VM 1000` and `VM=1000` set the variable, `PR VM` and `A VM` only name it.
+        let row = spec.find(&word).filter(|named| named.word.is_none() && (n > 0 || !counts))?.row;
+        // `VM 1000` and `VM=1000` set the variable, `IC VM` and `DC VM` count it, `PR VM` and `A VM` only name it.
         let number = words.get(1).and_then(|word| word.parse::<i64>().ok());
         let negative = text.contains('-');
-        let written = n == 0 && words.len() > 1;
-        let number = number.filter(|_| written && words.len() == 2 && !text.contains('.'));
+        let written = n == usize::from(counts) && words.len() > 1;
+        let number = number.filter(|_| n == 0 && words.len() == 2 && !text.contains('.'));
         let value = number.map(|number| Value::Number(if negative { -number } else { number }));
         Some(Register { row, name: word, value, written })
     });

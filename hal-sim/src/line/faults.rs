@@ -4,6 +4,7 @@
 use drivetwin_firmware::device::{Duration, Framing, Line, PortSpec};
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::pdu::{self, EXCEPTION_BIT};
+use drivetwin_protocol::modbus::server::Rules;
 use drivetwin_protocol::modbus::{ascii, rtu};
 
 use super::fault_rules::Content;
@@ -602,20 +603,28 @@ impl Text {
 
 /// The unit that a request on a Modbus line is for, and the exception with this code that answers the request. `None`
 /// if no drive answers it: it is a broadcast, or no request.
-pub(crate) fn exception(line: Line, request: &[u8], code: u8) -> Option<(u8, Vec<u8>)> {
+pub(crate) fn exception(
+    line: Line,
+    rules: Option<&Rules>,
+    request: &[u8],
+    code: u8,
+) -> Option<(u8, Vec<u8>)> {
     let (unit, pdu) = opened(line, request)?;
-    let function = answered_function(&pdu).filter(|_| unit != 0)?;
+    let function = answered_function(&pdu, rules).filter(|_| unit != 0)?;
     Some((unit, framed(line, unit, &[function | EXCEPTION_BIT, code])))
 }
 
-/// The function of a request that drives answer. `None` for an exception, and for a PDU that is shorter or longer than
-/// its function requires: drives drop it.
-pub(crate) fn answered_function(pdu: &[u8]) -> Option<u8> {
-    let is_whole = match pdu::Request::parse(pdu)? {
-        pdu::Request::WriteMultiple { values, bytes, .. } => values.len() == usize::from(bytes),
-        _ => true,
+/// The function of a request that a drive with these rules answers on a serial line. `None` for an exception, and for a
+/// PDU that is shorter or longer than its function requires: drives drop it, unless they do not have the function.
+fn answered_function(pdu: &[u8], rules: Option<&Rules>) -> Option<u8> {
+    let function = pdu.first().copied().filter(|function| function & EXCEPTION_BIT == 0)?;
+    let is_known = rules.is_none_or(|rules| rules.functions.contains(&function));
+    let is_whole = match pdu::Request::parse(pdu) {
+        Some(pdu::Request::WriteMultiple { values, bytes, .. }) => values.len() == usize::from(bytes),
+        Some(_) => true,
+        None => false,
     };
-    pdu.first().copied().filter(|function| is_whole && function & EXCEPTION_BIT == 0)
+    (is_whole || !is_known).then_some(function)
 }
 
 /// The same reply with another address and a valid checksum. The address is the next higher free one of 1 to
@@ -640,6 +649,9 @@ fn framed(line: Line, unit: u8, pdu: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use drivetwin_firmware::device::Device as _;
+    use drivetwin_firmware::md3::Md3;
+
     use super::*;
 
     fn rate(rate: f64) -> FaultRule {
@@ -696,10 +708,14 @@ mod tests {
     #[test]
     fn a_request_of_a_wrong_length_has_no_exception() {
         let whole: [&[u8]; 4] = [&[3, 0, 1, 0, 1], &[6, 0, 1, 0, 2], &[16, 0, 0, 0, 1, 2, 0, 1], &[0x6E]];
-        assert_eq!(whole.map(answered_function), [Some(3), Some(6), Some(16), Some(0x6E)]);
+        let answered = |pdu: &[u8]| answered_function(pdu, None);
+        assert_eq!(whole.map(answered), [Some(3), Some(6), Some(16), Some(0x6E)]);
         let wrong: [&[u8]; 6] =
             [&[], &[3, 0, 1], &[6, 0, 1, 0, 2, 3], &[3, 2, 0, 1], &[16, 0, 0, 0, 1, 4, 0, 1], &[0x83, 4]];
-        assert_eq!(wrong.map(answered_function), [None; 6]);
+        assert_eq!(wrong.map(answered), [None; 6]);
+        // An MD3 has functions 3 and 6 only, and refuses the others with 01 (MD3 chapter 7).
+        let answered = |pdu: &[u8]| answered_function(pdu, Md3::default().spec().rules);
+        assert_eq!(wrong.map(answered), [None, None, None, None, Some(16), None]);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
 
 use crate::ids::DriveId;
-use crate::record::early::EarlyRequests;
+use crate::record::early::{EarlyRequest, EarlyRequests};
 use crate::record::effects::FrameEffects;
 use crate::record::journal::{Entry, Journal};
 use crate::record::requests::RequestLog;
@@ -150,6 +150,8 @@ pub(crate) struct SerialLine {
     pub(crate) noise_of_reply: (Instant, Instant),
     /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
+    /// The missing silence before the present frame, if it was too early.
+    pub(crate) on_early: Option<EarlyRequest>,
     /// True if the last character of a client ended a line of text.
     pub(crate) has_ended: bool,
 }
@@ -181,6 +183,8 @@ pub(crate) struct Request {
     pub(crate) noise: bool,
     /// Effects of faults on the request.
     pub(crate) effects: FrameEffects,
+    /// The missing silence, if the request is too early.
+    pub(crate) early: Option<EarlyRequest>,
 }
 
 /// Answer of a fault to a request, in place of the drive that the request is for (BENCH-12).
@@ -250,6 +254,7 @@ impl SerialLine {
             claimed: false,
             noise_of_reply: (Instant::ZERO, Instant::ZERO),
             on_request: FrameEffects::NONE,
+            on_early: None,
             has_ended: true,
         }
     }

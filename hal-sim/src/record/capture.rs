@@ -143,6 +143,8 @@ impl Capture {
         let recent = self.frames.iter_mut().rev().take(RECENT).filter(of_client);
         let ends =
             |frame: &&mut Frame| (frame.at..=frame.end()).contains(&entry.at) && !frame.bytes.is_empty();
+        // Frames that collided overlap.
+        let ends = |frame: &&mut Frame| ends(frame) && (!frame.collided || frame.end() == entry.at);
         let Some(frame) = recent.into_iter().find(ends) else { return };
         self.bytes -= frame.size();
         match frame.received.iter_mut().find(|known| known.number == entry.number) {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Effect of a fault of a line or TCP port on a frame. Each effect has the name of its fault in bench files.
+/// Effect of a line or TCP port on a frame. Each effect of a fault has the name of the fault in bench files.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FrameEffect {
     /// `drop`.
@@ -27,11 +27,13 @@ pub enum FrameEffect {
     WithNoise,
     /// The frame itself is `noise`.
     IsNoise,
+    /// The frame overlapped other characters on the line, which is no fault.
+    Collided,
 }
 
 impl FrameEffect {
     /// All effects, with their words in a sentence about a frame.
-    const ALL: [(Self, &'static str); 11] = [
+    const ALL: [(Self, &'static str); 12] = [
         (Self::Dropped, "was dropped"),
         (Self::Muted, "was not delivered"),
         (Self::Truncated, "was truncated"),
@@ -43,6 +45,7 @@ impl FrameEffect {
         (Self::Closed, "was cut off by the end of the connection"),
         (Self::WithNoise, "had noise beside it"),
         (Self::IsNoise, "was noise"),
+        (Self::Collided, "collided"),
     ];
 }
 
@@ -70,6 +73,12 @@ impl FrameEffects {
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
+    }
+
+    /// The effects of faults among these.
+    #[must_use]
+    pub const fn of_faults(self) -> Self {
+        Self(self.0 & !(1 << FrameEffect::Collided as u16))
     }
 
     /// Returns true if one of the effects is `effect`.

@@ -32,12 +32,25 @@ pub enum Outcome {
     PowerLost,
     /// The drive was sending on a line on which it cannot receive meanwhile.
     Sending,
+    /// The request overlapped other characters on the line.
+    Collided(Collision),
     /// The request was too early, and the strict line dropped it.
     TooEarly(EarlyRequest),
     /// A fault of the line or TCP port took the message.
     Lost,
     /// A fault of the line or TCP port refused the message with this code.
     RefusedByFault(u8),
+}
+
+/// What a request overlapped on a line.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Collision {
+    /// The request of another client.
+    Request,
+    /// The reply of a drive.
+    Reply,
+    /// Noise.
+    Noise,
 }
 
 /// Reason why bytes are no message.
@@ -70,6 +83,10 @@ pub struct Entry {
     pub deaf_for: Option<Duration>,
     /// Number of bytes of the answer that the drive had sent when it lost its power; `None` if it sent all.
     pub sent_of_answer: Option<u16>,
+    /// End of the answer on a serial line.
+    pub(crate) answer_until: Instant,
+    /// The missing silence, if the request was too early and its line is not strict.
+    pub early: Option<Box<EarlyRequest>>,
     /// Effects of faults on the message.
     pub on_message: FrameEffects,
     /// Effects of faults on the answer.
@@ -222,6 +239,8 @@ impl Draft {
             unreadable: 0,
             deaf_for: Some(Duration::ZERO),
             sent_of_answer: None,
+            answer_until: Instant::ZERO,
+            early: None,
             on_message: FrameEffects::NONE,
             on_answer: FrameEffects::NONE,
             message: message as u16,
@@ -277,6 +296,19 @@ impl Journal {
     /// The latest entry of a port that has an answer.
     pub(crate) fn last_answered(&mut self, port: Port) -> Option<&mut Entry> {
         self.entries.iter_mut().rev().find(|entry| entry.port == port && entry.answer > 0)
+    }
+
+    /// The entries of a port whose answers end after `now`, the newest first.
+    pub(crate) fn answered_after(&mut self, port: Port, now: Instant) -> impl Iterator<Item = &mut Entry> {
+        let answered =
+            self.entries.iter_mut().rev().filter(move |entry| entry.port == port && entry.answer > 0);
+        answered.take_while(move |entry| entry.answer_until > now)
+    }
+
+    /// The entry with that number.
+    pub(crate) fn numbered(&mut self, number: u64) -> Option<&mut Entry> {
+        let index = self.entries.binary_search_by_key(&number, |entry| entry.number).ok()?;
+        self.entries.get_mut(index)
     }
 
     /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.

@@ -258,11 +258,13 @@ impl Slot {
 
     /// Notes what the drive receives, for its journal.
     fn note_reception(&mut self, at: Instant, input: &InputRecord, fast: bool) {
+        let device = &self.device;
+        let is_deaf = || at < device.receives_from();
         let (port, bytes) = match input {
             InputRecord::Bytes { port, bytes } => (*port, bytes.as_slice()),
             InputRecord::RxError { port } => (*port, &[][..]),
             InputRecord::Message { port, link, bytes } => {
-                return self.state.reception.message(at, *port, *link, bytes);
+                return self.state.reception.message(at, *port, *link, bytes, is_deaf);
             }
             InputRecord::Closed { port, link } => {
                 if let Some(port) = self.state.ports.get_mut(usize::from(port.0)) {
@@ -270,14 +272,16 @@ impl Slot {
                 }
                 return self.state.reception.closed(*port, *link);
             }
+            InputRecord::HostPresence { port, here: true } => return self.state.reception.opened(*port),
             _ => return,
         };
         if self.state.reception.overhears {
             return self.state.reception.overhear(port);
         }
-        let Some(line) = self.line_at(port, at) else { return };
+        let serial = self.state.ports.get(usize::from(port.0)).and_then(|port| port.serial.as_ref());
+        let Some(line) = serial.map(|serial| serial.line_at(at)) else { return };
         let character = if fast || bytes.len() < 2 { Duration::ZERO } else { line.character() };
-        self.state.reception.characters(at, port, line, character, bytes);
+        self.state.reception.characters(at, port, line, character, bytes, is_deaf);
     }
 
     /// Notes what the drive does not receive. Returns an entry for the journal when a message is complete.
@@ -288,7 +292,7 @@ impl Slot {
             _ => return None,
         };
         let framed = self.serial(port)?.framed;
-        if self.state.reception.overhears || (!framed && count == 0) {
+        if self.state.reception.overhears {
             return None;
         }
         let outcome = if self.state.powered { Outcome::Sending } else { Outcome::NoPower };
@@ -305,6 +309,16 @@ impl Slot {
     /// did not receive them.
     pub(crate) fn missed_frame(&mut self, port: Port) -> Option<Entry> {
         let mut entry = self.state.reception.missed_frame(port)?;
+        if entry.outcome == Outcome::Dropped(DropReason::Starting) {
+            let from = self.receives_from();
+            entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
+        }
+        Some(entry)
+    }
+
+    /// The entry of characters with errors on a port with text, when no more follow at once.
+    pub(crate) fn unreadable(&mut self, port: Port) -> Option<Entry> {
+        let mut entry = self.state.reception.unreadable(port)?;
         if entry.outcome == Outcome::Dropped(DropReason::Starting) {
             let from = self.receives_from();
             entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));

@@ -34,7 +34,7 @@ struct Part {
     end: Instant,
     /// True if another drive of the line sent some of the characters.
     overheard: bool,
-    /// The outcome, if the drive does not receive the characters, which arrive one by one.
+    /// The outcome, if the drive does not receive the characters, which arrive one by one, or this part of a text.
     missed: Option<Outcome>,
 }
 
@@ -60,6 +60,27 @@ struct PortReception {
     link: Link,
     /// Incomplete lines of other connections.
     others: Vec<(Link, Part)>,
+    /// Number of characters with an error that have an entry of their own, and because of which the drive refuses the
+    /// present line of text.
+    spoiled: u8,
+}
+
+impl PortReception {
+    fn is_text(&self) -> bool {
+        matches!(self.framing, Framing::Character | Framing::Return)
+    }
+
+    /// The entry of a part of a text that never becomes a line. `outcome` is that of characters that the drive received.
+    fn cut_off(&mut self, number: Port, outcome: Outcome) -> Entry {
+        let part = &mut self.part;
+        let outcome = part.missed.unwrap_or(outcome);
+        let mut draft = Draft::default();
+        draft.begin(last_line(self.framing, &part.bytes));
+        let mut entry = draft.entry(part.end, number, outcome);
+        (entry.unreadable, entry.deaf_for) = (part.unreadable, None);
+        part.clear();
+        entry
+    }
 }
 
 /// Message whose outcome is known in the present call.
@@ -98,6 +119,7 @@ impl Reception {
             part: Part::default(),
             link: Link(0),
             others: Vec::new(),
+            spoiled: 0,
         };
         Self {
             ports: spec.ports.iter().map(|spec| port(spec.framing)).collect(),
@@ -121,6 +143,7 @@ impl Reception {
         for port in &mut self.ports {
             port.part.clear();
             port.others.clear();
+            port.spoiled = 0;
         }
     }
 
@@ -140,7 +163,8 @@ impl Reception {
         }
     }
 
-    /// Notes characters. The first one ends at `at`, each further one after `character`.
+    /// Notes characters. The first one ends at `at`, each further one after `character`. `is_deaf` tells if the drive
+    /// does not receive yet.
     pub(super) fn characters(
         &mut self,
         at: Instant,
@@ -148,13 +172,23 @@ impl Reception {
         line: Line,
         character: Duration,
         bytes: &[u8],
+        is_deaf: impl FnOnce() -> bool,
     ) {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
+        if port.framing == Framing::Character {
+            // A backspace cancels the line, and the errors of its characters.
+            let is_cancelled = bytes == [BACKSPACE] && port.part.unreadable > 0;
+            if is_cancelled || (port.part.missed.is_some() && !is_deaf()) {
+                self.done.push(port.cut_off(number, Outcome::Dropped(DropReason::RxError)));
+                self.touched = true;
+            }
+            port.spoiled = if bytes == [BACKSPACE] { 0 } else { port.spoiled };
+        }
         let part = &mut port.part;
         let ignored = self.ignores.take().filter(|(port, _)| *port == number).map(|(_, outcome)| outcome);
         // The drive takes only what it receives for its next message.
-        if ignored.is_none() && part.missed.is_some() {
+        if ignored.is_none() && part.missed.is_some() && port.framing == Framing::Silence {
             part.clear();
         }
         // What another drive began to say ends at the colon of the next message.
@@ -217,9 +251,16 @@ impl Reception {
         }
     }
 
-    /// Notes a message of the present call.
-    pub(super) fn message(&mut self, at: Instant, port: Port, link: Link, bytes: &[u8]) {
-        let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };
+    /// Notes a message of the present call. `is_deaf` tells if the drive does not receive yet.
+    pub(super) fn message(
+        &mut self,
+        at: Instant,
+        number: Port,
+        link: Link,
+        bytes: &[u8],
+        is_deaf: impl FnOnce() -> bool,
+    ) {
+        let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         if port.link != link {
             let old = mem::take(&mut port.part);
             if !old.is_empty() {
@@ -230,9 +271,42 @@ impl Reception {
             }
             port.link = link;
         }
+        if port.part.missed.is_some() && !is_deaf() {
+            self.done.push(port.cut_off(number, Outcome::Dropped(DropReason::Starting)));
+            self.touched = true;
+        }
         let room = LONGEST.saturating_sub(port.part.bytes.len()).min(bytes.len());
         port.part.bytes.extend_from_slice(&bytes[..room]);
         port.part.end = at;
+    }
+
+    /// The entry of characters with errors on a port with text, and of those beside them, when no more follow at once.
+    /// The drive refuses the line that they are in, whatever follows.
+    pub(super) fn unreadable(&mut self, number: Port) -> Option<Entry> {
+        let port = self.ports.get_mut(usize::from(number.0))?;
+        let unreadable = port.part.unreadable;
+        if !port.is_text() || unreadable == 0 {
+            return None;
+        }
+        let entry = port.cut_off(number, Outcome::Dropped(DropReason::RxError));
+        if entry.outcome == Outcome::Dropped(DropReason::RxError) {
+            port.spoiled = port.spoiled.saturating_add(unreadable);
+        }
+        Some(entry)
+    }
+
+    /// Notes that a program has opened the port at the other end, which resets a QSB: what it received of a line is
+    /// lost.
+    pub(super) fn opened(&mut self, number: Port) {
+        let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
+        if port.framing == Framing::Character {
+            port.spoiled = 0;
+            if !last_line(port.framing, &port.part.bytes).is_empty() || port.part.unreadable > 0 {
+                self.done.push(port.cut_off(number, Outcome::Dropped(DropReason::Starting)));
+                self.touched = true;
+            }
+            port.part.clear();
+        }
     }
 
     /// Returns true if a port has bytes without an outcome.
@@ -290,7 +364,7 @@ impl Reception {
     /// Notes that the drive does not receive the noted characters, because it has no power or is sending.
     /// Returns the entry when the message is complete.
     pub(super) fn missed(&mut self, port: Port, outcome: Outcome) -> Option<Entry> {
-        self.begin(port, 0, Outcome::Dropped(DropReason::Starting));
+        self.begin(port, 0, outcome);
         let open = self.open.take()?;
         let mut entry = self.draft.entry(open.at, port, outcome);
         (entry.ascii, entry.deaf_for) = (self.ports.get(usize::from(port.0))?.ascii, None);
@@ -305,11 +379,13 @@ impl Reception {
 
     /// The message that the drive had received, wholly or in part, and not reported when its power failed at `at`.
     pub(super) fn power_lost(&mut self, port: Port, at: Instant) -> Option<Entry> {
-        let part = &self.ports.get(usize::from(port.0))?.part;
-        if part.is_empty() || part.missed.is_some() {
+        let reception = self.ports.get(usize::from(port.0))?;
+        let part = &reception.part;
+        let outcome = part.missed.filter(|_| reception.is_text()).unwrap_or(Outcome::PowerLost);
+        if part.is_empty() || (part.missed.is_some() && !reception.is_text()) {
             return None;
         }
-        self.begin(port, 0, Outcome::PowerLost);
+        self.begin(port, 0, outcome);
         let mut entry = self.open_entry()?;
         (entry.at, entry.deaf_for) = (entry.at.min(at), None);
         Some(entry)
@@ -356,14 +432,23 @@ impl Reception {
     fn begin(&mut self, number: Port, function: u8, outcome: Outcome) {
         self.finish_message();
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
+        let is_text = port.is_text();
         let part = &mut port.part;
-        let is_text = matches!(port.framing, Framing::Character | Framing::Return);
-        // The drive reports a character with an error, or a line during start-up, before the line has ended.
-        let incomplete = is_text
-            && matches!(outcome, Outcome::Dropped(DropReason::Starting | DropReason::RxError))
-            && !matches!(part.bytes.last(), Some(b'\r' | b'\n'));
-        if incomplete {
-            return;
+        if is_text {
+            // The drive reports a character with an error before the line has ended.
+            if outcome == Outcome::Dropped(DropReason::RxError) {
+                return;
+            }
+            if is_missed(outcome) {
+                // What was typed before is lost, on all connections.
+                for part in port.others.iter_mut().map(|(_, part)| part).chain([&mut *part]) {
+                    part.missed = Some(outcome);
+                }
+                port.spoiled = 0;
+                if !matches!(part.bytes.last(), Some(b'\r' | b'\n')) {
+                    return;
+                }
+            }
         }
         // A key of MCode acts without the end of a line; more may follow it.
         let is_key = port.framing == Framing::Return && is_key(function);
@@ -379,9 +464,11 @@ impl Reception {
             self.draft.begin(bytes);
             self.draft.answer(&self.before);
             let Part { end, unreadable, .. } = *part;
+            let unreadable = unreadable.saturating_add(port.spoiled);
             self.open = Some(Open { port: number, at: end, outcome, unreadable, link: port.link });
         }
         self.before.clear();
+        port.spoiled = 0;
         part.clear();
         part.bytes = rest;
     }
@@ -402,6 +489,11 @@ impl Reception {
         (entry.ascii, entry.unreadable) = (ascii, unreadable);
         Some(entry)
     }
+}
+
+/// Returns true if the drive does not receive what has this outcome.
+fn is_missed(outcome: Outcome) -> bool {
+    matches!(outcome, Outcome::Dropped(DropReason::Starting) | Outcome::NoPower | Outcome::Sending)
 }
 
 /// The last line of text, without the line ends before it; empty if nothing is left of it. In a line of a QSB a

@@ -365,15 +365,18 @@ impl SlotState {
 
     /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
     /// entry, unless this drive executed or refused the message. The bench also counts the messages that come while a
-    /// drive starts.
+    /// drive starts, on each port.
     pub(crate) fn enter(&mut self, mut entry: Entry, outputs: &mut Outputs) {
         if let Some(port) = self.ports.get_mut(usize::from(entry.port.0)) {
             entry.on_message = std::mem::take(&mut port.on_request);
             entry.on_answer = std::mem::take(&mut port.on_echo);
         }
-        let serial = self.serial(entry.port).map(|serial| serial.framed);
+        let serial = self.serial(entry.port).map(|serial| {
+            entry.answer_until = serial.sends_until;
+            serial.framed
+        });
         let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));
-        let framed = serial == Some(true) || (serial.is_some() && starts);
+        let framed = serial == Some(true) || starts;
         let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));
         match (framed, executed) {
             (true, false) => return outputs.unclaimed.push((self.drive, entry)),

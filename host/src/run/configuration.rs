@@ -47,6 +47,10 @@ impl Configuration {
         layout.seed = options.seed.or(layout.seed);
         layout.time = options.time.or(layout.time);
         layout.line = options.line.or(layout.line);
+        if options.strict && !layout.has_modbus_line() {
+            let what = file.as_deref().map_or_else(|| options.what.as_str().into(), shown);
+            return Err(format!("--strict: {what} has no Modbus line, where frames need a silence of t3.5"));
+        }
         layout.strict |= options.strict;
         for drive in &mut layout.drives {
             drive.fast_boot |= options.fast_boot;

@@ -99,6 +99,8 @@ impl Drive {
             if character.is_ascii_control() {
                 self.dispatch_events(at, out);
             }
+        } else {
+            note_lost_input(at, out);
         }
     }
 
@@ -144,6 +146,7 @@ impl Drive {
                 note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
+                console.line.clear();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
             }
@@ -361,17 +364,15 @@ impl Drive {
                 _ => {
                     self.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
-                    // These statements are usually typed, not stored in a program. For a usual line of a
-                    // program no reason is reported.
-                    if matches!(
+                    // These statements are usually typed, not stored in a program.
+                    let is_unusual = matches!(
                         statement,
                         Statement::Execute(..)
                             | Statement::ListProgram(_)
                             | Statement::Clear(_)
                             | Statement::Defaults
-                    ) {
-                        report(Err(Why::StoresLine), at, out);
-                    }
+                    );
+                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), at, out);
                 }
             }
             return Ok(Answer::Prompt);
@@ -458,6 +459,11 @@ enum Answer {
     RxError,
     /// The sign-on and a prompt were the answer.
     Greeting,
+}
+
+/// Notes that the drive loses what was typed, because it is starting (MDRIVE-7).
+pub(in crate::mdrive) fn note_lost_input(at: Instant, out: &mut dyn Context) {
+    out.put(at, Output::Log(LogEvent::Dropped { port: MCODE, why: DropReason::Starting }));
 }
 
 /// Notes a key that needs no end of a line.

@@ -111,7 +111,7 @@ impl Dut {
     }
 }
 
-const CASES_OF_PLUS: usize = 19;
+const CASES_OF_PLUS: usize = 20;
 
 static PAUSE: Request = Line("PS\r");
 
@@ -124,7 +124,7 @@ type Case = (Prepare, Request, Effect, &'static str, &'static str);
 /// Cases for all reasons, in their order. The first [`CASES_OF_PLUS`] are those of an MDrivePlus².
 #[rustfmt::skip]
 fn cases() -> Vec<Case> {
-    use Effect::{Later, Nothing, Other};
+    use Effect::{Later, Nothing, Other, Stored};
     vec![
         (|dut| dut.set(Reg::DE, 0), mr(1_000), Nothing,
             "DE is 0: the shaft does not turn, C1 only counts; write DE = 1 first", "MC 5-19"),
@@ -165,6 +165,7 @@ fn cases() -> Vec<Case> {
             "program mode: the line is stored, not executed; type PG first", "MC 5-55"),
         (|dut| dut.set(Reg::CE, 0), Line("\x03"), Nothing,
             "this key is off: CE turns on Ctrl-C, ES selects Esc or Ctrl-E", "MC 5-11, 5-23"),
+        (|_| {}, Line("PG 1\rVM=5000\r"), Stored, "stored in the program", "MC 5-55"),
         (Dut::is_locked, mr(1_000), Nothing,
             "the rotor was locked and the bridge is off: write CF first", "MDRIVE-30"),
         (Dut::has_torque, mr(1_000), Nothing,
@@ -275,7 +276,7 @@ fn a_request_without_effect_changes_nothing() {
         assert!(dut.out.messages.iter().all(|(_, port, ..)| *port == MODBUS), "{text}");
         other.run_until(dut.now);
         // Without a bridge the plan runs and C1 counts, but the shaft stands.
-        let has_bridge = !matches!(place, 0 | 19);
+        let has_bridge = !matches!(place, 0 | 20);
         for _ in 0..2 {
             let seen = |dut: &Dut| {
                 let out = dut.out.clone();
@@ -343,8 +344,10 @@ fn normal_requests_have_no_reason() {
             dut.lines(&std::format!("{line}\r"));
             // E while a move of the program runs is another case.
             dut.wait(if line == "RS" { 1.millis() } else { 50.millis() });
+            let is_stored = ["LB A3", "MR 1000", "H", "IC R1", "PR P", "BR A3"].contains(&line);
+            let expected: &[&str] = if is_stored { &["stored in the program"] } else { &[] };
             if line != "E" {
-                assert_eq!(dut.reasons_since(before), [""; 0], "{line}");
+                assert_eq!(dut.reasons_since(before), expected, "{line}");
             }
         }
     }

@@ -44,6 +44,25 @@ fn a_request_soon_after_another_drives_reply_is_counted_and_lost_on_a_strict_lin
     assert_eq!((early.count, bench.early_count(), bench.is_strict(bus)), (1, 1, false));
     assert_eq!(early.last.unwrap().to_string(), "sent 0.1 ms after a reply; t3.5 is 4.0 ms");
 
+    // The journal says which request was early.
+    let (bench, [x, y], ..) = after_silence(false, silence, &TO_Y);
+    let read = ("done", "DeviceAddress = 2; sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    assert_eq!(outcomes(&bench, y), [read]);
+    assert_eq!(outcomes(&bench, x), [("done", "DeviceAddress = 1".to_owned())]);
+    let last = bench.received(y).messages().next().unwrap();
+    assert_eq!(last.exchange.reason.as_deref(), Some("sent 0.1 ms after a reply; t3.5 is 4.0 ms"));
+    let (bench, [x, y], ..) = after_silence(false, silence, &rtu::write(0, 0x1D, 7));
+    let written = ("done", "done; sent 0.1 ms after a reply; t3.5 is 4.0 ms".to_owned());
+    assert_eq!(
+        (outcomes(&bench, x).pop(), outcomes(&bench, y).pop()),
+        (Some(written.clone()), Some(written))
+    );
+    let (bench, [x, _], ..) = after_silence(false, silence, &rtu::read(9, 0, 1));
+    assert_eq!(
+        outcomes(&bench, x).pop().unwrap().1,
+        "for address 9, nobody here (the drives have 1, 2); sent 0.1 ms after a reply; t3.5 is 4.0 ms"
+    );
+
     let (bench, [x, y], bus, answers) = after_silence(true, silence, &TO_Y);
     assert_eq!((answers, bench.early_requests(bus).count), (vec![], 1));
     assert_eq!(bench.statistics(y, RS485).requests, 0);
@@ -290,5 +309,23 @@ fn a_retry_repeats_a_request_that_got_no_answer() {
         let write = rtu::write(address, 0x1D, 7);
         retries(&mut bench, &write, QUIET);
         assert_eq!(retries(&mut bench, &write, QUIET), all, "{address}");
+    }
+}
+
+/// The second of two requests in one write has no silence before it, whatever a fault of the line hides.
+#[test]
+fn two_requests_in_one_write_are_too_early_with_faults_too() {
+    let noise = |direction| LineFaults { noise: FaultRule::ALL.direction(direction), ..QUIET };
+    let twice = LineFaults { duplicate: FaultRule::ALL.direction(Direction::Reply), ..QUIET };
+    let delay = LineFaults { delay: 50.millis(), ..QUIET };
+    for faults in [noise(Direction::Reply), noise(Direction::Request), twice, delay] {
+        let (mut bench, [x, y], bus, client) = line_faults(LineMode::Timed, 1, faults);
+        bench.set_strict(bus, true);
+        bench.send(client, &[ASKED, TO_Y].concat());
+        bench.run_until(1.secs());
+        let followed = ("too early", "the next request follows without silence; t3.5 is 4.0 ms".to_owned());
+        let one_write =
+            ("too early", "sent in one write with the request before it; t3.5 is 4.0 ms".to_owned());
+        assert_eq!((outcomes(&bench, x), outcomes(&bench, y)), (vec![followed], vec![one_write]));
     }
 }

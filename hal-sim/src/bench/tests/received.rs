@@ -11,7 +11,7 @@ use drivetwin_firmware::qsb::Qsb;
 use drivetwin_firmware::rs434::rs434544;
 use drivetwin_protocol::modbus::{rtu, tcp};
 
-use crate::bench::{Accesses, Bench, DriveId, PowerAction, Settings, Setup};
+use crate::bench::{Accesses, Bench, DriveId, PinStimulus, PowerAction, Settings, Setup};
 use crate::decode::Verdict;
 use crate::line::LineMode;
 
@@ -123,12 +123,13 @@ fn frames_that_follow_each_other_at_the_shortest_gap_stay_apart() {
     let burst = [&rtu::write(0, 0x1D, 7)[..], &rtu::write(0, 0x1D, 8), &rtu::read(1, 0x1D, 1)].concat();
     bench.send(client, &burst);
     bench.run_until(bench.now() + Duration::secs(1));
+    let early = "sent in one write with the request before it; t3.5 is 4.0 ms";
     assert_eq!(
         words(&bench, md3),
         [
-            "rs485 <- to all: write UserRegister = 7 -> done",
-            "rs485 <- to all: write UserRegister = 8 -> done",
-            "rs485 <- read UserRegister -> UserRegister = 8",
+            "rs485 <- to all: write UserRegister = 7 -> done".to_owned(),
+            format!("rs485 <- to all: write UserRegister = 8 -> done; {early}"),
+            format!("rs485 <- read UserRegister -> UserRegister = 8; {early}"),
         ]
     );
 }
@@ -147,13 +148,13 @@ fn a_shared_line_keeps_what_is_for_no_drive() {
     corrupt[7] ^= 1;
     for frame in [&rtu::read(2, 0, 1)[..], &rtu::read(3, 0, 1), &corrupt, &rtu::write(0, 0x1D, 7)] {
         bench.send(client, frame);
-        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(50));
     }
     bench.power(drives[2], PowerAction::Off);
     bench.run_until(bench.now() + Duration::TICK * 2);
     for frame in [rtu::read(5, 0, 1), rtu::read(1, 0, 1)] {
         bench.send(client, &frame);
-        bench.run_until_idle();
+        bench.run_until(bench.now() + Duration::millis(50));
     }
     let nobody = "rs485 <- read DeviceAddress -> for address 3, nobody here (the drives have 1, 2, 5)";
     let corrupt = corrupt.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
@@ -947,4 +948,423 @@ fn noise_of_replies_is_noise_in_the_journal() {
             "{words:#?}"
         );
     }
+}
+
+/// While an MDrive starts again after Ctrl-C, MCode input is lost and requests to port 502 get exception 04 (MDRIVE-7).
+#[test]
+fn a_line_for_an_mdrive_that_starts_has_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let [a, b] = [(); 2].map(|()| bench.connect_to(drive, Port(port)).unwrap());
+    bench.send(b, b"PR ");
+    bench.run_until_idle();
+    // CE takes 2 ms; then the drive starts for 300 ms.
+    bench.send(a, b"CE 1\r\x03PR VM\r");
+    bench.run_until(bench.now() + Duration::millis(110));
+    bench.send(a, b"VM=9000\rR1");
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let modbus = bench.connect_to(drive, Port(1 - port)).unwrap();
+    bench.send(modbus, &tcp::frame(header, &[3, 0, 0x57, 0, 2]));
+    bench.run_until(bench.now() + Duration::millis(400));
+    bench.send(a, b"PR VM\r");
+    bench.run_until_idle();
+    bench.send(b, b"P\r");
+    bench.run_until_idle();
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- CE 1 -> done",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- PR VM -> starting for 0.3 s more",
+            "mcode <- VM=9000 -> starting for 0.2 s more",
+            "modbus <- read P -> refused: starting for 0.2 s more (04)",
+            "mcode <- R1 -> starting",
+            "mcode <- PR VM -> 768000",
+            "mcode <- PR -> starting",
+            "mcode <- P -> refused: trying to execute a variable or flag (error 34)",
+        ]
+    );
+    let verdicts: Vec<Verdict> =
+        bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
+    assert_eq!(verdicts.iter().filter(|verdict| **verdict == Verdict::NotListening).count(), 4);
+    assert_eq!((bench.starting_requests(drive).count, bench.starting_count()), (4, 4));
+    assert_eq!(bench.received(drive).written(), ["CE"]);
+}
+
+/// A reset input (type 11, MC 5-63) ends the line in execution; the drive then starts for 300 ms.
+#[test]
+fn a_line_in_execution_that_a_restart_ends_has_an_entry() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    say(&mut bench, drive, port, b"S1=11,0,0\r");
+    let before = words(&bench, drive);
+    let client = bench.connect_to(drive, Port(port)).unwrap();
+    // The input filter D1 takes 5 ms, and the line 2 ms.
+    bench.set_pin(drive, bench.spec(drive).pin("IO1").unwrap(), PinStimulus::Low);
+    bench.run_until(bench.now() + Duration::millis(4));
+    bench.send(client, b"VM=9000\r");
+    bench.run_until(bench.now() + Duration::millis(500));
+    assert_eq!(words(&bench, drive)[before.len()..], ["mcode <- VM=9000 -> starting for 0.3 s more"]);
+}
+
+/// Characters that a QSB cannot read have an entry, and the next command says why the QSB refuses it.
+#[test]
+fn characters_that_a_qsb_cannot_read_have_an_entry() {
+    use crate::line::Sender;
+    for line in [LineMode::Timed, LineMode::Fast] {
+        let mut bench = Bench::with(Settings { line, ..Settings::default() });
+        let drive = bench.add_with("q", Box::new(Qsb::d()), Setup::default()).unwrap();
+        let bus = bench.bus(drive, Port(0)).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bus);
+        let at_9600 = Sender { baud: Some(9_600), ..Sender::default() };
+        bench.send_from(client, b"R0E\r", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        let bad = "usb <- nothing that could be read -> \
+            4 characters with errors: baud rate, parity, or a disturbance";
+        assert_eq!(words(&bench, drive), [bad], "{line:?}");
+        for (command, sender) in
+            [(&b"R0E\r"[..], Sender::default()), (b"R14\r", Sender::default()), (b"R0E\r", at_9600)]
+        {
+            bench.send_from(client, command, sender);
+            bench.run_until(bench.now() + Duration::millis(100));
+        }
+        assert_eq!(
+            words(&bench, drive)[1..],
+            [
+                "usb <- read ReadEncoder -> refused: the line has 4 characters with errors: baud rate, parity, or a \
+                 disturbance (x)",
+                "usb <- read Version -> Version = 4110",
+                bad,
+            ],
+            "{line:?}"
+        );
+        // A backspace cancels the characters (QSB-1).
+        bench.send(client, b"\x08R14\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+        assert_eq!(words(&bench, drive)[4..], ["usb <- read Version -> Version = 4110"]);
+        let verdicts: Vec<Verdict> =
+            bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
+        assert_eq!((verdicts[0], verdicts[3]), (Verdict::BadFrame, Verdict::BadFrame));
+        // A QSB that starts, or has no power, does not know the baud rate.
+        bench.power(drive, PowerAction::Cycle);
+        bench.run_until(bench.now() + Duration::millis(1));
+        bench.send_from(client, b"R", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.power(drive, PowerAction::Off);
+        bench.run_until(bench.now() + Duration::millis(1));
+        bench.send_from(client, b"R0E\r", at_9600);
+        bench.run_until(bench.now() + Duration::millis(100));
+        let words = words(&bench, drive);
+        assert!(words[5].starts_with("usb <- nothing that could be read -> starting for "), "{words:#?}");
+        assert_eq!(words[6..], ["usb <- nothing that could be read -> no power"]);
+    }
+}
+
+/// Lines after PG are stored in the program (MC 5-55) and write nothing before the program runs; expressions, IC and DC
+/// write (MC 4.9, 5-16, 5-33).
+#[test]
+fn a_line_that_is_stored_writes_no_register() {
+    use crate::bench::scenario::{Action, Scenario, Step, Trigger, Written};
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let spec = bench.spec(drive);
+    let find = |name| spec.find(name).unwrap();
+    let step = |name, value| {
+        let written = Written { drive, row: find(name).row, value };
+        let action = Action::Power { drive, action: PowerAction::Off };
+        Scenario { steps: vec![Step { trigger: Trigger::Written(written), after: Duration::ZERO, action }] }
+    };
+    bench.play(step("VM", None)).unwrap();
+    bench.play(step("R1", Some(7))).unwrap();
+    say(&mut bench, drive, port, b"PG 100\rVM=9000\rIC R1\rE\rPG\rMR 10\r");
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- PG 100 -> done",
+            "mcode <- VM=9000 -> accepted, stored in the program",
+            "mcode <- IC R1 -> accepted, stored in the program",
+            "mcode <- E -> accepted, stored in the program",
+            "mcode <- PG -> done",
+            "mcode <- MR 10 -> done",
+        ]
+    );
+    let received = bench.received(drive);
+    assert!(received.messages().all(|message| message.exchange.verdict == Verdict::Done));
+    assert_eq!(received.written(), ["MR"]);
+    assert!(!received.wrote_before(find("VM"), find("MR")));
+    assert_eq!(received.counts().registers.keys().collect::<Vec<_>>(), ["MR"]);
+    assert!(bench.powered(drive), "VM is not written yet");
+    say(&mut bench, drive, port, b"R2=1\rR1 = R2 + 5\rDC R2\r");
+    assert_eq!(bench.received(drive).written(), ["MR", "R2", "R1", "R2"]);
+    assert!(bench.powered(drive), "R1 is 6");
+    say(&mut bench, drive, port, b"IC R1\r");
+    assert!(!bench.powered(drive), "R1 is 7");
+}
+
+/// Requests that collide have an entry each, in the journal of the drive that they were for, and a reply that collides is
+/// in the entry of its request.
+#[test]
+fn requests_and_replies_that_collide_have_an_entry() {
+    // Requests take 8 characters of 1.15 ms; 4.6 ms after the end the drive replies with 8 characters.
+    for (wait, shared) in [0, 3, 14, 17, 20].into_iter().flat_map(|wait| [(wait, false), (wait, true)]) {
+        let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+        if !shared {
+            bench = Bench::new();
+            bench
+                .add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() })
+                .unwrap();
+            ready(&mut bench);
+        }
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_collisions(bus, true);
+        let [a, b] = [(); 2].map(|()| bench.connect(bus));
+        bench.send(a, &rtu::write(1, 0x1D, 9));
+        bench.run_until(bench.now() + Duration::millis(wait));
+        bench.send(b, &rtu::read(1, 0, 1));
+        bench.run_until(bench.now() + Duration::millis(200));
+        let (write, read) = ("rs485 <- write UserRegister = 9 -> ", "rs485 <- read DeviceAddress -> ");
+        let expected = match wait {
+            0 | 3 => ["collision with the request of another client"; 2],
+            _ => ["done; the reply collided with other characters", "collision with the reply of a drive"],
+        };
+        let expected = [format!("{write}{}", expected[0]), format!("{read}{}", expected[1])];
+        assert_eq!(words(&bench, x), expected, "{wait} ms, {shared}");
+        let received = bench.received(x);
+        let verdict = received.messages().next_back().unwrap().exchange.verdict;
+        assert_eq!(verdict, Verdict::BadFrame);
+        if shared {
+            assert_eq!(words(&bench, y), [""; 0], "{wait} ms");
+        }
+        // The line works as before.
+        bench.send(a, &rtu::read(1, 0x1D, 1));
+        bench.run_until(bench.now() + Duration::millis(200));
+        let value = if wait < 10 { 0 } else { 9 };
+        assert_eq!(words(&bench, x)[2..], [format!("rs485 <- read UserRegister -> UserRegister = {value}")]);
+    }
+}
+
+/// A request for no drive, or for all, that collides is in the journal of the line. Two drives with one address collide
+/// in each reply.
+#[test]
+fn collisions_of_a_line_are_in_its_journal() {
+    let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    let bus = bench.bus(x, Port(0)).unwrap();
+    bench.set_collisions(bus, true);
+    let [a, b] = [(); 2].map(|()| bench.connect(bus));
+    bench.send(a, &rtu::write(0, 0x1D, 9));
+    bench.send(b, &rtu::read(2, 0, 1));
+    bench.run_until(bench.now() + Duration::millis(200));
+    let with = "collision with the request of another client";
+    let to_all = format!("rs485 <- to all: write UserRegister = 9 -> {with}");
+    assert_eq!(words(&bench, x), [to_all.clone()]);
+    assert_eq!(words(&bench, y), [to_all, format!("rs485 <- read DeviceAddress -> {with}")]);
+    bench.ask(y, &rtu::write(2, 0, 1));
+    bench.ask(y, &rtu::read(1, 0x1D, 1));
+    for drive in [x, y] {
+        let collided =
+            "rs485 <- read UserRegister -> UserRegister = 0; the reply collided with other characters";
+        assert_eq!(words(&bench, drive).last().map(String::as_str), Some(collided));
+    }
+}
+
+/// Power that fails during the replies of a QSB is in the entry of each command whose reply was not complete; a stream is
+/// no reply.
+#[test]
+fn replies_of_a_qsb_that_lose_their_power_are_cut_in_the_journal() {
+    let (mut cut, mut unsent) = (0, 0);
+    // At 230,400 baud a character takes 43 us. A reply is `r 0E 00000000 !` with CR and LF.
+    for wait in (0..60).map(|n| Duration::micros(n * 43)) {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let drive = bench.add_with("q", Box::new(Qsb::d()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+        let mut old = Vec::new();
+        bench.receive(client, &mut old);
+        bench.send(client, b"R0E\rR14\r");
+        bench.run_until(bench.now() + wait);
+        bench.power(drive, PowerAction::Off);
+        ready(&mut bench);
+        let mut answer = Vec::new();
+        bench.receive(client, &mut answer);
+        let words = words(&bench, drive);
+        let mut left = answer.len();
+        for (number, read) in
+            ["ReadEncoder -> ReadEncoder = 0", "Version -> Version = 4110"].iter().enumerate()
+        {
+            let Some(entry) = words.get(number).filter(|entry| entry.contains(" = ")) else { continue };
+            let length = bench.received(drive).messages().nth(number).unwrap().answer.len();
+            let sent = left.min(length);
+            left -= sent;
+            let clause = match sent {
+                _ if sent == length => String::new(),
+                _ => format!("; power lost after {sent} of {length} bytes of the reply"),
+            };
+            (cut, unsent) = (cut + usize::from(sent > 0 && sent < length), unsent + usize::from(sent == 0));
+            assert_eq!(*entry, format!("usb <- read {read}{clause}"), "{wait:?}: {words:#?}");
+        }
+    }
+    assert!(cut > 5 && unsent > 0, "{cut} replies were cut, {unsent} not sent");
+    let mut broken = 0;
+    for wait in (0..40).map(|n| Duration::micros(n * 100)) {
+        let mut bench = Bench::new();
+        let setup = Setup { boot_fast: true, ..Setup::default() };
+        let drive = bench.add_with("q", Box::new(Qsb::d()), setup).unwrap();
+        ready(&mut bench);
+        let client = bench.connect(bench.bus(drive, Port(0)).unwrap());
+        // A stream of the encoder without a pause; the threshold is 0.
+        for command in [&b"W0C0\r"[..], b"W0B0\r", b"S0E\r"] {
+            bench.send(client, command);
+            bench.run_until(bench.now() + Duration::millis(200));
+        }
+        bench.run_until(bench.now() + wait);
+        bench.power(drive, PowerAction::Off);
+        ready(&mut bench);
+        let mut stream = Vec::new();
+        bench.receive(client, &mut stream);
+        broken += usize::from(!stream.ends_with(b"\n"));
+        assert!(words(&bench, drive).iter().all(|words| !words.contains("power lost")));
+    }
+    assert!(broken > 10, "power failed in {broken} values of the stream");
+}
+
+/// A reply on a TCP port that a fault delays is lost with the power of its drive.
+#[test]
+fn a_delayed_reply_that_is_lost_with_the_power_says_so() {
+    use crate::line::faults::LineFaults;
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let delay = LineFaults { delay: Duration::millis(50), ..LineFaults::NONE };
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let read = tcp::frame(header, &[3, 0, 0x57, 0, 2]);
+    for (port, request) in [(1 - mcode, &read[..]), (mcode, b"PR VM\r")] {
+        bench.set_faults(bench.outlet(drive, Port(port)), delay);
+        let client = bench.connect_to(drive, Port(port)).unwrap();
+        bench.send(client, request);
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.send(client, request);
+        bench.run_until(bench.now() + Duration::millis(30));
+    }
+    bench.power(drive, PowerAction::Off);
+    bench.run_until(bench.now() + Duration::millis(1));
+    let late = "by a fault, the reply was delayed";
+    let words = words(&bench, drive);
+    assert_eq!(
+        words[..3],
+        [
+            format!("modbus <- read P -> P = 0; {late}"),
+            format!("modbus <- read P -> P = 0; {late}"),
+            format!("mcode <- PR VM -> 768000; {late}"),
+        ]
+    );
+    assert!(words[3].starts_with("mcode <- PR VM -> 768000; power lost after 0 of "), "{words:#?}");
+    assert!(words[3].ends_with(&format!(" bytes of the reply; {late}")), "{words:#?}");
+}
+
+/// Serial, 2.1: no slave answers a request to all, so reading has no effect.
+#[test]
+fn a_read_by_all_has_no_effect() {
+    let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    bench.ask(x, &rtu::read(0, 0x14, 2));
+    bench.ask(x, &rtu::write(0, 0x1D, 7));
+    let read = "rs485 <- to all: read Speed -> accepted, without effect: no drive answers a request to all";
+    for drive in [x, y] {
+        assert_eq!(words(&bench, drive), [read, "rs485 <- to all: write UserRegister = 7 -> done"]);
+        let first = bench.received(drive).messages().next().unwrap();
+        assert_eq!(first.exchange.verdict, Verdict::WithoutEffect);
+    }
+}
+
+#[test]
+fn a_wrong_byte_count_is_the_reason_of_a_refusal() {
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    // VM is 0x89, two registers. FB 4.2.5: a byte count, two for each register.
+    for pdu in [&[16, 0, 0x89, 0, 2, 2, 0x03, 0xE8][..], &[16, 0, 0x89, 0, 2, 4, 0x03, 0xE8]] {
+        say(&mut bench, drive, 1 - mcode, &tcp::frame(header, pdu));
+    }
+    let outcomes: Vec<String> =
+        bench.received(drive).messages().map(|message| message.exchange.outcome).collect();
+    assert_eq!(
+        outcomes,
+        ["refused: the byte count is 2, not 4 (03)", "refused: the byte count is 4, and 2 bytes follow (03)"]
+    );
+}
+
+/// A drive refuses a function that it does not have, whatever the length, so the fault `exception` answers in its place.
+#[test]
+fn a_forced_exception_answers_what_the_drive_would_refuse() {
+    use crate::line::faults::{FaultRule, LineFaults};
+    let exception = LineFaults { exception: FaultRule::ALL, exception_code: 6, ..LineFaults::NONE };
+    // Function 15 with a byte count of 9, at an MD3, which has no function 15.
+    let request = rtu::frame(1, &[15, 0, 0, 0, 1, 9, 1]);
+    let mut bench = Bench::new();
+    let x =
+        bench.add_with("x", Box::new(Md3::default()), Setup { boot_fast: true, ..Setup::default() }).unwrap();
+    ready(&mut bench);
+    assert_eq!(bench.ask(x, &request), rtu::frame(1, &[0x8F, 1]).to_vec());
+    bench.set_line_faults(bench.bus(x, Port(0)).unwrap(), exception);
+    assert_eq!(bench.ask(x, &request), rtu::frame(1, &[0x8F, 6]).to_vec());
+    // On TCP a drive answers a request of a wrong length, too.
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let header = tcp::Header { transaction: 7, unit: 255 };
+    let short = tcp::frame(header, &[3, 0, 0x57, 0]);
+    assert_eq!(say(&mut bench, drive, 1 - mcode, &short), tcp::frame(header, &[0x83, 3]).to_vec());
+    bench.set_faults(bench.outlet(drive, Port(1 - mcode)), exception);
+    assert_eq!(say(&mut bench, drive, 1 - mcode, &short), tcp::frame(header, &[0x83, 6]).to_vec());
+    let last = bench.received(drive).messages().next_back().unwrap();
+    assert_eq!(last.exchange.outcome, "refused: by a fault (06)");
+}
+
+/// The comments in a pcapng file of a bench.
+fn comments(bench: &Bench) -> Vec<String> {
+    let mut file = Vec::new();
+    crate::export::pcapng::Pcapng::new(bench, &mut file).unwrap().finish(bench).unwrap();
+    let (mut comments, mut rest) = (Vec::new(), &file[..]);
+    while let [kind @ .., _, _, _, _] = rest.get(..8).unwrap_or_default() {
+        let length = u32::from_le_bytes(rest[4..8].try_into().unwrap()) as usize;
+        if kind == [6, 0, 0, 0] {
+            let data = u32::from_le_bytes(rest[20..24].try_into().unwrap()).next_multiple_of(4) as usize;
+            let mut options = &rest[28 + data..length - 4];
+            while let &[code, 0, low, high, ..] = options {
+                let count = usize::from(u16::from_le_bytes([low, high]));
+                if code == 1 {
+                    comments.push(String::from_utf8(options[4..4 + count].to_vec()).unwrap());
+                }
+                options = &options[(4 + count).next_multiple_of(4)..];
+            }
+        }
+        rest = &rest[length..];
+    }
+    comments
+}
+
+#[test]
+fn comments_of_replies_and_keys_are_those_of_their_messages() {
+    let keep = Settings { capture: crate::record::trace::Retention::All, ..Settings::default() };
+    let mut bench = Bench::with(keep);
+    let row = |name| Md3::default().spec().find(name).unwrap().row;
+    let setup = Setup { boot_fast: true, presets: vec![(row("MoveSteps"), 0)], ..Setup::default() };
+    let x = bench.add_with("x", Box::new(Md3::default()), setup).unwrap();
+    ready(&mut bench);
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    let words = words(&bench, x).remove(0);
+    let (request, outcome) = words.trim_start_matches("rs485 <- ").split_once(" -> ").unwrap();
+    assert!(outcome.starts_with("accepted, without effect: "), "{outcome}");
+    assert_eq!(comments(&bench), [format!("{request} -> {outcome}"), outcome.to_owned()]);
+
+    let mut bench = Bench::with(keep);
+    let (drive, port) = mcode(&mut bench);
+    let client = bench.connect_to(drive, Port(port)).unwrap();
+    for text in [&b"\x1b"[..], b"\t\r", b"\x1bPR P\r"] {
+        bench.send(client, text);
+        bench.run_until(bench.now() + Duration::millis(100));
+    }
+    let words: Vec<String> =
+        super::received::words(&bench, drive).iter().map(|words| words.replace("mcode <- ", "")).collect();
+    assert_eq!(words, ["Esc -> done", "a blank line -> done", "Esc -> done", "PR P -> 0"]);
+    assert_eq!(comments(&bench), words);
 }

@@ -7,12 +7,13 @@ mod build;
 
 use std::path::{Path, PathBuf};
 
-use drivetwin_firmware::device::{Axis, Fault, Pin, Port, Spec};
+use drivetwin_firmware::device::{Axis, Fault, Framing, Pin, Port, Spec};
 use drivetwin_firmware::motor;
 
 pub use self::build::{Added, Built, has_own_motor};
 use crate::bench::scenario::Scenario;
 use crate::bench::{Closed, Settings};
+use crate::catalog;
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::Preset;
 use crate::config::time_mode::TimeMode;
@@ -69,6 +70,15 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// Returns true if a drive has a serial port for Modbus.
+    #[must_use]
+    pub fn has_modbus_line(&self) -> bool {
+        self.drives.iter().any(|drive| {
+            let ports = catalog::make(drive.kind).map_or(&[][..], |device| device.spec().ports);
+            ports.iter().any(|port| port.framing == Framing::Silence)
+        })
+    }
+
     /// Settings of the bench. A field that is `None` has its value from [`Settings::default`].
     #[must_use]
     pub fn settings(&self) -> Settings {

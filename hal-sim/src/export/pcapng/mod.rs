@@ -151,6 +151,8 @@ struct FileLine {
     specs: Vec<(Option<u8>, &'static Spec)>,
     /// The last request.
     request: Vec<u8>,
+    /// Its answers, each with its outcome, if the drive says more of it than the answer does.
+    limited: Vec<(Vec<u8>, String)>,
 }
 
 /// Characters that form one text line.
@@ -164,6 +166,8 @@ struct Text {
     bytes: Vec<u8>,
     /// Entries of the journal for the text.
     received: Vec<Received>,
+    /// True if a key of MCode ends the text, too.
+    has_keys: bool,
 }
 
 impl<W: Write> Pcapng<W> {
@@ -268,6 +272,9 @@ impl<W: Write> Pcapng<W> {
             protocol => {
                 let Frame { at, ref bytes, collided, .. } = *frame;
                 let words = if collided { String::new() } else { line.words(way, protocol, bytes) };
+                if way == Way::In {
+                    line.limited = line.limited(&frame.received);
+                }
                 let comment = line.outcomes(&frame.received).unwrap_or(words);
                 let line = line.number;
                 self.packet(Packet { line, at, way, protocol, bytes, collided, comment: &comment, lost: 0 })
@@ -278,7 +285,10 @@ impl<W: Write> Pcapng<W> {
     /// Appends characters to the pending text. A text is written when its line ends, or when it is too long.
     fn take_text(&mut self, key: (Medium, Way), frame: &Frame) -> io::Result<()> {
         let of_line = frame.line.map_or(Duration::ZERO, Line::character);
+        let ends = self.lines.get(&key.0).and_then(|line| line.ends);
+        let has_keys = key.1 == Way::In && ends == Some(Framing::Return);
         let character = if frame.lasts > Duration::ZERO { of_line } else { Duration::ZERO };
+        let mut received = frame.received.iter().peekable();
         for (n, &byte) in (0..).zip(&frame.bytes) {
             let at = frame.at + character * n;
             if let Some(text) = self.texts.get(&key)
@@ -292,13 +302,19 @@ impl<W: Write> Pcapng<W> {
                 open: at,
                 bytes: Vec::new(),
                 received: Vec::new(),
+                has_keys,
             });
             text.bytes.push(byte);
             text.end = at + character;
             text.open = text.end + of_line * 2;
+            // A key has an entry of its own, and more characters may follow it.
+            if text.is_key(byte) {
+                text.received
+                    .extend(received.next_if(|entry| entry.message().last() == Some(&byte)).cloned());
+            }
         }
         if let Some(text) = self.texts.get_mut(&key) {
-            text.received.extend_from_slice(&frame.received);
+            text.received.extend(received.cloned());
         }
         Ok(())
     }
@@ -347,7 +363,7 @@ impl<W: Write> Pcapng<W> {
                     name += &format!(" {}", link.0);
                 }
                 let number = self.blocks.line(&name)?;
-                Ok(new.insert(FileLine { number, ends, specs, request: Vec::new() }))
+                Ok(new.insert(FileLine { number, ends, specs, request: Vec::new(), limited: Vec::new() }))
             }
         }
     }
@@ -374,6 +390,17 @@ impl FileLine {
         (!texts.is_empty()).then(|| texts.join("; "))
     }
 
+    /// The answers of messages that have another effect than they say, each with the outcome.
+    fn limited(&self, received: &[Received]) -> Vec<(Vec<u8>, String)> {
+        let limited = received.iter().filter(|entry| entry.reasons().next().is_some());
+        let outcome = |entry: &Received| {
+            let message = Message { framing: self.ends?, ascii: entry.ascii, bytes: entry.message() };
+            let exchange = decode::exchange(self.spec(message.address())?, entry);
+            Some((entry.answer().to_vec(), exchange.outcome))
+        };
+        limited.filter_map(outcome).collect()
+    }
+
     /// A Modbus frame as text; empty for a frame that is not valid, and for a reply to an unknown request.
     fn words(&mut self, way: Way, protocol: Protocol, bytes: &[u8]) -> String {
         let Some(framing) = self.ends else { return String::new() };
@@ -396,7 +423,12 @@ impl FileLine {
                     Framing::Mbap => self.request.get(..2) == bytes.get(..2),
                     _ => request.address() == frame.address(),
                 };
-                if answers { decode::reply(spec, Some(&request), &frame) } else { String::new() }
+                let limited = self.limited.iter().find(|(answer, _)| answer == bytes);
+                match limited {
+                    _ if !answers => String::new(),
+                    Some((_, outcome)) => outcome.clone(),
+                    None => decode::reply(spec, Some(&request), &frame),
+                }
             }
             Way::Noise => String::new(),
         }
@@ -417,13 +449,19 @@ impl FileLine {
 impl Text {
     /// Returns true if the text is a complete line.
     fn is_line(&self) -> bool {
-        self.bytes.last().is_some_and(|&byte| ends_line(byte))
+        self.bytes.last().is_some_and(|&byte| ends_line(byte) || self.is_key(byte))
+    }
+
+    /// Returns true if a character is a key that acts without the end of a line.
+    fn is_key(&self, byte: u8) -> bool {
+        self.has_keys && decode::text::is_key(byte)
     }
 
     /// Returns true if a character that begins at `at` belongs to the text. After the end of a line, only a
     /// further line end within the time of one `character` does.
     fn goes_on(&self, at: Instant, byte: u8, character: Duration) -> bool {
-        let follows = ends_line(byte) && at <= self.end + character;
+        let ends_with_key = self.bytes.last().is_some_and(|&last| self.is_key(last));
+        let follows = ends_line(byte) && !ends_with_key && at <= self.end + character;
         self.bytes.len() < LONGEST_TEXT && (follows || !self.is_line())
     }
 }
