@@ -687,6 +687,11 @@ pub struct Spec {
     pub decimal: bool,
     /// Prefix of register names in the manual. Users may type it or leave it out.
     pub prefix: &'static str,
+    /// Rows that take other values in the drive's own language than on the bus: the row, the least and the greatest
+    /// value in the language.
+    pub language: &'static [(usize, i64, i64)],
+    /// Returns true for a value of a row that the drive refuses in every state, although the row accepts the value.
+    pub refuses: fn(usize, i64) -> bool,
     /// Commands, if the rows alone do not list them.
     pub commands: &'static [CommandSpec],
     /// Row of the bus address.
@@ -728,6 +733,8 @@ impl Spec {
         variant: u8::MAX,
         decimal: false,
         prefix: "",
+        language: &[],
+        refuses: |_, _| false,
         commands: &[],
         address: None,
         supply: None,

@@ -156,6 +156,8 @@ const fn spec(
         memory: MEMORY as u16,
         registers,
         variant: model.variant(),
+        language: &registers::MCODE,
+        refuses: variables::refuses,
         reasons: reasons::reasons(model),
         rules: Some(&modbus::RULES),
         errors: error::TEXTS,

@@ -24,7 +24,7 @@ use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_r
 use drivetwin_protocol::modbus::{DropReason, Frame};
 use drivetwin_protocol::registers::Register;
 
-use self::drive::Drive;
+use self::drive::{Drive, refuses};
 pub use self::registers::Pid;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
@@ -127,6 +127,7 @@ static MD400: Spec = Spec {
     commands: &command::COMMANDS,
     decimal: true,
     prefix: "PID_",
+    refuses,
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
     reasons: reasons::REASONS,
@@ -329,6 +330,6 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
-        self.drive.validate(pid, value)
+        if refuses(pid.row(), value) { Err(Exception::IllegalDataValue) } else { Ok(()) }
     }
 }

@@ -99,6 +99,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
+        refuses: if variant.motor { Spec::EMPTY.refuses } else { access::is_for_motor },
         reasons: reasons::REASONS,
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
