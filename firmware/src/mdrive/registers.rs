@@ -332,24 +332,21 @@ pub(super) const FIRMWARE: &[Reg] = &[Reg::FirmwareVersion1, Reg::FirmwareVersio
 pub(super) const HARDWARE: &[Reg] = &[Reg::HardwareVersion];
 pub(super) const ETHERNET: &[Reg] = &[Reg::EthernetVersion];
 
-/// Rows that take other values in MCode than on the bus: the row, the least and the greatest value in MCode.
-pub(super) static MCODE: [(usize, i64, i64); 6] = [
-    // MCode also has CE = 2 (MC 5-11).
-    (Reg::CE as usize, 0, 2),
-    // Programs of real machines set errors of their own.
-    (Reg::ER as usize, 0, 255),
-    // Values above 15 are for outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
-    (Reg::OT as usize, 0, 255),
-    // Values above 43 are for TR and TA (MC 5-73).
-    (Reg::TE as usize, 0, 63),
-    // In steps/s (MC 5-70, 5-76).
-    (Reg::SS as usize, 38_910, 5_000_000),
-    (Reg::TS as usize, 38_910, 5_000_000),
-];
-
-/// The values that a row takes in MCode, if [`MCODE`] has the row.
+/// The values that a row takes in MCode, if they are not those of the bus.
 pub(super) fn mcode_range(reg: Reg) -> Option<RangeInclusive<i64>> {
-    MCODE.iter().find(|(row, ..)| *row == reg.row()).map(|&(_, least, most)| least..=most)
+    match reg {
+        // MCode also has CE = 2 (MC 5-11).
+        Reg::CE => Some(0..=2),
+        // Programs of real machines set errors of their own.
+        Reg::ER => Some(0..=255),
+        // Values above 15 are for outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
+        Reg::OT => Some(0..=255),
+        // Values above 43 are for TR and TA (MC 5-73).
+        Reg::TE => Some(0..=63),
+        // In steps/s (MC 5-70, 5-76).
+        Reg::SS | Reg::TS => Some(38_910..=5_000_000),
+        _ => None,
+    }
 }
 
 /// Returns true if MCode gives this variable in steps/s, and the drive stores a divider.
@@ -357,8 +354,8 @@ pub(super) fn is_frequency(reg: Reg) -> bool {
     matches!(reg, Reg::SS | Reg::TS)
 }
 
-/// Returns true if MCode accepts a value, as the drive stores it. Without a range in [`MCODE`], the range is that of
-/// the row (FB 5).
+/// Returns true if MCode accepts a value, as the drive stores it. A row without a range of MCode has that of the bus
+/// (FB 5).
 pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
     match mcode_range(reg) {
         Some(range) if !is_frequency(reg) => range.contains(&value),

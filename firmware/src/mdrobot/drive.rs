@@ -12,6 +12,7 @@
 //! | `reasons` | reasons why an accepted request has no effect |
 //! | `servo` | control of the motor according to the order |
 
+use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Bank, Register};
 
 use super::alarm::Alarms;
@@ -233,6 +234,18 @@ impl Drive {
         }
     }
 
+    /// Checks a value that the row accepts already. For ID and BAUDRATE with the key, DH must be legal. For
+    /// `FUNC_CMD_TYPE` only DL is checked.
+    pub(super) fn validate(pid: Pid, value: i64) -> Result<(), Exception> {
+        let legal = match pid {
+            Pid::ID => unlocked(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
+            Pid::BAUDRATE => unlocked(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
+            Pid::FUNC_CMD_TYPE => value & 0xFF <= i64::from(function::SPEED_ADD),
+            _ => true,
+        };
+        if legal { Ok(()) } else { Err(Exception::IllegalDataValue) }
+    }
+
     /// Applies a written PID. The cases are in the order of the PIDs.
     pub(super) fn written(&mut self, at: Instant, pid: Pid, out: &mut dyn Context) {
         let value = self.bank.get(pid);
@@ -334,7 +347,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
         let row = Pid::ENTRIES.list.get(pid.row()).ok_or(PresetError::NoSuchRegister)?;
-        if !row.accepts(value) || refuses(pid.row(), value) {
+        if !row.accepts(value) || Self::validate(pid, value).is_err() {
             return Err(PresetError::OutOfRange);
         }
         if self.state == State::Off {
@@ -387,17 +400,6 @@ fn unlocked(value: i64) -> Option<i64> {
 /// The value that a PID stores of a written one: `FUNC_CMD_TYPE` stores only DL (p. 15) (MDROBOT-3).
 pub(super) fn stored_value(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
-}
-
-/// Returns true for a value that the row accepts, but the drive does not. For ID and BAUDRATE with the key, DH must be
-/// legal. For `FUNC_CMD_TYPE` only DL is checked.
-pub(super) fn refuses(row: usize, value: i64) -> bool {
-    match Pid::from_row(row) {
-        Some(Pid::ID) => unlocked(value).is_some_and(|id| !accepts(Pid::CONTROLLER_ID, id)),
-        Some(Pid::BAUDRATE) => unlocked(value).is_some_and(|code| !accepts(Pid::CONTROLLER_BAUD, code)),
-        Some(Pid::FUNC_CMD_TYPE) => value & 0xFF > i64::from(function::SPEED_ADD),
-        _ => false,
-    }
 }
 
 /// Returns true if the row of a PID accepts a value.

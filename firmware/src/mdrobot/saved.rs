@@ -2,7 +2,7 @@
 
 use drivetwin_protocol::registers::{Bank, Register, Space};
 
-use super::drive::{Drive, refuses, stored_value};
+use super::drive::{Drive, stored_value};
 use super::registers::Pid;
 use crate::device::{Context, Instant, PresetError};
 use crate::memory::{self, Content};
@@ -35,7 +35,7 @@ impl Drive {
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             let value = Pid::ENTRIES.value(self.bank.words(), row);
             let written = Pid::from_row(row)
-                .is_some_and(|pid| !refuses(row, value) && stored_value(pid, value) == value);
+                .is_some_and(|pid| Self::validate(pid, value).is_ok() && stored_value(pid, value) == value);
             if !(written && entry.accepts(value)) {
                 Pid::ENTRIES.put(self.bank.words_mut(), row, entry.reset);
             }

@@ -122,9 +122,6 @@ impl Adapter {
     /// Executes COMMAND. Returns false if it is refused: this variant does not have the command, or the motor
     /// cannot obey it.
     fn command(&mut self, at: Instant, value: i64, out: &mut dyn Context) -> bool {
-        if !self.variant.motor && is_for_motor(Reg::Command.row(), value) {
-            return false;
-        }
         let order = match value {
             1 => {
                 if let Err(why) = self.streams.end_by_command() {
@@ -140,6 +137,7 @@ impl Adapter {
                 self.save_rate(at, rate >> 8, out);
                 return true;
             }
+            _ if !self.variant.motor => return false,
             0 => {
                 self.release_motor(at, out);
                 return true;
@@ -236,7 +234,7 @@ fn stored_value(reg: Reg, value: i64) -> i64 {
     }
 }
 
-/// Returns true for a value of a row that only a variant with a motor accepts: the commands of the motor.
-pub(super) fn is_for_motor(row: usize, value: i64) -> bool {
-    row == Reg::Command.row() && !matches!(value, 1 | 3) && value & 0xFF != 0x0A
+/// Returns true for a value of COMMAND that `command` refuses without a motor.
+pub(super) fn is_for_motor(command: i64) -> bool {
+    !matches!(command, 1 | 3) && command & 0xFF != 0x0A
 }

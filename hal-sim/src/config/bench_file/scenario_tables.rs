@@ -1,6 +1,6 @@
 //! Tables of scenarios.
 
-use drivetwin_firmware::device::{Duration, Fault, Instant, Role, Spec};
+use drivetwin_firmware::device::{Duration, Fault, Instant, Role, Spec, Writes};
 use drivetwin_protocol::registers::{Row, Shape, Space};
 
 use super::Reader;
@@ -210,16 +210,12 @@ fn check_value(spec: &Spec, (index, row): (usize, &Row), value: i64) -> Result<(
     if let Shape::Words(count) = row.shape {
         return Err(format!("it has {count} words, so 'value' cannot name them"));
     }
-    let language = spec.language.iter().find(|(known, ..)| *known == index);
-    if let Some((_, least, most)) = language
-        && (least..=most).contains(&&value)
-    {
-        return Ok(());
-    }
-    match language {
-        _ if (spec.refuses)(index, value) => Err(format!("{} refuses it", spec.kind)),
+    let Writes { language, refuses } = spec.writes.unwrap_or(&Writes::OF_ROWS);
+    match language(index) {
+        Some(range) if range.contains(&value) => Ok(()),
+        _ if refuses(index, value) => Err(format!("{} refuses it", spec.kind)),
         _ if row.accepts(value) => Ok(()),
-        Some((_, least, most)) => Err(format!("{}, in MCode {least} to {most}", legal(row))),
+        Some(range) => Err(format!("{}, in MCode {} to {}", legal(row), range.start(), range.end())),
         None => Err(legal(row)),
     }
 }
