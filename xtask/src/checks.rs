@@ -17,10 +17,11 @@ use crate::{board, crates, docs, panic_free, pico, python, size, swarm};
 pub(crate) const BARE: [&str; 5] =
     ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
 
-/// Arguments of cargo that select every crate that the host can build. They are always the same: with other
-/// packages cargo may select other features of their dependencies, and build these again.
+/// Arguments of cargo that select every crate that the host can build, with PNG (HOST-25). They are always the same:
+/// with other packages or features cargo may select other features of their dependencies, and build these again.
 pub(crate) fn host() -> Vec<&'static str> {
-    ["--workspace"].into_iter().chain(BARE.iter().flat_map(|bare| ["--exclude", bare])).collect()
+    let bare = BARE.iter().flat_map(|bare| ["--exclude", bare]);
+    ["--workspace", "--features", "drivetwin-cli/png"].into_iter().chain(bare).collect()
 }
 
 /// Checks that are run together.
@@ -74,8 +75,7 @@ const CHECKS: [Check; 29] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
-        Ok(cmd!(sh, "cargo clippy {host...} --features drivetwin-cli/png --all-targets -- -D warnings")
-            .run()?)
+        Ok(cmd!(sh, "cargo clippy {host...} --all-targets -- -D warnings").run()?)
     }),
     check(Group::Host, "licences and origins of crates", &[], crates::check),
     check(Group::Host, "rustdoc", &[], |sh| {
@@ -237,7 +237,6 @@ fn tests(sh: &Shell) -> Result<()> {
         cmd!(sh, "cargo test {host...} --no-fail-fast --bins --test '*' -- {apart...}"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --test program -- {WAITING...} --test-threads 8"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
-        cmd!(sh, "cargo test --package drivetwin-cli --features png --lib"),
     ];
     // Each test command runs, even if another one fails.
     let results = tests.map(|test| test.env("PROPTEST_RNG_SEED", &seed).run());
