@@ -17,7 +17,7 @@ use crate::line::SerialLine;
 use crate::line::collisions::{CollisionTracker, SentRequest};
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
-use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
+use crate::record::journal::{Draft, Entry, Journal, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
@@ -364,12 +364,15 @@ impl Bench {
         if !self.settings.outcomes && !self.capture.is_on() {
             return;
         }
-        let journal = match receiver {
-            Receiver::Drive(drive) => &mut self.slots[drive.0 as usize].state.journal,
-            Receiver::Line(Bus(bus)) => &mut self.buses[bus as usize].journal,
-        };
-        for entry in journal.take_new() {
+        while let Some(entry) = self.journal(receiver).next_new() {
             self.record_outcome(receiver, &entry);
+        }
+    }
+
+    fn journal(&mut self, of: Receiver) -> &mut Journal {
+        match of {
+            Receiver::Drive(DriveId(drive)) => &mut self.slots[drive as usize].state.journal,
+            Receiver::Line(Bus(bus)) => &mut self.buses[bus as usize].journal,
         }
     }
 

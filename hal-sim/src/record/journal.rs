@@ -311,12 +311,12 @@ impl Journal {
         self.entries.get_mut(index)
     }
 
-    /// The entries whose outcomes are not recorded yet, the oldest first. They count as recorded from now on.
-    pub(crate) fn take_new(&mut self) -> Vec<Entry> {
+    /// The oldest entry whose outcome is not recorded yet. It counts as recorded from now on.
+    pub(crate) fn next_new(&mut self) -> Option<Entry> {
         let recorded = self.recorded;
-        let new = self.entries.iter().rev().take_while(|entry| entry.number > recorded).count();
-        self.recorded = self.entries.back().map_or(recorded, |entry| entry.number);
-        self.entries.range(self.entries.len() - new..).cloned().collect()
+        let new = self.entries.iter().rev().take_while(|entry| entry.number > recorded).last()?;
+        self.recorded = new.number;
+        Some(new.clone())
     }
 
     /// The latest entry of a port after number `before`.
