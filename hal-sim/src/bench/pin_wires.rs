@@ -4,6 +4,7 @@ use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
 use super::events::EventKind;
 use super::{Bench, DriveId, PinStimulus};
+use crate::record::trace::{Event, InputRecord, Power};
 use crate::scheduler::Phase;
 use crate::signals::pulses::{self, Pulse};
 use crate::slot::PinChange;
@@ -49,6 +50,25 @@ impl Bench {
              give the bench `Retention::All`",
         );
         pulses::pulses(&self.trace, drive.0 as usize, axis, self.now)
+    }
+
+    /// The pulses on a STEP output since the last power-on of its drive; `None` if the trace does not have them all.
+    ///
+    /// # Panics
+    /// If the axis has no STEP output.
+    pub fn pulses_since_power_on(&self, of: StepOutput) -> Option<impl Iterator<Item = Pulse>> {
+        let StepOutput { drive, axis } = of;
+        let spec = self.spec(drive).axes.get(usize::from(axis.0));
+        assert!(spec.is_some_and(|axis| axis.step_dir.is_some()), "{} has no STEP output", self.name(drive));
+        let index = drive.0 as usize;
+        let power_ons = self.trace.events().filter(|entry| {
+            entry.drive == index && matches!(entry.event, Event::Input(InputRecord::Power(Power::On)))
+        });
+        let since = power_ons.last().map(|entry| entry.at);
+        (since.is_some() || self.trace.is_whole()).then(|| {
+            let pulses = pulses::pulses(&self.trace, index, axis, self.now);
+            pulses.skip_while(move |pulse| since.is_some_and(|since| pulse.rise < since))
+        })
     }
 
     /// Connects an output pin to an input pin, permanently. A change of the output arrives one tick later,

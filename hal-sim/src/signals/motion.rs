@@ -75,9 +75,9 @@ impl Commanded {
         }
     }
 
-    /// Time of the next sample after `at`: the next whole multiple of [`SAMPLE`], or the next begin or end of
+    /// Time of the next sample after `at`: the next whole multiple of `every`, or the next begin or end of
     /// a segment of the plan. [`Instant::NEVER`] if the axis stands from `at` on.
-    pub(crate) fn next_sample(&self, at: Instant) -> Instant {
+    pub(crate) fn next_sample(&self, at: Instant, every: Duration) -> Instant {
         let start = self.plan.start();
         if at < start {
             return start;
@@ -86,7 +86,7 @@ impl Commanded {
         for segment in self.plan.segments() {
             end += Duration::from_ticks(segment.ticks);
             if at < end {
-                let raster = (at.ticks() / SAMPLE.ticks() + 1).saturating_mul(SAMPLE.ticks());
+                let raster = (at.ticks() / every.ticks().max(1) + 1).saturating_mul(every.ticks());
                 return end.min(Instant::from_ticks(raster));
             }
         }
@@ -128,13 +128,13 @@ mod tests {
     #[test]
     fn samples_are_on_the_millisecond_and_at_the_ends_of_segments() {
         let mut axis = Commanded::at_rest(Instant::ZERO);
-        assert_eq!(axis.next_sample(Instant::ZERO), Instant::NEVER);
+        assert_eq!(axis.next_sample(Instant::ZERO, SAMPLE), Instant::NEVER);
         // Ramps of 2.5 ms and 25/2 steps, and a cruise of 1 ms.
         let start = Instant::from_ticks(8_000);
         axis.follow(&Plan::profile(start, 0, 35, Limits::even(U24F8::from_num(10_000), 4_000_000)));
         let (mut at, mut samples) = (Instant::ZERO, Vec::new());
         while at < Instant::NEVER {
-            at = axis.next_sample(at);
+            at = axis.next_sample(at, SAMPLE);
             samples.push(at.ticks());
         }
         let half_millis = [1, 2, 4, 6, 8, 10, 12, 13];

@@ -36,7 +36,7 @@ use drivetwin_firmware::device::{
 use crate::decode::messages::{KnownOutcome, Messages, PortMessage};
 use crate::record::trace::{Entry, Event, Group, InputRecord, OutputRecord, Power, Trace, TraceDrive};
 use crate::scheduler::Tournament;
-use crate::signals::motion::{Commanded, Motion};
+use crate::signals::motion::{Commanded, Motion, SAMPLE};
 use crate::signals::pin_waveform::{PinOutput, level_of};
 use crate::signals::pulses::{Lent, Shaper, StepDir};
 
@@ -484,7 +484,7 @@ impl Waveforms {
         let AxisTracks { first, ref commanded, recorded, known, .. } = self.axes[index];
         let motion = recorded.unwrap_or_else(|| commanded.motion(self.now));
         let next = if known[MOTION.start] && recorded.is_none() {
-            commanded.next_sample(self.now)
+            commanded.next_sample(self.now, SAMPLE)
         } else {
             Instant::NEVER
         };
